@@ -27,7 +27,7 @@ from jaxnc.viz.pages.packing import pack
 from jaxnc.viz.pages.solver import Refused, page_design, page_solver
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import forces_of, quantity
-from jaxnc.viz.spatial.mesh import block, coil, dashes, disc, joined, reach, shell, stand, tube, web
+from jaxnc.viz.spatial.mesh import block, coil, dashes, disc, join, reach, shell, stand, tube, web
 
 driven = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium, so pages are not tried in a browser")
 TWO = ("add", "sub", "mul", "div", "lt", "le", "gt", "ge", "eq", "ne", "atan2", "pow", "rem", "max", "min")
@@ -867,18 +867,18 @@ def test_a_page_makes_the_solids_that_the_library_makes(browser):
     text = files("jaxnc.viz.pages").joinpath("spatial.js").read_text()
     script = text[text.index("function solid(") : text.index("D.meshes = ")]
     profile = ((-1.0, 0.5), (0.0, 2.0), (1.0, 0.5))
-    whole = joined(
+    whole = join(
         tube(0.4, 3), stand(3.0, 1.9), shell(profile, 5), coil(2, 1.4, 0.5, 0.7), block(1.0, 2.0), reach(0.2, 0.5)
     )
-    whole = joined(whole, dashes(3), web(((0.0, 1.0, 2.0), (0.0, 2.0, 1.0), (1.0, 0.0, 0.5))), disc(0.3, 0.5, 7))
+    whole = join(whole, dashes(3), web(((0.0, 1.0, 2.0), (0.0, 2.0, 1.0), (1.0, 0.0, 0.5))), disc(0.3, 0.5, 7))
     pieces = json.dumps([write_piece(x) for x in whole.pieces])
     run = f"(() => {{ const {{ max, cos, sin, PI }} = Math, turn = 2 * PI; {script} return solid({pieces}); }})()"
-    found, made = browser.run(run), whole.made
+    found, made = browser.run(run), whole.polygons
     np.testing.assert_allclose(found["v"], made.vertices, rtol=0, atol=1e-5)
     assert [tuple(face) for face in found["f"]] == list(made.faces)
     assert [tuple(edge) for edge in found["e"]] == [(*edge[:4], int(edge[4])) for edge in made.edges]
     assert (found["fp"], found["ep"]) == (list(made.face_parts), list(made.edge_parts))
-    assert found["parts"] == [int(part not in made.face_parts) for part in range(whole.parts)] and found["shares"]
+    assert found["parts"] == [int(part not in made.face_parts) for part in range(made.parts)] and found["shares"]
 
 
 @pytest.mark.parametrize("order", range(4))

@@ -20,12 +20,12 @@ from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.system.assemble import assemble
 from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial import mesh
-from jaxnc.viz.spatial.bodies import outline, rank
 from jaxnc.viz.spatial.camera import Camera, choose_camera
 from jaxnc.viz.spatial.painter import Painter
 from jaxnc.viz.spatial.pen import Projection, Solids
-from jaxnc.viz.spatial.scene import Ball, Frame, Plate, Scene, Solid, Turn, Way
-from jaxnc.viz.spatial.sketch import sketch
+from jaxnc.viz.spatial.rows import outline, rank
+from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceFrame, SpaceScene, Turn, Way
+from jaxnc.viz.spatial.sketch import sketch_space
 
 DRAWN = 1e-12  # of the size: solids take their places from the motion unchanged
 QUANTUM = 1e-6  # of what pages are drawn from: a ten millionth of ten times the size, or less
@@ -77,15 +77,15 @@ def still(m: nc.Mechanism, driven: tuple[str, ...] = ()) -> nc.Motion:
     return nc.Motion(system, driven, (), q, (), jnp.zeros(len(driven)), jnp.zeros((), int), zero, zero)
 
 
-def drawn(motion: nc.Motion) -> Scene:
-    return sketch(poses(motion))
+def drawn(motion: nc.Motion) -> SpaceScene:
+    return sketch_space(poses(motion))
 
 
-def of(scene: Scene, *roles: str) -> list:
+def of(scene: SpaceScene, *roles: str) -> list:
     return [item for item in scene.items if item.role in roles]
 
 
-def names(scene: Scene) -> list[str]:
+def names(scene: SpaceScene) -> list[str]:
     return [label.text for label in scene.labels]
 
 
@@ -362,7 +362,7 @@ def test_welded_bodies_are_one_and_links_about_a_point_are_webs():
 @pytest.mark.slow
 def test_links_about_a_point_reach_their_markers():
     data = poses(nc.library.spherical_four_bar(radius=0.3))
-    webs = [i for i in sketch(data).items if i.role == "web"]
+    webs = [i for i in sketch_space(data).items if i.role == "web"]
     x = [web.vertices(data.every_column[0], 0.001) for web in webs]
     assert len(x) == 3
     for corners in x:  # from the centre along a great circle of the markers' sphere
@@ -383,9 +383,8 @@ def test_every_spatial_mechanism_of_the_library_can_be_shown(tmp_path):
             assert {point for point in motion.system.topology.points} <= {*names(scene), *numbers}, name
             assert len(of(scene, "bar", "edge", "web", "rod")) > 0, name
             read(viz.to_html(motion, tmp_path / f"{name}.html"))
-            shown.append((motion, {"title": name}))
+            shown.append(viz.draw(motion, title=name, size=(3.2, 2.9), frame="scale"))
     assert len(shown) > 15
-    viz.sheet(shown, tmp_path / "library.png", dpi=40)
 
 
 def test_a_point_on_a_rail():
@@ -424,8 +423,8 @@ def test_a_point_on_a_rail():
     ],
 )
 def test_faces_look_outward(made):
-    x = Solid("bar", Frame(0, Way((0, 1))), made).vertices(np.array([[0.0, 0, 0], [4, 5, 6]]), 0.5)
-    made = made.made
+    x = Solid("bar", SpaceFrame(0, Way((0, 1))), made).vertices(np.array([[0.0, 0, 0], [4, 5, 6]]), 0.5)
+    made = made.polygons
     for part in set(made.face_parts):
         faces = [f for f, p in zip(made.faces, made.face_parts, strict=True) if p == part]
         middle = x[sorted({i for f in faces for i in f})].mean(axis=0)
@@ -458,7 +457,7 @@ def test_a_view_is_chosen_in_which_lengths_can_be_seen():
 def front(order: np.ndarray) -> Painter:
     """Two discs, one behind the other along y."""
     one, two = (Ball("dot", k, 1.0, body=k) for k in (0, 1))
-    return Painter(Scene((two, one), (), (0, 1), np.zeros((0, 3)), (0, 1), (), ()))
+    return Painter(SpaceScene((two, one), (), (0, 1), np.zeros((0, 3)), (0, 1), (), ()))
 
 
 @pytest.mark.parametrize("swapped", [False, True])
@@ -477,8 +476,8 @@ def test_what_is_near_is_painted_over_what_is_far(swapped):
 
 
 def test_only_faces_that_are_seen_are_painted():
-    scene = Scene(
-        (Solid("block", Frame(0, Way(fixed=(1.0, 0, 0))), mesh.block(1.0, 1.0)),),
+    scene = SpaceScene(
+        (Solid("block", SpaceFrame(0, Way(fixed=(1.0, 0, 0))), mesh.block(1.0, 1.0)),),
         (),
         (0,),
         np.zeros((0, 3)),
@@ -581,7 +580,7 @@ def test_the_name_of_an_angle_is_clear_of_bars(turning):
         solids = only(artists(figure, "mechanism"))
         arcs = ("arc", "reference")
         painter = Painter(
-            Scene(
+            SpaceScene(
                 tuple(i for i in drawn(turning).items if i.role not in arcs and not isinstance(i, Turn)),
                 (), (), np.zeros((0, 3)), tuple(range(len(solids.painter.solids))), (), (),
             )
@@ -624,7 +623,7 @@ def test_velocities_are_arrows(turning):
     figure = viz.draw(turning, pose=5, velocities=["P2", "P3"])
     solids = only(artists(figure, "mechanism"))
     arrows = [item for item in solids.painter.solids if item.role == "velocity"]
-    d = np.stack([item.frame.along.read(solids.pose) for item in arrows])
+    d = np.stack([item.frame.along.vector(solids.pose) for item in arrows])
     v = np.stack([np.asarray(turning.velocity(n))[5] for n in ("P2", "P3")])
     np.testing.assert_allclose(d * (v[0, 0] / d[0, 0]), v, rtol=1e-6, atol=1e-9)
     longest = np.linalg.norm(v, axis=1).max()
@@ -654,17 +653,6 @@ def still_planar(m: nc.Mechanism) -> nc.Motion:
     q = system.parameters.points.reshape(-1)
     zero = jnp.zeros(())
     return nc.Motion(system, (), (), q, (), jnp.zeros(0), jnp.zeros((), int), zero, zero)
-
-
-def test_a_sheet_holds_planar_and_spatial_ones(turning, tmp_path):
-    m = nc.Mechanism("flat")
-    m.ground("A", (0, 0))
-    m.point("B", (1, 0))
-    m.body("bar", ["A", "B"])
-    path = viz.sheet([turning, still_planar(m)], tmp_path / "sheet.png", dpi=50)
-    with Image.open(path) as image:
-        halves = np.array_split(np.asarray(image.convert("L")), 2, axis=1)
-    assert all((half < 200).mean() > 0.005 for half in halves)
 
 
 def test_files_are_the_same_bytes_each_time(turning, tmp_path):

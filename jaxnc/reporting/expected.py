@@ -1,4 +1,4 @@
-"""Whether a motion is as it was asked to be: ``"psi range > 30"``, ``"P.y largest <= 0.2"``."""
+"""Expectations of a motion, such as ``"psi range > 30"`` or ``"P.y largest <= 0.2"``, and whether they are met."""
 
 import operator
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +33,7 @@ def judge(verdict: Verdict, motion: Motion, texts: Sequence[str]) -> Iterator[st
         The lines.
     """
     for text in texts:
-        found = _decided(motion, text)
+        found = _decide(motion, text)
         verdict.expectations.append(found)
         value = "nothing was found" if found.value is None else f"it is {found.value:.6g} {found.unit}".rstrip()
         said = f"expected {found.text}: {value}"
@@ -63,7 +63,7 @@ def check_expected(system: System, arguments: Mapping[str, Any], texts: Sequence
 
 
 def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
-    """What an expectation is about, one number for each pose, and its unit."""
+    """Find the values that an expectation is about, one for each pose, and their unit."""
     name, data = parse_expectation(text)[0], poses(motion)
     if name == "transmission":
         found = [t.values for t in transmissions(motion)]
@@ -80,7 +80,7 @@ def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
     return values, unit
 
 
-def _decided(motion: Motion, text: str) -> Expectation:
+def _decide(motion: Motion, text: str) -> Expectation:
     _, word, sign, limit = parse_expectation(text)
     values, unit = _values(motion, text)
     if not np.isfinite(values).any():

@@ -35,7 +35,7 @@ _MOST = 6  # quantities reported when nobody said which
 
 
 def outputs_of(motion: Motion, named: Sequence[str] = ()) -> list[str]:
-    """What to report: what is named, else coordinates and markers, else points that move."""
+    """Choose what to report: what is named, else coordinates and markers, else points that move."""
     if named:
         return list(named)
     top, driven = motion.system.topology, motion.driven
@@ -45,12 +45,12 @@ def outputs_of(motion: Motion, named: Sequence[str] = ()) -> list[str]:
 
 
 def idle(q: Quantity, scale: float) -> bool:
-    """Whether a quantity is a rate that is always zero: then its position, which is constant, says it all."""
+    """Tell whether a quantity is a rate that is always zero: then its position, which is constant, tells it all."""
     return q.rate and bool((np.abs(q.values[np.isfinite(q.values)]) <= ZERO * scale).all())
 
 
 def scales_of(found: Sequence[Quantity]) -> dict[str, float]:
-    """The largest number of each unit."""
+    """Find the largest number of each unit."""
     scales: dict[str, float] = {}
     for q in found:
         scales[q.unit] = max(scales.get(q.unit, q.scale), float(np.nanmax(np.abs(q.values), initial=0.0)))
@@ -58,7 +58,7 @@ def scales_of(found: Sequence[Quantity]) -> dict[str, float]:
 
 
 def inputs_at(motion: Motion, pose: float) -> dict[str, float]:
-    """Values of the inputs at a pose, or between two, in the units a person reads; the time where nothing is driven."""
+    """Find the inputs at a pose, or between two, in the units a person reads; the time where nothing is driven."""
     if not motion.driven and motion.time is not None:
         time = np.asarray(motion.time, float)
         return {"time": float(np.interp(pose, np.arange(len(time)), time))}
@@ -71,7 +71,7 @@ def inputs_at(motion: Motion, pose: float) -> dict[str, float]:
 
 
 def extremes(motion: Motion, found: Sequence[Quantity]) -> list[Extreme]:
-    """Where quantities are smallest and largest, and how large."""
+    """Find where quantities are smallest and largest, and how large."""
     way, scales, out = course(motion), scales_of(found), []
     for q in found:
         if idle(q, scales[q.unit]) or not np.isfinite(q.values).any():
@@ -85,7 +85,7 @@ def extremes(motion: Motion, found: Sequence[Quantity]) -> list[Extreme]:
 
 
 def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
-    """Enter what came of a motion: of its poses, and its extremes."""
+    """Enter the outcome of a motion: its poses, and its extremes."""
     top = motion.system.topology
     verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
     status, good = np.asarray(motion.status).reshape(-1), np.asarray(motion.converged).reshape(-1)
@@ -113,15 +113,17 @@ def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
         if which.any():
             first = int(np.argmax(which))
             at = {name: float(np.asarray(v).reshape(-1)[first]) for name, v in motion.inputs.items()}
-            shown = ", ".join(f"{n} = {v * unit_of(motion, n)[1]:.6g} {unit_of(motion, n)[0]}" for n, v in at.items())
-            text = f"{int(which.sum())} of {len(good)} poses {text}, the first at {shown}. "
+            in_reading_units = ", ".join(
+                f"{n} = {v * unit_of(motion, n)[1]:.6g} {unit_of(motion, n)[0]}" for n, v in at.items()
+            )
+            text = f"{int(which.sum())} of {len(good)} poses {text}, the first at {in_reading_units}. "
             text += sentence or Status(int(status[first])).sentence
             code, level = ("singular", "warning") if sentence else ("not-found", "error")
             verdict.add(code, level, text, names=list(motion.driven))
 
 
 def crossings(motion: Motion) -> np.ndarray:
-    """Which poses are change points: singular, between two that were found on either side."""
+    """Find the poses that are change points: singular, between two that were found on either side."""
     good, status = np.asarray(motion.converged).reshape(-1), np.asarray(motion.status).reshape(-1)
     out = np.zeros(len(good), bool)
     steps = [np.diff(np.asarray(values, float).reshape(-1)) for values in motion.inputs.values()]
@@ -132,14 +134,14 @@ def crossings(motion: Motion) -> np.ndarray:
     return out
 
 
-def _failed(motion: Motion) -> int:
-    """The first pose that was not found and is no change point."""
+def _first_failure(motion: Motion) -> int:
+    """Find the first pose that was not found and is no change point."""
     return int(np.argmax((np.asarray(motion.status).reshape(-1) != 0) & ~crossings(motion)))
 
 
 def stops(motion: Motion, asked: Mapping[str, np.ndarray]) -> bool:
-    """Whether the first pose that failed is a dead point, at which the motion has all but arrived."""
-    first = _failed(motion)
+    """Tell whether the first pose that failed is a dead point, at which the motion has all but arrived."""
+    first = _first_failure(motion)
     size = float(characteristic_length(motion.system.parameters.points))
     # Where a motion stops, it is handed on as it stood: inputs that have all but arrived are at a dead point.
     gaps = [abs(float(motion[name][first]) - float(values[first])) for name, values in asked.items()]
@@ -148,31 +150,31 @@ def stops(motion: Motion, asked: Mapping[str, np.ndarray]) -> bool:
 
 def why(verdict: Verdict, motion: Motion, asked: Mapping[str, np.ndarray], hold: Sequence[str]) -> Diagnosis | None:
     """Diagnose the first pose that was not found, and enter what would mend it; None at a dead point."""
-    first = _failed(motion)
+    first = _first_failure(motion)
     if stops(motion, asked):
         return None
     found = diagnose(motion.system, {name: float(values[first]) for name, values in asked.items()}, tuple(hold))
     if not found.assembles:
         if verdict.assembles is None:  # elsewhere it may
             verdict.assembles = diagnose(motion.system).assembles
-        apart(verdict, shown(motion, found))
+        apart(verdict, in_reading_units(motion, found))
     return found
 
 
-def shown(motion: Motion, found: Diagnosis) -> Diagnosis:
-    """A diagnosis with its inputs in the units a person reads."""
+def in_reading_units(motion: Motion, found: Diagnosis) -> Diagnosis:
+    """Bring the inputs of a diagnosis to the units a person reads."""
 
-    def turned(inputs: Mapping[str, float]) -> dict[str, float]:
+    def convert(inputs: Mapping[str, float]) -> dict[str, float]:
         return {name: value * unit_of(motion, name)[1] for name, value in inputs.items()}
 
-    return replace(found, inputs=turned(found.inputs), reached=turned(found.reached))
+    return replace(found, inputs=convert(found.inputs), reached=convert(found.reached))
 
 
 # -- a simulation -----------------------------------------------------------------------------------------------------
 
 
 def in_radians(mechanism: Mechanism, values: dict[str, float]) -> dict[str, float]:
-    """Values of a model's sections in radians and lengths."""
+    """Bring values of a model's sections to radians and lengths."""
     return {name: value * unit_in_radians(mechanism, name) for name, value in values.items()}
 
 
@@ -187,7 +189,7 @@ def as_it_says(mechanism: Mechanism, system: System) -> "Simulation":
 
 
 def enter_simulation(verdict: Verdict, run: "Simulation", asked_end: float | None = None) -> None:
-    """Enter what came of a simulation."""
+    """Enter the outcome of a simulation."""
     top, status, energy = run.system.topology, np.asarray(run.status), np.asarray(run.energy)
     verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
     made, rejected = map(int, run.steps)
@@ -212,7 +214,7 @@ def enter_simulation(verdict: Verdict, run: "Simulation", asked_end: float | Non
 
 
 def energies(run: "Simulation") -> list[Quantity]:
-    """What is stored, and what came and went since the start, J; only what is not always zero."""
+    """List energy that is stored, and that came and went since the start, J; only what is not always zero."""
     found = run.balance
     parts = {"stored": found.total, "work of inputs": found.inputs, "work of loads": found.loads}
     parts |= {"taken by dampers": found.dissipated, "taken by friction": found.friction}
@@ -226,7 +228,7 @@ def energies(run: "Simulation") -> list[Quantity]:
 
 
 def suspension_reports(motion: Motion) -> list[SuspensionReport]:
-    """Reports over a sweep, and over the steering where a rack is held; none if it is no suspension."""
+    """Make reports over a sweep, and over the steering where a rack is held; none if it is no suspension."""
     top = motion.system.topology
     names = usual(motion.names)
     told = top.dim == 3 and not top.large and names is not None and names.contact in motion.names
@@ -252,7 +254,7 @@ def suspension_reports(motion: Motion) -> list[SuspensionReport]:
 
 
 def wheel(found: SuspensionReport) -> Wheel:
-    """A report on a suspension as a part of a verdict."""
+    """Write a report on a suspension as a part of a verdict."""
     numbers = [
         WheelNumber(
             name=row.name,

@@ -19,7 +19,7 @@ _NOTHING = 1e-9  # of the largest force: what is smaller is none
 @public
 @dataclass(frozen=True)
 class Quantity:
-    """One number per pose.
+    """A number in every pose.
 
     Attributes:
         label: what it is called.
@@ -39,7 +39,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Extreme:
+class ExtremeValue:
     """A largest or smallest value."""
 
     value: float
@@ -48,7 +48,7 @@ class Extreme:
 
 
 def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
-    """Coordinates with their rates; of places coordinates and the sizes of velocity and acceleration."""
+    """List coordinates with their rates; of places coordinates and the sizes of velocity and acceleration."""
     good = np.asarray(motion.status) == 0
     found = []
     paces = [np.max(np.abs(motion.velocity(name))) / _natural(motion, name) for name in motion.driven if motion.rates]
@@ -71,64 +71,64 @@ def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
 
 
 def unit_of(motion: Motion, name: str) -> tuple[str, float]:
-    """As `shown_in`, of a motion."""
+    """Find the unit of a motion's quantity, and its factor; see `shown_in`."""
     return shown_in(motion.system.topology, name)
 
 
 def shown_in(top: Topology, name: str) -> tuple[str, float]:
-    """Unit in which a quantity is shown, and the factor that brings it there."""
+    """Find the unit in which a quantity is shown, and the factor that brings it there."""
     degrees = top.is_angle(name) and top.angle_unit == "deg"
     return ("deg", 180.0 / np.pi) if degrees else (top.unit(name), 1.0)
 
 
 def course(motion: Motion) -> np.ndarray | None:
-    """What poses are in order of, to refine between them: the input if there is one alone, else the time."""
+    """Find the numbers that poses are in order of, to refine between them: a single input, or else the time."""
     if len(motion.driven) == 1:
         return np.asarray(motion[motion.driven[0]], float).reshape(-1)
     return None if motion.time is None else np.asarray(motion.time, float).reshape(-1)
 
 
-def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool) -> Extreme:
-    """The largest or smallest of a quantity's values; that of a size by its square. See `extreme`."""
+def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool) -> ExtremeValue:
+    """Find the largest or smallest of a quantity's values; that of a size by its square. See `extreme`."""
     if not q.size:
         return extreme(q.values, along, largest)
     found = extreme(q.values**2, along, largest)
     return replace(found, value=max(found.value, 0.0) ** 0.5)
 
 
-def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> Extreme:
-    """The largest or smallest of some values.
+def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> ExtremeValue:
+    """Find the largest or smallest of some values.
 
     There is a number for each pose, NaN where it failed; not all of them. It is refined by a parabola over the input,
     or the time, if that is given as `along`; otherwise it is that of a pose.
     """
     i = int(np.nanargmax(values) if largest else np.nanargmin(values))
     if along is None or not 0 < i < len(values) - 1:
-        return Extreme(float(values[i]), i, False)
+        return ExtremeValue(float(values[i]), i, False)
     u, y = along[i - 1 : i + 2] - along[i], values[i - 1 : i + 2] - values[i]
     # The parabola y = b u + c u² through the neighbours of a pose that is put at the origin.
     width = u[0] * u[2] * (u[0] - u[2])
     if not (np.isfinite(y).all() and u[0] * u[2] < 0):
-        return Extreme(float(values[i]), i, False)
+        return ExtremeValue(float(values[i]), i, False)
     b = (y[2] * u[0] ** 2 - y[0] * u[2] ** 2) / width
     c = (y[0] * u[2] - y[2] * u[0]) / width
     if c == 0.0:
-        return Extreme(float(values[i]), i, False)
+        return ExtremeValue(float(values[i]), i, False)
     vertex = -b / (2.0 * c)
     if abs(vertex) < 1e-6 * abs(u[2] - u[0]):
-        return Extreme(float(values[i]), i, False)
-    return Extreme(
+        return ExtremeValue(float(values[i]), i, False)
+    return ExtremeValue(
         float(values[i] - b * b / (4.0 * c)), i + float(vertex / (u[2] if vertex * u[2] > 0 else -u[0])), True
     )
 
 
 def constant(values: np.ndarray) -> bool:
-    """Whether a quantity does not vary, up to rounding."""
+    """Tell whether a quantity does not vary, up to rounding."""
     return float(np.nanmax(values) - np.nanmin(values)) <= _FLAT * float(np.nanmax(np.abs(values)))
 
 
 def _natural(motion: Motion, name: str) -> float:
-    """A radian, a unit vector, or the size of the mechanism."""
+    """Choose the natural size of a coordinate: a radian, a unit vector, or the size of the mechanism."""
     top = motion.system.topology
     if top.is_angle(name) or top.is_direction(name):
         return 1.0
@@ -183,7 +183,7 @@ class Forces:
 
 
 def forces(motion: Motion) -> Forces | None:
-    """Efforts and reactions of a sweep; None where nothing has a mass, or no pose was found.
+    """Find efforts and reactions of a sweep; None where nothing has a mass, or no pose was found.
 
     Without rates every pose is held at rest: gravity, springs and the like alone act.
     """
@@ -212,7 +212,7 @@ def forces(motion: Motion) -> Forces | None:
 
 
 def _peaks(wrenches: dict, good: np.ndarray) -> Iterator[Peak]:
-    """The largest of every wrench over the poses that were found."""
+    """Find the largest of every wrench over the poses that were found."""
     found = []
     for body, some in wrenches.items():
         for by, wrench in some.items():

@@ -30,7 +30,7 @@ from jaxnc.kinematics.wheel_report import SuspensionReport
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.notebooks import Shown
-from jaxnc.reporting.checked import assembly, count, drives, freed, oddities, reach
+from jaxnc.reporting.checked import assembly, count, drives, locking_parts, oddities, reach
 from jaxnc.reporting.expected import check_expected, judge
 from jaxnc.reporting.outcome import (
     as_it_says,
@@ -60,7 +60,7 @@ _MOST = 12  # derivatives of an output that are listed
 @public
 @dataclass(frozen=True)
 class Report(Shown):
-    """What is known of a mechanism; ``print()`` says it in short, `to_html` writes the page, `verdict` is for machines.
+    """All that is known of a mechanism: ``print()`` is short, `to_html` writes the page, `verdict` is for machines.
 
     Attributes:
         name, description: of the mechanism.
@@ -170,10 +170,10 @@ def report(
     except MechanismError as error:
         verdict.add("incomplete", "error", str(error))
         system = None
-        known["system"] = _typed(mechanism)
+        known["system"] = _drawing_of(mechanism)
     if system is not None:
         given = thing if isinstance(thing, Motion) else None
-        known |= {"system": system} | _studied(verdict, system, mechanism, given, run, expect, outputs)
+        known |= {"system": system} | _study(verdict, system, mechanism, given, run, expect, outputs)
     name = system.name if system is not None else verdict.name
     motion = known.get("motion")
     verdict.origin = _origin(mechanism, motion, said)
@@ -193,15 +193,15 @@ def _system(thing: Any) -> System:
     return system
 
 
-def _typed(mechanism: Mechanism | None) -> System | None:
-    """The drawing of a mechanism that cannot be compiled, if there is enough of it."""
+def _drawing_of(mechanism: Mechanism | None) -> System | None:
+    """Make the drawing of a mechanism that cannot be compiled, if there is enough of it."""
     try:
         return None if mechanism is None else assemble(mechanism)
     except MechanismError:
         return None
 
 
-def _studied(
+def _study(
     verdict: Verdict,
     system: System,
     mechanism: Mechanism | None,
@@ -210,7 +210,7 @@ def _studied(
     expect: Sequence[str],
     outputs: Sequence[str],
 ) -> dict[str, Any]:
-    """What is known of a system, by the attributes of a report."""
+    """Study a system; returns what is known of it, by the attributes of a report."""
     found = mobility(system)
     count(verdict, system, found)
     known: dict[str, Any] = {"mobility": found}
@@ -218,7 +218,7 @@ def _studied(
         return known | {"diagnosis": assembly(verdict, system)}
     verdict.findings += [f for f in oddities(system) if f.code != "does-not-move"]
     if not found.dof:
-        parts = freed(system)
+        parts = locking_parts(system)
         text = "nothing moves: it has no degree of freedom"
         if parts:
             text += f"; without any one of {', '.join(parts[:8])} it would move"
@@ -233,7 +233,7 @@ def _studied(
         if mechanism is not None and run.inputs:
             check_expected(system, sweep_arguments(mechanism, run), expect)
         try:
-            motion = _moved(verdict, system, mechanism, run)
+            motion = _move(verdict, system, mechanism, run)
         except (InputError, AssemblyError) as error:
             verdict.add("cannot-be-driven", "error", str(error), names=list(run.inputs))
             verdict.does = False
@@ -278,8 +278,8 @@ def _drive(motion: Motion, name: str) -> Drive:
     return Drive(name=name, unit=unit, first=float(values[0]), last=float(values[-1]), poses=len(values))
 
 
-def _moved(verdict: Verdict, system: System, mechanism: Mechanism | None, run: record.Run) -> Motion:
-    """The motion that a run section asks for, else a section on simulation; else as far as something free goes."""
+def _move(verdict: Verdict, system: System, mechanism: Mechanism | None, run: record.Run) -> Motion:
+    """Move a system as a run section asks, else a section on simulation; else as far as something free goes."""
     if mechanism is not None and run.inputs:
         verdict.drives, verdict.hold = drives(mechanism, run), list(run.hold)
         arguments = sweep_arguments(mechanism, run)
@@ -304,7 +304,7 @@ def _moved(verdict: Verdict, system: System, mechanism: Mechanism | None, run: r
 
 
 def _range(verdict: Verdict, system: System, name: str, home: float) -> np.ndarray:
-    """As far as an input goes from the drawing: round, from one dead point to the other, or a little either way."""
+    """Choose values of an input from one dead point to the other, round a turn, or a little either way."""
     _, factor = shown_in(system.topology, name)
     found = verdict.reach[-1] if verdict.reach else None
     if found is not None and found.lower is not None and found.upper is not None:
@@ -317,7 +317,7 @@ def _range(verdict: Verdict, system: System, name: str, home: float) -> np.ndarr
 
 
 def _reaches(verdict: Verdict, system: System, names: Sequence[str], held: Sequence[str]) -> None:
-    """How far each input goes where the others stay as they are drawn."""
+    """Enter how far each input goes where the others stay as they are drawn."""
     if system.topology.large:
         return
     for name in names:
@@ -328,7 +328,7 @@ def _reaches(verdict: Verdict, system: System, names: Sequence[str], held: Seque
 
 
 def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensitivity | None:
-    """Derivatives of the outputs at some of the poses; those that are largest are entered."""
+    """Find derivatives of the outputs at some of the poses, and enter the largest."""
     if motion.system.topology.large:
         return None
     good = np.flatnonzero(np.asarray(motion.converged))
@@ -365,7 +365,7 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
 
 
 def _origin(mechanism: Mechanism | None, motion: Motion | None, said: str) -> dict[str, str]:
-    """Versions, digests and settings, each in a line."""
+    """Collect versions, digests and settings, by which another run can be compared."""
     out = {"jaxnc": version()}
     for name in ("jax", "jaxlib", "numpy", "scipy"):
         try:

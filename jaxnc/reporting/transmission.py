@@ -68,7 +68,7 @@ def transmissions(motion: Motion) -> list[Transmission]:
     return out
 
 
-def untold(motion: Motion) -> list[str]:
+def unexplained_bodies(motion: Motion) -> list[str]:
     """Bodies of a planar motion of which it is not seen, link after link, what moves them; see `transmissions`."""
     top = motion.system.topology
     if top.dim != 2 or motion.status.ndim != 1:
@@ -88,7 +88,7 @@ def _direction(motion: Motion, line: _Line) -> np.ndarray:
 
 
 class _Chain:
-    """What moves what in a planar mechanism, link after link.
+    """Order in which the links of a planar mechanism are moved, one by another.
 
     Attributes:
         bodies: those that are found to be moved, by the inputs or by others.
@@ -104,7 +104,7 @@ class _Chain:
         self.guides = [s for j in top.joints if j.drawn and j.type == "prismatic" for s in (j.sides[:2],)]
         self.bodies: set[int] = set()
         self.points, self.meetings = set(self.still), []
-        self._driven(driven)
+        self._take_driven(driven)
         while self._follow():
             pass
 
@@ -112,8 +112,8 @@ class _Chain:
         self.bodies.add(body)
         self.points.update(self.top.bodies[body].points)
 
-    def _driven(self, names: tuple[str, ...]) -> None:
-        """What the inputs place directly: points, bodies that turn about the ground, sliders."""
+    def _take_driven(self, names: tuple[str, ...]) -> None:
+        """Take what the inputs place directly: points, bodies that turn about the ground, sliders."""
         top, known = self.top, self.fixed.copy()
         for name in names:
             if name not in top.scalars:
@@ -124,7 +124,7 @@ class _Chain:
         for name in (n for n in names if n in top.scalars):
             block, instance = top.measures[top.scalars.index(name)]
             measured = set(top.blocks[block].points[instance])
-            if top.blocks[block].kind is DISTANCE_BETWEEN and self._pushed(name, measured):
+            if top.blocks[block].kind is DISTANCE_BETWEEN and self._take_pushed(name, measured):
                 continue
             if not top.angles[top.scalars.index(name)]:
                 moved |= measured - self.still
@@ -138,8 +138,8 @@ class _Chain:
             if moved & set(body.points) and self.still & set(body.points):
                 self._take(b)
 
-    def _pushed(self, name: str, ends: set[int]) -> bool:
-        """Whether a distance that is driven, a cylinder, turns a body about the ground; then how it meets it."""
+    def _take_pushed(self, name: str, ends: set[int]) -> bool:
+        """Take the body that a driven distance, a cylinder, turns about the ground; tells whether there is one."""
         for near in ends & self.points:
             for far in ends - self.points:
                 for b in self._holding(far):
@@ -175,7 +175,7 @@ class _Chain:
         return next((_Line(a, b) for a, b in lines), None)
 
     def _follow(self) -> bool:
-        """Find the next that is moved; whether there was one."""
+        """Find the next that is moved; tells whether there was one."""
         top = self.top
         for b in self._loose():
             if len(self.points & (held := set(top.bodies[b].points))) >= min(2, len(held)):  # by two of its points
@@ -191,11 +191,11 @@ class _Chain:
         return any(self._meet(*found) is None for found in self._next())
 
     def _next(self) -> Iterator[tuple]:
-        yield from self._hinged()
-        yield from self._sliding()
-        yield from self._pinned()
+        yield from self._hinge_meetings()
+        yield from self._slider_meetings()
+        yield from self._pin_meetings()
 
-    def _hinged(self) -> Iterator[tuple]:
+    def _hinge_meetings(self) -> Iterator[tuple]:
         """Two links that share a joint and hang each by another: a coupler and what it turns."""
         for c in self._loose():
             for joint in self.top.bodies[c].points:
@@ -207,7 +207,7 @@ class _Chain:
                     said = f"{self.top.bodies[c].name} and {self.top.bodies[f].name}"
                     yield joint, said, _Line(start, joint), _Line(end, joint), c, f
 
-    def _sliding(self) -> Iterator[tuple]:
+    def _slider_meetings(self) -> Iterator[tuple]:
         """A link that moves a slider: a point on a way, or a body on a guide."""
         names = self.top.points
         for c in self._loose():
@@ -231,13 +231,15 @@ class _Chain:
                     return _Line(one[0], one[1])
         return None
 
-    def _pinned(self) -> Iterator[tuple]:
+    def _pin_meetings(self) -> Iterator[tuple]:
         """A pin that moves what it slides in: a slotted arm, a slider with a slot, a point where two ways cross."""
         names = self.top.points
         for line, pin in self.slots:
             for f in self._loose() if pin in self.points else ():
                 if set(line) <= set(self.top.bodies[f].points):
-                    yield from self._slotted(f, _Line(line[0], line[1]), pin, f"the slot of {self.top.bodies[f].name}")
+                    yield from self._slot_meetings(
+                        f, _Line(line[0], line[1]), pin, f"the slot of {self.top.bodies[f].name}"
+                    )
             ways = [_Line(a, b) for (a, b), on in self.slots if on == pin and self.points >= {a, b}]
             ways += [way] if (way := self._way(pin)) and way.b is None else []
             if pin not in self.points and len(ways) == 2:
@@ -247,10 +249,12 @@ class _Chain:
                 for c, f in ((c, f) for c in self._loose() for f in self._loose() if c != f):
                     pin, bodies = self._hung(c), self.top.bodies
                     if set(mine) <= set(bodies[c].points) and set(theirs) <= set(bodies[f].points) and pin is not None:
-                        for found in self._slotted(f, _Line(one[0], one[1]), pin, f"the guide of {bodies[f].name}"):
+                        for found in self._slot_meetings(
+                            f, _Line(one[0], one[1]), pin, f"the guide of {bodies[f].name}"
+                        ):
                             yield *found, c
 
-    def _slotted(self, body: int, line: _Line, pin: int, noun: str) -> Iterator[tuple]:
+    def _slot_meetings(self, body: int, line: _Line, pin: int, noun: str) -> Iterator[tuple]:
         """How a pin moves a body along whose line it slides, or with which it slides."""
         pivot, name = self._hung(body), self.top.points[pin]
         if pivot is not None and pivot != pin:

@@ -68,7 +68,7 @@ class Finding(_Record):
 
 
 class Counts(_Record):
-    """What the mechanism is made of: unknowns, equations and their rank, and freedoms, in the drawing assembled."""
+    """Counts of a mechanism: unknowns, equations and their rank, and freedoms, in the drawing assembled."""
 
     points: int
     bodies: int
@@ -94,7 +94,7 @@ class Reach(_Record):
 
 
 class Drive(_Record):
-    """What was asked of an input, in its unit; `rate` is per second."""
+    """The values that an input is driven through, in its unit; `rate` is per second."""
 
     name: str
     unit: str
@@ -105,7 +105,7 @@ class Drive(_Record):
 
 
 class Poses(_Record):
-    """What became of the poses; `conditioning` is 0 at a singular position, `residual` a length of `unit`."""
+    """Outcome of the poses; `conditioning` is 0 at a singular position, `residual` a length of `unit`."""
 
     asked: int
     found: int
@@ -190,7 +190,7 @@ class Design(_Record):
 
 
 class Search(_Record):
-    """What a search has come to; `unit` is that of errors."""
+    """Outcome of a search; `unit` is that of errors."""
 
     screened: int
     refined: int
@@ -200,7 +200,7 @@ class Search(_Record):
 
 
 class Family(_Record):
-    """One family of coordinates; null where there is no number, and `note` says why."""
+    """A family of coordinates; null where there is no number, and `note` says why."""
 
     family: str
     variables: int | None
@@ -284,7 +284,7 @@ class Verdict(_Record):
 
     @property
     def warnings(self) -> list[Finding]:
-        """What is allowed but probably not meant."""
+        """The findings on what is allowed but probably not meant."""
         return [f for f in self.findings if f.level == "warning"]
 
     def close(self, code: int) -> "Verdict":
@@ -324,12 +324,12 @@ def schema() -> dict[str, Any]:
 
 
 def number(value: Any) -> float | None:
-    """A number, or None where it is none or not finite."""
+    """Read a number; None where it is none or not finite."""
     return None if value is None or not math.isfinite(float(value)) else float(value)
 
 
 def _finite(value: Any) -> Any:
-    """The same with None for what is not finite, in all levels."""
+    """Replace what is not finite by None, on all levels."""
     if isinstance(value, Mapping):
         return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, list):

@@ -19,7 +19,7 @@ from jaxnc.viz.drawing import PlaneView, make_view
 from jaxnc.viz.picture import Size, inches
 from jaxnc.viz.poses import Poses, evenly, poses
 from jaxnc.viz.repr_html import Animation
-from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mixed
+from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mix
 
 _MOST = 120  # frames, unless asked for more
 _MOST_IN_TIME = 240  # the same of a motion in time
@@ -36,7 +36,6 @@ def animate(
     velocities: str | Iterable[str] = (),
     accelerations: str | Iterable[str] = (),
     forces: bool | str | Iterable[str] = (),
-    bounce: bool = False,
     labels: bool = True,
     title: str | None = None,
     frame: bool = True,
@@ -59,7 +58,6 @@ def animate(
         accelerations: the same for accelerations.
         forces: whether forces on points are drawn: True, or some of ``"weight"``, ``"applied"`` (springs, dampers,
             loads) and ``"reaction"`` (see `jaxnc.dynamics.nodal.nodal_forces`); the motion must carry rates.
-        bounce: whether the motion is also run backwards.
         labels: whether points and unit vectors are named.
         title: heading; the mechanism's name if not given, none if ``""``.
         frame: whether axes with coordinates are drawn.
@@ -80,9 +78,7 @@ def animate(
         raise InputError(f"{data.topology.name!r}: one pose does not move; animate a sweep, or use draw()")
     if not isinstance(fps, (int, float)) or not 0 < fps <= 1000:
         raise InputError(f"fps={fps!r}: frames per second must be a positive number, at most 1000")
-    chosen = _chosen(data, frames, fps)
-    if bounce:
-        chosen = [*chosen, *chosen[-2:0:-1]]
+    chosen = _choose_frames(data, frames, fps)
     with writing(path, (".gif", ".mp4"), "an animation") as new:
         path = Path(path).expanduser()
         ffmpeg = _ffmpeg(path) if new.suffix.lower() == ".mp4" else ""
@@ -94,7 +90,7 @@ def animate(
     return Animation(path)
 
 
-def _chosen(data: Poses, frames: int | Sequence[int] | None, fps: float) -> list[int]:
+def _choose_frames(data: Poses, frames: int | Sequence[int] | None, fps: float) -> list[int]:
     every = data.count - 1 if data.closed else data.count
     if frames is None and data.motion.time is not None:
         time = np.asarray(data.motion.time, float)
@@ -121,10 +117,10 @@ class Film:
     def __init__(
         self, data: Poses, trace, velocities, accelerations, labels, title, frame, size, dpi, seen=None, forces=()
     ):
-        view = make_view(data, data.shown.tolist(), trace, labels, seen)
+        view = make_view(data, data.extent_poses.tolist(), trace, labels, seen)
         view.aim(velocities, accelerations, None, forces)
         view.open(None, size, frame, data.topology.name if title is None else title)
-        shown = data.shown
+        shown = data.extent_poses
         view.film(int(shown[0]), evenly(shown))
         self.view = view
         figure = view.figure
@@ -159,12 +155,12 @@ class Film:
         colours = list(dict.fromkeys(colours))
         if isinstance(self.view, PlaneView):
             steps = 255 // len(colours) - 1
-            mixes = [mixed(c, LIGHT["paper"], (k + 1) / steps) for c in colours for k in range(steps)]
-            found = _as_bytes(mixes + [mixed(c, LIGHT["ink"], 0.5) for c in colours])
+            mixes = [mix(c, LIGHT["paper"], (k + 1) / steps) for c in colours for k in range(steps)]
+            found = _as_bytes(mixes + [mix(c, LIGHT["ink"], 0.5) for c in colours])
         else:
-            mixes = [mixed(c, LIGHT["paper"], share) for c in colours for share in (1.0, 0.75, 0.5, 0.3, 0.15)]
+            mixes = [mix(c, LIGHT["paper"], share) for c in colours for share in (1.0, 0.75, 0.5, 0.3, 0.15)]
             own = _as_bytes(mixes)[:120]
-            strip = np.concatenate([self.frame(int(k))[..., :3] for k in evenly(self.view.data.shown, 6)])
+            strip = np.concatenate([self.frame(int(k))[..., :3] for k in evenly(self.view.data.extent_poses, 6)])
             few = Image.fromarray(strip).quantize(255 - len(own), method=Image.Quantize.MEDIANCUT).getpalette() or []
             found = np.concatenate([own, np.array(few, dtype=np.uint8).reshape(-1, 3)[: 255 - len(own)]])
         out = np.full((256, 3), 255, dtype=np.uint8)

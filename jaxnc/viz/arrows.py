@@ -66,12 +66,12 @@ def arrows(
         x = poses.rates(order)[:, list(columns)]
         shown, most = _reach(np.linalg.norm(x if pose is None else x[pose : pose + 1], axis=-1))
         unit = f"{poses.topology.length_unit}/s" + ("" if order == 1 else "²")
-        out.append(_scaled(noun, columns, poses.places[:, list(columns)], x, (shown, shown, most), unit, size))
+        out.append(_scale(noun, columns, poses.places[:, list(columns)], x, (shown, shown, most), unit, size))
     return out + _forces(poses, forces, size, pose)
 
 
 def _reach(length: np.ndarray) -> tuple[float, float]:
-    """What the longest arrow stands for, and the largest value, of lengths ``(T, arrows)``.
+    """Choose the value that the longest arrow stands for, and find the largest, of lengths ``(T, arrows)``.
 
     A few poses that exceed the others by far do not decide: they would leave dots of the rest.
     """
@@ -81,25 +81,28 @@ def _reach(length: np.ndarray) -> tuple[float, float]:
     return (min(most, _BEYOND * float(np.percentile(usual, _USUAL))) if len(usual) else 0.0), most
 
 
-def _scaled(noun, columns, places, x, reach: tuple[float, float, float], unit: str, size: float) -> Arrows:
-    """Arrows of vectors ``(T, arrows, dim)``, drawn to scale up to `shown`, the largest of their own and of all."""
+def _scale(noun, columns, places, x, reach: tuple[float, float, float], unit: str, size: float) -> Arrows:
+    """Make arrows of vectors ``(T, arrows, dim)``, to scale up to a value; with the largest of their own and of all."""
     shown, own, most = reach
     scale = LONGEST * size / shown if shown > 0 else 1.0
     length = np.linalg.norm(np.nan_to_num(x), axis=-1, keepdims=True)
     vectors = scale * x * np.minimum(1.0, shown / np.maximum(length, 1e-300))
     key = nice(0.6 * shown) if own > 0 else 1.0  # arrows of one scale have keys of one length
-    cut = f", cut at {_said(shown)}" if most > shown * (1 + 1e-9) else ""
-    words = f"{noun} {key:g} {unit}{cut}", f"{noun} {_said(own)} {unit}{f' of {_said(most)}' if cut else ''}"
+    cut = f", cut at {_three_digits(shown)}" if most > shown * (1 + 1e-9) else ""
+    words = (
+        f"{noun} {key:g} {unit}{cut}",
+        f"{noun} {_three_digits(own)} {unit}{f' of {_three_digits(most)}' if cut else ''}",
+    )
     return Arrows(noun, columns, places, vectors, key * scale if own > 0 else 0.0, *words, scale)
 
 
-def _said(value: float) -> str:
-    """Three digits, and 2320 rather than 2.32e+03."""
+def _three_digits(value: float) -> str:
+    """Write three digits, and 2320 rather than 2.32e+03."""
     return f"{float(f'{value:.3g}'):g}"
 
 
 def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose: int | None) -> list[Arrows]:
-    """Forces where they act, all on one scale; kinds and places where nothing acts are left out."""
+    """Make arrows of forces where they act, all on one scale; kinds and places where nothing acts are left out."""
     if not wanted:
         return []
     from jaxnc.dynamics.nodal import KINDS, nodal_forces
@@ -124,7 +127,7 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
             own, most = reach[kind]
             places = np.asarray(found[kind][0]).reshape(poses.count, -1, dim)[:, chosen]
             shown = shared if own > _SMALL * shared else own  # a weight beside large reactions
-            made = _scaled(kind, (), places, every[kind][:, chosen], (shown, own, most), "N", size)
+            made = _scale(kind, (), places, every[kind][:, chosen], (shown, own, most), "N", size)
             made = dataclasses.replace(made, chosen=tuple(chosen.tolist()))
             if kind == "weight":
                 joints = range(len(poses.topology.points))  # and markers, which are crosses
@@ -142,7 +145,7 @@ class Shafts(NamedTuple):
 
 
 def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> Shafts | None:
-    """All arrows in some poses; None if there are none."""
+    """Collect all arrows in some poses; None if there are none."""
     ends = [np.stack([a.places, a.places + a.vectors], axis=2)[sampled] for a in drawn]
     widths = [np.full(a.places.shape[1], _SHAFT) for a in drawn]
     for a in drawn:
@@ -153,7 +156,7 @@ def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> Shafts |
 
 
 def nice(value: float) -> float:
-    """The number 1, 2 or 5 times a power of ten nearest below a positive value."""
+    """Round a positive value down to 1, 2 or 5 times a power of ten."""
     if not value > 0 or not math.isfinite(value):
         raise InputError(f"no scale for {value!r}")
     power = 10.0 ** math.floor(math.log10(value))

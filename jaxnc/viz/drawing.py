@@ -1,4 +1,4 @@
-"""One pose of a mechanism, drawn as engineers draw it."""
+"""Drawing of a mechanism in one pose, as engineers draw it."""
 
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -24,17 +24,16 @@ from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
 from jaxnc.viz.arrows import shafts
 from jaxnc.viz.draft import caption
-from jaxnc.viz.instant_overlay import PlaneOverlay, Wish
+from jaxnc.viz.instant_overlay import PlaneOverlay, SpaceOverlay, Wish
 from jaxnc.viz.labels import label_boxes, place_labels, track_labels
 from jaxnc.viz.legend import Legend
 from jaxnc.viz.pen import Pen
 from jaxnc.viz.picture import Picture, Size, finish, inches, unit_on
 from jaxnc.viz.poses import Poses, evenly, poses
-from jaxnc.viz.sketch import sketch
+from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.spatial.camera import read_view
 from jaxnc.viz.spatial.drawing import SpaceView
-from jaxnc.viz.spatial.instant_overlay import SpaceOverlay
-from jaxnc.viz.style import LIGHT, colour_of, furnish, named, wide, wrapped
+from jaxnc.viz.style import LIGHT, axis_name, colour_of, furnish, wide, wrap
 from jaxnc.viz.view import View
 
 _MARGIN = 6.2  # around the mechanism, units
@@ -132,7 +131,7 @@ class PlaneView(View):
     letters = 1.8
 
     def __init__(self, data: Poses, shown: Sequence[int], trace: str | Iterable[str], labels: bool):
-        super().__init__(data, shown, trace, labels, sketch(data))
+        super().__init__(data, shown, trace, labels, sketch_plane(data))
         self.quivers: list[tuple[Quiver, np.ndarray, np.ndarray]] = []
         self.centres: list[tuple[PathCollection, np.ndarray]] = []
         self.paths: list[tuple[Line2D, int]] = []
@@ -236,7 +235,7 @@ class PlaneView(View):
         for axis, name, length in ((ax.xaxis, "x", 5.5 * text), (ax.yaxis, "y", 3.4 * text)):
             paper = self.paper[0 if name == "x" else 1]
             axis.set_major_locator(MaxNLocator(int(np.clip(paper / length, 2, 7)), steps=[1, 2, 2.5, 5, 10]))
-            axis.label.set(text=named(name, unit), fontsize=text)
+            axis.label.set(text=axis_name(name, unit), fontsize=text)
 
     def _crown(self, title: str, room: float) -> float:
         """Put the title above the axes, and choose where the keys of arrows go; returns the height, points."""
@@ -253,7 +252,7 @@ class PlaneView(View):
             self.ax.set_title("", loc="left")
             return below
         size = self.heading_size
-        lines = wrapped(title, size, room)
+        lines = wrap(title, size, room)
         if len(rows) == 1 and len(lines) == 1 and wide(title, size) + rows[0] <= room:
             below = 0.0
         self.ax.set_title(
@@ -284,9 +283,9 @@ class PlaneView(View):
                 legend.text.set_parse_math(False)
             self.quivers.append((quiver, item.places, item.vectors))
             if item.noun == "weight":
-                self.centres += [(marks, item.places) for marks in self._quartered(start, item.discs)]
+                self.centres += [(marks, item.places) for marks in self._add_mass_symbols(start, item.discs)]
 
-    def _quartered(self, start: np.ndarray, radii: tuple[float, ...]) -> list[PathCollection]:
+    def _add_mass_symbols(self, start: np.ndarray, radii: tuple[float, ...]) -> list[PathCollection]:
         """Draw the symbols of centres of mass under joints: a circle, two of its quarters full."""
         area = (2.0 * np.array(radii) * self.points) ** 2
         turn = np.linspace(0.0, 0.5 * np.pi, 9)
@@ -337,7 +336,7 @@ class PlaneView(View):
 
     def _let_names_give_way(self) -> None:
         """Let names give way to what comes near them over the motion."""
-        keys = evenly(self.data.shown, _KEYS)
+        keys = evenly(self.data.extent_poses, _KEYS)
         if len(keys) > 1 and self.scene.labels and self.data.good.any():
             ways = track_labels(
                 self.scene, self.columns[keys], self.unit, self.data.closed, shafts(self.arrow_sets, keys)

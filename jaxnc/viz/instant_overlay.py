@@ -1,4 +1,4 @@
-"""Marks of an instant in a drawing: instant centres, centrodes, circles of inflection and curvature, in the plane."""
+"""Marks of an instant in a drawing: centres, centrodes, circles; in space screw axes and axodes; curvature of paths."""
 
 import dataclasses
 import itertools
@@ -10,11 +10,13 @@ import numpy as np
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.instant import GROUND, InstantMotion, centrodes, instant_centres, instant_motion, path_curvature
+from jaxnc.kinematics.screw import ScrewAxis, axodes
+from jaxnc.viz.bodies import Bodies
 from jaxnc.viz.legend import Legend
-from jaxnc.viz.poses import Poses
+from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.scene import Circle, Label, Line
-from jaxnc.viz.sketch import body_colours
-from jaxnc.viz.style import INK, colour_of
+from jaxnc.viz.spatial.scene import Ball
+from jaxnc.viz.style import INK, LIGHT, colour_of
 
 Wish = str | tuple[str, ...]
 
@@ -24,6 +26,9 @@ _FEW = 4  # bodies, the ground among them, between whose centres lines are drawn
 _RUN = 0.16  # of the diagonal: arrow to what is not in the picture
 _ARC = 0.5  # radians on either side of a point, of its circle of curvature
 _SUB = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+_REACH = 0.62  # diagonals of the mechanism from its middle: how far lines are drawn
+_RULINGS = 72  # lines of a ruled surface at most
+_RULING = 0.24  # of the diagonal: half of such a line
 
 
 class Overlay:
@@ -75,6 +80,10 @@ class Overlay:
                 raise InputError(f"show={wish!r}: {noun!r} takes one name, or one and that of the body it is seen from")
             out.append((noun, names))
         return out
+
+    def colour(self, body: str) -> int:
+        """Find the colour of a body."""
+        return Bodies(self.data).colour_by_name.get(body, INK)
 
     def pick(self, found: Any) -> Any:
         """Pick the pose that is shown from a result, as NumPy's numbers."""
@@ -155,7 +164,7 @@ class PlaneOverlay(Overlay):
         self.view.legend = Legend((*self.keys, *self.notes))
 
     def near(self, x: np.ndarray, share: float = _FAR) -> bool:
-        """Whether a place is close enough to be drawn."""
+        """Tell whether a place is close enough to be drawn."""
         return bool(np.hypot(*(x - self.middle)) <= share * self.size)
 
     def note(self, text: str, body: int | None = None) -> None:
@@ -164,9 +173,6 @@ class PlaneOverlay(Overlay):
 
     def _key(self, dash: str, colour: str, text: str) -> None:
         self.keys.append(((f"{dash} ", colour), (text, colour_of("ink", INK))))
-
-    def _colour(self, body: str) -> int:
-        return INK if body == GROUND else body_colours(self.data).get(body, INK)
 
     def _point(self, x: Any, text: str, role: str = "pole") -> None:
         """Mark a place with a dot and a name."""
@@ -248,8 +254,8 @@ class PlaneOverlay(Overlay):
         finite = np.asarray(found.finite) & self.data.good
         on = "the ground" if other == GROUND else other
         for name, x, colour, text in (
-            ("fixed", found.fixed, self._colour(other), f"fixed centrode, on {on}"),
-            ("moving", found.moving, self._colour(body), f"moving centrode, on {body}"),
+            ("fixed", found.fixed, self.colour(other), f"fixed centrode, on {on}"),
+            ("moving", found.moving, self.colour(body), f"moving centrode, on {body}"),
         ):
             path = np.where(finite[:, None], np.asarray(x), np.nan)
             through = np.flatnonzero(np.diff(np.sign(rate)) != 0) + 1  # infinity
@@ -265,10 +271,11 @@ class PlaneOverlay(Overlay):
 
     def _add_inflection(self, body: str, other: str = GROUND, noun: str = "inflection circle") -> Any:
         """Draw the inflection circle; returns the motion of the body, None where it has no such circle."""
-        x: Any = self.pick(instant_motion(self.motion, body, other))
+        x = self.pick(instant_motion(self.motion, body, other))
         if x.inflection is None:
             self.motion.acceleration(self.data.topology.points[0])  # raises an error that tells what is missing
-        colour = self._colour(body)
+            return None
+        colour = self.colour(body)
         if not x.finite:
             self.note(f"{body}: no {noun}, it does not turn")
             return None
@@ -293,7 +300,7 @@ class PlaneOverlay(Overlay):
             self.note("no angular acceleration: no tangential acceleration on the pole normal")
         else:
             across = np.array([-x.inflection[1], x.inflection[0]]) * x.rate**2 / x.angular_acceleration
-            self._circle("tangential", x.centre, across, self._colour(body))
+            self._circle("tangential", x.centre, across, self.colour(body))
             self._key("· · ·", colour_of("soft", INK), "points without tangential acceleration")
         if x.accelerating and self.near(x.acceleration_pole):
             self._point(x.acceleration_pole, "Q")
@@ -314,7 +321,7 @@ class PlaneOverlay(Overlay):
         turn = np.arctan2(arm[1], arm[0]) + self.arc_angles(radius)
         arc = x.centre + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         name = f"circle of curvature at {point}"
-        self.curves.append(_Curve(arc, self._colour(other), 0.24, (1.0, 0.6), name))
+        self.curves.append(_Curve(arc, self.colour(other), 0.24, (1.0, 0.6), name))
         if self.near(x.centre):
             self._point(x.centre, f"{point}₀", "ring")
             self.inside.append(x.centre)
@@ -338,6 +345,119 @@ class PlaneOverlay(Overlay):
                 back = curve.x[-1] - 1e-3 * (curve.x[-1] - curve.x[0])
                 ax.annotate("", curve.x[-1], back, arrowprops={**head, "shrinkA": 0, "shrinkB": 0})
         self.view.legend.paint(ax, float(self.view.paper[0]))
+
+
+class SpaceOverlay(Overlay):
+    """Marks of an instant of a spatial motion."""
+
+    where = "space"
+
+    def __init__(self, view: Any, pose: int):
+        super().__init__(view, pose)
+        self.adders = {"screw axis": self._add_axis, "axodes": self._add_axodes, "curvature": self._add_curvature}
+        self.notes: list[tuple[str, str]] = []
+
+    def note(self, text: str, body: int | None = None) -> None:
+        """Add a line of text beside the drawing, in a body's colour if it is about one."""
+        self.notes.append((text, LIGHT["ink"] if body is None else colour_of("body", body)))
+
+    def _point(self, place: np.ndarray, text: str, role: str) -> None:
+        """Mark a place with a name, and a dot of a role if there is one."""
+        column = self.add_place(place)
+        if role:
+            self.add_items(Ball(role, column, 0.5))
+        self.add_label(column, text)
+        self.inside.append(place)
+
+    def _chord(self, point: Any, direction: Any) -> np.ndarray:
+        """Cut a line to what is within reach, ``(2, 3)``; NaN if it passes far away."""
+        foot = point + (self.middle - point) @ direction * direction
+        half = (_REACH * self.size) ** 2 - float(((foot - self.middle) ** 2).sum())
+        if half <= 0 or not direction.any():
+            return np.full((2, 3), np.nan)
+        return foot + np.sqrt(half) * np.array([[-1.0], [1.0]]) * direction
+
+    def _add_axis(self, body: str, other: str = GROUND) -> None:
+        x: ScrewAxis = self.pick(self.motion.screw_axis(body, other))
+        over = "" if other == GROUND else f" over {other}"
+        colour, unit = self.colour(body), self.length_unit
+        if not x.direction.any():
+            self.note(f"{body}{over}: no screw axis, it stands still")
+            return
+        if np.isinf(x.pitch):
+            self.note(f"{body}{over}: translation, {x.advance:.4g} {unit}/s", colour)
+        else:
+            pitch = 0.0 if abs(x.pitch) < 1e-9 * self.size else x.pitch  # less is rounding
+            rates = f"rate {x.rate:.4g} rad/s, pitch {pitch:.4g} {unit}/rad"
+            self.note(f"screw axis of {body}{over}: {rates}", colour)
+        line = self._chord(x.point, x.direction)
+        if not np.isfinite(line).all():
+            away = float(np.linalg.norm(np.cross(self.middle - x.point, x.direction)))
+            self.note(f"    it passes {away:.4g} {unit} away from the middle of the mechanism")
+            return
+        self.view.lines.append((line, colour, 0, "screw"))
+        self._point(line[1], "ISA", "")
+        self.inside.append(line[0])
+
+    def _add_axodes(self, body: str, other: str = GROUND) -> None:
+        found = axodes(self.motion, body, other, self.pose)
+        good = evenly(np.flatnonzero(self.data.good), _RULINGS)
+        on = "the ground" if other == GROUND else other
+        for surface, colour, text in (
+            (found.fixed, self.colour(other), f"fixed axode, on {on}"),
+            (found.moving, self.colour(body), f"moving axode, on {body}"),
+        ):
+            rate, point, way = (np.asarray(getattr(surface, k))[good] for k in ("rate", "point", "direction"))
+            x = self._rulings(point, way)
+            x[~(rate > 0)] = np.nan
+            gaps = np.full((len(x), 1, 3), np.nan)
+            lines = [(np.concatenate([x, gaps], axis=1).reshape(-1, 3), "ruling"), (x[:, 0], "rim"), (x[:, 1], "rim")]
+            self.view.lines += [(line, colour, 0, role) for line, role in lines]
+            self.inside.extend(x[np.isfinite(x).all(axis=(1, 2))].reshape(-1, 3))
+            self.note(f"── {text}", colour)
+
+    def _rulings(self, point: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """Cut a surface's lines about where each is closest to the next, ``(lines, 2, 3)``; NaN far away."""
+        turned = np.where((way[1:] * way[:-1]).sum(axis=1) < 0, -1.0, 1.0)  # the sense of a line does not count
+        way = way * np.concatenate([[1.0], np.cumprod(turned)])[:, None]
+        out = np.full((len(point), 2, 3), np.nan)
+        for k, (p, d) in enumerate(zip(point, way, strict=True)):
+            other = k + 1 if k + 1 < len(point) else k - 1
+            chord = self._chord(p, d)
+            if not np.isfinite(chord).all() or not 0 <= other < len(point):
+                continue
+            e = way[other]
+            cosine = float(d @ e)
+            between = (point[other] - p) @ (d - cosine * e) / max(1.0 - cosine * cosine, 1e-12)
+            low, high = ((end - p) @ d for end in chord)
+            middle = np.clip(between, low, high)
+            half = _RULING * self.size
+            out[k] = p + np.clip([[middle - half], [middle + half]], low, high) * d
+        return out
+
+    def _add_curvature(self, point: str, other: str = GROUND) -> None:
+        found = self.curvature(point, other)
+        if found is None:
+            return
+        place, x, radius = found
+        out, turn = (place - x.centre) / radius, self.arc_angles(radius)[:, None]
+        arc = x.centre + radius * (np.cos(turn) * out + np.sin(turn) * x.tangent)
+        self.view.lines.append((arc, INK, 3, "trace"))
+        if np.linalg.norm(x.centre - self.middle) <= self.size:
+            self.view.lines.append((np.stack([place, x.centre]), INK, 0, "ruling"))
+            self._point(x.centre, f"{point}₀", "dot")
+
+    def paint(self) -> None:
+        """Write the notes beside the drawing, once the view is open."""
+        view, size = self.view, max(6.0, 1.7 * self.view.points)
+        box, wide = view.ax.get_position(original=True), view.figure.get_figwidth()
+        alone = len(view.figure.axes) == 1
+        left = (5.0 / 72.0 / wide - box.x0) / box.width if alone else 0.0
+        for k, (text, colour) in enumerate(self.notes):
+            view.write(
+                left, view.corner[1] - 1.45 * k * size / view.paper_size[1], text, transform=view.paper, ha="left",
+                va="top", fontsize=size, color=colour, gid="note", zorder=16.0,
+            )  # fmt: skip
 
 
 def _centre_name(first: int, second: int) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.offsetbox import AnnotationBbox, HPacker, TextArea, VPacker
 
-from jaxnc.viz.style import LIGHT, NUMBERS, wide, wrapped
+from jaxnc.viz.style import LIGHT, NUMBERS, wide, wrap
 
 _GAP = "    "  # between entries
 _ROW = 1.5  # height of a row, in letters
@@ -23,7 +23,7 @@ class Legend:
         """Cut entries of one text that are longer than a row into pieces."""
         out: list[tuple[tuple[str, str], ...]] = []
         for entry in self.entries:
-            one = [((part, entry[0][1]),) for part in wrapped(entry[0][0], NUMBERS, room)]
+            one = [((part, entry[0][1]),) for part in wrap(entry[0][0], NUMBERS, room)]
             out.extend(one if len(entry) == 1 else [entry])
         return out
 

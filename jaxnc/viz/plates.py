@@ -15,7 +15,7 @@ from jaxnc.io.workshop.contours import rounded
 from jaxnc.io.workshop.lists import plain
 from jaxnc.io.workshop.stock import GROUND, Part
 from jaxnc.viz.picture import Picture, finish
-from jaxnc.viz.style import HEADING, INK, LIGHT, NUMBERS, TEXT, colour_of, furnish, mixed, wide, wrapped
+from jaxnc.viz.style import HEADING, INK, LIGHT, NUMBERS, TEXT, colour_of, furnish, mix, wide, wrap
 
 _LARGE = (7.2, 6.4)  # the most that the plan takes, inches
 _EDGE = 0.62  # at the left and below, for numbers and names of axes
@@ -87,9 +87,9 @@ def draw_plates(assembly: Assembly, path: str | Path | None = None, pose: int = 
     if assembly.passing:
         near = assembly.passing[0]
         said = f"{near.clearance:.4g} mm between {near.one} and {near.other} at least"
-    wrap, down = 72 * (size[0] - 0.3), 0.16
-    lines = [(line, HEADING, "ink") for line in wrapped(title, HEADING, wrap)]
-    lines += [(line, NUMBERS, "soft") for line in wrapped(said, NUMBERS, wrap)]
+    room, down = 72 * (size[0] - 0.3), 0.16
+    lines = [(line, HEADING, "ink") for line in wrap(title, HEADING, room)]
+    lines += [(line, NUMBERS, "soft") for line in wrap(said, NUMBERS, room)]
     for line, letters, colour in lines:
         look: dict[str, Any] = {"fontsize": letters, "color": LIGHT[colour], "va": "top", "parse_math": False}
         figure.text(0.12 / size[0], 1 - down / size[1], line, **look)
@@ -100,7 +100,7 @@ def draw_plates(assembly: Assembly, path: str | Path | None = None, pose: int = 
 def _colours(k: int) -> tuple[str, str]:
     """Colours of a part's area and edge."""
     own = colour_of("ink", INK) if k == GROUND else colour_of("body", k - 1)
-    return mixed(own, LIGHT["paper"], 0.1 if k == GROUND else 0.34), LIGHT["soft"] if k == GROUND else own
+    return mix(own, LIGHT["paper"], 0.1 if k == GROUND else 0.34), LIGHT["soft"] if k == GROUND else own
 
 
 def _outline(assembly: Assembly, part: Part, origin: complex, direction: complex) -> Curve:

@@ -15,7 +15,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.picture import Picture, Size, finish, inches
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa, default_plots, quantity
-from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, crown, furnish, named
+from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, axis_name, crown, furnish
 
 _CROWN = 18.0  # points above axes, for a heading or a legend of one row
 _FLAT, _REST = 0.1, 1e-4  # of what axes show: curves that vary by less look flat, and those that stand still
@@ -45,7 +45,7 @@ def plot(
             an input, ``"support A"`` of the ground, ``"reaction B on coupler"``: forces of a motion that carries rates.
             Quantities of one dimension share their axes, unless one would look flat beside another (a tenth of the
             height); names in a list share axes of their own in any case: ``["P.x"], ["P.y"]`` are apart,
-            ``["P.x", "P.y"]`` together. If none is named: all angles and distances that are not driven, or else the
+            ``["P.x", "P.y"]`` together. If none is axis_name: all angles and distances that are not driven, or else the
             last point.
         against: what is on the horizontal axis: a coordinate, ``"time"`` or ``"pose"``. Default: time if the motion
             has one, otherwise its input; of several the first that runs one way, or the number of the pose.
@@ -125,12 +125,12 @@ def group_quantities(data: Poses, names: Iterable[str | Sequence[str]]) -> list[
 
 
 def _alike(one: Quantity, other: Quantity) -> bool:
-    """Whether two quantities can be drawn in the same axes."""
+    """Tell whether two quantities can be drawn in the same axes."""
     return one.unit == other.unit and (one.kind == "place") == (other.kind == "place")
 
 
 def _fit(group: list[Quantity], further: Quantity) -> bool:
-    """Whether a quantity belongs to others by its dimension, and none of them looks flat in axes for all."""
+    """Tell whether a quantity has the dimension of others, and none of them looks flat in axes for all."""
     if group[0].axis != further.axis or not _alike(group[0], further):
         return False
     if further.kind == "place":
@@ -192,11 +192,11 @@ def draw_paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
             continue
         first = q.values[right[0]]
         ax.plot(*first, "o", ms=5, mfc="white", mec=colour, mew=1.4, zorder=3, gid=f"start {q.name}")
-        _heading(ax, q.values[right], colour)
+        _add_direction(ax, q.values[right], colour)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
-    ax.set_xlabel(named("x", unit))
-    ax.set_ylabel(named("y", unit))
+    ax.set_xlabel(axis_name("x", unit))
+    ax.set_ylabel(axis_name("y", unit))
     failed = int(np.sum(~data.good))
     if failed:
         ax.text(
@@ -205,7 +205,7 @@ def draw_paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
         )  # fmt: skip
 
 
-def _heading(ax: Axes, x: np.ndarray, colour: str) -> None:
+def _add_direction(ax: Axes, x: np.ndarray, colour: str) -> None:
     """Draw an arrowhead that shows which way a path is run, a tenth of its length along."""
     step = np.hypot(*np.diff(x, axis=0).T)
     total = step.sum()
@@ -248,7 +248,7 @@ def draw_curves(ax: Axes, data: Poses, x: Quantity, group: list[Quantity]) -> No
         count += vectors > 1
     single = len(group) == 1 and group[0].kind == "number"
     dimensions = dict.fromkeys(q.dimension for q in group)
-    ax.set_ylabel(named(group[0].label if single else ", ".join(dimensions), group[0].unit))
+    ax.set_ylabel(axis_name(group[0].label if single else ", ".join(dimensions), group[0].unit))
     if single:
         ax.lines[-1].set_label("_")  # named by its axis
     _angle_ticks(ax.xaxis, x, most=int(np.clip(1.7 * ax.figure.get_figwidth() - 1.4, 2, 8)))  # type: ignore[union-attr]

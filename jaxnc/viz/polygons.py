@@ -11,15 +11,14 @@ from matplotlib.figure import Figure
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.viz.bodies import Bodies, hull
 from jaxnc.viz.drawing import PlaneView
-from jaxnc.viz.hull import hull
 from jaxnc.viz.labels import place_labels
 from jaxnc.viz.legend import Legend
 from jaxnc.viz.pen import Pen
 from jaxnc.viz.picture import Size, finish, inches
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Circle, Item, Label, Line, Scene
-from jaxnc.viz.sketch import body_colours
 from jaxnc.viz.style import INK, LIGHT, colour_of, symbol
 
 _SAME = 1e-6  # of the longest vector: images closer than this are one
@@ -29,7 +28,7 @@ KINDS = ("velocity", "acceleration")
 
 
 @dataclass
-class _Plan:
+class _Polygon:
     """A polygon: places in the plane of velocities or accelerations."""
 
     data: Poses  # the motion
@@ -46,7 +45,7 @@ class _Plan:
     def __post_init__(self):
         x = self.data.rates(self.order)[self.pose]
         self.longest = float(np.linalg.norm(x, axis=1).max(initial=0.0))
-        self.found = body_colours(self.data)
+        self.found = Bodies(self.data).colour_by_name
         self.numbers = [self.image(v, name) for v, name in zip(x, self.data.names, strict=True)]
         for body in self.data.topology.bodies:
             if body.name in self.found and len(body.points) > 1:
@@ -214,12 +213,12 @@ def polygon(
     if not data.good[k]:
         raise InputError(f"pose {k} of {data.topology.name!r} is not right, so it has no {kind}: {data.sentence(k)}")
     order = 1 + KINDS.index(kind)
-    plan = _Plan(data, k, order)
+    plan = _Polygon(data, k, order)
     if not plan.longest > 0:
         raise InputError(f"in pose {k} of {data.topology.name!r} every {kind} is zero: there is no polygon to draw")
     scene, where = plan.scene()
     view = _PolygonView(data, scene, where, plan.notes())
-    view.open(ax, inches(size), frame, _heading(data, k, kind) if title is None else title)
+    view.open(ax, inches(size), frame, _default_title(data, k, kind) if title is None else title)
     scene = place_labels(scene, where[None], view.unit)
     Pen(view.ax, scene, where, view.unit, view.points)
     _arrows(view, plan, kind)
@@ -231,7 +230,7 @@ def polygon(
     return finish(view.figure, path, dpi)
 
 
-def _heading(data: Poses, pose: int, kind: str) -> str:
+def _default_title(data: Poses, pose: int, kind: str) -> str:
     said = []
     for name, values in data.motion.inputs.items():
         value, top = float(np.asarray(values).reshape(-1)[pose]), data.topology
@@ -242,7 +241,7 @@ def _heading(data: Poses, pose: int, kind: str) -> str:
     return f"{data.topology.name}: {'velocities' if kind == 'velocity' else 'accelerations'}, {', '.join(said)}"
 
 
-def _arrows(view: Any, plan: _Plan, kind: str) -> None:
+def _arrows(view: Any, plan: _Polygon, kind: str) -> None:
     """The vectors, and in dashes what they are put together from."""
     points = view.points
     for end in plan.places[1:]:

@@ -1,4 +1,4 @@
-"""What can be plotted: positions, coordinates and their rates by name, with their units."""
+"""Quantities that can be plotted: positions, coordinates, rates, forces and energies by name, with their units."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -30,7 +30,7 @@ _PER = ("", "/s", "/s²", "/s³")
 
 @dataclass(frozen=True)
 class Quantity:
-    """One quantity over the poses of a motion."""
+    """A quantity over the poses of a motion."""
 
     name: str  # as asked for
     label: str  # as written beside its curve
@@ -71,7 +71,7 @@ def quantity(poses: Poses, name: str) -> Quantity:
     if (seen := _attitude(poses, name)) is not None:
         return seen
     if name in ENERGIES:
-        return _known(poses, name, "energy", "J", _ENERGIES[ENERGIES.index(name)](motion))
+        return _plain_quantity(poses, name, "energy", "J", _ENERGIES[ENERGIES.index(name)](motion))
     for noun in EXERTED:
         if name.startswith(noun + " "):
             return _force(poses, noun, name.removeprefix(noun + " "))
@@ -86,7 +86,7 @@ def quantity(poses: Poses, name: str) -> Quantity:
     if what not in top.scalars and (
         (stem not in poses.names and not direction) or (axis and (len(axis) > 1 or axis not in axes))
     ):
-        raise InputError(f"plot: {top.name!r} has no quantity {name!r}; {nearest(what, known(poses))}")
+        raise InputError(f"plot: {top.name!r} has no quantity {name!r}; {nearest(what, quantity_names(poses))}")
     if order and len(motion.rates) < order:
         getattr(motion, ("velocity", "acceleration", "jerk")[order - 1])(what)  # says what is missing
     if what in top.scalars:
@@ -109,10 +109,10 @@ def quantity(poses: Poses, name: str) -> Quantity:
     if direction:
         noun = ("direction", "rate of direction", "second rate of direction", "third rate of direction")[order]
         return Quantity(name, label, noun, ("", "1/s", "1/s²", "1/s³")[order], values, kind)
-    return _made(poses, name, label, noun, order, angle, values, kind)
+    return _in_units(poses, name, label, noun, order, angle, values, kind)
 
 
-def _known(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Quantity:
+def _plain_quantity(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Quantity:
     """A quantity of its own unit; a vector if it has components."""
     values = np.asarray(values, float).reshape(poses.count, -1)
     values = np.where(poses.good[:, None], values, np.nan)
@@ -123,15 +123,15 @@ def _known(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Q
 def _force(poses: Poses, noun: str, what: str) -> Quantity:
     """``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``."""
     top, name = poses.topology, f"{noun} {what}"
-    values = exerted(poses.reactions, name)
+    values = force_values(poses.reactions, name)
     if values.ndim > poses.motion.status.ndim and values.shape[-1] != poses.dim:
         raise InputError(f"plot: {name!r} acts on all coordinates, and is no curve; plot what it does to one of them")
     turns = noun == "effort" and what in top.scalars and top.angles[top.scalars.index(what)]
     turns = turns or (noun == "load" and _couple(poses, what))
-    return _known(poses, name, *(("torque", "N m") if turns else ("force", "N")), values)
+    return _plain_quantity(poses, name, *(("torque", "N m") if turns else ("force", "N")), values)
 
 
-def exerted(found: "Reactions", name: str) -> Any:
+def force_values(found: "Reactions", name: str) -> Any:
     """The numbers of ``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``, ``(...,)``."""
     noun, _, what = name.partition(" ")
     if noun == "reaction":
@@ -172,11 +172,11 @@ def _attitude(poses: Poses, name: str) -> Quantity | None:
         return None
     values, kind = np.asarray(getattr(found, name), float).reshape(-1), ATTITUDE.get(name)
     unit = {"angle": "°", "length": found.length_unit}.get(kind or "", "")
-    return _known(poses, LABELS[name], LABELS[name], unit, np.degrees(values) if kind == "angle" else values)
+    return _plain_quantity(poses, LABELS[name], LABELS[name], unit, np.degrees(values) if kind == "angle" else values)
 
 
 def _couple(poses: Poses, load: str) -> bool:
-    """Whether a load is a torque: a couple, or an effort on an angle."""
+    """Tell whether a load is a torque: a couple, or an effort on an angle."""
     top = poses.topology
     first = len(top.coordinates) - len(top.scalars)
     angles = {first + k for k, angle in enumerate(top.angles) if angle}
@@ -199,10 +199,10 @@ def _turning(poses: Poses, noun: str, order: int, body: str) -> Quantity:
     values = np.where(poses.good[:, None], np.asarray(read(body), float).reshape(shape), np.nan)
     values = values[:, 0] if kind == "number" else values
     dimension = "angle" if order == 0 else noun
-    return _made(poses, f"{noun} {body}", f"{noun} of {body}", dimension, order, True, values, kind)
+    return _in_units(poses, f"{noun} {body}", f"{noun} of {body}", dimension, order, True, values, kind)
 
 
-def _made(poses: Poses, name, label, dimension, order, angle, values, kind) -> Quantity:
+def _in_units(poses: Poses, name, label, dimension, order, angle, values, kind) -> Quantity:
     top = poses.topology
     unit = (poses.angles if angle else top.length_unit) + _PER[order]
     if angle and poses.angles == "deg":
@@ -211,7 +211,7 @@ def _made(poses: Poses, name, label, dimension, order, angle, values, kind) -> Q
     return Quantity(name, label, dimension, unit, values, kind)
 
 
-def known(poses: Poses) -> tuple[str, ...]:
+def quantity_names(poses: Poses) -> tuple[str, ...]:
     """Names that `quantity` understands, besides their rates."""
     named = (*poses.names, *poses.directions)
     return (*named, *(f"{p}.{axis}" for p in named for axis in "xyz"[: poses.dim]), *poses.topology.scalars)
@@ -227,7 +227,7 @@ def running(motion: Motion) -> str | None:
 
 
 def abscissa(poses: Poses, against: str | None) -> Quantity:
-    """What curves are drawn over: a quantity by name, time, an input, or the number of the pose.
+    """Choose what curves are drawn over: a quantity by name, time, an input, or the number of the pose.
 
     Of several inputs it is the first that runs one way: over one that goes to and fro, curves would be loops.
 
@@ -259,8 +259,8 @@ def default_plots(data: Poses) -> tuple[str, ...]:
     if free := tuple(s for s in top.scalars if s not in data.motion.driven):
         return free
     column = _looked_at_point(data)
-    name, x = data.names[column], data.places[data.shown, column]
-    size = float(np.ptp(data.places[data.shown], axis=(0, 1)).max())
+    name, x = data.names[column], data.places[data.extent_poses, column]
+    size = float(np.ptp(data.places[data.extent_poses], axis=(0, 1)).max())
     moving = [axis for axis, span in zip("xyz", np.ptp(x, axis=0), strict=False) if span > _STILL * size]
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
     if not moving or (data.dim == 2 and spread[1] > _STILL * spread[0]):
@@ -270,7 +270,7 @@ def default_plots(data: Poses) -> tuple[str, ...]:
 
 def _looked_at_point(data: Poses) -> int:
     """Choose the last point or marker that moves; if there is one, one that does not merely turn about the ground."""
-    top, x = data.topology, data.places[data.shown]
+    top, x = data.topology, data.places[data.extent_poses]
     ground = set(np.flatnonzero(np.ptp(x, axis=0).max(axis=-1) == 0.0).tolist())
     turning = {b.name for b in top.bodies if ground & set(b.points)}
     markers = {m.name: m.body for m in top.markers}

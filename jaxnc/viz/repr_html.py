@@ -12,7 +12,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
 from jaxnc.viz.draft import caption
-from jaxnc.viz.poses import poses, simulated
+from jaxnc.viz.poses import is_simulation, poses
 from jaxnc.viz.svg import inline_pose
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def _describe(thing: Any) -> tuple[str, Rows, str]:
     """Describe a thing: a sentence, rows of a table, lines of a report."""
     if isinstance(thing, Mechanism):
         return f"{thing!r}\n{caption(thing)}", (), ""
-    if simulated(thing) and thing.status.ndim == 1:
+    if is_simulation(thing) and thing.status.ndim == 1:
         return str(thing), _run_rows(thing), ""
     if isinstance(thing, (System, Motion)):
         return str(thing), (), ""

@@ -15,6 +15,7 @@ from jaxnc.viz.style import INK, ROLES, Style
 if TYPE_CHECKING:
     from jaxnc.viz.spatial.scene import Way
 
+UNITS_ACROSS = 95.0  # of a drawing, roughly, while there is no paper that decides
 SHALLOW = 0.12  # sine of the angle between bars that lie rather than cross
 JOINT = 2.0  # units from a joint, within which nothing is kept apart
 CROSSING = 1.1  # units, half of what a bar that is crossed at a right angle takes
@@ -115,7 +116,7 @@ class Span(Item):
 
 @dataclass(frozen=True)
 class Casing(Item):
-    """What keeps a bar apart from those under it: a stretch of paper where it crosses one, away from the joints."""
+    """Gap that keeps a bar apart from those under it: a stretch of paper where it crosses one, away from the joints."""
 
     points: tuple[int, int]  # columns of the bar's ends
     over: tuple[tuple[int, int], ...]  # columns of the ends of those under it, which share no joint with it
@@ -228,10 +229,9 @@ class Label:
             return 0.5 * (x + places[..., self.to, :])
         if self.way is None:
             return x
-        d = self.way.read(places)
-        return x + (self.further + self.reach * unit) * d / np.maximum(
-            np.linalg.norm(d, axis=-1, keepdims=True), 1e-300
-        )
+        d = self.way.vector(places)
+        size = np.maximum(np.linalg.norm(d, axis=-1, keepdims=True), 1e-300)
+        return x + (self.further + self.reach * unit) * d / size
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from jaxnc.forces import COUPLE, EFFORT
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.identity import Owner
 from jaxnc.system.topology import BodyIndex, JointIndex
-from jaxnc.viz.hull import hull
+from jaxnc.viz.bodies import FLAT, Bodies, hull
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import (
     Arc,
@@ -29,15 +29,14 @@ from jaxnc.viz.style import INK, symbol
 
 _BLOCK = (2.3, 1.45)  # half length and half height of a slider block, units
 _PIVOT = (1.9, 3.0)  # half width and height of a ground pivot's triangle, units
-_COLLINEAR = 0.02  # of a body's length: a thinner hull is drawn as a bar
 
 
-def sketch(poses: Poses) -> Scene:
+def sketch_plane(poses: Poses) -> Scene:
     """Make the scene of a motion, its labels not yet placed.
 
     Extents of guides and slots follow from its right poses.
     """
-    drawing = _Sketch(poses)
+    drawing = _PlaneSketch(poses)
     drawing.add_bodies()
     drawing.add_joints()
     drawing.add_sliders()
@@ -47,23 +46,15 @@ def sketch(poses: Poses) -> Scene:
     return drawing.scene()
 
 
-def body_colours(poses: Poses) -> dict[str, int]:
-    """Number the colours of the bodies that move."""
-    drawing = _Sketch(poses)
-    drawing.add_bodies()
-    return drawing.colours
-
-
-class _Sketch:
+class _PlaneSketch:
     def __init__(self, poses: Poses):
         self.poses, self.top = poses, poses.topology
-        self.x = poses.places[poses.shown]
-        n = len(self.top.points)
-        self.fixed = np.array(self.top.fixed[: 2 * n], dtype=bool).reshape(n, 2)
-        self.ground: np.ndarray = np.all(self.fixed, axis=1)
-        self.half: np.ndarray = np.any(self.fixed, axis=1) & ~self.ground
+        self.x = poses.places[poses.extent_poses]
+        bodies = Bodies(poses)
+        self.fixed, self.ground, self.half = bodies.fixed, bodies.ground, bodies.half
+        self.holding, self.colour = bodies.holding, bodies.colour
+        self.bodies, self.colours = bodies, bodies.colour_by_name
         self.items: list[Item] = []
-        self.colours: dict[str, int] = {}
         self.meet: dict[int, set] = defaultdict(set)  # what is joined at a point
         self.pins: set[int] = set()  # drawn as a pin in any case
         self.used: set[int] = set()  # points in view for another reason
@@ -74,15 +65,13 @@ class _Sketch:
     # -- bodies -------------------------------------------------------------------------------------------------
 
     def add_bodies(self) -> None:
-        numbers: dict[int, int] = {}
-        for body, group in zip(self.top.bodies, self.poses.rigid_groups, strict=True):
-            if self.ground[list(body.points)].all():
+        for body, group in zip(self.top.bodies, self.bodies.groups, strict=True):
+            if body.name not in self.colours:
                 continue
-            colour = self.colours[body.name] = numbers.setdefault(group, len(numbers))
             for p in body.points:
                 self.meet[p].add(group)
             if len(body.points) > 1:
-                self.items.append(self.shape(body, colour))
+                self.items.append(self.shape(body, self.colours[body.name]))
         self.keep_apart()
 
     def keep_apart(self) -> None:
@@ -105,7 +94,7 @@ class _Sketch:
             under.append(ends)
 
     def meeting(self, one: tuple[int, ...], other: tuple[int, ...]) -> bool:
-        """Whether two segments share a joint."""
+        """Tell whether two segments share a joint."""
         pins = [{p, q} for j in self.top.joints if j.drawn and j.type == "revolute" for p, q in [j.points[:2]]]
         return any(a == b or {a, b} in pins for a in one for b in other)
 
@@ -120,22 +109,11 @@ class _Sketch:
         along = x[j] - x[i]
         size = float(np.hypot(*along))
         across = np.abs((x - x[i]) @ np.array([-along[1], along[0]])) / max(size, 1e-300)
-        if len(order) < 3 or across.max() <= _COLLINEAR * size:
+        if len(order) < 3 or across.max() <= FLAT * size:
             rank = np.argsort((x - x[i]) @ along, kind="stable")
             line = tuple(points[rank].tolist())
             return Line("bar", line, body=colour)
         return Line("plate", tuple(points[order].tolist()), closed=True, body=colour)
-
-    def holding(self, *points: int) -> str | None:
-        """The first moving body of two or more points that holds all of these."""
-        for body in self.top.bodies:
-            if len(body.points) > 1 and set(points) <= set(body.points) and body.name in self.colours:
-                return body.name
-        return None
-
-    def colour(self, *points: int) -> int:
-        name = self.holding(*points)
-        return INK if name is None else self.colours[name]
 
     # -- joints -------------------------------------------------------------------------------------------------
 
@@ -311,14 +289,10 @@ class _Sketch:
 
     def add_inputs(self) -> None:
         """The arrow of a driven angle; a hydraulic cylinder for a driven distance."""
-        for name in self.poses.motion.driven:
-            if name not in self.top.scalars:
-                continue
-            k = self.top.scalars.index(name)
-            block, instance = self.top.measures[k]
-            points = self.top.blocks[block].points[instance]
-            if self.top.angles[k]:
-                self.add_arc(name, points, self.poses.scalars[self.poses.shown, k])
+        for name, k, angle, block, instance in self.poses.driven_scalars():
+            points = block.points[instance]
+            if angle:
+                self.add_arc(name, points, self.poses.scalars[self.poses.extent_poses, k])
                 continue
             if len(points) == 2 and self.holding(*points) is None and not self.ground[list(points)].all():
                 self.add_cylinder(*points)
@@ -359,7 +333,7 @@ class _Sketch:
                 ends, scalars = block.points[k], block.scalars[k]
                 angle = None
                 if scalars:
-                    ends, angle = self.measured(scalars[0])
+                    ends, angle = self.measured_points(scalars[0])
                     if block.kind == EFFORT and angle is not None:
                         self.items.extend(_torque_symbol(angle))
                         continue
@@ -377,11 +351,11 @@ class _Sketch:
                         beside[both] += 1
                         self.used.update(both)
         for function in loads.functions:
-            angle = self.measured(function.at)[1] if function.acts == "effort" else None
+            angle = self.measured_points(function.at)[1] if function.acts == "effort" else None
             if angle is not None:
                 self.items.extend(_torque_symbol(angle))
 
-    def measured(self, coordinate: int) -> tuple[tuple[int, ...], tuple[int, int] | None]:
+    def measured_points(self, coordinate: int) -> tuple[tuple[int, ...], tuple[int, int] | None]:
         """The points of an angle or distance, by its place among the coordinates; the arm of an angle."""
         k = coordinate - 2 * len(self.top.points)
         if k < 0:

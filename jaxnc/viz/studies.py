@@ -16,7 +16,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.picture import Picture, Size, finish, inches
 from jaxnc.viz.plots import stack_axes
-from jaxnc.viz.style import BODIES, HEADING, LIGHT, LINES, NUMBERS, TEXT, crown, furnish, named, symbol
+from jaxnc.viz.style import BODIES, HEADING, LIGHT, LINES, NUMBERS, TEXT, axis_name, crown, furnish, symbol
 
 if TYPE_CHECKING:
     from jaxnc.families.compare import Comparison
@@ -210,8 +210,8 @@ def band(
         )  # fmt: skip
     furnish(left, "y")
     furnish(right, "x")
-    left.set_xlabel(named(symbol(driven), unit))
-    left.set_ylabel(named(f"deviation of {symbol(name)}", shown))
+    left.set_xlabel(axis_name(symbol(driven), unit))
+    left.set_ylabel(axis_name(f"deviation of {symbol(name)}", shown))
     left.margins(x=0.0)
     if unit == "deg" and np.ptp(x) >= 180.0:
         left.xaxis.set_major_locator(MultipleLocator(60.0))
@@ -256,7 +256,7 @@ def plot_suspension(
 
 
 def _suspension_curve(ax: Axes, report: "SuspensionReport", row: "SuspensionRow") -> None:
-    """One number over travel, where it is as drawn marked with its value."""
+    """Draw a number over travel, where it is as drawn marked with its value."""
     furnish(ax)
     low, high = float(np.nanmin(report.along)), float(np.nanmax(report.along))
     even = abs(low + high) < 1e-6 * (high - low)  # a few ticks each: they are most of what a sheet costs
@@ -277,7 +277,7 @@ def _suspension_curve(ax: Axes, report: "SuspensionReport", row: "SuspensionRow"
     if not np.isfinite(row.static):
         return
     ax.plot(0.0, row.static, "o", ms=4.5, mfc="white", mec=BODIES[1], mew=1.5, zorder=4, gid=f"static {row.name}")
-    text = f"{row.static:.{_digits(row)}f}".replace("-", "−")
+    text = f"{row.static:.{_decimals(row)}f}".replace("-", "−")
     if row.name == "half_track_change":
         text = f"track {report['track'].static:.1f} {row.unit}"
     rising = row.gradient > 0  # its value stands on the side that the curve leaves free
@@ -287,7 +287,7 @@ def _suspension_curve(ax: Axes, report: "SuspensionReport", row: "SuspensionRow"
     )  # fmt: skip
 
 
-def _digits(row: "SuspensionRow") -> int:
+def _decimals(row: "SuspensionRow") -> int:
     return {"deg": 2, "mm": 1, "": 3}.get(row.unit, 2)
 
 

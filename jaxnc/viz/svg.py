@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.viz.labels import place_labels
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Arc, Casing, Circle, Hatch, Item, Line, Span, Stamp
-from jaxnc.viz.sketch import sketch
+from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.style import LIGHT, colour_of
 
 if TYPE_CHECKING:
@@ -66,11 +66,11 @@ def draw_still(data: Poses, paper: bool = False, traces: Sequence[int] = (), pos
     Colours on white `paper` stand in it; otherwise a page's style has them. The first right pose is drawn if none is
     given.
     """
-    x = data.places[int(data.shown[0]) if pose is None else pose]
+    x = data.places[int(data.extent_poses[0]) if pose is None else pose]
     if not np.isfinite(x).all():
         return ""
-    scene = sketch(data)
-    lower, upper = scene.box(data.places[data.shown])
+    scene = sketch_plane(data)
+    lower, upper = scene.box(data.places[data.extent_poses])
     size = np.maximum(upper - lower, 1e-9 * float(np.max(upper - lower, initial=0.0)) + 1e-300)
     room = (_NARROW if paper else _WIDTH) * np.array([1.0, 0.8]) - 16 * _UNIT
     scale = float(np.min(room / size)) if np.any(upper > lower) else 1.0
@@ -168,12 +168,12 @@ def inline_pose(data: Poses, pose: int | None = None, traces: Sequence[int] = ()
         paper: whether it stands on paper, as in a notebook.
     """
     if not traces and data.count > 2:
-        traces = [k for k in range(len(data.names)) if np.ptp(data.places[data.shown, k], axis=0).any()][-1:]
+        traces = [k for k in range(len(data.names)) if np.ptp(data.places[data.extent_poses, k], axis=0).any()][-1:]
     if data.dim == 2 or not paper:
         drawn = draw_still(data, paper, traces, pose) if data.dim == 2 else _draw_in_space(data, pose or 0, traces)
         if len(drawn) <= _LARGEST[paper]:
             return drawn
-    k = int(data.shown[0]) if pose is None else pose
+    k = int(data.extent_poses[0]) if pose is None else pose
     pixels = draw_pixels(data.motion, k) if paper else _draw_large(data.motion, k)
     return f'<img alt="{"" if paper else "the mechanism"}" src="data:image/png;base64,{pixels}">'
 

@@ -19,8 +19,7 @@ from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.types import ArrayLike
 from jaxnc.viz.drawing import draw
 from jaxnc.viz.picture import Picture, Size, finish, inches
-from jaxnc.viz.sheets import abreast
-from jaxnc.viz.style import BODIES, FOUND, LIGHT, LINES, NUMBERS, TARGET, TEXT, crown, furnish, named, symbol
+from jaxnc.viz.style import BODIES, FOUND, LIGHT, LINES, NUMBERS, TARGET, TEXT, axis_name, crown, furnish, symbol
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.burmester import BurmesterCurves
@@ -66,7 +65,7 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
     below = _TABLE if table else 0.0
     drawn = _CELL * tallness(designs)
     tall = _TITLE + drawn + said + below
-    key = _KEY if _aimed(result.problem) is not None else 0.0
+    key = _KEY if _targets_of(result.problem) is not None else 0.0
     figure = Picture(figsize=(wide * _CELL, high * tall + key))
     width, height = figure.get_size_inches()
 
@@ -88,12 +87,19 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
         heading = f"{k + 1}: {error}"
         if design.type:
             heading += f", {design.type}"
-        sketch(result.problem, design, ax, heading + (f"\n{design.defects[0]}" if design.defects else ""))
+        draw_design(result.problem, design, ax, heading + (f"\n{design.defects[0]}" if design.defects else ""))
         x, y, *_ = place(column, row, 0.1, said - 0.03, 0.0, 0.0)
         figure.text(x, y, text, va="top", fontsize=NUMBERS - 1, color=LIGHT["ink"], parse_math=False, gid="lengths")
     if key:
-        marks(figure)
+        add_target_key(figure)
     return finish(figure, path)
+
+
+def abreast(count: int, usual: int) -> int:
+    """Choose how many of some pictures stand side by side: about as many as is usual, with few empty places."""
+    if count <= usual:
+        return count
+    return min(range(max(usual - 1, 2), usual + 1), key=lambda n: -count % n + 1.1 * (usual - n))
 
 
 def unit_of(problem: "Problem") -> str:
@@ -120,8 +126,8 @@ def lengths(design: "Design") -> str:
     return "\n".join(lines)
 
 
-def marks(figure: Figure) -> None:
-    """What the marks of targets mean, below everything."""
+def add_target_key(figure: Figure) -> None:
+    """Explain the marks of targets, below everything."""
     wanted = Line2D([], [], color=TARGET, ls="", marker="o", ms=4.2, mfc="none", mew=1.1, label="asked for")
     got = Line2D([], [], color=TARGET, ls="", marker=".", ms=3.5, label="reached")
     figure.legend(
@@ -130,14 +136,14 @@ def marks(figure: Figure) -> None:
     )  # fmt: skip
 
 
-def _aimed(problem: "Problem") -> np.ndarray | None:
+def _targets_of(problem: "Problem") -> np.ndarray | None:
     """Places that a point should reach, if that is what is asked for."""
     target = getattr(problem, "target", None)
     return None if getattr(problem, "point", None) is None or target is None else np.asarray(target)
 
 
-def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
-    """One design with what it does and what it should do."""
+def draw_design(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
+    """Draw a design with what it does and what it should do."""
     motion, turn = design.motion, design.turn
     point = getattr(problem, "point", None)
     trace = (point,) if point is not None else ()
@@ -145,7 +151,7 @@ def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
     values, first = (np.asarray(m.inputs[problem.driven]) for m in (turn, motion))
     off = values - first[0]
     off = np.abs(np.angle(np.exp(1j * off)) if np.isclose(np.ptp(values), 2 * np.pi) else off)
-    target = _aimed(problem)
+    target = _targets_of(problem)
     draw(turn, int(np.argmin(off)), trace=trace, ax=ax, labels=False, frame="scale", title="", room=target)
     if point is not None and target is not None:
         size = 4.2 if len(target) <= 12 else 3.2
@@ -204,7 +210,7 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
         ax.set_ylim(0.2 * least, 5.0 * most)
     furnish(ax)
     ax.set_xlabel("round of the refinement")
-    ax.set_ylabel(named("best error", unit_of(result.problem).strip()))
+    ax.set_ylabel(axis_name("best error", unit_of(result.problem).strip()))
     time = f"{result.history[-1].seconds:.3g} s"
     crown(ax, f"{result.refined} of {result.screened} designs refined in {time}")
     return finish(figure, path)
@@ -241,7 +247,7 @@ def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> F
             ax.set_ylim(top=np.nanmin([10.0 * usual, 2.0 * np.nanmax(rows)]))
         furnish(ax)
     shown = unit.replace("^2", "²")
-    above.set_ylabel(named("sample of the error" if history.random else "error", shown))
+    above.set_ylabel(axis_name("sample of the error" if history.random else "error", shown))
     below.set_ylabel("projected gradient")
     below.set_xlabel("step")
     below.set_xlim(1, max(history.count, 2))
@@ -285,14 +291,16 @@ def front(found: "Front", path: str | Path | None = None) -> Figure:
         ax = figure.add_axes(place, projection="3d" if spatial else None)
         each = [f"{name} {v:.3g}" for name, v in zip(found.names, found.values[k], strict=True)]
         words = f"{_letter(n)}: {', '.join(each)}"
-        sketch(found.problem, found.designs[k], ax, words if len(words) <= _HEADING else words.replace(", ", ",\n"))
+        draw_design(
+            found.problem, found.designs[k], ax, words if len(words) <= _HEADING else words.replace(", ", ",\n")
+        )
     return finish(figure, path)
 
 
 def _axis_name(front: "Front", k: int) -> str:
     """An objective with its unit, where it is known: of the problem's error, whose root is what a front holds."""
     unit = front.problem.error_unit
-    return named(front.names[k], unit.removesuffix("^2") if k == 0 and unit.endswith("^2") else "")
+    return axis_name(front.names[k], unit.removesuffix("^2") if k == 0 and unit.endswith("^2") else "")
 
 
 def _letter(n: int) -> str:

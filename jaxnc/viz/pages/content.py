@@ -1,4 +1,4 @@
-"""What a page draws and plots: items of the scene, places and numbers over the poses, arrows and their scale."""
+"""Content of a page: items of the scene, places and numbers over the poses, arrows and their scale."""
 
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -12,15 +12,13 @@ from jaxnc.viz.labels import place_labels
 from jaxnc.viz.pages.packing import pack, pack_places, quantum_of, round_numbers
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.quantities import ENERGIES, EXERTED, Quantity, attitudes, default_plots, forces_of, quantity, running
-from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, Frame, Item, Span
-from jaxnc.viz.sketch import sketch
+from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, UNITS_ACROSS, Frame, Item, Span
+from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.mesh import Coil, Mesh, Piece, Shell, Turned
-from jaxnc.viz.spatial.scene import SOLIDS, Solid, Way
-from jaxnc.viz.spatial.scene import Frame as SpaceFrame
+from jaxnc.viz.spatial.scene import SOLIDS, Solid, SpaceFrame, Way
 from jaxnc.viz.style import ROLES, symbol
 
-_UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page chooses its own
 _ROUND = 0.4  # units: wider lines have round ends
 _CORNERS = 400  # places that a page in space fits its first view to
 _DIRECTION = 1e-6  # what components of directions are rounded to
@@ -72,7 +70,7 @@ def force_names(series: Iterable[dict[str, Any]]) -> list[str]:
 def _timeline(data: Poses, heading: str, fps: float) -> dict[str, Any]:
     """Collect what pages of every kind hold: poses and their status, angles and distances, time."""
     top, time = data.topology, data.motion.time
-    quantum = quantum_of(data.places[data.shown])
+    quantum = quantum_of(data.places[data.extent_poses])
     scalars = [
         {
             "name": name,
@@ -156,7 +154,7 @@ def _first_plot(data: Poses, content: dict[str, Any]) -> int:
     points += [name for name in default_plots(data) if name in data.names]
 
     def moves(name: str, axis: str) -> bool:
-        x = data.places[data.shown, data.names.index(name), axes.index(axis)]
+        x = data.places[data.extent_poses, data.names.index(name), axes.index(axis)]
         return bool(np.ptp(x) > 1e-7 * data.size)
 
     moving = [f"{name}.{axis}" for name in points for axis in "yxz" if axis in axes and moves(name, axis)]
@@ -169,13 +167,15 @@ def _first_plot(data: Poses, content: dict[str, Any]) -> int:
 
 def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> tuple[dict, list[Arrows]]:
     """Collect what a page of a planar mechanism draws, and its arrows."""
-    scene = sketch(data)
-    lower, upper = scene.box(data.places[data.shown])
+    scene = sketch_plane(data)
+    lower, upper = scene.box(data.places[data.extent_poses])
     size = float(np.hypot(*(upper - lower))) or 1.0
-    sampled = evenly(data.shown)
+    sampled = evenly(data.extent_poses)
     drawn = arrows(data, velocities, accelerations, size, None, forces)
-    scene = place_labels(scene, data.places[sampled], _UNIT * size, shafts(drawn, sampled))
-    tips = np.concatenate([np.zeros((0, 2)), *((a.places + a.vectors)[data.shown].reshape(-1, 2) for a in drawn)])
+    scene = place_labels(scene, data.places[sampled], size / UNITS_ACROSS, shafts(drawn, sampled))
+    tips = np.concatenate(
+        [np.zeros((0, 2)), *((a.places + a.vectors)[data.extent_poses].reshape(-1, 2) for a in drawn)]
+    )
     reached = np.concatenate([[lower, upper], tips[np.isfinite(tips).all(axis=1)]])
     content = _common(data, scene, data.columns(trace, "trace"), drawn) | {
         "box": round_numbers(np.stack([reached.min(axis=0), reached.max(axis=0)])),
@@ -197,18 +197,20 @@ def _spatial(
     """Collect what a page of a spatial mechanism draws, every mesh once, and its arrows."""
     from jaxnc.viz.spatial.drawing import SpaceView
 
-    view = SpaceView(data, data.shown.tolist(), trace, True, camera)
+    view = SpaceView(data, data.extent_poses.tolist(), trace, True, camera)
     drawn = arrows(data, velocities, accelerations, view.size, None, forces)
     without = len(view.scene.items) + sum(len(a.columns) for a in drawn)
     view.add_arrows(drawn)
-    view.place(evenly(data.shown), _UNIT * view.size)
+    view.place(evenly(data.extent_poses), view.size / UNITS_ACROSS)
     scene, places = view.scene, len(data.names)
     meshes: dict[Mesh, int] = {}
     items = [_spatial_item(item, meshes) for item in scene.items]
     for item in items[without:]:
         item["force"] = 1
-    ends = view.columns[data.shown, places + len(data.directions) :].reshape(-1, 3)  # of arrows
-    seen = np.concatenate([scene.reach(view.columns[data.shown]), view.tips, ends[np.isfinite(ends).all(axis=1)]])
+    ends = view.columns[data.extent_poses, places + len(data.directions) :].reshape(-1, 3)  # of arrows
+    seen = np.concatenate(
+        [scene.reach(view.columns[data.extent_poses]), view.tips, ends[np.isfinite(ends).all(axis=1)]]
+    )
     content = _common(data, scene, view.traces, drawn) | {
         "directions": [
             {"name": name, "moves": True, **pack_places(data.axes[:, k], _DIRECTION)}
@@ -228,7 +230,7 @@ def _spatial(
 
 def _common(data: Poses, scene: Any, traces: Sequence[int], drawn: Sequence[Arrows]) -> dict[str, Any]:
     """Collect points, traces, names and arrows of a scene of the plane or of space."""
-    top, dim, quantum = data.topology, data.dim, quantum_of(data.places[data.shown])
+    top, dim, quantum = data.topology, data.dim, quantum_of(data.places[data.extent_poses])
     trade = numbered((*data.names, *data.directions)) if dim == 3 else {}
     points = [
         {

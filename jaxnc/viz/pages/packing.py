@@ -1,4 +1,4 @@
-"""What a page holds, as text: its parts, and numbers that are short and cannot break out of a script element."""
+"""Text of a page: its parts, and numbers that are short and cannot break out of a script element."""
 
 import json
 import math
@@ -70,7 +70,7 @@ def pack(values: np.ndarray, quantum: float) -> Any:
             best = size, order, signed
     _, order, signed = best or (0, 1, [])
     rest = iter(signed)
-    text = "".join("".join(map(_digits, next(rest).tolist())) if good else "!" * len(run) for good, run in runs)
+    text = "".join("".join(map(_base32, next(rest).tolist())) if good else "!" * len(run) for good, run in runs)
     return {"quantum": quantum, "order": order, "steps": text}
 
 
@@ -79,7 +79,7 @@ def pack_places(x: np.ndarray, quantum: float) -> dict[str, Any]:
     return {axis: pack(row, quantum) for axis, row in zip("xyz", x.T, strict=False)}
 
 
-def _digits(x: int) -> str:
+def _base32(x: int) -> str:
     """Write a whole number, not negative, in digits of five bits."""
     text = ""
     while x >= 32:

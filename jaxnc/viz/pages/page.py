@@ -138,7 +138,7 @@ def page_parts(
     data = poses(motion, unit)
     heading = data.topology.name if title is None else title
     with_forces = forces is not False and forces is not None
-    data = data.given(forces) if with_forces and forces is not True else data
+    data = data.with_reactions(forces) if with_forces and forces is not True else data
     camera, plane = read_view(data, view), data.dim == 2
     content, drawn = page_content(data, heading, fps, trace, velocities, accelerations, camera, plots, with_forces)
     plotted = force_names(content["series"])

@@ -1,4 +1,4 @@
-"""Forces in a page that calculates: what the library says of a pose, read as programs of the pose's numbers.
+"""Forces in a page that calculates: those that the library finds, read as programs of a pose's numbers.
 
 The page knows the pose, its rates and the multipliers that it finds for them. Everything else is traced from the
 functions of `jaxnc.dynamics`, so that no force is stated a second time.
@@ -28,7 +28,7 @@ from jaxnc.system.topology import Topology
 from jaxnc.viz.arrows import Arrows
 from jaxnc.viz.pages.solver import mass_centres
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.quantities import exerted
+from jaxnc.viz.quantities import force_values
 
 LONGEST = 60_000
 """Characters of the programs that a page still carries."""
@@ -55,7 +55,7 @@ class PosedReactions(Reactions):
         return self.kept[0], self.motion.time, lift(top, q[0])[None], dq[None], ddq[None]
 
     def _ledger(self) -> Ledger:
-        """All wrenches, put together once: there is one trace."""
+        """Collect all wrenches, once: there is one trace."""
         if not self.kept[1]:
             self.kept[1].append(super()._ledger())
         return self.kept[1][0]
@@ -71,7 +71,7 @@ def _check(top: Topology) -> None:
 
 
 class ForcePrograms(NamedTuple):
-    """What a page finds forces with."""
+    """Programs that a page finds forces with."""
 
     # JavaScript by heads. `pushes`: what rows must hold along the unknowns, Q - M a; `forces`: all that is drawn and
     # plotted; `inner`: derivatives of the rows, where dynamics has other coordinates
@@ -82,7 +82,7 @@ class ForcePrograms(NamedTuple):
 
 
 def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[str]) -> ForcePrograms:
-    """Functions of a page that find forces.
+    """Write functions of a page that find forces.
 
     Of forces that are drawn the page wants places (where these are no points) and forces; of those that are plotted, if
     they are vectors, their sizes, then their components.
@@ -133,7 +133,7 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
                 out += [places[0, i]] if one.point(data, k) is None else []
                 out.append(vectors[0, i])
         for name in plotted:
-            value = exerted(found, name)[0]
+            value = force_values(found, name)[0]
             out += [jnp.sqrt(jnp.sum(value * value))[None], value] if value.ndim else [value[None]]
         return out
 
@@ -150,7 +150,9 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
     if whole is not top:
         programs["inner"] = at, tuple(slopes[k] for k in at)
     out = {
-        f"{name}({','.join(_NAMES)},o)": javascript(read.wanted(nodes), _given(shapes), lambda k, to=to: f"o[{to[k]}]")
+        f"{name}({','.join(_NAMES)},o)": javascript(
+            read.wanted(nodes), _input_names(shapes), lambda k, to=to: f"o[{to[k]}]"
+        )
         for name, (to, nodes) in programs.items()
     }
     if sum(map(len, out.values())) > LONGEST:
@@ -159,21 +161,21 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
 
 
 def _inner(dyn: Dynamics, view: Plan) -> dict[str, Any]:
-    """What a page's solver reads of the coordinates of the dynamics; nothing is driven there."""
+    """Collect what a page's solver reads of the coordinates of the dynamics; nothing is driven there."""
     return {
         "unknown": view.unknown.tolist(), "rows": len(view.rows), "driven": [], "guards": 0,
         "length": float(dyn.eq.length), "weights": np.asarray(weights(dyn.eq))[view.unknown].tolist(),
     }  # fmt: skip
 
 
-def _given(shapes: Sequence[tuple[int, ...]]) -> Any:
+def _input_names(shapes: Sequence[tuple[int, ...]]) -> Any:
     names = [f"{letter}[{k}]" if shape else letter for letter, shape in zip(_NAMES, shapes, strict=True)
              for k in range(int(np.prod(shape, dtype=int)))]  # fmt: skip
     return lambda k: names[k]
 
 
 def _redrawn(system: System, q: Any, m: Any, d: Any) -> System:
-    """A planar system drawn as it stands in a pose: a changed mechanism has no other drawing in a page.
+    """Redraw a planar system as it stands in a pose: a changed mechanism has no other drawing in a page.
 
     Centres of mass that are given as places keep theirs on their bodies.
     """

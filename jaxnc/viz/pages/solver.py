@@ -1,4 +1,4 @@
-"""What a page calculates with: a mechanism's equations in JavaScript, and the numbers that they start from.
+"""Equations of a page: those of a mechanism in JavaScript, and the numbers that they start from.
 
 A page draws a changed mechanism as its pose stands: `page_design` is the program that reads its dimensions off again.
 """
@@ -42,7 +42,7 @@ class Refused(Exception):
 def page_solver(
     data: Poses, model: Mechanism | None = None, drawn: Sequence[Arrows] = (), plotted: Sequence[str] = ()
 ) -> tuple[str, dict[str, Any]]:
-    """The equations of a motion's mechanism as JavaScript, and the numbers that go with them.
+    """Write the equations of a motion's mechanism as JavaScript, and the numbers that go with them.
 
     Of the arrows those of forces are found again, and so are forces that are plotted. The `model` is what was compiled,
     for a model file of a changed design.
@@ -86,7 +86,7 @@ def _readable(kind: Any, dim: int) -> bool:
 
 
 def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
-    """Functions of coordinates q and numbers c by their heads; each fills the array that it is given last."""
+    """Write functions of coordinates q and numbers c, by their heads; each fills the array that it is given last."""
     n = len(top.coordinates)
     b = Builder(n + given(top))
     found = linearised(view, b)
@@ -114,7 +114,7 @@ def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
 
 
 def _second(top: Topology, view: Plan) -> str:
-    """Second time derivatives of the rows where the unknowns have velocities and no accelerations."""
+    """Write second time derivatives of the rows where the unknowns have velocities and no accelerations."""
     n, numbers = len(top.coordinates), given(top)
     b = Builder(3 * n + numbers)
     row_of = {int(r): k for k, r in enumerate(view.rows)}
@@ -141,7 +141,7 @@ def _second(top: Topology, view: Plan) -> str:
 
 
 def _within(k: int, edges: Iterable[tuple[str, int]]) -> str:
-    """The name of an input that lies in one of several arrays behind one another."""
+    """Name an input that lies in one of several arrays behind one another."""
     for letter, size in edges:
         if k < size:
             return f"{letter}[{k}]"
@@ -159,7 +159,7 @@ def _design(top: Topology) -> str:
 
 
 def _markers(top: Topology) -> str:
-    """Places (directions) of the markers from the coordinates and their coefficients."""
+    """Write places (directions) of the markers from the coordinates and their coefficients."""
     n, lines = len(top.coordinates), []
     b = Builder(n + top.dim * len(top.markers))
     for k, _ in enumerate(top.markers):
@@ -170,7 +170,7 @@ def _markers(top: Topology) -> str:
 
 
 def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
-    """What the page's solver reads: indices, the pose to start from, inputs of all poses, dimensions."""
+    """Collect what the page's solver reads: indices, the pose to start from, inputs of all poses, dimensions."""
     motion, top = data.motion, data.topology
     start = int(np.flatnonzero(data.good)[0])
     q = np.asarray(motion.q, float).reshape(data.count, -1)
@@ -197,7 +197,7 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
         "points": list(top.points),
         "markers": [[m.name, m.direction] for m in top.markers],
         "fixed": [bool(x) for x in top.fixed],
-        "dimensions": _dimensions(top),
+        "dimensions": _dimension_fields(top),
         "links": _links(top),
     }
 
@@ -213,7 +213,7 @@ class Centre(NamedTuple):
 
 
 def mass_centres(system: System) -> Iterator[Centre]:
-    """Centres of mass of planar bodies that are given as places of the drawing."""
+    """List centres of mass of planar bodies that are given as places of the drawing."""
     if system.topology.dim > 2:
         return
     par = system.parameters
@@ -226,7 +226,7 @@ def mass_centres(system: System) -> Iterator[Centre]:
 
 
 def _design_file(system: System, model: Mechanism | None) -> dict[str, Any]:
-    """A model file, and where in it points, vectors, markers and explicit dimensions stand; without one, their values.
+    """Write a model file, and where points, vectors, markers and explicit dimensions stand in it; or their values.
 
     The drawing of the file may be another pose: planar centres of mass follow their bodies, springs keep their length.
     """
@@ -268,7 +268,7 @@ def _design_file(system: System, model: Mechanism | None) -> dict[str, Any]:
 
 
 def _where(data: dict[str, Any], top: Topology, one: Dimension) -> list[Any]:
-    """Where a dimension stands in a model file; nowhere, if it is not known."""
+    """Find where a dimension stands in a model file; nowhere, if it is not known."""
     table = {Thing.BODY: "bodies", Thing.JOINT: "joints"}.get(one.owner.thing)
     entry = data.get(table, {}).get(top.called(one.owner)) if table else None
     if not isinstance(entry, dict) or table is None:
@@ -289,8 +289,8 @@ def _guards(kind: Any, dim: int) -> int:
     return 0 if found is None else len(found.outputs)
 
 
-def _dimensions(top: Topology) -> list[dict[str, Any]]:
-    """Explicit dimensions: what they are called, their unit, whether they are positive."""
+def _dimension_fields(top: Topology) -> list[dict[str, Any]]:
+    """List explicit dimensions: what they are called, their unit, whether they are positive."""
     return [
         {
             "name": name,
@@ -302,7 +302,7 @@ def _dimensions(top: Topology) -> list[dict[str, Any]]:
 
 
 def _links(top: Topology) -> list[dict[str, Any]]:
-    """Lengths of links that are read off the drawing: two points, and which of the numbers follow from them."""
+    """List lengths of links that are read off the drawing: two points, and which of the numbers follow from them."""
     at: dict[Owner, list[int]] = {}
     arms, first = [], 0  # arms of angles follow from the lengths, whoever's they are
     for block in top.blocks:

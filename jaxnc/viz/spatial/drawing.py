@@ -1,4 +1,4 @@
-"""One pose of a spatial mechanism in axes of three dimensions."""
+"""Drawing of a spatial mechanism in one pose, in axes of three dimensions."""
 
 import dataclasses
 import itertools
@@ -16,17 +16,18 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from jaxnc.errors import InputError
 from jaxnc.viz.arrows import Arrows
+from jaxnc.viz.labels import label_corners, place_names
 from jaxnc.viz.picture import Picture, unit_on
 from jaxnc.viz.poses import Poses, evenly
+from jaxnc.viz.scene import UNITS_ACROSS
 from jaxnc.viz.spatial.camera import Camera, choose_camera
-from jaxnc.viz.spatial.labels import label_corners, place_names
 from jaxnc.viz.spatial.loads import CENTRE
 from jaxnc.viz.spatial.mesh import reach
 from jaxnc.viz.spatial.painter import Painter
-from jaxnc.viz.spatial.pen import Pen, Projection, Solids
-from jaxnc.viz.spatial.scene import Frame, Solid, Turn, Way
-from jaxnc.viz.spatial.sketch import sketch
-from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, named, wide, wrapped
+from jaxnc.viz.spatial.pen import Projection, Solids, SpacePen
+from jaxnc.viz.spatial.scene import Solid, SpaceFrame, Turn, Way
+from jaxnc.viz.spatial.sketch import sketch_space
+from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, axis_name, wide, wrap
 from jaxnc.viz.view import View
 
 _MARGIN = 4.2  # around the mechanism, units
@@ -34,7 +35,6 @@ _CLEAR = 5.2  # the same where there is no box
 _BORDER = 33.0  # for numbers and names of the axes, points
 _EDGE = 5.0  # of the paper, points
 _SPARE = 3.4  # of a name, beyond the extents, units
-_ACROSS = 95.0  # units across a drawing, roughly
 _SMALLEST = 2.7  # points of a unit, unless there is hardly any paper
 _SHARE = 0.52  # of the room that is the mechanism's at least
 _FINER = 0.84  # units are smaller than in the plane: there is more to see
@@ -51,11 +51,11 @@ class SpaceView(View):
     def __init__(
         self, data: Poses, shown: Sequence[int], trace: str | Iterable[str], labels: bool, camera: Camera | None
     ):
-        scene = sketch(data)
+        scene = sketch_space(data)
         self.axes = tuple(label for label in scene.labels if label.way)
         self.tips = self.others = np.zeros((0, 3))  # of unit vectors and names; further places to be in the picture
         super().__init__(data, shown, trace, labels, scene)
-        sampled = evenly(self.columns[data.shown])
+        sampled = evenly(self.columns[data.extent_poses])
         self.camera = camera or choose_camera(sampled, scene.links, scene.visible, tuple(a[1] for a in scene.arrows))
         self._take_tips(self._coarse_unit)
         self.tight = False  # whether the picture is fitted to what is drawn, not to the box around it
@@ -67,7 +67,7 @@ class SpaceView(View):
     @property
     def _coarse_unit(self) -> float:
         """The size of a unit, roughly, before there is any paper."""
-        return float(np.linalg.norm(self.inner[1] - self.inner[0])) / _ACROSS
+        return float(np.linalg.norm(self.inner[1] - self.inner[0])) / UNITS_ACROSS
 
     def include(self, places: np.ndarray) -> None:
         """Take further places ``(n, 3)`` into the extents, where they are finite."""
@@ -101,7 +101,7 @@ class SpaceView(View):
 
     def _spans(self, pad: float) -> np.ndarray:
         """Measure width and height of what is drawn with `pad` around it, and of the floor unless `tight`, lengths."""
-        lower, upper = self._seen()
+        lower, upper = self._visible_box()
         x = np.stack([lower - pad, upper + pad])
         if not self.tight:
             half = 0.5 * (self.upper - self.lower) + pad
@@ -109,7 +109,7 @@ class SpaceView(View):
             x = np.concatenate([x, floor @ self.camera.axes[:2].T])
         return np.ptp(x, axis=0)
 
-    def _seen(self) -> tuple[np.ndarray, np.ndarray]:
+    def _visible_box(self) -> tuple[np.ndarray, np.ndarray]:
         """Find the corners of what is drawn, lower left and upper right, lengths from the middle of the box."""
         parts = [self.scene.reach(self.columns[self.shown]), self.tips, self.others]
         parts += [self.data.path(column)[0] for column in self.traces]
@@ -171,7 +171,7 @@ class SpaceView(View):
         `most` is width and height that it may have, `room` those that it is planned for, points.
         """
         size = self.heading_size if hasattr(self, "points") else HEADING
-        lines = wrapped(title, size, most[0] - 2 * _EDGE) if title else []
+        lines = wrap(title, size, most[0] - 2 * _EDGE) if title else []
         above = np.array(
             [0.0, 1.3 * size * len(lines) + (0.5 * size if lines else 0.0) + 1.5 * NUMBERS * len(self.arrow_sets)]
         )
@@ -215,7 +215,7 @@ class SpaceView(View):
         top = np.stack([*floor.T[:2], np.full(4, views[2][1])], axis=1)
         flat, *_ = Projection(ax)(np.concatenate([floor, top, np.mean(views, axis=1)[None]]))
         pixels = ax.transData.transform(flat)
-        drawn = pixels[-1] + np.array(self._seen()) * self.scale * self.figure.dpi / 72.0
+        drawn = pixels[-1] + np.array(self._visible_box()) * self.scale * self.figure.dpi / 72.0
         drawn += np.array([[-1.0], [1.0]]) * _MARGIN * self.points * self.figure.dpi / 72.0
         texts = [axis.get_tightbbox(renderer) for axis in axes]
         edge = pixels[4:8][[np.argmin(pixels[4:8, 0]), np.argmax(pixels[4:8, 0])]]  # where the line of z may stand
@@ -256,7 +256,7 @@ class SpaceView(View):
         pad = _MARGIN * self.unit
         low, high = self.lower - pad, self.upper + pad
         if self.tight:
-            off = sum(self._seen()) / 2 @ self.camera.axes[:2]
+            off = sum(self._visible_box()) / 2 @ self.camera.axes[:2]
             low, high = low + off, high + off
         ax = self.ax
         ax.set_proj_type("ortho")
@@ -294,7 +294,7 @@ class SpaceView(View):
                 labelsize=text, color=LIGHT["soft"], labelcolor=LIGHT["ink"], width=0.6, pad=-2.0 + 0.5 * max(0.0, more)
             )
             axis.labelpad = -0.4 * text + more
-            axis.label.set(text=named(name, unit), fontsize=text, color=LIGHT["ink"], rotation=0.0)
+            axis.label.set(text=axis_name(name, unit), fontsize=text, color=LIGHT["ink"], rotation=0.0)
             axis.label.set_parse_math(False)
         ax.grid(False)
 
@@ -330,9 +330,9 @@ class SpaceView(View):
                 feet = tuple(range(first, first + item.places.shape[1]))
             first = self.add_columns(item.places + np.nan_to_num(item.vectors))
             for tip, foot in enumerate(feet, first):
-                items.append(Solid(item.noun, Frame(foot, Way((foot, tip))), _ARROW))
+                items.append(Solid(item.noun, SpaceFrame(foot, Way((foot, tip))), _ARROW))
                 if item.noun == "weight":
-                    items += [Solid(role, Frame(foot, _ACROSS_X, _ACROSS_Y), mesh) for role, mesh in CENTRE]
+                    items += [Solid(role, SpaceFrame(foot, _ACROSS_X, _ACROSS_Y), mesh) for role, mesh in CENTRE]
         self.scene = dataclasses.replace(self.scene, items=tuple(items))
 
     def _painted_lines(self) -> tuple:
@@ -340,7 +340,7 @@ class SpaceView(View):
         out = []
         for column, body, turn in self.styled_traces():
             x, dashes = self.data.path(column)[0], (0, 6, 3)[turn % 3]
-            out.append((_stepped(x, 0.6 * self.unit) if dashes else x, body, dashes))
+            out.append((_even_steps(x, 0.6 * self.unit) if dashes else x, body, dashes))
         return (*out, *self.lines)
 
     def ghosts(self, others: Sequence[int]) -> None:
@@ -360,7 +360,7 @@ class SpaceView(View):
             self.place(some, self.unit)
         self.ax.computed_zorder = False
         painter = Painter(self.scene, traces=self._painted_lines())
-        self.pen = Pen(self.ax, painter, self.scene.labels, self.unit, self.points)
+        self.pen = SpacePen(self.ax, painter, self.scene.labels, self.unit, self.points)
         self.add_banner(self.corner[1] - 0.015, self.paper)
         self.show(k)
 
@@ -374,7 +374,7 @@ class SpaceView(View):
         return [*self.pen.moving, self.banner]
 
 
-def _stepped(x: np.ndarray, step: float) -> np.ndarray:
+def _even_steps(x: np.ndarray, step: float) -> np.ndarray:
     """Divide a path into steps of one length, for dashes; gaps stay gaps."""
     pieces = [x[:1]]
     for a, b in itertools.pairwise(x):

@@ -6,10 +6,10 @@ import math
 import numpy as np
 
 from jaxnc.viz.scene import Label
-from jaxnc.viz.spatial.bodies import RowReading, read_rows
 from jaxnc.viz.spatial.joints import ROD, Joints
-from jaxnc.viz.spatial.mesh import Mesh, Plain, Ring, Vertex, coil, dashes, joined, lines, sheet, turned
-from jaxnc.viz.spatial.scene import Frame, Item, Solid, Way
+from jaxnc.viz.spatial.mesh import Mesh, Plain, Ring, Vertex, coil, dashes, join, lines, revolve, two_sided
+from jaxnc.viz.spatial.rows import RowReading, read_rows
+from jaxnc.viz.spatial.scene import Solid, SpaceFrame, SpaceItem, Way
 from jaxnc.viz.style import symbol
 
 _STRAIGHT = 1e-6  # of a distance: how near to its direction two points lie that a line along it joins
@@ -26,7 +26,7 @@ _SEAT = 1.9  # radius of the plate that a spring rests on, units
 def _rod(start: float, end: float, thick: float, sides: int = 8, parts: int = _PARTS) -> Mesh:
     """Make a round rod over a share of the frame's segment."""
     rings = tuple(Ring(share=start + (end - start) * k / parts, thick=thick) for k in range(parts + 1))
-    return turned(rings, sides, lined=False)
+    return revolve(rings, sides, lined=False)
 
 
 def _barrel(thick: float, seat: float = 0.0) -> Mesh:
@@ -34,10 +34,10 @@ def _barrel(thick: float, seat: float = 0.0) -> Mesh:
     count = _FINE if seat else 3
     parts = [k / count for k in range(count + 1)]
     rings = tuple(Ring(share=_HALF * t, units=0.9 * (1.0 - t), thick=thick) for t in parts)
-    tube = turned(rings, 14, lined=False)
+    tube = revolve(rings, 14, lined=False)
     if not seat:
         return tube
-    return joined(tube, turned((Ring(units=2.2, thick=seat), Ring(units=2.6, thick=seat)), 16))
+    return join(tube, revolve((Ring(units=2.2, thick=seat), Ring(units=2.6, thick=seat)), 16))
 
 
 def _piston(thick: float, seat: float = 0.0) -> Mesh:
@@ -46,10 +46,10 @@ def _piston(thick: float, seat: float = 0.0) -> Mesh:
     if not seat:
         return rod
     plate = tuple(Ring(share=1.0, units=u, thick=seat) for u in (-2.6, -2.2))
-    return joined(rod, turned(plate, 16))
+    return join(rod, revolve(plate, 16))
 
 
-def _around(radius: float, first: float, last: float, growth: float = 0.0) -> Mesh:
+def _stroke_about(radius: float, first: float, last: float, growth: float = 0.0) -> Mesh:
     """Make a stroke about the frame's axis, beside its origin; its radius may grow, for a spiral."""
     count = round(9 * (last - first))
     ends: list[Vertex] = []
@@ -65,7 +65,7 @@ def _head(radius: float, angle: float) -> Mesh:
     c, s = math.cos(angle), math.sin(angle)
     corners = [(radius + a, b) for a, b in ((0.0, 1.6), (0.85, -0.3), (-0.85, -0.3))]
     vertices: list[Vertex] = [(0.0, 0.0, 0.0, 0.0, _LIFT, r * c - t * s, r * s + t * c) for r, t in corners]
-    return sheet(tuple(vertices), lined=False)
+    return two_sided(tuple(vertices), lined=False)
 
 
 def _octants(dark: bool, steps: int = 3) -> Mesh:
@@ -86,18 +86,18 @@ def _octants(dark: bool, steps: int = 3) -> Mesh:
             face = (i * wide + j, i * wide + j + 1, (i + 1) * wide + j + 1, (i + 1) * wide + j)
             faces.append(face if x * y * z > 0 else face[::-1])
         parts.append(Mesh((Plain(vertices, tuple(faces)),)))
-    return joined(*parts)
+    return join(*parts)
 
 
 def _quarter(steps: int) -> list[float]:
     return [0.5 * math.pi * k / steps for k in range(steps + 1)]
 
 
-_LONG_SPRING = joined(coil(14, 1.4, 1.6, 1.6), *(_rod(a, b, 0.16, 6) for a, b in ((0.0, 0.06), (0.94, 1.0))))
-_CASE, _CASE_ROD = _rod(0.25, 0.62, 0.85, 12), joined(_rod(0.0, 0.25, 0.3), _rod(0.62, 1.0, 0.3))
-_PLATES = joined(
+_LONG_SPRING = join(coil(14, 1.4, 1.6, 1.6), *(_rod(a, b, 0.16, 6) for a, b in ((0.0, 0.06), (0.94, 1.0))))
+_CASE, _CASE_ROD = _rod(0.25, 0.62, 0.85, 12), join(_rod(0.0, 0.25, 0.3), _rod(0.62, 1.0, 0.3))
+_PLATES = join(
     *(
-        turned((Ring(share=0.5, units=u - 0.2, thick=1.6), Ring(share=0.5, units=u + 0.2, thick=1.6)), 16)
+        revolve((Ring(share=0.5, units=u - 0.2, thick=1.6), Ring(share=0.5, units=u + 0.2, thick=1.6)), 16)
         for u in (-0.5, 0.5)
     )
 )
@@ -107,9 +107,9 @@ _BETWEEN: dict[str, tuple[tuple[str, Mesh], ...]] = {
     "stop": (("rod", _rod(0.0, 1.0, 0.3)), ("block", _PLATES)),
 }
 _ABOUT: dict[str, tuple[tuple[str, Mesh], ...]] = {
-    "spring": (("spring", _around(1.3, 0.0, 4.5 * math.pi, 0.12)),),
-    "damper": (("dashpot", _around(2.4, 0.6, 5.6)),),
-    "effort": (("torque", _around(3.2, 0.8, 5.0)), ("torque", _head(3.2, 5.0))),
+    "spring": (("spring", _stroke_about(1.3, 0.0, 4.5 * math.pi, 0.12)),),
+    "damper": (("dashpot", _stroke_about(2.4, 0.6, 5.6)),),
+    "effort": (("torque", _stroke_about(3.2, 0.8, 5.0)), ("torque", _head(3.2, 5.0))),
 }
 CENTRE = (("mass", _octants(False)), ("dark mass", _octants(True)))
 """The symbol of a centre of mass: a ball of light and dark octants."""
@@ -131,7 +131,7 @@ class Loads:
     def __init__(self, joints: Joints, driven: tuple[str, ...]):
         self.joints, self.driven = joints, driven
         self.bodies, self.top = joints.bodies, joints.top
-        self.items: list[Item] = []
+        self.items: list[SpaceItem] = []
         self.labels: list[Label] = []
         self.links: list[tuple[int, int]] = []
         """Pairs of columns that are joined."""
@@ -150,12 +150,12 @@ class Loads:
                 self._line(a, b)
             elif self._on_strut(a, b):
                 if name not in self.driven:
-                    self.items.append(Solid("spring", Frame(a, Way((a, b))), _ON_STRUT))
+                    self.items.append(Solid("spring", SpaceFrame(a, Way((a, b))), _ON_STRUT))
             elif name in self.driven:
                 self._telescope(a, b, _CYLINDER, _ROD)
             elif a in free and b in free:
                 self._telescope(a, b, _DAMPER, _DAMPER_ROD)
-                self.items.append(Solid("spring", Frame(a, Way((a, b))), _STRUT_SPRING))
+                self.items.append(Solid("spring", SpaceFrame(a, Way((a, b))), _STRUT_SPRING))
             else:
                 self._line(a, b)
             self.labels.append(Label(a, symbol(name), to=b))
@@ -169,35 +169,35 @@ class Loads:
         return out
 
     def _apart(self, rows: RowReading) -> bool:
-        """Whether a distance is between two points that move against each other."""
+        """Tell whether a distance is between two points that move against each other."""
         if len(rows.points) != 2 or self.bodies.ground[list(rows.points)].all():
             return False
         return self.bodies.holding(*rows.points) is None
 
     def _own(self, p: int) -> bool:
-        """Whether there is nothing at a point but what it belongs to."""
+        """Tell whether there is nothing at a point but what it belongs to."""
         return len({group for *_, group in self.bodies.meeting(p)}) < 2 and p not in self.joints.marked
 
     def _along(self, rows: RowReading) -> bool:
-        """Whether a line along the direction of a distance joins its points, and no rod does."""
+        """Tell whether a line along the direction of a distance joins its points, and no rod does."""
         if any(set(rows.points) <= set(joint.points) for joint in self.top.joints):
             return False
         a, b = rows.points
         d = self.joints.x[:, b] - self.joints.x[:, a]
-        e = np.stack([rows.ways[0].read(x) for x in self.joints.x])
+        e = np.stack([rows.ways[0].vector(x) for x in self.joints.x])
         size = np.linalg.norm(d, axis=1) * np.linalg.norm(e, axis=1)
         return bool((np.linalg.norm(np.cross(d, e), axis=1) <= _STRAIGHT * size).all())
 
     def _on_strut(self, a: int, b: int) -> bool:
-        """Whether a distance is the length of a telescope that a joint has drawn."""
+        """Tell whether a distance is the length of a telescope that a joint has drawn."""
         return any((a in one and b in two) or (b in one and a in two) for one, two in self.joints.struts)
 
     def _line(self, a: int, b: int) -> None:
-        self.items.append(Solid("distance", Frame(a, Way((a, b))), _LINE))
+        self.items.append(Solid("distance", SpaceFrame(a, Way((a, b))), _LINE))
 
     def _telescope(self, a: int, b: int, barrel: Mesh, rod: Mesh) -> None:
-        self.items.append(Solid("rod", Frame(a, Way((a, b))), rod))
-        self.items.append(Solid("block", Frame(a, Way((a, b))), barrel))
+        self.items.append(Solid("rod", SpaceFrame(a, Way((a, b))), rod))
+        self.items.append(Solid("block", SpaceFrame(a, Way((a, b))), barrel))
         self.links.append((a, b))
         for p in (a, b):
             if p not in self.joints.marked:
@@ -224,7 +224,7 @@ class Loads:
                 self._on(function.at, "effort")
 
     def _between(self, a: int, b: int, word: str) -> None:
-        self.items += [Solid(role, Frame(a, Way((a, b))), mesh) for role, mesh in _BETWEEN[word]]
+        self.items += [Solid(role, SpaceFrame(a, Way((a, b))), mesh) for role, mesh in _BETWEEN[word]]
         for p in (a, b):
             if self.bodies.ground[p]:
                 self.joints.supported.add(p)
@@ -240,4 +240,4 @@ class Loads:
             return
         axis, to = rows.ways[0], rows.ways[-1]
         at = self.joints.vertex(axis, to)
-        self.items += [Solid(role, Frame(at, axis, to), mesh) for role, mesh in _ABOUT[word]]
+        self.items += [Solid(role, SpaceFrame(at, axis, to), mesh) for role, mesh in _ABOUT[word]]

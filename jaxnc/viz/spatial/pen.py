@@ -95,7 +95,7 @@ class Name(Text):
         per_point = axes.figure.dpi / 72.0  # type: ignore[union-attr]
         return axes.transData.transform(flat[0]) + per_point * np.array(self.shift)  # type: ignore[union-attr]
 
-    def _placed(self) -> bool:
+    def _put_in_place(self) -> bool:
         if self.axes is None or not np.isfinite(self.place).all():
             return False
         self.set_transform(None)  # type: ignore[arg-type]
@@ -104,16 +104,16 @@ class Name(Text):
 
     def draw(self, renderer) -> None:
         """Draw it where its place is now."""
-        if self._placed():
+        if self._put_in_place():
             super().draw(renderer)
 
     def get_window_extent(self, renderer=None, dpi=None):
         """Its box in pixels, where its place is now."""
-        self._placed()
+        self._put_in_place()
         return super().get_window_extent(renderer, dpi)
 
 
-class Pen:
+class SpacePen:
     """A scene as artists in axes.
 
     A unit is so many `points` on paper.

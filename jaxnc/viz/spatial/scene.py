@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxnc.viz import scene as plane
 from jaxnc.viz.poses import evenly
-from jaxnc.viz.scene import Label, shown_angle
+from jaxnc.viz.scene import Item, Label, shown_angle
 from jaxnc.viz.spatial.mesh import Mesh, Shell
 from jaxnc.viz.style import Style
 
@@ -23,7 +22,7 @@ class Way:
     columns: tuple[int, ...] = ()
     fixed: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
-    def read(self, pose: np.ndarray) -> np.ndarray:
+    def vector(self, pose: np.ndarray) -> np.ndarray:
         """Find the direction in poses ``(..., columns, 3)``, not normalised, ``(..., 3)``."""
         if not self.columns:
             return np.broadcast_to(np.array(self.fixed), (*pose.shape[:-2], 3))
@@ -33,7 +32,7 @@ class Way:
 
 
 @dataclass(frozen=True)
-class Frame:
+class SpaceFrame:
     """Where a solid stands."""
 
     at: int | tuple[float, float, float]  # a column, or a fixed place
@@ -43,12 +42,12 @@ class Frame:
     def stand(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Find origin ``(3,)``, axes as rows ``(3, 3)`` and length of the segment, in a pose ``(columns, 3)``."""
         origin = pose[self.at] if isinstance(self.at, int) else np.array(self.at)
-        d = self.along.read(pose)
+        d = self.along.vector(pose)
         span = float(np.linalg.norm(d))
         e = d / span if span > 0 else np.array([1.0, 0.0, 0.0])
         n = np.zeros(3)
         if self.side is not None:
-            n = self.side.read(pose)
+            n = self.side.vector(pose)
             n = n - (n @ e) * e
         size = float(np.linalg.norm(n))
         if not size > 1e-6:
@@ -60,7 +59,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Item(plane.Item):
+class SpaceItem(Item):
     """A thing in a drawing: its role gives the style, `body` the colour."""
 
     @property
@@ -70,10 +69,10 @@ class Item(plane.Item):
 
 
 @dataclass(frozen=True)
-class Solid(Item):
+class Solid(SpaceItem):
     """A mesh in a frame."""
 
-    frame: Frame
+    frame: SpaceFrame
     mesh: Mesh
 
     def vertices(self, pose: np.ndarray, unit: float) -> np.ndarray:
@@ -88,14 +87,14 @@ class Solid(Item):
 
 
 @dataclass(frozen=True)
-class Plate(Item):
+class Plate(SpaceItem):
     """Translucent faces between columns."""
 
     faces: tuple[tuple[int, ...], ...]
 
 
 @dataclass(frozen=True)
-class Ball(Item):
+class Ball(SpaceItem):
     """A sphere at a column, its radius in units."""
 
     at: int
@@ -103,7 +102,7 @@ class Ball(Item):
 
 
 @dataclass(frozen=True)
-class Turn(Item):
+class Turn(SpaceItem):
     """The arrow of a driven angle about an axis."""
 
     at: int  # column of the vertex
@@ -117,7 +116,7 @@ class Turn(Item):
     dy: float = 0.0  # and upwards
 
     def _around(self, pose: np.ndarray, turn: np.ndarray, radius: float) -> np.ndarray:
-        _, axes, _ = Frame(self.at, self.axis, self.to).stand(pose)
+        _, axes, _ = SpaceFrame(self.at, self.axis, self.to).stand(pose)
         return pose[self.at] + radius * (np.cos(turn)[:, None] * axes[1] + np.sin(turn)[:, None] * axes[2])
 
     def curve(self, pose: np.ndarray, value: float, unit: float, count: int = 33) -> np.ndarray:
@@ -132,10 +131,10 @@ class Turn(Item):
 
 
 @dataclass(frozen=True)
-class Scene:
+class SpaceScene:
     """A whole drawing, for any pose."""
 
-    items: tuple[Item, ...]  # in any order; they are sorted by depth
+    items: tuple[SpaceItem, ...]  # in any order; they are sorted by depth
     labels: tuple[Label, ...]  # names
     visible: tuple[int, ...]  # columns that decide the extents
     extents: np.ndarray  # fixed places that must be in view as well, (places, 3)

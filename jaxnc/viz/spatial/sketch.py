@@ -5,13 +5,14 @@ import itertools
 import numpy as np
 
 from jaxnc.kinematics.hardpoints import numbered, usual
+from jaxnc.viz.bodies import Bodies
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Label
-from jaxnc.viz.spatial.bodies import Bodies, inline, outline, rank
 from jaxnc.viz.spatial.joints import Joints
 from jaxnc.viz.spatial.loads import Loads
-from jaxnc.viz.spatial.mesh import arrow, in_units, joined, line, lines, sheet, shell, stand, tube, web
-from jaxnc.viz.spatial.scene import Ball, Frame, Item, Plate, Scene, Solid, Way
+from jaxnc.viz.spatial.mesh import arrow, in_units, join, line, lines, shell, stand, tube, two_sided, web
+from jaxnc.viz.spatial.rows import inline, outline, rank
+from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceFrame, SpaceItem, SpaceScene, Way
 from jaxnc.viz.style import INK, symbol
 
 _PIECES = 8  # of a bar, sorted by depth each on its own
@@ -20,7 +21,7 @@ _EDGE = tube(0.3, _PIECES, 8)
 _SHAFT, _HEAD, _REACH = 0.17, 0.62, 8.0  # of a unit vector, units
 _AXIS = arrow(_REACH, _SHAFT, _HEAD)
 _STAND = stand(2.9, 1.5)
-_CROSS = joined(
+_CROSS = join(
     lines([in_units((-1, 0, 0), (1, 0, 0))]),
     lines([in_units((0, -1, 0), (0, 1, 0))]),
     lines([in_units((0, 0, -1), (0, 0, 1))]),
@@ -35,12 +36,12 @@ _PAD, _PATCH = (0.75, 0.55), (0.2, 0.24)  # half lengths and widths of the road 
 _HANGING = -0.5  # cosine from the vertical, of what hangs from the ground
 
 
-def sketch(poses: Poses) -> Scene:
+def sketch_space(poses: Poses) -> SpaceScene:
     """Make the scene of a motion in space, its labels not yet placed.
 
     Extents of rails follow from its right poses.
     """
-    drawing = _Sketch(poses)
+    drawing = _SpaceSketch(poses)
     drawing.add_bodies()
     drawing.add_joints()
     drawing.add_points()
@@ -49,12 +50,12 @@ def sketch(poses: Poses) -> Scene:
     return drawing.scene()
 
 
-class _Sketch:
+class _SpaceSketch:
     def __init__(self, poses: Poses):
         self.poses, self.top = poses, poses.topology
-        self.x = poses.every_column[poses.shown]
+        self.x = poses.every_column[poses.extent_poses]
         self.bodies = Bodies(poses)
-        self.items: list[Item] = []
+        self.items: list[SpaceItem] = []
         self.links: list[tuple[int, int]] = []
         self.joints = Joints(poses, self.bodies, self.x)
         self.names = {name: k for k, name in enumerate(poses.names)}
@@ -79,7 +80,7 @@ class _Sketch:
                 self.items.append(Plate("plate", columns, body=colour))
                 edges, role, mesh = [(points[a], points[b]) for a, b in pairs], "edge", _EDGE
             self.links.extend(edges)
-            self.items.extend(Solid(role, Frame(a, Way((a, b))), mesh, body=colour) for a, b in edges)
+            self.items.extend(Solid(role, SpaceFrame(a, Way((a, b))), mesh, body=colour) for a, b in edges)
 
     def add_webs(self, p: int, vectors: list[int], colour: int) -> None:
         """A body of one point: what its unit vectors span, as far as markers there are, or as they are drawn."""
@@ -87,14 +88,14 @@ class _Sketch:
         columns = [self.names[m.name] for m in self.top.markers if m.body in names and m.name in self.names]
         size = float(np.linalg.norm(self.x[0, columns] - self.x[0, p], axis=-1).max(initial=0.0))
         for a, b in itertools.combinations((self.first + v for v in vectors), 2):
-            frame = Frame(p, Way((a,)), Way((b,)))
+            frame = SpaceFrame(p, Way((a,)), Way((b,)))
             _, axes, _ = frame.stand(self.x[0])
             tip = axes @ self.x[0, b]
             turn = np.arctan2(tip[1], tip[0]) * np.linspace(0.0, 1.0, 13 if size else 2)
             rim = [(float(np.cos(t)), float(np.sin(t))) for t in turn]
             if size:
                 around = [(0.0, 0.0), *((size * x, size * y) for x, y in rim)]
-                mesh = sheet(tuple((0.0, x, y, 0.0, 0.0, 0.0, 0.0) for x, y in around))
+                mesh = two_sided(tuple((0.0, x, y, 0.0, 0.0, 0.0, 0.0) for x, y in around))
             else:
                 mesh = web(((0.0, 0.0, 0.0), *((_REACH * x, _REACH * y, 0.0) for x, y in rim)))
             self.items.append(Solid("web", frame, mesh, body=colour))
@@ -113,7 +114,7 @@ class _Sketch:
         self.items.extend(self.joints.items + self.loads.items)
 
     def hangs(self, p: int) -> bool:
-        """Whether everything at a point of the ground hangs down from it, in every pose."""
+        """Tell whether everything at a point of the ground hangs down from it, in every pose."""
         others = {b if a == p else a for a, b in self.links if p in (a, b)}
         d = self.x[:, sorted(others)] - self.x[:, p, None]
         return bool(others) and bool((d[..., 2] < _HANGING * np.linalg.norm(d, axis=-1)).all())
@@ -126,15 +127,15 @@ class _Sketch:
                 if p in self.joints.supported:
                     shift = self.joints.shifts.get(p, 0.0)
                     mesh = stand(2.9 + shift, 1.5) if shift else _STAND
-                    self.items.append(Solid("support", Frame(p, _DOWN if self.hangs(p) else _UP), mesh))
+                    self.items.append(Solid("support", SpaceFrame(p, _DOWN if self.hangs(p) else _UP), mesh))
                 elif p not in self.joints.marked:
                     self.items.append(Ball("ground ball", p, 0.5))
             elif p not in self.joints.marked:
                 self.items.append(Ball("dot", p, 0.78, body=self.bodies.colour(p)))
         for k in range(len(self.top.points), len(self.poses.names)):
-            self.items.append(Solid("marker", Frame(k, _ALONG, _ACROSS), _CROSS))
+            self.items.append(Solid("marker", SpaceFrame(k, _ALONG, _ACROSS), _CROSS))
             origin = next(m.origin for m in self.top.markers if m.name == self.poses.names[k])
-            self.items.append(Solid("reference", Frame(origin, Way((origin, k))), _THREAD))
+            self.items.append(Solid("reference", SpaceFrame(origin, Way((origin, k))), _THREAD))
 
     def add_vectors(self) -> None:
         self.arrows: list[Label] = []
@@ -147,7 +148,7 @@ class _Sketch:
             if not further and self._along_a_bar(at, column):
                 start = -_REACH - 2.2
             mesh = arrow(_REACH, _SHAFT, _HEAD, start, further) if further or start else _AXIS
-            self.items.append(Solid(role, Frame(at, Way((column,))), mesh, body=INK if fixed else body))
+            self.items.append(Solid(role, SpaceFrame(at, Way((column,))), mesh, body=INK if fixed else body))
             self.arrows.append(
                 Label(
                     at, symbol(name), way=Way((column,)), reach=start + _REACH if start >= 0 else start, further=further
@@ -155,7 +156,7 @@ class _Sketch:
             )
 
     def _along_a_bar(self, at: int, column: int) -> bool:
-        """Whether an arrow at a point would lie inside a bar; then it stands on the other side."""
+        """Tell whether an arrow at a point would lie inside a bar; then it stands on the other side."""
         d = self.x[0, column]
         ways = [self.x[0, b if a == at else a] - self.x[0, at] for a, b in self.links if at in (a, b)]
         cosines = [float(w @ d) / max(float(np.linalg.norm(w) * np.linalg.norm(d)), 1e-300) for w in ways]
@@ -201,25 +202,24 @@ class _Sketch:
         profile = (*side, *((-along, out) for along, out in reversed(side)))
         around = ((1, 1), (-1, 1), (-1, -1), (1, -1))
         plates = (
-            sheet(tuple((0.0, 0.0, radius * length * x, radius * width * y, 0.0, 0.0, 0.0) for x, y in around))
+            two_sided(tuple((0.0, 0.0, radius * length * x, radius * width * y, 0.0, 0.0, 0.0) for x, y in around))
             for length, width in (_PAD, _PATCH)
         )
         spin = Way(tuple(columns[name] for name in line))
-        self.items.append(Solid("tyre", Frame(centre, spin), shell(profile, _TYRE_SIDES)))
-        self.items.append(Solid("road", Frame(contact, _UP, _ALONG), joined(*plates)))
+        self.items.append(Solid("tyre", SpaceFrame(centre, spin), shell(profile, _TYRE_SIDES)))
+        self.items.append(Solid("road", SpaceFrame(contact, _UP, _ALONG), join(*plates)))
 
-    def scene(self) -> Scene:
+    def scene(self) -> SpaceScene:
         trade = numbered((*self.poses.names, *self.poses.directions))
         names = tuple(
             Label(p, f"{name} {trade[name]}" if name in trade else name) for p, name in enumerate(self.poses.names)
         )
         places = len(self.poses.names)
-        by_name = {b.name: self.bodies.colours[k] for k, b in enumerate(self.top.bodies)}
         riding = [m for m in self.top.markers if m.name in self.names]
         colours = [self.bodies.colour(p) for p in range(len(self.top.points))]
-        colours += [by_name.get(m.body, INK) for m in riding]
+        colours += [self.bodies.colour_by_name.get(m.body, INK) for m in riding]
         extents = np.concatenate([np.zeros((0, 3)), *self.joints.extents])
-        return Scene(
+        return SpaceScene(
             tuple(self.items),
             (*names, *self.arrows, *self.loads.labels),
             tuple(range(places)),

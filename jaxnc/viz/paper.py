@@ -1,8 +1,8 @@
-"""Sheets: several mechanisms side by side; a motion on paper, with its drawing, tables and plots."""
+"""A motion on one sheet of paper: drawing with its curves, tables and plots."""
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,11 @@ from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.drawing import draw, make_view
-from jaxnc.viz.picture import Picture, finish, save
+from jaxnc.viz.picture import Picture, finish
 from jaxnc.viz.plots import draw_curves, draw_paths, group_quantities
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa
-from jaxnc.viz.style import LIGHT, NUMBERS, TEXT, crown, furnish, named, symbol, wrapped
+from jaxnc.viz.style import LIGHT, NUMBERS, TEXT, axis_name, crown, furnish, symbol, wrap
 
 PAPER = {"a4": (8.27, 11.69), "letter": (8.5, 11.0)}
 """Width and height, inches."""
@@ -35,63 +35,6 @@ _DRAWING = (2.2, 5.2)  # height of a drawing: least and most
 _WIDE = 0.62  # share of the width of a drawing that has the tables beside it
 _NOTES = 0.55  # texts under the drawing
 _ENTRIES = 16  # dimensions in the table, at most
-
-
-@public
-def sheet(
-    items: Iterable[Motion | tuple[Motion, Mapping[str, Any]]] | Mapping[str, Motion],
-    path: str | Path,
-    columns: int | None = None,
-    cell: tuple[float, float] = (3.2, 2.9),
-    dpi: float = 200.0,
-    **options: Any,
-) -> Path:
-    """Draw several motions in a grid.
-
-    Args:
-        items: motions, each alone or with its own options of `draw`, or motions by title.
-        path: file to write: PNG, SVG, PDF or JPG.
-        columns: how many side by side; about as many as rows, with few empty places, if not given.
-        cell: width and height of each, inches.
-        dpi: dots per inch.
-        **options: options of `draw` for all; each is drawn with a scale, without axes, unless ``frame`` says so.
-
-    Raises:
-        InputError: no items, or as in `draw`.
-        OutputError: a file that cannot be written.
-    """
-    if isinstance(items, Mapping):
-        items = [(motion, {"title": title}) for title, motion in items.items()]
-    cells = [item if isinstance(item, tuple) else (item, {}) for item in items]
-    if not cells:
-        raise InputError("a sheet needs at least one motion; items is empty")
-    wide = columns if columns is not None else abreast(len(cells), math.ceil(math.sqrt(len(cells))))
-    if wide < 1:
-        raise InputError(f"columns={columns!r}: a sheet has at least one column")
-    wide = min(wide, len(cells))
-    high = math.ceil(len(cells) / wide)
-    figure = Picture(figsize=(wide * cell[0], high * cell[1]))
-    title, gap = 0.28 / cell[1], 0.1 / cell[0]
-    for k, (motion, own) in enumerate(cells):
-        row, column = divmod(k, wide)
-        ax = figure.add_axes(
-            (
-                (column + gap) / wide,
-                1.0 - (row + 1 - gap) / high,
-                (1 - 2 * gap) / wide,
-                (1 - gap - title) / high,
-            ),
-            projection="3d" if isinstance(motion, Motion) and motion.system.topology.dim == 3 else None,
-        )
-        draw(motion, ax=ax, **{"frame": "scale", **options, **own})
-    return save(figure, path, dpi)
-
-
-def abreast(count: int, usual: int) -> int:
-    """How many of some pictures stand side by side: about as many as is usual, with few empty places."""
-    if count <= usual:
-        return count
-    return min(range(max(usual - 1, 2), usual + 1), key=lambda n: -count % n + 1.1 * (usual - n))
 
 
 @public
@@ -133,17 +76,17 @@ def motion_sheet(
         raise InputError(
             f"{data.topology.name!r}: no pose of this motion is right: {data.sentence(0)} draw() shows one"
         )
-    points = _traced(data) if trace is None else tuple(data.names[k] for k in data.columns(trace, "trace"))
+    points = _default_traces(data) if trace is None else tuple(data.names[k] for k in data.columns(trace, "trace"))
     names = _default_quantities(data, points) if plots is None else (plots,) if isinstance(plots, str) else tuple(plots)
     if not names:
         raise InputError("a sheet needs at least one quantity to plot, plots=[…]; use draw() for the drawing alone")
     x, panels = abscissa(data, against), group_quantities(data, names)
     size = _size(paper)
     wide = size[0] - 2 * _MARGIN if isinstance(paper, str) else size[0] - 0.3
-    tables = [_dimensions(data), _extremes(data, x, panels)]
+    tables = [_dimension_table(data), _extreme_table(data, x, panels)]
     high = size[1] - 2 * _MARGIN if size[1] else None
     noted = bool(options.get("show")) and data.dim == 2
-    plan = _Plan(data, points, wide, high, len(panels), tables, options.get("view"), _NOTES if noted else 0.0)
+    plan = _SheetPlan(data, points, wide, high, len(panels), tables, options.get("view"), _NOTES if noted else 0.0)
     height = size[1] or plan.height + 0.3
     figure = Picture(figsize=(size[0], height))
     left, top = (size[0] - wide) / 2, height - (_MARGIN if size[1] else 0.15)
@@ -153,9 +96,9 @@ def motion_sheet(
         a, b, w, h = part
         return (left + a) / size[0], (top - b - h) / height, w / size[0], h / height
 
-    _heading(figure, data, x, box((0.0, 0.0, wide, _HEAD)), title)
+    _write_heading(figure, data, x, box((0.0, 0.0, wide, _HEAD)), title)
     ax = figure.add_axes(box(plan.drawing), projection="3d" if data.dim == 3 else None)
-    k = int(data.shown[len(data.shown) // 3]) if pose is None else pose
+    k = int(data.extent_poses[len(data.extent_poses) // 3]) if pose is None else pose
     draw(motion, pose=k, ax=ax, trace=points, **{"frame": "scale", "title": "", **options})
     for part, table in zip(plan.tables, tables, strict=True):
         _write(figure, table, box(part), _ROW / height)
@@ -175,8 +118,8 @@ def _size(paper: str | float) -> tuple[float, float]:
     return float(paper), 0.0
 
 
-class _Plan:
-    """What goes where: left, top, width and height of each part, inches from the upper left corner.
+class _SheetPlan:
+    """Places of the parts: left, top, width and height of each, inches from the upper left corner.
 
     It is as high as it needs, if that is not given; `notes` is what texts under the drawing take.
     """
@@ -186,7 +129,7 @@ class _Plan:
     ):
         span = np.array([1.0, 0.85])
         if data.dim == 2:
-            seen = make_view(data, data.shown.tolist(), points, False, view)
+            seen = make_view(data, data.extent_poses.tolist(), points, False, view)
             span = np.maximum(seen.upper - seen.lower, 1e-9 * seen.size)
         rows = [_ROW * (len(table) + 0.6) for table in tables]
         tall = span[1] / span[0]
@@ -236,11 +179,11 @@ class _Plan:
 # -- what there is to say ---------------------------------------------------------------------------------------------
 
 
-def _traced(data: Poses) -> tuple[str, ...]:
+def _default_traces(data: Poses) -> tuple[str, ...]:
     points = data.names[: len(data.topology.points)]
     if data.names[len(points) :]:
         return data.names[len(points) :][:2]
-    moving = [n for k, n in enumerate(points) if np.ptp(data.places[data.shown, k], axis=0).any()]
+    moving = [n for k, n in enumerate(points) if np.ptp(data.places[data.extent_poses, k], axis=0).any()]
     return tuple(moving[-1:])
 
 
@@ -257,9 +200,9 @@ def _number(value: float) -> str:
     return f"{0.0 if abs(value) < 1e-12 else value:.4g}".replace("-", "−")
 
 
-def _dimensions(data: Poses) -> list[tuple[str, ...]]:
+def _dimension_table(data: Poses) -> list[tuple[str, ...]]:
     """Lengths of links and of the ground, as they are in the first pose that is right."""
-    top, x = data.topology, data.places[data.shown[0]]
+    top, x = data.topology, data.places[data.extent_poses[0]]
     n = len(top.points)
     fixed: np.ndarray = np.all(np.array(top.fixed[: n * top.dim], bool).reshape(n, top.dim), axis=1)
     sets = [("ground", [k for k in range(n) if fixed[k]])] + [(b.name, [k for k in b.points]) for b in top.bodies]
@@ -274,7 +217,7 @@ def _dimensions(data: Poses) -> list[tuple[str, ...]]:
     return [("link", "length", f"[{top.length_unit}]" if top.length_unit else ""), *rows]
 
 
-def _extremes(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ...]]:
+def _extreme_table(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ...]]:
     """The least and the greatest value of what is plotted, and where."""
     unit = f" [{x.unit}]" if x.unit else ""
     rows: list[tuple[str, ...]] = [
@@ -295,7 +238,7 @@ def _extremes(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ...]]:
 # -- putting it on paper ----------------------------------------------------------------------------------------------
 
 
-def _heading(figure: Figure, data: Poses, x: Quantity, box, title: str | None) -> None:
+def _write_heading(figure: Figure, data: Poses, x: Quantity, box, title: str | None) -> None:
     left, bottom, _, high = box
     name = data.topology.name if title is None else title
     freedoms = data.motion.system.degrees_of_freedom
@@ -344,7 +287,7 @@ def _panel(ax, data: Poses, x: Quantity, group: list[Quantity]) -> None:
             (q,) = group
             for line in ax.lines:
                 line.set_label(str(line.get_label()).removeprefix(f"{q.label}, "))
-            ax.set_ylabel(named(q.label, q.unit))
+            ax.set_ylabel(axis_name(q.label, q.unit))
     height = 72.0 * ax.get_position().height * ax.figure.get_figheight()
-    ax.set_ylabel("\n".join(wrapped(ax.get_ylabel(), TEXT, height)))
+    ax.set_ylabel("\n".join(wrap(ax.get_ylabel(), TEXT, height)))
     crown(ax)

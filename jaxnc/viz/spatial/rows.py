@@ -1,4 +1,4 @@
-"""Bodies of a spatial mechanism: what they hold, the outline of each, and what the rows of joints act on."""
+"""Outlines of bodies in space, and what the rows of joints act on."""
 
 import itertools
 from dataclasses import dataclass
@@ -9,64 +9,8 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
 from jaxnc.system.topology import Block, Topology
-from jaxnc.viz.hull import hull
-from jaxnc.viz.poses import Poses
+from jaxnc.viz.bodies import FLAT, hull
 from jaxnc.viz.spatial.scene import Way
-from jaxnc.viz.style import INK
-
-FLAT = 0.02
-"""Of a body's size: points nearer than this to a line or plane are drawn as lying on it."""
-
-
-class Bodies:
-    """Points, directions and bodies of a spatial mechanism as index sets."""
-
-    def __init__(self, poses: Poses):
-        top = self.top = poses.topology
-        n, v = len(top.points), len(top.vectors)
-        fixed = np.array(top.fixed[: 3 * (n + v)], dtype=bool).reshape(n + v, 3)
-        self.fixed = fixed[:n]
-        self.ground: np.ndarray = np.all(fixed[:n], axis=1)
-        self.half: np.ndarray = np.any(fixed[:n], axis=1) & ~self.ground
-        self.still: np.ndarray = np.all(fixed[n:], axis=1)
-        """Which vectors belong to the ground."""
-        self.points = [set(b.points) for b in top.bodies]
-        self.vectors: list[set[int]] = [set(b.vectors) for b in top.bodies]
-        self.moving = [self._moves(k) for k in range(len(top.bodies))]
-        self.groups = poses.rigid_groups
-        numbers: dict[int, int] = {}
-        self.colours = [
-            numbers.setdefault(group, len(numbers)) if moves else INK
-            for group, moves in zip(self.groups, self.moving, strict=True)
-        ]
-
-    def _moves(self, k: int) -> bool:
-        still = all(self.ground[p] for p in self.points[k])
-        return not (still and all(self.still[v] for v in self.vectors[k]) and len(self.points[k]) > 1)
-
-    def holding(self, *points: int, vectors: tuple[int, ...] = ()) -> int | None:
-        """The moving body that holds all of these."""
-        for k, moves in enumerate(self.moving):
-            if moves and set(points) <= self.points[k] and set(vectors) <= self.vectors[k]:
-                return k
-        return None
-
-    def colour(self, *points: int, vectors: tuple[int, ...] = ()) -> int:
-        """Its colour, or that of no body."""
-        k = self.holding(*points, vectors=vectors)
-        return INK if k is None else self.colours[k]
-
-    def meeting(self, p: int) -> list[tuple[set[int], set[int], int]]:
-        """What meets at a point: points, vectors and group (-1 for the ground) of each."""
-        found = [
-            (self.points[k], self.vectors[k], self.groups[k])
-            for k, moves in enumerate(self.moving)
-            if moves and p in self.points[k]
-        ]
-        if self.ground[p]:
-            everything = set(np.flatnonzero(self.ground).tolist()), set(np.flatnonzero(self.still).tolist())
-            found.append((*everything, -1))
-        return found
 
 
 def rank(x: np.ndarray) -> int:
