@@ -1,4 +1,4 @@
-"""All that is to be said of a mechanism: a page for people, a verdict for machines. Loaded on first use."""
+"""Reports on a mechanism: a page for people, a verdict for machines. Loaded on first use."""
 
 from typing import TYPE_CHECKING
 

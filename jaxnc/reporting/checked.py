@@ -76,8 +76,8 @@ def count(verdict: Verdict, system: System, found: Mobility) -> None:
         verdict.add("redundant", "note", "rows that follow from others", names=list(found.redundant))
     for name in found.idle:
         verdict.add("loose", "warning", f"{name} {IDLE}", names=[name])
-    for said in found.loose if top.dim == 3 else ():  # in the plane `oddities` says it
-        verdict.add("loose", "note", said)
+    for text in found.loose if top.dim == 3 else ():  # in the plane `oddities` finds it
+        verdict.add("loose", "note", text)
     if found.momentary:
         verdict.add("singular", "note", "the drawn pose is singular: further rows lose their independence there")
 

@@ -77,8 +77,8 @@ def chart(x: np.ndarray, name: str, unit: str, curves: Sequence[Curve], level: f
         at += 27 + 6.7 * len(curve.label) + 16
     write(right, 15, f"[{unit}]" if unit else "", "end")
     write((_LEFT + right) / 2, _HEIGHT - 4, with_symbols(name), "middle")
-    box, said = f"0 0 {_WIDTH:.0f} {_HEIGHT:.0f}", f"{', '.join(c.label for c in curves)} over {name}"
-    return element("svg", *parts, class_="chart", viewBox=box, role="img", aria_label=said)
+    box, text = f"0 0 {_WIDTH:.0f} {_HEIGHT:.0f}", f"{', '.join(c.label for c in curves)} over {name}"
+    return element("svg", *parts, class_="chart", viewBox=box, role="img", aria_label=text)
 
 
 def bars(rows: Sequence[tuple[str, float, str]]) -> str:
@@ -86,8 +86,8 @@ def bars(rows: Sequence[tuple[str, float, str]]) -> str:
     most = max((abs(v) for _, v, _ in rows), default=1.0) or 1.0
     cells = (
         f'<tr><td>{html.escape(name)}</td><td class="bar"><i style="width:{100 * abs(value) / most:.1f}%" '
-        f'class="{"minus" if value < 0 else "plus"}"></i></td><td>{html.escape(said)}</td></tr>'
-        for name, value, said in rows
+        f'class="{"minus" if value < 0 else "plus"}"></i></td><td>{html.escape(text)}</td></tr>'
+        for name, value, text in rows
     )
     return f'<table class="bars"><tbody>{"".join(cells)}</tbody></table>'
 

@@ -36,11 +36,11 @@ def judge(verdict: Verdict, motion: Motion, texts: Sequence[str]) -> Iterator[st
         found = _decide(motion, text)
         verdict.expectations.append(found)
         value = "nothing was found" if found.value is None else f"it is {found.value:.6g} {found.unit}".rstrip()
-        said = f"expected {found.text}: {value}"
+        sentence = f"expected {found.text}: {value}"
         if not found.met:
             verdict.does = False
-            verdict.add("expectation-missed", "error", said, names=[found.text.split()[0]])
-        yield f"  {said}, {'met' if found.met else 'NOT met'}"
+            verdict.add("expectation-missed", "error", sentence, names=[found.text.split()[0]])
+        yield f"  {sentence}, {'met' if found.met else 'NOT met'}"
 
 
 def check_expected(system: System, arguments: Mapping[str, Any], texts: Sequence[str]) -> None:

@@ -31,7 +31,7 @@ ZERO = 1e-9
 CROSSING = "Branches cross there: places are known to half of the digits, rates are not, and tables leave them blank."
 
 _RACK_TRAVEL, _RACK_POSES = 60e-3, 41  # how far the rack is moved either way, metres, and in how many poses
-_MOST = 6  # quantities reported when nobody said which
+_MOST = 6  # quantities that are reported where none is named
 
 
 def outputs_of(motion: Motion, named: Sequence[str] = ()) -> list[str]:
@@ -231,8 +231,8 @@ def suspension_reports(motion: Motion) -> list[SuspensionReport]:
     """Make reports over a sweep, and over the steering where a rack is held; none if it is no suspension."""
     top = motion.system.topology
     names = usual(motion.names)
-    told = top.dim == 3 and not top.large and names is not None and names.contact in motion.names
-    if not told or names is None or int(np.sum(motion.converged)) < 2:
+    suspended = top.dim == 3 and not top.large and names is not None and names.contact in motion.names
+    if not suspended or names is None or int(np.sum(motion.converged)) < 2:
         return []
     if not any(float(np.ptp(np.asarray(values))) > 0 for values in motion.inputs.values()):
         return []

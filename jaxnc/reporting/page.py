@@ -73,7 +73,7 @@ def _body(found: "Report") -> Iterator[str]:
     for k, one in enumerate(found.suspensions):
         text = f'<pre class="told">{html.escape(one.text(all_of_it=not k))}</pre>'
         yield _section(f"Suspension over {one.over}", _wheel(one) + text, "wide long")
-    if found.said or found.mechanism is not None:
+    if found.model_text or found.mechanism is not None:
         yield _section("The model", f"<pre>{html.escape(_model_text(found))}</pre>", "wide long")
     yield _section("Where it comes from", _origin_section(found), "wide long")
 
@@ -121,8 +121,8 @@ def _header(found: "Report") -> str:
         )
         for look, word in [("open", unknown) if holds is None else ("yes", yes) if holds else ("no", no)]
     )
-    said = f"<p>{html.escape(found.description)}</p>" if found.description else ""
-    return f'<header><h1>{html.escape(found.name)}</h1>{said}<ul class="verdicts">{marks}</ul></header>'
+    about = f"<p>{html.escape(found.description)}</p>" if found.description else ""
+    return f'<header><h1>{html.escape(found.name)}</h1>{about}<ul class="verdicts">{marks}</ul></header>'
 
 
 def _findings(found: "Report") -> str:
@@ -329,10 +329,10 @@ def _transmission(found: "Report", motion: Motion) -> str:
     over, out, rows = _abscissa(found), [], [["joint", "between", "least [deg]", "at", "largest [deg]"]]
     for t in found.transmissions:
         at = _at(inputs_at(motion, int(np.nanargmin(t.values))))
-        rows.append([t.at, t.said, short(float(np.nanmin(t.values))), at, short(float(np.nanmax(t.values)))])
+        rows.append([t.at, t.between, short(float(np.nanmin(t.values))), at, short(float(np.nanmax(t.values)))])
     for t in found.transmissions:
         if over is not None and np.nanmax(t.values) - np.nanmin(t.values) > 1e-6:
-            label = f"{t.at}: {t.said}" if len(t.said) <= _LABEL else t.at  # the table says the rest
+            label = f"{t.at}: {t.between}" if len(t.between) <= _LABEL else t.at  # the table says the rest
             out.append(chart(over[0], over[1], "deg", [Curve(label, t.values)], level=0.0))
     hint = f"90 degrees is best, 0 a dead point: what the coupler cannot turn. {why}"
     return _table(rows, text=(1,)) + _charts(out) + _hint(hint)
@@ -394,8 +394,8 @@ def _wheel(one: "SuspensionReport") -> str:
 
 def _model_text(found: "Report") -> str:
     """The text of the model file as it was read, or as `Mechanism.save` writes it."""
-    if found.said or found.mechanism is None:
-        return found.said
+    if found.model_text or found.mechanism is None:
+        return found.model_text
     model = found.mechanism.model
     names = trade_names((*model.ground, *model.points, *model.ground_vectors, *model.vectors, *model.markers))
     return toml(plain(model), names)

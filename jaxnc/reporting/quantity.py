@@ -169,7 +169,7 @@ class Forces:
 
     Attributes:
         motion: with the rates that they are of.
-        resting: whether nothing was said of rates, so that every pose is held at rest.
+        resting: whether no rates were given, so that every pose is held at rest.
         efforts: of the inputs, one each.
         power: of all of them together; None at rest, and where nothing is driven.
         peaks: the largest first.

@@ -1,4 +1,4 @@
-"""`jaxnc.report`: everything that is to be said of a mechanism, looked at once."""
+"""Study of a mechanism: `jaxnc.report` looks at it once, and collects all that there is to know."""
 
 import hashlib
 import platform
@@ -49,9 +49,9 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.system.assemble import assemble
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
+from jaxnc.viz.draft import whole_range
 
-_POSES = 181  # where nobody said how many
-_SPARE = 1e-3  # of a range, left before dead points
+_POSES = 181  # where no number is given
 _LOOKED = 73  # poses at most at which derivatives are taken
 _NOTHING = 1e-9  # of the largest derivative of its output
 _MOST = 12  # derivatives of an output that are listed
@@ -76,7 +76,7 @@ class Report(Shown):
         transmissions: transmission angles of a planar mechanism.
         forces: efforts and reactions; None where nothing has a mass.
         suspensions: reports on a suspension.
-        said: the text of the model file.
+        model_text: the text of the model file.
     """
 
     name: str
@@ -93,7 +93,7 @@ class Report(Shown):
     transmissions: tuple[Transmission, ...] = ()
     forces: Forces | None = None
     suspensions: tuple[SuspensionReport, ...] = ()
-    said: str = field(default="", repr=False)
+    model_text: str = field(default="", repr=False)
 
     def __str__(self) -> str:
         v = self.verdict
@@ -139,7 +139,7 @@ def report(
     path: str | Path | None = None,
     expect: str | Sequence[str] = (),
     outputs: str | Sequence[str] = (),
-    said: str = "",
+    model_text: str = "",
 ) -> Report:
     """Look at a mechanism once, and say everything: counts, range, extremes, sensitivities, forces, what is wrong.
 
@@ -152,7 +152,7 @@ def report(
         path: where the page is written, a file ending in ``.html``; nowhere if not given.
         expect: what is to hold, such as ``"psi range > 30"``, see `jaxnc.reporting.expected.judge`.
         outputs: points, markers and coordinates to look at; those of the run section, or what is not driven.
-        said: the text of the model file, to be shown as it stands.
+        model_text: the text of the model file, to be shown as it stands.
 
     Raises:
         InputError: a thing that is none of these, names that do not exist, expectations that cannot be read.
@@ -164,7 +164,7 @@ def report(
     verdict = Verdict(command="report", name=str(getattr(thing, "name", "")))
     if mechanism is not None:
         verdict.length_unit, verdict.angle_unit = mechanism.model.units.length, mechanism.model.units.angle
-    known: dict[str, Any] = {"mechanism": mechanism, "said": said}
+    known: dict[str, Any] = {"mechanism": mechanism, "model_text": model_text}
     try:
         system = thing.compile() if isinstance(thing, Mechanism) else _system(thing)
     except MechanismError as error:
@@ -176,7 +176,7 @@ def report(
         known |= {"system": system} | _study(verdict, system, mechanism, given, run, expect, outputs)
     name = system.name if system is not None else verdict.name
     motion = known.get("motion")
-    verdict.origin = _origin(mechanism, motion, said)
+    verdict.origin = _origin(mechanism, motion, model_text)
     verdict.close(1 if verdict.errors else 0)
     made = Report(name, "" if mechanism is None else mechanism.model.description, verdict, **known)
     if path is not None:
@@ -306,14 +306,10 @@ def _move(verdict: Verdict, system: System, mechanism: Mechanism | None, run: re
 def _range(verdict: Verdict, system: System, name: str, home: float) -> np.ndarray:
     """Choose values of an input from one dead point to the other, round a turn, or a little either way."""
     _, factor = shown_in(system.topology, name)
-    found = verdict.reach[-1] if verdict.reach else None
-    if found is not None and found.lower is not None and found.upper is not None:
-        low, high = found.lower / factor, found.upper / factor
-        spare = _SPARE * (high - low)
-        return np.linspace(low + spare, high - spare, _POSES)
-    if system.topology.is_angle(name):
-        return home + np.linspace(0.0, 2 * np.pi, _POSES)
-    return home + 0.1 * float(derive(system).length) * np.linspace(-1.0, 1.0, _POSES)
+    ends = (verdict.reach[-1].lower, verdict.reach[-1].upper) if verdict.reach else (None, None)
+    lower, upper = (np.nan if end is None else end / factor for end in ends)
+    values = whole_range(system, name, home, lower, upper)
+    return home + 0.1 * float(derive(system).length) * np.linspace(-1.0, 1.0, _POSES) if values is None else values
 
 
 def _reaches(verdict: Verdict, system: System, names: Sequence[str], held: Sequence[str]) -> None:
@@ -364,7 +360,7 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
     return found
 
 
-def _origin(mechanism: Mechanism | None, motion: Motion | None, said: str) -> dict[str, str]:
+def _origin(mechanism: Mechanism | None, motion: Motion | None, model_text: str) -> dict[str, str]:
     """Collect versions, digests and settings, by which another run can be compared."""
     out = {"jaxnc": version()}
     for name in ("jax", "jaxlib", "numpy", "scipy"):
@@ -378,8 +374,8 @@ def _origin(mechanism: Mechanism | None, motion: Motion | None, said: str) -> di
     if mechanism is not None:
         canonical = json_text(plain(mechanism.model)).encode()
         out["model, SHA-256"] = hashlib.sha256(canonical).hexdigest()
-    if said:
-        out["file, SHA-256"] = hashlib.sha256(said.encode()).hexdigest()
+    if model_text:
+        out["file, SHA-256"] = hashlib.sha256(model_text.encode()).hexdigest()
     if motion is not None and motion.status.ndim == 1:
         good = np.asarray(motion.converged)
         out["poses"] = (

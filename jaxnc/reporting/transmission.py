@@ -19,12 +19,12 @@ class Transmission:
 
     Attributes:
         at: the joint.
-        said: what meets there.
+        between: what meets there.
         values: degrees, ``(T,)``; NaN where a pose was not found.
     """
 
     at: str
-    said: str
+    between: str
     values: np.ndarray
 
 
@@ -37,10 +37,10 @@ class _Line(NamedTuple):
 
 
 class _Meeting(NamedTuple):
-    """Where something is moved: the point, what is said of it, and two lines whose angle is that of transmission."""
+    """Where something is moved: the point, what meets there, and two lines whose angle is that of transmission."""
 
     at: int
-    said: str
+    between: str
     one: _Line
     other: _Line
 
@@ -64,7 +64,7 @@ def transmissions(motion: Motion) -> list[Transmission]:
     for found in _Chain(top, motion.driven).meetings:
         u, v = _direction(motion, found.one), _direction(motion, found.other)
         angle = np.arctan2(np.abs(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]), np.abs((u * v).sum(axis=-1)))
-        out.append(Transmission(top.points[found.at], found.said, np.where(bad, np.nan, np.degrees(angle))))
+        out.append(Transmission(top.points[found.at], found.between, np.where(bad, np.nan, np.degrees(angle))))
     return out
 
 
@@ -144,13 +144,13 @@ class _Chain:
             for far in ends - self.points:
                 for b in self._holding(far):
                     if pivots := self.still & set(self.top.bodies[b].points):
-                        said = f"{name} and {self.top.bodies[b].name}"
-                        self._meet(far, said, _Line(near, far), _Line(min(pivots), far), b)
+                        between = f"{name} and {self.top.bodies[b].name}"
+                        self._meet(far, between, _Line(near, far), _Line(min(pivots), far), b)
                         return True
         return False
 
-    def _meet(self, at: int, said: str, one: _Line, other: _Line, *bodies: int) -> None:
-        self.meetings.append(_Meeting(at, said, one, other))
+    def _meet(self, at: int, between: str, one: _Line, other: _Line, *bodies: int) -> None:
+        self.meetings.append(_Meeting(at, between, one, other))
         for b in bodies:
             self._take(b)
         self.points.add(at)
@@ -204,8 +204,8 @@ class _Chain:
                     end = self._hung(f, joint)
                     if f == c or start is None or end is None or (start in self.still and end not in self.still):
                         continue
-                    said = f"{self.top.bodies[c].name} and {self.top.bodies[f].name}"
-                    yield joint, said, _Line(start, joint), _Line(end, joint), c, f
+                    between = f"{self.top.bodies[c].name} and {self.top.bodies[f].name}"
+                    yield joint, between, _Line(start, joint), _Line(end, joint), c, f
 
     def _slider_meetings(self) -> Iterator[tuple]:
         """A link that moves a slider: a point on a way, or a body on a guide."""
@@ -215,12 +215,12 @@ class _Chain:
                 start = self._hung(c, joint)
                 if start is None:
                     continue
-                said = f"{self.top.bodies[c].name} and the normal of the way of {names[joint]}"
+                between = f"{self.top.bodies[c].name} and the normal of the way of {names[joint]}"
                 if way := self._way(joint):
-                    yield joint, said, _Line(start, joint), way._replace(normal=True), c
+                    yield joint, between, _Line(start, joint), way._replace(normal=True), c
                 for f in self._holding(joint):
                     if f != c and (way := self._guide(f)):
-                        yield joint, said, _Line(start, joint), way._replace(normal=True), c, f
+                        yield joint, between, _Line(start, joint), way._replace(normal=True), c, f
 
     def _guide(self, body: int) -> _Line | None:
         """The line along which a body slides without turning, if that is on the ground or on what moves already."""
@@ -258,7 +258,7 @@ class _Chain:
         """How a pin moves a body along whose line it slides, or with which it slides."""
         pivot, name = self._hung(body), self.top.points[pin]
         if pivot is not None and pivot != pin:
-            said = f"the normal of {noun} and the arm to {name}"
-            yield pin, said, line._replace(normal=True), _Line(pivot, pin), body
+            between = f"the normal of {noun} and the arm to {name}"
+            yield pin, between, line._replace(normal=True), _Line(pivot, pin), body
         elif way := self._guide(body):
             yield pin, f"{noun} and its way", line, way, body

@@ -296,11 +296,11 @@ class Verdict(_Record):
     def _sentence(self) -> str:
         if self.errors:
             return self.errors[0].text
-        said = [word for word, holds in (("assembles", self.assembles), ("moves", self.moves)) if holds]
+        words = [word for word, holds in (("assembles", self.assembles), ("moves", self.moves)) if holds]
         if self.does:
-            said.append("does what was asked")
+            words.append("does what was asked")
         about = self.name or "it"
-        return f"{about} {', '.join(said[:-1])}{' and ' if said[:-1] else ''}{said[-1]}" if said else ""
+        return f"{about} {', '.join(words[:-1])}{' and ' if words[:-1] else ''}{words[-1]}" if words else ""
 
     def to_json(self, indent: int = 1) -> str:
         """The verdict as JSON that holds to `schema`.

@@ -226,9 +226,9 @@ def _write_mp4(path: Path, new: Path, film: Film, chosen: list[int], fps: float,
             process.stdin.close()
         except BrokenPipeError:
             pass  # ffmpeg says why below
-        said = process.stderr.read().decode(errors="replace").strip()
+        message = process.stderr.read().decode(errors="replace").strip()
     if process.returncode:
-        reason = said.splitlines()[-1] if said else f"exit status {process.returncode}"
+        reason = message.splitlines()[-1] if message else f"exit status {process.returncode}"
         raise OutputError(
             f"{path}: ffmpeg could not write it ({reason}); check the folder, or write "
             f"{path.with_suffix('.gif').name} instead"

@@ -1,4 +1,4 @@
-"""Motions of things that have none: a drawing as it was typed, and the range of a mechanism nobody said how to move."""
+"""Motions of things that have none: a drawing as it was typed, and the range of a mechanism without a motion."""
 
 from typing import Any
 
@@ -49,12 +49,12 @@ def caption(thing: Mechanism | System) -> str:
     except JaxncError as error:
         return f"not complete: {error}"
     count = system.degrees_of_freedom
-    said = f"{count} degree{'' if count == 1 else 's'} of freedom"
+    text = f"{count} degree{'' if count == 1 else 's'} of freedom"
     if count:
         names, named = drivable(system.topology), system.topology.scalars
         shown = min(max(count, sum(name in named for name in names)), _NAMED)  # names that were given come first
-        said += f"; {', '.join(names[:shown])}{', …' if len(names) > shown else ''} may be driven"
-    return "; ".join([said, *unheld(system.topology)])
+        text += f"; {', '.join(names[:shown])}{', …' if len(names) > shown else ''} may be driven"
+    return "; ".join([text, *unheld(system.topology)])
 
 
 def default_motion(thing: Any, inputs: Inputs | None, options: dict[str, Any]) -> Motion:

@@ -26,7 +26,7 @@ PAPER = {"a4": (8.27, 11.69), "letter": (8.5, 11.0)}
 _MARGIN = 0.75  # inches, as all that follows
 _GAP = 0.32
 _ROW = 0.172  # of a table
-_HEAD = 0.62  # title and what is said under it
+_HEAD = 0.62  # title and the line under it
 _PANEL = (1.45, 2.0, 2.9)  # height of a plot: least, wanted, most
 _TIGHT = 1.1  # the least that a name beside it fits in
 _UNDER = 0.42  # a plot's numbers and name of its axis
@@ -154,8 +154,8 @@ class _SheetPlan:
             drawing -= min((_PANEL[0] - each) * lines, max(drawing - _DRAWING[0], 0.0))
             each = (room - drawing - below) / lines - _UNDER - _GAP
             if each < _TIGHT:
-                said = "ask for fewer, or give paper= as a width in inches"
-                raise InputError(f"{count} plots do not fit on the sheet; {said}")
+                remedy = "ask for fewer, or give paper= as a width in inches"
+                raise InputError(f"{count} plots do not fit on the sheet; {remedy}")
         self.drawing = (0.0, _HEAD, share, drawing)
         at = _HEAD + drawing + notes + 0.5 * _GAP
         if beside:
@@ -242,16 +242,16 @@ def _write_heading(figure: Figure, data: Poses, x: Quantity, box, title: str | N
     left, bottom, _, high = box
     name = data.topology.name if title is None else title
     freedoms = data.motion.system.degrees_of_freedom
-    said = [f"{freedoms} degree{'s' * (freedoms != 1)} of freedom"]
+    facts = [f"{freedoms} degree{'s' * (freedoms != 1)} of freedom"]
     for driven in data.motion.driven:
         q = abscissa(data, driven)
         ends = q.values[[0, -1]]
-        said.append(f"{q.label} from {_number(float(ends[0]))} to {_number(float(ends[1]))} {q.unit}".rstrip())
+        facts.append(f"{q.label} from {_number(float(ends[0]))} to {_number(float(ends[1]))} {q.unit}".rstrip())
     bad = int((~data.good).sum())
-    said.append(counted(data.count, "pose") + (f", {bad} of them not right" if bad else ""))
+    facts.append(counted(data.count, "pose") + (f", {bad} of them not right" if bad else ""))
     look: dict[str, Any] = {"ha": "left", "va": "top", "parse_math": False}
     figure.text(left, bottom + high, name, fontsize=14.0, color=LIGHT["ink"], fontweight="bold", gid="title", **look)
-    figure.text(left, bottom + 0.5 * high, "  ·  ".join(said), fontsize=NUMBERS, color=LIGHT["soft"], **look)
+    figure.text(left, bottom + 0.5 * high, "  ·  ".join(facts), fontsize=NUMBERS, color=LIGHT["soft"], **look)
 
 
 def _write(figure: Figure, table: list[tuple[str, ...]], box, row: float) -> None:

@@ -83,13 +83,13 @@ def draw_plates(assembly: Assembly, path: str | Path | None = None, pose: int = 
     _names(above, assembly, corners, [stands[p.part][0] + p.at * stands[p.part][1] for p in assembly.pins], scale)
     _from_the_side(edge, assembly, stands, corners)
     title = f"{plain(assembly.name)}: {len(assembly.parts)} plates in {assembly.layers} layers on the ground plate"
-    said = ""
+    note = ""
     if assembly.passing:
         near = assembly.passing[0]
-        said = f"{near.clearance:.4g} mm between {near.one} and {near.other} at least"
+        note = f"{near.clearance:.4g} mm between {near.one} and {near.other} at least"
     room, down = 72 * (size[0] - 0.3), 0.16
     lines = [(line, HEADING, "ink") for line in wrap(title, HEADING, room)]
-    lines += [(line, NUMBERS, "soft") for line in wrap(said, NUMBERS, room)]
+    lines += [(line, NUMBERS, "soft") for line in wrap(note, NUMBERS, room)]
     for line, letters, colour in lines:
         look: dict[str, Any] = {"fontsize": letters, "color": LIGHT[colour], "va": "top", "parse_math": False}
         figure.text(0.12 / size[0], 1 - down / size[1], line, **look)

@@ -133,8 +133,8 @@ class _Polygon:
     def notes(self) -> list[str]:
         """List what is written under the polygon."""
         still, parts = self.names[0][1:], list(dict.fromkeys(self.kinds))
-        said = [f"in the pole o: {', '.join(still)}"] if still else []
-        return said + ([f"dashed: {', '.join(parts)} part{'s' * (len(parts) > 1)}"] if parts else [])
+        texts = [f"in the pole o: {', '.join(still)}"] if still else []
+        return texts + ([f"dashed: {', '.join(parts)} part{'s' * (len(parts) > 1)}"] if parts else [])
 
     def scene(self) -> tuple[Scene, np.ndarray]:
         """Images and names as a scene, and where its columns are."""
@@ -231,14 +231,14 @@ def polygon(
 
 
 def _default_title(data: Poses, pose: int, kind: str) -> str:
-    said = []
+    texts = []
     for name, values in data.motion.inputs.items():
         value, top = float(np.asarray(values).reshape(-1)[pose]), data.topology
         if name in top.scalars and top.angles[top.scalars.index(name)]:
-            said.append(f"{symbol(name)} = {np.degrees(value):.4g}°")
+            texts.append(f"{symbol(name)} = {np.degrees(value):.4g}°")
         else:
-            said.append(f"{symbol(name)} = {value:.4g} {top.length_unit}")
-    return f"{data.topology.name}: {'velocities' if kind == 'velocity' else 'accelerations'}, {', '.join(said)}"
+            texts.append(f"{symbol(name)} = {value:.4g} {top.length_unit}")
+    return f"{data.topology.name}: {'velocities' if kind == 'velocity' else 'accelerations'}, {', '.join(texts)}"
 
 
 def _arrows(view: Any, plan: _Polygon, kind: str) -> None:

@@ -1,5 +1,6 @@
 """Quantities that can be plotted: positions, coordinates, rates, forces and energies by name, with their units."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -61,54 +62,47 @@ def quantity(poses: Poses, name: str) -> Quantity:
     motion, top = poses.motion, poses.topology
     if not isinstance(name, str):
         raise InputError(f"quantities are named by strings, plot('P', 'velocity P'), got {name!r}")
-    for noun, order in _TURNS.items():
-        if name.startswith(noun + " "):
-            return _turning(poses, noun, order, name.removeprefix(noun + " "))
+    noun, what = _split_noun(name, (*_TURNS, *EXERTED, *_RATES))
+    if noun in _TURNS:
+        return _turning(poses, noun, _TURNS[noun], what)
     if name == "time" and name not in motion.names:
         if motion.time is None:
             raise InputError(f"{top.name!r}: this motion has no time; make it with motion(system, inputs, t)")
         return Quantity(name, "time", "time", "s", np.asarray(motion.time, float).reshape(-1), "number")
-    if (seen := _attitude(poses, name)) is not None:
-        return seen
+    if (number := _attitude(poses, name)) is not None:
+        return number
     if name in ENERGIES:
         return _plain_quantity(poses, name, "energy", "J", _ENERGIES[ENERGIES.index(name)](motion))
-    for noun in EXERTED:
-        if name.startswith(noun + " "):
-            return _force(poses, noun, name.removeprefix(noun + " "))
-    order, what = 0, name
-    for noun, power in _RATES.items():
-        if name.startswith(noun + " "):
-            order, what = power, name.removeprefix(noun + " ")
-    stem, _, axis = what.partition(".")
-    angle = what in top.scalars and top.angles[top.scalars.index(what)]
-    axes = "xyz"[: poses.dim]
+    if noun in EXERTED:
+        return _force(poses, noun, what)
+    return _coordinate(poses, name, _RATES.get(noun, 0), what)
+
+
+def _split_noun(name: str, nouns: Iterable[str]) -> tuple[str, str]:
+    """Split a name into the noun that it begins with, or none, and what follows."""
+    return next(((noun, name.removeprefix(f"{noun} ")) for noun in nouns if name.startswith(f"{noun} ")), ("", name))
+
+
+def _coordinate(poses: Poses, name: str, order: int, what: str) -> Quantity:
+    """Read a coordinate, place or direction, or a rate of one."""
+    motion, top, axes = poses.motion, poses.topology, "xyz"[: poses.dim]
+    scalar, angle = what in top.scalars, top.is_angle(what)
+    stem, _, axis = (what, "", "") if scalar else what.partition(".")
     direction = stem in poses.directions
-    if what not in top.scalars and (
-        (stem not in poses.names and not direction) or (axis and (len(axis) > 1 or axis not in axes))
-    ):
+    if not scalar and (stem not in (*poses.names, *poses.directions) or axis not in ("", *axes)):
         raise InputError(f"plot: {top.name!r} has no quantity {name!r}; {nearest(what, quantity_names(poses))}")
-    if order and len(motion.rates) < order:
-        getattr(motion, ("velocity", "acceleration", "jerk")[order - 1])(what)  # says what is missing
-    if what in top.scalars:
-        k = len(top.coordinates) - len(top.scalars) + top.scalars.index(what)
-        q = motion.q if not order else motion.rates[order - 1]
-        values = np.where(poses.good, np.asarray(q).reshape(poses.count, -1)[:, k], np.nan)
-    else:
-        if direction:
-            read = (motion.__getitem__, motion.velocity, motion.acceleration, motion.jerk)[order]
-            values = np.where(poses.good[:, None], np.asarray(read(stem), float).reshape(poses.count, -1), np.nan)
-        else:
-            column = poses.names.index(stem)
-            values = poses.trace(column) if not order else poses.rates(order)[:, column]
-        values = values if not axis else values[:, axes.index(axis)]
-    noun = ("angle" if angle else "length", "velocity", "acceleration", "jerk")[order]
-    if order and angle:
-        noun = "angular " + noun
+    read = (motion.__getitem__, motion.velocity, motion.acceleration, motion.jerk)[order]
+    values = np.asarray(read(stem), float).reshape(poses.count, -1)
+    values = np.where(poses.good[:, None], values, np.nan)
+    if scalar or axis:
+        values = values[:, axes.index(axis) if axis else 0]
+    rate = ("", *_RATES)[order]
     kind = "number" if values.ndim == 1 else "vector" if order else "place" if poses.dim == 2 else "components"
-    label = {0: "", 1: "velocity of ", 2: "acceleration of ", 3: "jerk of "}[order] + symbol(what)
+    label = (f"{rate} of " if order else "") + symbol(what)
     if direction:
         noun = ("direction", "rate of direction", "second rate of direction", "third rate of direction")[order]
         return Quantity(name, label, noun, ("", "1/s", "1/s²", "1/s³")[order], values, kind)
+    noun = ("angular " if angle else "") + rate if order else "angle" if angle else "length"
     return _in_units(poses, name, label, noun, order, angle, values, kind)
 
 

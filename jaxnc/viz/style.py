@@ -81,7 +81,7 @@ BODIES_DARK = (
 """The same colours on a dark page."""
 
 LINES = ("-", (0, (5.0, 1.6)), (0, (1.6, 1.3)), (0, (6.0, 1.4, 1.4, 1.4)))
-"""Dashes of curves in turn, which are told apart in grey too."""
+"""Dashes of curves in turn, which differ in grey too."""
 
 FOUND, TARGET = "#2f6db3", "#c0392b"
 """Colours of what was found and of what was asked for."""

@@ -61,10 +61,10 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
     spatial = result.problem.system.topology.dim == 3
     table = result.problem if isinstance(result.problem, FunctionGeneration) else None
     words = [lengths(design) for design in designs]
-    said = _LINE * max(text.count("\n") + 1 if text else 0 for text in words) + 0.08
+    lines_high = _LINE * max(text.count("\n") + 1 if text else 0 for text in words) + 0.08
     below = _TABLE if table else 0.0
     drawn = _CELL * tallness(designs)
-    tall = _TITLE + drawn + said + below
+    tall = _TITLE + drawn + lines_high + below
     key = _KEY if _targets_of(result.problem) is not None else 0.0
     figure = Picture(figsize=(wide * _CELL, high * tall + key))
     width, height = figure.get_size_inches()
@@ -79,16 +79,17 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
 
     for k, (design, text) in enumerate(zip(designs, words, strict=True)):
         row, column = divmod(k, wide)
-        at = place(column, row, 0.08, said + below, _CELL - 0.16, drawn)
+        at = place(column, row, 0.08, lines_high + below, _CELL - 0.16, drawn)
         ax = figure.add_axes(at, projection="3d" if spatial else None)
         if table:
-            function(table, design, figure.add_axes(place(column, row, 0.66, said + 0.45, _CELL - 0.8, below - 0.55)))
+            below_it = place(column, row, 0.66, lines_high + 0.45, _CELL - 0.8, below - 0.55)
+            function(table, design, figure.add_axes(below_it))
         error = "exact" if design.exact else f"error {design.error:.3g}{unit_of(result.problem)}"
         heading = f"{k + 1}: {error}"
         if design.type:
             heading += f", {design.type}"
         draw_design(result.problem, design, ax, heading + (f"\n{design.defects[0]}" if design.defects else ""))
-        x, y, *_ = place(column, row, 0.1, said - 0.03, 0.0, 0.0)
+        x, y, *_ = place(column, row, 0.1, lines_high - 0.03, 0.0, 0.0)
         figure.text(x, y, text, va="top", fontsize=NUMBERS - 1, color=LIGHT["ink"], parse_math=False, gid="lengths")
     if key:
         add_target_key(figure)

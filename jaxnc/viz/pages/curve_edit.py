@@ -59,7 +59,7 @@ def edit_curve(
             gap = float(np.linalg.norm(left))
             if not gap > 1e-9 * size:
                 break
-            if turn:  # where the rest of the curve goes, is told by the slopes of the beginning well enough
+            if turn:  # the slopes of the beginning are good enough for the rest of the curve
                 by = np.concatenate([sensitivity(pose, point, variables=free, throw=False)[point][None], by[1:]])
             trial = _apply_step(design, slopes.variables, _step(by, lengths, left * min(1.0, _LONGEST * size / gap)))
             there = None if trial is None else _try_pose(pose_of, trial)

@@ -28,7 +28,7 @@ from jaxnc.viz.svg import draw_pixels
 if TYPE_CHECKING:
     from jaxnc.synthesis.path import PathGeneration
 
-_PYTHON = "python"  # who told; a page has a name of its own
+_PYTHON = "python"  # sender of a message; a page has a name of its own
 _NUMBERS = ("c", "k", "d")  # of equations, markers, explicit dimensions
 _TARGETS = 24  # points that a drawn curve becomes
 _CLOSED = 0.12  # of its extent: a drawn curve whose ends are as near as this is closed
@@ -116,7 +116,7 @@ class Widget:
         first = int(good[0]) if len(good) else 0
         self._first, self._count, self._closed = motion.system, 0, False
         self._numbers = self._original = _numbers_of(motion.system) if live else {}
-        self._hearing = True  # what is assigned now is not to be told to the page
+        self._hearing = True  # traits are assigned without a message to the page
         self._esm = module
         super().__init__()
         self.system, self.inputs = motion.system, self._name_inputs(self._asked[first])
