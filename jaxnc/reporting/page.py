@@ -393,7 +393,7 @@ def _wheel(one: "SuspensionReport") -> str:
 
 
 def _model_text(found: "Report") -> str:
-    """The text of the model file as it was read, or as `Mechanism.save` writes it."""
+    """Find the text of the model file as it was read, or as `Mechanism.save` writes it."""
     if found.model_text or found.mechanism is None:
         return found.model_text
     model = found.mechanism.model

@@ -304,7 +304,7 @@ def _move(verdict: Verdict, system: System, mechanism: Mechanism | None, run: re
 
 
 def _range(verdict: Verdict, system: System, name: str, home: float) -> np.ndarray:
-    """Choose values of an input from one dead point to the other, round a turn, or a little either way."""
+    """Choose the values of an input from one dead point to the other, round a turn, or a little either way."""
     _, factor = shown_in(system.topology, name)
     ends = (verdict.reach[-1].lower, verdict.reach[-1].upper) if verdict.reach else (None, None)
     lower, upper = (np.nan if end is None else end / factor for end in ends)

@@ -46,7 +46,7 @@ class _Meeting(NamedTuple):
 
 
 def transmissions(motion: Motion) -> list[Transmission]:
-    """Transmission angles of a planar sweep.
+    """Find the transmission angles of a planar sweep.
 
     From the inputs on, links that hang on what moves already are taken two at a time, as they are moved: of a coupler
     and what it turns the angle between them; of a coupler and a slider that between it and the normal of the slider's
@@ -69,7 +69,7 @@ def transmissions(motion: Motion) -> list[Transmission]:
 
 
 def unexplained_bodies(motion: Motion) -> list[str]:
-    """Bodies of a planar motion of which it is not seen, link after link, what moves them; see `transmissions`."""
+    """List the bodies of a planar motion that no link, one after the other, is seen to move; see `transmissions`."""
     top = motion.system.topology
     if top.dim != 2 or motion.status.ndim != 1:
         return []
@@ -78,7 +78,7 @@ def unexplained_bodies(motion: Motion) -> list[str]:
 
 
 def _direction(motion: Motion, line: _Line) -> np.ndarray:
-    """Directions of a line, ``(T, 2)``."""
+    """Find the directions of a line, ``(T, 2)``."""
     names = motion.system.topology.points
     if line.b is None:
         d = np.broadcast_to(np.eye(2)[line.a], (len(motion.status), 2))
@@ -156,19 +156,19 @@ class _Chain:
         self.points.add(at)
 
     def _holding(self, point: int) -> list[int]:
-        """Bodies that hold a point and are not moved yet."""
+        """List the bodies that hold a point and are not moved yet."""
         return [b for b, body in enumerate(self.top.bodies) if point in body.points and b not in self.bodies]
 
     def _loose(self) -> list[int]:
         return [b for b in range(len(self.top.bodies)) if b not in self.bodies]
 
     def _hung(self, body: int, but: int = -1) -> int | None:
-        """A point by which a body hangs on what moves already, or on the ground; what moves comes first."""
+        """Find a point by which a body hangs on what moves already, or on the ground; what moves comes first."""
         there = [p for p in self.top.bodies[body].points if p in self.points and p != but]
         return min(there, key=lambda p: p in self.still, default=None)
 
     def _way(self, point: int) -> _Line | None:
-        """The line along which a point slides, if that is on the ground or on what moves already."""
+        """Find the line along which a point slides, if that is on the ground or on what moves already."""
         if self.fixed[point].sum() == 1:
             return _Line(int(np.argmin(self.fixed[point])))
         lines = (line for line, on in self.slots if on == point and self.points >= set(line))
@@ -196,7 +196,7 @@ class _Chain:
         yield from self._pin_meetings()
 
     def _hinge_meetings(self) -> Iterator[tuple]:
-        """Two links that share a joint and hang each by another: a coupler and what it turns."""
+        """Find two links that share a joint and hang each by another: a coupler and what it turns."""
         for c in self._loose():
             for joint in self.top.bodies[c].points:
                 start = self._hung(c, joint)
@@ -208,7 +208,7 @@ class _Chain:
                     yield joint, between, _Line(start, joint), _Line(end, joint), c, f
 
     def _slider_meetings(self) -> Iterator[tuple]:
-        """A link that moves a slider: a point on a way, or a body on a guide."""
+        """Find a link that moves a slider: a point on a way, or a body on a guide."""
         names = self.top.points
         for c in self._loose():
             for joint in self.top.bodies[c].points:
@@ -223,7 +223,7 @@ class _Chain:
                         yield joint, between, _Line(start, joint), way._replace(normal=True), c, f
 
     def _guide(self, body: int) -> _Line | None:
-        """The line along which a body slides without turning, if that is on the ground or on what moves already."""
+        """Find the line along which a body slides without turning, if it is on the ground or on what moves already."""
         held = set(self.top.bodies[body].points)
         for one, other in self.guides:
             for mine, theirs in ((one, other), (other, one)):
@@ -232,7 +232,7 @@ class _Chain:
         return None
 
     def _pin_meetings(self) -> Iterator[tuple]:
-        """A pin that moves what it slides in: a slotted arm, a slider with a slot, a point where two ways cross."""
+        """Find pins that move what they slide in: a slotted arm, a slider with a slot, a point where two ways cross."""
         names = self.top.points
         for line, pin in self.slots:
             for f in self._loose() if pin in self.points else ():
@@ -255,7 +255,7 @@ class _Chain:
                             yield *found, c
 
     def _slot_meetings(self, body: int, line: _Line, pin: int, noun: str) -> Iterator[tuple]:
-        """How a pin moves a body along whose line it slides, or with which it slides."""
+        """Find how a pin moves a body along whose line it slides, or with which it slides."""
         pivot, name = self._hung(body), self.top.points[pin]
         if pivot is not None and pivot != pin:
             between = f"the normal of {noun} and the arm to {name}"

@@ -303,7 +303,7 @@ class Verdict(_Record):
         return f"{about} {', '.join(words[:-1])}{' and ' if words[:-1] else ''}{words[-1]}" if words else ""
 
     def to_json(self, indent: int = 1) -> str:
-        """The verdict as JSON that holds to `schema`.
+        """Write the verdict as JSON that holds to `schema`.
 
         Args:
             indent: spaces by which levels are set in; 0 for a single line.
@@ -314,7 +314,7 @@ class Verdict(_Record):
 
 @public
 def schema() -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of a verdict, made from the records above."""
+    """Make the JSON Schema (draft 2020-12) of a verdict from the records above."""
     found = msgspec.json.schema(Verdict)
     for part in found.get("$defs", {}).values():
         part["required"] = sorted(part.get("properties", {}), key=list(part.get("properties", {})).index)

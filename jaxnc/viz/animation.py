@@ -178,7 +178,7 @@ class Film:
 
 
 def _as_bytes(colours: list[str]) -> np.ndarray:
-    """Colours ``"#rrggbb"`` as bytes, ``(n, 3)``."""
+    """Write colours ``"#rrggbb"`` as bytes, ``(n, 3)``."""
     return np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colours], dtype=np.uint8)
 
 

@@ -37,7 +37,7 @@ class Arrows:
     discs: tuple[float, ...] = ()  # of weights, radii of the symbols of the centres of mass, units
 
     def point(self, poses: Poses, k: int) -> int | None:
-        """The column of a point of the plane that an arrow stands at in all poses; None where it has its own place."""
+        """Find the column of the point in the plane that an arrow stands at; None where it has its own place."""
         if poses.dim == 3:
             return None
         same = np.abs(poses.places - self.places[:, k, None])[poses.good].max(axis=(0, 2), initial=0.0) < 1e-9

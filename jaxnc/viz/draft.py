@@ -81,7 +81,7 @@ def default_motion(thing: Any, inputs: Inputs | None, options: dict[str, Any]) -
 
 
 def _reachable(system: System, name: str, home: float) -> np.ndarray:
-    """Values of an input as far as it goes from the drawing."""
+    """Choose the values of an input as far as it goes from the drawing."""
     try:
         found = travel(system, name)
     except JaxncError:
@@ -91,7 +91,7 @@ def _reachable(system: System, name: str, home: float) -> np.ndarray:
 
 
 def whole_range(system: System, name: str, home: float, lower: float, upper: float) -> np.ndarray | None:
-    """Values of an input from one dead point to the other, of an angle without them a turn; None of a distance."""
+    """Choose the values of an input from one dead point to the other; without them a turn of an angle, or None."""
     if np.isfinite([lower, upper]).all():
         spare = _SPARE * (upper - lower)
         return np.linspace(lower + spare, upper - spare, _POSES)

@@ -396,7 +396,7 @@ def label_corners(label: Label, poses: np.ndarray, camera: Camera, unit: float, 
 
 
 def _foot(stand: Solid, pose: np.ndarray, unit: float) -> np.ndarray:
-    """The middle of the widest part of a stand, ``(3,)``."""
+    """Find the middle of the widest part of a stand, ``(3,)``."""
     origin, axes, _ = stand.frame.stand(pose)
     return origin + 0.8 * unit * stand.mesh.vertices[:, 4].min() * axes[0]
 

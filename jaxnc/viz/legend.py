@@ -41,7 +41,7 @@ class Legend:
         return out
 
     def height(self, room: float) -> float:
-        """Height of the rows in a width, points."""
+        """Measure the height of the rows in a width, points."""
         return _ROW * NUMBERS * len(self.rows(room))
 
     def paint(self, ax: Axes, room: float) -> None:

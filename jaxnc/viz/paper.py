@@ -92,7 +92,7 @@ def motion_sheet(
     left, top = (size[0] - wide) / 2, height - (_MARGIN if size[1] else 0.15)
 
     def box(part: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        """Left, top, width and height in inches from the upper left corner as shares of the figure."""
+        """Bring left, top, width and height, inches from the upper left corner, to shares of the figure."""
         a, b, w, h = part
         return (left + a) / size[0], (top - b - h) / height, w / size[0], h / height
 
@@ -108,7 +108,7 @@ def motion_sheet(
 
 
 def _size(paper: str | float) -> tuple[float, float]:
-    """Width and height, inches; no height where it follows."""
+    """Read width and height, inches; no height where it follows."""
     if isinstance(paper, str):
         if paper.lower() not in PAPER:
             raise InputError(f"paper={paper!r}: give {' or '.join(map(repr, PAPER))}, or a width in inches")
@@ -201,7 +201,7 @@ def _number(value: float) -> str:
 
 
 def _dimension_table(data: Poses) -> list[tuple[str, ...]]:
-    """Lengths of links and of the ground, as they are in the first pose that is right."""
+    """List the lengths of links and of the ground, as they are in the first pose that is right."""
     top, x = data.topology, data.places[data.extent_poses[0]]
     n = len(top.points)
     fixed: np.ndarray = np.all(np.array(top.fixed[: n * top.dim], bool).reshape(n, top.dim), axis=1)
@@ -218,7 +218,7 @@ def _dimension_table(data: Poses) -> list[tuple[str, ...]]:
 
 
 def _extreme_table(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ...]]:
-    """The least and the greatest value of what is plotted, and where."""
+    """List the least and the greatest value of what is plotted, and where."""
     unit = f" [{x.unit}]" if x.unit else ""
     rows: list[tuple[str, ...]] = [
         ("", "least", f"at {symbol(x.label)}{unit}", "greatest", f"at {symbol(x.label)}{unit}")
@@ -255,7 +255,7 @@ def _write_heading(figure: Figure, data: Poses, x: Quantity, box, title: str | N
 
 
 def _write(figure: Figure, table: list[tuple[str, ...]], box, row: float) -> None:
-    """A table with rules above, under its head and below; numbers stand at the right."""
+    """Write a table with rules above, under its head and below; numbers stand at the right."""
     left, bottom, wide, high = box
     lengths = [max(len(line[c]) for line in table) + 1.5 for c in range(len(table[0]))]
     text = min(NUMBERS, wide * figure.get_figwidth() * 72.0 / (0.56 * sum(lengths)))

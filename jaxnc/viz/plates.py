@@ -98,13 +98,13 @@ def draw_plates(assembly: Assembly, path: str | Path | None = None, pose: int = 
 
 
 def _colours(k: int) -> tuple[str, str]:
-    """Colours of a part's area and edge."""
+    """Choose the colours of a part's area and edge."""
     own = colour_of("ink", INK) if k == GROUND else colour_of("body", k - 1)
     return mix(own, LIGHT["paper"], 0.1 if k == GROUND else 0.34), LIGHT["soft"] if k == GROUND else own
 
 
 def _outline(assembly: Assembly, part: Part, origin: complex, direction: complex) -> Curve:
-    """The outline of a part with its holes and slots."""
+    """Draw the outline of a part with its holes and slots."""
     shop = assembly.shop
     rings = [_ring(part.corners, 0.5 * shop.width)]
     rings += [_ring(np.array([h.at]), 0.5 * shop.hole)[::-1] for h in part.holes]
@@ -113,7 +113,7 @@ def _outline(assembly: Assembly, part: Part, origin: complex, direction: complex
 
 
 def _ring(corners: np.ndarray, radius: float) -> np.ndarray:
-    """A rounded contour as places, closed, complex."""
+    """Write a rounded contour as places, closed, complex."""
     if len(corners) == 1:
         return corners[0] + radius * np.exp(2j * np.pi * np.linspace(0, 1, 3 * _ARC + 1))
     out, ends = [], rounded(corners, radius)
@@ -132,12 +132,12 @@ def _circle(at: complex, radius: float) -> np.ndarray:
 
 
 def _plane(z: np.ndarray) -> np.ndarray:
-    """Complex places as ``(n, 2)``."""
+    """Write complex places as ``(n, 2)``."""
     return np.stack([np.real(z), np.imag(z)], axis=1)
 
 
 def _names(ax, assembly: Assembly, corners: list[np.ndarray], pins: list[complex], scale: float) -> None:
-    """Names of parts with their layers, and of pins, where they do not lie on each other or on pins."""
+    """Write names of parts with their layers, and of pins, where they do not lie on each other or on pins."""
     low, high = np.array([ax.get_xlim(), ax.get_ylim()]).T
     disc = np.full(2, 0.5 * assembly.shop.pin)
     taken = [(np.array([at.real, at.imag]), disc) for at in pins]
@@ -171,7 +171,7 @@ def _names(ax, assembly: Assembly, corners: list[np.ndarray], pins: list[complex
 
 
 def _freest(spots: list[np.ndarray], half: np.ndarray, taken: list) -> np.ndarray:
-    """Which of some places of a text is taken least; the first of those that are equally free."""
+    """Choose the place of a text that is taken least; the first of those that are equally free."""
 
     def over(at: np.ndarray) -> float:
         both = [np.minimum(at + half, o + room) - np.maximum(at - half, o - room) for o, room in taken]
@@ -181,7 +181,7 @@ def _freest(spots: list[np.ndarray], half: np.ndarray, taken: list) -> np.ndarra
 
 
 def _from_the_side(ax, assembly: Assembly, stands: list, corners: list[np.ndarray]) -> None:
-    """Plates from the side, with pins and spacers; one layer is one unit high."""
+    """Draw plates from the side, with pins and spacers; one layer is one unit high."""
     shop = assembly.shop
     thick = shop.thickness / shop.pitch
     for k in np.argsort(assembly.levels, kind="stable").tolist():

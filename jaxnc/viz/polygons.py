@@ -65,7 +65,7 @@ class _Polygon:
         return len(self.places) - 1
 
     def spin(self, body: str) -> tuple[float, float]:
-        """Angular velocity and acceleration."""
+        """Find the angular velocity and acceleration."""
         motion, k = self.data.motion, ... if self.data.single else self.pose
         rise = np.asarray(motion.angular_acceleration(body))[k] if self.order == 2 else 0.0
         return float(np.asarray(motion.angular_velocity(body))[k]), float(rise)
@@ -107,7 +107,7 @@ class _Polygon:
                 self.part(middle, rise * np.array([-arm[1], arm[0]]), self.found[body.name], "tangential")
 
     def _guide(self, p: int, q: int, at: int) -> None:
-        """A point that slides on a moving line: that of the line below it, Coriolis's part and the sliding."""
+        """Add a point that slides on a moving line: that of the line below it, Coriolis's part and the sliding."""
         top = self.data.topology
         guide = next((b for b in top.bodies if {p, q} <= set(b.points) and b.name in self.found), None)
         if guide is None:
@@ -137,7 +137,7 @@ class _Polygon:
         return texts + ([f"dashed: {', '.join(parts)} part{'s' * (len(parts) > 1)}"] if parts else [])
 
     def scene(self) -> tuple[Scene, np.ndarray]:
-        """Images and names as a scene, and where its columns are."""
+        """Make a scene of images and names, and the places of its columns."""
         where, labels = list(self.places), []
         first = len(where)
         for a, b, _ in self.parts:  # names keep clear of them
@@ -242,7 +242,7 @@ def _default_title(data: Poses, pose: int, kind: str) -> str:
 
 
 def _arrows(view: Any, plan: _Polygon, kind: str) -> None:
-    """The vectors, and in dashes what they are put together from."""
+    """Draw the vectors, and their parts in dashes."""
     points = view.points
     for end in plan.places[1:]:
         _arrow(view.ax, np.zeros(2), end, LIGHT[kind], 0.4 * points, "-", points, f"{kind} vector")

@@ -140,7 +140,7 @@ class Poses:
         return np.flatnonzero(self.good) if self.good.any() else np.arange(self.count)
 
     def column(self, name: str, what: str) -> int:
-        """Column of a point or marker."""
+        """Find the column of a point or marker."""
         if name not in self.names:
             raise InputError(
                 f"{what}: {self.topology.name!r} has no point or marker {name!r}; {nearest(name, self.names)}"
@@ -148,23 +148,23 @@ class Poses:
         return self.names.index(name)
 
     def columns(self, names: str | Iterable[str], what: str) -> tuple[int, ...]:
-        """Columns of several points or markers, given as names or as one name."""
+        """Find the columns of several points or markers, given as names or as one name."""
         names = (names,) if isinstance(names, str) else tuple(names)
         return tuple(dict.fromkeys(self.column(name, what) for name in names))
 
     def pose(self, index: int) -> int:
-        """An index of a pose, counted from the end if negative."""
+        """Read an index of a pose, counted from the end if negative."""
         if not isinstance(index, (int, np.integer)) or not -self.count <= index < self.count:
             have = "one pose, number 0" if self.count == 1 else f"poses 0 to {self.count - 1}"
             raise InputError(f"pose={index!r}: this motion of {self.topology.name!r} has {have}")
         return int(index) % self.count
 
     def trace(self, column: int) -> np.ndarray:
-        """Path of a column, ``(T, dim)``, with gaps (NaN) where a pose is not right."""
+        """Find the path of a column, ``(T, dim)``, with gaps (NaN) where a pose is not right."""
         return np.where(self.good[:, None], self.places[:, column], np.nan)
 
     def path(self, column: int) -> tuple[np.ndarray, np.ndarray]:
-        """Path of a column to be drawn, ``(n, dim)``, and where each pose is on it, ``(T,)``.
+        """Find the path of a column to be drawn, ``(n, dim)``, and where each pose is on it, ``(T,)``.
 
         Where few poses would show chords, as near change points, it has further places between them.
         """
@@ -210,7 +210,7 @@ class Poses:
         return np.concatenate([*parts, x[done:]]), at
 
     def _way(self) -> Callable[[np.ndarray], np.ndarray | None] | None:
-        """Places of all columns ``(n, columns, dim)`` at poses and parts of the way to the next; None of what has none.
+        """Make a function that finds places of all columns ``(n, columns, dim)`` between poses; None if there is none.
 
         What is driven is solved for: several inputs go from pose to pose smoothly, none beyond its values, or in time
         as their rates say. What was simulated is interpolated, with its velocities and accelerations.
@@ -240,7 +240,7 @@ class Poses:
         return solve_between
 
     def rates(self, order: int) -> np.ndarray:
-        """Rates of all columns, ``(T, columns, dim)``, NaN where a pose is not right."""
+        """Find the rates of all columns, ``(T, columns, dim)``, NaN where a pose is not right."""
         if len(self.motion.rates) < order:
             getattr(self.motion, _NOUNS[order])(self.topology.points[0])
         read = (self.motion.velocity, self.motion.acceleration, self.motion.jerk)[order - 1]
@@ -361,7 +361,7 @@ def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses
 
 
 def _riding(top: Topology) -> tuple[MarkerIndex, ...]:
-    """Markers that are places, not directions."""
+    """List markers that are places, not directions."""
     return tuple(m for m in top.markers if not m.direction)
 
 

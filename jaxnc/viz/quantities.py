@@ -107,7 +107,7 @@ def _coordinate(poses: Poses, name: str, order: int, what: str) -> Quantity:
 
 
 def _plain_quantity(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Quantity:
-    """A quantity of its own unit; a vector if it has components."""
+    """Make a quantity of its own unit; a vector if it has components."""
     values = np.asarray(values, float).reshape(poses.count, -1)
     values = np.where(poses.good[:, None], values, np.nan)
     vector = values.shape[1] == poses.dim
@@ -115,7 +115,7 @@ def _plain_quantity(poses: Poses, name: str, dimension: str, unit: str, values: 
 
 
 def _force(poses: Poses, noun: str, what: str) -> Quantity:
-    """``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``."""
+    """Read a force: ``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``."""
     top, name = poses.topology, f"{noun} {what}"
     values = force_values(poses.reactions, name)
     if values.ndim > poses.motion.status.ndim and values.shape[-1] != poses.dim:
@@ -126,7 +126,7 @@ def _force(poses: Poses, noun: str, what: str) -> Quantity:
 
 
 def force_values(found: "Reactions", name: str) -> Any:
-    """The numbers of ``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``, ``(...,)``."""
+    """Read the numbers of a force by its name, such as ``"reaction B on coupler"``, ``(...,)``."""
     noun, _, what = name.partition(" ")
     if noun == "reaction":
         point, between, body = what.partition(" on ")
@@ -137,7 +137,7 @@ def force_values(found: "Reactions", name: str) -> Any:
 
 
 def forces_of(poses: Poses) -> tuple[str, ...]:
-    """Names of the forces of a motion: efforts of its inputs, loads, what passes through points and into the ground."""
+    """List the names of forces: efforts of the inputs, loads, what passes through points and into the ground."""
     top, loads = poses.topology, poses.topology.loads
     out = [f"effort {name}" for name in poses.motion.driven]
     out += [f"load {name}" for block in loads.forces for name in block.names]
@@ -152,13 +152,13 @@ def forces_of(poses: Poses) -> tuple[str, ...]:
 
 
 def attitudes(poses: Poses) -> tuple[str, ...]:
-    """Names of the numbers of a suspension with the usual names; none of anything else."""
+    """List the names of the numbers of a suspension with the usual names; none of anything else."""
     found = poses.wheel
     return () if found is None else tuple(n for n in LABELS if n in NUMBERS and getattr(found, n) is not None)
 
 
 def _attitude(poses: Poses, name: str) -> Quantity | None:
-    """A number of a suspension, angles in degrees as the trade gives them; None where there is no such number."""
+    """Read a number of a suspension, angles in degrees as usual; None where there is no such number."""
     if name in poses.motion.names or name not in LABELS or name not in NUMBERS:
         return None
     found = poses.wheel
@@ -206,13 +206,13 @@ def _in_units(poses: Poses, name, label, dimension, order, angle, values, kind) 
 
 
 def quantity_names(poses: Poses) -> tuple[str, ...]:
-    """Names that `quantity` understands, besides their rates."""
+    """List the names that `quantity` understands, besides their rates."""
     named = (*poses.names, *poses.directions)
     return (*named, *(f"{p}.{axis}" for p in named for axis in "xyz"[: poses.dim]), *poses.topology.scalars)
 
 
 def running(motion: Motion) -> str | None:
-    """The input that curves are drawn over: the only one, or the first that runs one way; none if all go to and fro."""
+    """Choose the input that curves are drawn over: the only one, or the first that runs one way, if any."""
     if len(motion.driven) < 2:
         return next(iter(motion.driven), None)
     asked = np.asarray(motion.asked, float).reshape(-1, len(motion.driven))

@@ -64,7 +64,7 @@ class Line(Item):
     closed: bool = False
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Vertices in a pose, ``(vertices, 2)``."""
+        """Find the vertices in a pose, ``(vertices, 2)``."""
         return places[list(self.points)]
 
 
@@ -90,7 +90,7 @@ class Stamp(Item):
     reach: tuple[tuple[int, float], ...] = ()
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Vertices in a pose, ``(vertices, 2)``."""
+        """Find the vertices in a pose, ``(vertices, 2)``."""
         origin, e = self.frame.stand(places)
         v = np.array(self.vertices)
         along, across = v[:, 0] + v[:, 1] * unit, v[:, 2] * unit
@@ -106,7 +106,7 @@ class Span(Item):
     closed: bool = False  # whether it is an area
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Vertices in a pose, ``(vertices, 2)``."""
+        """Find the vertices in a pose, ``(vertices, 2)``."""
         a, b = self.ends
         origin, e = Frame(a, self.ends).stand(places)
         v = np.array(self.vertices)
@@ -122,7 +122,7 @@ class Casing(Item):
     over: tuple[tuple[int, int], ...]  # columns of the ends of those under it, which share no joint with it
 
     def strokes(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Stretches in a pose, ``(stretches, 2, 2)``."""
+        """Find the stretches in a pose, ``(stretches, 2, 2)``."""
         a, d = places[self.points[0]], places[self.points[1]] - places[self.points[0]]
         size, out = float(np.hypot(*d)), []
         for p, q in self.over:
@@ -152,7 +152,7 @@ class Hatch(Item):
     reach: tuple[tuple[int, float], ...] = ()  # what slides along it, as a `Stamp` has it
 
     def strokes(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Strokes in a pose, ``(strokes, 2, 2)``."""
+        """Find the strokes in a pose, ``(strokes, 2, 2)``."""
         origin, e = self.frame.stand(places)
         n = np.array([-e[1], e[0]])
         lo, hi = (length + units * unit for length, units in (self.start, self.end))
@@ -177,20 +177,20 @@ class Arc(Item):
     beside: float = 6.9  # distance of the name from the vertex, units
 
     def angles(self, places: np.ndarray) -> tuple[float, float]:
-        """Start and signed extent, radians."""
+        """Find the start and signed extent, radians."""
         _, e = Frame(self.at, self.start).stand(places)
         _, f = Frame(self.at, self.to).stand(places)
         first = math.atan2(e[1], e[0])
         return first, shown_angle(math.atan2(f[1], f[0]) - first, self.low)
 
     def rim(self, places: np.ndarray, unit: float, count: int) -> np.ndarray:
-        """Places along the arc in a pose, ``(count, 2)``."""
+        """Find the places along the arc in a pose, ``(count, 2)``."""
         first, extent = self.angles(places)
         turn = first + extent * np.linspace(0.0, 1.0, count)
         return places[self.at] + self.units * unit * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
     def spot(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Where its name stands, ``(2,)``."""
+        """Find where its name stands, ``(2,)``."""
         first, extent = self.angles(places)
         turn = first + self.share * extent + self.lead
         return places[self.at] + self.beside * unit * np.array([math.cos(turn), math.sin(turn)])

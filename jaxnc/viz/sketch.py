@@ -75,7 +75,7 @@ class _PlaneSketch:
         self.keep_apart()
 
     def keep_apart(self) -> None:
-        """Longer bars under shorter ones, and each apart from those that it crosses."""
+        """Put longer bars under shorter ones, and keep each apart from those that it crosses."""
 
         def size(item: Line) -> float:
             return float(np.hypot(*(self.x[0, item.points[-1]] - self.x[0, item.points[0]])))
@@ -99,7 +99,7 @@ class _PlaneSketch:
         return any(a == b or {a, b} in pins for a in one for b in other)
 
     def shape(self, body: BodyIndex, colour: int) -> Item:
-        """A bar, or a plate over the hull of more points; its markers belong to it as its points do."""
+        """Draw a bar, or a plate over the hull of more points; its markers belong to it as its points do."""
         first = len(self.top.points)
         points = np.array([*body.points, *(first + k for k, m in enumerate(self.top.markers) if m.body == body.name)])
         x = self.x[0, points]
@@ -185,7 +185,7 @@ class _PlaneSketch:
             self.used.add(centre)
 
     def radii(self, owner: Owner) -> list[tuple[float, int]]:
-        """Radii of a gear pair or a disc, explicit or drawn, each with its place among the numbers of the equations."""
+        """Find the radii of a gear pair or a disc, each with its place among the numbers of the equations."""
         eq, first = derive(self.poses.motion.system), 0
         for block, constants in zip(self.top.blocks, eq.constants, strict=True):
             names = [c for c in block.kind.constants if c.startswith("radius")]
@@ -220,7 +220,7 @@ class _PlaneSketch:
     # -- sliding ------------------------------------------------------------------------------------------------
 
     def along(self, p: int, a: int, b: int) -> np.ndarray:
-        """Distance of a point from a along the line a-b in every pose, ``(T,)``."""
+        """Find the distance of a point from a along the line a-b in every pose, ``(T,)``."""
         d = self.x[:, b] - self.x[:, a]
         size = np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-300)
         return ((self.x[:, p] - self.x[:, a]) * d).sum(axis=1) / size
@@ -242,7 +242,7 @@ class _PlaneSketch:
         self.guides[key] = [frame, lo, hi, offset, side, (*old, slides)]
 
     def add_sliders(self) -> None:
-        """Points fixed in one coordinate, and bodies of one point."""
+        """Draw blocks of points fixed in one coordinate, and of bodies of one point."""
         for p in np.flatnonzero(self.half).tolist():
             moves = 0 if self.fixed[p, 1] else 1
             level = float(self.x[0, p, 1 - moves])
@@ -264,7 +264,7 @@ class _PlaneSketch:
             self.items.append(Stamp("block", frame, corners, body=colour))
 
     def edges(self) -> tuple[list[Item], np.ndarray]:
-        """Edges and hatching of all guides, and their ends as places in view."""
+        """Draw edges and hatching of all guides, and their ends as places in view."""
         items, ends = [], [np.zeros((0, 2))]
         for frame, lo, hi, offset, side, slides in self.guides.values():
             origin, e = frame.stand(self.x[0])
@@ -278,7 +278,7 @@ class _PlaneSketch:
         return items, np.concatenate(ends)
 
     def free_side(self, origin: np.ndarray, e: np.ndarray) -> int:
-        """The side of a line for its hatching: below, unless nearly everything lies there."""
+        """Choose the side of a line for its hatching: below, unless nearly everything lies there."""
         below = -1 if e[0] > -1e-9 else 1
         d = self.x - origin
         over = e[0] * d[..., 1] - e[1] * d[..., 0]
@@ -288,7 +288,7 @@ class _PlaneSketch:
     # -- inputs -------------------------------------------------------------------------------------------------
 
     def add_inputs(self) -> None:
-        """The arrow of a driven angle; a hydraulic cylinder for a driven distance."""
+        """Draw the arrow of a driven angle; a hydraulic cylinder for a driven distance."""
         for name, k, angle, block, instance in self.poses.driven_scalars():
             points = block.points[instance]
             if angle:
@@ -325,7 +325,7 @@ class _PlaneSketch:
     # -- forces -------------------------------------------------------------------------------------------------
 
     def add_forces(self) -> None:
-        """Springs, dampers and stops between points and on coordinates; torques."""
+        """Draw springs, dampers and stops between points and on coordinates; torques."""
         loads, beside = self.top.loads, defaultdict(int)
         for block in loads.forces:
             kind = block.kind.name
@@ -356,7 +356,7 @@ class _PlaneSketch:
                 self.items.extend(_torque_symbol(angle))
 
     def measured_points(self, coordinate: int) -> tuple[tuple[int, ...], tuple[int, int] | None]:
-        """The points of an angle or distance, by its place among the coordinates; the arm of an angle."""
+        """Find the points of an angle or distance, by its place among the coordinates; the arm of an angle."""
         k = coordinate - 2 * len(self.top.points)
         if k < 0:
             return (), None
@@ -418,14 +418,14 @@ class _PlaneSketch:
 def _arc_symbol(
     radius: float, first: float, last: float, share: float = 0.0, growth: float = 0.0
 ) -> tuple[Vertex, ...]:
-    """An arc about one end of a span, or about a place between, units; its radius may grow, for a spiral."""
+    """Draw an arc about one end of a span, or about a place between, units; its radius may grow, for a spiral."""
     turn = np.linspace(first, last, 2 + round(9 * (last - first)))
     r = radius + growth * (turn - first)
     return tuple((share, float(x), float(y)) for x, y in zip(r * np.cos(turn), r * np.sin(turn), strict=True))
 
 
 def _torque_symbol(arm: tuple[int, ...], share: float = 0.0) -> list[Item]:
-    """The arrow of a torque, counter-clockwise."""
+    """Draw the arrow of a torque, counter-clockwise."""
     ends, r, tip = (arm[0], arm[1]), 3.4, 5.2
     way = np.array([-np.sin(tip), np.cos(tip)])
     at, out = r * np.array([np.cos(tip), np.sin(tip)]), np.array([np.cos(tip), np.sin(tip)])
@@ -435,12 +435,12 @@ def _torque_symbol(arm: tuple[int, ...], share: float = 0.0) -> list[Item]:
 
 
 def _spiral_symbol(arm: tuple[int, int]) -> Item:
-    """A spring that turns about the start of an arm."""
+    """Draw a spring that turns about the start of an arm."""
     return Span("spring", arm, _arc_symbol(1.5, 0.0, 4.5 * np.pi, growth=0.13))
 
 
 def _coil_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
-    """A spring between two points, some units beside their line."""
+    """Draw a spring between two points, some units beside their line."""
     coils, height = 6, 1.25
     shares = 0.2 + 0.6 * (np.arange(2 * coils) + 0.5) / (2 * coils)
     zigzag = [(float(s), 0.0, beside + height * (1 if k % 2 else -1)) for k, s in enumerate(shares)]
@@ -450,7 +450,7 @@ def _coil_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
 
 
 def _dashpot_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
-    """A damper between two points: a piston in a cylinder."""
+    """Draw a damper between two points: a piston in a cylinder."""
     h, y = 1.1, beside
     rod = ((0.0, 0.0, 0.0), (0.06, 0.0, y), (0.5, 0.0, y), (0.5, 0.0, y + 0.8 * h), (0.5, 0.0, y - 0.8 * h))
     case = ((0.35, 0.0, y + h), (0.66, 0.0, y + h), (0.66, 0.0, y - h), (0.35, 0.0, y - h))
@@ -459,7 +459,7 @@ def _dashpot_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
 
 
 def _stop_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
-    """A stop between two points: a rod and the plate that it meets."""
+    """Draw a stop between two points: a rod and the plate that it meets."""
     y = beside
     rod = ((0.0, 0.0, 0.0), (0.06, 0.0, y), (0.46, 0.0, y))
     plate = ((0.54, 0.0, y + 1.4), (0.54, 0.0, y - 1.4), (0.54, 0.0, y), (0.94, 0.0, y), (1.0, 0.0, 0.0))

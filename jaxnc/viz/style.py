@@ -124,7 +124,7 @@ def mix(colour: str, paper: str, share: float) -> str:
 
 
 def colour_of(name: str, body: int, dark: bool = False) -> str:
-    """The colour that a role's colour name means for a body (by index; `INK` for none), ``"#rrggbb"``.
+    """Find the colour that a role's colour name means for a body (by index; `INK` for none), ``"#rrggbb"``.
 
     The name is ``"body"``, ``"tint"`` or a key of `LIGHT`.
     """
@@ -144,13 +144,13 @@ _GREEK = dict(
 
 
 def symbol(name: str) -> str:
-    """A name as it is written in a picture: Greek letters for their names, digits after them kept."""
+    """Write a name as in a picture: Greek letters for their names, digits after them kept."""
     stem = name.rstrip("0123456789")
     return _GREEK.get(stem, stem) + name[len(stem) :]
 
 
 def axis_name(what: str, unit: str = "") -> str:
-    """The name of an axis: a quantity and its unit."""
+    """Write the name of an axis: a quantity and its unit."""
     return f"{what} [{unit}]" if unit else what
 
 
@@ -207,14 +207,14 @@ def crown(ax: "Axes", heading: str = "", room: float | None = None) -> float:
 
 
 def _legend_width(widths: Sequence[float], count: int) -> float:
-    """Width of a legend in columns, points."""
+    """Measure the width of a legend in columns, points."""
     tall, more = divmod(len(widths), count)  # as matplotlib fills them: the first ones take one more
     starts = [k * tall + min(k, more) for k in range(count + 1)]
     return sum(max(widths[a:b]) + 1.2 * NUMBERS for a, b in itertools.pairwise(starts))
 
 
 def wide(text: str, size: float) -> float:
-    """Width of a text in letters of a size, points, with what letters take more that are fitted to pixels."""
+    """Measure the width of a text in letters of a size, points, as they are fitted to pixels."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextToPath
 
@@ -222,7 +222,7 @@ def wide(text: str, size: float) -> float:
 
 
 def wrap(text: str, size: float, room: float) -> list[str]:
-    """A text in lines of a width, points."""
+    """Break a text into lines of a width, points."""
     lines: list[str] = []
     for word in text.split(" "):
         longer = f"{lines[-1]} {word}" if lines else word

@@ -108,7 +108,7 @@ class _Still:
         self.low, self.high = lower - 8 * unit, upper + 8 * unit
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """Places in the drawing, pixels."""
+        """Find the places in the drawing, pixels."""
         return (places - (self.low[0], self.high[1])) * (self.scale, -self.scale)
 
     def path(self, points: np.ndarray, closed: bool = False) -> str:

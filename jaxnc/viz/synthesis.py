@@ -43,7 +43,7 @@ _FRAME = 2.6  # half width of the picture, in half widths of the poses and poles
 
 
 def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> Figure:
-    """The best designs, each with what it does and what it should do, its scale and the lengths of its links.
+    """Draw the best designs, each with what it does and what it should do, its scale and the lengths of its links.
 
     Args:
         result: what was found.
@@ -72,7 +72,7 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
     def place(
         column: int, row: int, left: float, bottom: float, w: float, h: float
     ) -> tuple[float, float, float, float]:
-        """Inches from the lower left corner of a cell, in the figure."""
+        """Bring inches from the lower left corner of a cell to shares of the figure."""
         return (
             (column * _CELL + left) / width, (key + (high - 1 - row) * tall + bottom) / height, w / width, h / height
         )  # fmt: skip
@@ -104,13 +104,13 @@ def abreast(count: int, usual: int) -> int:
 
 
 def unit_of(problem: "Problem") -> str:
-    """The unit of its error, after a space."""
+    """Write the unit of its error, after a space."""
     unit = problem.error_unit.replace("^2", "²")
     return f" {unit}" if unit else ""
 
 
 def tallness(designs: "Sequence[Design]") -> float:
-    """Height of the drawings of designs in widths, so that the tallest has room."""
+    """Choose the height of the drawings of designs in widths, so that the tallest has room."""
     if designs[0].system.topology.dim == 3:
         return 0.85
     sizes = [np.asarray(design.size, dtype=float)[:2] for design in designs]
@@ -119,7 +119,7 @@ def tallness(designs: "Sequence[Design]") -> float:
 
 
 def lengths(design: "Design") -> str:
-    """The lengths of the links of a design, in a few lines."""
+    """Write the lengths of the links of a design, in a few lines."""
     unit = design.system.topology.length_unit
     each = [f"{name} {value:.4g}".replace(" ", "\N{NO-BREAK SPACE}") for name, value in design.lengths.items()]
     text = f"{', '.join(each)}{f' {unit}' if unit else ''}" if each else ""
@@ -138,7 +138,7 @@ def add_target_key(figure: Figure) -> None:
 
 
 def _targets_of(problem: "Problem") -> np.ndarray | None:
-    """Places that a point should reach, if that is what is asked for."""
+    """Find the places that a point should reach, if that is what is asked for."""
     target = getattr(problem, "target", None)
     return None if getattr(problem, "point", None) is None or target is None else np.asarray(target)
 
@@ -162,7 +162,7 @@ def draw_design(problem: "Problem", design: "Design", ax: Axes, title: str) -> N
 
 
 def function(problem: "FunctionGeneration", design: "Design", ax: Axes) -> None:
-    """The output at the targets, and where it should be, against the input."""
+    """Draw the output at the targets, and where it should be, against the input."""
     top = problem.system.topology
     turned = problem.driven in top.scalars and top.angles[top.scalars.index(problem.driven)]
     units = [("rad" if turned else top.length_unit), problem.unit]
@@ -189,7 +189,7 @@ def function(problem: "FunctionGeneration", design: "Design", ax: Axes) -> None:
 
 
 def convergence(result: "Result", path: str | Path | None = None) -> Figure:
-    """The best error, round by round.
+    """Draw the best error, round by round.
 
     Args:
         result: what was found.
@@ -218,7 +218,7 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
 
 
 def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> Figure:
-    """Value and gradient of every design, step by step: each one thin, the best so far of all of them thick.
+    """Draw value and gradient of every design, step by step: each one thin, the best so far of all of them thick.
 
     Args:
         history: of a descent.
@@ -299,7 +299,7 @@ def front(found: "Front", path: str | Path | None = None) -> Figure:
 
 
 def _axis_name(front: "Front", k: int) -> str:
-    """An objective with its unit, where it is known: of the problem's error, whose root is what a front holds."""
+    """Write an objective with its unit, where it is known: of the problem's error, whose root is what a front holds."""
     unit = front.problem.error_unit
     return axis_name(front.names[k], unit.removesuffix("^2") if k == 0 and unit.endswith("^2") else "")
 

@@ -82,7 +82,7 @@ class View:
         return float(np.clip(2.2 * self.points, NUMBERS, HEADING))
 
     def styled_traces(self) -> Iterator[tuple[int, int, int]]:
-        """Column of each trace, the body that it belongs to, and which of that body's traces it is, for its dashes."""
+        """List the column of each trace, its body, and which of the body's traces it is, for the dashes."""
         count: dict[int, int] = {}
         for column in self.traces:
             body = self.scene.bodies[column]

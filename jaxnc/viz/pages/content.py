@@ -315,7 +315,7 @@ def _fields(item: Any) -> dict[str, Any]:
 
 
 def _outermost(x: np.ndarray) -> np.ndarray:
-    """Some of the places, those that lie furthest out in many directions among them; there may be a million."""
+    """Pick some of the places, those that lie furthest out in many directions among them; there may be a million."""
     if len(x) <= _CORNERS:
         return x if len(x) else np.zeros((1, 3))
     ways = np.random.default_rng(0).normal(size=(_CORNERS, 3))

@@ -146,7 +146,7 @@ class Widget:
         return {name: x if x.ndim else float(x) for name, x in found.items()}
 
     def gradient(self, outputs: Outputs | None = None, variables: Sequence[str] | None = None) -> Sensitivity:
-        """Exact derivatives of what is watched with respect to the design, at the pose that is shown.
+        """Find exact derivatives of what is watched with respect to the design, at the pose that is shown.
 
         Args:
             outputs: as `jaxnc.sensitivity` takes them; what is watched, if not given.
@@ -179,7 +179,7 @@ class Widget:
         return self._pulled_to(point, place, inputs)
 
     def problem(self, point: str | None = None, **options: Any) -> "PathGeneration":
-        """The search for designs whose point follows the curve that was drawn.
+        """Set up the search for designs whose point follows the curve that was drawn.
 
         ``w.system = nc.synthesis.solve(w.problem("C")).best`` shows the best of them.
 
@@ -408,7 +408,7 @@ def _class() -> type:
             self.observe(self._show_target, names="target")
 
         def _repr_mimebundle_(self, **options: Any) -> Any:
-            """The widget's view, and a picture beside it that stored notebooks show."""
+            """Bundle the widget's view with a picture, which stored notebooks show."""
             bundle: Any = super()._repr_mimebundle_(**options)
             if bundle and (stored := self._stored_picture()):
                 data = bundle[0] if isinstance(bundle, tuple) else bundle  # the metadata stand behind

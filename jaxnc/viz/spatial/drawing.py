@@ -100,7 +100,7 @@ class SpaceView(View):
         self._take_tips(unit)
 
     def _spans(self, pad: float) -> np.ndarray:
-        """Measure width and height of what is drawn with `pad` around it, and of the floor unless `tight`, lengths."""
+        """Measure what is drawn with `pad` around it, and the floor unless `tight`: width and height, lengths."""
         lower, upper = self._visible_box()
         x = np.stack([lower - pad, upper + pad])
         if not self.tight:
@@ -299,7 +299,7 @@ class SpaceView(View):
         ax.grid(False)
 
     def _floor(self) -> None:
-        """A grid on the floor of the box."""
+        """Draw a grid on the floor of the box."""
         ax = self.ax
         (x0, x1), (y0, y1) = (axis.get_view_interval() for axis in (ax.xaxis, ax.yaxis))
         z = ax.zaxis.get_view_interval()[0]
@@ -336,7 +336,7 @@ class SpaceView(View):
         self.scene = dataclasses.replace(self.scene, items=tuple(items))
 
     def _painted_lines(self) -> tuple:
-        """Traces and further lines for the painter: places, colour, pattern of dashes and role."""
+        """Collect traces and further lines for the painter: places, colour, pattern of dashes and role."""
         out = []
         for column, body, turn in self.styled_traces():
             x, dashes = self.data.path(column)[0], (0, 6, 3)[turn % 3]

@@ -69,13 +69,13 @@ class Joints:
                         self.near.setdefault(v, p)
 
     def way(self, v: int) -> Way:
-        """A unit vector as a direction."""
+        """Read a unit vector as a direction."""
         return Way((self.first + v,))
 
     # -- joints by name -----------------------------------------------------------------------------------------
 
     def add_listed(self) -> None:
-        """Joints that the mechanism lists."""
+        """Draw joints that the mechanism lists."""
         draw = {
             "revolute": self.add_revolute,
             "spherical": self.add_spherical,
@@ -98,12 +98,12 @@ class Joints:
                 draw[joint.type](joint)
 
     def rows_of(self, joint: JointIndex, *kinds: str) -> RowReading | None:
-        """The first rows of a joint whose kind is called so."""
+        """Find the first rows of a joint whose kind is called so."""
         rows = owned_rows(self.top, joint.owner, self.first)
         return next((row for row in rows if row.block.kind.name.startswith(kinds)), None)
 
     def centre(self, joint: JointIndex, rows: RowReading) -> int | None:
-        """Where a joint about directions is: the point it makes coincide, or the one that its bodies share."""
+        """Find where a joint about directions is: the point it makes coincide, or the one that its bodies share."""
         both = self.rows_of(joint, "coincident")
         if both is not None:
             self.marked.update(both.points)
@@ -122,7 +122,7 @@ class Joints:
         return min(shared) if shared else None
 
     def add_revolute(self, joint: JointIndex) -> None:
-        """A hinge."""
+        """Draw a hinge."""
         rows = self.rows_of(joint, "parallel")
         p = self.centre(joint, rows) if rows else None
         if rows is None or p is None:
@@ -132,12 +132,12 @@ class Joints:
         self.marked.add(p)
 
     def add_spherical(self, joint: JointIndex) -> None:
-        """A ball."""
+        """Draw a ball."""
         self.ball(joint.points[0])
         self.marked.update(joint.points)
 
     def add_crossed(self, joint: JointIndex) -> None:
-        """The cross of a universal joint; a large ball for constant velocity."""
+        """Draw the cross of a universal joint; a large ball for constant velocity."""
         universal = joint.type == "universal"
         rows = self.rows_of(joint, "scalar product" if universal else "constant velocity")
         p = self.centre(joint, rows) if rows else None
@@ -153,7 +153,7 @@ class Joints:
         self.marked.add(p)
 
     def add_sliding(self, joint: JointIndex) -> None:
-        """A sleeve, a block, a nut or a ball on a rod along the axis."""
+        """Draw a sleeve, a block, a nut or a ball on a rod along the axis."""
         rows = self.rows_of(joint, "aligned")
         if rows is None or len(rows.points) < 2:
             return
@@ -188,7 +188,7 @@ class Joints:
         self.marked.update((start, on))
 
     def add_strut(self, start: int, axis: Way, line: int, holder: int) -> bool:
-        """A telescope, where two bodies have points along the axis: a sleeve where the rod enters; false if not."""
+        """Draw a telescope where two bodies have points along the axis: a sleeve, and the rod in it; else false."""
         outer, inner = (self.on_axis(k, start, axis) for k in (line, holder))
         if len(outer) < 2 or len(inner) < 2:
             return False
@@ -209,7 +209,7 @@ class Joints:
         return True
 
     def on_axis(self, k: int, start: int, axis: Way) -> list[int]:
-        """Points of a body that lie on an axis in every pose."""
+        """Find the points of a body that lie on an axis in every pose."""
         room, out = ONLINE * self.extent(), []
         d = axis.vector(self.x)
         d = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
@@ -219,17 +219,17 @@ class Joints:
         return out
 
     def extent(self) -> float:
-        """Size of the mechanism, a length."""
+        """Measure the size of the mechanism, a length."""
         return float(np.linalg.norm(np.ptp(self.x[:, : self.first].reshape(-1, 3), axis=0)))
 
     def along(self, start: int, axis: Way, on: int) -> np.ndarray:
-        """How far a point is along an axis from a start, lengths ``(T,)``."""
+        """Find how far a point is along an axis from a start, lengths ``(T,)``."""
         d = axis.vector(self.x)
         d = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
         return ((self.x[:, on] - self.x[:, start]) * d).sum(axis=1)
 
     def travel(self, start: int, axis: Way, on: int, start_in: bool = True) -> tuple[float, float]:
-        """Range of a point along an axis from a start, lengths; with the start in it or not."""
+        """Find the range of a point along an axis from a start, lengths; with the start in it or not."""
         t = self.along(start, axis, on)
         if not start_in:
             return float(t.min()), float(t.max())
@@ -245,7 +245,7 @@ class Joints:
         body: int,
         before: float = _BEYOND,
     ) -> None:
-        """A rod over a range along an axis, and a little beyond: `before` units at its start."""
+        """Draw a rod over a range along an axis, and a little beyond: `before` units at its start."""
         count = 10
         rings = tuple(
             Ring(length=lo + (hi - lo) * k / count, units=-before + (before + _BEYOND) * k / count, thick=ROD)
@@ -254,7 +254,7 @@ class Joints:
         self.items.append(Solid(role, SpaceFrame(at, axis), revolve(rings, 8, lined=False), body=body))
 
     def add_planar(self, joint: JointIndex) -> None:
-        """A pad that lies in the plane."""
+        """Draw a pad that lies in the plane."""
         vectors = joint.vectors
         if not vectors or len(joint.points) < 2:
             return
@@ -264,13 +264,13 @@ class Joints:
         self.marked.add(on)
 
     def add_cable(self, joint: JointIndex) -> None:
-        """Straight pieces between its points."""
+        """Draw straight pieces between its points."""
         self.items.extend(
             Solid("cable", SpaceFrame(a, Way((a, b))), line(8)) for a, b in itertools.pairwise(joint.points)
         )
 
     def add_wheels(self, joint: JointIndex) -> None:
-        """Pitch circles of gears, pinions and discs, from the constants of their rows."""
+        """Draw pitch circles of gears, pinions and discs, from the constants of their rows."""
         rows = self.rows_of(joint, "contact in space", "bevel gear", "internal bevel gear", "rack")
         if rows is None:
             return
@@ -286,7 +286,7 @@ class Joints:
     # -- joints by what bodies share ----------------------------------------------------------------------------
 
     def add_shared(self) -> None:
-        """Where bodies meet at a point: a hinge if they share an axis too, else a ball."""
+        """Draw what holds bodies that meet at a point: a hinge if they share an axis too, else a ball."""
         for p in range(len(self.top.points)):
             found = self.bodies.meeting(p)
             if len({group for *_, group in found}) < 2:
@@ -312,7 +312,7 @@ class Joints:
         return float(np.linalg.norm(self.x[0, p] - self.x[0, q])) > 0
 
     def hinge(self, p: int, axis: Way, mesh=_HINGE) -> None:
-        """A hinge at a point; on the ground it stands on the ground's symbol."""
+        """Draw a hinge at a point; on the ground it stands on the ground's symbol."""
         ground = bool(self.bodies.ground[p])
         self.items.append(Solid("ground hinge" if ground else "hinge", SpaceFrame(p, axis), mesh))
         d = axis.vector(self.x[0])
@@ -320,13 +320,13 @@ class Joints:
             self.shifts[p] = 0.9
 
     def ball(self, p: int) -> None:
-        """A ball joint."""
+        """Draw a ball joint."""
         self.items.append(Ball("ground ball" if self.bodies.ground[p] else "ball", p, 1.05))
 
     # -- sliders and inputs -------------------------------------------------------------------------------------
 
     def add_sliders(self) -> None:
-        """Points of which one coordinate is free slide on a rail."""
+        """Draw rails of points of which one coordinate is free."""
         for p in np.flatnonzero(self.bodies.half).tolist():
             free = np.flatnonzero(~self.bodies.fixed[p])
             if len(free) != 1:
@@ -361,7 +361,7 @@ class Joints:
                 self.items.append(Turn("arc", self.vertex(axis, to), axis, to, k, 6.4, symbol(name), low))
 
     def vertex(self, axis: Way, to: Way) -> int:
-        """The column at which an angle is shown: where its direction starts, or where its axis is shown."""
+        """Find the column at which an angle is shown: where its direction starts, or where its axis is shown."""
         if len(to.columns) == 2:
             return to.columns[0]
         shown = self.axes.get(axis.columns[0] - self.first)

@@ -188,39 +188,39 @@ class Mesh:
 def revolve(
     rings: tuple[Ring, ...], sides: int = 14, prism: bool = False, caps: bool = True, lined: bool = True
 ) -> Mesh:
-    """A solid of one turned piece."""
+    """Make a solid of one turned piece."""
     return Mesh((Turned(rings, sides, prism, caps, lined),))
 
 
 def shell(profile: tuple[tuple[float, float], ...], sides: int) -> Mesh:
-    """A thin surface of revolution."""
+    """Make a thin surface of revolution."""
     return Mesh((Shell(profile, sides),))
 
 
 def tube(thick: float, pieces: int, sides: int = 10) -> Mesh:
-    """A round bar along the frame's segment, in pieces that can be sorted by depth; its ends lie inside a joint."""
+    """Make a round bar along the frame's segment, in pieces to be sorted by depth; its ends lie inside a joint."""
     inside = 0.85
     rings = tuple(Ring(share=k / pieces, units=inside * (1 - 2 * k / pieces), thick=thick) for k in range(pieces + 1))
     return revolve((Ring(thick=thick), *rings, Ring(share=1.0, thick=thick)), sides, lined=False)
 
 
 def cylinder(half: float, thick: float, sides: int = 16) -> Mesh:
-    """A cylinder about the frame's origin: half length and radius in units."""
+    """Make a cylinder about the frame's origin: half length and radius in units."""
     return revolve((Ring(units=-half, thick=thick), Ring(units=half, thick=thick)), sides)
 
 
 def block(half: float, thick: float) -> Mesh:
-    """A square block about the frame's origin: half length and half width in units."""
+    """Make a square block about the frame's origin: half length and half width in units."""
     return revolve((Ring(units=-half, thick=thick), Ring(units=half, thick=thick)), 4, prism=True)
 
 
 def disc(radius: float, half: float, sides: int = 40) -> Mesh:
-    """A wheel about the frame's origin: its radius is a length, its half width in units."""
+    """Make a wheel about the frame's origin: its radius is a length, its half width in units."""
     return revolve((Ring(units=-half, radius=radius), Ring(units=half, radius=radius)), sides)
 
 
 def arrow(length: float, shaft: float, head: float, start: float = 0.0, further: float = 0.0, sides: int = 10) -> Mesh:
-    """An arrow of a length in units along the frame's axis, from `start` units and a length `further` along."""
+    """Make an arrow of a length in units along the frame's axis, from `start` units and a length `further` along."""
     neck = start + length - 2.6 * head
     rings = tuple(Ring(length=further, units=u, thick=shaft) for u in (start, 0.5 * (start + neck), neck))
     point = Ring(length=further, units=start + length, thick=0.02)
@@ -229,7 +229,7 @@ def arrow(length: float, shaft: float, head: float, start: float = 0.0, further:
 
 
 def reach(shaft: float, head: float, sides: int = 8) -> Mesh:
-    """An arrow over the whole of the frame's segment."""
+    """Make an arrow over the whole of the frame's segment."""
     back = -2.6 * head
     rings = tuple(Ring(share=s, units=back if s == 1.0 else 0.0, thick=shaft) for s in (0.0, 0.25, 0.5, 0.75, 1.0))
     tip = revolve((Ring(share=1.0, units=back, thick=head), Ring(share=1.0, thick=0.02)), sides, lined=False)
@@ -237,52 +237,52 @@ def reach(shaft: float, head: float, sides: int = 8) -> Mesh:
 
 
 def web(corners: tuple[tuple[float, float, float], ...]) -> Mesh:
-    """A flat polygon seen from both sides: corners in units along, across and up."""
+    """Make a flat polygon seen from both sides: corners in units along, across and up."""
     return two_sided(tuple((0.0, 0.0, 0.0, 0.0, *c) for c in corners))
 
 
 def two_sided(corners: tuple[Vertex, ...], lined: bool = True) -> Mesh:
-    """A flat polygon seen from both sides."""
+    """Make a flat polygon seen from both sides."""
     around = tuple(range(len(corners)))
     strokes = tuple((k, (k + 1) % len(corners)) for k in around) if lined else ()
     return Mesh((Plain(corners, (around, around[::-1]), strokes),))
 
 
 def line(pieces: int) -> Mesh:
-    """A line along the frame's segment, in pieces."""
+    """Make a line along the frame's segment, in pieces."""
     ends: list[Vertex] = [(k / pieces, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(pieces + 1)]
     return lines(list(itertools.pairwise(ends)))
 
 
 def dashes(count: int) -> Mesh:
-    """A dashed line along the frame's segment."""
+    """Make a dashed line along the frame's segment."""
     ends: list[Vertex] = [(k / (3 * count - 1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(3 * count)]
     return lines(list(zip(ends[::3], ends[2::3], strict=True)))
 
 
 def coil(turns: int, radius: float, start: float, end: float) -> Mesh:
-    """A spring around the frame's segment."""
+    """Make a spring around the frame's segment."""
     return Mesh((Coil(turns, radius, start, end),))
 
 
 def lines(pairs: list[tuple[Vertex, Vertex]]) -> Mesh:
-    """Strokes, each a part."""
+    """Make strokes, each a part."""
     vertices = tuple(v for pair in pairs for v in pair)
     return Mesh((Plain(vertices, (), tuple((2 * k, 2 * k + 1) for k in range(len(pairs))), True),))
 
 
 def in_units(start: tuple[float, float, float], end: tuple[float, float, float]) -> tuple[Vertex, Vertex]:
-    """The ends of a stroke, given in units along, across and up."""
+    """Make the ends of a stroke, given in units along, across and up."""
     return (0.0, 0.0, 0.0, 0.0, *start), (0.0, 0.0, 0.0, 0.0, *end)
 
 
 def join(*meshes: Mesh) -> Mesh:
-    """Several meshes as one, their parts kept apart."""
+    """Join several meshes to one, their parts kept apart."""
     return Mesh(tuple(piece for mesh in meshes for piece in mesh.pieces))
 
 
 def stand(height: float, wide: float) -> Mesh:
-    """The ground's symbol below the frame's origin, its axis pointing up: a pyramid on a hatched slab."""
+    """Make the ground's symbol below the frame's origin, its axis pointing up: a pyramid on a hatched slab."""
     foot = revolve((Ring(units=-height, thick=wide), Ring(units=-0.2, thick=0.12)), 4, prism=True)
     slab = revolve(
         (Ring(units=-height - 0.45, thick=1.45 * wide), Ring(units=-height, thick=1.45 * wide)), 4, prism=True

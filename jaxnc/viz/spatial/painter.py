@@ -106,7 +106,7 @@ class Painter:
         self.ball_look = [Look.of(ball) for ball in self.balls]
 
     def vertices(self, pose: np.ndarray, scalars: np.ndarray, unit: float) -> np.ndarray:
-        """All vertices of a pose, ``(vertices, 3)``."""
+        """Find all vertices of a pose, ``(vertices, 3)``."""
         parts = [pose[: self.columns], *(solid.vertices(pose, unit) for solid in self.solids)]
         for turn in self.turns:
             curve = turn.curve(pose, float(scalars[turn.scalar]), unit, _TURN)
@@ -118,7 +118,7 @@ class Painter:
         return np.concatenate(parts)
 
     def paint(self, vertices: np.ndarray, pose: np.ndarray, project, unit: float, faded: float = 1.0) -> Sheet:
-        """Polygons of one pose in the order in which they are painted.
+        """Lay out the polygons of one pose in the order in which they are painted.
 
         Args:
             vertices: of the pose, from `vertices`.
@@ -178,7 +178,7 @@ class Painter:
         )
 
     def _balls(self, pose: np.ndarray, project, unit: float, scale: float, faded: float) -> tuple[np.ndarray, ...]:
-        """Two discs for each ball: itself, and a light on it."""
+        """Make two discs for each ball: itself, and a light on it."""
         if not self.balls:
             return np.zeros((0, 1, 2)), np.zeros((0, 4)), np.zeros((0, 4)), np.zeros(0), np.zeros(0)
         centre, near, _, _ = project(pose[[ball.at for ball in self.balls]])
@@ -216,7 +216,7 @@ class Look:
 
     @classmethod
     def of(cls, item: SpaceItem | None, style: Style | None = None, body: int = INK) -> "Look":
-        """The look of an item, or of a style with a colour."""
+        """Find the look of an item, or of a style with a colour."""
         if item is not None:
             style, body = item.style, item.body
         assert style is not None
@@ -226,7 +226,7 @@ class Look:
 
 
 def rgba(name: str, body: int, opacity: float = 1.0) -> tuple[float, ...]:
-    """A colour by name as numbers from 0 to 1; nothing for no name."""
+    """Read a colour by name as numbers from 0 to 1; nothing for no name."""
     if not name:
         return (0.0, 0.0, 0.0, 0.0)
     text = colour_of(name, body)

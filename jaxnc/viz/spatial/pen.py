@@ -31,7 +31,7 @@ class Projection:
         self.scale = 1.0 / self.size[0]
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """Places in the picture, nearness as a length, axes of the picture, and lengths per unit of the picture."""
+        """Find the places in the picture, nearness as a length, axes of the picture, and lengths per its unit."""
         h = np.concatenate([x, np.ones((len(x), 1))], axis=1) @ self.m.T
         return h[:, :2] / h[:, 3:4], -h[:, 2] / h[:, 3] / self.size[2], self.axes, self.scale
 
@@ -89,7 +89,7 @@ class Name(Text):
         self.set_path_effects([halo])
 
     def spot(self) -> np.ndarray:
-        """Where its middle is, pixels."""
+        """Find where its middle is, pixels."""
         axes = self.axes
         flat, *_ = Projection(axes)(self.place[None])  # type: ignore[arg-type]
         per_point = axes.figure.dpi / 72.0  # type: ignore[union-attr]
@@ -108,7 +108,7 @@ class Name(Text):
             super().draw(renderer)
 
     def get_window_extent(self, renderer=None, dpi=None):
-        """Its box in pixels, where its place is now."""
+        """Find its box in pixels, where its place is now."""
         self._put_in_place()
         return super().get_window_extent(renderer, dpi)
 

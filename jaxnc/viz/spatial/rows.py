@@ -14,14 +14,14 @@ from jaxnc.viz.spatial.scene import Way
 
 
 def rank(x: np.ndarray) -> int:
-    """Dimension that points ``(n, 3)`` spread over: 0, 1, 2 or 3."""
+    """Find the dimension that points ``(n, 3)`` spread over: 0, 1, 2 or 3."""
     d = x - x.mean(axis=0)
     size = np.linalg.svd(d, compute_uv=False) if len(x) > 1 else np.zeros(1)
     return int(np.sum(size > FLAT * size[0])) if size[0] > 0 else 0
 
 
 def outline(x: np.ndarray) -> tuple[list[tuple[int, ...]], list[tuple[int, int]]]:
-    """Faces and edges of the convex hull of points ``(n, 3)`` that do not lie on a line, as indices.
+    """Find the faces and edges of the convex hull of points ``(n, 3)`` that do not lie on a line, as indices.
 
     A body has few points: every three of them are tried.
     """

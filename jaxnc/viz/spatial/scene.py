@@ -76,7 +76,7 @@ class Solid(SpaceItem):
     mesh: Mesh
 
     def vertices(self, pose: np.ndarray, unit: float) -> np.ndarray:
-        """Vertices in a pose, ``(vertices, 3)``; NaN for a segment that has no length."""
+        """Find the vertices in a pose, ``(vertices, 3)``; NaN for a segment that has no length."""
         origin, axes, span = self.frame.stand(pose)
         v = self.mesh.vertices
         if span <= 0 and v[:, 0].any():
@@ -120,11 +120,11 @@ class Turn(SpaceItem):
         return pose[self.at] + radius * (np.cos(turn)[:, None] * axes[1] + np.sin(turn)[:, None] * axes[2])
 
     def curve(self, pose: np.ndarray, value: float, unit: float, count: int = 33) -> np.ndarray:
-        """Places along the arrow, ``(count, 3)``: it ends at the direction, and begins the angle before it."""
+        """Find the places along the arrow, ``(count, 3)``: it ends at the direction, and begins the angle before it."""
         return self._around(pose, np.linspace(-shown_angle(value, self.low), 0.0, count), self.units * unit)
 
     def spot(self, pose: np.ndarray, value: float, unit: float) -> np.ndarray:
-        """Where its name belongs, ``(3,)``: in the middle of the angle, beside it if that is small."""
+        """Find where its name belongs, ``(3,)``: in the middle of the angle, beside it if that is small."""
         shown = shown_angle(value, self.low)
         aside = math.copysign(0.5 * max(0.0, 1.0 - abs(shown) / 0.9), shown)
         return self._around(pose, np.array([-0.5 * shown - aside]), (self.units + 1.9) * unit)[0]
@@ -148,7 +148,7 @@ class SpaceScene:
         return x.min(axis=0), x.max(axis=0)
 
     def reach(self, poses: np.ndarray) -> np.ndarray:
-        """All places that have to be in view in poses ``(T, columns, 3)``, without symbols, ``(places, 3)``."""
+        """Find all places that have to be in view in poses ``(T, columns, 3)``, without symbols, ``(places, 3)``."""
         parts = [poses[:, list(self.visible)].reshape(-1, 3), self.extents]
         for item in self.items:
             if isinstance(item, Solid) and item.mesh.vertices[:, 1:4].any():

@@ -83,7 +83,7 @@ class _SpaceSketch:
             self.items.extend(Solid(role, SpaceFrame(a, Way((a, b))), mesh, body=colour) for a, b in edges)
 
     def add_webs(self, p: int, vectors: list[int], colour: int) -> None:
-        """A body of one point: what its unit vectors span, as far as markers there are, or as they are drawn."""
+        """Draw the plate that the unit vectors of a body of one point span, as far as its markers."""
         names = {b.name for b in self.top.bodies if set(b.points) == {p}}
         columns = [self.names[m.name] for m in self.top.markers if m.body in names and m.name in self.names]
         size = float(np.linalg.norm(self.x[0, columns] - self.x[0, p], axis=-1).max(initial=0.0))
@@ -163,7 +163,7 @@ class _SpaceSketch:
         return any(c > 0.96 for c in cosines) and not any(c < -0.96 for c in cosines)
 
     def _carrier(self, v: int) -> tuple[int, int]:
-        """The point at which a direction is shown, and the colour of the body that carries it."""
+        """Find the point at which a direction is shown, and the colour of the body that carries it."""
         if v >= len(self.top.vectors):
             marker = next(m for m in self.top.markers if m.name == self.poses.directions[v])
             k = [b.name for b in self.top.bodies].index(marker.body)
