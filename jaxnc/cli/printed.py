@@ -14,7 +14,6 @@ from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.kinematics.wheel_report import SuspensionReport, aligned
 from jaxnc.reporting.outcome import (
     CROSSING,
-    ZERO,
     crossings,
     idle,
     in_reading_units,
@@ -23,7 +22,7 @@ from jaxnc.reporting.outcome import (
     scales_of,
     why,
 )
-from jaxnc.reporting.quantity import Quantity, constant, course, extreme_of, quantities, unit_of
+from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Verdict
 from jaxnc.status import Status
 

@@ -16,7 +16,7 @@ from jaxnc.kinematics.sizes import METRES
 from jaxnc.kinematics.wheel_report import SuspensionReport, suspension_report
 from jaxnc.mechanism import Mechanism
 from jaxnc.reporting.checked import apart
-from jaxnc.reporting.quantity import Quantity, constant, course, extreme_of, quantities, unit_of
+from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Extreme, Poses, Simulated, Verdict, Wheel, WheelNumber, number
 from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
@@ -24,9 +24,6 @@ from jaxnc.system.system import System, characteristic_length
 
 if TYPE_CHECKING:
     from jaxnc.dynamics.simulation import Simulation
-
-ZERO = 1e-9
-"""Of the largest number of its unit: what is smaller is shown as zero."""
 
 CROSSING = "Branches cross there: places are known to half of the digits, rates are not, and tables leave them blank."
 

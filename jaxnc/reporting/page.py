@@ -17,8 +17,8 @@ from jaxnc.kinematics.hardpoints import trade_names
 from jaxnc.kinematics.motion import Motion
 from jaxnc.reporting.checked import parts
 from jaxnc.reporting.curves import Curve, bars, chart, short, with_symbols
-from jaxnc.reporting.outcome import ZERO, energies, idle, inputs_at, scales_of
-from jaxnc.reporting.quantity import Quantity, constant, unit_of
+from jaxnc.reporting.outcome import energies, idle, inputs_at, scales_of
+from jaxnc.reporting.quantity import ZERO, Quantity, constant, unit_of
 from jaxnc.reporting.transmission import unexplained_bodies
 from jaxnc.reporting.verdict import Finding, Verdict
 from jaxnc.viz.pages.packing import fill_template

@@ -11,9 +11,10 @@ from jaxnc.kinematics.position import sweep
 from jaxnc.system.system import characteristic_length
 from jaxnc.system.topology import Topology
 
-_FLAT = 1e-9  # of its size: a quantity that varies less is constant
+ZERO = 1e-9
+"""Of the largest number of its kind: what is smaller is rounding, and is shown as zero."""
+
 _PEAKS = 24  # peaks of forces that are listed
-_NOTHING = 1e-9  # of the largest force: what is smaller is none
 
 
 @public
@@ -124,7 +125,7 @@ def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> Extr
 
 def constant(values: np.ndarray) -> bool:
     """Tell whether a quantity does not vary, up to rounding."""
-    return float(np.nanmax(values) - np.nanmin(values)) <= _FLAT * float(np.nanmax(np.abs(values)))
+    return float(np.nanmax(values) - np.nanmin(values)) <= ZERO * float(np.nanmax(np.abs(values)))
 
 
 def _natural(motion: Motion, name: str) -> float:
@@ -225,4 +226,4 @@ def _peaks(wrenches: dict, good: np.ndarray) -> Iterator[Peak]:
             found.append(Peak(body, by, float(force.max()), turns, int(force.argmax())))
     size = max((p.force for p in found), default=0.0)
     most = max((p.moment for p in found), default=0.0)
-    yield from (p for p in found if p.force > _NOTHING * size or p.moment > _NOTHING * most)
+    yield from (p for p in found if p.force > ZERO * size or p.moment > ZERO * most)

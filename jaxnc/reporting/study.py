@@ -42,18 +42,16 @@ from jaxnc.reporting.outcome import (
     wheel,
     why,
 )
-from jaxnc.reporting.quantity import Forces, Quantity, forces, quantities, shown_in, unit_of
+from jaxnc.reporting.quantity import ZERO, Forces, Quantity, forces, quantities, shown_in, unit_of
 from jaxnc.reporting.transmission import Transmission, transmissions
 from jaxnc.reporting.verdict import Derivative, Drive, Verdict
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.assemble import assemble
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
-from jaxnc.viz.draft import whole_range
+from jaxnc.viz.draft import POSES, whole_range
 
-_POSES = 181  # where no number is given
 _LOOKED = 73  # poses at most at which derivatives are taken
-_NOTHING = 1e-9  # of the largest derivative of its output
 _MOST = 12  # derivatives of an output that are listed
 
 
@@ -309,7 +307,7 @@ def _range(verdict: Verdict, system: System, name: str, home: float) -> np.ndarr
     ends = (verdict.reach[-1].lower, verdict.reach[-1].upper) if verdict.reach else (None, None)
     lower, upper = (np.nan if end is None else end / factor for end in ends)
     values = whole_range(system, name, home, lower, upper)
-    return home + 0.1 * float(derive(system).length) * np.linspace(-1.0, 1.0, _POSES) if values is None else values
+    return home + 0.1 * float(derive(system).length) * np.linspace(-1.0, 1.0, POSES) if values is None else values
 
 
 def _reaches(verdict: Verdict, system: System, names: Sequence[str], held: Sequence[str]) -> None:
@@ -340,7 +338,7 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
         block = found[name].reshape(len(chosen), -1, len(found.variables))
         size = np.linalg.norm(block, axis=1) if block.shape[1] > 1 else np.abs(block[:, 0])
         most = size.max(axis=0)
-        for k in [int(k) for k in np.argsort(-most, kind="stable") if most[k] > _NOTHING * most.max()][:_MOST]:
+        for k in [int(k) for k in np.argsort(-most, kind="stable") if most[k] > ZERO * most.max()][:_MOST]:
             pose = int(size[:, k].argmax())
             below = found.variable_units[k]
             angle = below == "rad" and motion.system.topology.angle_unit == "deg"

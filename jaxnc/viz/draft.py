@@ -18,7 +18,7 @@ from jaxnc.system.system import System, drivable, unheld
 from jaxnc.types import Inputs
 
 _NAMED = 4  # names, at most, of what may be driven
-_POSES = 181  # of a range
+POSES = 181  # of a motion whose number of poses is not given
 _SPARE = 1e-3  # of a range, left before dead points
 
 
@@ -94,5 +94,5 @@ def whole_range(system: System, name: str, home: float, lower: float, upper: flo
     """Choose the values of an input from one dead point to the other; without them a turn of an angle, or None."""
     if np.isfinite([lower, upper]).all():
         spare = _SPARE * (upper - lower)
-        return np.linspace(lower + spare, upper - spare, _POSES)
-    return home + np.linspace(0.0, 2 * np.pi, _POSES) if system.topology.is_angle(name) else None
+        return np.linspace(lower + spare, upper - spare, POSES)
+    return home + np.linspace(0.0, 2 * np.pi, POSES) if system.topology.is_angle(name) else None

@@ -34,7 +34,7 @@ _BETWEEN = np.array(
 )  # between names side by side, which must not read as one, and one above the other, units
 _SIGNS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 _THROUGH = 0.4  # how much worse it is to be crossed by a segment than to touch it, units
-_STEPS = 9  # of the arrow of an angle
+_STEPS = 9  # places along the arrow of an angle
 _DIRECTIONS = 24
 _RINGS = (0.0, 0.8, 1.7, 2.9, 4.4)  # extra distance from the point, units
 _NEXT = 1.75  # from a point to the edge of its name, units
@@ -42,7 +42,6 @@ _NEAR = (0.0, 1.2, 2.9)  # as `_RINGS`, of names that give way
 _STIR = 0.05  # what it costs to go on by one direction, or by a unit
 _TURNS = 3
 _CLEAR = 0.55  # wanted distance to lines, units
-_CURVE = 9  # places along the arrow of an angle
 _STRAIGHT = ("bar", "edge", "rod", "cable", "distance", "velocity", "acceleration", "weight", "applied", "reaction")
 _SPRING_RINGS = (0.15, 0.38, 0.62, 0.85)  # of a spring, kept clear
 _TURN_STEPS = np.concatenate(
@@ -331,7 +330,7 @@ def place_names(scene: SpaceScene, poses: np.ndarray, scalars: np.ndarray, camer
         for turn, pairs in zip(turns, values, strict=True)
     ]
     curves = [
-        np.stack([turn.curve(x, float(v), unit, _CURVE) for x, v in zip(poses, scalars[:, turn.scalar], strict=True)])
+        np.stack([turn.curve(x, float(v), unit, _STEPS) for x, v in zip(poses, scalars[:, turn.scalar], strict=True)])
         for turn in turns
     ]
     springs = [
@@ -344,7 +343,7 @@ def place_names(scene: SpaceScene, poses: np.ndarray, scalars: np.ndarray, camer
     first = foot + len(feet) + len(turns)
     items += [Line("bar", (first + 2 * k, first + 2 * k + 1)) for k in range(len(rods))]
     first += 2 * len(rods)
-    items += [Line("arc", tuple(range(first + _CURVE * k, first + _CURVE * (k + 1)))) for k in range(len(turns))]
+    items += [Line("arc", tuple(range(first + _STEPS * k, first + _STEPS * (k + 1)))) for k in range(len(turns))]
     items += [Circle("pin", flat.shape[1] - 1 - k, 0.0, 2.2) for k in range(len(rings))]
     for item in scene.items:
         if isinstance(item, Plate):

@@ -30,7 +30,7 @@ from jaxnc.viz.pages.solver import mass_centres
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.quantities import force_values
 
-LONGEST = 60_000
+LONGEST_PROGRAM = 60_000
 """Characters of the programs that a page still carries."""
 
 _NAMES = ("q", "m", "d", "c", "v", "a", "t", "l")
@@ -155,7 +155,7 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
         )
         for name, (to, nodes) in programs.items()
     }
-    if sum(map(len, out.values())) > LONGEST:
+    if sum(map(len, out.values())) > LONGEST_PROGRAM:
         raise Unreadable("the mechanism has too many bodies")
     return ForcePrograms(out, len(rest) - count, None if whole is top else _inner(dyn, view))
 

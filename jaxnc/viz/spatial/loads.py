@@ -7,14 +7,13 @@ import numpy as np
 
 from jaxnc.viz.scene import Label
 from jaxnc.viz.spatial.joints import ROD, Joints
-from jaxnc.viz.spatial.mesh import Mesh, Plain, Ring, Vertex, coil, dashes, join, lines, revolve, two_sided
+from jaxnc.viz.spatial.mesh import PARTS, Mesh, Plain, Ring, Vertex, coil, dashes, join, lines, revolve, two_sided
 from jaxnc.viz.spatial.rows import RowReading, read_rows
 from jaxnc.viz.spatial.scene import Solid, SpaceFrame, SpaceItem, Way
 from jaxnc.viz.style import symbol
 
 _STRAIGHT = 1e-6  # of a distance: how near to its direction two points lie that a line along it joins
 _HALF = 0.55  # of a telescope, covered by its barrel
-_PARTS = 8  # of a rod, sorted by depth each on its own
 _FINE = 12  # the same of a barrel or a rod with a spring around it
 _LIFT = 2.6  # from the middle of a hinge to what turns about its axis, units
 _SEAT = 1.9  # radius of the plate that a spring rests on, units
@@ -23,7 +22,7 @@ _SEAT = 1.9  # radius of the plate that a spring rests on, units
 # -- solids -----------------------------------------------------------------------------------------------------------
 
 
-def _rod(start: float, end: float, thick: float, sides: int = 8, parts: int = _PARTS) -> Mesh:
+def _rod(start: float, end: float, thick: float, sides: int = 8, parts: int = PARTS) -> Mesh:
     """Make a round rod over a share of the frame's segment."""
     rings = tuple(Ring(share=start + (end - start) * k / parts, thick=thick) for k in range(parts + 1))
     return revolve(rings, sides, lined=False)

@@ -8,6 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+PARTS = 8
+"""Of a bar or rod, sorted by depth each on its own."""
+
 Vertex = tuple[float, float, float, float, float, float, float]
 """In a frame: share of its segment's length; lengths along, across and up; units along, across and up."""
 

@@ -10,14 +10,13 @@ from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Label
 from jaxnc.viz.spatial.joints import Joints
 from jaxnc.viz.spatial.loads import Loads
-from jaxnc.viz.spatial.mesh import arrow, in_units, join, line, lines, shell, stand, tube, two_sided, web
+from jaxnc.viz.spatial.mesh import PARTS, arrow, in_units, join, line, lines, shell, stand, tube, two_sided, web
 from jaxnc.viz.spatial.rows import inline, outline, rank
 from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceFrame, SpaceItem, SpaceScene, Way
 from jaxnc.viz.style import INK, symbol
 
-_PIECES = 8  # of a bar, sorted by depth each on its own
-_BAR = tube(0.52, _PIECES)
-_EDGE = tube(0.3, _PIECES, 8)
+_BAR = tube(0.52, PARTS)
+_EDGE = tube(0.3, PARTS, 8)
 _SHAFT, _HEAD, _REACH = 0.17, 0.62, 8.0  # of a unit vector, units
 _AXIS = arrow(_REACH, _SHAFT, _HEAD)
 _STAND = stand(2.9, 1.5)
