@@ -18,12 +18,12 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.wheel_report import suspension_report
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.system.assemble import assemble
+from jaxnc.viz.bodies import outline, rank
 from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial import mesh
 from jaxnc.viz.spatial.camera import Camera, choose_camera
 from jaxnc.viz.spatial.painter import Painter
 from jaxnc.viz.spatial.pen import Projection, Solids
-from jaxnc.viz.spatial.rows import outline, rank
 from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceFrame, SpaceScene, Turn, Way
 from jaxnc.viz.spatial.sketch import sketch_space
 

@@ -18,27 +18,10 @@ _EXPECTATION = re.compile(r"\s*(.+?)(?:\s+(smallest|largest|range))?\s*(<=|>=|<|
 _HELP = "write QUANTITY [smallest|largest|range] < NUMBER (or <=, >, >=), such as 'psi range > 30'"
 
 Code = Literal[
-    "bad-input",
-    "incomplete",
-    "does-not-assemble",
-    "does-not-move",
-    "cannot-be-driven",
-    "not-found",
-    "beyond-limits",
-    "expectation-missed",
-    "no-design",
-    "broke-off",
-    "redundant",
-    "overconstrained",
-    "singular",
-    "left-out",
-    "loose",
-    "unused",
-    "doubtful-size",
-    "drawing-does-not-fit",
-    "nothing-driven",
-    "not-known",
-]
+    "bad-input", "incomplete", "does-not-assemble", "does-not-move", "cannot-be-driven", "not-found",
+    "beyond-limits", "expectation-missed", "no-design", "broke-off", "redundant", "overconstrained", "singular",
+    "left-out", "loose", "unused", "doubtful-size", "drawing-does-not-fit", "nothing-driven", "not-known",
+]  # fmt: skip
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):

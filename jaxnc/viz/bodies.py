@@ -1,5 +1,7 @@
 """Bodies as pictures of the plane and of space show them: what they hold, which move, their colours and outlines."""
 
+import itertools
+
 import numpy as np
 
 from jaxnc.system.topology import Topology
@@ -93,3 +95,56 @@ def hull(x: np.ndarray) -> list[int]:
 
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def rank(x: np.ndarray) -> int:
+    """Find the dimension that points ``(n, 3)`` spread over: 0, 1, 2 or 3."""
+    d = x - x.mean(axis=0)
+    size = np.linalg.svd(d, compute_uv=False) if len(x) > 1 else np.zeros(1)
+    return int(np.sum(size > FLAT * size[0])) if size[0] > 0 else 0
+
+
+def outline(x: np.ndarray) -> tuple[list[tuple[int, ...]], list[tuple[int, int]]]:
+    """Find the faces and edges of the convex hull of points ``(n, 3)`` that do not lie on a line, as indices.
+
+    A body has few points: every three of them are tried.
+    """
+    if rank(x) == 2:
+        _, _, axes = np.linalg.svd(x - x.mean(axis=0))
+        order = hull((x - x.mean(axis=0)) @ axes[:2].T)
+        return [tuple(order)], _round(order)
+    i, j, k = np.array(list(itertools.combinations(range(len(x)), 3))).T
+    a, b = x[j] - x[i], x[k] - x[i]
+    normals = np.cross(a, b)
+    size = np.linalg.norm(normals, axis=1)
+    wide = size > 1e-6 * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    normals, i, j = normals[wide] / size[wide, None], i[wide], j[wide]
+    height = normals @ x.T - np.sum(normals * x[i], axis=1)[:, None]
+    near = 1e-7 * np.ptp(x, axis=0).max()
+    outside = np.flatnonzero((height <= near).all(axis=1) | (height >= -near).all(axis=1))
+    faces: dict[tuple[int, ...], np.ndarray] = {}  # with their normals, which point outwards
+    for n in outside:
+        on = np.flatnonzero(np.abs(height[n]) <= near)
+        along = x[j[n]] - x[i[n]]
+        flat = (x[on] - x[i[n]]) @ np.stack([along, np.cross(normals[n], along)], axis=1)
+        order = on[hull(flat)].tolist()
+        begin = order.index(min(order))
+        face = (*order[begin:], *order[:begin])
+        if not any(set(face) == set(other) for other in faces):
+            faces[face] = normals[n] * (1.0 if height[n].min() < -near else -1.0)
+    sides: dict[tuple[int, int], list[np.ndarray]] = {}
+    for face, normal in faces.items():
+        for a, b in _round(list(face)):
+            sides.setdefault((min(a, b), max(a, b)), []).append(normal)
+    return list(faces), sorted(edge for edge, n in sides.items() if len(n) < 2 or n[0] @ n[1] < 0.999)
+
+
+def _round(order: list[int]) -> list[tuple[int, int]]:
+    return [(order[k - 1], order[k]) for k in range(len(order))]
+
+
+def inline(x: np.ndarray) -> list[int]:
+    """Order of points ``(n, 3)`` along the line they lie on."""
+    d = x[:, None] - x[None]
+    i, j = np.unravel_index(int((d**2).sum(axis=-1).argmax()), d.shape[:2])
+    return np.argsort((x - x[i]) @ (x[j] - x[i]), kind="stable").tolist()

@@ -1,15 +1,18 @@
-"""The symbol of every joint in space: hinges, balls, sleeves on rods, crosses, wheels, and the arrows of inputs."""
+"""Symbols of joints in space: hinges, balls, sleeves on rods, crosses, wheels, and the arrows of inputs."""
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 
-from jaxnc.system.topology import JointIndex
+from jaxnc.solvers.assembly import derive
+from jaxnc.system.identity import Owner
+from jaxnc.system.system import System
+from jaxnc.system.topology import Block, JointIndex, Topology
 from jaxnc.viz.bodies import Bodies
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import least_angle
 from jaxnc.viz.spatial.mesh import Ring, block, cylinder, disc, line, revolve, stand, tube
-from jaxnc.viz.spatial.rows import RowReading, owned_rows, read_rows
 from jaxnc.viz.spatial.scene import Ball, Solid, SpaceFrame, SpaceItem, Turn, Way
 from jaxnc.viz.style import INK, symbol
 
@@ -29,6 +32,48 @@ _PISTON = tube(ROD, 10)
 
 ONLINE = 1e-6
 """Of the mechanism's size: how near to an axis a point is that lies on it."""
+
+
+@dataclass(frozen=True)
+class RowReading:
+    """Points and directions that an instance of a kind acts on."""
+
+    block: Block  # where it is
+    instance: int  # which one
+    points: tuple[int, ...]  # its own points, without those of its directions
+    ways: tuple[Way, ...]  # its directions
+    vectors: tuple[int, ...]  # for each direction, the index of its unit vector; -1 for a segment
+
+    def constants(self, system: System, start: str) -> list[float]:
+        """List the values of those constants whose names start so."""
+        top, kind = system.topology, self.block.kind
+        values = np.asarray(derive(system).constants[top.blocks.index(self.block)])[self.instance]
+        return [float(values[i]) for i, name in enumerate(kind.constants) if name.startswith(start)]
+
+
+def read_rows(block: Block, instance: int, first: int) -> RowReading:
+    """Read one instance; `first` is the column of the first unit vector."""
+    words = block.kind.name.replace(",", " ").split()
+    forms = next((word for word in reversed(words) if set(word) <= {"p", "v"}), "")
+    points, vectors = list(block.points[instance]), list(block.vectors[instance])
+    leading = len(points) - 2 * forms.count("p")
+    rest = points[leading:]
+    ways, own = [], []
+    for form in forms:
+        if form == "v":
+            own.append(vectors.pop(0))
+            ways.append(Way((first + own[-1],)))
+        else:
+            ways.append(Way((rest.pop(0), rest.pop(0))))
+            own.append(-1)
+    return RowReading(block, instance, tuple(points[:leading]), tuple(ways), tuple(own))
+
+
+def owned_rows(top: Topology, owner: Owner, first: int) -> list[RowReading]:
+    """Read all instances that belong to a joint or coordinate."""
+    return [
+        read_rows(block, i, first) for block in top.blocks for i, owners in enumerate(block.owners) if owner in owners
+    ]
 
 
 class Joints:

@@ -6,9 +6,8 @@ import math
 import numpy as np
 
 from jaxnc.viz.scene import Label
-from jaxnc.viz.spatial.joints import ROD, Joints
+from jaxnc.viz.spatial.joints import ROD, Joints, RowReading, read_rows
 from jaxnc.viz.spatial.mesh import PARTS, Mesh, Plain, Ring, Vertex, coil, dashes, join, lines, revolve, two_sided
-from jaxnc.viz.spatial.rows import RowReading, read_rows
 from jaxnc.viz.spatial.scene import Solid, SpaceFrame, SpaceItem, Way
 from jaxnc.viz.style import symbol
 

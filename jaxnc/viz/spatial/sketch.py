@@ -5,13 +5,12 @@ import itertools
 import numpy as np
 
 from jaxnc.kinematics.hardpoints import numbered, usual
-from jaxnc.viz.bodies import Bodies
+from jaxnc.viz.bodies import Bodies, inline, outline, rank
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Label
 from jaxnc.viz.spatial.joints import Joints
 from jaxnc.viz.spatial.loads import Loads
 from jaxnc.viz.spatial.mesh import PARTS, arrow, in_units, join, line, lines, shell, stand, tube, two_sided, web
-from jaxnc.viz.spatial.rows import inline, outline, rank
 from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceFrame, SpaceItem, SpaceScene, Way
 from jaxnc.viz.style import INK, symbol
 
