@@ -6,8 +6,6 @@ import jax
 import numpy as np
 
 from jaxnc.errors import InputError, JaxncError
-from jaxnc.io.drives import sweep_arguments
-from jaxnc.kinematics.arc import travel
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
@@ -67,6 +65,8 @@ def default_motion(thing: Any, inputs: Inputs | None, options: dict[str, Any]) -
         if inputs is not None or options:
             raise InputError("widget: a motion has its inputs already; leave inputs=, rates= and hold= out")
         return thing
+    from jaxnc.io.drives import sweep_arguments  # a first drawing goes without these
+
     if inputs is None and not options and isinstance(thing, Mechanism) and thing.model.run.inputs:
         return sweep(thing.compile(), **sweep_arguments(thing), throw=False)
     drawn = draft(thing)
@@ -82,6 +82,8 @@ def default_motion(thing: Any, inputs: Inputs | None, options: dict[str, Any]) -
 
 def _reachable(system: System, name: str, home: float) -> np.ndarray:
     """Choose the values of an input as far as it goes from the drawing."""
+    from jaxnc.kinematics.arc import travel
+
     try:
         found = travel(system, name)
     except JaxncError:
