@@ -241,20 +241,27 @@ class Scene:
     items: tuple[Item, ...]  # from the ground up
     labels: tuple[Label, ...]  # names
     visible: tuple[int, ...]  # columns that decide the extents
-    guides: np.ndarray  # fixed places that must be in view as well, (places, 2)
+    guides: np.ndarray  # fixed places that must be in view as well, (places, dim)
     bodies: tuple[int, ...]  # colour index by column, for traces
 
     def box(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower left and upper right corner, ``(2,)`` each, of everything in poses ``(T, columns, 2)``."""
-        parts = [places[:, list(self.visible)].reshape(-1, 2), self.guides]
+        """Find the lower and upper corner, ``(dim,)`` each, of everything in poses ``(T, columns, dim)``."""
+        x = self.reach(places)
+        return x.min(axis=0), x.max(axis=0)
+
+    def reach(self, places: np.ndarray) -> np.ndarray:
+        """Find all places that have to be in view in poses, without symbols, ``(places, dim)``; the origin if none."""
+        dim = places.shape[-1]
+        x = np.concatenate([places[:, list(self.visible)].reshape(-1, dim), self.guides, *self.outlines(places)])
+        x = x[np.isfinite(x).all(axis=1)]
+        return x if len(x) else np.zeros((1, dim))
+
+    def outlines(self, places: np.ndarray) -> list[np.ndarray]:
+        """Find places of what has a size of its own, a length."""
+        parts: list[np.ndarray] = []
         for item in self.items:
             if isinstance(item, Circle) and item.radius:
-                centre = places[:, item.at]
-                parts.extend((centre - item.radius, centre + item.radius))
+                parts += [places[:, item.at] - item.radius, places[:, item.at] + item.radius]
             elif isinstance(item, Stamp) and any(v[0] for v in item.vertices) and isinstance(item.frame.at, int):
-                parts.extend(item.outline(x, 0.0) for x in places)
-        x = np.concatenate(parts)
-        x = x[np.isfinite(x).all(axis=1)]
-        if not len(x):
-            x = np.zeros((1, 2))
-        return x.min(axis=0), x.max(axis=0)
+                parts += [item.outline(x, 0.0) for x in places]
+        return parts

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxnc.viz.poses import evenly
-from jaxnc.viz.scene import Item, Label, shown_angle
+from jaxnc.viz.scene import Item, Scene, shown_angle
 from jaxnc.viz.spatial.mesh import Mesh, Shell
 from jaxnc.viz.style import Style
 
@@ -131,33 +131,21 @@ class Turn(SpaceItem):
 
 
 @dataclass(frozen=True)
-class SpaceScene:
-    """A whole drawing, for any pose."""
+class SpaceScene(Scene):
+    """A whole drawing, for any pose; its items are sorted by depth."""
 
-    items: tuple[SpaceItem, ...]  # in any order; they are sorted by depth
-    labels: tuple[Label, ...]  # names
-    visible: tuple[int, ...]  # columns that decide the extents
-    extents: np.ndarray  # fixed places that must be in view as well, (places, 3)
-    bodies: tuple[int, ...]  # colour index by column, for traces
     links: tuple[tuple[int, int], ...]  # pairs of columns between which there is something, for choosing a view
     arrows: tuple[tuple[int, ...], ...]  # the point and the direction of every unit vector that is shown, likewise
 
-    def box(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner, ``(3,)`` each, of everything in poses ``(T, columns, 3)``."""
-        x = self.reach(poses)
-        return x.min(axis=0), x.max(axis=0)
-
-    def reach(self, poses: np.ndarray) -> np.ndarray:
-        """Find all places that have to be in view in poses ``(T, columns, 3)``, without symbols, ``(places, 3)``."""
-        parts = [poses[:, list(self.visible)].reshape(-1, 3), self.extents]
-        for item in self.items:
-            if isinstance(item, Solid) and item.mesh.vertices[:, 1:4].any():
-                # Some of the poses: the columns that they stand at are there in all.
-                some = evenly(poses, 32)
-                parts.extend(item.vertices(x, 0.0)[:: 5 if isinstance(item.mesh.pieces[0], Shell) else 1] for x in some)
-        x = np.concatenate(parts)
-        x = x[np.isfinite(x).all(axis=1)]
-        return x if len(x) else np.zeros((1, 3))
+    def outlines(self, places: np.ndarray) -> list[np.ndarray]:
+        """Find places of what has a size of its own, a length, in some of the poses: the columns are there in all."""
+        solids = [item for item in self.items if isinstance(item, Solid) and item.mesh.vertices[:, 1:4].any()]
+        some = evenly(places, 32)
+        return [
+            item.vertices(x, 0.0)[:: 5 if isinstance(item.mesh.pieces[0], Shell) else 1]
+            for item in solids
+            for x in some
+        ]
 
 
 SOLIDS = {
