@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from jaxnc.status import Status as Status
     from jaxnc.synthesis.tolerance.spread import tolerance as tolerance
     from jaxnc.system.system import System as System
-    from jaxnc.viz.notebook import widget as widget
+    from jaxnc.viz.pages.widget import widget as widget
 
 __version__ = "0.1.0"
 

@@ -189,10 +189,10 @@ class Assembly:
     # -- files --------------------------------------------------------------------------------------------------
 
     def draw(self, path: str | Path | None = None, pose: int = 0) -> "Figure":
-        """Draw the stack in plan and from the side; see `jaxnc.viz.stack.draw_stack`."""
-        from jaxnc.viz.stack import draw_stack
+        """Draw the stack in plan and from the side; see `jaxnc.viz.plates.draw_plates`."""
+        from jaxnc.viz.plates import draw_plates
 
-        return draw_stack(self, path, pose)
+        return draw_plates(self, path, pose)
 
     def save(self, where: str | Path, formats: Sequence[str] = ("dxf", "svg")) -> Path:
         """Write drawings of all parts and the table of parts into a folder.

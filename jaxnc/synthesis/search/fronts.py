@@ -120,10 +120,10 @@ class Front(Shown):
     __repr__ = __str__
 
     def plot(self, path: str | Path | None = None) -> "Figure":
-        """Draw the front, and the designs at its ends and its bend; see `jaxnc.viz.front`."""
-        from jaxnc.viz import front
+        """Draw the front, and the designs at its ends and its bend; see `jaxnc.viz.synthesis`."""
+        from jaxnc.viz import synthesis
 
-        return front.plot(self, path)
+        return synthesis.front(self, path)
 
 
 @public

@@ -1,4 +1,4 @@
-"""A mechanism in a notebook: the page as a widget. What is dragged there comes back as a system, with exact values."""
+"""A mechanism in a notebook: the page as a widget, from which drags come back as a system, with exact values."""
 
 import functools
 import json
@@ -19,16 +19,16 @@ from jaxnc.status import Status
 from jaxnc.system.host import from_jax
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
-from jaxnc.viz.page import colours, page_parts
-from jaxnc.viz.parts import filled, own
-from jaxnc.viz.pulled import pulled
-from jaxnc.viz.ranged import ranged
-from jaxnc.viz.shown import pixels
+from jaxnc.viz.draft import default_motion
+from jaxnc.viz.pages.curve_edit import edit_curve
+from jaxnc.viz.pages.packing import fill_template, page_part
+from jaxnc.viz.pages.page import page_colours, page_parts
+from jaxnc.viz.svg import draw_pixels
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.path import PathGeneration
 
-_PYTHON = "python"  # who told; a page has a name of its own
+_PYTHON = "python"  # sender of a message; a page has a name of its own
 _NUMBERS = ("c", "k", "d")  # of equations, markers, explicit dimensions
 _TARGETS = 24  # points that a drawn curve becomes
 _CLOSED = 0.12  # of its extent: a drawn curve whose ends are as near as this is closed
@@ -66,7 +66,7 @@ def widget(
     """
     made = _class()
     driving = {name: options.pop(name) for name in ("rates", "hold") if name in options}
-    motion = ranged(thing, inputs, driving)
+    motion = default_motion(thing, inputs, driving)
     if np.ndim(motion.status) > 1:
         raise InputError(f"widget: {motion.system.name!r} has a batch of motions; index one")
     trace = (trace,) if isinstance(trace, str) else tuple(trace)
@@ -116,10 +116,10 @@ class Widget:
         first = int(good[0]) if len(good) else 0
         self._first, self._count, self._closed = motion.system, 0, False
         self._numbers = self._original = _numbers_of(motion.system) if live else {}
-        self._hearing = True  # what is assigned now is not to be told to the page
+        self._hearing = True  # traits are assigned without a message to the page
         self._esm = module
         super().__init__()
-        self.system, self.inputs = motion.system, self._named(self._asked[first])
+        self.system, self.inputs = motion.system, self._name_inputs(self._asked[first])
         self._known = self.system, self.inputs, motion.pose(first) if motion.status.shape else motion
         self._hearing = False
 
@@ -132,21 +132,21 @@ class Widget:
         """The pose that is shown, as the library finds it."""
         system, inputs, found = self._known
         if system is not self.system or inputs != self.inputs:
-            found = self._posed(self.system, self.inputs)
+            found = self._find_pose(self.system, self.inputs)
         elif not isinstance(found, Motion):  # the page's coordinates, beside which the library finds its pose
-            found = self._posed(self.system, self.inputs, found)
+            found = self._find_pose(self.system, self.inputs, found)
         self._known = self.system, self.inputs, found
         return found
 
     @property
     def values(self) -> dict[str, Any]:
-        """What is watched, exact at the pose that is shown: numbers, and places ``(dim,)``, by name."""
+        """Values of what is watched, exact at the pose that is shown: numbers, and places ``(dim,)``, by name."""
         pose = self.pose
         found = {name: np.asarray(pose[name]) for name in self._watch}
         return {name: x if x.ndim else float(x) for name, x in found.items()}
 
     def gradient(self, outputs: Outputs | None = None, variables: Sequence[str] | None = None) -> Sensitivity:
-        """Exact derivatives of what is watched with respect to the design, at the pose that is shown.
+        """Find exact derivatives of what is watched with respect to the design, at the pose that is shown.
 
         Args:
             outputs: as `jaxnc.sensitivity` takes them; what is watched, if not given.
@@ -179,7 +179,7 @@ class Widget:
         return self._pulled_to(point, place, inputs)
 
     def problem(self, point: str | None = None, **options: Any) -> "PathGeneration":
-        """The search for designs whose point follows the curve that was drawn.
+        """Set up the search for designs whose point follows the curve that was drawn.
 
         ``w.system = nc.synthesis.solve(w.problem("C")).best`` shows the best of them.
 
@@ -199,7 +199,7 @@ class Widget:
         known = {"closed": self._closed, "input": self._motion.driven[0] if len(self._motion.driven) == 1 else None}
         return PathGeneration(self.system, point or self._trace[0], self.target, **{**known, **options})
 
-    def _stored(self) -> str:
+    def _stored_picture(self) -> str:
         """Draw what is shown as a PNG, for where the notebook is read and no kernel runs: the nearest pose, and curves.
 
         Empty where that cannot be drawn.
@@ -212,7 +212,7 @@ class Widget:
             here = np.array([self.inputs[name] for name in motion.driven])
             far = np.linalg.norm(self._asked - here, axis=1)
             good = np.asarray(motion.converged).reshape(-1)
-            return pixels(motion, int(np.argmin(np.where(good, far, np.inf))), self._trace)
+            return draw_pixels(motion, int(np.argmin(np.where(good, far, np.inf))), self._trace)
         except JaxncError:
             return ""
 
@@ -221,15 +221,15 @@ class Widget:
     def _pulled_to(self, point: str, place: Sequence[float], inputs: Any, **more: Any) -> System:
         if not self._live:
             raise InputError(f"pull: {self._first.name!r} is shown as it is; below it says why")
-        inputs = self._given(self.inputs if inputs is None else inputs)
-        found = pulled(self._motion, self.system, point, place, inputs, self._free)
-        self._assign(found, inputs, self._posed(found, inputs))
+        inputs = self._check_inputs(self.inputs if inputs is None else inputs)
+        found = edit_curve(self._motion, self.system, point, place, inputs, self._free)
+        self._assign(found, inputs, self._find_pose(found, inputs))
         self._numbers = _numbers_of(found)
         self._say(**more)
         return found
 
     def _assign(self, system: System, inputs: dict[str, float], pose: Any) -> None:
-        """Traits as they are now, without a word to the page."""
+        """Assign traits without a word to the page."""
         self._known, self._hearing = (system, inputs, pose), True
         try:
             with self.hold_trait_notifications():
@@ -237,11 +237,11 @@ class Widget:
         finally:
             self._hearing = False
 
-    def _named(self, values: Any) -> dict[str, float]:
+    def _name_inputs(self, values: Any) -> dict[str, float]:
         return {name: float(x) for name, x in zip(self._motion.driven, values, strict=True)}
 
-    def _posed(self, system: System, inputs: Mapping[str, float], near: np.ndarray | None = None) -> Motion:
-        """The pose of a design that follows from its drawing, or the one next to some coordinates."""
+    def _find_pose(self, system: System, inputs: Mapping[str, float], near: np.ndarray | None = None) -> Motion:
+        """Find the pose of a design that follows from its drawing, or the one next to some coordinates."""
         start = None
         if near is not None:
             good, held = np.array(int(Status.CONVERGED)), self._motion.held
@@ -249,8 +249,8 @@ class Widget:
             start = Motion(system, self._motion.driven, held, near, (), asked, good, None, None)  # pyright: ignore[reportArgumentType]
         return solve_position(system, dict(inputs), hold=self._motion.held, start=start, throw=True)
 
-    def _taken(self, value: Any) -> System:
-        """A system that is assigned, checked, and where it stands."""
+    def _check_system(self, value: Any) -> System:
+        """Check a system that is assigned, and find where it stands."""
         value = getattr(value, "system", value)
         value = value.compile() if isinstance(value, Mechanism) else value
         if not isinstance(value, System) or value.topology != self._first.topology:
@@ -264,26 +264,26 @@ class Widget:
             raise InputError(f"widget: {self._first.name!r} is shown as it is and cannot follow; below it says why")
         inputs = self.inputs
         try:
-            pose = self._posed(value, inputs)
+            pose = self._find_pose(value, inputs)
         except AssemblyError:  # not with these inputs: then next to its drawing
             home, top = np.zeros(len(value.topology.coordinates)), value.topology
             home = np.asarray(settle(derive(value), home).q)
-            inputs = self._named(home[[top.position[name] for name in self._motion.driven]])
-            pose = self._posed(value, inputs, home)
+            inputs = self._name_inputs(home[[top.position[name] for name in self._motion.driven]])
+            pose = self._find_pose(value, inputs, home)
         self._known = value, inputs, pose
         return value
 
-    def _given(self, value: Any) -> dict[str, float]:
-        """Inputs that are assigned, checked."""
+    def _check_inputs(self, value: Any) -> dict[str, float]:
+        """Check inputs that are assigned."""
         if not isinstance(value, Mapping) or set(value) != set(self._motion.driven):
             raise InputError(f"widget: inputs are the values of {', '.join(self._motion.driven)}, got {value!r}")
         found = {name: float(value[name]) for name in self._motion.driven}
         if not self._hearing:
-            self._known = self.system, found, self._posed(self.system, found)
+            self._known = self.system, found, self._find_pose(self.system, found)
         return found
 
-    def _follow(self, change: Any) -> None:
-        """Python has assigned a system or inputs: the page shows them."""
+    def _on_assign(self, change: Any) -> None:
+        """Show a system or inputs that Python has assigned in the page."""
         if self._hearing:
             return
         system, inputs, pose = self._known
@@ -302,19 +302,19 @@ class Widget:
         q = np.asarray(self.pose.q, float).tolist() if self._live else []
         self._now = {"by": _PYTHON, "n": self._count, "q": q, **self._numbers, **more}
 
-    def _hear(self, change: Any) -> None:
-        """The page tells where things are."""
+    def _on_page(self, change: Any) -> None:
+        """Take over what the page tells."""
         now = change["new"]
         if now.get("by", _PYTHON) == _PYTHON:
             return
         if not self._live:
-            system, inputs, found = self.system, self._named(self._asked[now["pose"]]), None
+            system, inputs, found = self.system, self._name_inputs(self._asked[now["pose"]]), None
             found = self._motion.pose(now["pose"]) if self._motion.status.shape else self._motion
         else:
             top, system, found = self._first.topology, self.system, np.array(now["q"], float)
             at = [top.position[name] for name in self._motion.driven]
             found[at] -= self._turns(found[at])
-            inputs = self._named(found[at])
+            inputs = self._name_inputs(found[at])
             numbers = {name: now[name] for name in _NUMBERS}
             if numbers != self._numbers:
                 if numbers == self._original:
@@ -328,14 +328,14 @@ class Widget:
         self._assign(system, inputs, found)
 
     def _turns(self, values: np.ndarray) -> np.ndarray:
-        """Whole turns by which angles lie beyond the motion's, as the page leaves them out."""
+        """Count whole turns by which angles lie beyond the motion's, as the page leaves them out."""
         top = self._first.topology
         angles = [name in top.scalars and top.angles[top.scalars.index(name)] for name in self._motion.driven]
         middle = (np.min(self._asked, axis=0) + np.max(self._asked, axis=0)) / 2
         return np.where(angles, 2 * np.pi * np.round(0.999999 * (values - middle) / (2 * np.pi)), 0.0)
 
     def _redrawn(self, q: np.ndarray, now: Mapping[str, Any]) -> System:
-        """The design of the page: a pose of it is the drawing."""
+        """Make the design of the page, of which a pose is the drawing."""
         top = self._first.topology
         names, markers = (*top.points, *top.vectors), np.array(now["m"], float).reshape(-1, top.dim)
         values: dict[str, Any] = dict(zip(names, q[: top.dim * len(names)].reshape(-1, top.dim), strict=True))
@@ -343,14 +343,14 @@ class Widget:
         values |= dict(zip(top.dimensions, now["d"], strict=True))
         return self.system.replace(values)
 
-    def _pulled(self, change: Any) -> None:
-        """A curve is dragged in the page."""
+    def _on_pull(self, change: Any) -> None:
+        """Edit a curve that is dragged in the page."""
         asked, before = change["new"], self.system
         if not asked:
             return
         try:
             inputs = np.array(asked["inputs"], float)
-            inputs = self._named(inputs - self._turns(inputs))
+            inputs = self._name_inputs(inputs - self._turns(inputs))
             self._pulled_to(asked["point"], asked["place"], inputs, ack=asked["n"])
         except JaxncError as error:
             self._say(ack=asked["n"], say=f"The curve stays as it is: {error}")
@@ -358,18 +358,18 @@ class Widget:
             if self.system is before:
                 self._say(ack=asked["n"], say="The curve goes no further there.")
 
-    def _drawn(self, change: Any) -> None:
-        """A target is drawn in the page."""
+    def _on_target(self, change: Any) -> None:
+        """Take over a target that is drawn in the page."""
         drawn = change["new"]
         if drawn and drawn.get("by") != _PYTHON:
             points = np.array(drawn["points"], float)
             closed = bool(np.hypot(*(points[-1] - points[0])) < _CLOSED * np.max(np.ptp(points, axis=0)))
-            self.target = _resampled(points, closed)
+            self.target = _resample(points, closed)
             self._closed = closed
             self._show_target()
 
-    def _aimed(self, value: Any) -> Any:
-        """A target that is assigned, checked."""
+    def _check_target(self, value: Any) -> Any:
+        """Check a target that is assigned."""
         if value is None:
             return None
         points = np.asarray(value, float)
@@ -385,7 +385,7 @@ class Widget:
 
 @functools.cache
 def _class() -> type:
-    """The widget's class; what it is made from is asked for as late as this."""
+    """Make the widget's class, for which anywidget is imported as late as this."""
     try:
         import anywidget  # pyright: ignore[reportMissingImports]
         import traitlets
@@ -402,60 +402,60 @@ def _class() -> type:
 
         def __init__(self, *arguments: Any):
             super().__init__(*arguments)
-            for name, heard in (("_now", self._hear), ("_pull", self._pulled), ("_target", self._drawn)):
+            for name, heard in (("_now", self._on_page), ("_pull", self._on_pull), ("_target", self._on_target)):
                 self.observe(heard, names=name)
-            self.observe(self._follow, names=["system", "inputs"])
+            self.observe(self._on_assign, names=["system", "inputs"])
             self.observe(self._show_target, names="target")
 
         def _repr_mimebundle_(self, **options: Any) -> Any:
-            """The widget's view, and a picture beside it that stored notebooks show."""
+            """Bundle the widget's view with a picture, which stored notebooks show."""
             bundle: Any = super()._repr_mimebundle_(**options)
-            if bundle and (stored := self._stored()):
+            if bundle and (stored := self._stored_picture()):
                 data = bundle[0] if isinstance(bundle, tuple) else bundle  # the metadata stand behind
                 data["image/png"] = stored
             return bundle
 
         @traitlets.validate("system")
         def _valid_system(self, proposal: Any) -> System:
-            return self._taken(proposal["value"])
+            return self._check_system(proposal["value"])
 
         @traitlets.validate("inputs")
         def _valid_inputs(self, proposal: Any) -> dict[str, float]:
-            return self._given(proposal["value"])
+            return self._check_inputs(proposal["value"])
 
         @traitlets.validate("target")
         def _valid_target(self, proposal: Any) -> Any:
-            return self._aimed(proposal["value"])
+            return self._check_target(proposal["value"])
 
     return Dragged
 
 
 def _numbers_of(system: System) -> dict[str, list[float]]:
-    """What the page's equations take beside the coordinates."""
+    """List the numbers that the page's equations take beside the coordinates."""
     eq = from_jax(derive(system))
     numbers = (eq.numbers, eq.markers, system.parameters.dimensions)
     return {name: np.asarray(x, float).reshape(-1).tolist() for name, x in zip(_NUMBERS, numbers, strict=True)}
 
 
 def _module(parts: dict[str, str]) -> str:
-    """The widget's JavaScript: that of the page, with the page's body and style."""
-    page = own("page.html")
+    """Write the widget's JavaScript: that of the page, with the page's body and style."""
+    page = page_part("page.html")
     style, body = (page.split(f"<{tag}>", 1)[1].split(f"</{tag}>")[0] for tag in ("style", "main"))
-    style = filled(style, {**parts, "COLOURS": colours(":host([data-look=dark]){#}")})
+    style = fill_template(style, {**parts, "COLOURS": page_colours(":host([data-look=dark]){#}")})
     body = re.sub(r"<noscript>.*</noscript>", "", body, flags=re.DOTALL)
-    script = own("notebook.js").replace(
-        "{{PROGRAM}}", filled("{{PROGRAM}}", {**parts, "MORE": f"{{{own('widget.js')}}}"})
+    script = page_part("notebook.js").replace(
+        "{{PROGRAM}}", fill_template("{{PROGRAM}}", {**parts, "MORE": f"{{{page_part('widget.js')}}}"})
     )
     given = {
         "STYLE": json.dumps(style),
-        "BODY": json.dumps(f"<main>{filled(body, parts)}</main>"),
+        "BODY": json.dumps(f"<main>{fill_template(body, parts)}</main>"),
         "DATA": parts["DATA"],
     }
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: given[found[1]], script)
 
 
-def _resampled(points: np.ndarray, closed: bool) -> np.ndarray:
-    """As many points as a target has, evenly along a drawn curve."""
+def _resample(points: np.ndarray, closed: bool) -> np.ndarray:
+    """Put as many points as a target has evenly along a drawn curve."""
     line = np.concatenate([points, points[:1]]) if closed else points
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     at = np.linspace(0.0, along[-1], _TARGETS + closed)[:_TARGETS]

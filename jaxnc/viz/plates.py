@@ -14,8 +14,8 @@ from jaxnc.io.workshop.assembly import Assembly
 from jaxnc.io.workshop.contours import rounded
 from jaxnc.io.workshop.lists import plain
 from jaxnc.io.workshop.stock import GROUND, Part
-from jaxnc.viz.picture import Picture, save
-from jaxnc.viz.style import HEADING, INK, LIGHT, NUMBERS, TEXT, colour_of, furnish, mixed, wide, wrapped
+from jaxnc.viz.picture import Picture, finish
+from jaxnc.viz.style import HEADING, INK, LIGHT, NUMBERS, TEXT, colour_of, furnish, mix, wide, wrap
 
 _LARGE = (7.2, 6.4)  # the most that the plan takes, inches
 _EDGE = 0.62  # at the left and below, for numbers and names of axes
@@ -25,7 +25,7 @@ _APART = 0.03  # between a pin and its name, inches
 _ARC = 16  # stretches that an arc is drawn by
 
 
-def draw_stack(assembly: Assembly, path: str | Path | None = None, pose: int = 0, dpi: float = 200.0) -> Figure:
+def draw_plates(assembly: Assembly, path: str | Path | None = None, pose: int = 0, dpi: float = 200.0) -> Figure:
     """Draw the plates of a mechanism in one pose, from above and from the side.
 
     Args:
@@ -83,30 +83,28 @@ def draw_stack(assembly: Assembly, path: str | Path | None = None, pose: int = 0
     _names(above, assembly, corners, [stands[p.part][0] + p.at * stands[p.part][1] for p in assembly.pins], scale)
     _from_the_side(edge, assembly, stands, corners)
     title = f"{plain(assembly.name)}: {len(assembly.parts)} plates in {assembly.layers} layers on the ground plate"
-    said = ""
+    note = ""
     if assembly.passing:
         near = assembly.passing[0]
-        said = f"{near.clearance:.4g} mm between {near.one} and {near.other} at least"
-    wrap, down = 72 * (size[0] - 0.3), 0.16
-    lines = [(line, HEADING, "ink") for line in wrapped(title, HEADING, wrap)]
-    lines += [(line, NUMBERS, "soft") for line in wrapped(said, NUMBERS, wrap)]
+        note = f"{near.clearance:.4g} mm between {near.one} and {near.other} at least"
+    room, down = 72 * (size[0] - 0.3), 0.16
+    lines = [(line, HEADING, "ink") for line in wrap(title, HEADING, room)]
+    lines += [(line, NUMBERS, "soft") for line in wrap(note, NUMBERS, room)]
     for line, letters, colour in lines:
         look: dict[str, Any] = {"fontsize": letters, "color": LIGHT[colour], "va": "top", "parse_math": False}
         figure.text(0.12 / size[0], 1 - down / size[1], line, **look)
         down += 1.45 * letters / 72
-    if path is not None:
-        save(figure, path, dpi)
-    return figure
+    return finish(figure, path, dpi)
 
 
 def _colours(k: int) -> tuple[str, str]:
-    """Colours of a part's area and edge."""
+    """Choose the colours of a part's area and edge."""
     own = colour_of("ink", INK) if k == GROUND else colour_of("body", k - 1)
-    return mixed(own, LIGHT["paper"], 0.1 if k == GROUND else 0.34), LIGHT["soft"] if k == GROUND else own
+    return mix(own, LIGHT["paper"], 0.1 if k == GROUND else 0.34), LIGHT["soft"] if k == GROUND else own
 
 
 def _outline(assembly: Assembly, part: Part, origin: complex, direction: complex) -> Curve:
-    """The outline of a part with its holes and slots."""
+    """Draw the outline of a part with its holes and slots."""
     shop = assembly.shop
     rings = [_ring(part.corners, 0.5 * shop.width)]
     rings += [_ring(np.array([h.at]), 0.5 * shop.hole)[::-1] for h in part.holes]
@@ -115,7 +113,7 @@ def _outline(assembly: Assembly, part: Part, origin: complex, direction: complex
 
 
 def _ring(corners: np.ndarray, radius: float) -> np.ndarray:
-    """A rounded contour as places, closed, complex."""
+    """Write a rounded contour as places, closed, complex."""
     if len(corners) == 1:
         return corners[0] + radius * np.exp(2j * np.pi * np.linspace(0, 1, 3 * _ARC + 1))
     out, ends = [], rounded(corners, radius)
@@ -134,12 +132,12 @@ def _circle(at: complex, radius: float) -> np.ndarray:
 
 
 def _plane(z: np.ndarray) -> np.ndarray:
-    """Complex places as ``(n, 2)``."""
+    """Write complex places as ``(n, 2)``."""
     return np.stack([np.real(z), np.imag(z)], axis=1)
 
 
 def _names(ax, assembly: Assembly, corners: list[np.ndarray], pins: list[complex], scale: float) -> None:
-    """Names of parts with their layers, and of pins, where they do not lie on each other or on pins."""
+    """Write names of parts with their layers, and of pins, where they do not lie on each other or on pins."""
     low, high = np.array([ax.get_xlim(), ax.get_ylim()]).T
     disc = np.full(2, 0.5 * assembly.shop.pin)
     taken = [(np.array([at.real, at.imag]), disc) for at in pins]
@@ -173,7 +171,7 @@ def _names(ax, assembly: Assembly, corners: list[np.ndarray], pins: list[complex
 
 
 def _freest(spots: list[np.ndarray], half: np.ndarray, taken: list) -> np.ndarray:
-    """Which of some places of a text is taken least; the first of those that are equally free."""
+    """Choose the place of a text that is taken least; the first of those that are equally free."""
 
     def over(at: np.ndarray) -> float:
         both = [np.minimum(at + half, o + room) - np.maximum(at - half, o - room) for o, room in taken]
@@ -183,7 +181,7 @@ def _freest(spots: list[np.ndarray], half: np.ndarray, taken: list) -> np.ndarra
 
 
 def _from_the_side(ax, assembly: Assembly, stands: list, corners: list[np.ndarray]) -> None:
-    """Plates from the side, with pins and spacers; one layer is one unit high."""
+    """Draw plates from the side, with pins and spacers; one layer is one unit high."""
     shop = assembly.shop
     thick = shop.thickness / shop.pitch
     for k in np.argsort(assembly.levels, kind="stable").tolist():

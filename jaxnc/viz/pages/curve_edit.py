@@ -18,7 +18,7 @@ _ROUNDING = 1e-9  # slopes as small are none
 _STIFF = 0.3  # weight of a square length there, beside one of the dimensions
 
 
-def pulled(
+def edit_curve(
     motion: Motion,
     system: System,
     point: str,
@@ -48,27 +48,27 @@ def pulled(
 
     one, every = dict(inputs), dict(zip(motion.driven, np.concatenate([here, rows]).T, strict=True))
 
-    def posed(design: System) -> Motion:
+    def pose_of(design: System) -> Motion:
         return solve_position(design, one, hold=motion.held, throw=True)
 
     def led(design: System, pose: Motion, slopes: Sensitivity, aim: np.ndarray) -> System:
-        """A design whose point is as near to a place as a few steps lead, whatever becomes of the other poses."""
+        """Lead the point of a design as near to a place as a few steps do, whatever becomes of the other poses."""
         by = slopes[point]
         for turn in range(_STEPS):
             left = aim - np.asarray(pose[point])
             gap = float(np.linalg.norm(left))
             if not gap > 1e-9 * size:
                 break
-            if turn:  # where the rest of the curve goes, is told by the slopes of the beginning well enough
+            if turn:  # the slopes of the beginning are good enough for the rest of the curve
                 by = np.concatenate([sensitivity(pose, point, variables=free, throw=False)[point][None], by[1:]])
-            trial = _moved(design, slopes.variables, _step(by, lengths, left * min(1.0, _LONGEST * size / gap)))
-            there = None if trial is None else _found(posed, trial)
+            trial = _apply_step(design, slopes.variables, _step(by, lengths, left * min(1.0, _LONGEST * size / gap)))
+            there = None if trial is None else _try_pose(pose_of, trial)
             if trial is None or there is None or not np.linalg.norm(aim - np.asarray(there[point])) < gap:
                 break
             design, pose = trial, there
         return design
 
-    found, kept, share = posed(system), None, 0.0
+    found, kept, share = pose_of(system), None, 0.0
     for _ in range(_STEPS):
         start = np.asarray(found[point])
         far = float(np.linalg.norm(goal - start))
@@ -95,7 +95,7 @@ def pulled(
 
 
 def _step(slopes: np.ndarray, lengths: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """The least change of the variables that moves the first pose's point by `left`.
+    """Find the least change of the variables that moves the first pose's point by `left`.
 
     `slopes` are those of the points, ``(poses, dim, variables)``; `lengths` say what a unit of a variable counts for.
     """
@@ -108,7 +108,7 @@ def _step(slopes: np.ndarray, lengths: np.ndarray, left: np.ndarray) -> np.ndarr
 
 
 def _alone(exists: np.ndarray) -> str:
-    """What hinders, where some variables cannot change by themselves."""
+    """Explain what hinders, where some variables cannot change by themselves."""
     if exists.all():
         return ""
     if not exists.any():
@@ -118,8 +118,8 @@ def _alone(exists: np.ndarray) -> str:
     )
 
 
-def _moved(system: System, variables: Sequence[str], step: np.ndarray) -> System | None:
-    """A system whose design variables, by component, are changed; None where a length would not be positive."""
+def _apply_step(system: System, variables: Sequence[str], step: np.ndarray) -> System | None:
+    """Change design variables of a system, by component; None where a length would not be positive."""
     values: dict[str, np.ndarray] = {}
     for name, by in zip(variables, step, strict=True):
         part, dot, axis = name.rpartition(".")
@@ -132,9 +132,9 @@ def _moved(system: System, variables: Sequence[str], step: np.ndarray) -> System
         return None
 
 
-def _found(posed: Callable[[System], Motion], trial: System) -> Motion | None:
-    """The pose of a design, None if it or its drawing does not assemble."""
+def _try_pose(pose_of: Callable[[System], Motion], trial: System) -> Motion | None:
+    """Find the pose of a design, None if it or its drawing does not assemble."""
     try:
-        return posed(trial)
+        return pose_of(trial)
     except JaxncError:
         return None

@@ -1,17 +1,25 @@
-"""What a page needs to calculate by itself: a mechanism's equations in JavaScript, and the numbers they start from."""
+"""Equations of a page: those of a mechanism in JavaScript, and the numbers that they start from.
 
+A page draws a changed mechanism as its pose stands: `page_design` is the program that reads its dimensions off again.
+"""
+
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxnc.constraints.kind import norm
+from jaxnc.constraints.small import Small
+from jaxnc.constraints.spatial_coordinates import from_drawing
 from jaxnc.io.files import plain
 from jaxnc.mechanism import Mechanism
-from jaxnc.reading import Builder, Program, Unreadable, rate
+from jaxnc.reading import Builder, Program, Unreadable, rate, write
 from jaxnc.reading.javascript import FUNCTIONS, javascript
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.linearised import given, linearised
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.design import Step, design, run_steps
 from jaxnc.system.frames import marker_program
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.host_kinds import readable
@@ -20,8 +28,7 @@ from jaxnc.system.structure import program
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.viz.arrows import Arrows
-from jaxnc.viz.numbers import spaced
-from jaxnc.viz.page_design import page_design
+from jaxnc.viz.pages.packing import pack_exactly
 from jaxnc.viz.poses import Poses
 
 LARGEST = {2: 80, 3: 150}
@@ -32,10 +39,10 @@ class Refused(Exception):
     """Why a page cannot calculate by itself, as a sentence."""
 
 
-def live(
+def page_solver(
     data: Poses, model: Mechanism | None = None, drawn: Sequence[Arrows] = (), plotted: Sequence[str] = ()
 ) -> tuple[str, dict[str, Any]]:
-    """The equations of a motion's mechanism as JavaScript, and the numbers that go with them.
+    """Write the equations of a motion's mechanism as JavaScript, and the numbers that go with them.
 
     Of the arrows those of forces are found again, and so are forces that are plotted. The `model` is what was compiled,
     for a model file of a changed design.
@@ -60,10 +67,10 @@ def live(
     numbers["design"] = _design_file(motion.system, model)
     parts = _functions(top, view, len(motion.rates))
     if plotted or any(a.chosen for a in drawn):
-        from jaxnc.viz.forced import forced
+        from jaxnc.viz.pages.page_forces import page_forces
 
         try:
-            more, numbers["felt"], numbers["inner"] = forced(data, view, drawn, plotted)
+            more, numbers["felt"], numbers["inner"] = page_forces(data, view, drawn, plotted)
             parts |= more
         except Unreadable as reason:
             numbers["unforced"] = f"only in the poses of the motion as it was given: {reason}"
@@ -79,7 +86,7 @@ def _readable(kind: Any, dim: int) -> bool:
 
 
 def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
-    """Functions of coordinates q and numbers c by their heads; each fills the array that it is given last."""
+    """Write functions of coordinates q and numbers c, by their heads; each fills the array that it is given last."""
     n = len(top.coordinates)
     b = Builder(n + given(top))
     found = linearised(view, b)
@@ -107,7 +114,7 @@ def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
 
 
 def _second(top: Topology, view: Plan) -> str:
-    """Second time derivatives of the rows where the unknowns have velocities and no accelerations."""
+    """Write second time derivatives of the rows where the unknowns have velocities and no accelerations."""
     n, numbers = len(top.coordinates), given(top)
     b = Builder(3 * n + numbers)
     row_of = {int(r): k for k, r in enumerate(view.rows)}
@@ -134,7 +141,7 @@ def _second(top: Topology, view: Plan) -> str:
 
 
 def _within(k: int, edges: Iterable[tuple[str, int]]) -> str:
-    """The name of an input that lies in one of several arrays behind one another."""
+    """Name an input that lies in one of several arrays behind one another."""
     for letter, size in edges:
         if k < size:
             return f"{letter}[{k}]"
@@ -152,7 +159,7 @@ def _design(top: Topology) -> str:
 
 
 def _markers(top: Topology) -> str:
-    """Places (directions) of the markers from the coordinates and their coefficients."""
+    """Write places (directions) of the markers from the coordinates and their coefficients."""
     n, lines = len(top.coordinates), []
     b = Builder(n + top.dim * len(top.markers))
     for k, _ in enumerate(top.markers):
@@ -163,7 +170,7 @@ def _markers(top: Topology) -> str:
 
 
 def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
-    """What the page's solver reads: indices, the pose to start from, inputs of all poses, dimensions."""
+    """Collect what the page's solver reads: indices, the pose to start from, inputs of all poses, dimensions."""
     motion, top = data.motion, data.topology
     start = int(np.flatnonzero(data.good)[0])
     q = np.asarray(motion.q, float).reshape(data.count, -1)
@@ -185,12 +192,12 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
         "weights": [float(x) for x in np.asarray(eq.weights)[view.unknown]],
         "length": float(eq.length),
         "guards": sum(len(block.owners) * _guards(block.kind, top.dim) for block in top.blocks),
-        "asked": [spaced(x) for x in np.asarray(motion.asked, float).reshape(data.count, -1).T],
-        "rates": [[spaced(x) for x in rate.T] for rate in rates],
+        "asked": [pack_exactly(x) for x in np.asarray(motion.asked, float).reshape(data.count, -1).T],
+        "rates": [[pack_exactly(x) for x in rate.T] for rate in rates],
         "points": list(top.points),
         "markers": [[m.name, m.direction] for m in top.markers],
         "fixed": [bool(x) for x in top.fixed],
-        "dimensions": _dimensions(top),
+        "dimensions": _dimension_fields(top),
         "links": _links(top),
     }
 
@@ -205,8 +212,8 @@ class Centre(NamedTuple):
     local: np.ndarray
 
 
-def centres(system: System) -> Iterator[Centre]:
-    """Centres of mass of planar bodies that are given as places of the drawing."""
+def mass_centres(system: System) -> Iterator[Centre]:
+    """List centres of mass of planar bodies that are given as places of the drawing."""
     if system.topology.dim > 2:
         return
     par = system.parameters
@@ -219,15 +226,15 @@ def centres(system: System) -> Iterator[Centre]:
 
 
 def _design_file(system: System, model: Mechanism | None) -> dict[str, Any]:
-    """A model file, and where in it points, vectors, markers and explicit dimensions stand; without one, their values.
+    """Write a model file, and where points, vectors, markers and explicit dimensions stand in it; or their values.
 
     The drawing of the file may be another pose: planar centres of mass follow their bodies, springs keep their length.
     """
     top = system.topology
     dimensions = [[name] for name in top.dimensions]
-    centred = [[*one.segment, one.foot, *one.local.tolist()] for one in centres(system)]
+    centred = [[*one.segment, one.foot, *one.local.tolist()] for one in mass_centres(system)]
     if model is None:
-        names = [[[top.loads.physical[k]] for k in one.at] for one in centres(system)]
+        names = [[[top.loads.physical[k]] for k in one.at] for one in mass_centres(system)]
         return {"file": {}, "points": [[p] for p in (*top.points, *top.vectors)],
                 "markers": [[m.name] for m in top.markers],
                 "dimensions": dimensions, "centres": centred, "centred": names}  # fmt: skip
@@ -257,11 +264,11 @@ def _design_file(system: System, model: Mechanism | None) -> dict[str, Any]:
     vectors = [place(v, ("ground_vectors", "vectors")) for v in top.vectors]
     return {"file": data, "points": [*map(place, top.points), *vectors],
             "markers": [marker(m.name) for m in top.markers], "dimensions": dimensions, "centres": centred,
-            "centred": [[["bodies", one.body, "com", k] for k in (0, 1)] for one in centres(system)]}  # fmt: skip
+            "centred": [[["bodies", one.body, "com", k] for k in (0, 1)] for one in mass_centres(system)]}  # fmt: skip
 
 
 def _where(data: dict[str, Any], top: Topology, one: Dimension) -> list[Any]:
-    """Where a dimension stands in a model file; nowhere, if it is not known."""
+    """Find where a dimension stands in a model file; nowhere, if it is not known."""
     table = {Thing.BODY: "bodies", Thing.JOINT: "joints"}.get(one.owner.thing)
     entry = data.get(table, {}).get(top.called(one.owner)) if table else None
     if not isinstance(entry, dict) or table is None:
@@ -282,8 +289,8 @@ def _guards(kind: Any, dim: int) -> int:
     return 0 if found is None else len(found.outputs)
 
 
-def _dimensions(top: Topology) -> list[dict[str, Any]]:
-    """Explicit dimensions: what they are called, their unit, whether they are positive."""
+def _dimension_fields(top: Topology) -> list[dict[str, Any]]:
+    """List explicit dimensions: what they are called, their unit, whether they are positive."""
     return [
         {
             "name": name,
@@ -295,7 +302,7 @@ def _dimensions(top: Topology) -> list[dict[str, Any]]:
 
 
 def _links(top: Topology) -> list[dict[str, Any]]:
-    """Lengths of links that are read off the drawing: two points, and which of the numbers follow from them."""
+    """List lengths of links that are read off the drawing: two points, and which of the numbers follow from them."""
     at: dict[Owner, list[int]] = {}
     arms, first = [], 0  # arms of angles follow from the lengths, whoever's they are
     for block in top.blocks:
@@ -319,4 +326,104 @@ def _links(top: Topology) -> list[dict[str, Any]]:
         for i, j in pairs:
             if moving[[i, j]].any():  # else it is a length of the ground
                 out.append({"points": [int(i), int(j)], "numbers": [*at[owner], *arms]})
+    return out
+
+
+# -- the design of a changed mechanism ---------------------------------------------------------------------------------
+
+
+class PageDesign(NamedTuple):
+    """A program and what its numbers are."""
+
+    # Of all coordinates as drawn (points, unit vectors, then angles and distances, which say only in which turn an
+    # angle is), of the markers' places, and of the explicit dimensions.
+    program: Program
+    # Constants of all instances, block after block; angles and distances as drawn; coefficients of the markers; the
+    # explicit dimensions of bodies as drawn, other dimensions as they are. An angle that is counted from the drawing
+    # stays what it is, and so does the direction that it is counted from, which is none of these constants.
+    outputs: tuple[int, ...]
+    # Places of the constants among the numbers of an instance, as `HostEquations.numbers` has them.
+    constants: tuple[int, ...]
+
+
+def page_design(top: Topology) -> PageDesign:
+    """Write the program of a mechanism whose kinds can be read."""
+    found, spread = design(top), top.dim * (len(top.points) + len(top.vectors))
+    width = top.dim * len(top.markers)
+    b = Builder(len(top.coordinates) + width + len(top.dimensions))
+    q, rest = b.first[: len(top.coordinates)], b.first[len(top.coordinates) :]
+
+    def run(step: Step, given: np.ndarray) -> list[list[int]]:
+        if step.finds == "misfit":
+            return [[b.number(0.0)] * given.shape[1]]
+        if step.finds == "unit":  # what a pose has are unit vectors
+            return given.tolist()
+        columns = [step.formula.write(b, instance) for instance in given.T.tolist()]
+        if step.finds == "measure":
+            block = top.blocks[top.measures[step.at[0]][0]]
+            drawn = [q[spread + k] for k in step.at]
+            if from_drawing(block.kind):
+                return [drawn]
+            columns = [
+                [_in_turn(b, value, at) if top.angles[k] else value]
+                for k, (value,), at in zip(step.at, columns, drawn, strict=True)
+            ]
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    x = run_steps(found, np.array([b.number(0.0), *q[:spread], *rest]), run, np.concatenate)
+    at, nodes, first = [], [], 0
+    for block, constants in zip(top.blocks, found.constants, strict=False):
+        for instance in constants:
+            if not from_drawing(block.kind):
+                at += range(first, first + len(instance))
+                nodes += x[instance].tolist()
+            first += len(block.kind.constants) + len(block.kind.rows)
+    parts = (
+        nodes,
+        x[found.home[spread:]].tolist(),
+        x[found.markers].reshape(-1).tolist(),
+        _explicit_dimensions(top, b, x),
+    )
+    return PageDesign(b.program([node for part in parts for node in part]), tuple(map(len, parts)), tuple(at))
+
+
+def _in_turn(b: Builder, angle: int, drawn: int) -> int:
+    """Write an angle in the turn in which it was drawn."""
+    turn = b.number(2.0 * math.pi)
+    turns = b.op("round", b.op("div", b.op("sub", drawn, angle), turn))
+    return b.op("add", angle, b.op("mul", turns, turn))
+
+
+def _explicit_dimensions(top: Topology, b: Builder, x: np.ndarray) -> list[int]:
+    """Write explicit dimensions: those of bodies as drawn, others as they are."""
+    found = design(top)
+    out = x[found.parameters[3]].tolist()
+    points = x[found.parameters[0]].tolist()
+
+    def between(i: int, j: int) -> list[int]:
+        return [b.op("sub", y, z) for z, y in zip(points[i], points[j], strict=True)]
+
+    def distance(i: int, j: int) -> int:
+        program = write(lambda *y: norm(Small(y)), top.dim)
+        return b.append(program, between(i, j))[program.outputs[0]]
+
+    for shape in top.shapes:
+        for members, wanted in zip(shape.members, shape.dimensions, strict=True):
+            (i, j, base), steps = shape.recipe
+            if base is not None:
+                out[wanted[base]] = distance(members[i], members[j])
+            for k, how, *data in steps:
+                if how == "local":
+                    axis, arm = between(members[i], members[j]), between(members[i], members[k])
+                    size = distance(members[i], members[j])
+                    along = b.total(b.op("mul", y, z) for y, z in zip(axis, arm, strict=True))
+                    across = b.op("sub", b.op("mul", axis[0], arm[1]), b.op("mul", axis[1], arm[0]))
+                    out[wanted[data[0]]], out[wanted[data[1]]] = (b.op("div", y, size) for y in (along, across))
+                elif how != "drawn":
+                    for origin, d in zip(data[::2], data[1::2], strict=True):
+                        out[wanted[d]] = distance(members[origin], members[k])
+    for block, read in zip(top.blocks, found.read, strict=False):
+        for i, k, d in block.given:
+            if top.given[d].owner.thing is Thing.BODY:
+                out[d] = int(x[read[i, k]])
     return out

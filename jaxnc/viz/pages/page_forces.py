@@ -1,4 +1,4 @@
-"""Forces in a page that calculates: what the library says of a pose, read as programs of the pose's numbers.
+"""Forces in a page that calculates: those that the library finds, read as programs of a pose's numbers.
 
 The page knows the pose, its rates and the multipliers that it finds for them. Everything else is traced from the
 functions of `jaxnc.dynamics`, so that no force is stated a second time.
@@ -26,17 +26,17 @@ from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.viz.arrows import Arrows
-from jaxnc.viz.live import centres
+from jaxnc.viz.pages.solver import mass_centres
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.quantities import exerted
+from jaxnc.viz.quantities import force_values
 
-LONGEST = 60_000
+LONGEST_PROGRAM = 60_000
 """Characters of the programs that a page still carries."""
 
 _NAMES = ("q", "m", "d", "c", "v", "a", "t", "l")
 
 
-class Posed(Reactions):
+class PosedReactions(Reactions):
     """Reactions of one pose whose equations of motion are given."""
 
     kept: tuple[Dynamics, list[Ledger]]
@@ -55,7 +55,7 @@ class Posed(Reactions):
         return self.kept[0], self.motion.time, lift(top, q[0])[None], dq[None], ddq[None]
 
     def _ledger(self) -> Ledger:
-        """All wrenches, put together once: there is one trace."""
+        """Collect all wrenches, once: there is one trace."""
         if not self.kept[1]:
             self.kept[1].append(super()._ledger())
         return self.kept[1][0]
@@ -70,8 +70,8 @@ def _check(top: Topology) -> None:
         raise Unreadable("bodies roll without slip")
 
 
-class Forced(NamedTuple):
-    """What a page finds forces with."""
+class ForcePrograms(NamedTuple):
+    """Programs that a page finds forces with."""
 
     # JavaScript by heads. `pushes`: what rows must hold along the unknowns, Q - M a; `forces`: all that is drawn and
     # plotted; `inner`: derivatives of the rows, where dynamics has other coordinates
@@ -81,8 +81,8 @@ class Forced(NamedTuple):
     inner: dict[str, Any] | None
 
 
-def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[str]) -> Forced:
-    """Functions of a page that find forces.
+def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[str]) -> ForcePrograms:
+    """Write functions of a page that find forces.
 
     Of forces that are drawn the page wants places (where these are no points) and forces; of those that are plotted, if
     they are vectors, their sizes, then their components.
@@ -111,16 +111,16 @@ def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[s
         eq = renumbered(dyn.eq, constants, scales)
         return system, dataclasses.replace(dyn, eq=eq, mass=mass, moments=moments, total=total, system=system)
 
-    def pose(q: Any, m: Any, d: Any, c: Any, v: Any, a: Any, t: Any, l: Any) -> Posed:  # noqa: E741
+    def pose(q: Any, m: Any, d: Any, c: Any, v: Any, a: Any, t: Any, l: Any) -> PosedReactions:  # noqa: E741
         system, made = redrawn(q, m, d, c) if plane else (origin, dyn)
         motion = dataclasses.replace(
             data.motion, system=system, poses=q[None], rates=(v[None], a[None]), asked=jnp.zeros((1, len(driven))),
             status=np.zeros(1, int), residual=None, conditioning=None, time=t[None],
         )  # fmt: skip
         multipliers = jnp.zeros((1, len(whole.rows))).at[:, view.rows].set(l)
-        found = Posed(Reactions(motion, multipliers, jnp.zeros((1, len(driven)))), made)
+        found = PosedReactions(Reactions(motion, multipliers, jnp.zeros((1, len(driven)))), made)
         at = np.array([whole.position[name] for name in driven], int)
-        return Posed(Reactions(motion, multipliers, found._whole()[:, at]), made)
+        return PosedReactions(Reactions(motion, multipliers, found._whole()[:, at]), made)
 
     def every(*x: Any) -> list[Any]:
         found = pose(*x)
@@ -133,7 +133,7 @@ def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[s
                 out += [places[0, i]] if one.point(data, k) is None else []
                 out.append(vectors[0, i])
         for name in plotted:
-            value = exerted(found, name)[0]
+            value = force_values(found, name)[0]
             out += [jnp.sqrt(jnp.sum(value * value))[None], value] if value.ndim else [value[None]]
         return out
 
@@ -150,37 +150,39 @@ def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[s
     if whole is not top:
         programs["inner"] = at, tuple(slopes[k] for k in at)
     out = {
-        f"{name}({','.join(_NAMES)},o)": javascript(read.wanted(nodes), _given(shapes), lambda k, to=to: f"o[{to[k]}]")
+        f"{name}({','.join(_NAMES)},o)": javascript(
+            read.wanted(nodes), _input_names(shapes), lambda k, to=to: f"o[{to[k]}]"
+        )
         for name, (to, nodes) in programs.items()
     }
-    if sum(map(len, out.values())) > LONGEST:
+    if sum(map(len, out.values())) > LONGEST_PROGRAM:
         raise Unreadable("the mechanism has too many bodies")
-    return Forced(out, len(rest) - count, None if whole is top else _inner(dyn, view))
+    return ForcePrograms(out, len(rest) - count, None if whole is top else _inner(dyn, view))
 
 
 def _inner(dyn: Dynamics, view: Plan) -> dict[str, Any]:
-    """What a page's solver reads of the coordinates of the dynamics; nothing is driven there."""
+    """Collect what a page's solver reads of the coordinates of the dynamics; nothing is driven there."""
     return {
         "unknown": view.unknown.tolist(), "rows": len(view.rows), "driven": [], "guards": 0,
         "length": float(dyn.eq.length), "weights": np.asarray(weights(dyn.eq))[view.unknown].tolist(),
     }  # fmt: skip
 
 
-def _given(shapes: Sequence[tuple[int, ...]]) -> Any:
+def _input_names(shapes: Sequence[tuple[int, ...]]) -> Any:
     names = [f"{letter}[{k}]" if shape else letter for letter, shape in zip(_NAMES, shapes, strict=True)
              for k in range(int(np.prod(shape, dtype=int)))]  # fmt: skip
     return lambda k: names[k]
 
 
 def _redrawn(system: System, q: Any, m: Any, d: Any) -> System:
-    """A planar system drawn as it stands in a pose: a changed mechanism has no other drawing in a page.
+    """Redraw a planar system as it stands in a pose: a changed mechanism has no other drawing in a page.
 
     Centres of mass that are given as places keep theirs on their bodies.
     """
     par = system.parameters
     points = q[: par.points.size].reshape(par.points.shape)
     physical = jnp.asarray(np.asarray(par.physical))
-    for one in centres(system):
+    for one in mass_centres(system):
         along = points[one.segment[1]] - points[one.segment[0]]
         x, y = along / jnp.sqrt(jnp.sum(along * along))
         place = points[one.foot] + one.local @ jnp.array([[x, y], [-y, x]])

@@ -1,10 +1,10 @@
-"""Which bodies there are, what they hold, and the solid that is drawn for each."""
+"""Bodies as pictures of the plane and of space show them: what they hold, which move, their colours and outlines."""
 
 import itertools
 
 import numpy as np
 
-from jaxnc.viz.hull import hull
+from jaxnc.system.topology import Topology
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import INK
 
@@ -13,12 +13,12 @@ FLAT = 0.02
 
 
 class Bodies:
-    """Points, directions and bodies of a spatial mechanism as index sets."""
+    """Points, directions and bodies of a mechanism as index sets, and the colours of those that move."""
 
     def __init__(self, poses: Poses):
-        top = self.top = poses.topology
+        top, dim = poses.topology, poses.dim
         n, v = len(top.points), len(top.vectors)
-        fixed = np.array(top.fixed[: 3 * (n + v)], dtype=bool).reshape(n + v, 3)
+        fixed = np.array(top.fixed[: dim * (n + v)], dtype=bool).reshape(n + v, dim)
         self.fixed = fixed[:n]
         self.ground: np.ndarray = np.all(fixed[:n], axis=1)
         self.half: np.ndarray = np.any(fixed[:n], axis=1) & ~self.ground
@@ -26,41 +26,37 @@ class Bodies:
         """Which vectors belong to the ground."""
         self.points = [set(b.points) for b in top.bodies]
         self.vectors: list[set[int]] = [set(b.vectors) for b in top.bodies]
+        self.least = 2 if dim == 2 else 1  # points of a body that holds what is drawn; in space there are vectors too
         self.moving = [self._moves(k) for k in range(len(top.bodies))]
-        groups = self._groups()
+        self.groups = _rigid_groups(top)
         numbers: dict[int, int] = {}
         self.colours = [
-            numbers.setdefault(groups[k], len(numbers)) if self.moving[k] else INK for k in range(len(top.bodies))
+            numbers.setdefault(group, len(numbers)) if moves else INK
+            for group, moves in zip(self.groups, self.moving, strict=True)
         ]
-        self.groups = groups
+        self.colour_by_name = {
+            b.name: colour for b, colour, moves in zip(top.bodies, self.colours, self.moving, strict=True) if moves
+        }
 
     def _moves(self, k: int) -> bool:
-        still = all(self.ground[p] for p in self.points[k])
-        return not (still and all(self.still[v] for v in self.vectors[k]) and len(self.points[k]) > 1)
-
-    def _groups(self) -> list[int]:
-        """Number of the rigid group of each body: welded bodies are one."""
-        group = list(range(len(self.points)))
-        for joint in self.top.joints:
-            if joint.bodies:
-                first, second = (group[k] for k in joint.bodies)
-                group = [first if g == second else g for g in group]
-        return group
+        still = all(self.ground[p] for p in self.points[k]) and all(self.still[v] for v in self.vectors[k])
+        return not still or (self.least == 1 and len(self.points[k]) < 2)
 
     def holding(self, *points: int, vectors: tuple[int, ...] = ()) -> int | None:
-        """The moving body that holds all of these."""
+        """Find the moving body that holds all of these."""
         for k, moves in enumerate(self.moving):
-            if moves and set(points) <= self.points[k] and set(vectors) <= self.vectors[k]:
+            enough = len(self.points[k]) >= self.least
+            if moves and enough and set(points) <= self.points[k] and set(vectors) <= self.vectors[k]:
                 return k
         return None
 
     def colour(self, *points: int, vectors: tuple[int, ...] = ()) -> int:
-        """Its colour, or that of no body."""
+        """Find the colour of the moving body that holds all of these, or that of no body."""
         k = self.holding(*points, vectors=vectors)
         return INK if k is None else self.colours[k]
 
     def meeting(self, p: int) -> list[tuple[set[int], set[int], int]]:
-        """What meets at a point: points, vectors and group (-1 for the ground) of each."""
+        """List what meets at a point: points, vectors and group (-1 for the ground) of each."""
         found = [
             (self.points[k], self.vectors[k], self.groups[k])
             for k, moves in enumerate(self.moving)
@@ -72,15 +68,44 @@ class Bodies:
         return found
 
 
+def _rigid_groups(top: Topology) -> list[int]:
+    """Number the rigid group of each body: welded bodies are one."""
+    group = list(range(len(top.bodies)))
+    for joint in top.joints:
+        if joint.bodies:
+            first, second = (group[k] for k in joint.bodies)
+            group = [first if g == second else g for g in group]
+    return group
+
+
+def hull(x: np.ndarray) -> list[int]:
+    """Find the convex hull of points ``(n, 2)``, anticlockwise, as indices."""
+    order = sorted(range(len(x)), key=lambda i: (x[i, 0], x[i, 1]))
+
+    def chain(indices: list[int]) -> list[int]:
+        out: list[int] = []
+        for i in indices:
+            while len(out) > 1 and _turn(x[out[-2]], x[out[-1]], x[i]) <= 0:
+                out.pop()
+            out.append(i)
+        return out[:-1]
+
+    return chain(order) + chain(order[::-1])
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
 def rank(x: np.ndarray) -> int:
-    """Dimension that points ``(n, 3)`` spread over: 0, 1, 2 or 3."""
+    """Find the dimension that points ``(n, 3)`` spread over: 0, 1, 2 or 3."""
     d = x - x.mean(axis=0)
     size = np.linalg.svd(d, compute_uv=False) if len(x) > 1 else np.zeros(1)
     return int(np.sum(size > FLAT * size[0])) if size[0] > 0 else 0
 
 
 def outline(x: np.ndarray) -> tuple[list[tuple[int, ...]], list[tuple[int, int]]]:
-    """Faces and edges of the convex hull of points ``(n, 3)`` that do not lie on a line, as indices.
+    """Find the faces and edges of the convex hull of points ``(n, 3)`` that do not lie on a line, as indices.
 
     A body has few points: every three of them are tried.
     """

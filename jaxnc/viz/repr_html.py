@@ -1,8 +1,7 @@
-"""How things show themselves in a notebook: a drawing and a few lines of text, quickly; pages as they are."""
+"""Things as a notebook shows them: a drawing and a few lines of text, quickly; pages as they are."""
 
 import base64
 import html
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,9 +11,9 @@ import numpy as np
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
-from jaxnc.viz.poses import Poses, poses, simulated
-from jaxnc.viz.still import still
-from jaxnc.viz.typed import caption
+from jaxnc.viz.draft import caption
+from jaxnc.viz.poses import is_simulation, poses
+from jaxnc.viz.svg import inline_pose
 
 if TYPE_CHECKING:
     from jaxnc.dynamics.simulation import Simulation
@@ -24,20 +23,18 @@ _ROWS = "font:12px/1.45 ui-monospace,monospace;white-space:{};overflow-x:auto;ma
 _TABLE = "font:12px/1.5 system-ui,sans-serif;border-collapse:collapse;margin:4px 0 0"
 _CELL = "text-align:left;padding:1px 12px 1px 0;font-weight:{};white-space:nowrap"
 _LINES = 16  # of a report
-_DPI = 100.0
-_LARGEST = 40_000  # letters of a drawing; larger ones are drawn as pixels
 
 Rows = Sequence[Sequence[str]]
 
 
-def shown(thing: Any) -> str:
-    """A drawing and what is to be said of a thing, as HTML; it never raises.
+def show_html(thing: Any) -> str:
+    """Show a drawing and a description of a thing as HTML. Nothing is raised.
 
-    It may be a mechanism, a system, a motion, a report on one, or the result of a search; what cannot be drawn is said
-    in words only, and why.
+    The thing may be a mechanism, a system, a motion, a report on one, or the result of a search. What cannot be drawn
+    is described in words only, with the reason.
     """
     try:
-        words, rows, report = _said(thing)
+        words, rows, report = _describe(thing)
     except Exception as error:
         words, rows, report = f"{type(thing).__name__}: {error}", (), ""
     try:
@@ -51,12 +48,12 @@ def shown(thing: Any) -> str:
     return f"<div>{''.join(parts)}</div>"
 
 
-def _said(thing: Any) -> tuple[str, Rows, str]:
-    """What is said of a thing: a sentence, rows of a table, lines of a report."""
+def _describe(thing: Any) -> tuple[str, Rows, str]:
+    """Describe a thing: a sentence, rows of a table, lines of a report."""
     if isinstance(thing, Mechanism):
         return f"{thing!r}\n{caption(thing)}", (), ""
-    if simulated(thing) and thing.status.ndim == 1:
-        return str(thing), _run(thing), ""
+    if is_simulation(thing) and thing.status.ndim == 1:
+        return str(thing), _run_rows(thing), ""
     if isinstance(thing, (System, Motion)):
         return str(thing), (), ""
     if hasattr(thing, "rows") and hasattr(thing, "sentences"):  # of a search
@@ -70,8 +67,8 @@ def _said(thing: Any) -> tuple[str, Rows, str]:
     return "", (), "\n".join([*lines[: _LINES - len(more)], *more])
 
 
-def _run(run: "Simulation") -> Rows:
-    """Of a simulation what is known without compiling: its times, steps, energies and constraints."""
+def _run_rows(run: "Simulation") -> Rows:
+    """List what is known of a simulation without compiling: its times, steps, energies and constraints."""
     t, e, good = (np.asarray(x) for x in (run.time, run.energy, run.converged))
     last = int(np.flatnonzero(good)[-1]) if good.any() else 0
     made, rejected = map(int, run.steps)
@@ -85,7 +82,7 @@ def _run(run: "Simulation") -> Rows:
 
 
 def _table(rows: Rows) -> str:
-    """Rows as a table; the first is a heading if its first word is empty."""
+    """Write rows as a table; the first is a heading if its first word is empty."""
     lines = []
     for k, row in enumerate(rows):
         heading = k == 0 and not row[0]
@@ -98,33 +95,13 @@ def _table(rows: Rows) -> str:
 
 
 def _picture(thing: Any) -> str:
-    """The drawing of a thing, or of what it is about; none of what is numbers only."""
-    drawn = _drawn(thing)
-    if drawn is None:
-        return ""
-    data = poses(drawn)
-    if data.dim == 2:
-        picture = still(data, paper=True, traces=_traces(data))
-        if len(picture) <= _LARGEST:
-            return picture
-    return f'<img alt="" src="data:image/png;base64,{pixels(drawn, int(data.shown[0]))}">'
+    """Draw a thing, or what it is about; nothing of what is numbers only."""
+    drawn = _subject(thing)
+    return "" if drawn is None else inline_pose(poses(drawn), paper=True)
 
 
-def pixels(drawn: Mechanism | System | Motion, pose: int = 0, trace: Sequence[str] = ()) -> str:
-    """Draw a pose as a small PNG, in the letters of base64."""
-    from PIL import Image
-
-    from jaxnc.viz.drawing import draw
-
-    figure: Any = draw(drawn, pose=pose, trace=trace, size=(4.8, 3.6), title="")
-    figure.set_dpi(_DPI)
-    figure.canvas.draw()
-    data, image = io.BytesIO(), Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
-    image.quantize(96, dither=Image.Dither.NONE).save(data, "PNG")
-    return base64.b64encode(data.getvalue()).decode()
-
-
-def _drawn(thing: Any) -> Mechanism | System | Motion | None:
+def _subject(thing: Any) -> Mechanism | System | Motion | None:
+    """Find what there is to be drawn."""
     if isinstance(thing, (Mechanism, System, Motion)):
         return thing
     if getattr(thing, "designs", ()):
@@ -132,34 +109,33 @@ def _drawn(thing: Any) -> Mechanism | System | Motion | None:
     return thing.problem.system if hasattr(thing, "problem") else getattr(thing, "system", None)
 
 
-def _traces(data: Poses) -> tuple[int, ...]:
-    """The last point that moves, of a motion."""
-    if data.count < 3:
-        return ()
-    moves = [k for k in range(len(data.names)) if np.ptp(data.places[data.shown, k], axis=0).any()]
-    return tuple(moves[-1:])
-
-
-class Page(type(Path())):
-    """The path of a page, which a notebook shows as the page."""
+class _ShownPath(type(Path())):
+    """The path of a file, which a notebook shows as what is in it; the path itself where that cannot be read."""
 
     def _repr_html_(self) -> str:
         try:
-            text = self.read_text(encoding="utf-8")
+            return self._show(self.read_bytes())
         except OSError:
             return html.escape(str(self))
+
+    def _show(self, content: bytes) -> str:
+        raise NotImplementedError
+
+
+class Page(_ShownPath):
+    """The path of a page."""
+
+    def _show(self, content: bytes) -> str:
         look = "width:100%;height:760px;border:0"
-        return f'<iframe style="{look}" sandbox="allow-scripts allow-downloads" srcdoc="{html.escape(text)}"></iframe>'
+        page = html.escape(content.decode("utf-8"))
+        return f'<iframe style="{look}" sandbox="allow-scripts allow-downloads" srcdoc="{page}"></iframe>'
 
 
-class Animation(type(Path())):
-    """The path of an animation, which a notebook shows as the animation."""
+class Animation(_ShownPath):
+    """The path of an animation."""
 
-    def _repr_html_(self) -> str:
-        try:
-            data = base64.b64encode(self.read_bytes()).decode()
-        except OSError:
-            return html.escape(str(self))
+    def _show(self, content: bytes) -> str:
+        data = base64.b64encode(content).decode()
         if self.suffix.lower() == ".mp4":
             return f'<video controls loop src="data:video/mp4;base64,{data}"></video>'
         return f'<img alt="{html.escape(self.name)}" src="data:image/gif;base64,{data}">'

@@ -1,4 +1,4 @@
-"""Texts under a drawing: a legend and what is not in the picture, in as many rows as they need."""
+"""Legend under a drawing, with what is not in the picture, in as many rows as it needs."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.offsetbox import AnnotationBbox, HPacker, TextArea, VPacker
 
-from jaxnc.viz.style import LIGHT, NUMBERS, wide, wrapped
+from jaxnc.viz.style import LIGHT, NUMBERS, wide, wrap
 
 _GAP = "    "  # between entries
 _ROW = 1.5  # height of a row, in letters
@@ -14,21 +14,21 @@ _AXIS = 3.4  # numbers and name of the axis above them, in letters
 
 
 @dataclass(frozen=True)
-class Under:
+class Legend:
     """Entries of texts with their colours."""
 
     entries: tuple[tuple[tuple[str, str], ...], ...] = ()  # each of one or several texts, (text, colour)
 
     def _parts(self, room: float) -> list[tuple[tuple[str, str], ...]]:
-        """The entries, those of one text that are longer than a row in pieces."""
+        """Cut entries of one text that are longer than a row into pieces."""
         out: list[tuple[tuple[str, str], ...]] = []
         for entry in self.entries:
-            one = [((part, entry[0][1]),) for part in wrapped(entry[0][0], NUMBERS, room)]
+            one = [((part, entry[0][1]),) for part in wrap(entry[0][0], NUMBERS, room)]
             out.extend(one if len(entry) == 1 else [entry])
         return out
 
     def rows(self, room: float) -> list[list[tuple[str, str]]]:
-        """Texts in rows of a width, points."""
+        """Arrange the texts in rows of a width, points."""
         out: list[list[tuple[str, str]]] = []
         left = 0.0
         for entry in self._parts(room):
@@ -41,11 +41,11 @@ class Under:
         return out
 
     def height(self, room: float) -> float:
-        """What they take in a width, points."""
+        """Measure the height of the rows in a width, points."""
         return _ROW * NUMBERS * len(self.rows(room))
 
     def paint(self, ax: Axes, room: float) -> None:
-        """Write them under axes of a width, points."""
+        """Write the legend under axes of a width, points."""
         rows: list[Any] = [
             HPacker(children=[_text(text, colour) for text, colour in row], pad=0, sep=0) for row in self.rows(room)
         ]
