@@ -3,6 +3,7 @@
 import functools
 import json
 import re
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -117,6 +118,7 @@ class Widget:
         self._first, self._count, self._closed = motion.system, 0, False
         self._numbers = self._original = _numbers_of(motion.system) if live else {}
         self._hearing = True  # traits are assigned without a message to the page
+        self._lock = threading.RLock()  # JupyterLab tells what is dragged in a thread beside the cells
         self._esm = module
         super().__init__()
         self.system, self.inputs = motion.system, self._name_inputs(self._asked[first])
@@ -130,13 +132,14 @@ class Widget:
     @property
     def pose(self) -> Motion:
         """The pose that is shown, as the library finds it."""
-        system, inputs, found = self._known
-        if system is not self.system or inputs != self.inputs:
-            found = self._find_pose(self.system, self.inputs)
-        elif not isinstance(found, Motion):  # the page's coordinates, beside which the library finds its pose
-            found = self._find_pose(self.system, self.inputs, found)
-        self._known = self.system, self.inputs, found
-        return found
+        with self._lock:
+            system, inputs, found = self._known
+            if system is not self.system or inputs != self.inputs:
+                found = self._find_pose(self.system, self.inputs)
+            elif not isinstance(found, Motion):  # the page's coordinates, beside which the library finds its pose
+                found = self._find_pose(self.system, self.inputs, found)
+            self._known = self.system, self.inputs, found
+            return found
 
     @property
     def values(self) -> dict[str, Any]:
@@ -230,12 +233,13 @@ class Widget:
 
     def _assign(self, system: System, inputs: dict[str, float], pose: Any) -> None:
         """Assign traits without a word to the page."""
-        self._known, self._hearing = (system, inputs, pose), True
-        try:
-            with self.hold_trait_notifications():
-                self.system, self.inputs = system, inputs
-        finally:
-            self._hearing = False
+        with self._lock:
+            self._known, self._hearing = (system, inputs, pose), True
+            try:
+                with self.hold_trait_notifications():
+                    self.system, self.inputs = system, inputs
+            finally:
+                self._hearing = False
 
     def _name_inputs(self, values: Any) -> dict[str, float]:
         return {name: float(x) for name, x in zip(self._motion.driven, values, strict=True)}
