@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.continuation import FIRST, SHORT, STEP, Filled, length_of, on_branch, steady
+from jaxnc.solvers.branch import EXTRAPOLATED, FIRST, SHORT, STEP, steady
+from jaxnc.solvers.continuation import Filled, length_of, on_branch
 from jaxnc.solvers.kernel import always, apart, jumping, kernel, writes_out
 from jaxnc.solvers.plan import Plan, unwound
 from jaxnc.solvers.ways import follow, interpolate
@@ -29,7 +30,6 @@ _CHUNK = 2048  # of more: they stay in the cache
 _POINTS = 129  # of the table
 _ROUNDS = 32  # from the start pose to the points of the table, at least
 _MORE = 4.0  # times as many if points were lost on their way
-_SHARP = 0.5  # a solution may be off its extrapolation by this part of the step
 _DENSE = 0.1  # radians between two points of the table, at most
 
 
@@ -188,7 +188,9 @@ def _moved(
     """The table after a step: which of its points are where they were going, or at first not far."""
     step = norm([a - b for a, b in zip(y, table.now, strict=True)])
     off = norm([a - b for a, b in zip(y, _expected(table, ratio), strict=True)])
-    close = jnp.where(i > 0, off <= _SHARP * step + limits(eq.length).close * eq.length, step <= FIRST * eq.length)
+    close = jnp.where(
+        i > 0, off <= EXTRAPOLATED * step + limits(eq.length).close * eq.length, step <= FIRST * eq.length
+    )
     rise = [a - b for a, b in zip(table.facing, table.faced, strict=True)]
     close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio, step.shape))
     return _Table(y, table.now, facing, table.facing, good & close)

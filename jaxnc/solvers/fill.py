@@ -13,16 +13,16 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers import batch, continuation
+from jaxnc.solvers.branch import LEADING, SHORT, TURNING
 from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.continuation import SHORT, Filled
+from jaxnc.solvers.continuation import Filled
 from jaxnc.solvers.kernel import kernel
 from jaxnc.solvers.plan import Plan, unwound
-from jaxnc.solvers.sequences import TURNING, in_sequences, scattered_around
+from jaxnc.solvers.sequences import in_sequences, scattered_around
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Float
 
 _CHUNK = 256  # lanes that go on together
-_FIRST = 16  # steps from the start pose to the first value
 _LINE = 16  # inputs of a design from which it pays to follow a line of poses first
 
 
@@ -112,7 +112,7 @@ def _substeps(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
     between = max(1, -(-TURNING // total))
     even = np.arange(1, between + 1) / between
     shortened = np.append(SHORT / between, even)
-    first = np.append(SHORT, np.arange(1, _FIRST + 1)) / _FIRST
+    first = np.append(SHORT, np.arange(1, LEADING + 1)) / LEADING
     # Where the way turns (from the start to the first value; anywhere with several inputs) a short step comes first.
     ways = [first, *(shortened if driven > 1 or k == 1 else even for k in range(1, total))]
     parts = np.ones((total, max(len(w) for w in ways)))

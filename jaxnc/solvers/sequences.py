@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.continuation import SHORT, STEP, Filled, on_branch, steady
+from jaxnc.solvers.branch import LEADING, SHORT, STEP, TURNING, steady
+from jaxnc.solvers.continuation import Filled, on_branch
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.rows import some
@@ -21,8 +22,6 @@ from jaxnc.types import Array
 _LANES = 2304  # poses at a time: they stay in the cache
 _DESIGNS = 128  # of so many designs, or more if each has few poses
 _WHOLE = 4608  # poses that are solved at once, in one block: fewer loops, and sooner compiled
-_FIRST = 16  # steps from the start pose to the first value
-TURNING = 64  # steps at least for a sequence of values
 _LINE = 32  # steps to the farthest of scattered values, to either side: a tenth of a radian on half a turn
 
 
@@ -44,7 +43,7 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
     between = np.arange(1, many + 1) / many
     if driven > 1 and total > 1:
         between = np.append(SHORT / many, between)
-    parts = np.append(SHORT, np.arange(1, _FIRST + 1)) / _FIRST
+    parts = np.append(SHORT, np.arange(1, LEADING + 1)) / LEADING
 
     def path(home: Array, goal: Array, span: int | None):
         # Where the way turns a short step shows in which direction determinants change; it is gone to and fro.

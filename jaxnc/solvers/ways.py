@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.continuation import FIRST, SHORT, STEP, Filled, length_of, on_branch, steady
-from jaxnc.solvers.host.judge import SHARP
+from jaxnc.solvers.branch import FIRST, SHARP, SHORT, STEP, steady
+from jaxnc.solvers.continuation import Filled, length_of, on_branch
 from jaxnc.solvers.kernel import always, apart, kernel
 from jaxnc.solvers.plan import Plan, unwound
 from jaxnc.system.equations import Equations

@@ -13,6 +13,7 @@ from jaxnc.errors import InputError
 from jaxnc.io.target import file_name
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.branch import page_numbers
 from jaxnc.viz.arrows import LONGEST, Arrows, arrows, in_page, shafts
 from jaxnc.viz.labels import placed
 from jaxnc.viz.live import Refused, live
@@ -190,6 +191,7 @@ def page_parts(
         "LIVE": _LIVE if alive else "",
         "EQUATIONS": equations,
         "SOLVER": own("solver.js") if alive else "",
+        **{name: f"{number:g}" for name, number in page_numbers().items()},
         "HANDLING": own("live.js") if alive else "",
         "MORPHING": own("morph.js") if alive else "",
         "SIZING": own("sizes.js") if alive else "",

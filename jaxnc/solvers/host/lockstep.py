@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxnc.remembered import with_owner
+from jaxnc.solvers import branch
 from jaxnc.solvers.plan import Plan, square_rows
 from jaxnc.solvers.rows import FEW, Numbers, Rows, guards
 from jaxnc.system.design import Drawn
@@ -20,10 +21,6 @@ from jaxnc.system.precision import limits
 
 _ITERATIONS = 12  # the most of Newton
 _ASSEMBLY = 60  # and of Levenberg and Marquardt on a drawing that does not fit its dimensions
-_SHARP = 0.5  # of the movement in a step: a longer correction may have led to another branch
-_SLACK = 0.05  # of the size: shorter ones have not
-_REBOUND = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
-_DROP = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
 
 Scales = Sequence[np.ndarray]
 
@@ -162,7 +159,7 @@ class Lockstep:
                     break
             x = np.stack(given[: len(columns)])
             moved, off = (np.sqrt(np.sum((weight * (x - at)) ** 2, axis=0)) for at in (before, guess))
-            found = (far <= least.fine * length) & (off <= _SHARP * moved + _SLACK * length)
+            found = (far <= least.fine * length) & (off <= branch.EXTRAPOLATED * moved + branch.STRAY * length)
             q[np.ix_(columns, [s], live)] = np.where(found, x, before)[:, None]
             good[s, live] = found
             if not found.all():
@@ -262,10 +259,9 @@ def shares(track: np.ndarray) -> np.ndarray:
 
 
 def steady(value: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Whether determinants go on as they did, ``(steps - 1, designs)``; see `jaxnc.solvers.continuation`."""
+    """Say in which steps a determinant goes on as it did, ``(steps - 1, designs)``; see `branch.steady`."""
     rise = np.concatenate([np.zeros_like(value[:1]), np.diff(value, axis=0)])[: len(value) - 1]
-    size = np.abs(value[1:])
-    return ((value[:-1] + share * rise) * np.sign(value[1:]) >= _REBOUND * size) & (size >= _DROP * np.abs(value[:-1]))
+    return branch.steady([value[1:]], [value[:-1]], [rise], share)
 
 
 def _closed(block: Rows, numbers: Any, q: np.ndarray) -> None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnc import memory
-from jaxnc.solvers.host import judge
+from jaxnc.solvers import branch
 from jaxnc.solvers.host.closed import sure
 from jaxnc.solvers.host.follow import Followed, corrected, follow
 from jaxnc.solvers.host.view import HostView, largest
@@ -220,7 +220,7 @@ class _Found:
         good = largest(view.residual(q)) <= view.tolerance(q)
         good &= view.upright(q)
         far, off = view.norm(view.weights, b - a), view.norm(view.weights, q - begin)
-        good &= off <= judge.NEAR * far + view.least.close * view.eq.length
+        good &= off <= branch.NEAR * far + view.least.close * view.eq.length
         ends, back = np.unique(np.concatenate([left, right]), return_inverse=True)
         before, behind = np.split(back, 2)
         if close is None:
