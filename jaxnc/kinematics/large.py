@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics import on_host
-from jaxnc.solvers.answers import of_equations
+from jaxnc.solvers.answers import ask_of_equations
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
@@ -25,14 +25,14 @@ def followed(
     """
     ask = functools.partial(_follow, view, method)
     shape = (*values.shape[:2], q.shape[1] + 3)
-    return _taken_apart(of_equations("followed poses of a large system", ask, shape, eq, q, values))
+    return _taken_apart(ask_of_equations("followed poses of a large system", ask, shape, eq, q, values))
 
 
 def nearest(view: Plan, eq: Equations, q: Float[Array, "T N"], values: Float[Array, "T k"]) -> tuple[Array, ...]:
     """Poses of one design each near a guess, from the host; the result as of `followed`, without its first axis."""
     ask = functools.partial(_near, view)
     shape = (len(values), q.shape[1] + 3)
-    return _taken_apart(of_equations("solved for poses near a guess", ask, shape, eq, q, values))
+    return _taken_apart(ask_of_equations("solved for poses near a guess", ask, shape, eq, q, values))
 
 
 def _taken_apart(table: Array) -> tuple[Array, ...]:

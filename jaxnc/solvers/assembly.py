@@ -153,9 +153,9 @@ def _settle(eq: Equations, nudge: Array) -> Settled:
     if not len(view.rows):
         return Settled(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(view.unknown))))
     if view.large:
-        from jaxnc.solvers.answers import of_equations
+        from jaxnc.solvers.answers import ask_of_equations
 
-        found = of_equations("assembled a drawing", _settled_large, (len(eq.home) + 1,), eq, nudge)
+        found = ask_of_equations("assembled a drawing", _settled_large, (len(eq.home) + 1,), eq, nudge)
         return Settled(found[:-1], found[-1], jnp.zeros(0))
     return closest(view, eq, eq.home + nudge)
 
