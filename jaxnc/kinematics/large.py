@@ -9,6 +9,7 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics import on_host
 from jaxnc.solvers.answers import ask_of_equations
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import HostEquations
@@ -18,7 +19,7 @@ from jaxnc.types import Array, Float
 
 def followed(
     view: Plan, method: str, eq: Equations, q: Float[Array, "S N"], values: Float[Array, "S T k"]
-) -> tuple[Array, ...]:
+) -> PoseBatch:
     """Poses ``(S, T, N)`` of sequences of inputs, or of each input on its own, by the host, and what became of each.
 
     The equations are those of one design, or of one for each sequence (first axis of every leaf).
@@ -28,20 +29,20 @@ def followed(
     return _taken_apart(ask_of_equations("followed poses of a large system", ask, shape, eq, q, values))
 
 
-def nearest(view: Plan, eq: Equations, q: Float[Array, "T N"], values: Float[Array, "T k"]) -> tuple[Array, ...]:
+def nearest(view: Plan, eq: Equations, q: Float[Array, "T N"], values: Float[Array, "T k"]) -> PoseBatch:
     """Poses of one design each near a guess, from the host; the result as of `followed`, without its first axis."""
     ask = functools.partial(_near, view)
     shape = (len(values), q.shape[1] + 3)
     return _taken_apart(ask_of_equations("solved for poses near a guess", ask, shape, eq, q, values))
 
 
-def _taken_apart(table: Array) -> tuple[Array, ...]:
-    status = jnp.where(jnp.isnan(table[..., -3]), int(Status.TOO_FAR), table[..., -3])  # interrupted by the user
-    return table[..., :-3], status.astype(np.int32), table[..., -2], table[..., -1]
+def _taken_apart(table: Array) -> PoseBatch:
+    status = jnp.where(jnp.isnan(table[..., -1]), int(Status.TOO_FAR), table[..., -1])  # interrupted by the user
+    return PoseBatch(table[..., :-3], table[..., -3], table[..., -2], status=status.astype(np.int32))
 
 
-def _table(found: on_host.Solved) -> np.ndarray:
-    return np.concatenate([found.poses, np.stack(found[1:], axis=-1)], axis=-1)
+def _table(found: PoseBatch) -> np.ndarray:
+    return np.concatenate([found.q, np.stack([found.size, found.conditioning, found.status], axis=-1)], axis=-1)
 
 
 def _near(view: Plan, eq: HostEquations, q: np.ndarray, values: np.ndarray) -> np.ndarray:

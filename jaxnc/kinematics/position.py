@@ -37,6 +37,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.slipping import rolls
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, settle
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import as_its_system, limits
@@ -335,7 +336,7 @@ def _checked(motion: Motion, throw: bool) -> Motion:
     return motion
 
 
-def _spread(devices: Devices | None) -> Callable[..., tuple]:
+def _spread(devices: Devices | None) -> Callable[..., PoseBatch]:
     from jaxnc.kinematics.spread import on
 
     return on(devices)
@@ -343,7 +344,7 @@ def _spread(devices: Devices | None) -> Callable[..., tuple]:
 
 def poses(
     view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...], repair: bool = True
-) -> tuple:
+) -> PoseBatch:
     """Solve for poses and their rates where they are found soonest; arguments and result as of `analysis.analyse`.
 
     Few on the host, many by XLA; in traced code all by XLA, which asks the host for what it does not find.
@@ -361,18 +362,17 @@ def poses(
     return (in_columns if traced else many.analyse)(view, method, eq, q0, values, orders, repair)
 
 
-def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ...], t=None) -> Motion:
-    q, rates, status, sizes, pivots = out
+def _motion(system: System, view: Plan, values: Array, out: PoseBatch, shape: tuple[int, ...], t=None) -> Motion:
     return Motion(
         system=system,
         driven=system.topology.named(view.driven),
         held=system.topology.named(view.held),
-        poses=q.reshaped(shape) if isinstance(q, Columns) else _led(q, shape),
-        rates=tuple(_led(r, shape) for r in rates),
+        poses=out.q.reshaped(shape) if isinstance(out.q, Columns) else _led(out.q, shape),
+        rates=tuple(_led(r, shape) for r in out.rates),
         asked=_led(values, shape),
-        status=_led(status, shape, 0),
-        residual=_led(sizes, shape, 0),
-        conditioning=_led(pivots, shape, 0),
+        status=_led(out.status, shape, 0),
+        residual=_led(out.size, shape, 0),
+        conditioning=_led(out.conditioning, shape, 0),
         time=t,
     )
 

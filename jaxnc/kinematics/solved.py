@@ -5,7 +5,7 @@ None of this is differentiated: derivatives are given to its results (see `jaxnc
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,12 +19,13 @@ from jaxnc.kinematics.large import followed
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import batch, host
 from jaxnc.solvers.answers import ask_host, short
-from jaxnc.solvers.fill import Filled, in_order, one_by_one
+from jaxnc.solvers.fill import in_order, one_by_one
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.large import by_lu
 from jaxnc.solvers.mapped import Mapped
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import some
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
@@ -38,26 +39,16 @@ _SMALL = 6  # unknowns of a block that is soon compiled
 _DOING = "followed poses that compiled code had not found"
 
 
-class Solved(NamedTuple):
-    """Poses and what became of them."""
-
-    # unknown coordinates, each (..., T); where they are not `apiece` one array (..., T, n), and of a large system one
-    # of all coordinates, (..., T, N)
-    x: tuple[Array, ...]
-    # known coordinates; where a pose was not found, those of the last one on the branch. None, if it is large
-    known: tuple[Array, ...]
-    status: Array  # `jaxnc.Status` as an integer
-    size: Array  # largest residual, a length
-    pivots: Array  # estimate of the reciprocal condition number
-
-
 def apiece(plan: Plan) -> bool:
     """Whether coordinates are arrays of their own in what follows: where derivatives are written out."""
     return plan.square and writes_out(plan)
 
 
-def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, values: Float[Array, "T k"]) -> Solved:
+def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, values: Float[Array, "T k"]) -> PoseBatch:
     """Solve for poses of one design, in code that may be mapped.
+
+    Coordinates that are not known are an array each, where they are `apiece`; elsewhere one array ``(T, n)``, and of a
+    large system one of all coordinates, ``(T, N)``.
 
     The method is ``"continuation"`` (in order along one branch) or ``"lanes"`` (each from the start pose). What is not
     found is asked of the host, or without `repair` given up with `Status.TOO_FAR`.
@@ -74,8 +65,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
 
     def solve(eq, q, begun, values):
         if plan.large:  # all the host's
-            poses, *told = followed(plan, method, eq, q, values[..., : len(plan.driven)])
-            return Solved((poses,), (), *told)
+            return followed(plan, method, eq, q, values[..., : len(plan.driven)])
         if values.shape[0] * values.shape[1] >= VERY_MANY:
             memory.keep()
         one = shared and len(values) == 1
@@ -84,12 +74,12 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         # Of other designs' poses by sparse LU each takes the host less time than a step takes XLA.
         if hosted or (repair and by_lu(plan) and not (one and _side_by_side(plan, method, values.shape[1]))):
             none = jnp.zeros(values.shape[:2], values.dtype)
-            filled = Filled((none,) * len(plan.unknown), none, none, none > 0.0)
+            filled = PoseBatch((none,) * len(plan.unknown), none, none, none > 0.0, status=none.astype(np.int32))
         else:
             filled = quick(plan, method, shared, eq, q, begun, values)
         if not repair:
             return _in_one(plan, given_up(plan, method, q, begun, values, filled))
-        found = Solved(filled.x, filled.known_of(values), filled.status, filled.size, filled.pivots)
+        found = filled._replace(known=filled.known_of(values), good=None, ended=None)
         # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
         found = _in_one(plan, found)
         answered, table = filled.answered, _tabled(found, q.dtype)
@@ -108,12 +98,13 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         def like(*more, dtype=values.dtype) -> Any:
             return jax.ShapeDtypeStruct((*values.shape[:2], *more), dtype)
 
-        x = (like(),) * len(plan.unknown) if apiece(plan) else (like(len(plan.unknown)),) if len(plan.unknown) else ()
+        n = len(plan.unknown)
+        x = (like(),) * n if apiece(plan) or not n else like(n)
         if plan.large:
-            x, known = (like(q.shape[-1]),), ()
+            x, known = like(q.shape[-1]), ()
         else:
             known = (like(),) * values.shape[-1]
-        return Solved(x, known, like(dtype=np.int32), like(), like())
+        return PoseBatch(x, like(), like(), known=known, status=like(dtype=np.int32))
 
     def mapped(size, which, eq, q, begun, values):
         in_eq, in_q, in_begun, in_values = which
@@ -154,13 +145,13 @@ def _side_by_side(plan: Plan, method: str, count: int) -> bool:
     return batch.pays(plan, count) and (method == "lanes" or len(plan.driven) == 1)
 
 
-def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> Solved:
+def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> PoseBatch:
     """All poses of one design, ``(1, T)``, from the host."""
     asked, good = values[..., : len(plan.driven)], jnp.zeros(values.shape[:2], bool)
     return _answer(plan, _ask(plan, method, short(eq), q, None, asked, good))
 
 
-def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun: Array, values: Array) -> Filled:
+def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun: Array, values: Array) -> PoseBatch:
     """Poses as far as they are found side by side; `begun` are the statuses of the start poses."""
     turns = _turns(plan, q, values)
     if method == "lanes":
@@ -173,13 +164,16 @@ def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun:
     far = jnp.any(jnp.abs(values[..., plan.angles]) > farthest(q), axis=-1)  # its turns are not told apart
     far = far if method == "lanes" else lax.cummax(far.astype(np.int32), axis=1) > 0
     fit = (begun == 0)[:, None] & ~far
-    ended = None if filled.ended is None else filled.ended & fit
-    return filled._replace(good=filled.good & fit, ended=ended)
+    good, status = filled.good & fit, jnp.zeros(fit.shape, np.int32)
+    if filled.ended is None:
+        return filled._replace(good=good, status=status)
+    ended = filled.ended & fit
+    return filled._replace(good=good, ended=ended, status=jnp.where(ended, np.int32(Status.DID_NOT_ASSEMBLE), status))
 
 
-def given_up(plan: Plan, method: str, q: Array, begun: Array, values: Array, filled: Filled) -> Solved:
+def given_up(plan: Plan, method: str, q: Array, begun: Array, values: Array, filled: PoseBatch) -> PoseBatch:
     """What was found side by side, and instead of the rest the last pose on the branch."""
-    good, columns = filled.answered, (*filled.x, *filled.known_of(values))
+    good, columns = filled.answered, (*filled.q, *filled.known_of(values))
     count = jnp.zeros((len(q), 1), int) if method == "lanes" else jnp.sum(good, axis=1, keepdims=True)
 
     def held(a, c):
@@ -191,7 +185,7 @@ def given_up(plan: Plan, method: str, q: Array, begun: Array, values: Array, fil
     lost = jnp.where(later, int(Status.NOT_REACHED), int(Status.TOO_FAR))
     status = jnp.where(good, filled.status, jnp.where((begun == 0)[:, None], lost, begun[:, None])).astype(np.int32)
     n = len(plan.unknown)
-    return Solved(tuple(x[:n]), tuple(x[n:]), status, filled.size, filled.pivots)
+    return PoseBatch(tuple(x[:n]), filled.size, filled.conditioning, known=tuple(x[n:]), status=status)
 
 
 def _begun(plan: Plan, eq: Equations, q: Array) -> Array:
@@ -264,12 +258,12 @@ def _mended(
     return jnp.ones((), bool), table[:, :, 0].T[None] if across else table
 
 
-def _tabled(found: Solved, dtype: Any) -> Array:
+def _tabled(found: PoseBatch, dtype: Any) -> Array:
     """Poses and what became of them in one array, ``(S, columns, T)``."""
-    rest = [*found.known, found.size, found.pivots, found.status.astype(dtype)]
-    if found.x and found.x[0].ndim > 2:
-        return jnp.concatenate([found.x[0].swapaxes(1, 2), jnp.stack(rest, axis=1)], axis=1)
-    rows = [*found.x, *rest]
+    rest = [*found.known, found.size, found.conditioning, found.status.astype(dtype)]
+    if not isinstance(found.q, tuple):
+        return jnp.concatenate([found.q.swapaxes(1, 2), jnp.stack(rest, axis=1)], axis=1)
+    rows = [*found.q, *rest]
     if len(rows) * rows[0].size > _TABLE:
         return jnp.stack(rows, axis=1)
     *rows, table = [a[:, None] for a in rows]
@@ -278,17 +272,17 @@ def _tabled(found: Solved, dtype: Any) -> Array:
     return table
 
 
-def _in_one(plan: Plan, found: Solved) -> Solved:
+def _in_one(plan: Plan, found: PoseBatch) -> PoseBatch:
     """The same; of a stack of columns that come from one array each would be a kernel of its own."""
-    return found if apiece(plan) or not found.x else found._replace(x=(jnp.stack(found.x, axis=-1),))
+    return found if apiece(plan) or not found.q else found._replace(q=jnp.stack(found.q, axis=-1))
 
 
-def _answer(plan: Plan, table: Array) -> Solved:
+def _answer(plan: Plan, table: Array) -> PoseBatch:
     """What a table says, ``(S, columns, T)``."""
     n = len(plan.unknown)
-    x = jnp.moveaxis(table[:, :n], 1, 0) if apiece(plan) or not n else [table[:, :n].swapaxes(1, 2)]
-    *known, size, pivots, status = jnp.moveaxis(table[:, n:], 1, 0)
-    return Solved(tuple(x), tuple(known), status.astype(np.int32), size, pivots)
+    q = tuple(jnp.moveaxis(table[:, :n], 1, 0)) if apiece(plan) or not n else table[:, :n].swapaxes(1, 2)
+    *known, size, conditioning, status = jnp.moveaxis(table[:, n:], 1, 0)
+    return PoseBatch(q, size, conditioning, known=tuple(known), status=status.astype(np.int32))
 
 
 def _ask(plan: Plan, method: str, eq: Equations, q: Array, last: Array | None, asked: Array, good: Array) -> Array:
@@ -314,6 +308,6 @@ def _followed(plan: Plan, method: str, eq: Any, start: Any, last: Any, asked: An
     if last is not None:
         begun, start = good.any(axis=1)[:, None], start.copy()
         start[:, places] = np.where(begun, last, start[:, places])
-    poses, status, size, pivots = on_host.repair_lanes(plan, method, eq, start, asked, ~good)
-    rest = np.stack([size, pivots, status], axis=-1)
-    return np.moveaxis(np.concatenate([poses[..., places], rest], axis=-1).astype(start.dtype), 2, 1)
+    found = on_host.repair_lanes(plan, method, eq, start, asked, ~good)
+    rest = np.stack([found.size, found.conditioning, found.status], axis=-1)
+    return np.moveaxis(np.concatenate([found.q[..., places], rest], axis=-1).astype(start.dtype), 2, 1)

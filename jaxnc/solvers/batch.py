@@ -15,9 +15,10 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers.branch import EXTRAPOLATED, FIRST, SHORT, STEP, steady
-from jaxnc.solvers.continuation import Filled, length_of, on_branch
+from jaxnc.solvers.continuation import length_of, on_branch
 from jaxnc.solvers.kernel import always, apart, jumping, kernel, writes_out
 from jaxnc.solvers.plan import Plan, unwound
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.ways import follow, interpolate
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
@@ -58,7 +59,9 @@ def _at_once(lanes: int, least: int) -> int:
     return max(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), _CHUNK), least)
 
 
-def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], in_order: bool = False) -> Filled:
+def solve(
+    plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], in_order: bool = False
+) -> PoseBatch:
     """Solve a batch of inputs of one design on the branch of a pose.
 
     Angles that nothing else depends on count from the turn nearest to the pose. If they are a sequence of a single
@@ -162,7 +165,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     most = _MORE * first[1]
     made = lax.while_loop(lambda state: state[0] <= state[1], round_, (*first, begin, blank))[-1]
     made = [a[:given] for a in made] if total != given else made
-    return Filled(tuple(made[:-3]), *made[-3:])
+    return PoseBatch(tuple(made[:-3]), *made[-3:])
 
 
 def _ratio(i: Array) -> Array:

@@ -8,44 +8,13 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 
 from jaxnc.solvers.branch import SHARP, STEP, smooth, steady
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
 from jaxnc.solvers.plan import Plan
-from jaxnc.status import Status
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
-
-
-class Filled(NamedTuple):
-    """Solved poses, of S sequences of T inputs each where no other shape is said."""
-
-    x: tuple[Array, ...]  # unknown coordinates, each (S, T)
-    size: Array  # largest residual, a length
-    pivots: Array  # estimate of the reciprocal condition number
-    good: Array  # whether the pose is right, and regular; the others are not solved for, or on another branch
-    # Whether the branch ends before the pose, which is then the last one, with the known coordinates there; None where
-    # that is not found out.
-    ended: Array | None = None
-    known: tuple[Array, ...] = ()
-
-    @property
-    def answered(self) -> Array:
-        """Whether there is nothing more to find out of a pose."""
-        return self.good if self.ended is None else self.good | self.ended
-
-    @property
-    def status(self) -> Array:
-        """`jaxnc.Status` of poses that are answered."""
-        if self.ended is None:
-            return jnp.zeros(self.good.shape, np.int32)
-        return jnp.where(self.ended, np.int32(Status.DID_NOT_ASSEMBLE), np.int32(0))
-
-    def known_of(self, values: Array) -> tuple[Array, ...]:
-        """Known coordinates of the poses, of the values that were asked for ``(..., k)``."""
-        return *self.known, *(values[..., k] for k in range(len(self.known), values.shape[-1]))
 
 
 class State(NamedTuple):

@@ -4,7 +4,6 @@ from jaxnc.solvers.host.assembly import closest as closest
 from jaxnc.solvers.host.changes import changes as changes
 from jaxnc.solvers.host.changes import taken_up as taken_up
 from jaxnc.solvers.host.follow import corrected as corrected
-from jaxnc.solvers.host.poses import Poses as Poses
 from jaxnc.solvers.host.poses import scattered as scattered
 from jaxnc.solvers.host.poses import sequences as sequences
 from jaxnc.solvers.host.rates import rates as rates

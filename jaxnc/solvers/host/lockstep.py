@@ -7,13 +7,14 @@ are the poses behind it. Coordinates are ``(N, steps, designs)``.
 
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import branch
 from jaxnc.solvers.plan import Plan, square_rows
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import FEW, Numbers, Rows, guards
 from jaxnc.system.design import Drawn
 from jaxnc.system.equations import pure_numbers
@@ -23,16 +24,6 @@ _ITERATIONS = 12  # the most of Newton
 _ASSEMBLY = 60  # and of Levenberg and Marquardt on a drawing that does not fit its dimensions
 
 Scales = Sequence[np.ndarray]
-
-
-class Continued(NamedTuple):
-    """Poses of designs along their inputs."""
-
-    q: np.ndarray  # coordinates (N, steps, designs), finite everywhere
-    good: np.ndarray  # whether a pose, and every pose before it, is on the design's branch, (steps, designs)
-    # steps across which a determinant changes too much to say that it is, (steps - 1, designs), of designs that are not
-    # good for no other reason
-    doubted: np.ndarray
 
 
 def determinant(a: np.ndarray) -> np.ndarray:
@@ -76,7 +67,7 @@ class Lockstep:
 
     def follow(
         self, drawn: Drawn, scales: Scales, length: float, start: np.ndarray, track: np.ndarray, sure: bool = False
-    ) -> Continued:
+    ) -> PoseBatch:
         """Poses along values of the known coordinates.
 
         Args:
@@ -86,6 +77,11 @@ class Lockstep:
             start: the assembled designs, ``(N, designs)``.
             track: values of the known coordinates ``(known, steps, designs)``, those of the start first.
             sure: that designs stay on their branch, however much determinants change in a step.
+
+        Returns:
+            Coordinates ``(N, steps, designs)``, finite everywhere; whether a pose, and every pose before it, is good,
+            ``(steps, designs)``; and the steps that are doubted, ``(steps - 1, designs)``, of designs that are not good
+            for no other reason.
         """
         plan, least = self.plan, limits(np.zeros(0))
         numbers = Numbers([c[..., 0] for c in drawn.constants], scales)
@@ -127,7 +123,7 @@ class Lockstep:
         good[1:] &= going
         good = np.logical_and.accumulate(good, axis=0)
         q = np.where(good, q, start[:, None])
-        return Continued(q, good, doubted)
+        return PoseBatch(q, good=good, doubted=doubted)
 
     def intersect(self, numbers: Any, q: np.ndarray) -> None:
         """Put poses ``(N, steps, designs)`` in their places, if `closed`; all are on the sides of the first of them."""

@@ -1,7 +1,6 @@
 """Poses of many input values on the host: anchors are followed to, the rest is filled in, judged, and repaired."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,32 +11,14 @@ from jaxnc.solvers.host.follow import Followed, corrected, follow
 from jaxnc.solvers.host.view import HostView, largest
 from jaxnc.solvers.host.winding import rewound, whole_turns
 from jaxnc.solvers.plan import unwound
+from jaxnc.solvers.pose_batch import PoseBatch
 
 _EACH = 8  # poses that are followed to one by one
 _LARGE = 100_000  # numbers of matrices, whose memory is asked for again and again
 _SPACING = 0.4  # radians or lengths of the mechanism that inputs change by between anchors
 
 
-class Poses(NamedTuple):
-    """Poses and what became of them; lanes are the last axis."""
-
-    q: np.ndarray  # the poses (N, lanes); where one was not found, the last one on the branch
-    reached: np.ndarray  # whether it is on the branch
-    limit: np.ndarray  # whether the branch ends there, an input at the limit of its travel
-    crossed: np.ndarray  # whether branches cross there
-    exhausted: np.ndarray  # whether following it was given up, which might go on
-    size: np.ndarray  # largest residual, a length
-    conditioning: np.ndarray  # estimate of the reciprocal condition number
-    # `upright`, `mirrored`: whether nothing is met by a mirror image, and whether a body is
-    upright: np.ndarray
-    mirrored: np.ndarray
-
-    def taken(self, which: np.ndarray) -> "Poses":
-        """Other lanes, by their places among these."""
-        return Poses(*(x[..., which] for x in self))
-
-
-def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> Poses:
+def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> PoseBatch:
     """Poses of sequences of input values, each in order along one branch; all sequences in lockstep.
 
     Poses to begin from are ``(N, D)``, values ``(T, known, D)``; each sequence has as many as `counts` says, at least
@@ -63,10 +44,11 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
         values = np.moveaxis(values, 1, 2)
     found = _Found(view, start, values[: np.max(distinct)], distinct)
     found.find()
-    return found.poses().taken((at + found.first).T.reshape(-1))
+    back = (at + found.first).T.reshape(-1)
+    return found.poses().each(lambda x: x[..., back])
 
 
-def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> Poses:
+def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> PoseBatch:
     """Poses of independent input values, each on the straight way from a start pose.
 
     Poses to begin from are ``(N, D)``, values ``(L, known)``; `which` start pose each has is ``(L,)``.
@@ -77,14 +59,14 @@ def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
         return _on_lines(view, start, values, which, int(moving[0]) if len(moving) else 0)
     if len(values) > view.at_once:
         parts = [scattered(view, start, values[at], which[at]) for at in _groups(np.arange(len(values)), view)]
-        return Poses(*(np.concatenate(x, axis=-1) for x in zip(*parts, strict=True)))
+        return parts[0].each(lambda *x: np.concatenate(x, axis=-1), *parts[1:])
     view, start = view.taken(which), start[:, which]
     found = _Found(view, start, values.T[None], np.ones(len(values), int))
     found.find()
     return found.poses()
 
 
-def _on_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray, moving: int) -> Poses:
+def _on_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray, moving: int) -> PoseBatch:
     """The values below a start in falling order, and those above it in rising order, as two sequences of each."""
     way = values[:, moving] - start[view.plan.known[moving], which]
     line = 2 * which + (way >= 0.0)
@@ -98,7 +80,7 @@ def _on_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
     found = sequences(view.taken(used // 2), start[:, used // 2], lines, counts)
     back = np.empty(len(order), int)
     back[order] = at * longest + place
-    return found.taken(back)
+    return found.each(lambda x: x[..., back])
 
 
 class _Found:
@@ -109,7 +91,7 @@ class _Found:
         first: the first lane of each.
         owner: sequence of every lane.
         q, slopes: the poses, and derivatives of the unknown coordinates by the driven ones.
-        good, limit, crossed: as `Poses` has them.
+        good, limit, crossed: as `PoseBatch` has them.
         settled: whether it is solved to rounding already, and
         conditioning: that of such a pose.
         last, exhausted: of every sequence, the last pose on its branch, and whether it was given up there.
@@ -256,7 +238,7 @@ class _Found:
         seen = follow(self.view.taken(owner), begin, np.moveaxis(self.values[:, place], 1, 0), counts)
         self._take(place - self.first[owner], seen, owner)
 
-    def poses(self) -> Poses:
+    def poses(self) -> PoseBatch:
         """What was found, looked at; where a pose was not found, the last one is looked at once.
 
         Regular poses have one more step of Newton: those that were followed to met a tolerance, not rounding.
@@ -282,8 +264,17 @@ class _Found:
             size[some], upright[some], mirrored[some] = self.view.taken(owner[some]).looked_at(q[:, some])
         at = np.where(self.good, np.arange(len(self.owner)), len(self.owner) + self.owner)
         given_up = ~self.good & self.exhausted[self.owner]
-        seen = size[at], conditioning[at], upright[at], mirrored[at]
-        return Poses(q[:, at], self.good, self.limit, self.crossed, given_up, *seen)
+        return PoseBatch(
+            q[:, at],
+            size[at],
+            conditioning[at],
+            good=self.good,
+            limit=self.limit,
+            crossed=self.crossed,
+            exhausted=given_up,
+            upright=upright[at],
+            mirrored=mirrored[at],
+        )
 
 
 def _groups(lanes: np.ndarray, view: HostView) -> list[np.ndarray]:

@@ -1,15 +1,13 @@
 """Whole turns of a driven angle on which nothing else depends: they are not followed one by one."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxnc.solvers.host.follow import follow
 from jaxnc.solvers.host.view import HostView
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.system.precision import farthest
-
-if TYPE_CHECKING:
-    from jaxnc.solvers.host.poses import Poses
 
 _TURN = 2.0 * np.pi
 _SKIPPED = 2.0  # turns in one step: of more, whole ones are left out
@@ -58,13 +56,13 @@ def whole_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> Windin
     return Winding(turns, whole)
 
 
-def rewound(found: "Poses", winding: Winding, values: np.ndarray, driven: int) -> "Poses":
+def rewound(found: PoseBatch, winding: Winding, values: np.ndarray, driven: int) -> PoseBatch:
     """Put the turns that were left out into poses again, ``(N, D T)``; `values` are what was asked for, ``(T, D)``."""
     total, many = values.shape
-    reached = found.reached.reshape(many, total).T
+    reached = found.good.reshape(many, total).T
     last = np.maximum(np.sum(reached, axis=0) - 1, 0)
     at_end = np.where(reached.any(axis=0), winding.turns[last, np.arange(many)], 0.0)
     turns = np.where(reached, winding.turns, at_end).T.reshape(-1)
     q = found.q + np.repeat(winding.change, total, axis=1) * turns
-    q[driven] = np.where(found.reached & (turns != 0.0), values.T.reshape(-1), q[driven])
+    q[driven] = np.where(found.good & (turns != 0.0), values.T.reshape(-1), q[driven])
     return found._replace(q=q)
