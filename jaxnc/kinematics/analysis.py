@@ -14,7 +14,7 @@ from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.kinematics.rates import rates_in_lanes, with_held
 from jaxnc.kinematics.solved import apiece, solved
 from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.chunks import in_chunks
+from jaxnc.solvers.mapped import in_chunks
 from jaxnc.solvers.newton import attach, attach_lanes, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch

@@ -30,17 +30,7 @@ _RANK = 3e-7  # of the largest singular value: at a double root poses are known 
 _NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked for
 
 
-class Settled(NamedTuple):
-    """A pose that meets the constraints, or comes closest to it."""
-
-    q: Coordinates  # the pose, (N,)
-    gap: Array  # its largest residual, a length
-    # Derivatives of the rows with respect to the unknowns there, every coordinate a length, (m, n); of a large system
-    # its non-zeros. Nothing, or None, in traced code that leaves it to the host.
-    jacobian: Array | None
-
-
-def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> Settled:
+def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> host.Closest:
     """Levenberg-Marquardt on the unknowns of a plan: a pose that meets the constraints, or comes closest to it.
 
     Freedoms may be left: then the pose moves as little as possible. Known coordinates are at their values.
@@ -75,7 +65,7 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
 
     start = (0, q, jnp.full(len(plan.rows), jnp.inf), plan.blank(), jnp.asarray(1e-2), jnp.ones(()), q)
     _, q, r, slope, *_ = lax.while_loop(more, improve, start)
-    return Settled(q, largest(r), plan.as_lengths(slope, inner))
+    return host.Closest(q, largest(r), plan.as_lengths(slope, inner))
 
 
 def by_identity(f: Callable[[T], R]) -> Callable[[T], R]:
@@ -116,7 +106,7 @@ def _traced(*trees: Any) -> bool:
     return any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
 
 
-def settle(eq: Equations, nudge: Array | np.ndarray, repair: bool = True) -> Settled:
+def settle(eq: Equations, nudge: Array | np.ndarray, repair: bool = True) -> host.Closest:
     """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose. Differentiated nowhere.
 
     Traced code asks the host for what does not fit as it is drawn; without `repair` it does so itself.
@@ -127,36 +117,36 @@ def settle(eq: Equations, nudge: Array | np.ndarray, repair: bool = True) -> Set
         view = free_plan(eq.topology)
         if view.large or not repair or not host.ready(view):
             return _settle(eq, nudge)
-        return Settled(*settled(view, eq, eq.home + nudge), None)
+        return host.Closest(*settled(view, eq, eq.home + nudge), None)
     if isinstance(nudge, np.ndarray) and not nudge.any():
         return _start(eq)
     return _settled(eq, np.asarray(nudge))
 
 
 @by_identity
-def _start(eq: Equations) -> Settled:
+def _start(eq: Equations) -> host.Closest:
     return _settled(eq, np.zeros(eq.home.shape, eq.home.dtype))
 
 
-def _settled(eq: Equations, nudge: np.ndarray) -> Settled:
+def _settled(eq: Equations, nudge: np.ndarray) -> host.Closest:
     inner, view = hosted(eq), free_plan(eq.topology)
     with np.errstate(all="ignore"):
         begin = (inner.home + nudge).astype(inner.dtype)[:, None]
         q, gap, jacobian = host.closest(host.view_of(view, inner), begin)
-    return Settled(*on_device([np.asarray(x, inner.dtype) for x in (q[:, 0], gap[0], jacobian[0])]))
+    return host.Closest(*on_device([np.asarray(x, inner.dtype) for x in (q[:, 0], gap[0], jacobian[0])]))
 
 
 @jit
-def _settle(eq: Equations, nudge: Array) -> Settled:
+def _settle(eq: Equations, nudge: Array) -> host.Closest:
     eq, nudge = lax.stop_gradient((eq, nudge))
     view = free_plan(eq.topology)
     if not len(view.rows):
-        return Settled(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(view.unknown))))
+        return host.Closest(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(view.unknown))))
     if view.large:
         from jaxnc.solvers.answers import ask_of_equations
 
         found = ask_of_equations("assembled a drawing", _settled_large, (len(eq.home) + 1,), eq, nudge)
-        return Settled(found[:-1], found[-1], jnp.zeros(0))
+        return host.Closest(found[:-1], found[-1], jnp.zeros(0))
     return closest(view, eq, eq.home + nudge)
 
 

@@ -14,8 +14,8 @@ from jax import lax
 
 from jaxnc.solvers import batch, continuation
 from jaxnc.solvers.branch import LEADING, SHORT, TURNING
-from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import kernel
+from jaxnc.solvers.mapped import in_chunks
 from jaxnc.solvers.plan import Plan, unwound
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.sequences import in_sequences, scattered_around

@@ -1,6 +1,7 @@
 """Poses of many input values on the host: anchors are followed to, the rest is filled in, judged, and repaired."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,13 +10,15 @@ from jaxnc.solvers import branch
 from jaxnc.solvers.host.closed import sure
 from jaxnc.solvers.host.follow import Followed, corrected, follow
 from jaxnc.solvers.host.view import HostView, largest
-from jaxnc.solvers.host.winding import rewound, whole_turns
 from jaxnc.solvers.plan import unwound
 from jaxnc.solvers.pose_batch import PoseBatch
+from jaxnc.system.precision import farthest
 
 _EACH = 8  # poses that are followed to one by one
 _LARGE = 100_000  # numbers of matrices, whose memory is asked for again and again
 _SPACING = 0.4  # radians or lengths of the mechanism that inputs change by between anchors
+_TURN = 2.0 * np.pi
+_SKIPPED = 2.0  # turns in one step: of more, whole ones are left out
 
 
 def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> PoseBatch:
@@ -29,11 +32,11 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
         not reached none is, and beyond its last value they are as there.
     """
     total, _, many = values.shape
-    winding = whole_turns(view, start, values)
+    winding = _whole_turns(view, start, values)
     if winding is not None:
         near = values.copy()
         near[:, 0] = unwound(values[:, 0], winding.turns)
-        return rewound(sequences(view, start, near, counts), winding, values[:, 0], view.plan.driven[0])
+        return _rewound(sequences(view, start, near, counts), winding, values[:, 0], view.plan.driven[0])
     place, given = np.arange(total)[:, None], np.full(many, total) if counts is None else counts
     # A value that is there twice in succession has one pose.
     new = np.any(values[1:] != values[:-1], axis=1) & (place[1:] < given)
@@ -81,6 +84,61 @@ def _on_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
     back = np.empty(len(order), int)
     back[order] = at * longest + place
     return found.each(lambda x: x[..., back])
+
+
+class _Winding(NamedTuple):
+    """Whole turns of a driven angle on which nothing else depends, which need not be followed, and what one changes."""
+
+    turns: np.ndarray  # whole turns that are left out up to each value, (T, lanes)
+    change: np.ndarray  # of all coordinates in one turn: whole turns of angles, (N, lanes)
+
+
+def _whole_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Winding | None:
+    """Find whole turns of the one input that can be left out of sequences of its values ``(T, known, lanes)``.
+
+    They are those of an angle that nothing else depends on, where a turn leads back to the pose that it began from. A
+    branch of one input is closed everywhere if it is closed at the start. None if there are no such turns.
+    """
+    top, plan = view.plan.topology, view.plan
+    if len(plan.driven) != 1:
+        return None
+    first = len(top.coordinates) - len(top.scalars)
+    if plan.driven[0] < first or not top.periodic[plan.driven[0] - first]:
+        return None
+    angle = values[:, 0]
+    steps = np.diff(angle, axis=0, prepend=start[[plan.driven[0]]]) / _TURN
+    many = (np.abs(steps) > _SKIPPED) & (np.abs(angle) <= farthest(start))
+    lanes = np.flatnonzero(many.any(axis=0))
+    if not len(lanes):
+        return None
+    begin = start[:, lanes]
+    target = begin[plan.known]
+    target[0] += _TURN
+    inner = view.taken(lanes)
+    seen = follow(inner, begin, target[None])
+    moved = seen.poses[0] - begin
+    angles = np.append(np.zeros(first, bool), top.angles)
+    change = np.where(angles[:, None], np.round(moved / _TURN), 0.0) * _TURN
+    closed = (seen.reached == 1) & ~seen.limit[0] & ~seen.crossed[0]
+    closed &= inner.norm(inner.weights, moved - change) <= inner.least.close * inner.eq.length
+    if not closed.any():
+        return None
+    turns, whole = np.zeros_like(angle), np.zeros_like(start)
+    turns[:, lanes] = np.cumsum(np.where(many[:, lanes] & closed, np.trunc(steps[:, lanes]), 0.0), axis=0)
+    whole[:, lanes] = change
+    return _Winding(turns, whole)
+
+
+def _rewound(found: PoseBatch, winding: _Winding, values: np.ndarray, driven: int) -> PoseBatch:
+    """Put the turns that were left out into poses again, ``(N, D T)``; `values` are what was asked for, ``(T, D)``."""
+    total, many = values.shape
+    reached = found.good.reshape(many, total).T
+    last = np.maximum(np.sum(reached, axis=0) - 1, 0)
+    at_end = np.where(reached.any(axis=0), winding.turns[last, np.arange(many)], 0.0)
+    turns = np.where(reached, winding.turns, at_end).T.reshape(-1)
+    q = found.q + np.repeat(winding.change, total, axis=1) * turns
+    q[driven] = np.where(found.good & (turns != 0.0), values.T.reshape(-1), q[driven])
+    return found._replace(q=q)
 
 
 class _Found:
