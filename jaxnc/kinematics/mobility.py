@@ -159,7 +159,7 @@ def mobility(system: System, driven: Sequence[str] | None = None) -> Mobility:
     eq = derive(system)
     if top.large and top.dim == 3:
         dense_only(top, "the mobility report of a spatial mechanism, which names joints,")
-    samples = _samples(system, _POSES)
+    samples = sample_poses(system, _POSES)
     best = max(samples, key=lambda sample: sample.rank)
     matrix, rank = best.jacobian, best.rank
     left = np.abs(np.asarray(evaluate(eq, samples[0].q)[0]))
@@ -271,7 +271,7 @@ def _special(system: System, rank: int, by_count: int) -> int:
         amount = np.abs(np.asarray(leaf)) if scale is None else scale
         changed.append(np.ravel(np.asarray(leaf) + _CHANGE * amount * rng.standard_normal(leaf.shape)))
     other = rebuilt(system, np.concatenate(changed))
-    samples = _samples(other, 2)
+    samples = sample_poses(other, 2)
     general = max(sample.rank for sample in samples)
     if samples[0].gap > _CLOSED * size:
         return max(1, general - rank, by_count)  # the changed drawing cannot even be assembled
@@ -297,15 +297,6 @@ def grubler(topology: Topology) -> int:
         else:
             count += 2 - int(fixed[point].sum())
     return int(count - sum(joint.freedoms_removed for joint in topology.joints))
-
-
-def _samples(system: System, count: int) -> list[Any]:
-    """Assembled poses with their Jacobian, gap and rank; sparse for a large mechanism."""
-    if not system.topology.large:
-        return list(sample_poses(system, count))
-    from jaxnc.solvers.large_assembly import large_samples
-
-    return list(large_samples(system, count))
 
 
 def _idle(matrix: Any) -> list[int]:

@@ -22,7 +22,7 @@ from jaxnc.solvers.answers import ask_host, short
 from jaxnc.solvers.fill import in_order, one_by_one
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.large import by_lu
-from jaxnc.solvers.mapped import Mapped
+from jaxnc.solvers.mapped import Mapped, in_lanes
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
@@ -107,27 +107,11 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         return PoseBatch(x, like(), like(), known=known, status=like(dtype=np.int32))
 
     def mapped(size, which, eq, q, begun, values):
-        in_eq, in_q, in_begun, in_values = which
-        one_design = shared and not any(jax.tree.leaves(in_eq))
-        more = one_design and method == "lanes" and not in_q and not in_begun and q.shape[0] == 1
-        wide = lambda a, has: a if has else jnp.broadcast_to(a, (size, *a.shape))  # noqa: E731
-        values = wide(values, in_values)
-        if more:  # more inputs of the same design
-            flat = values.reshape(1, -1, values.shape[-1])
-        else:
-            every = values, wide(q, in_q), wide(begun, in_begun)
-            flat, q, begun = (a.reshape(size * a.shape[1], *a.shape[2:]) for a in every)
-        if not one_design:
-            count = values.shape[1]
-
-            def full(a, has):
-                a = wide(a, has)
-                a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
-                return a.reshape(size * count, *a.shape[2:])
-
-            eq = jax.tree.map(full, eq, in_eq)
-        out = _solver(plan, method, repair, one_design)(eq, q, begun, flat)
-        out = jax.tree.map(lambda a: a.reshape(*values.shape[:3], *a.shape[2:]), out)
+        of_one, eq, lanes = in_lanes(size, shared, which, eq, q, begun, values)
+        if of_one and method == "lanes" and not any(which[1:3]) and len(q) == 1:  # more inputs of the same design
+            lanes = q, begun, lanes[-1].reshape(1, -1, values.shape[-1])
+        out = _solver(plan, method, repair, of_one)(eq, *lanes)
+        out = jax.tree.map(lambda a: a.reshape(size, *values.shape[-3:-1], *a.shape[2:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
     return Mapped(solve, shapes, mapped)

@@ -3,7 +3,7 @@
 import functools
 import weakref
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -186,12 +186,13 @@ def _settled_large(eq: HostEquations, nudge: np.ndarray) -> np.ndarray:
 
 
 class Sample(NamedTuple):
-    """An assembled pose: the pose, its largest residual, its free Jacobian (every coordinate a length), its rank."""
+    """An assembled pose and the rank of its constraints."""
 
-    q: Coordinates
-    gap: float
-    jacobian: np.ndarray
+    q: Coordinates  # the pose
+    gap: float  # its largest residual
+    jacobian: Any  # its free Jacobian, every coordinate a length; of a large system a sparse matrix
     rank: int
+    null: Any = None  # of a large system, what the Jacobian misses: `jaxnc.solvers.rank.Nullity`
 
 
 def rank_of(matrix: np.ndarray) -> tuple[int, np.ndarray]:
@@ -207,22 +208,44 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
     """The assembled drawing and, unless it cannot move, poses nearby, in case the drawing is a special one."""
     view = free_plan(system.topology)
     eq = derive(system)
-    nudge = np.zeros(len(system.topology.coordinates))
+    nudge, n = np.zeros(len(system.topology.coordinates)), len(view.unknown)
     pure = pure_numbers(system.topology)[view.unknown]
     weight = np.where(pure, float(eq.length), 1.0)
     out: list[Sample] = []
     for step in range(count):
         q, gap, matrix = settle(eq, nudge)
         matrix = np.asarray(matrix)
-        rank, null = rank_of(matrix)
-        out.append(Sample(q, float(gap), matrix, rank))
-        if not len(null):
+        if view.large:
+            out.append(_sparse_sample(view, q, float(gap), matrix))
+            null = np.zeros((n, 0))
+        else:
+            rank, null = rank_of(matrix)
+            out.append(Sample(q, float(gap), matrix, rank))
+        if out[-1].rank == n:
             break
         mix = np.random.default_rng(7 + step).uniform(0.5, 1.0, len(null))
-        nudge[view.unknown] = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length) * mix @ null / weight
-    if not meets(eq, out[0].q, out[0].gap):
+        far = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length)
+        nudge[view.unknown] = (far * _along(out[-1].jacobian, mix) if view.large else far * mix @ null) / weight
+    if not view.large and not meets(eq, out[0].q, out[0].gap):
         out += _off(eq, view, weight, out[0])
     return out
+
+
+def _sparse_sample(view: Plan, q: Coordinates, gap: float, numbers: np.ndarray) -> Sample:
+    from jaxnc.solvers.rank import null_directions, shape, sparse
+
+    pattern = cast(Any, view).numbers
+    matrix = sparse(numbers, pattern.rows, pattern.columns, pattern.shape)
+    null = null_directions(matrix)
+    return Sample(q, gap, matrix, min(shape(matrix)) - null.count, null)
+
+
+def _along(matrix: Any, mix: np.ndarray) -> np.ndarray:
+    """A direction that a sparse Jacobian does not stretch, its largest part one."""
+    from jaxnc.solvers.rank import projected
+
+    way = projected(matrix, mix)
+    return way / max(np.abs(way).max(initial=0.0), 1e-300)
 
 
 def _off(eq: Equations, view: Plan, weight: np.ndarray, closest: Sample) -> list[Sample]:
@@ -274,15 +297,26 @@ def _check_finite(system: System) -> None:
                 )
 
 
+def _freedoms_of_large(system: System, best: Sample) -> int:
+    if not best.null.sure:
+        smallest = ", ".join(f"{value:.1e}" for value in best.null.smallest[:4])
+        raise MechanismError(
+            f"{system.name!r}: its degrees of freedom cannot be told; the smallest singular values of its constraints, "
+            f"relative to the largest, are {smallest}, too close to those of a singular position. Draw it in a pose "
+            f"further from a change point or dead point, or with proportions that do not magnify along the chain"
+        )
+    return len(system.topology.unknown) - best.rank
+
+
 def with_degrees_of_freedom(system: System) -> System:
     """Count a system's degrees of freedom: the same system, carrying them and what else is special about the design."""
     one_thread("numpy")  # every system comes by here
     _check_finite(system)
+    samples = sample_poses(system)
     if system.topology.large:
-        from jaxnc.solvers.large_assembly import degrees_of_freedom
-
-        return System(system.topology, system.parameters, degrees_of_freedom(system))
-    samples = sorted(sample_poses(system), key=lambda sample: sample.rank)
+        best = max(samples, key=lambda sample: sample.rank)
+        return System(system.topology, system.parameters, _freedoms_of_large(system, best))
+    samples = sorted(samples, key=lambda sample: sample.rank)
     view, top = free_plan(system.topology), system.topology
     jacobians = np.zeros((len(samples), len(top.rows), len(top.coordinates)))
     jacobians[:, view.rows[:, None], view.unknown] = [sample.jacobian for sample in samples]

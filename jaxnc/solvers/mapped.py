@@ -76,6 +76,32 @@ batching.primitive_batchers[_MAPPED] = _batched
 mlir.register_lowering(_MAPPED, mlir.lower_fun(functools.partial(_run, call=_remembered), multiple_results=True))
 
 
+def in_lanes(
+    size: int, shared: bool, which: Sequence[Any], eq: Any, *lanes: Array
+) -> tuple[bool, Any, tuple[Array, ...]]:
+    """Put a batch of functions of a design and of lanes ``(L, ...)`` into lanes ``(size L, ...)`` of one function.
+
+    Arguments are those of a `Mapped` rule, `shared` whether the design is one for all lanes. Returned is whether it
+    still is, the design, or one for each lane, and the lanes.
+    """
+    in_eq, *others = which
+    of_one = shared and not any(jax.tree.leaves(in_eq))
+
+    def wide(a: Array, has: bool) -> Array:
+        return a if has else jnp.broadcast_to(a, (size, *a.shape))
+
+    every = [wide(a, has) for a, has in zip(lanes, others, strict=True)]
+    count = every[0].shape[1]
+
+    def full(a: Array, has: bool) -> Array:
+        a = wide(a, has)
+        a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
+        return a.reshape(size * count, *a.shape[2:])
+
+    eq = eq if of_one else jax.tree.map(full, eq, in_eq)
+    return of_one, eq, tuple(a.reshape(size * count, *a.shape[2:]) for a in every)
+
+
 def in_chunks(f: Callable, chunk: int, *arguments: Any) -> Any:
     """A function whose arguments and results have lanes as their first axis, some of these at a time.
 

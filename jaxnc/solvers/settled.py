@@ -16,7 +16,7 @@ from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
 from jaxnc.solvers.answers import PIECE, ask_host, short
 from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.mapped import Mapped
+from jaxnc.solvers.mapped import Mapped, in_lanes
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import from_jax
@@ -61,23 +61,9 @@ def _settler(plan: Plan, shared: bool):
         return jax.ShapeDtypeStruct(q.shape, q.dtype), jax.ShapeDtypeStruct(q.shape[:1], q.dtype)
 
     def mapped(size, which, eq, q):
-        in_eq, in_q = which
-        of_one = shared and not any(jax.tree.leaves(in_eq))
-
-        def wide(a: Array, has: bool) -> Array:
-            return a if has else jnp.broadcast_to(a, (size, *a.shape))
-
-        many = wide(q, in_q)
-        count = many.shape[1]
-
-        def lanes(a: Array, has: bool) -> Array:
-            a = wide(a, has)
-            a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
-            return a.reshape(size * count, *a.shape[2:])
-
-        mine = eq if of_one else jax.tree.map(lanes, eq, in_eq)
-        pose, gap = _settler(plan, of_one)(mine, many.reshape(size * count, -1))
-        return (pose.reshape(many.shape), gap.reshape(size, count)), (True, True)
+        of_one, eq, (flat,) = in_lanes(size, shared, which, eq, q)
+        found = jax.tree.map(lambda a: a.reshape(size, -1, *a.shape[1:]), _settler(plan, of_one)(eq, flat))
+        return found, (True, True)
 
     return Mapped(inner, shapes, mapped)
 
