@@ -9,10 +9,9 @@ from jax import lax
 
 from jaxnc.compiling import jit
 from jaxnc.kinematics.columns import Columns
-from jaxnc.kinematics.large import nearest
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.kinematics.rates import rates_in_lanes, with_held
-from jaxnc.kinematics.solved import apiece, solved
+from jaxnc.kinematics.solved import apiece, nearest_large, solved
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.mapped import in_chunks
 from jaxnc.solvers.newton import attach, attach_lanes, largest, newton, tolerance
@@ -110,7 +109,7 @@ def _large(view: Plan, method: str, eq: Equations, q0: Array, values: Array, ord
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[..., view.fixed].set(frozen.home[view.fixed])
     if method == "guess":
-        found = nearest(view, frozen, begin, targets[:, : len(view.driven)])
+        found = nearest_large(view, frozen, begin, targets[:, : len(view.driven)])
     else:
         found = solved(view, method, True, frozen, begin, targets)
     good = found.status == int(Status.CONVERGED)

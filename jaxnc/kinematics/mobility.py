@@ -10,8 +10,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.freedoms import Freedoms
-from jaxnc.kinematics.inputs import check_system
-from jaxnc.kinematics.large import dense_only
+from jaxnc.kinematics.inputs import check_system, dense_only
 from jaxnc.kinematics.loose import explain_lock, loose_motions
 from jaxnc.kinematics.redesign import rebuilt
 from jaxnc.notebooks import Shown

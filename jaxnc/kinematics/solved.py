@@ -15,10 +15,9 @@ from jax.core import Tracer
 
 from jaxnc import memory
 from jaxnc.kinematics import on_host
-from jaxnc.kinematics.large import followed
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import batch, host
-from jaxnc.solvers.answers import ask_host, short
+from jaxnc.solvers.answers import ask_host, ask_of_equations, short
 from jaxnc.solvers.fill import in_order, one_by_one
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.large import by_lu
@@ -29,6 +28,7 @@ from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import some
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
+from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import farthest, limits
 from jaxnc.types import Array, Float
 
@@ -65,7 +65,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
 
     def solve(eq, q, begun, values):
         if plan.large:  # all the host's
-            return followed(plan, method, eq, q, values[..., : len(plan.driven)])
+            return _followed_large(plan, method, eq, q, values[..., : len(plan.driven)])
         if values.shape[0] * values.shape[1] >= VERY_MANY:
             memory.keep()
         one = shared and len(values) == 1
@@ -295,3 +295,43 @@ def _followed(plan: Plan, method: str, eq: Any, start: Any, last: Any, asked: An
     found = on_host.repair_lanes(plan, method, eq, start, asked, ~good)
     rest = np.stack([found.size, found.conditioning, found.status], axis=-1)
     return np.moveaxis(np.concatenate([found.q[..., places], rest], axis=-1).astype(start.dtype), 2, 1)
+
+
+def _followed_large(
+    view: Plan, method: str, eq: Equations, q: Float[Array, "S N"], values: Float[Array, "S T k"]
+) -> PoseBatch:
+    """Poses ``(S, T, N)`` of sequences of inputs, or of each input on its own, by the host, and what became of each.
+
+    The equations are those of one design, or of one for each sequence (first axis of every leaf).
+    """
+    ask = functools.partial(_follow_large, view, method)
+    shape = (*values.shape[:2], q.shape[1] + 3)
+    return _taken_apart(ask_of_equations("followed poses of a large system", ask, shape, eq, q, values))
+
+
+def nearest_large(view: Plan, eq: Equations, q: Float[Array, "T N"], values: Float[Array, "T k"]) -> PoseBatch:
+    """Poses of one design each near a guess, from the host; the result as of `followed`, without its first axis."""
+    ask = functools.partial(_near_large, view)
+    shape = (len(values), q.shape[1] + 3)
+    return _taken_apart(ask_of_equations("solved for poses near a guess", ask, shape, eq, q, values))
+
+
+def _taken_apart(table: Array) -> PoseBatch:
+    status = jnp.where(jnp.isnan(table[..., -1]), int(Status.TOO_FAR), table[..., -1])  # interrupted by the user
+    return PoseBatch(table[..., :-3], table[..., -3], table[..., -2], status=status.astype(np.int32))
+
+
+def _one_table(found: PoseBatch) -> np.ndarray:
+    return np.concatenate([found.q, np.stack([found.size, found.conditioning, found.status], axis=-1)], axis=-1)
+
+
+def _near_large(view: Plan, eq: HostEquations, q: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return _one_table(on_host.nearest(view, eq, q, values))
+
+
+def _follow_large(view: Plan, method: str, eq: HostEquations, q: np.ndarray, values: np.ndarray) -> np.ndarray:
+    if method != "lanes":
+        return _one_table(on_host.sequences(view, eq, q, values))
+    which = np.repeat(np.arange(len(q)), values.shape[1])
+    found = _one_table(on_host.scattered(view, eq, q, values.reshape(-1, values.shape[2]), which))
+    return found.reshape(*values.shape[:2], -1)
