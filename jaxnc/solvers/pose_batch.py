@@ -1,9 +1,12 @@
 """The one record of solved poses: on the host, in traced code, and of whole analyses."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+
+AnyArray: TypeAlias = Any
+"""An array of NumPy or of JAX, None, or a tuple of arrays."""
 
 
 class PoseBatch(NamedTuple):
@@ -16,27 +19,27 @@ class PoseBatch(NamedTuple):
     # Coordinates: all of them in one array, (..., N) or on the host (N, lanes); or, where they are solved for in
     # columns, a tuple of arrays. Where a pose was not found, those of the last one on the branch, or the closest.
     q: Any
-    size: Any = None  # largest residual, a length
-    conditioning: Any = None  # estimate of the reciprocal condition number
-    good: Any = None  # whether the pose is right and on the branch
-    ended: Any = None  # whether the branch ends before the pose, which is then the last one
-    known: Any = ()  # known coordinates of the poses, an array each, where they are not those that were asked for
-    status: Any = None  # `jaxnc.Status` as an integer
-    rates: Any = ()  # time derivatives of the coordinates: velocity, acceleration, jerk
+    size: AnyArray = None  # largest residual, a length
+    conditioning: AnyArray = None  # estimate of the reciprocal condition number
+    good: AnyArray = None  # whether the pose is right and on the branch
+    ended: AnyArray = None  # whether the branch ends before the pose, which is then the last one
+    known: AnyArray = ()  # known coordinates of the poses, an array each, where they are not those asked for
+    status: AnyArray = None  # `jaxnc.Status` as an integer
+    rates: AnyArray = ()  # time derivatives of the coordinates: velocity, acceleration, jerk
     # Of the host:
-    limit: Any = None  # whether the branch ends there, an input at the limit of its travel
-    crossed: Any = None  # whether branches cross there
-    exhausted: Any = None  # whether following it was given up, which might go on
-    upright: Any = None  # whether nothing is met by a mirror image
-    mirrored: Any = None  # whether a body is
-    doubted: Any = None  # in which steps a determinant changes too much to say that the branch was kept
+    limit: AnyArray = None  # whether the branch ends there, an input at the limit of its travel
+    crossed: AnyArray = None  # whether branches cross there
+    exhausted: AnyArray = None  # whether following it was given up, which might go on
+    upright: AnyArray = None  # whether nothing is met by a mirror image
+    mirrored: AnyArray = None  # whether a body is
+    doubted: AnyArray = None  # in which steps a determinant changes too much to say that the branch was kept
 
     @property
-    def answered(self) -> Any:
+    def answered(self) -> AnyArray:
         """Whether there is nothing more to find out of a pose."""
         return self.good if self.ended is None else self.good | self.ended
 
-    def known_of(self, values: Any) -> tuple[Any, ...]:
+    def known_of(self, values: AnyArray) -> tuple[AnyArray, ...]:
         """Known coordinates of the poses, of the values that were asked for ``(..., k)``."""
         return *self.known, *(values[..., k] for k in range(len(self.known), values.shape[-1]))
 
