@@ -36,22 +36,22 @@ def _timed(run: Callable[[], Any]) -> tuple[float, Any]:
 
 def _least_squares(problem: Any, starts: np.ndarray, iterations: int) -> list[tuple[float, float]]:
     """Seconds and best error after each round of Levenberg-Marquardt, and at the end of second order."""
-    from jaxnc.synthesis.margins import Margins
-    from jaxnc.synthesis.refinement import Refinement
-    from jaxnc.synthesis.result import judged
-    from jaxnc.synthesis.valleys import ended
+    from jaxnc.synthesis.design import judge
+    from jaxnc.synthesis.search.basins import bring_to_ends
+    from jaxnc.synthesis.search.goal import Goal
+    from jaxnc.synthesis.search.refine import Refinement
 
-    goal = Margins.of(problem)
+    goal = Goal.of(problem)
     behind = np.broadcast_to(goal.row[problem.count :], (len(starts), len(goal.row) - problem.count))
     run, begin, out = Refinement(goal, iterations, len(starts)), time.process_time(), []
     run.queue = list(np.concatenate([starts, behind], axis=1))
     while run.more():
         run.go(np.inf)
-        out.append((time.process_time() - begin, problem.shown(run.best)))
+        out.append((time.process_time() - begin, problem.reported_error(run.best)))
     found = [x for _, x in sorted(run.found, key=lambda pair: pair[0])]
     if found:
-        valleys = ended(problem, goal, found, most=4, iterations=400, width=run.width)
-        out.append((time.process_time() - begin, judged(problem, valleys)[0].error))
+        valleys = bring_to_ends(problem, goal, found, most=4, iterations=400, width=run.width)
+        out.append((time.process_time() - begin, judge(problem, valleys)[0].error))
     return out
 
 
@@ -73,10 +73,10 @@ def points(quick: bool, picture: Path | None = None) -> list[dict[str, Any]]:
 
     from benchmarks.synthesis.published import PUBLISHED
     from jaxnc.synthesis import descend
-    from jaxnc.synthesis.descending import _starting
+    from jaxnc.synthesis.descent import starting_designs
 
     problem = next(c for c in PUBLISHED if c.name.startswith("25 points")).state()
-    starts = _starting(problem, np.random.default_rng(0), _POINTS_STARTS, 50 * _POINTS_STARTS)
+    starts = starting_designs(problem, np.random.default_rng(0), _POINTS_STARTS, 50 * _POINTS_STARTS)
     steps = 200 if quick else 10_000
     rows = []
 
@@ -254,9 +254,9 @@ def main() -> int:
         record |= {"machine": machine.describe(), "date": time.strftime("%Y-%m-%d")}
         options.json.write_text(json.dumps(record, indent=1) + "\n")
         names = list(dict.fromkeys(key for row in record[name] for key in row))
-        from jaxnc.synthesis.result import aligned
+        from jaxnc.synthesis.result import align_columns
 
-        print(aligned([names, *([_shown(row.get(key)) for key in names] for row in record[name])]))
+        print(align_columns([names, *([_shown(row.get(key)) for key in names] for row in record[name])]))
     return 0
 
 

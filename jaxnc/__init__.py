@@ -59,9 +59,9 @@ if TYPE_CHECKING:
     from jaxnc.mechanism import Mechanism as Mechanism
     from jaxnc.reporting.study import report as report
     from jaxnc.status import Status as Status
-    from jaxnc.synthesis.tolerance import tolerance as tolerance
+    from jaxnc.synthesis.tolerance.spread import tolerance as tolerance
     from jaxnc.system.system import System as System
-    from jaxnc.viz.notebook import widget as widget
+    from jaxnc.viz.pages.widget import widget as widget
 
 __version__ = "0.1.0"
 

@@ -1,4 +1,4 @@
-"""What shows itself in a notebook: one method for everything, made in `jaxnc.viz.shown` when it is asked for."""
+"""What shows itself in a notebook: one method for everything, made in `jaxnc.viz.repr_html` when it is asked for."""
 
 import contextlib
 import gc
@@ -27,9 +27,9 @@ class Shown:
 
     def _repr_html_(self) -> str:
         with at_once():
-            from jaxnc.viz.shown import shown
+            from jaxnc.viz.repr_html import show_html
 
-            return shown(self)
+            return show_html(self)
 
 
 class Drawn(Shown):

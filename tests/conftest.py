@@ -5,6 +5,7 @@ import gc
 import os
 import pathlib
 import tempfile
+import threading
 
 import jaxlib
 
@@ -12,6 +13,8 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # reading the cache back is 
 # In the environment, so that processes which a test starts find the cache too, and not the tester's own.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), f"jaxnc-tests-{os.getuid()}"))
 os.environ.pop("JAXNC_CACHE", None)
+# Threads of BLAS wait actively: beside other workers for nothing. Set before NumPy's is loaded; later it is a number.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Code that is quick to compile instead of quick to run, which halves the suite; test_reference.py runs once more as a
 # user's machine compiles it. An unknown flag would end the process: the last is known to be there in 0.10 only.
 os.environ.setdefault(
@@ -24,18 +27,55 @@ os.environ.setdefault(
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 import jax
 import pytest
+from jax._src.interpreters import mlir
+
+from jaxnc import memory
 
 jax.config.update("jax_enable_x64", True)
+memory.keep()  # what is compiled takes and gives back megabytes all the time
 # Small programs too: there are thousands, most of them asked for by every worker, and reading takes half as long.
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 gc.disable()  # while tests are collected: nothing is garbage then
 
 
 def pytest_collection_finish(session):
-    """Look for garbage seldom, and not among what is imported: a fifth of the suite's time went into that."""
+    """Look for garbage seldom, and not among what is imported: a fifth of the suite's time went into that.
+
+    Among what has lasted, which takes seconds, only where compiled functions are released.
+    """
     gc.freeze()
-    gc.set_threshold(50_000, 20, 10)
+    gc.set_threshold(200_000, 20, 1_000)
     gc.enable()
+
+
+class Contexts(threading.local):
+    """MLIR contexts for a hundred programs each: JAX makes one a program, a quarter of the time of a small program.
+
+    A program that is asked for while another is written down gets its own: it would be written into that one.
+    """
+
+    PROGRAMS = 100  # constants stay as long as their context
+
+    def __init__(self):
+        self.make, self.current, self.left = mlir.make_ir_context, None, 0
+
+    def __call__(self):
+        if self._writing():
+            return self.make()
+        if not self.left:
+            self.current, self.left = self.make(), self.PROGRAMS
+        self.left -= 1
+        return self.current
+
+    @staticmethod
+    def _writing():
+        try:
+            return mlir.ir.Context.current is not None
+        except ValueError:
+            return False
+
+
+mlir.make_ir_context = Contexts()
 
 
 def pytest_configure(config):

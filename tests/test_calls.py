@@ -227,7 +227,6 @@ def own() -> dict[str, dict[str, Any] | None]:
         "synthesis.within": {"x": (0, 1)},
         "viz.band": {"tolerance": nc.tolerance(known["system"], {"phi": PHI}, "C.x", {"B": 1e-4}, samples=3)},
         "viz.plot_energy": {"motion": known["simulated"]},
-        "viz.sheet": {"path": "sheet.png"},
         "families.simulate": {"formulation": nc.formulate(loaded(), "relative"), "step": 0.1},
         "families.mass_matrix": {"formulation": nc.formulate(loaded(), "relative")},
         "families.accelerations": {"formulation": nc.formulate(loaded(), "relative")},

@@ -134,12 +134,13 @@ def test_structure_and_degree(name):
     rows, slopes = jax.jit(rows), jax.jit(jax.jacfwd(rows))
     for _ in range(3):
         p, _, s, c = draw(kind)
-        x = jnp.concatenate([p.reshape(-1), s])
+        x = np.concatenate([p.reshape(-1), s])
         jacobian = np.asarray(slopes(x, c))
         assert not np.any(np.abs(jacobian[~shape]) > 1e-12)
         if quadratic(kind, 2):
             d = RNG.uniform(-1, 1, count)
-            third = rows(x + 3 * d, c) - 3 * rows(x + 2 * d, c) + 3 * rows(x + d, c) - rows(x, c)
+            last, third, second, first = (np.asarray(rows(x + k * d, c)) for k in (3, 2, 1, 0))
+            third = last - 3 * third + 3 * second - first
             np.testing.assert_allclose(third, 0.0, atol=1e-11)
 
 

@@ -192,7 +192,7 @@ def nested(f):
 
 def beside(derivative):
     """Of several designs at once, of which one is looked at."""
-    return lambda k: jax.vmap(derivative)(jnp.stack([0.9 * k, k]))[1]
+    return lambda k: [x[1] for x in jax.vmap(derivative)(jnp.stack([0.9 * k, k]))]
 
 
 # What becomes of the function, and of its derivative.
@@ -207,12 +207,13 @@ THROUGH = {
 }
 CLOSED = {position: closed_position, rates: closed_rates, effort: closed_effort, fall: closed_fall, rule: closed_rule}
 EVERY = dict.fromkeys(THROUGH, "rrr fff rfr frf")
-# Whatever the rule is of, JAX treats it alike: what takes long to compile goes every way once.
+# Whatever the rule is of, JAX treats it alike: what takes long to compile goes every way once, through one kind of loop
+# (`lax.map` is a scan).
 ASK = {
     rule: EVERY,
     position: EVERY | {"nothing": "rrr", "scan": "rrr rfr", "vmap": "rrr frf"},
-    rates: {"map": "rrr", "scan": "rfr", "vmap": "frf", "derivatives in vmap": "fff"},
-    effort: {"map": "rrr", "scan": "rf", "vmap": "fr"},
+    rates: {"jit": "rrr", "scan": "rfr", "vmap": "frf", "derivatives in vmap": "fff"},
+    effort: {"jit": "rrr", "scan": "rf", "vmap": "fr"},
     fall: {"map": "rr"},
 }
 
@@ -229,10 +230,11 @@ def wanted(quantity, way, of=total):
 )
 def test_orders(quantity, through):
     inside, outside = THROUGH[through]
-    for way in ASK[quantity][through].split():
-        found = outside(orders(inside(quantity), way))(1.0)
-        relative = STEPPED if quantity is fall else RELATIVE
-        of = single if inside is single else total
+    ways = ASK[quantity][through].split()
+    each = [orders(inside(quantity), way) for way in ways]
+    relative = STEPPED if quantity is fall else RELATIVE
+    of = single if inside is single else total
+    for way, found in zip(ways, outside(lambda k: [f(k) for f in each])(1.0), strict=True):  # all in one program
         np.testing.assert_allclose(found, wanted(quantity, way, of), rtol=relative, err_msg=way)
 
 

@@ -11,8 +11,7 @@ import optax
 import pytest
 
 import jaxnc as nc
-from jaxnc.synthesis.descent import MEETS
-from jaxnc.synthesis.optimiser import Optimiser
+from jaxnc.synthesis.descent import MEETS, Optimiser
 
 S = nc.synthesis
 
@@ -180,16 +179,16 @@ def test_ends(monkeypatch, interrupts):
     assert enough.error <= 1e-2 and enough.steps.count < 500 and "stopped at enough=0.01 after" in str(enough)
     brief = S.descend(PLAIN, ADAM, steps=10**6, starts=2, seconds=0.3, gradient=0.0)
     assert brief.stopped.startswith("stopped after ") and brief.designs[0].reason == "stopped"
-    from jaxnc.synthesis.lanes import Lanes
+    from jaxnc.synthesis.descent import DescentLanes
 
-    taken, count = Lanes._taken, itertools.count()
+    taken, count = DescentLanes._take_steps, itertools.count()
 
     def interrupted(self, first, steps):
         if next(count) == 1:
             os.kill(os.getpid(), signal.SIGINT)
         return taken(self, first, steps)
 
-    monkeypatch.setattr(Lanes, "_taken", interrupted)
+    monkeypatch.setattr(DescentLanes, "_take_steps", interrupted)
     found = S.descend(PLAIN, ADAM, steps=10**6, starts=2, gradient=0.0)
     assert found.stopped.startswith("interrupted after") and found.designs[0].reason == "interrupted"
 
@@ -256,7 +255,7 @@ def test_a_path_by_all_targets_and_by_batches():
     some = S.descend(problem, optax.adam(optax.cosine_decay_schedule(1e-2, 400)), steps=400, starts=idea, batch=64)
     assert some.found and some.designs[0].rms < 1e-3 and some.steps.random
     assert some.steps.good.all(), "steps between targets of a batch are uneven, and none of them is lost"
-    first = some.steps.value[0, 0], problem.shown(problem.cost(problem.start)[0])
+    first = some.steps.value[0, 0], problem.reported_error(problem.cost(problem.start)[0])
     assert first[0] != pytest.approx(first[1]) and first[0] == pytest.approx(first[1], rel=0.9)
 
 

@@ -117,34 +117,39 @@ def test_a_start_follows_given_lengths_as_it_is_assembled(state):
         assert float(found) == pytest.approx(float(wanted), rel=1e-7 if state is None else 2e-2)
 
 
+@functools.cache
+def answering():
+    """The swing's motion, what it answers, and how both ways pull that back: of any question, compiled once."""
+    system = swing()
+    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom)
+    t = jnp.asarray(0.1)
+
+    @jax.jit
+    def pulled(what, law, q, v, found, bar):
+        _, solved = jax.vjp(lambda law, q, v: law.put(flow).answer(what, t, q, v), law, q, v)
+        _, recalled = jax.vjp(lambda law, q, v: Recalled(flow.prepared(), law).answer(what, t, q, v, found), law, q, v)
+        return solved(bar), recalled(bar)
+
+    return flow, jax.jit(lambda what, q, v: flow.answer(what, t, q, v)), pulled
+
+
 @pytest.mark.parametrize("what", [0, 1, 2], ids=["acceleration", "position", "velocity"])
 def test_an_answer_is_pulled_back_by_its_lagrangian(what):
     """Against JAX's derivative of the solution itself, in a state that is off the constraints."""
-    system = swing()
-    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom)
+    flow, answer, pulled = answering()
     draw = np.random.default_rng(3)
     home = np.asarray(flow.dyn.eq.home)
     q, v = home + 0.01 * draw.normal(size=len(home)), draw.normal(size=len(home))
     v[flow.view.fixed] = 0.0
-    law, t = Law.of(flow), jnp.asarray(0.1)
-    found = jax.jit(lambda q, v: flow.answer(jnp.asarray(what), t, q, v))(q, v)
+    found = answer(what, q, v)
     bar = jax.tree.map(lambda x: np.asarray(draw.normal(size=x.shape)), found)
     bar.change[flow.view.fixed] = 0.0
-
-    @jax.jit
-    def pulled(law, q, v, bar):
-        _, solved = jax.vjp(lambda law, q, v: law.put(flow).answer(jnp.asarray(what), t, q, v), law, q, v)
-        _, recalled = jax.vjp(
-            lambda law, q, v: Recalled(flow.prepared(), law).answer(jnp.asarray(what), t, q, v, found), law, q, v
-        )
-        return solved(bar), recalled(bar)
-
-    wanted, mine = pulled(law, jnp.asarray(q), jnp.asarray(v), bar)
+    wanted, mine = pulled(what, Law.of(flow), q, v, found, bar)
     free = jnp.asarray(~np.array(flow.dyn.topology.fixed))  # the ground is at rest, whatever it would mean if it moved
     for a, b in ((wanted[1], mine[1]), (wanted[2] * free, mine[2] * free)):
         assert np.allclose(a, b, rtol=1e-9, atol=1e-9 * max(float(jnp.max(jnp.abs(a))), 1.0))
     # Of the numbers of the motion by what they change with the design: some coefficients are zero in every one.
-    change = Carried(system, flow.dyn.eq).law()
+    change = Carried(swing(), flow.dyn.eq).law()
     for name in DERIVED:
         leaves = (jax.tree.leaves(getattr(x, name)) for x in (wanted[0], mine[0], change))
         for a, b, by in zip(*leaves, strict=True):

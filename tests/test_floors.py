@@ -70,12 +70,11 @@ DEFERRED_UPWARD = [
     ("jaxnc/kinematics/wheel_report.py", "jaxnc.viz"),  # SuspensionReport.plot
     ("jaxnc/synthesis/*", "jaxnc.viz"),  # BurmesterCurves.plot, Tolerance.plot, Result.gallery
     ("jaxnc/synthesis/result.py", "jaxnc.io"),  # Result.save
-    ("jaxnc/synthesis/checkpoint.py", "jaxnc.io"),  # the file that `solve` saves itself in
+    ("jaxnc/synthesis/search/checkpoint.py", "jaxnc.io"),  # the file that `solve` saves itself in
 ]
 
 JAX_FAMILY = {"jax", "jaxlib", "equinox", "optax", "diffrax", "lineax", "optimistix"}
 VAGUE_NAMES = {"util", "utils", "helper", "helpers", "common"}
-LINES = 500
 
 
 @dataclass(frozen=True)
@@ -211,8 +210,6 @@ def violations(root: Path) -> list[str]:
             report(1, f"{PACKAGE}.{own} has no floor: give it one in tests/test_floors.py")
         if vague := [part for part in parts if part.strip("_") in VAGUE_NAMES]:
             report(1, f"'{vague[0]}' says nothing about what is in it: name the noun")
-        if (lines := len(text.splitlines())) > LINES:
-            report(lines, f"{lines} lines, more than {LINES}: split it by noun")
         if own != "cli" and file != "jaxnc/io/cache.py":
             for line in config_changes(tree):
                 report(line, "changes jax.config: only the command line and cache() may")
@@ -320,7 +317,6 @@ BROKEN = [
     ("utils", "jaxnc/solvers/utils.py", "", 1, "'utils' says nothing"),
     ("_helpers", "jaxnc/solvers/_helpers.py", "", 1, "'_helpers' says nothing"),
     ("common folder", "jaxnc/solvers/common/rows.py", "", 1, "'common' says nothing"),
-    ("too long", "jaxnc/solvers/long.py", "x = 1\n" * 501, 501, "501 lines"),
     ("def in __init__", "jaxnc/__init__.py", "import os\ndef load():\n    pass", 2, "defines load"),
     ("class in __init__", "jaxnc/system/__init__.py", "class System:\n    pass", 1, "defines System"),
     ("config", "jaxnc/types.py", f"import jax\njax.config.update({X64})", 2, "changes jax.config"),

@@ -13,7 +13,7 @@ from jaxnc.forces import ForceKind
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.system.assemble import assemble
 from jaxnc.viz.poses import poses
-from jaxnc.viz.sketch import sketch
+from jaxnc.viz.sketch import sketch_plane
 
 CRANK, ROD, SPEED, PHI, G = 0.3, 0.8, 4.0, 0.7, 9.81
 MASSES = {"crank": 2.0, "rod": 3.0, "slider": 1.5}
@@ -218,7 +218,7 @@ def test_a_kind_of_the_user_is_not_drawn_as_the_joint_of_its_name():
     for dim, kind in ((2, "slot"), (2, "gear"), (3, "cylindrical"), (3, "aligned pins"), (3, "weld")):
         (joint,) = assemble(held(kind, dim)).topology.joints
         assert (joint.type, joint.drawn, joint.bodies) == (kind, False, ())
-    scene = sketch(poses(nc.solve_position(held("slot").compile(), {})))
+    scene = sketch_plane(poses(nc.solve_position(held("slot").compile(), {})))
     assert not {item.role for item in scene.items} & {"slotted bar", "channel"}
 
 

@@ -48,6 +48,13 @@ def test_centres_stand_where_they_are(four_bar):
         assert text in said
 
 
+def test_marks_of_an_instant_stand_beside_traces_of_few_poses(four_bar):
+    """Traces of few poses are drawn with places between them, which know nothing of the marks."""
+    figure = four_bar.draw(pose=10, show="centres", trace="C")
+    assert len(artist(figure, "trace C").get_xdata()) > 2 * len(four_bar.status)
+    assert "3 coupler" in words(figure)
+
+
 def test_a_centre_at_infinity_is_an_arrow_and_a_sentence(slider_crank):
     figure = slider_crank.draw(pose=3, show=["centres slider"])
     assert "P₁₄ ∞" in words(figure) and "P₁₄ at infinity, 90°" in words(figure)

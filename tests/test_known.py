@@ -13,7 +13,7 @@ from jaxnc.io.tables import load_npz
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, hosted
-from jaxnc.viz.typed import typed
+from jaxnc.viz.draft import draft
 
 T = np.linspace(0.0, 0.1, 3)
 PULL = nc.forces.ForceKind(
@@ -22,7 +22,7 @@ PULL = nc.forces.ForceKind(
 )  # fmt: skip
 MADE = {
     "stream": lambda: _drawn(pendulum().compile(), ("phi",), ()),
-    "picture": lambda: typed(pendulum()),
+    "picture": lambda: draft(pendulum()),
     "family": lambda: nc.families.simulate(nc.formulate(pendulum(), "natural"), T),
 }
 

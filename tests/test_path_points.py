@@ -7,8 +7,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc import synthesis as syn
-from jaxnc.synthesis.dyads import Task, follow, inverses, polished
-from jaxnc.synthesis.path_points import starts
+from jaxnc.synthesis.exact.precision_points import Task, follow_paths, inverses, polish, stored_starts
 
 MET = 1e-9  # of the size: places after moving there; bars may be a thousand times the size of the points
 ROUNDING = 1e-7  # of sums over hundreds of solutions, the largest of them a hundred times the others
@@ -120,7 +119,7 @@ def test_no_other_real_linkage_is_found_by_newton():
     task = Task(d, d.conj(), rows, right + 0j)
     x = rng.normal(size=(2, 4000)) + 1j * rng.normal(size=(2, 4000))
     a = np.array([[0.0 - z[0]], [2.0 - z[0]]]) / size + np.zeros((2, 4000))
-    ends, last = polished(np.concatenate([x, x.conj(), a, a.conj()]), task, steps=40)
+    ends, last = polish(np.concatenate([x, x.conj(), a, a.conj()]), task, steps=40)
     real = np.abs(ends[2:4].conj() - ends[:2]).max(axis=0) < 1e-8  # steps that go astray end in complex ones too
     near = real & (last < 1e-10) & (np.abs(ends).max(axis=0) < 30) & (np.abs(ends[:2]).min(axis=0) > 1e-6)
     pins = z[0] - size * ends[:2, near]
@@ -136,15 +135,15 @@ def test_trace_of_six_points():
 
     Without one of the solutions it does not.
     """
-    z, task = starts("6-21")
+    z, task = stored_starts("6-21")
     sums = [z[5]]
     for sign in (-1.0, 1.0):
         right = task.right.copy()
         right[-1] += sign * (0.01 - 0.02j)
         moved = dataclasses.replace(task, right=right)
-        out = follow(z, task, moved)
+        out = follow_paths(z, task, moved)
         assert out.arrived.all()
-        sums.append(polished(out.z, moved)[0][5])
+        sums.append(polish(out.z, moved)[0][5])
     bend, way = sums[1] + sums[2] - 2 * sums[0], sums[2] - sums[1]
     assert abs(bend.sum()) < ROUNDING * abs(way.sum())
     assert abs(bend).min() > ROUNDING * abs(way.sum())

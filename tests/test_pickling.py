@@ -16,11 +16,11 @@ from test_spread import child, ended
 import jaxnc as nc
 from jaxnc import constraints, forces
 from jaxnc.library.catalogue import CATALOGUE
-from jaxnc.synthesis.ending import Ended
-from jaxnc.synthesis.moved import moved
-from jaxnc.synthesis.result import judged
-from jaxnc.synthesis.search import Progress
-from jaxnc.synthesis.valleys import Valley
+from jaxnc.synthesis.design import judge
+from jaxnc.synthesis.evaluate import move_designs
+from jaxnc.synthesis.result import Progress
+from jaxnc.synthesis.search.basins import Basin
+from jaxnc.synthesis.search.sqp import End
 
 S = nc.synthesis
 
@@ -130,8 +130,8 @@ def test_problems_and_results_are_again_what_they_were():
         assert copy.deepcopy(other).values is not other.values
     table = S.FunctionGeneration(nc.library.four_bar(), "C.x", [0.1, 0.2, 0.4], [0.1, 0.2, 0.4], input="phi")
     assert np.array_equal(again(table).target, table.target)
-    (one,) = moved(stated, [stated.start])
-    designs = judged(stated, [Valley(one, Ended(one.x, np.nan, np.nan, np.nan, np.nan, 0, "given"), 1)])
+    (one,) = move_designs(stated, [stated.start])
+    designs = judge(stated, [Basin(one, End(one.x, np.nan, np.nan, np.nan, np.nan, 0, "given"), 1)])
     found = S.Result(stated, tuple(designs), (Progress(0.1, 1, 2.0),), 1, 1, 0, (0.5, stated.start))
     for other in (again(found), copy.deepcopy(found)):
         assert str(other) == str(found) and same(other.best, found.best)

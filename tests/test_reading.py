@@ -38,7 +38,7 @@ def test_values_and_derivatives_of_the_catalogue(kind):
         return jnp.stack([jnp.asarray(r, float) for r in kind.residual(*structure.arrays(kind, dim, x))])
 
     with jax.disable_jit():
-        wanted = np.asarray(rows(jnp.asarray(x)))
+        wanted = np.asarray(rows(x))
     read = host_kind(kind, dim)
     np.testing.assert_allclose(np.array(read.rows(list(x)), float), wanted, atol=ROUNDING)
     # Derivatives against differences of fourth order of the program's own values.
@@ -126,13 +126,14 @@ def test_functions_of_arrays_are_read_number_by_number():
 
     program = trace(f, (3,), (3,))
     a, b = RNG.uniform(0.2, 1.0, (2, 3))
-    wanted = np.concatenate([np.ravel(x) for x in f(jnp.asarray(a), jnp.asarray(b))])
+    joined = jax.jit(lambda x: jnp.concatenate([jnp.ravel(y) for y in f(x[:3], x[3:])]))
+    wanted = joined(np.array([*a, *b]))
     np.testing.assert_allclose(np.array(function(program)([*a, *b])), wanted, atol=ROUNDING)
     slopes, places = partials(program, range(6))
     found = np.zeros((program.outputs.__len__(), 6))
     for (r, v), value in zip(places, function(slopes)([*a, *b]), strict=True):
         found[r, v] = value
-    exact = jax.jacfwd(lambda x: jnp.concatenate([jnp.ravel(y) for y in f(x[:3], x[3:])]))(jnp.asarray([*a, *b]))
+    exact = jax.jit(jax.jacfwd(joined))(np.array([*a, *b]))
     np.testing.assert_allclose(found, exact, atol=ROUNDING)
     # Lanes are arrays of any shape.
     lanes = RNG.uniform(0.2, 1.0, (6, 4, 5))
@@ -141,19 +142,57 @@ def test_functions_of_arrays_are_read_number_by_number():
     np.testing.assert_allclose([np.broadcast_to(x, (4, 5))[1, 3] for x in out], one, atol=ROUNDING)
 
 
+AT = jnp.array([[0, 1], [2, 3], [1, 1]])
+MOVES = [
+    lambda a, b: a[jnp.array([2, 0, 1])],
+    lambda a, b: a[:, jnp.array([3, -1, 0])],
+    lambda a, b: a[jnp.array([0, 2]), jnp.array([1, 3])],
+    lambda a, b: a[jnp.array([[0, 2], [1, 1]]), 1:3],
+    lambda a, b: jnp.take_along_axis(a, AT, axis=1),
+    lambda a, b: jax.vmap(lambda row, at: row[at])(a, AT),
+    lambda a, b: a.at[jnp.array([1, 7])].get(mode="fill", fill_value=3.0),
+    lambda a, b: a.at[jnp.array([1, -9])].get(mode="fill", fill_value=3.0),
+    lambda a, b: a.at[jnp.array([1, 7])].get(mode="clip"),
+    lambda a, b: jax.lax.dynamic_slice(a, (1, 2), (2, 2)),
+    lambda a, b: jax.lax.dynamic_update_slice(a, b[None, :2], (1, 3)),
+    lambda a, b: jax.lax.dynamic_update_slice(a, b[None, :2], (-5, 1)),
+    lambda a, b: jax.lax.pad(a, b[0], ((1, 2, 1), (-1, 1, 2))),
+    lambda a, b: jax.lax.pad(b, 0.5, ((-2, -1, 1),)),
+    lambda a, b: jax.lax.pad(b[0], 0.5, ()),
+    lambda a, b: a.at[jnp.array([0, 2])].set(b[:4]),
+    lambda a, b: a.at[jnp.array([0, 2, 0])].add(b[:4]),
+    lambda a, b: a.at[jnp.array([0, 2]), jnp.array([1, 3])].add(b[:2]),
+    lambda a, b: a.at[:, jnp.array([1, 1])].add(b[0]),
+    lambda a, b: a.at[jnp.array([0, 9])].add(b[:4], mode="clip"),
+    lambda a, b: a.at[jnp.array([0, 9])].add(b[:4], mode="drop"),
+    lambda a, b: a.at[1:, 2].add(b[:2]),
+    lambda a, b: jax.vmap(lambda row, at, u: row.at[at].add(u))(a, AT, jnp.outer(b[:3], b[:2])),
+    lambda a, b: jax.grad(lambda a: jnp.sum(jnp.take_along_axis(a, AT, axis=1) ** 2))(a),
+]
+
+
+def test_numbers_are_moved_as_jax_moves_them():
+    """By gathering, scattering, slices and padding, beyond the array too."""
+
+    def every(a, b):
+        return jnp.concatenate([jnp.ravel(move(a, b)) for move in MOVES])
+
+    x = RNG.normal(size=17)
+    found = function(trace(every, (3, 4), (5,)))(list(x))
+    np.testing.assert_array_equal(np.array(found), jax.jit(every)(x[:12].reshape(3, 4), x[12:]))
+
+
 def test_rates_are_time_derivatives_of_any_order():
     program = trace(lambda x, y: (jnp.sin(x) * y / (1.0 + x * x),), (), ())
     curve = (0.3, 0.7, -0.4, 0.2), (1.1, -0.2, 0.6, 0.5)  # Taylor coefficients of x and y
-    t = jax.jit(lambda t: sum(c * t**k for k, c in enumerate(curve[0])))
-    s = jax.jit(lambda t: sum(c * t**k for k, c in enumerate(curve[1])))
-    g = lambda t: jnp.sin(t_(t)) * s(t) / (1.0 + t_(t) ** 2)  # noqa: E731
-    t_ = t
+    x, y = (lambda t, c=c: sum(a * t**k for k, a in enumerate(c)) for c in curve)
+    g = lambda t: jnp.sin(x(t)) * y(t) / (1.0 + x(t) ** 2)  # noqa: E731
     factors = (1.0, 1.0, 2.0, 6.0)
     for order in (1, 2, 3):
         g = jax.grad(g)
         terms = [factors[k] * c[k] for k in range(1, order + 1) for c in curve]
         found = function(rate(program, (0, 1), order))([curve[0][0], curve[1][0], *terms])[0]
-        assert found == pytest.approx(float(g(0.0)), abs=1e-12)
+        assert found == pytest.approx(float(jax.jit(g)(0.0)), abs=1e-12)
 
 
 def test_degree_and_sparsity_are_derived():

@@ -13,7 +13,7 @@ import jaxnc as nc
 from jaxnc.cli import main
 from jaxnc.cli.question import ready
 from jaxnc.errors import InputError
-from jaxnc.reporting.transmission import transmissions, untold
+from jaxnc.reporting.transmission import transmissions, unexplained_bodies
 from jaxnc.reporting.verdict import Verdict, schema
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -282,7 +282,7 @@ def test_the_transmission_of_slots_guides_and_ways_that_cross():
 def test_transmission_angles_are_of_what_moves_what(name, at, left):
     m = ready(name)
     motion = nc.sweep(m.compile(), **nc.io.drives.sweep_arguments(m), throw=False)
-    assert [t.at for t in transmissions(motion)] == at and untold(motion) == left
+    assert [t.at for t in transmissions(motion)] == at and unexplained_bodies(motion) == left
 
 
 def test_forces_are_those_of_statics(tmp_path):

@@ -188,7 +188,7 @@ def test_all_that_is_told_has_the_leading_shape_of_the_motors(text, shape, ankle
     one = np.full(len(robot.actuated), 0.1)
     ways = [(told, shape)]
     if (text, shape) == ("ankle", (1,)):
-        ways += [(jax.jit(told), shape), (jax.vmap(told), (2, *shape))]
+        ways += [(jax.jit(told), shape), (jax.jit(jax.vmap(told)), (2, *shape))]
     for way, lead in ways:
         found = way(np.broadcast_to(one, (*lead, len(one))))
         for mine, wanted in zip(*map(jax.tree.leaves, (found, told(one))), strict=True):

@@ -15,7 +15,7 @@ from jaxnc.kinematics.wheel_report import _turning, suspension_report
 from jaxnc.library.suspensions import double_wishbone, five_link, macpherson
 from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial.scene import Solid
-from jaxnc.viz.spatial.sketch import extended, sketch
+from jaxnc.viz.spatial.sketch import sketch_space
 
 LENGTH, ANGLE = 1e-8, 1e-11  # mm, rad; measured: 3e-10 of 3000 mm, 1e-14
 GRADIENT = 1e-7  # of the gradient: what differences of the sixth order over millimetres leave
@@ -278,7 +278,7 @@ def test_every_number_has_axes_of_its_own(motion, axes):
 
 def test_a_tyre_stands_on_the_road():
     data = poses(bump("macpherson", -40.0, 0.0, 40.0))
-    scene, x = sketch(data), extended(data)
+    scene, x = sketch_space(data), data.every_column
     tyre, road = (next(i for i in scene.items if isinstance(i, Solid) and i.role == r) for r in ("tyre", "road"))
     centre, contact = (data.names.index(name) for name in ("6", "contact"))
     for pose in x:
@@ -292,7 +292,8 @@ def test_a_tyre_stands_on_the_road():
     texts = {label.text for label in scene.labels}
     assert {"2 lower ball joint", "8 strut top", "10 tie rod inner", "7"} <= texts
     assert not any(
-        i.role == "tyre" for i in sketch(poses(nc.solve_position(nc.library.rssr().compile(), {"phi": 1.0}))).items
+        i.role == "tyre"
+        for i in sketch_space(poses(nc.solve_position(nc.library.rssr().compile(), {"phi": 1.0}))).items
     )
 
 

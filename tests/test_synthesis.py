@@ -10,12 +10,12 @@ import pytest
 
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, SIX, four_bar, lengths
-from jaxnc.synthesis import levenberg
 from jaxnc.synthesis.conditions import Seen
-from jaxnc.synthesis.evaluation import evaluated, leaves_of
+from jaxnc.synthesis.evaluate import Evaluator
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.projection import linear
-from jaxnc.synthesis.refinement import Refinement
+from jaxnc.synthesis.search.goal import Goal
+from jaxnc.synthesis.search.planar import find_linear
+from jaxnc.synthesis.search.refine import Refinement, advance, waiting
 
 S = nc.synthesis
 QUIET = {"progress": False}
@@ -199,9 +199,9 @@ def minimise(errors, conditions, equal, x, low=-np.inf, high=np.inf, count=400):
         slopes = np.stack([np.concatenate([e[1], c[1]]) for e, c in rows])
         return *values, slopes, np.isfinite(np.concatenate(values, axis=1)).all(axis=1)
 
-    lanes = levenberg.waiting(x, len(errors(x[0])[0]), len(conditions(x[0])[0]))
+    lanes = waiting(x, len(errors(x[0])[0]), len(conditions(x[0])[0]))
     low, high = (np.broadcast_to(bound, x.shape[1:]) for bound in (low, high))
-    return levenberg.advance(evaluate, lanes, np.array(equal, dtype=bool), low, high, count)
+    return advance(evaluate, lanes, np.array(equal, dtype=bool), low, high, count)
 
 
 def test_constrained_least_squares_on_problems_with_known_optima():
@@ -245,8 +245,7 @@ def test_crank_condition_is_grashofs():
     problem = S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0.0, 0.1, 5), subject_to=[S.crank_turns()])
     rng = np.random.default_rng(3)
     x = problem.start + rng.uniform(-1.5, 1.5, (300, problem.count))
-    none, scale = np.zeros((len(x), 0)), np.ones(problem.count)
-    _, conditions, _, reaches = evaluated(problem, leaves_of(problem), x, none, scale, np.ones(len(x), bool))
+    _, conditions, _, reaches = Evaluator(Goal(problem))(x, np.zeros((len(x), 0)))
     checked = 0
     for one, ok, c in zip(x, reaches, conditions, strict=True):
         if not ok or np.min(np.abs(c)) < 1e-9:
@@ -274,16 +273,16 @@ def test_symmetric_points():
 
 
 def test_what_enters_a_path_linearly_is_found_by_trying():
-    free = linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5)))
+    free = find_linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5)))
     assert free.axes == (True, True) and free.scale and free.turn and free.free
-    some = linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5), free=["D.x", "B", "C", "P"]))
+    some = find_linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5), free=["D.x", "B", "C", "P"]))
     assert some.axes == (False, False) and some.scale and not some.turn and some.free
     # An angle measured from the x axis does not turn with the drawing.
     fixed = nc.library.four_bar(coupler_point=(0.05, 0.03), explicit=False)
-    found = linear(S.PathGeneration(fixed, "P", ARC, timing=np.linspace(0, 1, 5)))
+    found = find_linear(S.PathGeneration(fixed, "P", ARC, timing=np.linspace(0, 1, 5)))
     assert found.axes == (True, True) and found.scale and not found.turn and found.free
     # A point that carries another bar is no tracer.
-    assert not linear(S.PathGeneration(four_bar(), "C", ARC, timing=np.linspace(0, 1, 5))).free
+    assert not find_linear(S.PathGeneration(four_bar(), "C", ARC, timing=np.linspace(0, 1, 5))).free
 
 
 def test_bodies_are_guided_and_any_objective_is_made_small():

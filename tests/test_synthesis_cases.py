@@ -40,7 +40,7 @@ def test_toe_is_a_target_and_its_offset_is_fitted():
     assert 0.1 <= change <= 0.2  # of the hardpoints that are kept in the repository
     errors = np.asarray(problem.errors(motion, jnp.zeros(1)))
     np.testing.assert_allclose(np.degrees(errors), toe, atol=1e-12)
-    x, left = problem.fitted(problem.start[None], errors[None] / problem.size)
+    x, left = problem.fit(problem.start[None], errors[None] / problem.size)
     np.testing.assert_allclose(np.degrees(x[0, -1]), toe.mean(), atol=1e-12)
     np.testing.assert_allclose(np.degrees(left[0] * problem.size), toe - toe.mean(), atol=1e-12)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.synthesis.refinement import Refinement
+from jaxnc.synthesis.search.refine import Refinement
 
 S = nc.synthesis
 PHI = np.linspace(0.3, 2.8, 12)
@@ -161,12 +161,12 @@ def test_a_condition_is_met_between_the_poses_that_a_search_looks_at(mechanism):
 
 
 def test_words_for_a_front_of_one_point():
-    from jaxnc.synthesis.fronts import _undominated
+    from jaxnc.synthesis.search.fronts import _pareto_rows
 
     values = np.array([[1.0, 2.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0 + 1e-9], [0.5, 3.0]])
-    assert _undominated(values) == [0, 1, 4]
-    assert _undominated(np.array([[0.0, 1.0], [0.0, 1.0], [3.0, 1.0]])) == [0]
-    assert _undominated(np.zeros((0, 2))) == []
+    assert _pareto_rows(values) == [0, 1, 4]
+    assert _pareto_rows(np.array([[0.0, 1.0], [0.0, 1.0], [3.0, 1.0]])) == [0]
+    assert _pareto_rows(np.zeros((0, 2))) == []
 
 
 def test_sizes_and_symmetry_are_checked(mechanism):

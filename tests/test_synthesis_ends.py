@@ -11,13 +11,14 @@ import jaxnc as nc
 from benchmarks.synthesis import known
 from benchmarks.synthesis.polish import polished
 from benchmarks.synthesis.published import ANY, ARCH, ELLIPSE, MKH_25, four_bar, lengths
-from jaxnc.synthesis import poses, result, valleys
-from jaxnc.synthesis.ending import Ended, Ending
-from jaxnc.synthesis.model import Model
-from jaxnc.synthesis.poses import reached
-from jaxnc.synthesis.quadratic import least
-from jaxnc.synthesis.search import shown
-from jaxnc.synthesis.valleys import as_they_are, different, ended
+from jaxnc.synthesis import design as judge
+from jaxnc.synthesis import evaluate
+from jaxnc.synthesis.evaluate import solve_poses
+from jaxnc.synthesis.search import basins
+from jaxnc.synthesis.search.basins import as_they_are, bring_to_ends, distinct_basins
+from jaxnc.synthesis.search.goal import Goal
+from jaxnc.synthesis.search.solve import designs_to_show
+from jaxnc.synthesis.search.sqp import End, LocalModel, Sqp, least
 
 S = nc.synthesis
 SLIGHT = 1e-8  # of the error: what a polish may still take away
@@ -87,12 +88,12 @@ def test_designs_of_one_valley_are_one_line_of_the_table(arch):
 def test_what_is_no_end_says_why(arch):
     problem, best = arch.problem, arch.designs[0]
     x = best.x + 0.01 * problem.scale * np.cos(np.arange(problem.count))
-    short, end = Ending(problem).run([x], 3)[0], Ending(problem).run([best.x], 3)[0]
+    short, end = Sqp(Goal(problem)).run([x], 3)[0], Sqp(Goal(problem)).run([best.x], 3)[0]
     assert not short.converged and short.reason == "3 iterations" and short.promised > 1e-6
     assert end.converged and end.reason == "" and end.square <= best.error / problem.size**2 * (1 + 1e-12)
     far = problem.start.copy()
     far[problem.names.index("C.x")] += 1e3  # its dead points are before the targets
-    (end,) = Ending(problem).run([far], 10)
+    (end,) = Sqp(Goal(problem)).run([far], 10)
     assert not end.converged and end.reason in ("does not reach its targets", "no step is possible", "10 iterations")
 
 
@@ -101,7 +102,7 @@ def test_what_is_given_up_since_it_is_behind_says_so(arch):
     rows = [
         d.x + 0.02 * k * problem.scale * np.cos(np.arange(problem.count)) for k, d in enumerate(arch.designs[:1] * 3)
     ]
-    found = ended(problem, problem, rows, most=3, iterations=60, width=24)
+    found = bring_to_ends(problem, Goal(problem), rows, most=3, iterations=60, width=24)
     given_up = [v.end for v in found if not v.end.converged and v.end.iterations < 60]
     assert found[0].end.converged and sum(v.starts for v in found) == 3
     assert all(e.reason in (f"{e.iterations} iterations, behind", "no step is possible") for e in given_up)
@@ -112,12 +113,12 @@ def test_what_is_given_up_since_it_is_behind_says_so(arch):
 def test_designs_that_cannot_be_shown_are_not_judged(arch, monkeypatch):
     problem, rows = arch.problem, [d.x for d in arch.designs]
     several = as_they_are(problem, rows, len(rows)) * 2
-    asked, walk = [], result.walked
-    monkeypatch.setattr(result, "walked", lambda problem, one: (asked.append(one), walk(problem, one))[1])
-    everything = result.judged(problem, several)
+    asked, walk = [], judge.follow_again
+    monkeypatch.setattr(judge, "follow_again", lambda problem, one: (asked.append(one), walk(problem, one))[1])
+    everything = judge.judge(problem, several)
     assert len(asked) == len(several) > 1
     asked.clear()
-    first = shown(problem, several, 1)
+    first = designs_to_show(problem, several, 1)
     assert len(asked) == 1 and first[0].error == everything[0].error and not first[0].defects
 
 
@@ -149,7 +150,7 @@ def test_what_goes_on_winning_is_brought_to_its_end_and_what_lags_is_not(squares
         def __init__(self, goal, width):
             pass
 
-        def begun(self, rows):
+        def begin(self, rows):
             return [{"square": squares[k], "level": levels[k], "at": 0} for k in range(len(rows))]
 
         def go(self, lanes, until):
@@ -159,19 +160,19 @@ def test_what_goes_on_winning_is_brought_to_its_end_and_what_lags_is_not(squares
         def level(self, lane):
             return lane["level"](lane["at"])
 
-        def ended(self, lane):
+        def end_of(self, lane):
             nan, at = np.nan, lane["at"]
-            return Ended(np.zeros(1), lane["square"](at), nan, nan, nan, at, f"{at} iterations")
+            return End(np.zeros(1), lane["square"](at), nan, nan, nan, at, f"{at} iterations")
 
     def unlike(problem, ends):
         order = sorted(range(len(ends)), key=lambda k: ends[k][0].square)
-        return [(valleys.Valley(None, *ends[k]), k) for k in order]
+        return [(basins.Basin(None, *ends[k]), k) for k in order]
 
-    monkeypatch.setattr(valleys, "Ending", Told)
-    monkeypatch.setattr(valleys, "moved", lambda problem, rows: rows)
-    monkeypatch.setattr(valleys, "_grouped", lambda problem, moves, most: [(k, 1) for k in range(len(moves))])
-    monkeypatch.setattr(valleys, "different", unlike)
-    found = ended(problem, problem, [problem.start] * len(squares), most=3, iterations=200, width=3)
+    monkeypatch.setattr(basins, "Sqp", Told)
+    monkeypatch.setattr(basins, "move_designs", lambda problem, rows: rows)
+    monkeypatch.setattr(basins, "_group_designs", lambda problem, moves, most: [(k, 1) for k in range(len(moves))])
+    monkeypatch.setattr(basins, "distinct_basins", unlike)
+    found = bring_to_ends(problem, Goal(problem), [problem.start] * len(squares), most=3, iterations=200, width=3)
     assert [(round(v.end.square, 6), v.end.iterations) for v in found] == expected
 
 
@@ -190,8 +191,8 @@ def test_a_guide_drawn_elsewhere_on_its_line_is_no_other_design():
 
     problem = slider(3.0)
     rows = [slider(x, joint).start for x, joint in ((3.0, (4.0, -0.5)), (5.0, (4.0, -0.5)), (3.0, (4.3, -0.5)))]
-    ends = [(Ended(x, 1.0 + k, 0.0, 0.0, 0.0, 1, ""), 1) for k, x in enumerate(rows)]
-    assert [(k, valley.starts) for valley, k in different(problem, ends)] == [(0, 2), (2, 1)]
+    ends = [(End(x, 1.0 + k, 0.0, 0.0, 0.0, 1, ""), 1) for k, x in enumerate(rows)]
+    assert [(k, valley.starts) for valley, k in distinct_basins(problem, ends)] == [(0, 2), (2, 1)]
 
 
 def test_ends_are_kept_with_the_result(arch, tmp_path):
@@ -212,21 +213,21 @@ def test_a_design_that_passes_near_a_dead_point_is_not_given_up():
     angles = np.radians(np.linspace(90, 450, 7))
     problem = S.PathGeneration(m, "P", [(np.cos(k), np.sin(k)) for k in range(7)], timing=angles)
     x = problem.start[None]
-    assert not (reached(problem, x, 0).status == 0).all(), "or else this would show nothing"
-    found = reached(problem, x, 0, way="close")
+    assert not (solve_poses(problem, x, 0).status == 0).all(), "or else this would show nothing"
+    found = solve_poses(problem, x, 0, way="close")
     assert (found.status == 0).all()
     motion = nc.sweep(problem.system, {"phi": angles}).check()
     np.testing.assert_allclose(found.q[0], motion.q, atol=1e-9)
     # One that does miss it is given up all the same.
     gone = S.PathGeneration(drawn(4.0, 1.0, 2.0, 3.0 - 5e-4), "P", [(k, k * k) for k in range(7)], timing=angles)
-    assert not (reached(gone, gone.start[None], 0, way="close").status == 0).all()
+    assert not (solve_poses(gone, gone.start[None], 0, way="close").status == 0).all()
 
 
 def test_designs_much_larger_than_the_idea_are_moved_all_the_same():
     problem = S.PathGeneration(four_bar(), "P", ARCH, timing=np.linspace(0.2, 2.0, 6))
     x = problem.start
     for size in (1.0, 1e3, 1e4):
-        assert (reached(problem, size * x[None], 0).status == 0).all(), size
+        assert (solve_poses(problem, size * x[None], 0).status == 0).all(), size
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -264,7 +265,7 @@ def test_long_flat_valleys_are_followed_to_rounding():
     )
     x = put(problem, design, 0.5 * np.pi)
     x[-10:] = -0.24163533 + np.append(0.0, np.full(9, 0.69885))
-    (end,) = Ending(problem).run([x], 100)
+    (end,) = Sqp(Goal(problem)).run([x], 100)
     assert end.square <= 1e-22 and end.converged and end.optimality == 0.0
 
 
@@ -283,8 +284,10 @@ def test_a_step_towards_the_least_largest_error_is_that_of_a_linear_program(seed
     top, one, far = np.abs(b).max(), np.ones(121), np.full(10, 1e9)
     rows, conditions = np.concatenate([np.c_[-a, one], np.c_[a, one]]), np.concatenate([top + b, top - b])
     last = np.eye(10)[9]
-    here = Model((-far, far), last[None], np.array([top]), rows, conditions, np.zeros(242, bool), np.zeros((10, 10)))
-    found = here.programmed(10.0)
+    here = LocalModel(
+        (-far, far), last[None], np.array([top]), rows, conditions, np.zeros(242, bool), np.zeros((10, 10))
+    )
+    found = here.quadratic_step(10.0)
     assert found is not None
     goal = linprog(last, A_ub=-rows, b_ub=conditions, bounds=[(-10, 10)] * 10)
     assert top + found[0][9] == pytest.approx(top + goal.x[9], rel=1e-5)
@@ -298,10 +301,10 @@ def test_a_track_of_many_steps_is_divided_in_little_memory():
     doubted = np.ones((steps, 1), bool)
     doubted[::2] = False
     tracemalloc.start()
-    finer, at = poses._finer(track, np.array([[0], [1], [2], [steps]]), doubted)
+    finer, at = evaluate._refine_track(track, np.array([[0], [1], [2], [steps]]), doubted)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 20e6  # the table of all steps against all parts has 72e6 numbers
-    assert len(finer) == 1 + steps // 2 * (1 + poses._PARTS)
+    assert len(finer) == 1 + steps // 2 * (1 + evaluate._PARTS)
     np.testing.assert_allclose(finer[at[:, 0], 0], track[[0, 1, 2, steps], 0], rtol=0, atol=0)
     assert (np.diff(finer[:, 0]) > 0).all()

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.synthesis import continua
-from jaxnc.synthesis.ending import Ended, Ending
-from jaxnc.synthesis.result import judged
-from jaxnc.synthesis.valleys import as_they_are, different
+from jaxnc.synthesis.design import judge
+from jaxnc.synthesis.search import basins
+from jaxnc.synthesis.search.basins import as_they_are, distinct_basins
+from jaxnc.synthesis.search.goal import Goal
+from jaxnc.synthesis.search.sqp import End, Sqp
 
 S = nc.synthesis
 TURN = np.radians([10.0, 45.0, 80.0, 115.0, 150.0, 185.0, 220.0, 255.0, 290.0, 325.0])
@@ -37,8 +38,8 @@ def own_path(m, inputs, **options):
 
 def result_of(problem, *xs):
     """What a search lists that has come to these designs."""
-    designs = judged(problem, as_they_are(problem, list(xs), len(xs)))
-    return S.Result(problem, tuple(continua.once(problem, designs)), (), len(xs), len(xs), 0, None)
+    designs = judge(problem, as_they_are(problem, list(xs), len(xs)))
+    return S.Result(problem, tuple(basins.list_once(problem, designs)), (), len(xs), len(xs), 0, None)
 
 
 def put(problem, m, timing):
@@ -148,14 +149,14 @@ def test_a_continuum_of_exact_designs_is_listed_once(six, tmp_path):
 def test_what_is_found_of_a_continuum_is_connected_and_the_best_is_shown(six):
     # Along a curve of exact designs: the coupler point is dragged, and the targets are met again.
     problem, best = six.problem, six.designs[0]
-    eye, xs = continua._Eye(problem), [best.x]
+    eye, xs = basins._Continua(problem), [best.x]
     for _ in range(2):
         look = eye.look(xs[-1][None])
-        x = xs[-1] + 0.02 * continua._null(look.slopes[0])[:, 0] * problem.scale
-        xs.append(Ending(problem).run([x], 50)[0].row)
-    several = judged(problem, as_they_are(problem, xs, 3))
+        x = xs[-1] + 0.02 * basins._null_space(look.slopes[0])[:, 0] * problem.scale
+        xs.append(Sqp(Goal(problem)).run([x], 50)[0].row)
+    several = judge(problem, as_they_are(problem, xs, 3))
     assert len(several) == 3 and all(d.exact for d in several)
-    (only,) = continua.once(problem, several)
+    (only,) = basins.list_once(problem, several)
     assert only.transmission == max(d.transmission for d in several) and only.starts == 3 and only.freedom == 3
 
 
@@ -169,13 +170,13 @@ def test_exact_designs_that_stand_alone_stay():
     at = {n: np.asarray(cousin.system[n]) for n in "ABCDP"}
     other = four_bar(**{n: at[n] for n in "BCDP"}, A=at["A"])
     later = angle(other) + around - angle(m)  # the cranks turn alike
-    ends = Ending(problem).run([put(problem, m, around), put(problem, other, later)], 50)
+    ends = Sqp(Goal(problem)).run([put(problem, m, around), put(problem, other, later)], 50)
     rows = [end.row for end in ends]
     rows.append(put(problem, turned(m, 1.0), around))  # the first one, drawn in another pose
-    ends = [*ends, *Ending(problem).run(rows[2:], 50)]
-    valleys = [valley for valley, _ in different(problem, [(end, 1) for end in ends])]
+    ends = [*ends, *Sqp(Goal(problem)).run(rows[2:], 50)]
+    valleys = [valley for valley, _ in distinct_basins(problem, [(end, 1) for end in ends])]
     assert len(valleys) == 2
-    designs = continua.once(problem, judged(problem, valleys))
+    designs = basins.list_once(problem, judge(problem, valleys))
     assert len(designs) == 2 and all(d.exact and not d.freedom for d in designs)
     assert "continuum" not in str(S.Result(problem, tuple(designs), (), 2, 2, 0, None))
     assert designs[0].transmission >= designs[1].transmission
@@ -200,5 +201,5 @@ def test_copies_of_a_wide_exact_design_are_one(apart, count):
     problem = S.PathGeneration(m, "P", [(0, 0), (0.01, 0), (0.01, 0.01), (0, 0.01)], timing=[0.3, 0.6, 0.9, 1.2])
     x = problem.start.copy()
     x[problem.names.index("C.x")] += apart
-    ends = [(Ended(row, 1e-28, 0.0, 0.0, 0.0, 1, ""), 1) for row in (problem.start, x)]
-    assert len(different(problem, ends)) == count
+    ends = [(End(row, 1e-28, 0.0, 0.0, 0.0, 1, ""), 1) for row in (problem.start, x)]
+    assert len(distinct_basins(problem, ends)) == count

@@ -11,9 +11,9 @@ import pytest
 
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar
-from jaxnc.synthesis import search
-from jaxnc.synthesis.interruption import interruptible
-from jaxnc.synthesis.refinement import Refinement
+from jaxnc.synthesis.search import solve as search
+from jaxnc.synthesis.search.checkpoint import interruptible
+from jaxnc.synthesis.search.refine import Refinement
 
 S = nc.synthesis
 TIMING = np.radians([30, 45, 60, 75, 90])
@@ -262,9 +262,9 @@ def heeded():
 @pytest.mark.parametrize(
     ("where", "name", "words"),
     [
-        ("search", "screen", "before the first designs were refined"),
-        ("refinement", "evaluated", "before the first designs were refined"),
-        ("search", "ended", "while the best designs were brought to their ends"),
+        ("search.solve", "screen", "before the first designs were refined"),
+        ("search.refine", "Evaluator", "before the first designs were refined"),
+        ("search.solve", "bring_to_ends", "while the best designs were brought to their ends"),
     ],
 )
 def test_an_interruption_returns_what_there_is(monkeypatch, where, name, words):
@@ -272,7 +272,7 @@ def test_an_interruption_returns_what_there_is(monkeypatch, where, name, words):
     monkeypatch.setattr(importlib.import_module(f"jaxnc.synthesis.{where}"), name, interrupt)
     result = S.solve(problem, **FEW)
     assert f"the search was interrupted {words}" in str(result)
-    if name == "ended":
+    if name == "bring_to_ends":
         monkeypatch.undo()
         assert len(result.designs) == 2 and np.isfinite(result.error)
         assert not result.designs[0].converged and result.designs[0].reason == "interrupted"

@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar
 from jaxnc.synthesis.conditions import Seen
-from jaxnc.synthesis.nearest import reseated
+from jaxnc.synthesis.search.screen import reseat_targets
 
 S = nc.synthesis
 TIMING = np.radians([30, 45, 60, 75, 90])
@@ -21,7 +21,7 @@ def path(**more):
 
 def values(condition, phi=TIMING):
     system = four_bar().compile()
-    ready = condition.prepared(system, "phi")
+    ready = condition.prepare(system, "phi")
     return np.asarray(ready.values(Seen(system, nc.sweep(system, {"phi": jnp.asarray(phi)}), None, 1.0)))
 
 
@@ -138,7 +138,7 @@ def test_errors_without_order_are_distances_to_the_nearest_points(cloud):
     )  # fmt: skip
     np.testing.assert_allclose(other.start[len(other.variables.names) :].cumsum(), cloud.designs[0].inputs[::-1])
     x = np.append(cloud.designs[0].x[: len(other.variables.names)], other.extras.home)
-    (seen,) = reseated(other, [x])
+    (seen,) = reseat_targets(other, [x])
     np.testing.assert_array_equal(seen, x)
     # Keeping an order that the curve does not have costs something.
     kept = S.PathGeneration(four_bar(), "P", CLOUD, subject_to=[S.crank_turns("crank-rocker", margin=0.05)])
@@ -149,7 +149,7 @@ def test_a_target_goes_over_to_the_nearest_part_of_the_curve(cloud):
     problem, best = cloud.problem, cloud.designs[0]
     n = len(problem.variables.names)
     wrong = best.inputs + np.where(np.arange(len(CLOUD)) % 2, 2.5, 0.0)
-    (x,) = reseated(problem, [np.concatenate([best.x[:n], wrong[:1], np.diff(wrong)])])
+    (x,) = reseat_targets(problem, [np.concatenate([best.x[:n], wrong[:1], np.diff(wrong)])])
     off = np.cumsum(x[n:]) - best.inputs
     np.testing.assert_allclose(off - 2 * np.pi * np.round(off / (2 * np.pi)), 0.0, atol=0.02)
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.synthesis.boxes import drawn
-from jaxnc.synthesis.guidance import rotation, vector
-from jaxnc.synthesis.poses import reached
-from jaxnc.synthesis.screen import fitting, screen
-from jaxnc.synthesis.space import Freedom, Sums, begun, fitted
+from jaxnc.synthesis.bounds import draw_designs
+from jaxnc.synthesis.evaluate import solve_poses
+from jaxnc.synthesis.path import rotation_matrix, rotation_vector
+from jaxnc.synthesis.search.screen import choose_fit, screen
+from jaxnc.synthesis.search.spatial import Freedom, Sums, begin_fit, fit_sums
 
 S = nc.synthesis
 ALL = (True, True, True)
@@ -36,7 +36,7 @@ def spherical(**other):
 @pytest.fixture(scope="module")
 def poses():
     motion = nc.sweep(spherical().compile(), {"phi": TIMES})
-    frame = np.asarray(rotation(np.array([0.4, -1.1, 0.8])))
+    frame = np.asarray(rotation_matrix(np.array([0.4, -1.1, 0.8])))
     return np.asarray(motion["P"]), np.asarray(motion.orientation("coupler")) @ frame
 
 
@@ -44,15 +44,15 @@ def poses():
 @pytest.mark.parametrize("size", [1.7, -0.6])
 def test_a_mechanism_that_was_moved_turned_and_scaled_is_found_where_it_is(guided, rides, size):
     rng = np.random.default_rng(3)
-    way, turns = rng.normal(size=(1, 7, 3)), np.stack([rotation(v) for v in rng.normal(size=(7, 3))])[None]
-    turn, frame = (np.asarray(rotation(v)) for v in rng.normal(size=(2, 3)))
+    way, turns = rng.normal(size=(1, 7, 3)), np.stack([rotation_matrix(v) for v in rng.normal(size=(7, 3))])[None]
+    turn, frame = (np.asarray(rotation_matrix(v)) for v in rng.normal(size=(2, 3)))
     place, arm = rng.normal(size=3), rng.normal(size=3) * rides
     target = place + (size * way[0] + turns[0] @ arm) @ turn.T
     free = Freedom(ALL, True, True, True, rides, guided)
     sums = Sums.of(way, turns, target, np.linspace(0.5, 2.0, 7), turn @ turns[0] @ frame if guided else None, 2.0)
-    fit, left = begun(free, sums, np.zeros((1, 3))), np.inf
+    fit, left = begin_fit(free, sums, np.zeros((1, 3))), np.inf
     for _ in range(5):
-        fit, left = fitted(free, sums, fit, np.full(1, 1e-3), np.full(1, 1e3))
+        fit, left = fit_sums(free, sums, fit, np.full(1, 1e-3), np.full(1, 1e3))
     assert left[0] <= 1e-12
     for found, known in zip(fit, (place, size, turn, arm, frame if guided else np.eye(3)), strict=True):
         np.testing.assert_allclose(found[0], known, atol=1e-6)
@@ -60,12 +60,12 @@ def test_a_mechanism_that_was_moved_turned_and_scaled_is_found_where_it_is(guide
 
 def test_vectors_of_rotations_are_theirs():
     some = np.array([[0.3, -0.2, 2.9], [0.0, 0.0, 0.0], [1e-9, 0.0, 0.0], [-3.0, 0.2, 0.1]])
-    np.testing.assert_allclose(vector(np.stack([rotation(v) for v in some])), some, atol=1e-12)
+    np.testing.assert_allclose(rotation_vector(np.stack([rotation_matrix(v) for v in some])), some, atol=1e-12)
 
 
 def test_what_leads_a_mechanism_is_found_out_by_trying(poses):
     def free(names, **more):
-        fit = fitting(S.MotionGeneration(spherical(), "coupler", "P", *poses, TIMES, free=names, **more))
+        fit = choose_fit(S.MotionGeneration(spherical(), "coupler", "P", *poses, TIMES, free=names, **more))
         return fit and fit.free
 
     vectors = [*VECTORS]
@@ -86,18 +86,18 @@ def test_starts_suit_the_poses_of_a_body_in_space(poses, timing, half):
     assert len(x) == 8 and (x >= problem.low).all() and (x <= problem.high).all()
 
     def errors(rows):
-        seen, fit = reached(problem, rows, 0), fitting(problem)
+        seen, fit = solve_poses(problem, rows, 0), choose_fit(problem)
         drawing = rows[:, : len(problem.variables.names)]
         way, turns = fit.rows(drawing, seen.q)
         arm = drawing[:, -3:] - drawing[:, :3]  # of P from O
         place = fit.centre + way + (turns @ arm[:, None, :, None])[..., 0] - poses[0]
-        off = turns @ np.stack([rotation(v) for v in rows[:, -3:]])[:, None] - poses[1]
+        off = turns @ np.stack([rotation_matrix(v) for v in rows[:, -3:]])[:, None] - poses[1]
         square = np.sum(place**2, axis=(1, 2)) + 0.5 * problem.reach**2 * np.sum(off**2, axis=(1, 2, 3))
         return np.where((seen.status == 0).all(axis=1), np.sqrt(square / len(TIMES)), np.inf)
 
     # Random designs are beside the poses by several times their extent.
     blind = np.concatenate(
-        [drawn(problem, None, np.random.default_rng(0), 300), problem.guesses(np.random.default_rng(0), 300)], axis=1
+        [draw_designs(problem, np.random.default_rng(0), 300), problem.guesses(np.random.default_rng(0), 300)], axis=1
     )
     best = np.sort(errors(blind))[:8]
     assert np.median(errors(x)) <= 0.5 * problem.reach < 2.0 * np.median(best)

@@ -8,9 +8,8 @@ import pytest
 
 import jaxnc as nc
 from benchmarks.synthesis.published import four_bar
-from jaxnc.synthesis.boxes import drawn
-from jaxnc.synthesis.idea import ordered
-from jaxnc.synthesis.screen import screen
+from jaxnc.synthesis.bounds import draw_designs
+from jaxnc.synthesis.search.screen import order_targets, screen
 
 S = nc.synthesis
 TIMES = np.radians(np.linspace(20, 250, 6))
@@ -82,7 +81,7 @@ def test_designs_of_functions_are_drawn_inside_their_lengths():
     problem = S.FunctionGeneration(
         four_bar(tracer=False), "psi", TIMES, 0.3 * TIMES, input="phi", free=["B", "C"], bounds=bounds
     )
-    z = drawn(problem, None, np.random.default_rng(1), 200)
+    z = draw_designs(problem, np.random.default_rng(1), 200)
     b, c = z[:, 0] + 1j * z[:, 1], z[:, 2] + 1j * z[:, 3]
     assert problem.names == ("B.x", "B.y", "C.x", "C.y")
     assert (z[:, 2:] >= problem.low[2:]).all() and (z[:, 2:] <= problem.high[2:]).all()
@@ -155,11 +154,11 @@ def test_the_cheapest_order_of_places_is_that_of_trying_all():
     rng = np.random.default_rng(0)
     cost = rng.uniform(size=(4, 7))
     straight = min((sum(cost[k, i] for k, i in enumerate(at)), at) for at in combinations_with_replacement(range(7), 4))
-    found, at = ordered(cost, False)
+    found, at = order_targets(cost, False)
     assert found == pytest.approx(straight[0], abs=1e-14) and tuple(at) == straight[1]
     ways = ((sum(cost[k, (s + i) % 7] for k, i in enumerate((0, *rest))), s, rest)
             for s in range(7) for rest in combinations_with_replacement(range(7), 3))  # fmt: skip
-    found, at = ordered(cost, True)
+    found, at = order_targets(cost, True)
     assert found == pytest.approx(min(ways)[0], abs=1e-14)
     assert sum(cost[k, i % 7] for k, i in enumerate(at)) == pytest.approx(found, abs=1e-14)
     assert (np.diff(at) >= 0).all() and at[-1] - at[0] < 7
@@ -171,7 +170,7 @@ def test_starts_that_do_not_move_through_their_targets_are_counted_and_left_out(
     problem = S.FunctionGeneration(
         four_bar(tracer=False), "psi", TIMES, 0.3 * TIMES, input="phi", free=["B", "C"], bounds=spans
     )
-    z = drawn(problem, None, np.random.default_rng(1), 400)
+    z = draw_designs(problem, np.random.default_rng(1), 400)
     b, c = z[:, 0] + 1j * z[:, 1], z[:, 2] + 1j * z[:, 3]
     # From the drawing the shorter way round to the first target, then through all, in steps that no gap fits into.
     start = np.angle(b) + 2 * np.pi * np.round((TIMES[0] - np.angle(b)) / (2 * np.pi))

@@ -14,9 +14,15 @@ from benchmarks.synthesis.published import ARC, four_bar, lengths
 from jaxnc.kinematics.redesign import flattened, rebuilt
 from jaxnc.progress import watched
 from jaxnc.synthesis import loops
-from jaxnc.synthesis.evaluation import evaluated, leaves_of
-from jaxnc.synthesis.moved import moved
-from jaxnc.synthesis.poses import Reached, changing, reached, sines
+from jaxnc.synthesis.evaluate import (
+    DesignPoses,
+    Evaluator,
+    meeting_sines,
+    move_designs,
+    solve_changes,
+    solve_poses,
+)
+from jaxnc.synthesis.search.goal import Goal
 
 S = nc.synthesis
 _EVENTS: list[str] = []
@@ -101,7 +107,7 @@ def problem(request):
 def test_poses_of_many_designs_are_those_of_sweeps(problem):
     rng = np.random.default_rng(1)
     x = problem.start + 0.01 * problem.scale * rng.normal(size=(6, problem.count))
-    found, count = reached(problem, x, 0), 0
+    found, count = solve_poses(problem, x, 0), 0
     for one, q, status in zip(x, found.q, found.status, strict=True):
         motion = problem.move(one)
         good = status == 0
@@ -114,8 +120,8 @@ def test_poses_of_many_designs_are_those_of_sweeps(problem):
 def test_derivatives_of_poses_are_those_of_differences(problem):
     rng = np.random.default_rng(2)
     x = problem.start + 0.003 * problem.scale * rng.normal(size=(4, problem.count))
-    parts = [jax.tree.leaves(part) for part in changing(problem, x, 0, "quick", 3)]
-    found = Reached(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    parts = [jax.tree.leaves(part) for part in solve_changes(problem, x, 0, "quick", 3)]
+    found = DesignPoses(*(np.concatenate(each) for each in zip(*parts, strict=True)))
     ok = (found.status == 0).all(axis=1)
     assert ok.sum() >= 3 and found.changes is not None and found.by is not None
     own = np.swapaxes(found.by, 1, 2)[..., None] * found.changes[:, -1:]  # by way of the input
@@ -123,7 +129,7 @@ def test_derivatives_of_poses_are_those_of_differences(problem):
     for j in range(problem.count):
         step = np.zeros(problem.count)
         step[j] = 1e-6 * problem.scale[j]
-        up, down = (reached(problem, x + way * step, 0).q for way in (1, -1))
+        up, down = (solve_poses(problem, x + way * step, 0).q for way in (1, -1))
         slope = (up - down) / (2 * step[j])
         size = max(1.0, float(np.abs(slope[ok]).max()))
         np.testing.assert_allclose(changes[ok, j], slope[ok], atol=2e-7 * size)
@@ -133,10 +139,10 @@ def test_more_designs_than_are_compiled_for_are_evaluated_as_each_by_itself():
     problem, rng = function(0.0), np.random.default_rng(4)
     x = problem.start + 0.02 * problem.scale * rng.normal(size=(21, problem.count))
     live, none = np.arange(21) != 3, np.zeros((21, 0))
-    found = evaluated(problem, leaves_of(problem), x, none, problem.scale, live)
+    found = Evaluator(Goal(problem))(x, none, live)
     assert found[3][live].sum() >= 15 and not found[3][3]
     for k in np.flatnonzero(live):
-        alone = evaluated(problem, leaves_of(problem), x, none, problem.scale, np.arange(21) == k)
+        alone = Evaluator(Goal(problem))(x, none, np.arange(21) == k)
         for a, b in zip(found, alone, strict=True):
             np.testing.assert_allclose(a[k], b[k], rtol=1e-12, atol=1e-12)
 
@@ -144,18 +150,16 @@ def test_more_designs_than_are_compiled_for_are_evaluated_as_each_by_itself():
 def test_sines_on_the_host_are_those_of_conditions():
     for make in (path, function, lambda k: PROBLEMS["dyads"]()):
         problem = make(0.0)
-        (one,) = moved(problem, [problem.start])
-        compiled = np.asarray(jax.jit(loops.sines)(one.turn))
-        np.testing.assert_allclose(sines(problem, one.x, one.turn), compiled, atol=1e-14)
+        (one,) = move_designs(problem, [problem.start])
+        compiled = np.asarray(jax.jit(loops.loop_sines)(one.turn))
+        np.testing.assert_allclose(meeting_sines(problem, one.x, one.turn), compiled, atol=1e-14)
 
 
 def test_a_design_that_does_not_assemble_reaches_no_target():
     problem = function(0.0)
     far = problem.start.copy()
     far[list(problem.names).index("C.x")] += 30.0
-    _, _, slopes, ok = evaluated(
-        problem, leaves_of(problem), np.stack([problem.start, far]), np.zeros((2, 0)), problem.scale, np.ones(2, bool)
-    )
+    _, _, slopes, ok = Evaluator(Goal(problem))(np.stack([problem.start, far]), np.zeros((2, 0)))
     assert np.isfinite(slopes).all()
     assert ok[0] == np.asarray(problem.move(problem.start).converged).all()
     assert ok[1] == np.asarray(problem.move(far).converged).all()
@@ -167,7 +171,7 @@ def test_a_drawing_that_does_not_fit_its_dimensions_is_assembled_as_ever():
         crank, "C.x", np.linspace(0.3, 2.8, 6), np.linspace(0.4, 0.2, 6), free=["crank.A-B", "conrod.B-C"]
     )
     x = problem.start * np.array([[1.3, 1.0], [1.0, 1.4], [0.6, 1.2]])
-    found = reached(problem, x, 0)
+    found = solve_poses(problem, x, 0)
     assert (found.status == 0).all()
     for one, q in zip(x, found.q, strict=True):
         flat = np.array(flattened(problem.system))

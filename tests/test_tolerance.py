@@ -7,7 +7,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc import synthesis as syn
-from jaxnc.synthesis.allocation import _solve
+from jaxnc.synthesis.tolerance.allocation import _minimise_cost
 
 POSES = np.linspace(0.0, 2 * np.pi, 13)
 SAMPLES = 4000
@@ -75,9 +75,9 @@ class TestTolerance:
 
     def test_samples_are_those_of_the_closed_form(self, system, found):
         """The batch is exact lane by lane: the same deviations through the closed form give the same statistics."""
-        from jaxnc.synthesis.variation import variation
+        from jaxnc.synthesis.tolerance.sampling import read_variation
 
-        vary = variation("test", system, WIDTHS)
+        vary = read_variation("test", system, WIDTHS)
         changed = np.array([0.04, 0.12, 0.08, 0.1]) + np.asarray(vary.draw(jax.random.key(1), SAMPLES))
         exact = coupler_point(*changed.T[:, :, None], POSES)
         np.testing.assert_allclose(found["P.x"].std, exact.real.std(axis=0, ddof=1), rtol=1e-9)
@@ -149,7 +149,7 @@ class TestAllocation:
         """Lagrange: b m / t^(m+1) = λ J or 2 λ J² t, so that t ~ (b / J^rule)^(1/(m + rule)); scaled to the limit."""
         shape = (self.PRICES / self.SLOPES**rule) ** (1 / (power + rule))
         t = shape * self.LIMIT / (((self.SLOPES * shape) ** rule).sum()) ** (1 / rule)
-        x, _, residual = _solve(
+        x, _, residual = _minimise_cost(
             self.SLOPES[None] ** rule,
             np.array([self.LIMIT**rule]),
             self.PRICES,

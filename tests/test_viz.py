@@ -333,20 +333,11 @@ def test_one_pose_can_be_drawn_a_batch_cannot(turning, system):
         jax.jit(lambda x: len(viz.draw(dataclasses.replace(turning, poses=x)).axes))(turning.q)
 
 
-def test_drawing_into_axes_of_the_user_and_a_sheet(turning, stopped, tmp_path):
+def test_drawing_into_axes_of_the_user(turning):
     figure = Figure(figsize=(6, 3))
     left, right = figure.subplots(1, 2)
     assert viz.draw(turning, ax=right, title="here") is figure
     assert left.get_title(loc="left") == "" and right.get_title(loc="left") == "here"
-    path = viz.sheet(
-        {"one": turning, "two": stopped, "three": turning}, tmp_path / "a" / "sheet.png", columns=2, dpi=50
-    )
-    viz.sheet([(turning, {"trace": "P"}), stopped], path, dpi=50)  # twice: nothing is shadowed by its module
-    assert path == tmp_path / "a" / "sheet.png"
-    with Image.open(path) as image:
-        assert image.size == (320, 145)
-    with pytest.raises(InputError, match="items is empty"):
-        viz.sheet([], path)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -494,7 +485,7 @@ def test_a_gif_has_its_frames_and_they_move(turning, stopped, tmp_path):
     viz.animate(turning, path, size=(3, 2.5), dpi=40, labels=False)  # all poses; the last is the first again
     with Image.open(path) as image:
         assert image.n_frames == 24
-    viz.animate(stopped, path, frames=[0, 24, 3], bounce=True, size=(3, 2.5), dpi=60)
+    viz.animate(stopped, path, frames=[0, 24, 3, 24], size=(3, 2.5), dpi=60)
     with Image.open(path) as image:
         frames = [np.asarray(f.convert("RGB")).astype(int) for f in ImageSequence.Iterator(image)]
     assert len(frames) == 4
@@ -558,7 +549,6 @@ def test_mp4_without_ffmpeg_says_what_to_install(turning, tmp_path, monkeypatch)
         (lambda m, p: viz.plot(m, "P", path=p), "a", ".png or .svg"),
         (lambda m, p: viz.animate(m, p), "a.avi", ".gif or .mp4"),
         (lambda m, p: viz.to_html(m, p), "a.txt", ".html"),
-        (lambda m, p: viz.sheet([m], p), "a.gif", ".png or .svg"),
     ],
 )
 def test_unknown_suffixes_are_named(turning, tmp_path, write, name, kinds):
@@ -699,7 +689,7 @@ def test_importing_is_cheap_and_leaves_matplotlib_alone(turning, tmp_path):
     code = "import sys, jaxnc.viz; print({'jax', 'matplotlib', 'PIL'} & set(sys.modules), dir(jaxnc.viz))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     names = ["Widget", "animate", "band", "burmester", "draw", "motion_sheet", "plot", "plot_energy", "plot_families"]
-    names += ["polygon", "sheet", "to_html"]
+    names += ["polygon", "to_html"]
     assert done.stdout.strip() == f"set() {names}"
     before = dict(matplotlib.rcParams)
     loaded = "matplotlib.pyplot" in sys.modules

@@ -18,14 +18,14 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.wheel_report import suspension_report
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.system.assemble import assemble
+from jaxnc.viz.bodies import outline, rank
 from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial import mesh
-from jaxnc.viz.spatial.bodies import outline, rank
-from jaxnc.viz.spatial.camera import Camera, chosen
+from jaxnc.viz.spatial.camera import Camera, choose_camera
 from jaxnc.viz.spatial.painter import Painter
 from jaxnc.viz.spatial.pen import Projection, Solids
-from jaxnc.viz.spatial.scene import Ball, Frame, Plate, Scene, Solid, Turn, Way
-from jaxnc.viz.spatial.sketch import extended, sketch
+from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceFrame, SpaceScene, Turn, Way
+from jaxnc.viz.spatial.sketch import sketch_space
 
 DRAWN = 1e-12  # of the size: solids take their places from the motion unchanged
 QUANTUM = 1e-6  # of what pages are drawn from: a ten millionth of ten times the size, or less
@@ -72,20 +72,20 @@ def still(m: nc.Mechanism, driven: tuple[str, ...] = ()) -> nc.Motion:
     par, top = system.parameters, system.topology
     vectors = np.asarray(par.vectors)
     vectors = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True) if vectors.size else vectors
-    q = jnp.concatenate([par.points.reshape(-1), jnp.asarray(vectors).reshape(-1), jnp.zeros(len(top.scalars))])
-    zero = jnp.zeros(())
-    return nc.Motion(system, driven, (), q, (), jnp.zeros(len(driven)), jnp.zeros((), int), zero, zero)
+    q = np.concatenate([np.ravel(par.points), vectors.reshape(-1), np.zeros(len(top.scalars))])
+    zero = np.zeros(())
+    return nc.Motion(system, driven, (), q, (), np.zeros(len(driven)), np.zeros((), int), zero, zero)
 
 
-def drawn(motion: nc.Motion) -> Scene:
-    return sketch(poses(motion))
+def drawn(motion: nc.Motion) -> SpaceScene:
+    return sketch_space(poses(motion))
 
 
-def of(scene: Scene, *roles: str) -> list:
+def of(scene: SpaceScene, *roles: str) -> list:
     return [item for item in scene.items if item.role in roles]
 
 
-def names(scene: Scene) -> list[str]:
+def names(scene: SpaceScene) -> list[str]:
     return [label.text for label in scene.labels]
 
 
@@ -114,7 +114,7 @@ def artists(figure: Figure, role: str) -> list:
 
 def test_bars_hinges_balls_and_sleeves(turning):
     scene = drawn(turning)
-    pose = extended(poses(turning))[3]
+    pose = poses(turning).every_column[3]
     ends = set()
     for bar in of(scene, "bar"):
         x = bar.vertices(pose, 1e-9)
@@ -192,7 +192,7 @@ def test_hinges_between_bodies_by_vector_or_by_two_points():
     scene = drawn(motion)
     hinges = of(scene, "hinge")
     assert sorted(at(motion, h) for h in hinges) == ["P", "Q", "R"]
-    pose = extended(poses(motion))[0]
+    pose = poses(motion).every_column[0]
     for hinge in hinges:
         along = hinge.frame.stand(pose)[1][0]
         expected = (0, 0, 1) if at(motion, hinge) == "R" else (0, 1, 0)
@@ -215,7 +215,7 @@ def test_universal_prismatic_screw_and_gears():
     scene = drawn(motion)
     arms = of(scene, "cross")
     assert [at(motion, arm) for arm in arms] == ["O", "O"]
-    pose = extended(poses(motion))[0]
+    pose = poses(motion).every_column[0]
     np.testing.assert_allclose([arm.frame.stand(pose)[1][0] for arm in arms], [(0, 1, 0), (0, 0, 1)], atol=1e-12)
     assert [at(motion, s) for s in of(scene, "support")] == ["E"]  # the cross is held by its shafts
 
@@ -246,7 +246,7 @@ def test_universal_prismatic_screw_and_gears():
     m.angle("psi", at="B", to="Q", about="vB")
     m.bevel_gear("mesh", "phi", "psi")
     motion = still(m)
-    pose = extended(poses(motion))[0]
+    pose = poses(motion).every_column[0]
     for wheel, centre, radius in zip(of(drawn(motion), "wheel"), ((1, 0, 0), (0, 2, 0)), (2.0, 1.0), strict=True):
         x = wheel.vertices(pose, 0.0)
         np.testing.assert_allclose(np.linalg.norm(x - centre, axis=1), radius, atol=1e-12)
@@ -268,7 +268,7 @@ def test_the_axis_of_a_slide_may_be_two_points_beside_vectors_for_the_turn():
     m.prismatic("slide", line=("A", "B"), on=("S", "T"), directions=("k", ("S", "Q")))
     scene = drawn(still(m))
     block = only(of(scene, "block"))
-    np.testing.assert_allclose(block.frame.stand(extended(poses(still(m)))[0])[1][0], (0.6, 0.8, 0), atol=1e-12)
+    np.testing.assert_allclose(block.frame.stand(poses(still(m)).every_column[0])[1][0], (0.6, 0.8, 0), atol=1e-12)
     assert len(of(scene, "rail")) == 1 and at(still(m), block) == "S"
 
 
@@ -288,7 +288,7 @@ def strut() -> nc.Mechanism:
 
 def test_a_telescope_has_its_sleeve_where_the_rod_enters():
     motion = still(strut())
-    scene, pose = drawn(motion), extended(poses(motion))[0]
+    scene, pose = drawn(motion), poses(motion).every_column[0]
     sleeve, spring = only(of(scene, "block")), only(of(scene, "spring"))
     names_ = poses(motion).names
     assert at(motion, sleeve) == "P" and sleeve.body == only(of(scene, "plate")).body
@@ -302,7 +302,7 @@ def test_a_telescope_has_its_sleeve_where_the_rod_enters():
     assert (at(motion, ball), at(motion, support)) == ("O", "O")
     assert support.vertices(pose, 0.1)[:, 2].min() > 7.9  # everything hangs from it
     label = next(label for label in scene.labels if label.text == "s")
-    np.testing.assert_allclose(label.anchor(pose, 0.1), (0, 0, 4.5), atol=1e-12)
+    np.testing.assert_allclose(label.foot(pose, 0.1), (0, 0, 4.5), atol=1e-12)
 
 
 def test_distances_that_no_body_joins_can_be_seen():
@@ -330,7 +330,7 @@ def test_distances_that_no_body_joins_can_be_seen():
     assert ends("spring") == [("Q", "B")] and ends("distance") == [("C", "P"), ("P", "B")]
     assert ends("rod") == ends("block") == [("Q", "B"), ("R", "B")]
     assert {"damper", "actuator", "seen", "way"} <= set(names(scene)) and "length" not in names(scene)
-    spring = only(of(scene, "spring")).vertices(extended(data)[0], 0.01)
+    spring = only(of(scene, "spring")).vertices(data.every_column[0], 0.01)
     a, b = places(motion, "Q"), places(motion, "B")
     off = np.linalg.norm(np.cross(spring - a, (b - a) / np.linalg.norm(b - a)), axis=1)
     np.testing.assert_allclose(off, 0.016, rtol=1e-9)
@@ -354,7 +354,7 @@ def test_welded_bodies_are_one_and_links_about_a_point_are_webs():
     assert len({plate.body for plate in of(scene, "plate")}) == 1
     web = only(of(scene, "web"))
     assert at(motion, web) == "O" and web.body != of(scene, "plate")[0].body
-    x = web.vertices(extended(poses(motion))[0], 0.1)
+    x = web.vertices(poses(motion).every_column[0], 0.1)
     d = x[1:] / np.linalg.norm(x[1:], axis=1, keepdims=True)
     np.testing.assert_allclose(d, [(1, 0, 0), (0, 0.6, 0.8)], atol=1e-12)
 
@@ -362,8 +362,8 @@ def test_welded_bodies_are_one_and_links_about_a_point_are_webs():
 @pytest.mark.slow
 def test_links_about_a_point_reach_their_markers():
     data = poses(nc.library.spherical_four_bar(radius=0.3))
-    webs = [i for i in sketch(data).items if i.role == "web"]
-    x = [web.vertices(extended(data)[0], 0.001) for web in webs]
+    webs = [i for i in sketch_space(data).items if i.role == "web"]
+    x = [web.vertices(data.every_column[0], 0.001) for web in webs]
     assert len(x) == 3
     for corners in x:  # from the centre along a great circle of the markers' sphere
         np.testing.assert_allclose(np.linalg.norm(corners, axis=1), [0.0, *[0.3] * (len(corners) - 1)], atol=1e-12)
@@ -383,9 +383,8 @@ def test_every_spatial_mechanism_of_the_library_can_be_shown(tmp_path):
             assert {point for point in motion.system.topology.points} <= {*names(scene), *numbers}, name
             assert len(of(scene, "bar", "edge", "web", "rod")) > 0, name
             read(viz.to_html(motion, tmp_path / f"{name}.html"))
-            shown.append((motion, {"title": name}))
+            shown.append(viz.draw(motion, title=name, size=(3.2, 2.9), frame="scale"))
     assert len(shown) > 15
-    viz.sheet(shown, tmp_path / "library.png", dpi=40)
 
 
 def test_a_point_on_a_rail():
@@ -402,7 +401,7 @@ def test_a_point_on_a_rail():
     np.testing.assert_allclose(rail.frame.at, (2, 0, 1))
     np.testing.assert_allclose(rail.frame.along.fixed, (0, 1, 0))
     assert len(of(scene, "support")) == 3  # of the crank, and both ends of the rail
-    assert scene.box(extended(poses(motion)))[1][1] >= 9.0
+    assert scene.box(poses(motion).every_column)[1][1] >= 9.0
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -424,8 +423,8 @@ def test_a_point_on_a_rail():
     ],
 )
 def test_faces_look_outward(made):
-    x = Solid("bar", Frame(0, Way((0, 1))), made).vertices(np.array([[0.0, 0, 0], [4, 5, 6]]), 0.5)
-    made = made.made
+    x = Solid("bar", SpaceFrame(0, Way((0, 1))), made).vertices(np.array([[0.0, 0, 0], [4, 5, 6]]), 0.5)
+    made = made.polygons
     for part in set(made.face_parts):
         faces = [f for f, p in zip(made.faces, made.face_parts, strict=True) if p == part]
         middle = x[sorted({i for f in faces for i in f})].mean(axis=0)
@@ -450,7 +449,7 @@ def test_a_camera_looks_as_matplotlib_does(turning):
 
 def test_a_view_is_chosen_in_which_lengths_can_be_seen():
     x = np.array([[[0.0, 0, 0], [np.cos(np.radians(-60)), np.sin(np.radians(-60)), np.tan(np.radians(22))]]])
-    camera = chosen(x, ((0, 1),), (0, 1), ())
+    camera = choose_camera(x, ((0, 1),), (0, 1), ())
     d = x[0, 1] / np.linalg.norm(x[0, 1])
     assert abs(d @ camera.axes[2]) < 0.7  # not end on, as the first choice would see it
 
@@ -458,7 +457,7 @@ def test_a_view_is_chosen_in_which_lengths_can_be_seen():
 def front(order: np.ndarray) -> Painter:
     """Two discs, one behind the other along y."""
     one, two = (Ball("dot", k, 1.0, body=k) for k in (0, 1))
-    return Painter(Scene((two, one), (), (0, 1), np.zeros((0, 3)), (0, 1), (), ()))
+    return Painter(SpaceScene((two, one), (), (0, 1), np.zeros((0, 3)), (0, 1), (), ()))
 
 
 @pytest.mark.parametrize("swapped", [False, True])
@@ -477,8 +476,8 @@ def test_what_is_near_is_painted_over_what_is_far(swapped):
 
 
 def test_only_faces_that_are_seen_are_painted():
-    scene = Scene(
-        (Solid("block", Frame(0, Way(fixed=(1.0, 0, 0))), mesh.block(1.0, 1.0)),),
+    scene = SpaceScene(
+        (Solid("block", SpaceFrame(0, Way(fixed=(1.0, 0, 0))), mesh.block(1.0, 1.0)),),
         (),
         (0,),
         np.zeros((0, 3)),
@@ -581,7 +580,7 @@ def test_the_name_of_an_angle_is_clear_of_bars(turning):
         solids = only(artists(figure, "mechanism"))
         arcs = ("arc", "reference")
         painter = Painter(
-            Scene(
+            SpaceScene(
                 tuple(i for i in drawn(turning).items if i.role not in arcs and not isinstance(i, Turn)),
                 (), (), np.zeros((0, 3)), tuple(range(len(solids.painter.solids))), (), (),
             )
@@ -624,7 +623,7 @@ def test_velocities_are_arrows(turning):
     figure = viz.draw(turning, pose=5, velocities=["P2", "P3"])
     solids = only(artists(figure, "mechanism"))
     arrows = [item for item in solids.painter.solids if item.role == "velocity"]
-    d = np.stack([item.frame.along.read(solids.pose) for item in arrows])
+    d = np.stack([item.frame.along.vector(solids.pose) for item in arrows])
     v = np.stack([np.asarray(turning.velocity(n))[5] for n in ("P2", "P3")])
     np.testing.assert_allclose(d * (v[0, 0] / d[0, 0]), v, rtol=1e-6, atol=1e-9)
     longest = np.linalg.norm(v, axis=1).max()
@@ -652,19 +651,8 @@ def test_axes_and_views_of_the_user(turning):
 def still_planar(m: nc.Mechanism) -> nc.Motion:
     system = assemble(m)
     q = system.parameters.points.reshape(-1)
-    zero = jnp.zeros(())
-    return nc.Motion(system, (), (), q, (), jnp.zeros(0), jnp.zeros((), int), zero, zero)
-
-
-def test_a_sheet_holds_planar_and_spatial_ones(turning, tmp_path):
-    m = nc.Mechanism("flat")
-    m.ground("A", (0, 0))
-    m.point("B", (1, 0))
-    m.body("bar", ["A", "B"])
-    path = viz.sheet([turning, still_planar(m)], tmp_path / "sheet.png", dpi=50)
-    with Image.open(path) as image:
-        halves = np.array_split(np.asarray(image.convert("L")), 2, axis=1)
-    assert all((half < 200).mean() > 0.005 for half in halves)
+    zero = np.zeros(())
+    return nc.Motion(system, (), (), q, (), np.zeros(0), np.zeros((), int), zero, zero)
 
 
 def test_files_are_the_same_bytes_each_time(turning, tmp_path):

@@ -15,7 +15,7 @@ from matplotlib.text import Text
 import jaxnc as nc
 from jaxnc import viz
 from jaxnc.errors import InputError, MechanismError
-from jaxnc.synthesis.result import Design
+from jaxnc.synthesis.design import Design
 
 
 def four_bar(complete: bool = True) -> nc.Mechanism:

@@ -20,7 +20,7 @@ def largest(problem: Problem, unit: float = 1.0) -> float:
     """The largest error of the idea, offsets fitted."""
     x = problem.start
     errors = np.asarray(problem.errors(problem.move(x), problem.split(jnp.asarray(x))[1]))
-    errors = problem.fitted(x[None], errors.reshape(1, -1) / problem.size)[1][0] * problem.size
+    errors = problem.fit(x[None], errors.reshape(1, -1) / problem.size)[1][0] * problem.size
     return float(np.max(np.abs(errors))) * unit
 
 

@@ -9,7 +9,7 @@ import jax
 
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.result import Result
-from jaxnc.synthesis.search import solve
+from jaxnc.synthesis.search.solve import solve
 
 _NOTHING = 1e-18  # of the size, squared: an error that is rounding
 

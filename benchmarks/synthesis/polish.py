@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.optimize
 
-from jaxnc.synthesis.evaluation import evaluated, leaves_of
+from jaxnc.synthesis.evaluate import Evaluator
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.search.goal import Goal
 
 _MEETS = 1e-10  # violation of a condition that a better design may have
 _FAR = 1e6  # times the error: what a design costs that does not reach its targets
@@ -73,7 +74,7 @@ class _Look:
     """The problem as SciPy wants it, and the best design that it has asked for."""
 
     def __init__(self, problem: Problem, x: np.ndarray):
-        self.problem, self.leaves, self.m = problem, leaves_of(problem), problem.shape[0]
+        self.problem, self.evaluate, self.m = problem, Evaluator(Goal(problem)), problem.shape[0]
         self.count, self.last, self.seen = 0, b"", None
         self.best = self.before = np.inf
         errors, conditions, *_ = self(x / problem.scale)
@@ -84,8 +85,8 @@ class _Look:
     def __call__(self, y: np.ndarray) -> Any:
         if y.tobytes() != self.last:
             problem, scale = self.problem, self.problem.scale
-            given = problem.defaults[None]
-            found = evaluated(problem, self.leaves, y[None] * scale, given, scale, np.ones(1, bool), "close")
+            given = np.zeros((1, 0))
+            found = self.evaluate(y[None] * scale, given, way="close")
             errors, conditions, slopes, ok = (part[0] for part in found)
             self.last, self.seen = y.tobytes(), (errors, conditions, slopes[: self.m], slopes[self.m :], bool(ok))
             self.count += 1

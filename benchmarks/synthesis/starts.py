@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxnc.synthesis import path_points
-from jaxnc.synthesis.dyads import Task, follow, polished
+from jaxnc.synthesis.exact import precision_points
+from jaxnc.synthesis.exact.precision_points import Task, follow_paths, polish
 
-FILE = Path(path_points.__file__).with_name("path_starts.npz")
+FILE = Path(precision_points.__file__).with_name("path_starts.npz")
 DRY = 3
 
 
@@ -68,11 +68,11 @@ def monodromy(name: str, seed: int, known: tuple[np.ndarray, Task] | None) -> tu
         ]
         ends = found
         for start, end in zip([home, *ways], [*ways, home], strict=True):
-            out = follow(ends, start, end)
+            out = follow_paths(ends, start, end)
             ends = out.z[:, out.arrived]
-        ends, last = polished(ends, home)
+        ends, last = polish(ends, home)
         before = found.shape[1]
-        found = path_points.distinct(np.concatenate([found, ends[:, last < 1e-9]], axis=1), count)
+        found = precision_points.distinct_solutions(np.concatenate([found, ends[:, last < 1e-9]], axis=1), count)
         print(f"{name}: {found.shape[1]} after {time.process_time():.0f} s", flush=True)
         dry = dry + 1 if before > 8 and found.shape[1] == before else 0
     return found, home
@@ -86,17 +86,17 @@ def traced(z: np.ndarray, task: Task, shift: complex = 0.01 - 0.02j) -> float:
         right = task.right.copy()
         right[-1] += sign * shift
         moved = dataclasses.replace(task, right=right)
-        out = follow(z, task, moved)
+        out = follow_paths(z, task, moved)
         if not out.arrived.all():
             return np.inf
-        sums.append(polished(out.z, moved)[0][pivot].sum())
+        sums.append(polish(out.z, moved)[0][pivot].sum())
     return float(abs(sums[1] + sums[2] - 2.0 * sums[0]) / abs(sums[2] - sums[1]))
 
 
 def main() -> None:
     stored = dict(np.load(FILE)) if FILE.exists() else {}
     for name in sys.argv[1:] or ["5-22", "6-21", "7-20", "7-11", "8-10", "9-00"]:
-        known = path_points.starts(name) if f"z {name}" in stored else None
+        known = precision_points.stored_starts(name) if f"z {name}" in stored else None
         z, task = monodromy(name, 3 if known is None else known[0].shape[1], known)
         if name in ("6-21", "7-11", "8-10"):
             print(f"{name}: trace test {traced(z, task):.1e}")

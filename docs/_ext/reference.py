@@ -24,8 +24,8 @@ UNNAMED = (
     "jaxnc.families.planner.Variable",
     "jaxnc.synthesis.conditions.Seen",
     "jaxnc.synthesis.problem.Extras",
-    "jaxnc.synthesis.sampled.Question",
-    "jaxnc.synthesis.variables.Variables",
+    "jaxnc.synthesis.tolerance.sampling.Question",
+    "jaxnc.synthesis.problem.Variables",
     "jaxnc.system.identity.Owner",
     "jaxnc.system.topology.BlockLayout",
 )  # classes that signatures name and no package offers

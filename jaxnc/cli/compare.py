@@ -65,7 +65,7 @@ def compare(asked: Question, options: argparse.Namespace, importing: float) -> i
         chapters.append(f"## {name}: n = {f.n}, r = {f.r}, g = {f.g}\n\n{f.equations().markdown()}")
     add("-equations.md", "\n\n".join(chapters) + "\n", "the equations of every family")
     if not options.no_pictures:
-        from jaxnc.viz.families import plot_families
+        from jaxnc.viz.studies import plot_families
 
         path = base.with_name(base.name + "-families.png")
         plot_families(found, path)

@@ -12,8 +12,17 @@ from jaxnc.errors import counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.kinematics.wheel_report import SuspensionReport, aligned
-from jaxnc.reporting.moved import CROSSING, ZERO, crossings, idle, inputs_at, outputs_of, scales_of, shown, why
-from jaxnc.reporting.quantity import Quantity, constant, course, extreme_of, quantities, unit_of
+from jaxnc.reporting.outcome import (
+    CROSSING,
+    crossings,
+    idle,
+    in_reading_units,
+    inputs_at,
+    outputs_of,
+    scales_of,
+    why,
+)
+from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Verdict
 from jaxnc.status import Status
 
@@ -69,7 +78,7 @@ def _diagnosis(analysis: Analysis, verdict: Verdict) -> list[str]:
     if found.assembles:
         said = "the first of them exists, but the motion did not come to it"
         return [f"  {said}: try --analysis solve_position or --analysis circuit"]
-    return [f"  {line}" for line in str(shown(motion, found)).splitlines()]
+    return [f"  {line}" for line in str(in_reading_units(motion, found)).splitlines()]
 
 
 def _drives(analysis: Analysis) -> Iterable[str]:
@@ -88,8 +97,8 @@ def _extremes(analysis: Analysis) -> list[str]:
     found = quantities(motion, outputs_of(motion, analysis.run.outputs))
     scales = scales_of(found)
     if len(motion.status) == 1:
-        shown = [q for q in found if not idle(q, scales[q.unit])]
-        return aligned([[f"{q.label} [{q.unit}]", _short(float(q.values[0]))] for q in shown])
+        in_reading_units = [q for q in found if not idle(q, scales[q.unit])]
+        return aligned([[f"{q.label} [{q.unit}]", _short(float(q.values[0]))] for q in in_reading_units])
     units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
     where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
     rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]

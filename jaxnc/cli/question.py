@@ -17,8 +17,7 @@ from jaxnc.io.statement import statement
 from jaxnc.io.target import folder, stem
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.reporting.expectation import readable
-from jaxnc.reporting.verdict import Entry
+from jaxnc.reporting.verdict import Entry, parse_expectation
 
 PAGES = ".html", ".htm"
 
@@ -36,7 +35,8 @@ def demo(options: argparse.Namespace) -> Question | None:
     """A ready mechanism, driven as its library function says; None if only their list is wanted, which is printed."""
     from jaxnc.library.catalogue import CATALOGUE
 
-    readable(options.expect)
+    for text in options.expect:
+        parse_expectation(text)
     if options.list:
         made = {name: make().model.description for name, make in CATALOGUE.items()}
         options.verdict.library = [Entry(name=name, description=said) for name, said in made.items()]
@@ -82,7 +82,8 @@ def in_degrees(mechanism: Mechanism) -> Mechanism:
 
 def run(options: argparse.Namespace) -> Question:
     """A model file, with what the options change in its run section."""
-    readable(options.expect)
+    for text in options.expect:
+        parse_expectation(text)
     mechanism = load(options.file)
     return _question(mechanism, settings(mechanism, options), options)
 
@@ -92,7 +93,8 @@ def report(options: argparse.Namespace) -> Question:
 
     Its title is printed before forces are read, which bring JAX with them.
     """
-    readable(options.expect)
+    for text in options.expect:
+        parse_expectation(text)
     page(options.out, "")
     path = Path(options.file)
     if path.suffix.lower() in SUFFIXES or path.exists() or "/" in options.file:

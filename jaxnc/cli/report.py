@@ -18,7 +18,7 @@ def report(asked: Question, options: argparse.Namespace, importing: float) -> in
     with progress(2) as step:
         step("looking at it")
         asked.mechanism.model.run = asked.run
-        found = studied(asked.mechanism, expect=options.expect, said=said)
+        found = studied(asked.mechanism, expect=options.expect, model_text=said)
         step("writing the page")
         found.to_html(path)
     options.verdict = found.verdict

@@ -10,8 +10,7 @@ from jaxnc.errors import AssemblyError, MechanismError
 from jaxnc.io.files import blame
 from jaxnc.reporting.checked import drives
 from jaxnc.reporting.expected import judge
-from jaxnc.reporting.moved import enter, outputs_of
-from jaxnc.reporting.wheels import suspension_reports, wheel
+from jaxnc.reporting.outcome import enter, outputs_of, suspension_reports, wheel
 
 
 def run(asked: Question, options: argparse.Namespace, importing: float) -> int:

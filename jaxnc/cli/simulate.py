@@ -23,8 +23,7 @@ from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.reporting.moved import outputs_of
-from jaxnc.reporting.simulated import enter_simulation, in_radians
+from jaxnc.reporting.outcome import enter_simulation, in_radians, outputs_of
 
 _PARTS = 10  # of a simulation, between which progress is shown and the table is saved
 

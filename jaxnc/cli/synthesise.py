@@ -12,7 +12,7 @@ from jaxnc.cli.written import listing
 from jaxnc.io.problems import load_problem
 from jaxnc.reporting.verdict import Design, Search, Verdict, number
 from jaxnc.synthesis.result import Result
-from jaxnc.synthesis.search import solve
+from jaxnc.synthesis.search.solve import solve
 
 
 def synthesise(asked: Question, options: argparse.Namespace, importing: float) -> int:

@@ -175,15 +175,6 @@ def _unbalanced(flow: Flow, q: Array, lam: Array) -> Array:
     return -forces(flow.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[flow.view.unknown] + j.T @ lam
 
 
-def _gain(flow: Flow, q: Array, new: Array) -> Array:
-    """Gain of energy on a short way: of the potential, less the work of the loads that have none."""
-
-    def rest(x: Array) -> Array:
-        return forces(flow.dyn, jnp.zeros(()), x, jnp.zeros_like(x)) + jax.grad(lambda y: potential(flow.dyn, y))(x)
-
-    return potential(flow.dyn, new) - potential(flow.dyn, q) - 0.5 * jnp.dot(rest(q) + rest(new), new - q)
-
-
 def _stiffness(flow: Flow, q: Array, lam: Array) -> Array:
     """Its derivative by the unknowns, coordinates as lengths; symmetric where all forces have a potential."""
     u = flow.view.unknown
@@ -209,12 +200,11 @@ def _largest(k: Array) -> Array:
     return jnp.where(size > 0, size, 1.0)
 
 
-def _indifferent(k: Array, j: Array) -> Array:
+def _indifferent(k: Array, p: Array) -> Array:
     """A projection on the admissible motions that meet no force: a step along them is not determined, and left out.
 
-    The stiffness `k` ``(n, n)`` is of size one, or zero; `j` are rows ``(m, n)``.
+    The stiffness `k` ``(n, n)`` is of size one, or zero; `p` is the projection on what is admissible.
     """
-    p = _admitted(j)
     stiff = p @ k @ p + 4.0 * len(k) * (jnp.eye(len(k)) - p)
     values, vectors = dense.symmetric_eigen(0.5 * (stiff + stiff.T))
     return (vectors * (jnp.abs(values) < _NEUTRAL)) @ vectors.T
@@ -235,12 +225,42 @@ def _balanced_change(_: None, found: tuple[Array, Array], args: tuple, changes: 
     j, k = view.linearise(eq, q)[1] / weight, _stiffness(flow, q, lam)
     spread = jax.lax.stop_gradient(_largest(k))
     k, p = k / spread, _admitted(j)
-    still = _indifferent(*jax.lax.stop_gradient((0.5 * (k + k.T), j)))
+    still = _indifferent(*jax.lax.stop_gradient((0.5 * (k + k.T), p)))
     rows = saddle(jnp.eye(len(k)), j, True)
     dx = rows(jnp.zeros(len(k)), -miss)[0]
     force = wrong / weight / spread
     dx = dx - solver(p @ k @ p + jnp.eye(len(k)) - p + still)(p @ (force + k @ dx))
     return view.move(at, dx / weight), rows(-force - k @ dx, jnp.zeros_like(miss))[1] * spread
+
+
+@record
+class _Place:
+    """What is asked of a place on the way to an equilibrium.
+
+    Attributes:
+        f: forces on the unknowns, coordinates as lengths.
+        free: what the rows leave of them.
+        lam: multipliers of the rows.
+        j: derivatives of the rows, coordinates as lengths.
+        k: stiffness that a potential would have.
+        p: projection on the motions that the rows admit.
+        energy: the potential, where it has to fall.
+        other: forces that have none.
+    """
+
+    f: Array
+    free: Array
+    lam: Array
+    j: Array
+    k: Array
+    p: Array
+    energy: Array
+    other: Array
+
+
+def _gain(old: _Place, new: _Place, way: Array) -> Array:
+    """Gain of energy on a short way: of the potential, less the work of the loads that have none."""
+    return new.energy - old.energy - 0.5 * jnp.dot(old.other + new.other, way)
 
 
 @filter_jit
@@ -256,57 +276,55 @@ def _find(flow: Flow, q: Array, downhill: bool):
     q = fixed.project_position(q, _REACH)
     length = fixed.dyn.eq.length
 
-    def project(q):
-        return fixed.project_position(q, 4)
-
-    def evaluate(q):
-        f = forces(fixed.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[u] / weight
+    def evaluate(q) -> _Place:
+        every = forces(fixed.dyn, jnp.zeros(()), q, jnp.zeros_like(q))
+        f = every[u] / weight
         _, j, _ = view.linearise(fixed.dyn.eq, q)
-        free, lam = saddle(eye, j / weight, True)(f, jnp.zeros(j.shape[0]))
-        return f, free, lam, j / weight
+        j = j / weight
+        free, lam = saddle(eye, j, True)(f, jnp.zeros(j.shape[0]))
+        energy, slope = jax.value_and_grad(lambda x: potential(fixed.dyn, x))(q) if downhill else (jnp.zeros(()), q)
+        return _Place(f, free, lam, j, _tangent(fixed, q, lam), _admitted(j), energy, every + slope)
 
     def more(state):
-        i, _, _, _, stop = state
-        return (i < _STEPS) & ~stop
+        i, *_, stop = state
+        return (i <= _STEPS) & ~stop
 
     def step(state):
-        i, q, _, shift, _ = state
-        f, free, lam, j = evaluate(q)
-        size = jnp.maximum(largest(f), 1e-300)
-        k = _tangent(fixed, q, lam)
+        """Take a trial or not, and make the next: so everything is asked in one line of the program, the start too."""
+        i, q, at, new, far, shift, _ = state
+        now, size = evaluate(new), jnp.maximum(largest(at.f), 1e-300)
+        better = _gain(at, now, new - q) <= 1e-14 * size * length if downhill else jnp.ones((), bool)
+        good = (i == 0) | (jnp.isfinite(new).all() & better)
+        q, at = jax.tree.map(lambda new, old: jnp.where(good, new, old), (new, now), (q, at))
+        shift = jnp.where(good, 0.1 * shift, jnp.maximum(10.0 * shift, 1e-4))
+        shift = jnp.where(shift < 1e-8, 0.0, shift)
+        stop = (i > 0) & ((largest(at.free) <= 1e-13 * size) | (far < 1e-15 * length) | (shift > 1e8))
+        k, p = at.k, at.p
         spread = _largest(k)
         if downhill:
             # Newton on the admissible motions, every one of them taken as stiff as it is curved: downhill in any case.
-            p = _admitted(j)
             values, vectors = dense.symmetric_eigen(p @ k @ p)
             stiff = jnp.maximum(jnp.abs(values), 1e-6 * spread) + shift * spread
-            dx = vectors @ ((vectors.T @ free) / stiff)
+            dx = vectors @ ((vectors.T @ at.free) / stiff)
             dx = p @ dx
         else:
-            dx, _ = saddle(k / spread + _indifferent(k / spread, j), j, True)(free / spread, jnp.zeros(j.shape[0]))
+            rows = saddle(k / spread + _indifferent(k / spread, p), at.j, True)
+            dx, _ = rows(at.free / spread, jnp.zeros(at.j.shape[0]))
         dx = dx * jnp.minimum(1.0, 0.2 * length / jnp.maximum(largest(dx), 1e-300))
-        new = project(view.move(q, dx / weight))
-        better = _gain(fixed, q, new) <= 1e-14 * size * length if downhill else jnp.ones((), bool)
-        good = jnp.isfinite(new).all() & better
-        _, now, _, _ = evaluate(new)
-        q = jnp.where(good, new, q)
-        left = jnp.where(good, largest(now), largest(free))
-        shift = jnp.where(good, 0.1 * shift, jnp.maximum(10.0 * shift, 1e-4))
-        shift = jnp.where(shift < 1e-8, 0.0, shift)
-        stop = (left <= 1e-13 * size) | (largest(dx) < 1e-15 * length) | (shift > 1e8)
-        return i + 1, q, left, shift, stop
+        new = fixed.project_position(view.move(q, dx / weight), 4)
+        return i + 1, q, at, new, largest(dx), shift, stop
 
-    _, q, _, _, _ = jax.lax.while_loop(more, step, (0, q, jnp.asarray(jnp.inf), jnp.zeros(()), jnp.zeros((), bool)))
-    f, free, lam, j = evaluate(q)
-    left = largest(free)
+    none = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(evaluate, q))
+    begin = (0, q, none, q, jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool))
+    _, q, at, *_ = jax.lax.while_loop(more, step, begin)
+    f, lam, k, p = at.f, at.lam, at.k, at.p
+    left = largest(at.free)
     gap = largest(residual(fixed.dyn.eq, q)[view.rows])
-    k = _tangent(fixed, q, lam)
     spread = _largest(k)
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
     rounding = jnp.maximum(_ROUND * 1e3 * jnp.maximum(largest(f), 1e-300), _PLACE * largest(k) * length)
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))
     q, lam = attach(_balanced_change, None, (q, lam), flow, status == 0)
-    p = _admitted(j)
     # Motions that the constraints do not admit are made stiffer than any other, and come last.
     stiff = p @ k @ p + 4.0 * len(u) * spread * (eye - p)
     values, _ = dense.symmetric_eigen(0.5 * (stiff + stiff.T))

@@ -15,12 +15,11 @@ from jaxnc.io.svg import outline
 from jaxnc.kinematics.suspension import ATTITUDE
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import conditions as kinds
+from jaxnc.synthesis.conditions import direction, on_circuit
 from jaxnc.synthesis.function import FunctionGeneration
-from jaxnc.synthesis.guidance import MotionGeneration, rotation
-from jaxnc.synthesis.path import PathGeneration
-from jaxnc.synthesis.postures import direction, on_circuit
+from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.sizes import integer, stock
+from jaxnc.synthesis.search.stock import integer, stock
 
 
 def load_problem(path: str | Path) -> tuple[Problem, Search]:
@@ -91,7 +90,7 @@ def _turns(given: list[Any], dim: int, angle: float, source: Source) -> np.ndarr
     if found.ndim != dim - 1 or found.shape[1:] != (3,) * (dim - 2):
         wanted = "angles, one for each pose" if dim == 2 else "rotation vectors [x, y, z], one for each pose"
         raise source.fault(f"orientations must be {wanted}", ("orientations",))
-    return found if dim == 2 else np.stack([np.asarray(rotation(v)) for v in found])
+    return found if dim == 2 else np.stack([np.asarray(rotation_matrix(v)) for v in found])
 
 
 def _condition(c: Condition, angle: float, k: int, source: Source) -> kinds.Condition:

@@ -6,7 +6,7 @@ import re
 import shutil
 import unicodedata
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -114,3 +114,19 @@ def unwritable(path: Path, error: OSError) -> OutputError:
     reason = (error.strerror or str(error)).lower()
     remedy = _REMEDIES.get(error.errno or 0, "check the path, or choose another folder")
     return OutputError(f"cannot write {path} ({reason}): {remedy}")
+
+
+@contextmanager
+def writing(path: str | Path, suffixes: Sequence[str], what: str) -> Iterator[Path]:
+    """Check a file name, and write beside the file, which is replaced when the new one is whole.
+
+    Yields:
+        Where to write.
+    """
+    target = file_name(path)
+    if target.suffix.lower() not in suffixes:
+        kinds = " or ".join(suffixes)
+        given = repr(target.suffix) if target.suffix else "no suffix"
+        raise OutputError(f"{target}: {what} is written as {kinds}, and the name has {given}; end it in {kinds}")
+    with replacing(target) as new:
+        yield new

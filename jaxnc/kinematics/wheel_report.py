@@ -189,9 +189,9 @@ class SuspensionReport:
             InputError: an unknown number.
             OutputError: the file cannot be written.
         """
-        from jaxnc.viz.suspension import sheet
+        from jaxnc.viz.studies import plot_suspension
 
-        return sheet(self, path, names, **options)
+        return plot_suspension(self, path, names, **options)
 
 
 @public

@@ -188,11 +188,69 @@ def _slice(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
     return x[tuple(slice(*s) for s in zip(p["start_indices"], p["limit_indices"], strides, strict=True))]
 
 
+def _windows(x: Nodes, indices: np.ndarray, sizes: Sequence[int], dims: Sequence[Any], clip: bool, fill: int) -> Nodes:
+    """Parts of an array that begin at indices ``(..., index)``, as XLA gathers them; `fill` for one that leaves it.
+
+    `dims` are the axes of an index's part in the result, those of the array that the result does not have, those that
+    an index counts, and those of array and indices that go together.
+    """
+    offset, dropped, counted, together, beside = dims
+    lead, room = indices.shape[:-1], np.subtract(x.shape, sizes)
+    kept = [n for d, n in enumerate(sizes) if d not in dropped and d not in together]
+    out = np.full((*lead, *kept), fill)
+    for at in np.ndindex(*lead):
+        start = np.zeros(x.ndim, int)
+        start[list(counted)] = indices[at]
+        start = np.clip(start, 0, room) if clip else start
+        start[list(together)] = [at[k] for k in beside]
+        if ((start >= 0) & (start <= room)).all():
+            out[at] = x[tuple(slice(s, s + n) for s, n in zip(start, sizes, strict=True))].reshape(kept)
+    return np.moveaxis(out, range(len(lead), out.ndim), offset)
+
+
+def _gather(x: Nodes, indices: np.ndarray, **params: Any) -> Nodes:
+    d, clip = params["dimension_numbers"], params["mode"] == jax.lax.GatherScatterMode.CLIP
+    dims = d.offset_dims, d.collapsed_slice_dims, d.start_index_map, d.operand_batching_dims
+    return _windows(x, indices, params["slice_sizes"], (*dims, d.start_indices_batching_dims), clip, -1)
+
+
+def _dynamic_slice(x: Nodes, *start: np.ndarray, **params: Any) -> Nodes:
+    return x[tuple(slice(int(s), int(s) + n) for s, n in zip(start, params["slice_sizes"], strict=True))]
+
+
+def _dynamic_update(x: Nodes, update: Nodes, *start: np.ndarray, **_: Any) -> Nodes:
+    begin = [int(np.clip(s, 0, n - m)) for s, n, m in zip(start, x.shape, update.shape, strict=True)]
+    out = np.array(x)
+    out[tuple(slice(s, s + m) for s, m in zip(begin, update.shape, strict=True))] = update
+    return out
+
+
+def _pad(x: Nodes, value: Nodes, **params: Any) -> Nodes:
+    """With numbers before, after and between; fewer than none are cut off."""
+    shape, where = [], []
+    for n, (low, high, between) in zip(x.shape, params["padding_config"], strict=True):
+        place = low + np.arange(n) * (1 + between)
+        shape.append(low + high + n + max(n - 1, 0) * between)
+        where.append((place, (place >= 0) & (place < shape[-1])))
+    out = np.full(shape, int(value))
+    out[np.ix_(*(place[fits] for place, fits in where))] = x[np.ix_(*(fits for _, fits in where))]
+    return out
+
+
+_MOVES: dict[str, Callable[..., Nodes]] = {
+    "gather": _gather,
+    "dynamic_slice": _dynamic_slice,
+    "dynamic_update_slice": _dynamic_update,
+    "pad": _pad,
+}
+"""Done by NumPy: JAX would compile a program for each."""
+
+
 def _moved(*arrays: int) -> Callable[..., Nodes]:
-    """An operation that moves numbers of some arrays by indices, which are known: done by JAX to places of nodes."""
+    """An operation that moves numbers of some arrays by indices, which are known: done to places of nodes."""
 
     def read(r: "Reader", eqn: Any, *x: Nodes) -> Nodes:
-        given, params = [], dict(eqn.params)
+        given, params = [], eqn.params
         for k, (v, a) in enumerate(zip(eqn.invars, x, strict=True)):
             index = a.astype(np.int32) if k in arrays else r.known(a, v)
             if index is None:
@@ -203,9 +261,9 @@ def _moved(*arrays: int) -> Callable[..., Nodes]:
                 if not 0 <= start <= width - size:
                     raise OutOfRange(f"index {start} in an array of {width}")
         promised = params.get("mode") == jax.lax.GatherScatterMode.PROMISE_IN_BOUNDS
-        if eqn.primitive.name == "gather" and params["mode"] != jax.lax.GatherScatterMode.CLIP:
-            params |= {"mode": jax.lax.GatherScatterMode.FILL_OR_DROP, "fill_value": -1}
-        out = np.asarray(evaluate(eqn.replace(params=params), given)[0]).astype(int)
+        move = _MOVES.get(eqn.primitive.name)
+        out = move(*given, **params) if move else np.asarray(evaluate(eqn, given)[0])
+        out = out.astype(int)
         if (out < 0).any():  # beyond the array
             if promised:
                 raise OutOfRange(f"indices {given[1].reshape(-1).tolist()} in an array of shape {x[0].shape}")
@@ -219,14 +277,16 @@ def _moved(*arrays: int) -> Callable[..., Nodes]:
 
 
 def _added(r: "Reader", eqn: Any, x: Nodes, indices: Nodes, updates: Nodes) -> Nodes:
-    """Numbers added to places that are known: which place each goes to, the gradient of the operation tells."""
+    """Numbers added to places that are known, each to that which would be gathered for it."""
     at = r.known(indices, eqn.invars[1])
     if at is None or r.type_of(eqn.invars[0]) != "f":
         raise Unreadable(eqn.primitive.name)
-    zero, none = np.zeros(x.shape), np.zeros(updates.shape)
-    with jax.ensure_compile_time_eval():
-        back = jax.vjp(lambda u: eqn.primitive.bind(zero, at, u, **eqn.params), none)[1]
-        places = np.asarray(back(1.0 + np.arange(x.size, dtype=float).reshape(x.shape))[0]).astype(int)
+    d, clip = eqn.params["dimension_numbers"], eqn.params["mode"] == jax.lax.GatherScatterMode.CLIP
+    dropped, together = d.inserted_window_dims, d.operand_batching_dims
+    window = iter(updates.shape[k] for k in d.update_window_dims)
+    sizes = [1 if k in dropped or k in together else next(window) for k in range(x.ndim)]
+    dims = d.update_window_dims, dropped, d.scatter_dims_to_operand_dims, together, d.scatter_indices_batching_dims
+    places = _windows(1 + np.arange(x.size).reshape(x.shape), at, sizes, dims, clip, 0)
     out = x.reshape(-1).copy()
     for place, node in zip(places.reshape(-1).tolist(), updates.reshape(-1).tolist(), strict=True):
         if place:  # none of what falls outside

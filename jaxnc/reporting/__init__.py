@@ -1,12 +1,12 @@
-"""All that is to be said of a mechanism: a page for people, a verdict for machines. Loaded on first use."""
+"""Reports on a mechanism: a page for people, a verdict for machines. Loaded on first use."""
 
 from typing import TYPE_CHECKING
 
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
-    from jaxnc.reporting.forces import Forces as Forces
-    from jaxnc.reporting.forces import Peak as Peak
+    from jaxnc.reporting.quantity import Forces as Forces
+    from jaxnc.reporting.quantity import Peak as Peak
     from jaxnc.reporting.quantity import Quantity as Quantity
     from jaxnc.reporting.study import Report as Report
     from jaxnc.reporting.study import report as report

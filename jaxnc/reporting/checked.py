@@ -1,4 +1,4 @@
-"""What can be said of a mechanism before it is moved: does it assemble, what may be driven and how far, what is odd."""
+"""Checks of a mechanism before it is moved: whether it assembles, what may be driven and how far, what is odd."""
 
 from collections.abc import Iterator, Sequence
 
@@ -25,7 +25,7 @@ _FAR = 0.02  # of the mechanism's size: a drawing that is moved further to assem
 
 
 def parts(mechanism: Mechanism) -> Iterator[str]:
-    """What a mechanism is made of, kind by kind."""
+    """List the parts of a mechanism, kind by kind."""
     m = mechanism.model
     for many, noun, plural in (
         (len(m.ground), "ground point", ""),
@@ -45,7 +45,7 @@ def parts(mechanism: Mechanism) -> Iterator[str]:
 
 
 def count(verdict: Verdict, system: System, found: Mobility) -> None:
-    """Enter what the mobility of a mechanism says."""
+    """Enter the mobility of a mechanism: its counts and freedoms."""
     top = system.topology
     verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
     verdict.counts = Counts(
@@ -76,8 +76,8 @@ def count(verdict: Verdict, system: System, found: Mobility) -> None:
         verdict.add("redundant", "note", "rows that follow from others", names=list(found.redundant))
     for name in found.idle:
         verdict.add("loose", "warning", f"{name} {IDLE}", names=[name])
-    for said in found.loose if top.dim == 3 else ():  # in the plane `oddities` says it
-        verdict.add("loose", "note", said)
+    for text in found.loose if top.dim == 3 else ():  # in the plane `oddities` finds it
+        verdict.add("loose", "note", text)
     if found.momentary:
         verdict.add("singular", "note", "the drawn pose is singular: further rows lose their independence there")
 
@@ -104,8 +104,8 @@ def assembly(verdict: Verdict, system: System) -> Diagnosis:
     return found
 
 
-def freed(system: System) -> list[str]:
-    """Bodies and joints of a structure without one of which it could move, by name."""
+def locking_parts(system: System) -> list[str]:
+    """Find bodies and joints of a structure without one of which it could move, by name."""
     if system.topology.large:
         return []
     top, view = system.topology, free_plan(system.topology)
@@ -120,7 +120,7 @@ def freed(system: System) -> list[str]:
 
 
 def problems(mechanism: Mechanism, system: System) -> list[Finding]:
-    """What keeps the run section from being carried out: inputs that do not fit, ends that are out of reach."""
+    """Find what keeps the run section from being carried out: inputs that do not fit, ends that are out of reach."""
     if not mechanism.model.run.inputs:
         return []
     asked = list(mechanism.model.run.inputs)
@@ -144,7 +144,7 @@ def problems(mechanism: Mechanism, system: System) -> list[Finding]:
 
 
 def reach(system: System, name: str, hold: Sequence[str]) -> Reach:
-    """How far an input goes from the drawing, in the mechanism's unit."""
+    """Find how far an input goes from the drawing, in the mechanism's unit."""
     found = travel(system, name, tuple(hold))
     unit, factor = shown_in(system.topology, name)
     return Reach(
@@ -158,7 +158,7 @@ def reach(system: System, name: str, hold: Sequence[str]) -> Reach:
 
 
 def travels(mechanism: Mechanism, system: System, verdict: Verdict) -> Iterator[str]:
-    """How far the input of the run section can go, if there is a single one; an error if the run asks for more."""
+    """Enter how far a single input of the run section can go, an error if the run asks for more, and describe it."""
     run = mechanism.model.run
     if len(run.inputs) != 1:
         return
@@ -171,7 +171,7 @@ def travels(mechanism: Mechanism, system: System, verdict: Verdict) -> Iterator[
         yield text
         return
     verdict.reach.append(found)
-    yield from told(found)
+    yield from describe_reach(found)
     if found.turns or (found.lower is None and found.upper is None) or run.analysis == "circuit":
         return
     drive = run.inputs[name]
@@ -184,8 +184,8 @@ def travels(mechanism: Mechanism, system: System, verdict: Verdict) -> Iterator[
         verdict.add("beyond-limits", "error", text, names=[name])
 
 
-def told(found: Reach) -> list[str]:
-    """How far an input goes, in a line; none if nothing is known."""
+def describe_reach(found: Reach) -> list[str]:
+    """Describe in a line how far an input goes; no line if nothing is known."""
     if found.turns:
         return [f"{found.name} turns fully, without a dead point"]
     if found.lower is None and found.upper is None:
@@ -195,7 +195,7 @@ def told(found: Reach) -> list[str]:
 
 
 def drives(mechanism: Mechanism, run: record.Run) -> list[Drive]:
-    """What a run section asks for."""
+    """List the inputs that a run section drives."""
     return [
         Drive(name=n, unit=_unit(mechanism, n), first=d.start, last=d.end, poses=d.poses, rate=d.rate)
         for n, d in run.inputs.items()
@@ -203,7 +203,7 @@ def drives(mechanism: Mechanism, run: record.Run) -> list[Drive]:
 
 
 def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Finding]:
-    """What is allowed but probably not meant."""
+    """Find what is allowed but probably not meant."""
     top = system.topology
     if doubt := doubtful_size(system):
         yield Finding(code="doubtful-size", level="warning", text=doubt)

@@ -1,4 +1,4 @@
-"""Whether a motion is as it was asked to be: ``"psi range > 30"``, ``"P.y largest <= 0.2"``."""
+"""Expectations of a motion, such as ``"psi range > 30"`` or ``"P.y largest <= 0.2"``, and whether they are met."""
 
 import operator
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,10 +9,9 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.reporting.expectation import read
 from jaxnc.reporting.quantity import constant, course, extreme
 from jaxnc.reporting.transmission import transmissions
-from jaxnc.reporting.verdict import Expectation, Verdict, number
+from jaxnc.reporting.verdict import Expectation, Verdict, number, parse_expectation
 from jaxnc.system.system import System
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import quantity
@@ -34,14 +33,14 @@ def judge(verdict: Verdict, motion: Motion, texts: Sequence[str]) -> Iterator[st
         The lines.
     """
     for text in texts:
-        found = _decided(motion, text)
+        found = _decide(motion, text)
         verdict.expectations.append(found)
         value = "nothing was found" if found.value is None else f"it is {found.value:.6g} {found.unit}".rstrip()
-        said = f"expected {found.text}: {value}"
+        sentence = f"expected {found.text}: {value}"
         if not found.met:
             verdict.does = False
-            verdict.add("expectation-missed", "error", said, names=[found.text.split()[0]])
-        yield f"  {said}, {'met' if found.met else 'NOT met'}"
+            verdict.add("expectation-missed", "error", sentence, names=[found.text.split()[0]])
+        yield f"  {sentence}, {'met' if found.met else 'NOT met'}"
 
 
 def check_expected(system: System, arguments: Mapping[str, Any], texts: Sequence[str]) -> None:
@@ -64,8 +63,8 @@ def check_expected(system: System, arguments: Mapping[str, Any], texts: Sequence
 
 
 def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
-    """What an expectation is about, one number for each pose, and its unit."""
-    name, data = read(text)[0], poses(motion)
+    """Find the values that an expectation is about, one for each pose, and their unit."""
+    name, data = parse_expectation(text)[0], poses(motion)
     if name == "transmission":
         found = [t.values for t in transmissions(motion)]
         if not found:
@@ -81,8 +80,8 @@ def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
     return values, unit
 
 
-def _decided(motion: Motion, text: str) -> Expectation:
-    _, word, sign, limit = read(text)
+def _decide(motion: Motion, text: str) -> Expectation:
+    _, word, sign, limit = parse_expectation(text)
     values, unit = _values(motion, text)
     if not np.isfinite(values).any():
         return Expectation(text=text, met=False, value=None, unit=unit)

@@ -1,7 +1,7 @@
 """The page of a report: one file without a network, for screens, telephones and paper."""
 
 import html
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,21 +10,23 @@ import numpy as np
 
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError, counted
+from jaxnc.io.files import plain
+from jaxnc.io.layout import toml
+from jaxnc.io.target import writing
+from jaxnc.kinematics.hardpoints import trade_names
+from jaxnc.kinematics.motion import Motion
 from jaxnc.reporting.checked import parts
-from jaxnc.reporting.curves import Curve, bars, chart, lettered, short
-from jaxnc.reporting.moved import ZERO, idle, inputs_at, scales_of
-from jaxnc.reporting.origin import digits, model_text
-from jaxnc.reporting.quantity import Quantity, constant, unit_of
-from jaxnc.reporting.simulated import energies
-from jaxnc.reporting.transmission import untold
+from jaxnc.reporting.curves import Curve, bars, chart, short, with_symbols
+from jaxnc.reporting.outcome import energies, idle, inputs_at, scales_of
+from jaxnc.reporting.quantity import ZERO, Quantity, constant, unit_of
+from jaxnc.reporting.transmission import unexplained_bodies
 from jaxnc.reporting.verdict import Finding, Verdict
-from jaxnc.viz.inlined import inlined
-from jaxnc.viz.output import writing
-from jaxnc.viz.page import colours
-from jaxnc.viz.parts import filled
+from jaxnc.viz.pages.packing import fill_template
+from jaxnc.viz.pages.page import page_colours
 from jaxnc.viz.poses import poses
-from jaxnc.viz.shown import Page
+from jaxnc.viz.repr_html import Page
 from jaxnc.viz.style import symbol
+from jaxnc.viz.svg import inline_pose
 
 if TYPE_CHECKING:
     from jaxnc.kinematics.wheel_report import SuspensionReport
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 _LINES = 4  # curves in one chart
 _LABEL = 36  # letters of what a chart has room for
 _WHEEL = ("steer", "toe", "camber", "caster", "half_track_change", "toe_out_in_turns", "scrub_radius")
+_DIGITS_OF = 3  # poses whose digits are listed
 _SAID = {"error": "wrong", "warning": "warning", "note": "note"}
 
 
@@ -41,52 +44,57 @@ def write_page(found: "Report", path: str | Path) -> Path:
     text = files("jaxnc.reporting").joinpath("report.html").read_text(encoding="utf-8")
     dark = "@media screen and (prefers-color-scheme:dark){:root{#}}"
     title = html.escape(f"{found.name}: report")
-    text = filled(text, {"TITLE": title, "COLOURS": colours(dark), "BODY": "\n".join(_body(found))})
+    text = fill_template(
+        text, {"TITLE": title, "COLOURS": page_colours(dark), "BODY": "\n".join(filter(None, _body(found)))}
+    )
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(text, encoding="utf-8")
     return Page(Path(path).expanduser())
 
 
 def _body(found: "Report") -> Iterator[str]:
+    v, motion = found.verdict, found.motion
+    wrong = any(f.level != "note" for f in v.findings)
     yield _header(found)
-    if found.verdict.findings or found.verdict.expectations:
-        wrong = any(f.level != "note" for f in found.verdict.findings)
-        yield _section("What is wrong" if wrong else "What to know", _findings(found), wide=True)
-    if drawn := _drawing(found):
-        yield _section("Drawing", drawn, "drawing")
+    if v.findings or v.expectations:
+        yield _section("What is wrong" if wrong else "What to know", _findings(found), "wide")
+    yield _section("Drawing", _drawing(found), "drawing")
     yield _section("Counts", _counts(found))
-    if found.motion is not None:
-        if isinstance(found.motion, Simulation):
-            yield _section("Under its forces", _simulation(found.motion), wide=True)
-        if ranges := _ranges(found):
-            yield _section("Range of the inputs", ranges)
-        if found.verdict.poses is not None:
-            yield _section("Poses", _poses(found.verdict))
-        if curves := _curves(found, found.quantities):
-            yield _section("Curves", curves, wide=True, long=True)
-        if found.verdict.extremes:
-            yield _section("Extremes", _extremes(found.verdict), wide=True)
-    if told := _transmission(found):
-        yield _section("Transmission angle", told, wide=True)
-    if found.verdict.sensitivities:
-        yield _section("Sensitivities", _sensitivities(found), wide=True, long=True)
-    if found.forces is not None:
-        yield _section("Forces", _forces(found), wide=True, long=True)
+    if isinstance(motion, Simulation):
+        yield _section("Under its forces", _simulation(motion), "wide")
+    if motion is not None:
+        yield _section("Range of the inputs", _ranges(found))
+        yield _section("Poses", _poses(v))
+        yield _section("Curves", _curves(found, found.quantities), "wide long")
+        yield _section("Extremes", _extremes(v), "wide")
+        yield _section("Transmission angle", _transmission(found, motion), "wide")
+    yield _section("Sensitivities", _sensitivities(found), "wide long")
+    yield _section("Forces", _forces(found), "wide long")
     for k, one in enumerate(found.suspensions):
-        told = f'<pre class="told">{html.escape(one.text(all_of_it=not k))}</pre>'
-        yield _section(f"Suspension over {one.over}", _wheel(one) + told, wide=True, long=True)
-    if found.said or found.mechanism is not None:
-        yield _section("The model", f"<pre>{html.escape(_model(found))}</pre>", wide=True, long=True)
-    yield _section("Where it comes from", _origin(found), wide=True, long=True)
+        text = f'<pre class="told">{html.escape(one.text(all_of_it=not k))}</pre>'
+        yield _section(f"Suspension over {one.over}", _wheel(one) + text, "wide long")
+    if found.model_text or found.mechanism is not None:
+        yield _section("The model", f"<pre>{html.escape(_model_text(found))}</pre>", "wide long")
+    yield _section("Where it comes from", _origin_section(found), "wide long")
 
 
-def _section(title: str, content: str, look: str = "", wide: bool = False, long: bool = False) -> str:
-    names = " ".join(filter(None, (look, "wide" * wide, "long" * long)))
-    return f'<section class="{names}"><h2>{html.escape(title)}</h2>{content}</section>'
+def _section(title: str, content: str, look: str = "") -> str:
+    """Write a section; nothing where it has no content."""
+    return f'<section class="{look}"><h2>{html.escape(title)}</h2>{content}</section>' if content else ""
+
+
+def _hint(text: str) -> str:
+    return f'<p class="hint">{html.escape(text)}</p>'
+
+
+def _charts(charts: Iterable[str]) -> str:
+    """Put charts side by side; nothing if there are none."""
+    drawn = "".join(charts)
+    return f'<div class="charts">{drawn}</div>' if drawn else ""
 
 
 def _table(rows: Sequence[Sequence[str]], look: str = "", text: Sequence[int] = ()) -> str:
-    """Rows under a heading; numbers stand at the right, columns of text at the left."""
+    """Write rows under a heading; numbers stand at the right, columns of text at the left."""
 
     def cells(row: Sequence[str], tag: str) -> str:
         marks = (' class="text"' if k in text else "" for k in range(len(row)))
@@ -113,8 +121,8 @@ def _header(found: "Report") -> str:
         )
         for look, word in [("open", unknown) if holds is None else ("yes", yes) if holds else ("no", no)]
     )
-    said = f"<p>{html.escape(found.description)}</p>" if found.description else ""
-    return f'<header><h1>{html.escape(found.name)}</h1>{said}<ul class="verdicts">{marks}</ul></header>'
+    about = f"<p>{html.escape(found.description)}</p>" if found.description else ""
+    return f'<header><h1>{html.escape(found.name)}</h1>{about}<ul class="verdicts">{marks}</ul></header>'
 
 
 def _findings(found: "Report") -> str:
@@ -155,8 +163,10 @@ def _drawing(found: "Report") -> str:
     try:
         data = poses(thing)
     except JaxncError as error:
-        return f'<p class="hint">There is no drawing: {html.escape(str(error))}</p>'
-    pose = int(data.shown[len(data.shown) // 8])  # not the first: many mechanisms start where their bars lie in line
+        return _hint(f"There is no drawing: {error}")
+    pose = int(
+        data.extent_poses[len(data.extent_poses) // 8]
+    )  # not the first: many mechanisms start where their bars lie in line
     traces = [k for k, name in enumerate(data.names) if name in found.outputs and data.count > 2][:3]
     if found.motion is None:
         hint = "as it was typed, not assembled" if found.verdict.assembles is not True else "as it was drawn"
@@ -166,7 +176,7 @@ def _drawing(found: "Report") -> str:
             for n, v in inputs_at(found.motion, pose).items()
         )
         hint = f"{at}; path{'s' * (len(traces) > 1)} of {', '.join(data.names[k] for k in traces)}" if traces else at
-    return f'{inlined(data, pose, traces)}<p class="hint">{html.escape(hint)}</p>'
+    return inline_pose(data, pose, traces) + _hint(hint)
 
 
 def _counts(found: "Report") -> str:
@@ -189,7 +199,7 @@ def _counts(found: "Report") -> str:
         names = found.verdict.drivable
         more = f", … ({len(names)} in all)" if len(names) > 10 else ""
         rows += [("may be driven", ", ".join(names[:10]) + more)] if names else []
-    return _pairs(rows) if rows else '<p class="hint">nothing could be counted</p>'
+    return _pairs(rows) if rows else _hint("nothing could be counted")
 
 
 def _ranges(found: "Report") -> str:
@@ -211,14 +221,14 @@ def _ranges(found: "Report") -> str:
                 out.append(_strip(r.lower, r.upper, *sorted((drive.first, drive.last))))
             if r.dead_points:
                 dead = ", ".join(short(x, 10) for x in r.dead_points[:8])
-                out.append(f'<p class="hint">dead points of its circuit: {html.escape(dead)} {html.escape(r.unit)}</p>')
+                out.append(_hint(f"dead points of its circuit: {dead} {r.unit}"))
     if v.hold:
-        out.append(f'<p class="hint">held as drawn: {html.escape(", ".join(v.hold))}</p>')
+        out.append(_hint(f"held as drawn: {', '.join(v.hold)}"))
     return "".join(out)
 
 
 def _strip(lower: float, upper: float, first: float, last: float) -> str:
-    """A bar of what can be reached between its dead points, with what was asked for in it."""
+    """Draw a bar of what can be reached between its dead points, with what was asked for in it."""
     low, high = min(lower, first), max(upper, last)
 
     def at(x: float) -> float:
@@ -230,11 +240,11 @@ def _strip(lower: float, upper: float, first: float, last: float) -> str:
 
 
 def _simulation(run: Simulation) -> str:
-    """What the integration says of itself, and where the energy goes."""
+    """Write what the integration tells of itself, and where the energy goes."""
     t, kinds = np.asarray(run.time, float), energies(run)
-    drawn = chart(t, "time [s]", "J", [Curve(q.label, q.values) for q in kinds]) if kinds else ""
-    told = "\n".join(line.removeprefix("  ") for line in run.report().splitlines()[1:])
-    return f'<pre class="told">{html.escape(told)}</pre><div class="charts">{drawn}</div>'
+    drawn = [chart(t, "time [s]", "J", [Curve(q.label, q.values) for q in kinds])] if kinds else []
+    text = "\n".join(line.removeprefix("  ") for line in run.report().splitlines()[1:])
+    return f'<pre class="told">{html.escape(text)}</pre>{_charts(drawn)}'
 
 
 def _poses(v: Verdict) -> str:
@@ -266,7 +276,7 @@ def _abscissa(found: "Report") -> tuple[np.ndarray, str] | None:
 
 
 def _curves(found: "Report", quantities: Sequence[Quantity]) -> str:
-    """Charts: the coordinates of a place share one."""
+    """Draw charts: the coordinates of a place share one."""
     over = _abscissa(found)
     if over is None:
         return ""
@@ -278,13 +288,13 @@ def _curves(found: "Report", quantities: Sequence[Quantity]) -> str:
     charts = []
     for (unit, *_), group in groups.items():
         for k in range(0, len(group), _LINES):
-            lines = [Curve(q.label, _rounded(q.values, scales[q.unit])) for q in group[k : k + _LINES]]
+            lines = [Curve(q.label, _clear_rounding(q.values, scales[q.unit])) for q in group[k : k + _LINES]]
             charts.append(chart(over[0], over[1], unit, lines))
-    return f'<div class="charts">{"".join(charts)}</div>' if any(charts) else ""
+    return _charts(charts)
 
 
-def _rounded(values: np.ndarray, scale: float) -> np.ndarray:
-    """Values with those that are only rounding as zero."""
+def _clear_rounding(values: np.ndarray, scale: float) -> np.ndarray:
+    """Replace values that are only rounding by zero."""
     return np.where(np.abs(values) <= ZERO * scale, 0.0, values)
 
 
@@ -293,10 +303,12 @@ def _at(at: dict[str, float]) -> str:
 
 
 def _extremes(v: Verdict) -> str:
+    if not v.extremes:
+        return ""
     where = "at " + (", ".join(f"{symbol(d.name)} [{d.unit}]" for d in v.drives) or "time [s]")
     rows = [["", "smallest", where, "largest", where, "range"]]
     for e in v.extremes:
-        label = lettered(e.quantity) + (f" [{e.unit}]" if e.unit else "")
+        label = with_symbols(e.quantity) + (f" [{e.unit}]" if e.unit else "")
         values = np.array([e.smallest, e.largest])
         if constant(values):
             rows.append([label, short(e.smallest, 6), "everywhere", "", "", ""])
@@ -306,29 +318,30 @@ def _extremes(v: Verdict) -> str:
     return _table(rows)
 
 
-def _transmission(found: "Report") -> str:
-    motion = found.motion
-    if motion is None or not motion.driven or not np.asarray(motion.converged).any():
+def _transmission(found: "Report", motion: Motion) -> str:
+    if not motion.driven or not np.asarray(motion.converged).any():
         return ""
-    left = untold(motion)
+    left = unexplained_bodies(motion)
     some = ", ".join(left[:8]) + ", …" * (len(left) > 8)
     why = f"Not known of {some}: no single link moves the next there." if left else ""
     if not found.transmissions:
-        return f'<p class="hint">{html.escape(why)}</p>' if why else ""
+        return _hint(why) if why else ""
     over, out, rows = _abscissa(found), [], [["joint", "between", "least [deg]", "at", "largest [deg]"]]
     for t in found.transmissions:
         at = _at(inputs_at(motion, int(np.nanargmin(t.values))))
-        rows.append([t.at, t.said, short(float(np.nanmin(t.values))), at, short(float(np.nanmax(t.values)))])
+        rows.append([t.at, t.between, short(float(np.nanmin(t.values))), at, short(float(np.nanmax(t.values)))])
     for t in found.transmissions:
         if over is not None and np.nanmax(t.values) - np.nanmin(t.values) > 1e-6:
-            label = f"{t.at}: {t.said}" if len(t.said) <= _LABEL else t.at  # the table says the rest
+            label = f"{t.at}: {t.between}" if len(t.between) <= _LABEL else t.at  # the table says the rest
             out.append(chart(over[0], over[1], "deg", [Curve(label, t.values)], level=0.0))
     hint = f"90 degrees is best, 0 a dead point: what the coupler cannot turn. {why}"
-    return _table(rows, text=(1,)) + f'<div class="charts">{"".join(out)}</div><p class="hint">{html.escape(hint)}</p>'
+    return _table(rows, text=(1,)) + _charts(out) + _hint(hint)
 
 
 def _sensitivities(found: "Report") -> str:
-    """For each output which design variable matters most."""
+    """List for each output which design variable matters most."""
+    if not found.verdict.sensitivities:
+        return ""
     groups: dict[tuple[str, str], list[Any]] = {}
     for d in found.verdict.sensitivities:
         groups.setdefault((d.output, d.unit), []).append(d)
@@ -338,14 +351,16 @@ def _sensitivities(found: "Report") -> str:
         for d in some:
             at = ", ".join(f"{symbol(n)} = {short(v)}" for n, v in d.at.items())
             rows.append((d.variable, d.value, f"{short(d.value)}  at {at}"))
-        blocks.append(f"<div><h3>∂{html.escape(lettered(output))} / ∂… [{html.escape(unit)}]</h3>{bars(rows)}</div>")
+        blocks.append(
+            f"<div><h3>∂{html.escape(with_symbols(output))} / ∂… [{html.escape(unit)}]</h3>{bars(rows)}</div>"
+        )
     hint = (
         "Exact derivatives at the same input, where they are largest over the motion: by points as they are drawn and "
         "dimensions that are given. |P| is the size of what a place moves by."
     )
     lost = found.sensitivity is not None and not found.sensitivity.exists.all()
     hint += " Where a dimension changed alone leaves no way to assemble, there is none." if lost else ""
-    return f'<div class="charts">{"".join(blocks)}</div><p class="hint">{hint}</p>'
+    return _charts(blocks) + _hint(hint)
 
 
 def _forces(found: "Report") -> str:
@@ -358,7 +373,7 @@ def _forces(found: "Report") -> str:
     for q in (*f.efforts, *more):
         ends = int(np.nanargmin(q.values)), int(np.nanargmax(q.values))
         cells = [c for k in ends for c in (short(float(q.values[k])), _at(inputs_at(found.motion, k)))]
-        rows.append([f"{lettered(q.label)} [{q.unit}]", *cells])
+        rows.append([f"{with_symbols(q.label)} [{q.unit}]", *cells])
     out += [_table(rows)] if rows[1:] else []
     peaks = [["on", "by", "largest force [N]", "at", "largest moment [N m]"]]
     peaks += [[p.on, p.by, short(p.force), _at(inputs_at(found.motion, p.pose)), short(p.moment)] for p in f.peaks]
@@ -366,26 +381,45 @@ def _forces(found: "Report") -> str:
     hint = "Every pose is held at rest, since no rate is given." if f.resting else "With the rates of the motion."
     if found.mobility is not None and found.mobility.redundant:
         hint += " Equations are redundant: reactions that equilibrium leaves open are those of least norm."
-    return "".join(out) + f'<p class="hint">{hint} Moments are about centres of mass.</p>'
+    return "".join(out) + _hint(f"{hint} Moments are about centres of mass.")
 
 
 def _wheel(one: "SuspensionReport") -> str:
-    """What is looked at first in a suspension, over its travel or its steering."""
+    """Draw the numbers that are looked at first in a suspension, over its travel or its steering."""
     shown = [name for name in _WHEEL if np.ptp(one.curves.get(name, np.zeros(1))) > 0]
     over = f"{one.over} [{one.unit}]"
     charts = (chart(one.along, over, one[name].unit, [Curve(one[name].label, one.curves[name])]) for name in shown[:4])
-    return f'<div class="charts">{"".join(charts)}</div>'
+    return _charts(charts)
 
 
-def _model(found: "Report") -> str:
-    if found.said:
-        return found.said
-    return model_text(found.mechanism) if found.mechanism is not None else ""
+def _model_text(found: "Report") -> str:
+    """Find the text of the model file as it was read, or as `Mechanism.save` writes it."""
+    if found.model_text or found.mechanism is None:
+        return found.model_text
+    model = found.mechanism.model
+    names = trade_names((*model.ground, *model.points, *model.ground_vectors, *model.vectors, *model.markers))
+    return toml(plain(model), names)
 
 
-def _origin(found: "Report") -> str:
+def _origin_section(found: "Report") -> str:
     out = [_pairs(list(found.verdict.origin.items()))]
-    if found.motion is not None and (rows := digits(found.motion)):
-        hint = '<p class="hint">All digits, in radians and lengths: another run agrees to a few units of the last.</p>'
+    if found.motion is not None and (rows := _digits(found.motion)):
+        hint = _hint("All digits, in radians and lengths: another run agrees to a few units of the last.")
         out.append(f"<h3>Coordinates of a few poses</h3>{_table(rows, 'digits')}{hint}")
     return "".join(out)
+
+
+def _digits(motion: Motion) -> list[list[str]]:
+    """List all moving coordinates of a few poses to the last digit, radians and lengths: a heading and rows."""
+    top = motion.system.topology
+    good = np.flatnonzero(np.asarray(motion.converged).reshape(-1))
+    if not len(good):
+        return []
+    chosen = list(dict.fromkeys(good[[0, len(good) // 3, 2 * len(good) // 3, -1]].tolist()))[:_DIGITS_OF]
+    q = np.asarray(motion.q).reshape(-1, len(top.coordinates))
+    moving = [k >= len(top.fixed) or not top.fixed[k] for k in range(len(top.coordinates))]
+    names = [n for n in (*top.scalars, *top.coordinates[: -len(top.scalars) or None]) if moving[top.position[n]]]
+    rows = [["coordinate", *(f"pose {k}" for k in chosen)]]
+    for name in dict.fromkeys([*motion.driven, *names]):
+        rows.append([name, *(repr(float(q[k, top.position[name]])) for k in chosen)])
+    return rows

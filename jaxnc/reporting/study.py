@@ -1,16 +1,24 @@
-"""`jaxnc.report`: everything that is to be said of a mechanism, looked at once."""
+"""Study of a mechanism: `jaxnc.report` looks at it once, and collects all that there is to know."""
 
+import hashlib
+import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import AssemblyError, InputError, MechanismError
+from jaxnc.exports import version
 from jaxnc.io.drives import sweep_arguments
+from jaxnc.io.files import plain
+from jaxnc.io.layout import json_text
 from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.diagnosis import Diagnosis
 from jaxnc.kinematics.inputs import make_plan
@@ -22,32 +30,35 @@ from jaxnc.kinematics.wheel_report import SuspensionReport
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.notebooks import Shown
-from jaxnc.reporting.checked import assembly, count, drives, freed, oddities, reach
+from jaxnc.reporting.checked import assembly, count, drives, locking_parts, oddities, reach
 from jaxnc.reporting.expected import check_expected, judge
-from jaxnc.reporting.forces import Forces, forces
-from jaxnc.reporting.moved import enter, inputs_at, outputs_of, why
-from jaxnc.reporting.origin import origin
-from jaxnc.reporting.quantity import Quantity, quantities, shown_in, unit_of
-from jaxnc.reporting.simulated import as_it_says, enter_simulation
+from jaxnc.reporting.outcome import (
+    as_it_says,
+    enter,
+    enter_simulation,
+    inputs_at,
+    outputs_of,
+    suspension_reports,
+    wheel,
+    why,
+)
+from jaxnc.reporting.quantity import ZERO, Forces, Quantity, forces, quantities, shown_in, unit_of
 from jaxnc.reporting.transmission import Transmission, transmissions
 from jaxnc.reporting.verdict import Derivative, Drive, Verdict
-from jaxnc.reporting.wheels import suspension_reports, wheel
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.assemble import assemble
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
+from jaxnc.viz.draft import POSES, whole_range
 
-_POSES = 181  # where nobody said how many
-_SPARE = 1e-3  # of a range, left before dead points
 _LOOKED = 73  # poses at most at which derivatives are taken
-_NOTHING = 1e-9  # of the largest derivative of its output
 _MOST = 12  # derivatives of an output that are listed
 
 
 @public
 @dataclass(frozen=True)
 class Report(Shown):
-    """What is known of a mechanism; ``print()`` says it in short, `to_html` writes the page, `verdict` is for machines.
+    """All that is known of a mechanism: ``print()`` is short, `to_html` writes the page, `verdict` is for machines.
 
     Attributes:
         name, description: of the mechanism.
@@ -63,7 +74,7 @@ class Report(Shown):
         transmissions: transmission angles of a planar mechanism.
         forces: efforts and reactions; None where nothing has a mass.
         suspensions: reports on a suspension.
-        said: the text of the model file.
+        model_text: the text of the model file.
     """
 
     name: str
@@ -80,7 +91,7 @@ class Report(Shown):
     transmissions: tuple[Transmission, ...] = ()
     forces: Forces | None = None
     suspensions: tuple[SuspensionReport, ...] = ()
-    said: str = field(default="", repr=False)
+    model_text: str = field(default="", repr=False)
 
     def __str__(self) -> str:
         v = self.verdict
@@ -126,7 +137,7 @@ def report(
     path: str | Path | None = None,
     expect: str | Sequence[str] = (),
     outputs: str | Sequence[str] = (),
-    said: str = "",
+    model_text: str = "",
 ) -> Report:
     """Look at a mechanism once, and say everything: counts, range, extremes, sensitivities, forces, what is wrong.
 
@@ -139,7 +150,7 @@ def report(
         path: where the page is written, a file ending in ``.html``; nowhere if not given.
         expect: what is to hold, such as ``"psi range > 30"``, see `jaxnc.reporting.expected.judge`.
         outputs: points, markers and coordinates to look at; those of the run section, or what is not driven.
-        said: the text of the model file, to be shown as it stands.
+        model_text: the text of the model file, to be shown as it stands.
 
     Raises:
         InputError: a thing that is none of these, names that do not exist, expectations that cannot be read.
@@ -151,19 +162,19 @@ def report(
     verdict = Verdict(command="report", name=str(getattr(thing, "name", "")))
     if mechanism is not None:
         verdict.length_unit, verdict.angle_unit = mechanism.model.units.length, mechanism.model.units.angle
-    known: dict[str, Any] = {"mechanism": mechanism, "said": said}
+    known: dict[str, Any] = {"mechanism": mechanism, "model_text": model_text}
     try:
         system = thing.compile() if isinstance(thing, Mechanism) else _system(thing)
     except MechanismError as error:
         verdict.add("incomplete", "error", str(error))
         system = None
-        known["system"] = _typed(mechanism)
+        known["system"] = _drawing_of(mechanism)
     if system is not None:
         given = thing if isinstance(thing, Motion) else None
-        known |= {"system": system} | _studied(verdict, system, mechanism, given, run, expect, outputs)
+        known |= {"system": system} | _study(verdict, system, mechanism, given, run, expect, outputs)
     name = system.name if system is not None else verdict.name
     motion = known.get("motion")
-    verdict.origin = origin(mechanism, motion, said)
+    verdict.origin = _origin(mechanism, motion, model_text)
     verdict.close(1 if verdict.errors else 0)
     made = Report(name, "" if mechanism is None else mechanism.model.description, verdict, **known)
     if path is not None:
@@ -180,15 +191,15 @@ def _system(thing: Any) -> System:
     return system
 
 
-def _typed(mechanism: Mechanism | None) -> System | None:
-    """The drawing of a mechanism that cannot be compiled, if there is enough of it."""
+def _drawing_of(mechanism: Mechanism | None) -> System | None:
+    """Make the drawing of a mechanism that cannot be compiled, if there is enough of it."""
     try:
         return None if mechanism is None else assemble(mechanism)
     except MechanismError:
         return None
 
 
-def _studied(
+def _study(
     verdict: Verdict,
     system: System,
     mechanism: Mechanism | None,
@@ -197,7 +208,7 @@ def _studied(
     expect: Sequence[str],
     outputs: Sequence[str],
 ) -> dict[str, Any]:
-    """What is known of a system, by the attributes of a report."""
+    """Study a system; returns what is known of it, by the attributes of a report."""
     found = mobility(system)
     count(verdict, system, found)
     known: dict[str, Any] = {"mobility": found}
@@ -205,7 +216,7 @@ def _studied(
         return known | {"diagnosis": assembly(verdict, system)}
     verdict.findings += [f for f in oddities(system) if f.code != "does-not-move"]
     if not found.dof:
-        parts = freed(system)
+        parts = locking_parts(system)
         text = "nothing moves: it has no degree of freedom"
         if parts:
             text += f"; without any one of {', '.join(parts[:8])} it would move"
@@ -220,7 +231,7 @@ def _studied(
         if mechanism is not None and run.inputs:
             check_expected(system, sweep_arguments(mechanism, run), expect)
         try:
-            motion = _moved(verdict, system, mechanism, run)
+            motion = _move(verdict, system, mechanism, run)
         except (InputError, AssemblyError) as error:
             verdict.add("cannot-be-driven", "error", str(error), names=list(run.inputs))
             verdict.does = False
@@ -265,8 +276,8 @@ def _drive(motion: Motion, name: str) -> Drive:
     return Drive(name=name, unit=unit, first=float(values[0]), last=float(values[-1]), poses=len(values))
 
 
-def _moved(verdict: Verdict, system: System, mechanism: Mechanism | None, run: record.Run) -> Motion:
-    """The motion that a run section asks for, else a section on simulation; else as far as something free goes."""
+def _move(verdict: Verdict, system: System, mechanism: Mechanism | None, run: record.Run) -> Motion:
+    """Move a system as a run section asks, else a section on simulation; else as far as something free goes."""
     if mechanism is not None and run.inputs:
         verdict.drives, verdict.hold = drives(mechanism, run), list(run.hold)
         arguments = sweep_arguments(mechanism, run)
@@ -291,20 +302,16 @@ def _moved(verdict: Verdict, system: System, mechanism: Mechanism | None, run: r
 
 
 def _range(verdict: Verdict, system: System, name: str, home: float) -> np.ndarray:
-    """As far as an input goes from the drawing: round, from one dead point to the other, or a little either way."""
+    """Choose the values of an input from one dead point to the other, round a turn, or a little either way."""
     _, factor = shown_in(system.topology, name)
-    found = verdict.reach[-1] if verdict.reach else None
-    if found is not None and found.lower is not None and found.upper is not None:
-        low, high = found.lower / factor, found.upper / factor
-        spare = _SPARE * (high - low)
-        return np.linspace(low + spare, high - spare, _POSES)
-    if system.topology.is_angle(name):
-        return home + np.linspace(0.0, 2 * np.pi, _POSES)
-    return home + 0.1 * float(derive(system).length) * np.linspace(-1.0, 1.0, _POSES)
+    ends = (verdict.reach[-1].lower, verdict.reach[-1].upper) if verdict.reach else (None, None)
+    lower, upper = (np.nan if end is None else end / factor for end in ends)
+    values = whole_range(system, name, home, lower, upper)
+    return home + 0.1 * float(derive(system).length) * np.linspace(-1.0, 1.0, POSES) if values is None else values
 
 
 def _reaches(verdict: Verdict, system: System, names: Sequence[str], held: Sequence[str]) -> None:
-    """How far each input goes where the others stay as they are drawn."""
+    """Enter how far each input goes where the others stay as they are drawn."""
     if system.topology.large:
         return
     for name in names:
@@ -315,7 +322,7 @@ def _reaches(verdict: Verdict, system: System, names: Sequence[str], held: Seque
 
 
 def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensitivity | None:
-    """Derivatives of the outputs at some of the poses; those that are largest are entered."""
+    """Find derivatives of the outputs at some of the poses, and enter the largest."""
     if motion.system.topology.large:
         return None
     good = np.flatnonzero(np.asarray(motion.converged))
@@ -331,7 +338,7 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
         block = found[name].reshape(len(chosen), -1, len(found.variables))
         size = np.linalg.norm(block, axis=1) if block.shape[1] > 1 else np.abs(block[:, 0])
         most = size.max(axis=0)
-        for k in [int(k) for k in np.argsort(-most, kind="stable") if most[k] > _NOTHING * most.max()][:_MOST]:
+        for k in [int(k) for k in np.argsort(-most, kind="stable") if most[k] > ZERO * most.max()][:_MOST]:
             pose = int(size[:, k].argmax())
             below = found.variable_units[k]
             angle = below == "rad" and motion.system.topology.angle_unit == "deg"
@@ -349,3 +356,32 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
                 )
             )
     return found
+
+
+def _origin(mechanism: Mechanism | None, motion: Motion | None, model_text: str) -> dict[str, str]:
+    """Collect versions, digests and settings, by which another run can be compared."""
+    out = {"jaxnc": version()}
+    for name in ("jax", "jaxlib", "numpy", "scipy"):
+        try:
+            out[name] = installed(name)
+        except PackageNotFoundError:
+            out[name] = "not known"
+    out["python"] = f"{platform.python_version()} ({platform.python_implementation()})"
+    out["platform"] = platform.platform()
+    out["numbers"] = "64 bit" if jax.config.jax_enable_x64 else "32 bit"  # pyright: ignore[reportAttributeAccessIssue]
+    if mechanism is not None:
+        canonical = json_text(plain(mechanism.model)).encode()
+        out["model, SHA-256"] = hashlib.sha256(canonical).hexdigest()
+    if model_text:
+        out["file, SHA-256"] = hashlib.sha256(model_text.encode()).hexdigest()
+    if motion is not None and motion.status.ndim == 1:
+        good = np.asarray(motion.converged)
+        out["poses"] = (
+            f"{len(good)}, each corrected by Newton's method until its residual is rounding; no random numbers"
+        )
+        if good.any() and motion.residual is not None:
+            out["worst residual"] = (
+                f"{np.asarray(motion.residual)[good].max():.3g} {motion.system.topology.length_unit}"
+            )
+    out["seeds"] = "fixed: 7 and 8 (poses near the drawing, for the rank), 3 (a general change of its dimensions)"
+    return out

@@ -19,12 +19,12 @@ class Transmission:
 
     Attributes:
         at: the joint.
-        said: what meets there.
+        between: what meets there.
         values: degrees, ``(T,)``; NaN where a pose was not found.
     """
 
     at: str
-    said: str
+    between: str
     values: np.ndarray
 
 
@@ -37,16 +37,16 @@ class _Line(NamedTuple):
 
 
 class _Meeting(NamedTuple):
-    """Where something is moved: the point, what is said of it, and two lines whose angle is that of transmission."""
+    """Where something is moved: the point, what meets there, and two lines whose angle is that of transmission."""
 
     at: int
-    said: str
+    between: str
     one: _Line
     other: _Line
 
 
 def transmissions(motion: Motion) -> list[Transmission]:
-    """Transmission angles of a planar sweep.
+    """Find the transmission angles of a planar sweep.
 
     From the inputs on, links that hang on what moves already are taken two at a time, as they are moved: of a coupler
     and what it turns the angle between them; of a coupler and a slider that between it and the normal of the slider's
@@ -64,12 +64,12 @@ def transmissions(motion: Motion) -> list[Transmission]:
     for found in _Chain(top, motion.driven).meetings:
         u, v = _direction(motion, found.one), _direction(motion, found.other)
         angle = np.arctan2(np.abs(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]), np.abs((u * v).sum(axis=-1)))
-        out.append(Transmission(top.points[found.at], found.said, np.where(bad, np.nan, np.degrees(angle))))
+        out.append(Transmission(top.points[found.at], found.between, np.where(bad, np.nan, np.degrees(angle))))
     return out
 
 
-def untold(motion: Motion) -> list[str]:
-    """Bodies of a planar motion of which it is not seen, link after link, what moves them; see `transmissions`."""
+def unexplained_bodies(motion: Motion) -> list[str]:
+    """List the bodies of a planar motion that no link, one after the other, is seen to move; see `transmissions`."""
     top = motion.system.topology
     if top.dim != 2 or motion.status.ndim != 1:
         return []
@@ -78,7 +78,7 @@ def untold(motion: Motion) -> list[str]:
 
 
 def _direction(motion: Motion, line: _Line) -> np.ndarray:
-    """Directions of a line, ``(T, 2)``."""
+    """Find the directions of a line, ``(T, 2)``."""
     names = motion.system.topology.points
     if line.b is None:
         d = np.broadcast_to(np.eye(2)[line.a], (len(motion.status), 2))
@@ -88,7 +88,7 @@ def _direction(motion: Motion, line: _Line) -> np.ndarray:
 
 
 class _Chain:
-    """What moves what in a planar mechanism, link after link.
+    """Order in which the links of a planar mechanism are moved, one by another.
 
     Attributes:
         bodies: those that are found to be moved, by the inputs or by others.
@@ -104,7 +104,7 @@ class _Chain:
         self.guides = [s for j in top.joints if j.drawn and j.type == "prismatic" for s in (j.sides[:2],)]
         self.bodies: set[int] = set()
         self.points, self.meetings = set(self.still), []
-        self._driven(driven)
+        self._take_driven(driven)
         while self._follow():
             pass
 
@@ -112,8 +112,8 @@ class _Chain:
         self.bodies.add(body)
         self.points.update(self.top.bodies[body].points)
 
-    def _driven(self, names: tuple[str, ...]) -> None:
-        """What the inputs place directly: points, bodies that turn about the ground, sliders."""
+    def _take_driven(self, names: tuple[str, ...]) -> None:
+        """Take what the inputs place directly: points, bodies that turn about the ground, sliders."""
         top, known = self.top, self.fixed.copy()
         for name in names:
             if name not in top.scalars:
@@ -124,7 +124,7 @@ class _Chain:
         for name in (n for n in names if n in top.scalars):
             block, instance = top.measures[top.scalars.index(name)]
             measured = set(top.blocks[block].points[instance])
-            if top.blocks[block].kind is DISTANCE_BETWEEN and self._pushed(name, measured):
+            if top.blocks[block].kind is DISTANCE_BETWEEN and self._take_pushed(name, measured):
                 continue
             if not top.angles[top.scalars.index(name)]:
                 moved |= measured - self.still
@@ -138,44 +138,44 @@ class _Chain:
             if moved & set(body.points) and self.still & set(body.points):
                 self._take(b)
 
-    def _pushed(self, name: str, ends: set[int]) -> bool:
-        """Whether a distance that is driven, a cylinder, turns a body about the ground; then how it meets it."""
+    def _take_pushed(self, name: str, ends: set[int]) -> bool:
+        """Take the body that a driven distance, a cylinder, turns about the ground; tells whether there is one."""
         for near in ends & self.points:
             for far in ends - self.points:
                 for b in self._holding(far):
                     if pivots := self.still & set(self.top.bodies[b].points):
-                        said = f"{name} and {self.top.bodies[b].name}"
-                        self._meet(far, said, _Line(near, far), _Line(min(pivots), far), b)
+                        between = f"{name} and {self.top.bodies[b].name}"
+                        self._meet(far, between, _Line(near, far), _Line(min(pivots), far), b)
                         return True
         return False
 
-    def _meet(self, at: int, said: str, one: _Line, other: _Line, *bodies: int) -> None:
-        self.meetings.append(_Meeting(at, said, one, other))
+    def _meet(self, at: int, between: str, one: _Line, other: _Line, *bodies: int) -> None:
+        self.meetings.append(_Meeting(at, between, one, other))
         for b in bodies:
             self._take(b)
         self.points.add(at)
 
     def _holding(self, point: int) -> list[int]:
-        """Bodies that hold a point and are not moved yet."""
+        """List the bodies that hold a point and are not moved yet."""
         return [b for b, body in enumerate(self.top.bodies) if point in body.points and b not in self.bodies]
 
     def _loose(self) -> list[int]:
         return [b for b in range(len(self.top.bodies)) if b not in self.bodies]
 
     def _hung(self, body: int, but: int = -1) -> int | None:
-        """A point by which a body hangs on what moves already, or on the ground; what moves comes first."""
+        """Find a point by which a body hangs on what moves already, or on the ground; what moves comes first."""
         there = [p for p in self.top.bodies[body].points if p in self.points and p != but]
         return min(there, key=lambda p: p in self.still, default=None)
 
     def _way(self, point: int) -> _Line | None:
-        """The line along which a point slides, if that is on the ground or on what moves already."""
+        """Find the line along which a point slides, if that is on the ground or on what moves already."""
         if self.fixed[point].sum() == 1:
             return _Line(int(np.argmin(self.fixed[point])))
         lines = (line for line, on in self.slots if on == point and self.points >= set(line))
         return next((_Line(a, b) for a, b in lines), None)
 
     def _follow(self) -> bool:
-        """Find the next that is moved; whether there was one."""
+        """Find the next that is moved; tells whether there was one."""
         top = self.top
         for b in self._loose():
             if len(self.points & (held := set(top.bodies[b].points))) >= min(2, len(held)):  # by two of its points
@@ -191,12 +191,12 @@ class _Chain:
         return any(self._meet(*found) is None for found in self._next())
 
     def _next(self) -> Iterator[tuple]:
-        yield from self._hinged()
-        yield from self._sliding()
-        yield from self._pinned()
+        yield from self._hinge_meetings()
+        yield from self._slider_meetings()
+        yield from self._pin_meetings()
 
-    def _hinged(self) -> Iterator[tuple]:
-        """Two links that share a joint and hang each by another: a coupler and what it turns."""
+    def _hinge_meetings(self) -> Iterator[tuple]:
+        """Find two links that share a joint and hang each by another: a coupler and what it turns."""
         for c in self._loose():
             for joint in self.top.bodies[c].points:
                 start = self._hung(c, joint)
@@ -204,26 +204,26 @@ class _Chain:
                     end = self._hung(f, joint)
                     if f == c or start is None or end is None or (start in self.still and end not in self.still):
                         continue
-                    said = f"{self.top.bodies[c].name} and {self.top.bodies[f].name}"
-                    yield joint, said, _Line(start, joint), _Line(end, joint), c, f
+                    between = f"{self.top.bodies[c].name} and {self.top.bodies[f].name}"
+                    yield joint, between, _Line(start, joint), _Line(end, joint), c, f
 
-    def _sliding(self) -> Iterator[tuple]:
-        """A link that moves a slider: a point on a way, or a body on a guide."""
+    def _slider_meetings(self) -> Iterator[tuple]:
+        """Find a link that moves a slider: a point on a way, or a body on a guide."""
         names = self.top.points
         for c in self._loose():
             for joint in self.top.bodies[c].points:
                 start = self._hung(c, joint)
                 if start is None:
                     continue
-                said = f"{self.top.bodies[c].name} and the normal of the way of {names[joint]}"
+                between = f"{self.top.bodies[c].name} and the normal of the way of {names[joint]}"
                 if way := self._way(joint):
-                    yield joint, said, _Line(start, joint), way._replace(normal=True), c
+                    yield joint, between, _Line(start, joint), way._replace(normal=True), c
                 for f in self._holding(joint):
                     if f != c and (way := self._guide(f)):
-                        yield joint, said, _Line(start, joint), way._replace(normal=True), c, f
+                        yield joint, between, _Line(start, joint), way._replace(normal=True), c, f
 
     def _guide(self, body: int) -> _Line | None:
-        """The line along which a body slides without turning, if that is on the ground or on what moves already."""
+        """Find the line along which a body slides without turning, if it is on the ground or on what moves already."""
         held = set(self.top.bodies[body].points)
         for one, other in self.guides:
             for mine, theirs in ((one, other), (other, one)):
@@ -231,13 +231,15 @@ class _Chain:
                     return _Line(one[0], one[1])
         return None
 
-    def _pinned(self) -> Iterator[tuple]:
-        """A pin that moves what it slides in: a slotted arm, a slider with a slot, a point where two ways cross."""
+    def _pin_meetings(self) -> Iterator[tuple]:
+        """Find pins that move what they slide in: a slotted arm, a slider with a slot, a point where two ways cross."""
         names = self.top.points
         for line, pin in self.slots:
             for f in self._loose() if pin in self.points else ():
                 if set(line) <= set(self.top.bodies[f].points):
-                    yield from self._slotted(f, _Line(line[0], line[1]), pin, f"the slot of {self.top.bodies[f].name}")
+                    yield from self._slot_meetings(
+                        f, _Line(line[0], line[1]), pin, f"the slot of {self.top.bodies[f].name}"
+                    )
             ways = [_Line(a, b) for (a, b), on in self.slots if on == pin and self.points >= {a, b}]
             ways += [way] if (way := self._way(pin)) and way.b is None else []
             if pin not in self.points and len(ways) == 2:
@@ -247,14 +249,16 @@ class _Chain:
                 for c, f in ((c, f) for c in self._loose() for f in self._loose() if c != f):
                     pin, bodies = self._hung(c), self.top.bodies
                     if set(mine) <= set(bodies[c].points) and set(theirs) <= set(bodies[f].points) and pin is not None:
-                        for found in self._slotted(f, _Line(one[0], one[1]), pin, f"the guide of {bodies[f].name}"):
+                        for found in self._slot_meetings(
+                            f, _Line(one[0], one[1]), pin, f"the guide of {bodies[f].name}"
+                        ):
                             yield *found, c
 
-    def _slotted(self, body: int, line: _Line, pin: int, noun: str) -> Iterator[tuple]:
-        """How a pin moves a body along whose line it slides, or with which it slides."""
+    def _slot_meetings(self, body: int, line: _Line, pin: int, noun: str) -> Iterator[tuple]:
+        """Find how a pin moves a body along whose line it slides, or with which it slides."""
         pivot, name = self._hung(body), self.top.points[pin]
         if pivot is not None and pivot != pin:
-            said = f"the normal of {noun} and the arm to {name}"
-            yield pin, said, line._replace(normal=True), _Line(pivot, pin), body
+            between = f"the normal of {noun} and the arm to {name}"
+            yield pin, between, line._replace(normal=True), _Line(pivot, pin), body
         elif way := self._guide(body):
             yield pin, f"{noun} and its way", line, way, body

@@ -1,39 +1,27 @@
 """The verdict on a mechanism for machines: one versioned record, which every command prints as JSON when asked to."""
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, Literal
 
 import msgspec
 
 from jaxnc.calls import public
+from jaxnc.errors import InputError
 from jaxnc.exports import version
 
 VERSION = 1
 """Raised when a field changes its meaning or goes; new fields leave it as it is."""
 
+_EXPECTATION = re.compile(r"\s*(.+?)(?:\s+(smallest|largest|range))?\s*(<=|>=|<|>)\s*([-+.\deE]+)\s*")
+_HELP = "write QUANTITY [smallest|largest|range] < NUMBER (or <=, >, >=), such as 'psi range > 30'"
+
 Code = Literal[
-    "bad-input",
-    "incomplete",
-    "does-not-assemble",
-    "does-not-move",
-    "cannot-be-driven",
-    "not-found",
-    "beyond-limits",
-    "expectation-missed",
-    "no-design",
-    "broke-off",
-    "redundant",
-    "overconstrained",
-    "singular",
-    "left-out",
-    "loose",
-    "unused",
-    "doubtful-size",
-    "drawing-does-not-fit",
-    "nothing-driven",
-    "not-known",
-]
+    "bad-input", "incomplete", "does-not-assemble", "does-not-move", "cannot-be-driven", "not-found",
+    "beyond-limits", "expectation-missed", "no-design", "broke-off", "redundant", "overconstrained", "singular",
+    "left-out", "loose", "unused", "doubtful-size", "drawing-does-not-fit", "nothing-driven", "not-known",
+]  # fmt: skip
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -63,7 +51,7 @@ class Finding(_Record):
 
 
 class Counts(_Record):
-    """What the mechanism is made of: unknowns, equations and their rank, and freedoms, in the drawing assembled."""
+    """Counts of a mechanism: unknowns, equations and their rank, and freedoms, in the drawing assembled."""
 
     points: int
     bodies: int
@@ -89,7 +77,7 @@ class Reach(_Record):
 
 
 class Drive(_Record):
-    """What was asked of an input, in its unit; `rate` is per second."""
+    """The values that an input is driven through, in its unit; `rate` is per second."""
 
     name: str
     unit: str
@@ -100,7 +88,7 @@ class Drive(_Record):
 
 
 class Poses(_Record):
-    """What became of the poses; `conditioning` is 0 at a singular position, `residual` a length of `unit`."""
+    """Outcome of the poses; `conditioning` is 0 at a singular position, `residual` a length of `unit`."""
 
     asked: int
     found: int
@@ -185,7 +173,7 @@ class Design(_Record):
 
 
 class Search(_Record):
-    """What a search has come to; `unit` is that of errors."""
+    """Outcome of a search; `unit` is that of errors."""
 
     screened: int
     refined: int
@@ -195,7 +183,7 @@ class Search(_Record):
 
 
 class Family(_Record):
-    """One family of coordinates; null where there is no number, and `note` says why."""
+    """A family of coordinates; null where there is no number, and `note` says why."""
 
     family: str
     variables: int | None
@@ -279,7 +267,7 @@ class Verdict(_Record):
 
     @property
     def warnings(self) -> list[Finding]:
-        """What is allowed but probably not meant."""
+        """The findings on what is allowed but probably not meant."""
         return [f for f in self.findings if f.level == "warning"]
 
     def close(self, code: int) -> "Verdict":
@@ -291,14 +279,14 @@ class Verdict(_Record):
     def _sentence(self) -> str:
         if self.errors:
             return self.errors[0].text
-        said = [word for word, holds in (("assembles", self.assembles), ("moves", self.moves)) if holds]
+        words = [word for word, holds in (("assembles", self.assembles), ("moves", self.moves)) if holds]
         if self.does:
-            said.append("does what was asked")
+            words.append("does what was asked")
         about = self.name or "it"
-        return f"{about} {', '.join(said[:-1])}{' and ' if said[:-1] else ''}{said[-1]}" if said else ""
+        return f"{about} {', '.join(words[:-1])}{' and ' if words[:-1] else ''}{words[-1]}" if words else ""
 
     def to_json(self, indent: int = 1) -> str:
-        """The verdict as JSON that holds to `schema`.
+        """Write the verdict as JSON that holds to `schema`.
 
         Args:
             indent: spaces by which levels are set in; 0 for a single line.
@@ -309,7 +297,7 @@ class Verdict(_Record):
 
 @public
 def schema() -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of a verdict, made from the records above."""
+    """Make the JSON Schema (draft 2020-12) of a verdict from the records above."""
     found = msgspec.json.schema(Verdict)
     for part in found.get("$defs", {}).values():
         part["required"] = sorted(part.get("properties", {}), key=list(part.get("properties", {})).index)
@@ -319,14 +307,25 @@ def schema() -> dict[str, Any]:
 
 
 def number(value: Any) -> float | None:
-    """A number, or None where it is none or not finite."""
+    """Read a number; None where it is none or not finite."""
     return None if value is None or not math.isfinite(float(value)) else float(value)
 
 
 def _finite(value: Any) -> Any:
-    """The same with None for what is not finite, in all levels."""
+    """Replace what is not finite by None, on all levels."""
     if isinstance(value, Mapping):
         return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, list):
         return [_finite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def parse_expectation(text: str) -> tuple[str, str, str, float]:
+    """Read quantity, word (or ""), comparison and number of an expectation, such as ``"psi range > 30"``."""
+    found = _EXPECTATION.fullmatch(text) if isinstance(text, str) else None
+    try:
+        if found is None:
+            raise ValueError
+        return found[1], found[2] or "", found[3], float(found[4])
+    except ValueError:
+        raise InputError(f"--expect {text!r}: {_HELP}") from None

@@ -1,7 +1,6 @@
 """Newton on the unknowns of a plan, and the implicit derivative of its solutions."""
 
 import functools
-import math
 from typing import Any
 
 import jax
@@ -159,21 +158,20 @@ def _changes(plan: Plan, eq: Equations, eq_dot: Equations, x, known, known_dot, 
             at[int(c)] = jnp.where(ok, v, home[int(c)])
     for c, d in zip(plan.known, known_dot, strict=True):
         change[int(c)] = jnp.where(ok, d, 0.0)
-    fixed, constants = _drawing_changes(plan, eq_dot, ok.shape)
-    for c, d in fixed.items():
-        change[c] = jnp.where(ok, d, 0.0)
+    ground, constants = _drawing_changes(plan, eq_dot, ok)
+    for c, d in ground.items():
+        change[c] = d
     found: list[Any] = kernel(plan).tangent(eq, at, change, constants, ok)
     return tuple(
         jnp.zeros(ok.shape) if found[c] is None else jnp.broadcast_to(found[c], ok.shape) for c in plan.unknown
     )
 
 
-def _drawing_changes(
-    plan: Plan, eq_dot: Equations, lanes: tuple[int, ...]
-) -> tuple[dict[int, Array], dict[Place, Array]]:
-    """Changes of the ground's coordinates and of constants, as far as there are any, each for all lanes.
+def _drawing_changes(plan: Plan, eq_dot: Equations, ok: Array) -> tuple[dict[int, Array], dict[Place, Array]]:
+    """Changes of the ground's coordinates and of constants, as far as there are any; zero where it is not `ok`.
 
-    They are spread over the lanes together, so that in reverse there is one sum over lanes instead of one for each.
+    They are spread over the lanes together, mapped ones too, so that in reverse there is one sum over lanes instead of
+    one for each.
     """
     ground = [] if isinstance(eq_dot.home, np.ndarray) else [int(c) for c in plan.fixed]
     parts, places = [eq_dot.home[np.array(ground, int)]] if ground else [], []
@@ -184,8 +182,8 @@ def _drawing_changes(
     count = len(ground) + len(places)
     if not count:
         return {}, {}
-    together = jnp.broadcast_to(jnp.concatenate(parts)[:, None], (count, math.prod(lanes)))
-    changes = [part.reshape(lanes) for part in lax.split(together, [1] * count)]
+    together = jnp.where(ok, jnp.concatenate(parts).reshape(count, *[1] * ok.ndim), 0.0)
+    changes = [part[0] for part in lax.split(together, [1] * count)]
     return dict(zip(ground, changes, strict=False)), dict(zip(places, changes[len(ground) :], strict=True))
 
 
@@ -205,9 +203,9 @@ def implicit(
         change: list[Any] = [None] * at.shape[0]
         for k, c in enumerate(plan.known):
             change[int(c)] = jnp.where(ok, known_dot[k], 0.0)
-        fixed, constants = _drawing_changes(plan, eq_dot, ())
-        for c, d in fixed.items():
-            change[c] = jnp.where(ok, d, 0.0)
+        ground, constants = _drawing_changes(plan, eq_dot, ok)
+        for c, d in ground.items():
+            change[c] = d
         found: list[Any] = kernel(plan).tangent(eq, [at[c] for c in range(at.shape[0])], change, constants, ok)
         return jnp.stack([0.0 if d is None else d for d in found])
     known = jnp.where(ok, known, at[plan.known])

@@ -1,12 +1,13 @@
-"""What a design must satisfy besides its target: smooth functions of the design, zero or positive where they are met.
+"""Conditions on a design besides its target: smooth functions of the design, zero or positive where they are met.
 
 A condition is a small record with one method: `values` takes what is known of a design (`Seen`) and returns numbers,
 made comparable with 1 by the size of the problem. A new one is a class like these, or `condition` around a function.
-Its finite numbers are traced when `values` is called (see `jaxnc.synthesis.leaves`): others compile nothing anew.
+Its finite numbers are traced when `values` is called (see `jaxnc.synthesis.pytree`), so that other numbers compile
+nothing anew.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -18,10 +19,9 @@ from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import transmission_angle as angle_at
 from jaxnc.pickling import Remade
-from jaxnc.synthesis.given import numbers
-from jaxnc.synthesis.leaves import Leaves
-from jaxnc.synthesis.loops import Loop, four_bar_loop, sines
-from jaxnc.synthesis.variables import interval
+from jaxnc.synthesis.loops import Loop, four_bar_loop, loop_sines
+from jaxnc.synthesis.pytree import Leaves
+from jaxnc.synthesis.validate import as_interval, call_on_motion
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -32,7 +32,7 @@ _LOST = -1.0  # in place of a margin where there is no pose
 
 
 class Seen(NamedTuple):
-    """What a condition may look at."""
+    """A design and its motions, as a condition sees them."""
 
     system: System  # the design
     motion: Motion  # its poses at the targets
@@ -57,7 +57,7 @@ class Condition(Leaves):
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """Name in reports."""
         return type(self).__name__.lower()
 
     @property
@@ -65,8 +65,14 @@ class Condition(Leaves):
         """Pairs of points that it takes to keep their distance as the mechanism moves."""
         return ()
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        """The same with names checked and what can be found out once."""
+    @property
+    def _points(self) -> tuple[str, ...]:
+        """Names of points that it looks at."""
+        return tuple(name for pair in self.spans for name in pair)
+
+    def prepare(self, system: System, driven: str) -> "Condition":
+        """Check names, and find out what needs to be found out once."""
+        check_points(system, self.name, *self._points)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -91,14 +97,8 @@ class Length(Condition):
     def spans(self) -> tuple[tuple[str, str], ...]:
         return ((self.start, self.end),)
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        known(system, self.name, self.start, self.end)
-        return self
-
     def values(self, seen: Seen) -> Array:
-        d = _distance(seen, self.start, self.end)
-        out = [s * (d - b) / seen.size for s, b in ((1.0, self.low), (-1.0, self.high)) if _there(b)]
-        return jnp.stack(out)
+        return jnp.stack(_inside(_point_distance(seen, self.start, self.end), self.low, self.high, seen.size))
 
 
 @dataclass(frozen=True)
@@ -137,14 +137,9 @@ class Equal(Condition):
     def spans(self) -> tuple[tuple[str, str], ...]:
         return (self.first, self.second) if isinstance(self.second, tuple) else (self.first,)
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        names = self.first + (() if isinstance(self.second, (int, float)) else self.second)
-        known(system, self.name, *names)
-        return self
-
     def values(self, seen: Seen) -> Array:
-        other = _distance(seen, *self.second) if isinstance(self.second, tuple) else self.second
-        return ((_distance(seen, *self.first) - other) / seen.size)[None]
+        other = _point_distance(seen, *self.second) if isinstance(self.second, tuple) else self.second
+        return ((_point_distance(seen, *self.first) - other) / seen.size)[None]
 
 
 @dataclass(frozen=True)
@@ -160,12 +155,13 @@ class Symmetric(Condition):
     def name(self) -> str:
         return f"{self.first} and {self.second} symmetric"
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        names = [n for n in (self.first, self.second, *self.about) if isinstance(n, str)]
-        if system.topology.dim != 2:
-            raise InputError(f"symmetric: {system.name!r} is spatial; a line of symmetry is of the plane")
-        known(system, self.name, *names)
-        return self
+    @property
+    def _points(self) -> tuple[str, ...]:
+        return tuple(n for n in (self.first, self.second, *self.about) if isinstance(n, str))
+
+    def prepare(self, system: System, driven: str) -> "Condition":
+        _check_planar(system, "symmetric")
+        return super().prepare(system, driven)
 
     def values(self, seen: Seen) -> Array:
         p, q = seen.motion[self.first][0], seen.motion[self.second][0]
@@ -186,19 +182,14 @@ class Within(Condition):
     def name(self) -> str:
         return f"{self.point} within"
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        known(system, self.name, self.point)
-        return self
+    @property
+    def _points(self) -> tuple[str, ...]:
+        return (self.point,)
 
     def values(self, seen: Seen) -> Array:
         at = seen.motion[self.point]
-        out = []
-        for k, (low, high) in enumerate(self.box):
-            if _there(low):
-                out.append((at[..., k] - low) / seen.size)
-            if _there(high):
-                out.append((high - at[..., k]) / seen.size)
-        return jnp.concatenate([jnp.ravel(o) for o in out])
+        rows = [row for k, (low, high) in enumerate(self.box) for row in _inside(at[..., k], low, high, seen.size)]
+        return jnp.concatenate([jnp.ravel(row) for row in rows])
 
 
 @dataclass(frozen=True)
@@ -217,21 +208,12 @@ class Local(Condition):
     def spans(self) -> tuple[tuple[str, str], ...]:
         return self.along, (self.along[0], self.point)
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        known(system, self.name, self.point, *self.along)
-        return self
-
     def values(self, seen: Seen) -> Array:
         a, b, p = (seen.motion[n][0] for n in (*self.along, self.point))
         d = (b - a) / jnp.linalg.norm(b - a)
         place = jnp.dot(p - a, d), d[0] * (p - a)[1] - d[1] * (p - a)[0]
-        out = []
-        for v, (low, high) in zip(place, self.box, strict=True):
-            if _there(low):
-                out.append((v - low) / seen.size)
-            if _there(high):
-                out.append((high - v) / seen.size)
-        return jnp.stack(out)
+        rows = zip(place, self.box, strict=True)
+        return jnp.stack([row for v, (low, high) in rows for row in _inside(v, low, high, seen.size)])
 
 
 @dataclass(frozen=True)
@@ -271,7 +253,7 @@ class CrankTurns(Condition):
     def over_range(self) -> bool:
         return self.loop is None or not self.alone
 
-    def prepared(self, system: System, driven: str) -> "Condition":
+    def prepare(self, system: System, driven: str) -> "Condition":
         loop = four_bar_loop(system, driven)
         if self.kind is not None and loop is None:
             raise InputError(f"crank_turns(kind={self.kind!r}): {system.name!r} has no four-bar loop at {driven!r}")
@@ -281,7 +263,7 @@ class CrankTurns(Condition):
         rows = [] if self.loop is None else [self._grashof(self.loop, seen)]
         if self.over_range:
             assert seen.turn is not None
-            found, good = sines(seen.turn), seen.turn.converged[:, None]
+            found, good = loop_sines(seen.turn), seen.turn.converged[:, None]
             rows.append(jnp.where(good, found - jnp.maximum(self.margin, 1e-3), _LOST).reshape(-1))
         return jnp.concatenate(rows)
 
@@ -308,9 +290,9 @@ class TransmissionAngle(Condition):
     def name(self) -> str:
         return "transmission angle"
 
-    def prepared(self, system: System, driven: str) -> "Condition":
+    def prepare(self, system: System, driven: str) -> "Condition":
         if self.joint is not None:
-            known(system, "transmission_angle", *self.joint)
+            check_points(system, "transmission_angle", *self.joint)
             return self
         loop = four_bar_loop(system, driven)
         alone = loop is not None and len(system.topology.bodies) == _BARS
@@ -319,7 +301,7 @@ class TransmissionAngle(Condition):
     def values(self, seen: Seen) -> Array:
         assert seen.turn is not None
         if self.joint is None:
-            found = sines(seen.turn) - jnp.sin(self.least)
+            found = loop_sines(seen.turn) - jnp.sin(self.least)
             return jnp.where(seen.turn.converged[:, None], found, _LOST).reshape(-1)
         # The angle itself has a corner at 90 degrees, where nothing is in danger.
         found = jnp.sin(angle_at(seen.turn, *self.joint)) - jnp.sin(self.least)
@@ -354,7 +336,7 @@ class Own(Remade, Condition):
 
     def values(self, seen: Seen) -> Array:
         motion = seen.turn if self.over_range else seen.motion
-        return jnp.ravel(numbers(self.function, f"condition {self.label!r}", motion))
+        return jnp.ravel(call_on_motion(self.function, f"condition {self.label!r}", motion))
 
 
 @public
@@ -395,7 +377,7 @@ def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) ->
 @public
 def length(start: str, end: str, min: float | None = None, max: float | None = None) -> Condition:
     """The distance of two points of one body (or of the ground) lies between two values."""
-    low, high = interval((min, max), f"length {start}-{end}: its bounds")
+    low, high = as_interval((min, max), f"length {start}-{end}: its bounds")
     if not np.isfinite([low, high]).any():
         raise InputError(f"length {start}-{end}: give min=, max=, or both")
     return Length(start, end, low, high)
@@ -421,7 +403,7 @@ def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) ->
         about: two points of the line, each a name or its coordinates; the y axis if not given.
     """
     ends = tuple(about) if isinstance(about, (tuple, list)) else ()
-    good = [e if isinstance(e, str) else _pair(e) for e in ends]
+    good = [e if isinstance(e, str) else _as_place(e) for e in ends]
     if len(good) != 2 or None in good or good[0] == good[1]:
         raise InputError(f"symmetric: about={about!r} must be two points of a line, by name or as (x, y)")
     return Symmetric(first, second, (good[0], good[1]))  # pyright: ignore[reportArgumentType]
@@ -431,7 +413,7 @@ def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) ->
 def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Condition:
     """A point (a fixed pivot, a joint, a tracer) stays between bounds in every pose."""
     axes = (x, y) if z is None else (x, y, z)
-    box = tuple(interval((None, None) if b is None else b, f"within({point!r})") for b in axes)
+    box = tuple(as_interval((None, None) if b is None else b, f"within({point!r})") for b in axes)
     if not np.isfinite(box).any():
         raise InputError(f"within({point!r}): give x=(low, high), y=, or both")
     return Within(point, box)
@@ -440,7 +422,7 @@ def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Condition
 @public
 def local(point: str, along: tuple[str, str], x: Any = None, y: Any = None) -> Condition:
     """Coordinates of a point in a body's frame, from the first point of `along` towards the second, lie in bounds."""
-    box = tuple(interval((None, None) if b is None else b, f"local({point!r})") for b in (x, y))
+    box = tuple(as_interval((None, None) if b is None else b, f"local({point!r})") for b in (x, y))
     if not np.isfinite(box).any():
         raise InputError(f"local({point!r}): give x=(low, high), y=, or both")
     return Local(point, along, box)
@@ -470,7 +452,7 @@ def condition(
     return Own(function, name, equality, over_range)
 
 
-def _pair(place: Any) -> tuple[float, float] | None:
+def _as_place(place: Any) -> tuple[float, float] | None:
     try:
         x, y = (float(v) for v in place)
     except (TypeError, ValueError, OverflowError):
@@ -478,12 +460,12 @@ def _pair(place: Any) -> tuple[float, float] | None:
     return (x, y) if np.isfinite([x, y]).all() else None
 
 
-def _distance(seen: Seen, a: str, b: str) -> Array:
+def _point_distance(seen: Seen, a: str, b: str) -> Array:
     return jnp.linalg.norm(seen.motion[a][0] - seen.motion[b][0])
 
 
-def known(system: System, what: str, *names: str) -> None:
-    """Refuse names of points that there are not."""
+def check_points(system: System, what: str, *names: str) -> None:
+    """Refuse unknown names of points."""
     top = system.topology
     every = (*top.points, *(m.name for m in top.markers))
     for name in names:
@@ -491,6 +473,141 @@ def known(system: System, what: str, *names: str) -> None:
             raise InputError(f"{what}: {top.name!r} has no point {name!r}; {nearest(name, every)}")
 
 
-def _there(bound: Any) -> bool:
-    """Whether a number, traced or not, is a bound: an infinite one is none, and never traced."""
+def _inside(value: Array, low: Any, high: Any, size: Any) -> list[Array]:
+    """By how much a value stays above and below its bounds, as far as there are any."""
+    rows = [(value - low) / size] if _is_bound(low) else []
+    return rows + ([(high - value) / size] if _is_bound(high) else [])
+
+
+def _is_bound(bound: Any) -> bool:
+    """Tell whether a number, traced or not, is a bound; an infinite one is none, and never traced."""
     return not (isinstance(bound, float) and np.isinf(bound))
+
+
+# -- how a mechanism stands --------------------------------------------------------------------------------------------
+
+_SIDES = {"left": 1.0, "right": -1.0}
+
+
+@dataclass(frozen=True)
+class Direction(Condition):
+    """The direction of a line from one point to another at the first target: a value, or between two."""
+
+    start: str
+    end: str
+    low: float
+    high: float
+    equality: bool = False
+
+    @property
+    def name(self) -> str:
+        return f"direction {self.start}-{self.end}"
+
+    @property
+    def _points(self) -> tuple[str, ...]:
+        return self.start, self.end
+
+    def prepare(self, system: System, driven: str) -> "Condition":
+        _check_planar(system, "direction")
+        return super().prepare(system, driven)
+
+    def values(self, seen: Seen) -> Array:
+        way = seen.motion[self.end][0] - seen.motion[self.start][0]
+        middle = 0.5 * (self.low + self.high)
+        along = jnp.cos(middle) * way[0] + jnp.sin(middle) * way[1]
+        across = jnp.cos(middle) * way[1] - jnp.sin(middle) * way[0]
+        if self.equality:
+            return jnp.arctan2(across, along)[None]
+        # Its cosine has no jump opposite to the middle.
+        return (along / jnp.linalg.norm(way) - jnp.cos(0.5 * (self.high - self.low)))[None]
+
+
+@dataclass(frozen=True)
+class Circuit(Condition):
+    """The joint of a dyad stays on one side of the line between the dyad's ends."""
+
+    side: float
+    joint: tuple[str, str, str] | None = None
+
+    @property
+    def name(self) -> str:
+        return f"circuit {'left' if self.side > 0.0 else 'right'}"
+
+    def prepare(self, system: System, driven: str) -> "Condition":
+        _check_planar(system, "on_circuit")
+        if self.joint is None:
+            loop = four_bar_loop(system, driven)
+            if loop is None:
+                raise InputError(
+                    f"on_circuit: {system.name!r} has no four-bar loop at {driven!r}; say which joint decides it: "
+                    f"joint=(far point of one bar, joint, far point of the other)"
+                )
+            return replace(self, joint=loop.names(system)[1:])
+        check_points(system, "on_circuit", *self.joint)
+        return self
+
+    def values(self, seen: Seen) -> Array:
+        assert self.joint is not None
+        a, joint, b = (seen.motion[name] for name in self.joint)
+        p, q = a - joint, b - joint
+        across = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+        return self.side * across / (jnp.linalg.norm(p, axis=1) * jnp.linalg.norm(q, axis=1))
+
+
+@public
+def direction(
+    start: str, end: str, value: float | None = None, min: float | None = None, max: float | None = None
+) -> Condition:
+    """The direction of the line from one point to another, of fixed pivots the angle of the ground.
+
+    Of points that move, at the first target.
+
+    Args:
+        start: a point.
+        end: another one.
+        value: of the angle from the x axis, radians; or
+        min: its least value, and
+        max: its largest, less than a turn above it.
+    """
+    what = f"direction {start}-{end}"
+    if value is not None and min is None and max is None:
+        low = high = _as_angle(value, f"{what}: its value")
+    elif value is None and min is not None and max is not None:
+        low, high = _as_angle(min, f"{what}: min"), _as_angle(max, f"{what}: max")
+        if not 0.0 < high - low < 2 * np.pi:
+            raise InputError(
+                f"{what}: from min={low:g} to max={high:g} rad must be a way forwards of less than a turn; "
+                f"add 2*pi to max to go through the negative x axis"
+            )
+    else:
+        raise InputError(f"{what}: give a value, or min= and max= (of an angle neither says anything by itself)")
+    return Direction(start, end, low, high, value is not None)
+
+
+@public
+def on_circuit(side: str, joint: tuple[str, str, str] | None = None) -> Condition:
+    """The mechanism is assembled on one of its two circuits, in every pose through the targets.
+
+    Args:
+        side: ``"left"`` or ``"right"``: where the joint between coupler and rocker lies, seen along the line from the
+            crank pin to the rocker's fixed pivot.
+        joint: first end of another dyad, its joint, second end; those of the four-bar loop at the input if not given.
+    """
+    if side not in _SIDES:
+        raise InputError(f"on_circuit: side={side!r}; {nearest(str(side), _SIDES)}")
+    return Circuit(_SIDES[side], joint)
+
+
+def _check_planar(system: System, what: str) -> None:
+    if system.topology.dim != 2:
+        raise InputError(f"{what}: {system.name!r} is spatial; this condition is of the plane")
+
+
+def _as_angle(value: float, what: str) -> float:
+    try:
+        out = float(value)
+    except (TypeError, ValueError, OverflowError):
+        out = np.nan
+    if not abs(out) <= 4 * np.pi:
+        raise InputError(f"{what} must be an angle in radians (numpy.radians makes them of degrees), got {value!r}")
+    return out

@@ -1,21 +1,40 @@
-"""`Design`: a mechanism that a search has found, with its practical quality."""
+"""`Design`: a mechanism that a search has found, judged from how it really moves, and written as a description."""
 
+import copy
 import dataclasses
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import jax
 import numpy as np
 
 from jaxnc.calls import public
+from jaxnc.compiling import jit
+from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.planar import grashof_type
+from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism import model as record
+from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, TransmissionAngle
+from jaxnc.synthesis.evaluate import MovedDesign, follow_again, meeting_sines, move_designs
+from jaxnc.synthesis.loops import four_bar_loop, link_lengths
+from jaxnc.synthesis.problem import Problem
+from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.system import System
+from jaxnc.types import Array
 
 if TYPE_CHECKING:
-    from jaxnc.synthesis.problem import Problem
+    from jaxnc.synthesis.search.basins import Basin
+    from jaxnc.synthesis.search.sqp import End
 
+_MEETS = 1e-8
+_CLOSE = 1e-3  # of the size: a condition that is met by less may hold a design back
+NAMED = 4  # conditions that are named in a sentence
+BLUNT = "has a transmission angle of"
 _ROUNDING = 4096  # units of rounding: no error that is smaller can be told from none
 
 
-def is_rounding(problem: "Problem", error: float, dtype: np.dtype | type = np.float64) -> bool:
+def is_rounding(problem: Problem, error: float, dtype: np.dtype | type = np.float64) -> bool:
     """Return whether an error, in units of the target, is rounding of numbers as large as the target's.
 
     That of angles is at least rounding of a radian, however little they change. What has no target has no such size.
@@ -52,7 +71,7 @@ class Design:
         binding: conditions that it just meets, unknowns at their bounds: what may hold it back.
         converged: whether its refinement came to an end: no step of second order makes it better.
         optimality: what is left of the error's gradient along all directions that conditions and bounds leave, as a
-            cosine; see `jaxnc.synthesis.ending`.
+            cosine; see `jaxnc.synthesis.search.sqp`.
         feasibility: the largest violation of a condition where the search looked, in parts of the problem's size.
         iterations: of second order at the end of its refinement.
         reason: why its refinement did not come to an end, in words.
@@ -89,7 +108,7 @@ class Design:
 
     @property
     def rank(self) -> tuple[float, ...]:
-        """What designs are ordered by: those without defects first, then by error.
+        """Key by which designs are ordered: those without defects first, then by error.
 
         The errors of exact designs are rounding: they come first, by their transmission angle and then by their size.
         """
@@ -107,3 +126,220 @@ class Design:
         """How its refinement ended, in words."""
         end = "converged" if self.converged else self.reason
         return f"{end}, of a continuum" if self.freedom else end
+
+
+# -- judged from its motions -------------------------------------------------------------------------------------------
+
+
+def judge(problem: Problem, basins: Sequence["Basin"], ranked: bool = True) -> list[Design]:
+    """Judge designs by how they move through their targets and their range; best first if `ranked`."""
+    designs = [_judge_one(problem, follow_again(problem, v.one), v.end, v.starts) for v in basins]
+    return sorted(designs, key=lambda d: d.rank) if ranked else designs
+
+
+def largest_error(problem: Problem, one: MovedDesign) -> float:
+    """The largest error of a design, with weights, in units of the target."""
+    return float(_error_sizes(_read_numbers(problem, one).errors).max())
+
+
+def shortfalls(problem: Problem, one: MovedDesign) -> dict[str, float]:
+    """By how much a design that moves through the whole range misses inequalities over it, those that it misses."""
+    if not np.asarray(one.turn.converged).all():
+        return {}
+    found = zip(problem.conditions, _read_numbers(problem, one).conditions, strict=True)
+    least = {c.name: float(np.min(v, initial=0.0)) for c, v in found if c.over_range and not c.equality}
+    return {name: -low for name, low in least.items() if low < -10 * _MEETS}
+
+
+def describe_nonfinite(problem: Problem, x: np.ndarray) -> str:
+    """Name what of a design is not finite: errors, conditions by name, or derivatives."""
+    told = _read_numbers(problem, move_designs(problem, [x[: problem.count]])[0])
+    words = ["errors"] if not np.isfinite(told.errors).all() else []
+    pairs = zip(problem.conditions, told.conditions, strict=True)
+    names = [c.name for c, values in pairs if not np.isfinite(values).all()]
+    words += ["conditions (" + ", ".join(dict.fromkeys(names)) + ")"] if names else []
+    return " and ".join(words) or "derivatives of errors or conditions"
+
+
+class _Numbers(NamedTuple):
+    """Numbers that the problem's functions return of a design: errors with and without weights, orders, conditions."""
+
+    errors: Any
+    misses: Any
+    own: Any
+    conditions: Any
+
+
+def _read_numbers(problem: Problem, one: MovedDesign) -> _Numbers:
+    return jax.tree.map(np.asarray, _compiled_numbers(problem, one.x, one.motion, one.turn))
+
+
+@jit
+def _compiled_numbers(problem: Problem, x: Array, motion: Motion, turn: Motion) -> _Numbers:
+    extra = problem.split(x)[1]
+    errors, misses = problem.errors(motion, extra), problem.misses(motion, extra)
+    return _Numbers(errors, misses, problem.own(extra), problem.condition_values(motion, turn))
+
+
+def _error_sizes(errors: np.ndarray) -> np.ndarray:
+    """The size of the error at each target."""
+    return np.linalg.norm(errors.reshape(len(errors), -1), axis=1)
+
+
+def _judge_one(problem: Problem, one: MovedDesign, end: "End", starts: int) -> Design:
+    told = _read_numbers(problem, one)
+    each, plain = _error_sizes(told.errors), _error_sizes(told.misses)
+    moves, good = np.asarray(one.motion.converged), np.asarray(one.turn.converged)
+    defects = []
+    if not moves.all():
+        defects.append(f"does not reach target {int(np.flatnonzero(~moves)[0]) + 1} on its branch")
+    if problem.turning and not good.all():
+        defects.append("cannot go through its whole range")
+    if (told.own < -_MEETS).any():
+        defects.append(problem.rule[1])
+    for c, values in zip(problem.conditions, told.conditions, strict=True):
+        far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
+        if (far > 10 * _MEETS).any() and not (c.over_range and not good.all() and defects):
+            defects.append(f"misses {c.name} by {far.max():.2g}")
+    top, loop, sharp, kind = problem.system.topology, four_bar_loop(problem.system, problem.driven), np.nan, ""
+    spots = (*top.points, *(m.name for m in top.markers if not m.direction))
+    seen = good if good.any() else np.arange(len(good)) < 1
+    places = np.concatenate([np.asarray(one.turn[name])[seen] for name in spots])
+    if loop is not None:
+        a, b, c, g = (float(v) for v in loop.lengths(one.motion))
+        kind = grashof_type(g, a, b, c).type
+    if top.dim == 2 and not top.large and good.any():
+        sharp = _least_sine(problem, one, moves, good)
+    transmission = float(np.arcsin(np.clip(sharp, 0.0, 1.0)))
+    stated = any(isinstance(c, (TransmissionAngle, AnyTransmission)) for c in problem.conditions)
+    if transmission < LEAST_TRANSMISSION and not stated:
+        least = np.degrees(LEAST_TRANSMISSION)
+        defects.append(f"{BLUNT} {np.degrees(transmission):.3g} deg, below {least:.3g} deg")
+    error = float(each.max() if problem.minimax else np.sum(each**2))
+    if problem.at_rest:
+        error, each, plain = end.square, np.array([end.square]), np.array([np.nan])
+    return Design(
+        system=one.motion.system,
+        motion=one.motion,
+        turn=one.turn,
+        x=one.x,
+        error=error,
+        rms=float(np.sqrt(np.mean(plain**2))),
+        largest=float(plain.max()),
+        errors=each if problem.at_rest else told.errors,
+        inputs=np.asarray(one.motion.inputs[problem.driven]),
+        type=kind,
+        transmission=transmission,
+        turns=bool(good.all()),
+        size=tuple(float(v) for v in np.ptp(places, axis=0)),
+        lengths=link_lengths(one.motion),
+        defects=tuple(defects),
+        binding=tuple(_binding(problem, told, one.x)),
+        converged=end.converged,
+        optimality=end.optimality,
+        feasibility=end.feasibility,
+        iterations=end.iterations,
+        reason=end.reason,
+        starts=starts,
+        exact=all(is_rounding(problem, float(np.sqrt(np.mean(e**2))), told.errors.dtype) for e in (told.errors, plain)),
+    )
+
+
+def _least_sine(problem: Problem, one: MovedDesign, moves: np.ndarray, good: np.ndarray) -> float:
+    """Return the least sine at which constraints meet: over the range, or between the targets if that ends early."""
+    found = np.min(meeting_sines(problem, one.x, one.turn), axis=1)
+    if good.all() or problem.at_rest:
+        return float(np.min(found[good]))
+    through = np.asarray(one.motion.inputs[problem.driven])
+    past = np.asarray(one.turn.inputs[problem.driven]) - np.min(through)
+    between = good & ((past % (2 * np.pi) if problem.whole else np.abs(past)) <= np.ptp(through))
+    at = np.min(meeting_sines(problem, one.x, one.motion), axis=1)[moves]
+    return float(np.min(np.concatenate([at, found[between]]), initial=1.0))
+
+
+def _binding(problem: Problem, told: _Numbers, x: np.ndarray) -> list[str]:
+    """Conditions that are just met, and unknowns at a bound."""
+    out = []
+    for c, values in zip(problem.conditions, told.conditions, strict=True):
+        if c.equality or (values.size and values.min() < _CLOSE):
+            out.append(c.name)
+    if told.own.size and told.own.min() < _CLOSE:
+        out.append(problem.rule[0])
+    near = _CLOSE * problem.scale
+    for name, v, low, high, e in zip(problem.names, x, problem.low, problem.high, near, strict=True):
+        if v <= low + e or v >= high - e:
+            out.append(f"the bound of {name}")
+    return out
+
+
+def worst_conditions(problem: Problem, x: np.ndarray) -> str:
+    """The conditions that a design misses, worst first, and by how much."""
+    told = _read_numbers(problem, follow_again(problem, move_designs(problem, [x])[0]))
+    far = {problem.rule[0]: float(np.max(-told.own, initial=0.0))}
+    for c, values in zip(problem.conditions, told.conditions, strict=True):
+        far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))
+    worst = sorted((n for n in far if far[n] > _MEETS), key=lambda n: -far[n])
+    more = f" and {len(worst) - NAMED} more" if len(worst) > NAMED else ""
+    return ", ".join(f"{n} by {far[n]:.2g}" for n in worst[:NAMED]) + more
+
+
+# -- as a description --------------------------------------------------------------------------------------------------
+
+
+def to_mechanism(mechanism: Mechanism, system: System) -> Mechanism:
+    """The mechanism drawn with the numbers of a design, ready to be saved as a model file."""
+    top, par = system.topology, system.parameters
+    out = copy.copy(mechanism)
+    out.model = copy.deepcopy(mechanism.model)
+    model = out.model
+    if set(top.points) != {*model.ground, *model.points} or [m.name for m in top.markers] != list(model.markers):
+        raise InputError(f"{top.name!r} was not compiled from {mechanism!r}")
+    for name, at in zip(top.points, np.asarray(par.points), strict=True):
+        place = tuple(float(v) for v in at)
+        if name in model.ground:
+            model.ground[name] = place
+        else:
+            old = model.points[name]
+            model.points[name] = record.Point(place, old.fixed) if isinstance(old, record.Point) else place
+    for name, at in zip(top.vectors, np.asarray(par.vectors), strict=True):
+        place = tuple(float(v) for v in at)
+        (model.ground_vectors if name in model.ground_vectors else model.vectors)[name] = place
+    for marker, at in zip(top.markers, np.asarray(par.markers), strict=True):
+        place = tuple(float(v) for v in at)
+        old = model.markers[marker.name]
+        model.markers[marker.name] = (
+            record.Marker(old.on, direction=place) if marker.direction else record.Marker(old.on, at=place)
+        )
+    for dimension, value in zip(top.given, np.asarray(par.dimensions), strict=True):
+        _set_dimension(model, dimension.owner, dimension.key, float(value))
+    return out
+
+
+def _set_dimension(model: record.Model, owner: Owner, key: str, value: float) -> None:
+    """Put an explicit dimension where the description has it."""
+    if owner.thing is Thing.BODY:
+        body = list(model.bodies.values())[owner.number]
+        assert isinstance(body, record.Body)
+        if key in body.lengths:
+            body.lengths[key] = value
+            return
+        point, _, axis = key.rpartition(".")
+        place = list(body.local[point])
+        place[("along", "across", "normal").index(axis)] = value
+        body.local[point] = tuple(place)
+    elif owner.thing is Thing.JOINT:
+        joint: Any = list(model.joints.values())[owner.number]
+        if key in ("radius1", "radius2"):
+            radii = list(joint.radii)
+            radii[int(key[-1]) - 1] = value
+            joint.radii = tuple(radii)
+        else:
+            setattr(joint, key, value)
+    elif owner.thing is Thing.RELATION:
+        relation = list(model.relations.values())[owner.number]
+        if key in relation.terms:
+            relation.terms[key] = value
+        else:
+            relation.constant = value
+    else:
+        list(model.constraints.values())[owner.number].constants[key] = value

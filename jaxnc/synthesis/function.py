@@ -13,17 +13,17 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
-from jaxnc.synthesis import given
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.leaves import shapes
-from jaxnc.synthesis.problem import Extras, Problem, resting
-from jaxnc.synthesis.statement import set_up, state, turn_of
+from jaxnc.synthesis.problem import Extras, Problem, repeat_drawing
+from jaxnc.synthesis.pytree import shapes
+from jaxnc.synthesis.statement import complete, set_up, turn_of
+from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
 @functools.cache
-def _attitude(name: str) -> Callable[[Motion], Any]:
+def _attitude_function(name: str) -> Callable[[Motion], Any]:
     return functools.partial(attitude, name=name)
 
 
@@ -91,13 +91,13 @@ class FunctionGeneration(Problem):
         count = values.size
         if count < 3:
             raise InputError(f"{what}: {count} values of the input; give at least 3")
-        table = given.sequence(values, count, f"{what}: values")
-        wanted = given.sequence(target, count, f"{what}: target")
-        parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
-        top = parts["system"].topology
+        table = as_sequence(values, count, f"{what}: values")
+        wanted = as_sequence(target, count, f"{what}: target")
+        stated = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
+        top = stated.system.topology
         if not isinstance(output, str) and not callable(output):
             raise InputError(f"{what}: output is the name of a coordinate or a function of a motion, got {output!r}")
-        if output == parts["driven"]:
+        if output == stated.driven:
             raise InputError(
                 f"{what}: output {output!r} is the input itself, which follows any table; name another coordinate"
             )
@@ -105,12 +105,12 @@ class FunctionGeneration(Problem):
             if output not in ATTITUDE or top.dim == 2:
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
-            drawing = resting(parts["system"], parts["driven"], parts["hold"], 1)
-            if shapes(_attitude(output), drawing) is None:
+            drawing = repeat_drawing(stated.system, stated.driven, stated.hold, 1)
+            if shapes(_attitude_function(output), drawing) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
-        given.radians(table, f"{what}: values", turn_of(parts, False), "state one turn, which the others repeat")
+        check_radians(table, f"{what}: values", turn_of(stated, False), "state one turn, which the others repeat")
         if isinstance(output, str) and output in top.scalars and top.periodic[top.scalars.index(output)]:
-            given.radians(wanted, f"{what}: target", 4 * np.pi, "leave out whole turns")
+            check_radians(wanted, f"{what}: target", 4 * np.pi, "leave out whole turns")
         names, home = [], []
         if input_offset:
             names.append("input offset")
@@ -119,20 +119,20 @@ class FunctionGeneration(Problem):
             names.append("output offset")
             home.append(0.0)
         none = np.full(len(names), np.inf)
-        own = {
-            **parts,
-            "extras": Extras(tuple(names), np.array(home), -none, none),
-            "size": float(np.ptp(wanted)) or 1.0,
-            "minimax": minimax,
-            "dense": given.rising(table),
-            "output": output,
-            "values": table,
-            "target": wanted,
-            "input_offset": input_offset,
-            "output_offset": output_offset,
-            "weights": given.weights(weights, count, what),
-        }
-        state(self, own)
+        complete(
+            self,
+            stated,
+            extras=Extras(tuple(names), np.array(home), -none, none),
+            size=float(np.ptp(wanted)) or 1.0,
+            minimax=minimax,
+            dense=is_monotonic(table),
+            output=output,
+            values=table,
+            target=wanted,
+            input_offset=input_offset,
+            output_offset=output_offset,
+            weights=as_weights(weights, count, what),
+        )
 
     @property
     def unit(self) -> str:
@@ -151,7 +151,7 @@ class FunctionGeneration(Problem):
     def misses(self, motion: Motion, extra: Array) -> Array:
         found: Any
         if callable(self.output):
-            found = given.numbers(self.output, f"FunctionGeneration: output {self.output!r}", motion)
+            found = call_on_motion(self.output, f"FunctionGeneration: output {self.output!r}", motion)
             if found.shape != self.target.shape:
                 raise InputError(
                     f"FunctionGeneration: output {self.output!r} must return one number for each pose, shape "
@@ -175,7 +175,7 @@ class FunctionGeneration(Problem):
             out[:, 0] += (np.pi if self.periodic else 0.5 * float(np.ptp(self.values))) * rng.uniform(-1.0, 1.0, count)
         return out
 
-    def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def fit(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if not self.output_offset:
             return x, errors
         root = np.sqrt(self.weights)

@@ -1,5 +1,6 @@
-"""Loops of a mechanism as conditions see them: the four-bar loop at an input, and how near to a dead point it is."""
+"""Loops and links of a mechanism: the four-bar loop at an input, distances from dead points, lengths that stay."""
 
+import itertools
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -43,7 +44,7 @@ def four_bar_loop(system: System, driven: str) -> Loop | None:
     top = system.topology
     if top.dim != 2 or not top.is_angle(driven):
         return None
-    place, fixed = top.position[driven], ground(system)
+    place, fixed = top.position[driven], ground_points(system)
     ends = {p for block in top.blocks for p, s in zip(block.points, block.scalars, strict=True) if place in s}
     moving = {i for p in ends for i in p if i not in fixed}
     still = {i for p in ends for i in p if i in fixed}
@@ -69,7 +70,7 @@ def four_bar_loop(system: System, driven: str) -> Loop | None:
     return found[0] if len(found) == 1 else None
 
 
-def sines(motion: Motion) -> Array:
+def loop_sines(motion: Motion) -> Array:
     """Sines of the angles at which the constraints of every loop meet, pose by pose, ``(T, blocks)``.
 
     A block's determinant over the product of the lengths of its rows: of a pair of bars the sine of the angle between
@@ -90,8 +91,35 @@ def sines(motion: Motion) -> Array:
     return jnp.stack([jnp.broadcast_to(o, lanes) for o in out], axis=1) if out else jnp.ones((*lanes, 1))
 
 
-def ground(system: System) -> set[int]:
+def ground_points(system: System) -> set[int]:
     """Indices of the points that do not move."""
     top = system.topology
     fixed = np.array(top.fixed)
     return {i for i in range(len(top.points)) if fixed[i * top.dim : (i + 1) * top.dim].all()}
+
+
+_SMALL = 3  # points of a body of which every pair is told
+
+
+def link_lengths(motion: Motion) -> dict[str, float]:
+    """Distances between points of each body, and between fixed pivots that follow each other, by ``"B-C"``.
+
+    Of a body of more than three points, those from its first two to all others.
+    """
+    top = motion.system.topology
+    q = np.asarray(motion.q)[0, : len(top.points) * top.dim].reshape(-1, top.dim)
+    return {f"{top.points[i]}-{top.points[j]}": float(np.linalg.norm(q[i] - q[j])) for i, j in links(motion.system)}
+
+
+def links(system: System) -> list[tuple[int, int]]:
+    """Pairs of points, by number, whose distances are the lengths of a mechanism; see `lengths`."""
+    out: dict[tuple[int, int], None] = {}
+    fixed, used = ground_points(system), set()
+    for body in system.topology.bodies:
+        some = body.points
+        used.update(some)
+        for k, i in enumerate(some):
+            for j in some[k + 1 :]:
+                if (len(some) <= _SMALL or k < 2) and not (i in fixed and j in fixed):
+                    out[i, j] = None
+    return [*out, *itertools.pairwise(sorted(fixed & used))]

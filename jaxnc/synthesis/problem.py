@@ -9,7 +9,7 @@ import copy
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
+from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.redesign import flattened, rebuilt
@@ -24,13 +25,26 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.pickling import Remade, fields_of
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.synthesis.conditions import Condition, Seen
-from jaxnc.synthesis.leaves import Leaves, shapes
-from jaxnc.synthesis.variables import Variables
+from jaxnc.synthesis.pytree import Leaves, shapes
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
+_P = TypeVar("_P", bound="Problem")
 _RANGE = 48  # poses at which conditions look at the range of the input
 POSES = 181  # at which what comes out is judged
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Variables(Leaves):
+    """The free components of a system's design."""
+
+    names: tuple[str, ...]  # of the components: "B.x", "coupler.B-C"
+    at: np.ndarray  # their places in the flat parameters (points, vectors, markers, dimensions)
+    home: np.ndarray  # their values in the starting idea
+    scale: np.ndarray  # how much each changes typically: the size of the drawing, of a unit vector, or of the number
+    low: np.ndarray  # lower bounds, -inf where there is none
+    high: np.ndarray  # upper bounds
+    chosen: bool  # whether they were named, rather than all taken
 
 
 class Extras(NamedTuple):
@@ -46,14 +60,14 @@ class Extras(NamedTuple):
         """No unknowns."""
         return cls((), np.zeros(0), np.zeros(0), np.zeros(0))
 
-    def joined(self, other: "Extras") -> "Extras":
-        """These, and others behind them."""
+    def join(self, other: "Extras") -> "Extras":
+        """Append other unknowns."""
         return Extras(self.names + other.names, *(np.append(a, b) for a, b in zip(self[1:], other[1:], strict=True)))
 
 
 @public
 class Evaluation(NamedTuple):
-    """What a vector of unknowns means.
+    """Errors and conditions of a vector of unknowns.
 
     Attributes:
         errors: to be made small, ``(m,)``, divided by `Problem.size`.
@@ -91,8 +105,8 @@ class Problem(Remade, Leaves):
     noun = "problem"
     apart = ("mechanism",)
     by_target = ("weights",)  # fields with a number, or a row of them, for each target
-    random = False  # whether what is made small is drawn anew at every step
-    at_rest = False  # whether what is made small is a number of the design, which is looked at as it is drawn
+    random = False  # whether the number that is made small is drawn anew at every step
+    at_rest = False  # whether it is a number of the design as drawn, without any motion
     system: System
     driven: str
     variables: Variables
@@ -120,7 +134,7 @@ class Problem(Remade, Leaves):
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """Name in reports."""
         return f"{type(self).__name__} with {self.system.name!r}"
 
     def __repr__(self) -> str:
@@ -139,18 +153,18 @@ class Problem(Remade, Leaves):
 
     @property
     def turning(self) -> bool:
-        """Whether a condition asks for the whole range."""
+        """True if a condition asks for the whole range."""
         return any(c.turning for c in self.conditions)
 
-    # -- what kinds of problems say --------------------------------------------------------------------------------
+    # -- to be given by each kind of problem -----------------------------------------------------------------------
 
     def inputs(self, extra: Any) -> Any:
-        """Values of the input at the targets, ``(T,)``, see `affine`; NumPy's from NumPy's."""
+        """Values of the input at the targets, ``(T,)``, see `affine`; NumPy arrays from NumPy arrays."""
         raise NotImplementedError
 
     @property
     def affine(self) -> bool:
-        """Whether the inputs are affine in the problem's own unknowns, also where one of these changes its sign."""
+        """True if the inputs are affine in the problem's own unknowns, also where one of them changes its sign."""
         return True
 
     def misses(self, motion: Motion, extra: Array) -> Array:
@@ -158,13 +172,13 @@ class Problem(Remade, Leaves):
         raise NotImplementedError
 
     def errors(self, motion: Motion, extra: Array) -> Array:
-        """What is made small: the misses, times the roots of their weights."""
+        """The numbers that are made small: the misses, times the roots of their weights."""
         misses = self.misses(motion, extra)
         return misses * jnp.sqrt(self.weights).reshape(-1, *(1,) * (misses.ndim - 1))
 
     @property
     def rule(self) -> tuple[str, str]:
-        """What the problem's own conditions are about, and what a design does that misses them."""
+        """The subject of the problem's own conditions, and the defect of a design that misses them."""
         return "the order of the targets", "meets the targets out of order"
 
     def own(self, extra: Array) -> Array:
@@ -175,13 +189,13 @@ class Problem(Remade, Leaves):
         """Random values of the problem's own unknowns, ``(count, extras)``."""
         return np.broadcast_to(self.extras.home, (count, len(self.extras.names))).copy()
 
-    def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Starts ``(B, n)`` and divided errors ``(B, m)``, what is linear of the problem's own unknowns fitted."""
+    def fit(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Fit own unknowns that errors depend on linearly: starts ``(B, n)`` and errors left ``(B, m)``."""
         return x, errors
 
     @property
     def periodic(self) -> bool:
-        """Whether the input is an angle that nothing else depends on."""
+        """True if the input is an angle that nothing else depends on."""
         top = self.system.topology
         return self.driven in top.scalars and bool(top.periodic[top.scalars.index(self.driven)])
 
@@ -197,14 +211,14 @@ class Problem(Remade, Leaves):
 
     @property
     def weighted(self) -> bool:
-        """Whether some errors count more than others."""
+        """True if some errors count more than others."""
         return bool(np.any(np.asarray(self.weights) != 1.0))
 
-    def shown(self, square: float) -> float:
-        """The error that is reported for a sum of squares of the divided errors."""
+    def reported_error(self, square: float) -> float:
+        """Convert a sum of squares of the divided errors to the error that is reported."""
         return float(np.sqrt(square) * self.size if self.minimax else square * self.size**2)
 
-    # -- what follows ----------------------------------------------------------------------------------------------
+    # -- derived ---------------------------------------------------------------------------------------------------
 
     def split(self, x: Any) -> tuple[Array, Array]:
         """Design variables and the problem's own unknowns."""
@@ -227,9 +241,9 @@ class Problem(Remade, Leaves):
     def move(self, x: Any) -> Motion:
         """The motion through the targets."""
         z, extra = self.split(x if isinstance(x, Tracer) else np.asarray(x))
-        return self.swept(self.designed(z), self.inputs(extra))
+        return self.sweep(self.designed(z), self.inputs(extra))
 
-    def swept(self, system: System, values: Any, repair: bool = True) -> Motion:
+    def sweep(self, system: System, values: Any, repair: bool = True) -> Motion:
         """A design's motion through values of the input."""
         return sweep(system, {self.driven: values}, hold=self.hold, repair=repair)
 
@@ -251,38 +265,37 @@ class Problem(Remade, Leaves):
         """
         z, extra = self.split(x)
         system, values = self.designed(z), self.inputs(extra)
-        motion = self.swept(system, values, repair=False)  # of traced code the quickest where many designs are mapped
+        motion = self.sweep(system, values, repair=False)  # of traced code the quickest where many designs are mapped
         if not poses or self.through(values.shape[0], poses):
             return motion, motion if poses else None
-        return motion, self.turned(system, extra, poses)
+        return motion, self.sweep_range(system, extra, poses)
 
-    def turned(self, system: System, extra: Any, poses: int) -> Motion | None:
-        """The motion over the range of the input, through so many poses, none for no such motion; pure."""
+    def sweep_range(self, system: System, extra: Any, poses: int) -> Motion | None:
+        """The motion over the range of the input through some poses; None for no poses; pure."""
         if not poses:
             return None
-        low, high = self.span(system_home(system, self.driven), extra)
-        return self.swept(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses), repair=False)
+        low, high = self.span(home_value(system, self.driven), extra)
+        return self.sweep(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses), repair=False)
 
     def through(self, targets: int, poses: int) -> bool:
-        """Whether the motion through so many targets shows the range as well as so many poses would."""
+        """Tell whether the motion through so many targets shows the range as well as so many poses would."""
         return self.dense and targets >= poses
 
-    def evaluate(self, x: Array, moves: tuple[Motion, Motion | None] | None = None, given: Any = ()) -> Evaluation:
+    def evaluate(self, x: Array, moves: tuple[Motion, Motion | None] | None = None) -> Evaluation:
         """Errors and conditions of a vector of unknowns; pure.
 
         Args:
             x: the unknowns.
             moves: the motions through the targets and over the range, if they are known.
-            given: arguments of a problem around another one, ``(g,)``, see `defaults`.
         """
         motion, turn = self.moves(x, self.poses) if moves is None else moves
         extra = self.split(x)[1]
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
-        rows = [*self.met(motion, turn), jnp.ravel(self.own(extra))]
+        rows = [*self.condition_values(motion, turn), jnp.ravel(self.own(extra))]
         return Evaluation(errors, jnp.concatenate(rows), jnp.all(motion.converged))
 
     def cost(self, x: Array, key: Array | None = None, targets: Array | None = None) -> tuple[Array, Array, Array]:
-        """One number that is made small by steps along gradients; pure.
+        """A single number that is made small by steps along gradients; pure.
 
         Args:
             x: the unknowns.
@@ -298,60 +311,54 @@ class Problem(Remade, Leaves):
         if targets is None:
             motion, turn = self.moves(x, self.poses)
         else:
-            some, values = copy.copy(self), jnp.asarray(values)[targets]
-            for name in self.by_target:
-                object.__setattr__(some, name, jnp.asarray(getattr(self, name))[targets])
+            values = jnp.asarray(values)[targets]
+            some = with_fields(self, **{name: jnp.asarray(getattr(self, name))[targets] for name in self.by_target})
             system = self.designed(z)
             # Between them the way may be long: each is followed from the drawing.
             motion = solve_position(system, {self.driven: values}, hold=self.hold, throw=False, repair=False)
-            turn = self.turned(system, extra, self.poses)
+            turn = self.sweep_range(system, extra, self.poses)
         errors = some.errors(motion, extra) / self.size
         each = jnp.sum(jnp.reshape(errors, (len(errors), -1)) ** 2, axis=1)
         square = jnp.max(each) if self.minimax else jnp.sum(each) * (self.targets / len(values))
-        rows = [*some.met(motion, turn), jnp.ravel(self.own(extra))]
+        rows = [*some.condition_values(motion, turn), jnp.ravel(self.own(extra))]
         return square, jnp.concatenate(rows), jnp.all(motion.converged)
 
-    def met(self, motion: Motion, turn: Motion | None) -> list[Array]:
+    def condition_values(self, motion: Motion, turn: Motion | None) -> list[Array]:
         """The numbers of each condition, zero or positive where it is met."""
         seen = Seen(motion.system, motion, turn, self.length)
         return [jnp.ravel(c.values(seen)) for c in self.conditions]
 
     @property
     def poses(self) -> int:
-        """How many poses over the range a search looks at."""
+        """Number of poses over the range that a search looks at."""
         return _RANGE if any(c.over_range for c in self.conditions) else 0
 
     @property
-    def core(self) -> "Problem":
-        """The problem inside of all others; its unknowns come first."""
-        return self
-
-    @property
     def targets(self) -> int:
-        """How many values of the input the targets have."""
+        """Number of values of the input at the targets."""
         return len(self.inputs(self.extras.home))
 
     @property
     def still(self) -> tuple[Motion, Motion | None]:
-        """Motions of the right shapes that go nowhere, to find out how many numbers come of them."""
-        motion = resting(self.system, self.driven, self.hold, self.targets)
+        """Motions of the right shapes that go nowhere, by which numbers of errors and conditions are counted."""
+        motion = repeat_drawing(self.system, self.driven, self.hold, self.targets)
         if not self.poses or self.through(self.targets, self.poses):
             return motion, motion if self.poses else None
-        return motion, resting(self.system, self.driven, self.hold, self.poses)
+        return motion, repeat_drawing(self.system, self.driven, self.hold, self.poses)
 
     @property
     def error_shape(self) -> tuple[int, ...]:
         """Shape of the errors, ``(targets, …)``."""
-        return shapes(_errors, self, self.still[0], self.extras.home).shape
+        return shapes(type(self).errors, self, self.still[0], self.extras.home).shape
 
     @property
     def counts(self) -> list[int]:
-        """How many numbers each condition has."""
-        return [s.shape[0] for s in shapes(_met, self, *self.still)] if self.conditions else []
+        """Number of values of each condition."""
+        return [s.shape[0] for s in shapes(Problem.condition_values, self, *self.still)] if self.conditions else []
 
     @property
     def shape(self) -> tuple[int, int]:
-        """How many errors and how many conditions an `Evaluation` has."""
+        """Numbers of errors and of conditions in an `Evaluation`."""
         return math.prod(self.error_shape), sum(self.counts) + self._own
 
     @property
@@ -362,8 +369,8 @@ class Problem(Remade, Leaves):
 
     @property
     def _own(self) -> int:
-        """How many conditions of its own there are."""
-        return shapes(_own, self, self.extras.home).shape[0]
+        """Number of conditions on the problem's own unknowns."""
+        return shapes(type(self).own, self, self.extras.home).shape[0]
 
     @property
     def start(self) -> np.ndarray:
@@ -381,63 +388,59 @@ class Problem(Remade, Leaves):
         return np.concatenate([self.variables.high, self.extras.high])
 
     @property
-    def defaults(self) -> np.ndarray:
-        """Arguments that are no unknowns and may differ from design to design, as a search begins with them, ``(g,)``.
-
-        A problem around another one has them: margins, sizes, weights and bounds of objectives.
-        """
-        return np.zeros(0)
-
-    @property
-    def arguments(self) -> int:
-        """How many there are of these."""
-        return 0
-
-    @property
-    def row(self) -> np.ndarray:
-        """The starting idea as a search keeps it: the unknowns, then the arguments."""
-        return np.concatenate([self.start, self.defaults])
-
-    @property
     def scale(self) -> np.ndarray:
-        """How much unknowns change typically."""
+        """Typical changes of the unknowns."""
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
 
 
-def _errors(problem: Problem, motion: Motion, extra: Array) -> Array:
-    return problem.errors(motion, extra)
+def with_fields(problem: _P, **fields: Any) -> _P:
+    """Copy a problem with other values of some fields; nothing is checked again."""
+    out = copy.copy(problem)
+    vars(out).update(fields)
+    return out
 
 
-def _met(problem: Problem, motion: Motion, turn: Motion | None) -> list[Array]:
-    return problem.met(motion, turn)
-
-
-def _own(problem: Problem, extra: Array) -> Array:
-    return problem.own(extra)
-
-
-def namespace(*values: Any) -> Any:
-    """What arrays are worked on by: NumPy, for which nothing is compiled, unless one of them is JAX's."""
+def array_module(*values: Any) -> Any:
+    """The module for arithmetic with arrays: NumPy, which compiles nothing, unless one of them is JAX's."""
     return jnp if any(isinstance(v, (jax.Array, Tracer)) for v in values) else np
 
 
-def resting(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
-    """So many times the drawing as it is."""
+def repeat_drawing(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
+    """A motion whose poses are all the drawing."""
     home = np.asarray(derive(system).home)
     poses: Any = np.broadcast_to(home, (count, len(home)))
     zero, none, asked = (np.zeros(shape, kind) for shape, kind in ((count, float), (count, int), ((count, 1), float)))
-    return moving(system, driven, hold, poses, none, asked[:, 0], zero, zero)
+    return make_motion(system, driven, hold, poses, none, asked[:, 0], zero, zero)
 
 
-def moving(
+def make_motion(
     system: System, driven: str, hold: Sequence[str], q: Any, status: Any, values: Any, residual: Any, conditioning: Any
 ) -> Motion:
-    """A motion from its poses ``(T, N)`` and what is known of them, each ``(T,)``."""
+    """Make a motion from poses ``(T, N)`` with their status, inputs, residuals and conditioning, each ``(T,)``."""
     return Motion(system, (driven,), tuple(hold), q, (), values[:, None], status, residual, conditioning)
 
 
-def system_home(system: System, driven: str) -> Any:
-    """The value of a coordinate in the drawing, once that is assembled; it is not differentiated."""
+def home_value(system: System, driven: str) -> Any:
+    """Value of a coordinate in the assembled drawing; it is not differentiated."""
     q = settle(derive(system), np.zeros(len(system.topology.coordinates)), repair=False).q  # of traced code by itself
     place = system.topology.position[driven]
     return jax.lax.stop_gradient(q[place]) if isinstance(q, Tracer) else np.asarray(q)[place]
+
+
+def check_problem(what: str, problem: Any, squares: bool = True) -> None:
+    """Check that a search is given a problem; one of sums of squares unless any number will do."""
+    if squares and isinstance(problem, Problem) and problem.at_rest:
+        raise InputError(
+            f"{what} makes sums of squares small, and a {type(problem).__name__} is any number: use "
+            f"nc.synthesis.descend(loss, optax.adam(1e-2)), or state an Objective"
+        )
+    if callable(problem) and not isinstance(problem, Problem):
+        raise InputError(
+            f"{what} takes a problem, got the function {getattr(problem, '__name__', problem)!r}: say of which "
+            f"mechanism it is, Loss(mechanism, function), or of its motions, Objective(mechanism, function, values)"
+        )
+    if not isinstance(problem, Problem):
+        raise InputError(
+            f"{what} takes a problem, such as PathGeneration(mechanism, 'P', points), got {type(problem).__name__}: "
+            f"a mechanism alone does not say what is wanted"
+        )

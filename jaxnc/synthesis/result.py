@@ -1,4 +1,4 @@
-"""What a search has found: designs, ranked, with their practical quality; printed, drawn, saved and read back."""
+"""Results of searches: ranked designs with their practical quality; printed, drawn, saved and read back."""
 
 import dataclasses
 import json
@@ -6,49 +6,90 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jax
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.compiling import jit
 from jaxnc.errors import InputError, ModelFileError, counted
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.planar import grashof_type
 from jaxnc.notebooks import Shown
-from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, TransmissionAngle
-from jaxnc.synthesis.design import Design, is_rounding
-from jaxnc.synthesis.ending import Ended
-from jaxnc.synthesis.lengths import lengths
-from jaxnc.synthesis.loops import four_bar_loop
-from jaxnc.synthesis.moved import Moved, moved, walked
-from jaxnc.synthesis.poses import sines
+from jaxnc.synthesis.design import BLUNT, NAMED, Design, judge, to_mechanism, worst_conditions
+from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.redrawn import redrawn
-from jaxnc.synthesis.steps import Steps
-from jaxnc.synthesis.valleys import Valley
+from jaxnc.synthesis.search.basins import Basin
+from jaxnc.synthesis.search.sqp import End
 from jaxnc.system.system import System
-from jaxnc.types import Array
 
 if TYPE_CHECKING:
     import pandas  # pyright: ignore[reportMissingImports]
     from matplotlib.figure import Figure
 
-_MEETS = 1e-8
 _FAR = 0.01  # of the target's extent: a larger error is no fit
-_CLOSE = 1e-3  # of the size: a condition that is met by less may hold a design back
-_NAMED = 4  # conditions that are named in a sentence
 _LENGTHS = 12  # of links that a table shows
-_BLUNT = "has a transmission angle of"
 _CONTINUUM = (
     "the best found of a continuum of exact designs, which is listed once: it can change in {} and still meet the "
     "targets; more targets, conditions or bounds narrow it down"
 )
 
 
+class Progress(NamedTuple):
+    """A line of the history: seconds, designs looked at, best error so far."""
+
+    seconds: float
+    designs: int
+    error: float
+
+
+@public
+@dataclasses.dataclass(frozen=True, eq=False)
+class Steps:
+    """The history of a descent; what a design has not done, because it had come to its end, is NaN.
+
+    Attributes:
+        value: what was made small, in the unit of the error, ``(steps, lanes)``: of a problem with batches, or drawn
+            anew at every step, one sample of it.
+        gradient: norm of what bounds leave of the gradient, by unknowns in their scales, ``(steps, lanes)``.
+        violation: largest violation of a condition, in parts of the problem's size, ``(steps, lanes)``.
+        good: whether the design that was tried assembles and is finite, ``(steps, lanes)``; if not, it was taken back.
+        seconds: after each step, ``(steps,)``.
+        random: whether values are samples.
+    """
+
+    value: np.ndarray
+    gradient: np.ndarray
+    violation: np.ndarray
+    good: np.ndarray
+    seconds: np.ndarray
+    random: bool
+
+    @property
+    def count(self) -> int:
+        """How many steps there were."""
+        return len(self.seconds)
+
+    def plot(self, path: str | Path | None = None, unit: str = "") -> "Figure":
+        """Draw value and gradient of all designs, step by step, on logarithmic axes; see `jaxnc.viz.synthesis`."""
+        from jaxnc.viz import synthesis
+
+        return synthesis.steps(self, path, unit)
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Write the history as arrays by name."""
+        return {f"steps.{f.name}": np.asarray(getattr(self, f.name)) for f in dataclasses.fields(self)}
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> "Steps | None":
+        """Read what `to_arrays` returned; None if it is not there."""
+        names = [f.name for f in dataclasses.fields(cls)]
+        if "steps.value" not in arrays:
+            return None
+        found = {name: arrays[f"steps.{name}"] for name in names}
+        return cls(**{**found, "random": bool(found["random"])})
+
+
 @public
 @dataclasses.dataclass(frozen=True, eq=False)
 class Result(Shown):
-    """What `solve` has found; ``print()`` shows the ranked table.
+    """Designs that a search has found; ``print()`` shows the ranked table.
 
     Attributes:
         problem: what was wanted.
@@ -78,12 +119,12 @@ class Result(Shown):
 
     @property
     def found(self) -> bool:
-        """Whether there is a design that meets all conditions and reaches all targets."""
+        """True if a design meets all conditions and reaches all targets."""
         return bool(self.designs) and not self.designs[0].defects
 
     @property
     def interrupted(self) -> bool:
-        """Whether the search was interrupted, by Ctrl-C."""
+        """True if the search was interrupted, by Ctrl-C."""
         return self.stopped.startswith("interrupted")
 
     @property
@@ -113,15 +154,15 @@ class Result(Shown):
             d = self.designs[0]
             unit, weighted = self.problem.unit, "weighted; " if self.problem.weighted else ""
             if d.exact:
-                return f"the best design is exact (largest error {quantity(d.largest, unit)}, which is rounding)"
-            words = f"best error {quantity(d.error, self.problem.error_unit, 6)}"
+                return f"the best design is exact (largest error {format_quantity(d.largest, unit)}, which is rounding)"
+            words = f"best error {format_quantity(d.error, self.problem.error_unit, 6)}"
             if self.problem.at_rest:
                 return words
-            words += f" ({weighted}largest {quantity(d.largest, unit)}, rms {quantity(d.rms, unit)})"
-            return words + self._missed(d)
+            words += f" ({weighted}largest {format_quantity(d.largest, unit)}, rms {format_quantity(d.rms, unit)})"
+            return words + self._describe_miss(d)
         if self.designs:
             words = f"no design without defects: the best one {', '.join(self.designs[0].defects)}"
-            if any(defect.startswith(_BLUNT) for defect in self.designs[0].defects):
+            if any(defect.startswith(BLUNT) for defect in self.designs[0].defects):
                 words += "; the condition transmission_angle(min) makes a search keep above an angle, min=0 accepts any"
             return words
         if self.stopped:
@@ -132,22 +173,22 @@ class Result(Shown):
                 f"or a range of the input that the mechanism has"
             )
         if self.nearest is not None:
-            worst = _worst(self.problem, self.nearest[1])
+            worst = worst_conditions(self.problem, self.nearest[1])
             return (
                 f"no design meets the conditions; the closest one misses {worst} (of the size; of angles the sine). "
                 f"They contradict each other or the bounds, or more starts or iterations are needed"
             )
         return "no design reaches all targets; more starts, wider bounds or another mechanism are needed"
 
-    def _missed(self, best: Design) -> str:
+    def _describe_miss(self, best: Design) -> str:
         """Of a target that is not met: by how much, and what may stand in the way."""
         size = self.problem.size
         if not hasattr(self.problem, "target") or best.rms <= _FAR * size:
             return ""
         words = f"; the targets are not met, by up to {100 * best.largest / size:.3g} % of their extent: "
         if best.binding:
-            more = f" and {len(best.binding) - _NAMED} more" if len(best.binding) > _NAMED else ""
-            return words + f"what holds the best design back is {', '.join(best.binding[:_NAMED])}{more}"
+            more = f" and {len(best.binding) - NAMED} more" if len(best.binding) > NAMED else ""
+            return words + f"what holds the best design back is {', '.join(best.binding[:NAMED])}{more}"
         return words + (
             "no condition and no bound holds the best design back, so that a mechanism of this kind comes no closer, "
             "unless more starts or other free variables find one"
@@ -155,7 +196,7 @@ class Result(Shown):
 
     @property
     def price(self) -> str:
-        """What it costs that dimensions come in sizes, in a sentence; "" if they do not."""
+        """A sentence that says what sizes of dimensions cost; "" where any size is allowed."""
         if self.relaxed is None or not self.found:
             return ""
         before, after = self.relaxed.error, self.designs[0].error
@@ -203,15 +244,17 @@ class Result(Shown):
         rows = self.rows()
         names = list(self.designs[0].lengths) if self.designs else []
         if not names:
-            return aligned(rows)
+            return align_columns(rows)
         shown, more = names[:_LENGTHS], f" (the first {_LENGTHS} of {len(names)})" if len(names) > _LENGTHS else ""
         sides = [("", *shown)]
         sides += [(str(k + 1), *(f"{d.lengths[n]:.5g}" for n in shown)) for k, d in enumerate(self.designs)]
-        return f"{aligned(rows)}\nlengths [{self.problem.system.topology.length_unit}]{more}\n{aligned(sides)}"
+        return (
+            f"{align_columns(rows)}\nlengths [{self.problem.system.topology.length_unit}]{more}\n{align_columns(sides)}"
+        )
 
     @property
-    def said(self) -> list[str]:
-        """What there is to be said of it, line by line."""
+    def sentences(self) -> list[str]:
+        """The result in sentences, a line each."""
         counts = f"{counted(self.screened, 'design')} screened, {self.refined} refined"
         if self.broken:
             counts += f", {self.broken} gradients not finite and left out"
@@ -226,11 +269,11 @@ class Result(Shown):
         return lines + ([self.price] if self.price else [])
 
     def __str__(self) -> str:
-        return "\n".join([*self.said, self.table()] if self.designs else self.said)
+        return "\n".join([*self.sentences, self.table()] if self.designs else self.sentences)
 
     __repr__ = __str__
 
-    # -- looking and keeping ------------------------------------------------------------------------------------
+    # -- looking and keeping ---------------------------------------------------------------------------------------
 
     def gallery(self, path: str | Path | None = None, most: int = 6) -> "Figure":
         """Draw the best designs, each with its path and the target; see `jaxnc.viz.synthesis`."""
@@ -267,22 +310,22 @@ class Result(Shown):
         meta |= {"unfit": self.unfit}
         meta |= {"reasons": [d.reason for d in self.designs], "freedoms": [d.freedom for d in self.designs]}
         with target.replacing(folder / "result.npz") as new:
-            more: dict[str, Any] = {} if self.steps is None else self.steps.saved()
+            more: dict[str, Any] = {} if self.steps is None else self.steps.to_arrays()
             ends = np.reshape(ends, (-1, 5))
             np.savez(new, x=x, history=history, ends=ends, meta=np.array(json.dumps(meta)), **more)
         target.write(folder / "designs.txt", f"{self}\n".encode())
         if self.problem.mechanism is not None:
             for k, d in enumerate(self.designs):
-                redrawn(self.problem.mechanism, d.system).save(folder / f"design_{k + 1}.toml")
+                to_mechanism(self.problem.mechanism, d.system).save(folder / f"design_{k + 1}.toml")
         return folder
 
 
-def quantity(value: float, unit: str, digits: int = 3) -> str:
+def format_quantity(value: float, unit: str, digits: int = 3) -> str:
     """A number with its unit, if it has one."""
     return f"{value:.{digits}g} {unit}".rstrip()
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> str:
+def align_columns(rows: Sequence[Sequence[str]]) -> str:
     """A table as text: rows of words, each column as wide as its widest word."""
     width = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, width, strict=True)).rstrip() for r in rows)
@@ -310,170 +353,16 @@ def load(folder: str | Path, problem: Problem) -> Result:
         raise ModelFileError(f"{path} is not a file that Result.save wrote; save the result again") from None
     if tuple(wanted) != problem.names:
         raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
-    from jaxnc.synthesis.search import Progress
-
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
-    valleys = [
-        Valley(one, Ended(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))
-        for one, end, reason in zip(moved(problem, list(x)), ends, reasons, strict=True)
+    basins = [
+        Basin(one, End(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))
+        for one, end, reason in zip(move_designs(problem, list(x)), ends, reasons, strict=True)
     ]
-    known = Steps.read(arrays)
-    unfit, freedoms = int(meta.get("unfit", 0)), meta.get("freedoms", [0] * len(valleys))
+    known = Steps.from_arrays(arrays)
+    unfit, freedoms = int(meta.get("unfit", 0)), meta.get("freedoms", [0] * len(basins))
     designs = [
         dataclasses.replace(design, freedom=int(freedom))
-        for design, freedom in zip(judged(problem, valleys, ranked=False), freedoms, strict=True)
+        for design, freedom in zip(judge(problem, basins, ranked=False), freedoms, strict=True)
     ]
     designs.sort(key=lambda design: design.rank)
     return Result(problem, tuple(designs), rows, refined, screened, broken, None, "", unfit, steps=known)
-
-
-def judged(problem: Problem, valleys: Sequence[Valley], ranked: bool = True) -> list[Design]:
-    """What designs are worth, from how they move through their targets and their range, best first if `ranked`."""
-    designs = [_judged(problem, walked(problem, v.one), v.end, v.starts) for v in valleys]
-    return sorted(designs, key=lambda d: d.rank) if ranked else designs
-
-
-def largest(problem: Problem, one: Moved) -> float:
-    """The largest error of a design, with weights, in units of the target."""
-    return float(_each(_told(problem, one).errors).max())
-
-
-def shortfalls(problem: Problem, one: Moved) -> dict[str, float]:
-    """By how much a design that moves through the whole range misses inequalities over it, those that it misses."""
-    if not np.asarray(one.turn.converged).all():
-        return {}
-    found = zip(problem.conditions, _told(problem, one).conditions, strict=True)
-    least = {c.name: float(np.min(v, initial=0.0)) for c, v in found if c.over_range and not c.equality}
-    return {name: -low for name, low in least.items() if low < -10 * _MEETS}
-
-
-def spoilt(problem: Problem, x: np.ndarray) -> str:
-    """What of a design is not finite, in words: errors, conditions by name, or the derivatives of something."""
-    told = _told(problem, moved(problem, [x[: problem.count]])[0])
-    words = ["errors"] if not np.isfinite(told.errors).all() else []
-    pairs = zip(problem.conditions, told.conditions, strict=True)
-    names = [c.name for c, values in pairs if not np.isfinite(values).all()]
-    words += ["conditions (" + ", ".join(dict.fromkeys(names)) + ")"] if names else []
-    return " and ".join(words) or "derivatives of errors or conditions"
-
-
-class _Told(NamedTuple):
-    """Numbers of a design that the problem's functions tell: errors with and without weights, orders, conditions."""
-
-    errors: Any
-    misses: Any
-    own: Any
-    conditions: Any
-
-
-def _told(problem: Problem, one: Moved) -> _Told:
-    return jax.tree.map(np.asarray, _numbers(problem, one.x, one.motion, one.turn))
-
-
-@jit
-def _numbers(problem: Problem, x: Array, motion: Motion, turn: Motion) -> _Told:
-    extra = problem.split(x)[1]
-    errors, misses = problem.errors(motion, extra), problem.misses(motion, extra)
-    return _Told(errors, misses, problem.own(extra), problem.met(motion, turn))
-
-
-def _each(errors: np.ndarray) -> np.ndarray:
-    """The size of the error at each target."""
-    return np.linalg.norm(errors.reshape(len(errors), -1), axis=1)
-
-
-def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
-    told = _told(problem, one)
-    each, plain = _each(told.errors), _each(told.misses)
-    moves, good = np.asarray(one.motion.converged), np.asarray(one.turn.converged)
-    defects = []
-    if not moves.all():
-        defects.append(f"does not reach target {int(np.flatnonzero(~moves)[0]) + 1} on its branch")
-    if problem.turning and not good.all():
-        defects.append("cannot go through its whole range")
-    if (told.own < -_MEETS).any():
-        defects.append(problem.rule[1])
-    for c, values in zip(problem.conditions, told.conditions, strict=True):
-        far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
-        if (far > 10 * _MEETS).any() and not (c.over_range and not good.all() and defects):
-            defects.append(f"misses {c.name} by {far.max():.2g}")
-    top, loop, sharp, kind = problem.system.topology, four_bar_loop(problem.system, problem.driven), np.nan, ""
-    spots = (*top.points, *(m.name for m in top.markers if not m.direction))
-    seen = good if good.any() else np.arange(len(good)) < 1
-    places = np.concatenate([np.asarray(one.turn[name])[seen] for name in spots])
-    if loop is not None:
-        a, b, c, g = (float(v) for v in loop.lengths(one.motion))
-        kind = grashof_type(g, a, b, c).type
-    if top.dim == 2 and not top.large and good.any():
-        sharp = _sharp(problem, one, moves, good)
-    transmission = float(np.arcsin(np.clip(sharp, 0.0, 1.0)))
-    stated = any(isinstance(c, (TransmissionAngle, AnyTransmission)) for c in problem.conditions)
-    if transmission < LEAST_TRANSMISSION and not stated:
-        least = np.degrees(LEAST_TRANSMISSION)
-        defects.append(f"{_BLUNT} {np.degrees(transmission):.3g} deg, below {least:.3g} deg")
-    error = float(each.max() if problem.minimax else np.sum(each**2))
-    if problem.at_rest:
-        error, each, plain = end.square, np.array([end.square]), np.array([np.nan])
-    return Design(
-        system=one.motion.system,
-        motion=one.motion,
-        turn=one.turn,
-        x=one.x,
-        error=error,
-        rms=float(np.sqrt(np.mean(plain**2))),
-        largest=float(plain.max()),
-        errors=each if problem.at_rest else told.errors,
-        inputs=np.asarray(one.motion.inputs[problem.driven]),
-        type=kind,
-        transmission=transmission,
-        turns=bool(good.all()),
-        size=tuple(float(v) for v in np.ptp(places, axis=0)),
-        lengths=lengths(one.motion),
-        defects=tuple(defects),
-        binding=tuple(_binding(problem, told, one.x)),
-        converged=end.converged,
-        optimality=end.optimality,
-        feasibility=end.feasibility,
-        iterations=end.iterations,
-        reason=end.reason,
-        starts=starts,
-        exact=all(is_rounding(problem, float(np.sqrt(np.mean(e**2))), told.errors.dtype) for e in (told.errors, plain)),
-    )
-
-
-def _sharp(problem: Problem, one: Moved, moves: np.ndarray, good: np.ndarray) -> float:
-    """Return the least sine at which constraints meet: over the range, or between the targets if that ends early."""
-    found = np.min(sines(problem, one.x, one.turn), axis=1)
-    if good.all() or problem.at_rest:
-        return float(np.min(found[good]))
-    through = np.asarray(one.motion.inputs[problem.driven])
-    past = np.asarray(one.turn.inputs[problem.driven]) - np.min(through)
-    between = good & ((past % (2 * np.pi) if problem.whole else np.abs(past)) <= np.ptp(through))
-    at = np.min(sines(problem, one.x, one.motion), axis=1)[moves]
-    return float(np.min(np.concatenate([at, found[between]]), initial=1.0))
-
-
-def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:
-    """Conditions that are just met, and unknowns at a bound."""
-    out = []
-    for c, values in zip(problem.conditions, told.conditions, strict=True):
-        if c.equality or (values.size and values.min() < _CLOSE):
-            out.append(c.name)
-    if told.own.size and told.own.min() < _CLOSE:
-        out.append(problem.rule[0])
-    near = _CLOSE * problem.scale
-    for name, v, low, high, e in zip(problem.names, x, problem.low, problem.high, near, strict=True):
-        if v <= low + e or v >= high - e:
-            out.append(f"the bound of {name}")
-    return out
-
-
-def _worst(problem: Problem, x: np.ndarray) -> str:
-    """The conditions that a design misses, worst first, and by how much."""
-    told = _told(problem, walked(problem, moved(problem, [x])[0]))
-    far = {problem.rule[0]: float(np.max(-told.own, initial=0.0))}
-    for c, values in zip(problem.conditions, told.conditions, strict=True):
-        far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))
-    worst = sorted((n for n in far if far[n] > _MEETS), key=lambda n: -far[n])
-    more = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
-    return ", ".join(f"{n} by {far[n]:.2g}" for n in worst[:_NAMED]) + more

@@ -1,30 +1,41 @@
-"""What all problems have in common when they are stated: names, bounds and conditions, checked and completed."""
+"""The part of a problem's statement that all kinds share: names, bounds and conditions, checked and completed."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
-from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
+from jaxnc.kinematics.redesign import components, flattened
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import LARGE, Condition, Equal, Length, Links, Own, Size
-from jaxnc.synthesis.given import radians
-from jaxnc.synthesis.lengths import links
-from jaxnc.synthesis.loops import four_bar_loop, ground
-from jaxnc.synthesis.moved import moved
-from jaxnc.synthesis.problem import Problem, system_home
-from jaxnc.synthesis.variables import interval, variables
+from jaxnc.synthesis.evaluate import move_designs
+from jaxnc.synthesis.loops import four_bar_loop, ground_points, links
+from jaxnc.synthesis.problem import Problem, Variables, home_value
+from jaxnc.synthesis.validate import as_interval, as_names, check_radians
 from jaxnc.system.system import System, characteristic_length, drivable
-from jaxnc.types import Array
 
 _NUDGE = 0.05  # radians, or parts of the size, by which an input is moved to see which distances stay
 _TURNS = 40 * np.pi  # an input that travels further is doubted to be in radians
 _STIFF = 1e-7  # of a distance: less is no change
+
+
+class Statement(NamedTuple):
+    """Fields of a `Problem` that all kinds of problems have in common, checked and completed."""
+
+    system: System
+    driven: str
+    variables: Variables
+    conditions: tuple[Condition, ...]
+    hold: tuple[str, ...]
+    travel: tuple[float, float]
+    whole: bool
+    length: float
+    mechanism: Mechanism | None
 
 
 def check_lengths(what: str, system: System, driven: str, conditions: Sequence[Condition]) -> None:
@@ -53,7 +64,7 @@ def check_lengths(what: str, system: System, driven: str, conditions: Sequence[C
             )
 
 
-def compiled(what: str, mechanism: Mechanism | System) -> System:
+def compile_idea(what: str, mechanism: Mechanism | System) -> System:
     """The starting idea, compiled."""
     system = mechanism.compile() if isinstance(mechanism, Mechanism) else mechanism
     check_system(system, what)
@@ -64,7 +75,7 @@ def check_spans(what: str, system: System, driven: str, hold: Sequence[str], con
     """See that lengths are lengths: distances that do not change as the mechanism moves."""
     top = system.topology
     bodies = {body.name: [top.points[i] for i in body.points] for body in top.bodies}
-    bodies["ground"] = [top.points[i] for i in sorted(ground(system))]
+    bodies["ground"] = [top.points[i] for i in sorted(ground_points(system))]
     for marker in top.markers:
         bodies.setdefault(marker.body, []).append(marker.name)
     motion = None
@@ -76,7 +87,7 @@ def check_spans(what: str, system: System, driven: str, hold: Sequence[str], con
                 step = _NUDGE * (
                     1.0 if driven in top.scalars else float(characteristic_length(system.parameters.points))
                 )
-                home = float(system_home(system, driven))
+                home = float(home_value(system, driven))
                 motion = sweep(system, {driven: home + step * np.linspace(0.0, 1.0, 3)}, hold=hold, repair=False)
             far = np.linalg.norm(np.asarray(motion[a]) - np.asarray(motion[b]), axis=1)[np.asarray(motion.converged)]
             if np.ptp(far) > _STIFF * np.max(far) if len(far) else False:
@@ -88,32 +99,30 @@ def check_spans(what: str, system: System, driven: str, hold: Sequence[str], con
                 )
 
 
-def turn_of(parts: Mapping[str, Any], beyond: bool) -> float:
+def turn_of(stated: Statement, beyond: bool) -> float:
     """How far values of the input may go, radians: a turn of an angle, or its travel; infinite if it is none.
 
-    `parts` are as `set_up` returns them. `beyond` says whether its travel may be given; if not, it is two turns of an
-    angle that nothing else depends on.
+    `beyond` says whether its travel may be given; if not, it is two turns of an angle that nothing else depends on.
     """
-    top, driven = parts["system"].topology, parts["driven"]
+    top, driven = stated.system.topology, stated.driven
     if driven not in top.scalars:
         return np.inf
     k = top.scalars.index(driven)
     if not (top.angles[k] if beyond else top.periodic[k]):
         return np.inf
-    low, high = parts["travel"]
+    low, high = stated.travel
     return max(2 * np.pi, high - low) if beyond else 4 * np.pi
 
 
-def state(problem: Problem, fields: Mapping[str, Any]) -> None:
-    """Give a problem its fields, and see that conditions of the user's own are finite for the starting idea."""
-    for name, value in fields.items():
-        object.__setattr__(problem, name, value)
+def complete(problem: Problem, stated: Statement, **fields: Any) -> None:
+    """Give a problem its fields; refuse conditions of the user's own that are not finite for the starting idea."""
+    vars(problem).update(stated._asdict() | fields)
     if not problem.at_rest:
-        object.__setattr__(problem, "conditions", (*problem.conditions, *_links(problem)))
+        vars(problem).update(conditions=(*problem.conditions, *_link_limits(problem)))
     if not any(isinstance(c, Own) for c in problem.conditions):
         return
-    one = moved(problem, [problem.start])[0]
-    for c, values in zip(problem.conditions, _met(problem, one.motion, one.turn), strict=True):
+    one = move_designs(problem, [problem.start])[0]
+    for c, values in zip(problem.conditions, _compiled_met(problem, one.motion, one.turn), strict=True):
         reached = np.asarray((one.turn if c.over_range else one.motion).converged).all()
         bad = ~np.isfinite(np.asarray(values))
         if isinstance(c, Own) and reached and bad.any():
@@ -124,7 +133,7 @@ def state(problem: Problem, fields: Mapping[str, Any]) -> None:
             )
 
 
-def _links(problem: Problem) -> list[Condition]:
+def _link_limits(problem: Problem) -> list[Condition]:
     """The condition that no link is many times as long as the target is wide, of links that no wish of the user names.
 
     A link that is longer in the idea may be as long as it is there.
@@ -158,9 +167,53 @@ def _links(problem: Problem) -> list[Condition]:
     return [Links(tuple(out), tuple(out.values()))] if out else []
 
 
-@jit
-def _met(problem: Problem, motion: Motion, turn: Motion) -> list[Array]:
-    return problem.met(motion, turn)
+_compiled_met = jit(Problem.condition_values)
+
+
+def choose_variables(
+    system: System, free: Sequence[str] | None = None, bounds: Mapping[str, Any] | None = None, what: str = "problem"
+) -> Variables:
+    """Choose design variables.
+
+    Names are of points, vectors, markers, explicit dimensions or single components such as ``"D.x"``, all if none are
+    given. Bounds ``(low, high)`` are None for none; of a point one pair for each axis, or one pair for all.
+    """
+    every = components(system)
+    known = [*dict.fromkeys(n for n, _, _ in every), *(c for n, c, _ in every if c != n)]
+    chosen = range(len(every))
+    if free is not None:
+        free = as_names(free, f"{what}: free=")
+        if not free:
+            raise InputError(f"{what}: free=() leaves nothing to design; name variables, or leave it out for all")
+        for name in free:
+            if name not in known:
+                raise InputError(f"{what}: {system.name!r} has no design variable {name!r}; {nearest(name, known)}")
+        chosen = [k for k, (name, part, _) in enumerate(every) if name in free or part in free]
+    at = np.array(list(chosen), dtype=int)
+    names = tuple(every[k][1] for k in at)
+    home = np.asarray(flattened(system), dtype=float)[at]
+    size = float(characteristic_length(system.parameters.points))
+    drawn = len(every) - len(system.topology.dimensions)
+    scale = np.where(at < drawn, size, np.maximum(np.abs(home), 1e-3 * size))
+    scale = np.where([k < drawn and every[k][2] == "rad" for k in at], 1.0, scale)  # unit vectors have no size
+    low, high = np.full(len(at), -np.inf), np.full(len(at), np.inf)
+    for name, pair in (bounds or {}).items():
+        places = [i for i, k in enumerate(at) if name in every[k][:2]]
+        if not places:
+            if name in known:
+                raise InputError(f"{what}: bounds for {name!r}, which is not free; add it to free=")
+            raise InputError(f"{what}: bounds for {name!r}, which is no design variable; {nearest(name, known)}")
+        each = [pair] * len(places)
+        if len(places) > 1 and np.ndim(pair) and any(np.ndim(p) == 1 for p in pair):
+            if len(pair) != len(places):
+                raise InputError(
+                    f"{what}: bounds of {name!r} are {len(pair)} pairs for {len(places)} components that are free, "
+                    f"{', '.join(every[at[i]][1] for i in places)}; give one pair for each, or one for all"
+                )
+            each = list(pair)
+        for i, one in zip(places, each, strict=True):
+            low[i], high[i] = as_interval(one, f"{what}: bounds of {names[i]!r}")
+    return Variables(names, at, home, scale, low, high, free is not None)
 
 
 def set_up(
@@ -173,13 +226,10 @@ def set_up(
     hold: Sequence[str],
     travel: tuple[float, float] | None,
     given: Sequence[float] | np.ndarray = (),
-) -> dict[str, Any]:
-    """Check and complete what all problems have in common; returns fields of `Problem`.
-
-    `given` are values of the input, where they are known.
-    """
+) -> Statement:
+    """Check and complete what all problems have in common; `given` are values of the input, where they are known."""
     description = mechanism if isinstance(mechanism, Mechanism) else None
-    system = compiled(what, mechanism)
+    system = compile_idea(what, mechanism)
     top = system.topology
     if driven is None:
         named = description.model.run.inputs if description is not None else {}
@@ -201,40 +251,32 @@ def set_up(
     for name, pair in (bounds or {}).items():
         start, dash, end = name.partition("-")
         if dash and name not in top.dimensions and start in top.points and end in top.points:
-            low, high = interval(pair, f"{what}: bounds of {name!r}")
+            low, high = as_interval(pair, f"{what}: bounds of {name!r}")
             lengths.append(Length(start, end, low, high))
         else:
             box[name] = pair
-    found = variables(system, free, box, what)
+    found = choose_variables(system, free, box, what)
     wanted = (subject_to,) if isinstance(subject_to, Condition) else subject_to
     if not isinstance(wanted, Sequence) or isinstance(wanted, str):
         raise InputError(f"{what}: subject_to= takes a list of conditions such as crank_turns(), got {wanted!r}")
     for c in wanted:
         if not isinstance(c, Condition):
             raise InputError(f"{what}: subject_to= takes conditions such as crank_turns(), got {c!r}")
-    conditions = tuple(c.prepared(system, driven) for c in (*wanted, *lengths))
+    conditions = tuple(c.prepare(system, driven) for c in (*wanted, *lengths))
     check_spans(what, system, driven, hold, conditions)
     check_lengths(what, system, driven, conditions)
     if travel is None and len(given):
         travel = (float(np.min(given)), float(np.max(given)))
     elif travel is None:
         turning = driven in top.scalars and bool(top.periodic[top.scalars.index(driven)])
-        home = float(system_home(system, driven))
+        home = float(home_value(system, driven))
         travel = (home, home + 2 * np.pi) if turning else (home, home)
         if not turning and any(c.over_range for c in conditions):
             raise InputError(f"{what}: say over which range {driven!r} moves: travel=(low, high)")
     else:
-        travel = interval(travel, f"{what}: travel")
+        travel = as_interval(travel, f"{what}: travel")
         if top.is_angle(driven):
-            radians(np.array(travel), f"{what}: travel", _TURNS, "state fewer turns")
-    return {
-        "system": system,
-        "driven": driven,
-        "variables": found,
-        "conditions": conditions,
-        "hold": hold,
-        "travel": travel,
-        "whole": bool(np.isclose(travel[1] - travel[0], 2 * np.pi)),
-        "length": float(characteristic_length(system.parameters.points)),
-        "mechanism": description,
-    }
+            check_radians(np.array(travel), f"{what}: travel", _TURNS, "state fewer turns")
+    whole = bool(np.isclose(travel[1] - travel[0], 2 * np.pi))
+    length = float(characteristic_length(system.parameters.points))
+    return Statement(system, driven, found, conditions, hold, travel, whole, length, description)

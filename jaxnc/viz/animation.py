@@ -12,15 +12,14 @@ from PIL import Image
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, OutputError
+from jaxnc.io.target import writing
 from jaxnc.kinematics.motion import Motion
 from jaxnc.progress import bar
-from jaxnc.viz.drawing import looked_at
-from jaxnc.viz.output import writing
+from jaxnc.viz.drawing import PlaneView, make_view
 from jaxnc.viz.picture import Size, inches
-from jaxnc.viz.poses import Poses, poses
-from jaxnc.viz.shown import Animation
-from jaxnc.viz.spatial.drawing import View as Space
-from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mixed
+from jaxnc.viz.poses import Poses, evenly, poses
+from jaxnc.viz.repr_html import Animation
+from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mix
 
 _MOST = 120  # frames, unless asked for more
 _MOST_IN_TIME = 240  # the same of a motion in time
@@ -37,7 +36,6 @@ def animate(
     velocities: str | Iterable[str] = (),
     accelerations: str | Iterable[str] = (),
     forces: bool | str | Iterable[str] = (),
-    bounce: bool = False,
     labels: bool = True,
     title: str | None = None,
     frame: bool = True,
@@ -60,7 +58,6 @@ def animate(
         accelerations: the same for accelerations.
         forces: whether forces on points are drawn: True, or some of ``"weight"``, ``"applied"`` (springs, dampers,
             loads) and ``"reaction"`` (see `jaxnc.dynamics.nodal.nodal_forces`); the motion must carry rates.
-        bounce: whether the motion is also run backwards.
         labels: whether points and unit vectors are named.
         title: heading; the mechanism's name if not given, none if ``""``.
         frame: whether axes with coordinates are drawn.
@@ -81,9 +78,7 @@ def animate(
         raise InputError(f"{data.topology.name!r}: one pose does not move; animate a sweep, or use draw()")
     if not isinstance(fps, (int, float)) or not 0 < fps <= 1000:
         raise InputError(f"fps={fps!r}: frames per second must be a positive number, at most 1000")
-    chosen = _chosen(data, frames, fps)
-    if bounce:
-        chosen = [*chosen, *chosen[-2:0:-1]]
+    chosen = _choose_frames(data, frames, fps)
     with writing(path, (".gif", ".mp4"), "an animation") as new:
         path = Path(path).expanduser()
         ffmpeg = _ffmpeg(path) if new.suffix.lower() == ".mp4" else ""
@@ -95,7 +90,7 @@ def animate(
     return Animation(path)
 
 
-def _chosen(data: Poses, frames: int | Sequence[int] | None, fps: float) -> list[int]:
+def _choose_frames(data: Poses, frames: int | Sequence[int] | None, fps: float) -> list[int]:
     every = data.count - 1 if data.closed else data.count
     if frames is None and data.motion.time is not None:
         time = np.asarray(data.motion.time, float)
@@ -122,12 +117,11 @@ class Film:
     def __init__(
         self, data: Poses, trace, velocities, accelerations, labels, title, frame, size, dpi, seen=None, forces=()
     ):
-        view = looked_at(data, data.shown.tolist(), trace, labels, seen)
+        view = make_view(data, data.extent_poses.tolist(), trace, labels, seen)
         view.aim(velocities, accelerations, None, forces)
         view.open(None, size, frame, data.topology.name if title is None else title)
-        shown = data.shown
-        sampled = shown[np.unique(np.linspace(0, len(shown) - 1, 9).astype(int))]
-        view.film(int(shown[0]), sampled)
+        shown = data.extent_poses
+        view.film(int(shown[0]), evenly(shown))
         self.view = view
         figure = view.figure
         figure.set_dpi(dpi)
@@ -141,7 +135,7 @@ class Film:
         self.ground = self.canvas.copy_from_bbox(figure.bbox)
 
     def frame(self, k: int) -> np.ndarray:
-        """Pose `k` as an image, ``(height, width, 4)`` of bytes."""
+        """Draw pose `k` as an image, ``(height, width, 4)`` of bytes."""
         self.canvas.restore_region(self.ground)
         self.view.show(k)
         if self.time is not None:
@@ -151,46 +145,41 @@ class Film:
         return np.asarray(self.canvas.buffer_rgba())
 
     def palette(self) -> np.ndarray:
-        """The colours of all frames, ``(256, 3)`` of bytes: each that is drawn with, mixed with the paper and ink."""
-        if isinstance(self.view, Space):
-            return self._shades(self.view)
-        drawn = [item.body for item in self.view.scene.items]
-        names = ["ink", "soft", "failure", *(str(quiver.get_gid()) for quiver, _, _ in self.view.quivers)]
-        colours = [colour_of(name, INK) for name in names]
-        colours += [colour_of("body", body % len(BODIES)) for body in sorted(set(drawn)) if body != INK]
+        """Choose the colours of all frames, ``(256, 3)`` of bytes: each that is drawn with, mixed with paper and ink.
+
+        Solids have shades besides: those that a few frames have.
+        """
+        colours = [colour_of(name, INK) for name in ("ink", "soft", "failure", *(a.noun for a in self.view.arrow_sets))]
+        colours += [colour_of("body", k) for k in sorted({item.body % len(BODIES) for item in self.view.scene.items
+                                                          if item.body != INK})]  # fmt: skip
         colours = list(dict.fromkeys(colours))
-        steps = 255 // len(colours) - 1
-        mixes = [mixed(c, LIGHT["paper"], (k + 1) / steps) for c in colours for k in range(steps)]
-        mixes += [mixed(c, LIGHT["ink"], 0.5) for c in colours]
+        if isinstance(self.view, PlaneView):
+            steps = 255 // len(colours) - 1
+            mixes = [mix(c, LIGHT["paper"], (k + 1) / steps) for c in colours for k in range(steps)]
+            found = _as_bytes(mixes + [mix(c, LIGHT["ink"], 0.5) for c in colours])
+        else:
+            mixes = [mix(c, LIGHT["paper"], share) for c in colours for share in (1.0, 0.75, 0.5, 0.3, 0.15)]
+            own = _as_bytes(mixes)[:120]
+            strip = np.concatenate([self.frame(int(k))[..., :3] for k in evenly(self.view.data.extent_poses, 6)])
+            few = Image.fromarray(strip).quantize(255 - len(own), method=Image.Quantize.MEDIANCUT).getpalette() or []
+            found = np.concatenate([own, np.array(few, dtype=np.uint8).reshape(-1, 3)[: 255 - len(own)]])
         out = np.full((256, 3), 255, dtype=np.uint8)
-        out[1 : len(mixes) + 1] = [[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in mixes]
+        out[1 : len(found) + 1] = found
         out[out.min(axis=1) >= 244] = 255  # Pillow looks colours up in coarse boxes: white must have its own
         return out
 
-    def _shades(self, view: Space) -> np.ndarray:
-        """The same for solids: each colour mixed with the paper, and the shades that a few frames have."""
-        shown = view.data.shown
-        some = np.unique(np.linspace(0, len(shown) - 1, 6).astype(int))
-        names = ["ink", "soft", "failure", *(a.noun for a in view.drawn)]
-        colours = [colour_of(name, INK) for name in names]
-        colours += [colour_of("body", k) for k in sorted({item.body for item in view.scene.items} - {INK})]
-        mixes = [mixed(c, LIGHT["paper"], share) for c in colours for share in (1.0, 0.75, 0.5, 0.3, 0.15)]
-        own = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in mixes], dtype=np.uint8)[:120]
-        strip = np.concatenate([self.frame(int(shown[i]))[..., :3] for i in some])
-        found = Image.fromarray(strip).quantize(255 - len(own), method=Image.Quantize.MEDIANCUT).getpalette() or []
-        shades = np.array(found, dtype=np.uint8).reshape(-1, 3)[: 255 - len(own)]
-        out = np.full((256, 3), 255, dtype=np.uint8)
-        out[1 : 1 + len(own) + len(shades)] = np.concatenate([own, shades])
-        out[out.min(axis=1) >= 244] = 255
-        return out
-
     def frames(self, chosen: list[int], path: Path) -> Iterator[np.ndarray]:
-        """All frames, with a progress bar if there are many and someone watches."""
+        """Draw all frames, with a progress bar if there are many and someone watches."""
         shown = None if len(chosen) > _LONG else False
         with bar(len(chosen), path.name, "frame", shown, leave=False) as seen:
             for k in chosen:
                 yield self.frame(k)
                 seen.update()
+
+
+def _as_bytes(colours: list[str]) -> np.ndarray:
+    """Write colours ``"#rrggbb"`` as bytes, ``(n, 3)``."""
+    return np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colours], dtype=np.uint8)
 
 
 def _write_gif(path: Path, new: Path, film: Film, chosen: list[int], fps: float) -> None:
@@ -237,9 +226,9 @@ def _write_mp4(path: Path, new: Path, film: Film, chosen: list[int], fps: float,
             process.stdin.close()
         except BrokenPipeError:
             pass  # ffmpeg says why below
-        said = process.stderr.read().decode(errors="replace").strip()
+        message = process.stderr.read().decode(errors="replace").strip()
     if process.returncode:
-        reason = said.splitlines()[-1] if said else f"exit status {process.returncode}"
+        reason = message.splitlines()[-1] if message else f"exit status {process.returncode}"
         raise OutputError(
             f"{path}: ffmpeg could not write it ({reason}); check the folder, or write "
             f"{path.with_suffix('.gif').name} instead"

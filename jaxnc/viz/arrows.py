@@ -4,12 +4,11 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
-from jaxnc.viz.numbers import packed
 from jaxnc.viz.poses import Poses
 
 LONGEST = 0.2
@@ -38,7 +37,7 @@ class Arrows:
     discs: tuple[float, ...] = ()  # of weights, radii of the symbols of the centres of mass, units
 
     def point(self, poses: Poses, k: int) -> int | None:
-        """The column of a point of the plane that an arrow stands at in all poses; None where it has its own place."""
+        """Find the column of the point in the plane that an arrow stands at; None where it has its own place."""
         if poses.dim == 3:
             return None
         same = np.abs(poses.places - self.places[:, k, None])[poses.good].max(axis=(0, 2), initial=0.0) < 1e-9
@@ -67,12 +66,12 @@ def arrows(
         x = poses.rates(order)[:, list(columns)]
         shown, most = _reach(np.linalg.norm(x if pose is None else x[pose : pose + 1], axis=-1))
         unit = f"{poses.topology.length_unit}/s" + ("" if order == 1 else "²")
-        out.append(_scaled(noun, columns, poses.places[:, list(columns)], x, (shown, shown, most), unit, size))
+        out.append(_scale(noun, columns, poses.places[:, list(columns)], x, (shown, shown, most), unit, size))
     return out + _forces(poses, forces, size, pose)
 
 
 def _reach(length: np.ndarray) -> tuple[float, float]:
-    """What the longest arrow stands for, and the largest value, of lengths ``(T, arrows)``.
+    """Choose the value that the longest arrow stands for, and find the largest, of lengths ``(T, arrows)``.
 
     A few poses that exceed the others by far do not decide: they would leave dots of the rest.
     """
@@ -82,25 +81,28 @@ def _reach(length: np.ndarray) -> tuple[float, float]:
     return (min(most, _BEYOND * float(np.percentile(usual, _USUAL))) if len(usual) else 0.0), most
 
 
-def _scaled(noun, columns, places, x, reach: tuple[float, float, float], unit: str, size: float) -> Arrows:
-    """Arrows of vectors ``(T, arrows, dim)``, drawn to scale up to `shown`, the largest of their own and of all."""
+def _scale(noun, columns, places, x, reach: tuple[float, float, float], unit: str, size: float) -> Arrows:
+    """Make arrows of vectors ``(T, arrows, dim)``, to scale up to a value; with the largest of their own and of all."""
     shown, own, most = reach
     scale = LONGEST * size / shown if shown > 0 else 1.0
     length = np.linalg.norm(np.nan_to_num(x), axis=-1, keepdims=True)
     vectors = scale * x * np.minimum(1.0, shown / np.maximum(length, 1e-300))
     key = nice(0.6 * shown) if own > 0 else 1.0  # arrows of one scale have keys of one length
-    cut = f", cut at {_said(shown)}" if most > shown * (1 + 1e-9) else ""
-    words = f"{noun} {key:g} {unit}{cut}", f"{noun} {_said(own)} {unit}{f' of {_said(most)}' if cut else ''}"
+    cut = f", cut at {_three_digits(shown)}" if most > shown * (1 + 1e-9) else ""
+    words = (
+        f"{noun} {key:g} {unit}{cut}",
+        f"{noun} {_three_digits(own)} {unit}{f' of {_three_digits(most)}' if cut else ''}",
+    )
     return Arrows(noun, columns, places, vectors, key * scale if own > 0 else 0.0, *words, scale)
 
 
-def _said(value: float) -> str:
-    """Three digits, and 2320 rather than 2.32e+03."""
+def _three_digits(value: float) -> str:
+    """Write three digits, and 2320 rather than 2.32e+03."""
     return f"{float(f'{value:.3g}'):g}"
 
 
 def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose: int | None) -> list[Arrows]:
-    """Forces where they act, all on one scale; kinds and places where nothing acts are left out."""
+    """Make arrows of forces where they act, all on one scale; kinds and places where nothing acts are left out."""
     if not wanted:
         return []
     from jaxnc.dynamics.nodal import KINDS, nodal_forces
@@ -125,7 +127,7 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
             own, most = reach[kind]
             places = np.asarray(found[kind][0]).reshape(poses.count, -1, dim)[:, chosen]
             shown = shared if own > _SMALL * shared else own  # a weight beside large reactions
-            made = _scaled(kind, (), places, every[kind][:, chosen], (shown, own, most), "N", size)
+            made = _scale(kind, (), places, every[kind][:, chosen], (shown, own, most), "N", size)
             made = dataclasses.replace(made, chosen=tuple(chosen.tolist()))
             if kind == "weight":
                 joints = range(len(poses.topology.points))  # and markers, which are crosses
@@ -143,7 +145,7 @@ class Shafts(NamedTuple):
 
 
 def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> Shafts | None:
-    """All arrows in some poses; None if there are none."""
+    """Collect all arrows in some poses; None if there are none."""
     ends = [np.stack([a.places, a.places + a.vectors], axis=2)[sampled] for a in drawn]
     widths = [np.full(a.places.shape[1], _SHAFT) for a in drawn]
     for a in drawn:
@@ -153,42 +155,8 @@ def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> Shafts |
     return Shafts(np.concatenate(ends, axis=1), np.concatenate(widths)) if ends else None
 
 
-def in_page(poses: Poses, drawn: Sequence[Arrows], quantum: float) -> dict[str, Any]:
-    """Arrows as a page reads them: what they are, columns of their feet and tips, and the columns that are no points.
-
-    Args:
-        poses: the motion.
-        drawn: its arrows; an order of 2 says that they are forces.
-        quantum: what lengths are rounded to.
-    """
-    tips: list[np.ndarray] = []
-    first, sets = len(poses.names) + len(poses.directions), []
-    for one in drawn:
-        feet = [*one.columns] if one.columns else [one.point(poses, k) for k in range(len(one.chosen))]
-        for k, foot in enumerate(feet):
-            if foot is None:
-                feet[k] = first + len(tips)
-                tips.append(one.places[:, k])
-        shafts = [[foot, first + len(tips) + k] for k, foot in enumerate(feet)]
-        tips += list(np.swapaxes(one.places + np.nan_to_num(one.vectors), 0, 1))
-        sets.append(
-            {
-                "noun": one.noun,
-                "order": _NOUNS.index(one.noun) if one.columns else 2,
-                "shafts": shafts,
-                "scale": float(f"{one.scale:.12g}"),
-                "key": float(f"{one.key:.7g}"),
-                "text": one.text if poses.dim == 2 else f"longest {one.longest}",
-            }
-        )
-    return {
-        "arrows": sets,
-        "tips": [{a: packed(x, quantum) for a, x in zip("xyz", tip.T, strict=False)} for tip in tips],
-    }
-
-
 def nice(value: float) -> float:
-    """The number 1, 2 or 5 times a power of ten nearest below a positive value."""
+    """Round a positive value down to 1, 2 or 5 times a power of ten."""
     if not value > 0 or not math.isfinite(value):
         raise InputError(f"no scale for {value!r}")
     power = 10.0 ** math.floor(math.log10(value))

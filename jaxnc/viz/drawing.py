@@ -1,7 +1,7 @@
-"""One pose of a mechanism, drawn as engineers draw it."""
+"""Drawing of a mechanism in one pose, as engineers draw it."""
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -22,21 +22,19 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
-from jaxnc.viz import marks as plane_marks
-from jaxnc.viz.arrows import Arrows, arrows, nice, shafts
-from jaxnc.viz.labels import boxes, placed, tracked
-from jaxnc.viz.marks import Wish
+from jaxnc.viz.arrows import shafts
+from jaxnc.viz.draft import caption
+from jaxnc.viz.instant_overlay import PlaneOverlay, SpaceOverlay, Wish
+from jaxnc.viz.labels import label_boxes, place_labels, track_labels
+from jaxnc.viz.legend import Legend
 from jaxnc.viz.pen import Pen
-from jaxnc.viz.picture import Picture, Size, inches, save, unit_on
-from jaxnc.viz.poses import Poses, poses
-from jaxnc.viz.scene import Scene
-from jaxnc.viz.sketch import sketch
-from jaxnc.viz.spatial import drawing as spatial
-from jaxnc.viz.spatial import marks as spatial_marks
-from jaxnc.viz.spatial.camera import given
-from jaxnc.viz.style import HEADING, LIGHT, NUMBERS, colour_of, furnish, named, wide, wrapped
-from jaxnc.viz.typed import caption
-from jaxnc.viz.under import Under
+from jaxnc.viz.picture import Picture, Size, finish, inches, unit_on
+from jaxnc.viz.poses import Poses, evenly, poses
+from jaxnc.viz.sketch import sketch_plane
+from jaxnc.viz.spatial.camera import read_view
+from jaxnc.viz.spatial.drawing import SpaceView
+from jaxnc.viz.style import LIGHT, axis_name, colour_of, furnish, wide, wrap
+from jaxnc.viz.view import View
 
 _MARGIN = 6.2  # around the mechanism, units
 _EDGE = 4.0  # of the paper, points
@@ -103,103 +101,64 @@ def draw(
     if not isinstance(ghosts, Iterable):
         raise InputError(f"ghosts= takes numbers of poses such as (0, 10, 20), got {ghosts!r}")
     others = [data.pose(i) for i in ghosts]
-    seen = looked_at(data, [k, *others], trace, labels, view)
+    drawing = make_view(data, [k, *others], trace, labels, view)
     if room is not None:
-        seen.include(np.asarray(room, dtype=float))
-    seen.aim(velocities, accelerations, k, forces)
-    marks = (spatial_marks if data.dim == 3 else plane_marks).marked(seen, show, k) if show else None
-    seen.open(ax, inches(size), frame, _heading(motion, data.topology.name) if title is None else title)
-    seen.ghosts(others)
-    seen.draw(k)
-    if marks:
-        marks.paint(seen)
-    if path is not None:
-        save(seen.figure, path, dpi)
-    return seen.figure
+        drawing.include(np.asarray(room, dtype=float))
+    drawing.aim(velocities, accelerations, k, forces)
+    overlay = (SpaceOverlay if data.dim == 3 else PlaneOverlay)(drawing, k) if show else None
+    if overlay:
+        overlay.collect(show)
+    name = data.topology.name if isinstance(motion, Motion) else f"{data.topology.name}: {caption(motion)}"
+    drawing.open(ax, inches(size), frame, name if title is None else title)
+    drawing.ghosts(others)
+    drawing.draw(k)
+    if overlay:
+        overlay.paint()
+    return finish(drawing.figure, path, dpi)
 
 
-def _heading(motion: Motion | System | Mechanism, name: str) -> str:
-    return name if isinstance(motion, Motion) else f"{name}: {caption(motion)}"
-
-
-def looked_at(data: Poses, shown: list[int], trace, labels: bool, view: object) -> "View | spatial.View":
-    """A scene to be put in axes, of the plane or of space."""
+def make_view(data: Poses, shown: Sequence[int], trace, labels: bool, view: object) -> View:
+    """Make a view of the plane or of space, to be put in axes."""
+    camera = read_view(data, view)
     if data.dim == 3:
-        return spatial.View(data, shown, trace, labels, None if view is None else given(view))
-    if view is not None:
-        raise InputError(f"view={view!r}: {data.topology.name!r} is planar, and is seen from the front; leave view out")
-    return View(data, shown, trace, labels)
+        return SpaceView(data, shown, trace, labels, camera)
+    return PlaneView(data, shown, trace, labels)
 
 
-class View:
-    """A scene in axes: extents, traces, arrows and the pose shown.
+class PlaneView(View):
+    """A planar scene in axes."""
 
-    The poses `shown` decide the extents; `trace` names points.
-    """
+    letters = 1.8
 
-    def __init__(self, data: Poses, shown: list[int], trace: str | Iterable[str], labels: bool):
-        self.data = data
-        self.traces = data.columns(trace, "trace")
-        scene = sketch(data)
-        self.scene: Scene = scene if labels else dataclasses.replace(scene, labels=())
-        self.shown = shown
-        self.lower, self.upper = self._box()
-        self.aimed: list[Arrows] = []
+    def __init__(self, data: Poses, shown: Sequence[int], trace: str | Iterable[str], labels: bool):
+        super().__init__(data, shown, trace, labels, sketch_plane(data))
         self.quivers: list[tuple[Quiver, np.ndarray, np.ndarray]] = []
         self.centres: list[tuple[PathCollection, np.ndarray]] = []
         self.paths: list[tuple[Line2D, int]] = []
         self.tails: list[tuple[Line2D, np.ndarray, np.ndarray]] = []
-        self.pen: Pen | None = None
         self.offsets: np.ndarray | None = None  # of names in each pose, units
-        self.under = Under()
-        self.figure: Figure
-
-    def _box(self) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = self.scene.box(self.data.places[self.shown])
-        for column in self.traces:
-            x = self.data.path(column)[0]
-            x = x[np.isfinite(x).all(axis=1)]
-            if len(x):
-                lower, upper = np.minimum(lower, x.min(axis=0)), np.maximum(upper, x.max(axis=0))
-        return lower, upper
-
-    def include(self, places: np.ndarray) -> None:
-        """Take further places ``(n, 2)`` into the extents."""
-        self.lower = np.minimum(self.lower, places.min(axis=0))
-        self.upper = np.maximum(self.upper, places.max(axis=0))
-
-    def aim(self, velocities, accelerations, pose: int | None, forces=()) -> None:
-        """Choose arrows, scaled to one pose or to the whole motion, and take them into the extents."""
-        self.aimed = arrows(self.data, velocities, accelerations, self.size, pose, forces)
-        for item in self.aimed:
-            tips = (item.places + item.vectors)[self.shown].reshape(-1, 2)
-            tips = tips[np.isfinite(tips).all(axis=1)]
-            if len(tips):
-                self.include(tips)
-
-    @property
-    def size(self) -> float:
-        """Diagonal of the extents, a length."""
-        return float(np.hypot(*(self.upper - self.lower))) or 1.0
+        self.legend = Legend()
 
     def open(self, ax: Axes | None, size: tuple[float, float], frame: bool | str, title: str) -> None:
         """Make or take axes, set their limits, and choose the size of a unit."""
         if ax is None:
-            self._alone(np.array(size) * 72.0, frame, title)
+            self._make_figure(np.array(size) * 72.0, frame, title)
         else:
             self.ax, self.figure = ax, ax.figure.canvas.figure  # of a subfigure: the whole
             paper = np.array([ax.bbox.width, ax.bbox.height]) * 72.0 / self.figure.dpi
             self.points = unit_on(paper)
             self._fit(paper)
-            self._reach()
+            self._make_room_for_names()
             self._fit(paper)
             self._furnish(frame)
             self._crown(title, float(paper[0]))
-        self._add_arrows()
+        self._add_quivers()
         if frame == "scale":
-            self._bar()
+            length = self.round_length(self.paper[0] / self.points * self.unit)
+            left, low = self.ax.get_xlim()[0] + 1.2 * self.unit, self.ax.get_ylim()[0] + 0.8 * self.unit
+            self.add_scale_bar(left, low, self.unit, length, length)
 
-    def _alone(self, most: np.ndarray, frame: bool | str, title: str) -> None:
+    def _make_figure(self, most: np.ndarray, frame: bool | str, title: str) -> None:
         """Make a figure that fits what is drawn, at most of a width and height, points."""
         self.figure = Picture(figsize=tuple(most / 72.0))
         renderer = FigureCanvasAgg(self.figure).get_renderer()
@@ -207,24 +166,24 @@ class View:
         low, high, above = np.full(2, _EDGE), np.full(2, _EDGE), 20.0
         if frame is True:
             low = np.array([40.0, 30.0])
-        low[1] += self.under.height(most[0] - 60.0)
+        low[1] += self.legend.height(most[0] - 60.0)
         for _ in range(3):  # what is around the axes, and what names need, is known once they are there
             room = most - low - high - np.array([0.0, above])
             self.points = unit_on(room)
             border = 2 * _MARGIN * self.points
             span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
             scale = float(np.min((room - border) / span))
-            least = np.maximum(_LEAST, (wide(title, self._heading), 0.0))
+            least = np.maximum(_LEAST, (wide(title, self.heading_size), 0.0))
             paper = np.clip(span * scale + border, np.minimum(least, room), room)
             self._fit(paper)
-            self._reach()
+            self._make_room_for_names()
             self._furnish(frame)
             above = self._crown(title, float(paper[0]))
             self._lay(paper, low, high + np.array([0.0, above]))
             if frame is True:
                 low, high = self._around(renderer)
             else:
-                low[1] = _EDGE + self.under.height(paper[0])
+                low[1] = _EDGE + self.legend.height(paper[0])
         self._lay(paper, low, high + np.array([0.0, above]))
 
     def _lay(self, paper: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
@@ -234,15 +193,14 @@ class View:
         self.ax.set_position((*(low / whole), *(paper / whole)))
 
     def _around(self, renderer) -> tuple[np.ndarray, np.ndarray]:
-        """What numbers and names of the axes take beyond them: left and below, right and above, points."""
+        """Measure what numbers and names of the axes take: left and below, right and above, points."""
         box = self.ax.bbox
         boxes = [axis.get_tightbbox(renderer) for axis in (self.ax.xaxis, self.ax.yaxis)]
         low = [max([0.0, *(box.min[k] - b.min[k] for b in boxes if b)]) for k in (0, 1)]
         high = max([0.0, *(b.max[0] - box.max[0] for b in boxes if b)])
         per = 72.0 / self.figure.dpi
-        return np.array(low) * per + _EDGE + (0.0, self.under.height(self.paper[0])), np.array(
-            [high * per + _EDGE, _EDGE]
-        )
+        below = (0.0, self.legend.height(self.paper[0]))
+        return np.array(low) * per + _EDGE + below, np.array([high * per + _EDGE, _EDGE])
 
     def _fit(self, paper: np.ndarray) -> None:
         """Set the limits for a piece of paper, points."""
@@ -258,27 +216,17 @@ class View:
         self.ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
         self.ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
 
-    def _reach(self) -> None:
+    def _make_room_for_names(self) -> None:
         """Take names that would reach over the edge into the extents, once the size of a unit is known."""
-        x = self.data.places[spatial.spread(np.array(self.shown))]
-        middle, half = boxes(placed(self.scene, x, self.unit), x, self.unit)
+        x = self.columns[evenly(np.array(self.shown))]
+        middle, half = label_boxes(place_labels(self.scene, x, self.unit), x, self.unit)
         over = half + (0.8 - _MARGIN) * self.unit
         if len(middle):
             self.lower = np.minimum(self.lower, (middle - over).min(axis=0))
             self.upper = np.maximum(self.upper, (middle + over).max(axis=0))
 
-    @property
-    def _text(self) -> float:
-        """Size of numbers and keys, points."""
-        return float(np.clip(1.8 * self.points, NUMBERS - 1.0, NUMBERS))
-
-    @property
-    def _heading(self) -> float:
-        """Size of the title, points."""
-        return float(np.clip(2.2 * self.points, NUMBERS, HEADING))
-
     def _furnish(self, frame: bool | str) -> None:
-        ax, unit, text = self.ax, self.data.topology.length_unit, self._text
+        ax, unit, text = self.ax, self.data.topology.length_unit, self.text_size
         if frame is not True:
             ax.set_axis_off()
             return
@@ -287,13 +235,13 @@ class View:
         for axis, name, length in ((ax.xaxis, "x", 5.5 * text), (ax.yaxis, "y", 3.4 * text)):
             paper = self.paper[0 if name == "x" else 1]
             axis.set_major_locator(MaxNLocator(int(np.clip(paper / length, 2, 7)), steps=[1, 2, 2.5, 5, 10]))
-            axis.label.set(text=named(name, unit), fontsize=text)
+            axis.label.set(text=axis_name(name, unit), fontsize=text)
 
     def _crown(self, title: str, room: float) -> float:
         """Put the title above the axes, and choose where the keys of arrows go; returns the height, points."""
-        text, rows = self._text, [0.0]
+        text, rows = self.text_size, [0.0]
         self.keys: list[tuple[float, float]] = []  # of each: from the right, from below, points
-        for item in self.aimed:
+        for item in self.arrow_sets:
             takes = item.key / self.unit * self.points + wide(item.text, text) + 2.0 * text
             if rows[-1] > 0 and rows[-1] + takes > room:
                 rows.append(0.0)
@@ -303,7 +251,8 @@ class View:
         if not title:
             self.ax.set_title("", loc="left")
             return below
-        size, lines = self._heading, wrapped(title, self._heading, room)
+        size = self.heading_size
+        lines = wrap(title, size, room)
         if len(rows) == 1 and len(lines) == 1 and wide(title, size) + rows[0] <= room:
             below = 0.0
         self.ax.set_title(
@@ -311,22 +260,9 @@ class View:
         )
         return below + (0.5 + 1.3 * len(lines)) * size
 
-    def _bar(self) -> None:
-        """A bar of a round length, in place of axes."""
-        length = nice(0.28 * min(self.paper[0] / self.points * self.unit, 2.0 * self.size))
-        left, low = self.ax.get_xlim()[0] + 1.2 * self.unit, self.ax.get_ylim()[0] + 0.8 * self.unit
-        x = left + length * np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
-        y = low + 0.5 * self.unit * np.array([1.0, -1.0, 0.0, 0.0, -1.0, 1.0])
-        bar = Line2D(x, y, color=LIGHT["soft"], linewidth=0.8, gid="scale")
-        self.ax.add_artist(bar)
-        self.ax.text(
-            left + 0.5 * length, low + 0.9 * self.unit, f"{length:g} {self.data.topology.length_unit}".strip(),
-            fontsize=self._text - 0.5, color=LIGHT["soft"], ha="center", va="bottom", parse_math=False, gid="scale",
-        )  # fmt: skip
-
-    def _add_arrows(self) -> None:
-        """Add arrows and their keys."""
-        for item, (aside, above) in zip(self.aimed, self.keys, strict=True):
+    def _add_quivers(self) -> None:
+        """Draw arrows and their keys, and the symbols of centres of mass."""
+        for item, (aside, above) in zip(self.arrow_sets, self.keys, strict=True):
             colour = LIGHT[item.noun]
             start = item.places[self.shown[0]]
             zero = np.zeros(len(start))
@@ -342,15 +278,15 @@ class View:
                 legend = self.ax.quiverkey(
                     quiver, 1.0 - (aside + key) / self.paper[0], 1.0 + above / self.paper[1], item.key, item.text,
                     labelpos="W", color=colour, labelcolor=colour, coordinates="axes",
-                    fontproperties={"size": self._text}, labelsep=0.8 * self.points / 72.0,
+                    fontproperties={"size": self.text_size}, labelsep=0.8 * self.points / 72.0,
                 )  # fmt: skip
                 legend.text.set_parse_math(False)
             self.quivers.append((quiver, item.places, item.vectors))
             if item.noun == "weight":
-                self.centres += [(marks, item.places) for marks in self._quartered(start, item.discs)]
+                self.centres += [(marks, item.places) for marks in self._add_mass_symbols(start, item.discs)]
 
-    def _quartered(self, start: np.ndarray, radii: tuple[float, ...]) -> list[PathCollection]:
-        """The symbols of centres of mass: a circle, two of its quarters full, under joints."""
+    def _add_mass_symbols(self, start: np.ndarray, radii: tuple[float, ...]) -> list[PathCollection]:
+        """Draw the symbols of centres of mass under joints: a circle, two of its quarters full."""
         area = (2.0 * np.array(radii) * self.points) ** 2
         turn = np.linspace(0.0, 0.5 * np.pi, 9)
         quarter = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(turn), np.sin(turn)], axis=1), [[0.0, 0.0]]])
@@ -362,54 +298,35 @@ class View:
             marks.set_gid("centre of mass")
         return [disc, full]
 
-    def trails(self, opacity: float = 1.0) -> None:
-        """Add the traces over the whole motion."""
-        seen: dict[int, int] = {}
-        for column in self.traces:
-            x = self.data.path(column)[0]
-            body = self.scene.bodies[column]
-            turn = seen[body] = seen.get(body, -1) + 1
+    def _add_traces(self, opacity: float) -> None:
+        """Draw the traces over the whole motion."""
+        for column, body, turn in self.styled_traces():
             (line,) = self.ax.plot(
-                x[:, 0],
-                x[:, 1],
-                color=colour_of("body", body),
-                linewidth=0.24 * self.points,
-                linestyle=("-", (0, (4, 1.5)), (0, (1.5, 1)))[turn % 3],
-                alpha=opacity,
-                zorder=2.46,
-                scalex=False,
-                scaley=False,
-            )
-            line.set_gid(f"trace {self.data.names[column]}")
+                *self.data.path(column)[0].T, color=colour_of("body", body), linewidth=0.24 * self.points,
+                linestyle=("-", (0, (4, 1.5)), (0, (1.5, 1)))[turn % 3], alpha=opacity, zorder=2.46, scalex=False,
+                scaley=False, gid=f"trace {self.data.names[column]}",
+            )  # fmt: skip
             self.paths.append((line, column))
 
-    def ghosts(self, others: list[int]) -> None:
+    def ghosts(self, others: Sequence[int]) -> None:
         """Draw the bodies of other poses faintly."""
         bare = dataclasses.replace(self.scene, labels=())
         for k in others:
             if self.data.good[k]:
-                Pen(self.ax, bare, self.data.places[k], self.unit, self.points, only=_BODIES, opacity=0.16)
+                Pen(self.ax, bare, self.columns[k], self.unit, self.points, only=_BODIES, opacity=0.16)
 
     @property
     def moving(self) -> list[Artist]:
         """Artists that move, and those that lie over them, from the ground up."""
-        assert self.pen is not None
         lowest = min((a.get_zorder() for a in self.pen.moving), default=0.0)
         over = [a for a in self.pen.fixed if a.get_zorder() >= lowest]
-        tails = [line for line, *_ in self.tails]
-        return [
-            *self.pen.moving,
-            *over,
-            *(q for q, _, _ in self.quivers),
-            *(c for c, _ in self.centres),
-            *tails,
-            self.banner,
-        ]
+        marks = [artist for artist, *_ in (*self.quivers, *self.centres, *self.tails)]
+        return [*self.pen.moving, *over, *marks, self.banner]
 
     def film(self, k: int, sampled: Iterable[int]) -> None:
         """Make all artists for an animation: traces are faint, and their parts that have been run are drawn over."""
-        self.draw(k, sampled, trails=0.3)
-        self._give_way()
+        self.draw(k, sampled, opacity=0.3)
+        self._let_names_give_way()
         self.show(k)
         for line, column in self.paths:
             tail = Line2D([], [], color=line.get_color(), linewidth=1.4 * line.get_linewidth())
@@ -417,58 +334,36 @@ class View:
             self.ax.add_artist(tail)
             self.tails.append((tail, *self.data.path(column)))
 
-    def _give_way(self) -> None:
+    def _let_names_give_way(self) -> None:
         """Let names give way to what comes near them over the motion."""
-        shown = self.data.shown
-        keys = shown[np.unique(np.linspace(0, len(shown) - 1, _KEYS).astype(int))]
+        keys = evenly(self.data.extent_poses, _KEYS)
         if len(keys) > 1 and self.scene.labels and self.data.good.any():
-            ways = tracked(
-                self.scene, self.data.places[keys], self.unit, self.data.closed, shafts(self.aimed, keys)
+            ways = track_labels(
+                self.scene, self.columns[keys], self.unit, self.data.closed, shafts(self.arrow_sets, keys)
             ).reshape(len(keys), -1)
             every = [np.interp(np.arange(self.data.count), keys, way) for way in ways.T]
             self.offsets = np.stack(every, axis=1).reshape(self.data.count, -1, 2)
 
-    def draw(self, k: int, sampled: Iterable[int] | None = None, trails: float = 1.0) -> None:
-        """Make all artists, in pose `k`; labels are placed to suit the sampled poses."""
-        sampled = [k] if sampled is None else list(sampled)
+    def draw(self, k: int, sampled: Iterable[int] | None = None, opacity: float = 1.0) -> None:
+        """Make all artists, in pose `k`; names are placed to suit the sampled poses, traces have an opacity."""
+        some = [k] if sampled is None else list(sampled)
         paper = tuple(np.array([self.ax.get_xlim(), self.ax.get_ylim()]).T)
-        self.scene = placed(self.scene, self.data.places[sampled], self.unit, shafts(self.aimed, sampled), paper)
-        self.trails(opacity=trails)
-        self.pen = Pen(self.ax, self.scene, self.data.places[k], self.unit, self.points)
-        text = max(6.0, 1.7 * self.points)
-        self.banner = self.ax.text(
-            0.5,
-            0.985,
-            "",
-            transform=self.ax.transAxes,
-            color=LIGHT["failure"],
-            fontsize=text,
-            ha="center",
-            va="top",
-            wrap=True,
-            zorder=5,
-            gid="failure",
-            bbox={"facecolor": "white", "edgecolor": LIGHT["failure"], "linewidth": 0.6, "boxstyle": "round,pad=0.35"},
-        )
-        self.banner.set_visible(False)
+        self.scene = place_labels(self.scene, self.columns[some], self.unit, shafts(self.arrow_sets, some), paper)
+        self._add_traces(opacity)
+        self.pen = Pen(self.ax, self.scene, self.columns[k], self.unit, self.points)
+        self.add_banner(0.985, self.ax.transAxes)
         self.show(k)
 
-    def show(self, k: int) -> None:
-        """Move everything to pose `k`."""
-        assert self.pen is not None
-        x, right = self.data.places[k], bool(self.data.good[k])
-        self.pen.move(x, None if self.offsets is None else self.offsets[k])
+    def move(self, k: int, right: bool) -> None:
+        """Bring all artists but the banner to pose `k`, as a ghost if it is not right."""
+        self.pen.move(self.columns[k], None if self.offsets is None else self.offsets[k])
         for tail, path, places in self.tails:
             tail.set_data(path[: places[k] + 1].T)
         self.pen.fade(not right)
         for quiver, places, vectors in self.quivers:
             quiver.set_offsets(places[k])
-            v = np.nan_to_num(vectors[k])
-            quiver.set_UVC(v[:, 0], v[:, 1])
+            quiver.set_UVC(*np.nan_to_num(vectors[k]).T)
             quiver.set_visible(right)
         for marks, places in self.centres:
             marks.set_offsets(places[k])
             marks.set_visible(right)
-        self.banner.set_visible(not right)
-        if not right:
-            self.banner.set_text(f"Pose {k} failed. {self.data.sentence(k)}")

@@ -1,14 +1,22 @@
-"""Where names go: beside their points, clear of bars, joints and each other, in several poses at once."""
+"""Places of names: beside their points, clear of bars, joints and each other, in several poses at once.
+
+In a view of a spatial mechanism the rules of the plane hold on the picture.
+"""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from jaxnc.viz.arrows import Shafts
 from jaxnc.viz.scene import Arc, Circle, Hatch, Item, Label, Line, Scene, Span, Stamp
+from jaxnc.viz.spatial.camera import Camera
+from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceScene, Turn
 
 TEXT = 2.0
 """Size of the letters, units."""
+
+_Box = tuple[np.ndarray, np.ndarray]  # middles of a name in some poses, (S, 2), and its half size, (2,), units
 
 _EM = 0.68  # width of a letter, in its size: of most, and below of those that are much narrower or wider
 _EMS = {
@@ -26,7 +34,7 @@ _BETWEEN = np.array(
 )  # between names side by side, which must not read as one, and one above the other, units
 _SIGNS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 _THROUGH = 0.4  # how much worse it is to be crossed by a segment than to touch it, units
-_STEPS = 9  # of the arrow of an angle
+_STEPS = 9  # places along the arrow of an angle
 _DIRECTIONS = 24
 _RINGS = (0.0, 0.8, 1.7, 2.9, 4.4)  # extra distance from the point, units
 _NEXT = 1.75  # from a point to the edge of its name, units
@@ -34,36 +42,45 @@ _NEAR = (0.0, 1.2, 2.9)  # as `_RINGS`, of names that give way
 _STIR = 0.05  # what it costs to go on by one direction, or by a unit
 _TURNS = 3
 _CLEAR = 0.55  # wanted distance to lines, units
+_STRAIGHT = ("bar", "edge", "rod", "cable", "distance", "velocity", "acceleration", "weight", "applied", "reaction")
+_SPRING_RINGS = (0.15, 0.38, 0.62, 0.85)  # of a spring, kept clear
+_TURN_STEPS = np.concatenate(
+    [[(0.0, 0.0)]]
+    + [r * np.stack([np.cos(t), np.sin(t)], axis=1) for r in (0.7, 1.4, 2.2, 3.0) for t in [np.arange(16) * np.pi / 8]]
+)
+"""Where the name of an angle may go from where it belongs, units."""
 
 
-def tracked(scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts: Shafts | None = None) -> np.ndarray:
-    """Offsets of labels, units ``(K, labels, 2)``: a name stays where it is until something comes near, and gives way.
+def track_labels(
+    scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts: Shafts | None = None
+) -> np.ndarray:
+    """Choose offsets of names, units ``(K, labels, 2)``, that stay until something comes near, and give way to it.
 
     Of all ways round its point that a name can go, the one is taken that is least crowded and moves least.
 
     Places are poses along the motion, ``(K, columns, 2)``; `shafts` the arrows in them.
     """
-    obstacles, ways = _obstacles(scene, places, unit, shafts), _ways()
+    obstacles, ways = _obstacles(scene, places, unit, shafts), _directions()
     turned = np.arange(_DIRECTIONS)
     apart = np.abs(turned[:, None] - turned)
     apart = np.tile(np.minimum(apart, _DIRECTIONS - apart), (len(_NEAR), len(_NEAR)))
     rings = np.repeat(np.array(_NEAR), _DIRECTIONS)
     price = _STIR * (apart**2.0 + (rings[:, None] - rings) ** 2)
-    arcs = [item for item in scene.items if isinstance(item, Arc)]
     taken = [
-        (np.array([arc.spot(x, unit) for x in places]) / unit, half_of(arc.text)) for arc in arcs
-    ]  # middles and half sizes of what stands there already
+        (np.array([arc.spot(x, unit) for x in places]) / unit, half_size(arc.text))
+        for arc in scene.items
+        if isinstance(arc, Arc)
+    ]
     out = np.zeros((len(places), len(scene.labels), 2))
     for k, label in enumerate(scene.labels):
-        half, at = half_of(label.text), label.foot(places) / unit
+        half, at = half_size(label.text), label.foot(places) / unit
         steps = np.concatenate([ways * (_NEXT + np.abs(ways) @ half + ring)[:, None] for ring in _NEAR])
         first = 0.02 * np.hypot(*(steps - (label.dx, label.dy)).T) + 0.25 * rings
         cost = np.stack([crowding(x + steps, half, *seen) for x, seen in zip(at, obstacles, strict=True)]) + first
-        for middle, size in taken:
-            cost += _overlap(half + size, at[:, None] + steps - middle[:, None])
+        cost += _overlaps(at, steps, half, taken)
         chosen = _cheapest(cost, price, closed)
         turn = np.unwrap(2 * np.pi * (chosen % _DIRECTIONS) / _DIRECTIONS)
-        turn, ring = _calmed(turn, closed), _calmed(rings[chosen], closed)
+        turn, ring = _smooth(turn, closed), _smooth(rings[chosen], closed)
         way = np.stack([np.cos(turn), np.sin(turn)], axis=1)
         out[:, k] = way * (_NEXT + np.abs(way) @ half + ring)[:, None]
         taken.append((at + out[:, k], half))
@@ -71,7 +88,7 @@ def tracked(scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts:
 
 
 def _cheapest(cost: np.ndarray, price: np.ndarray, closed: bool) -> np.ndarray:
-    """The places ``(K,)`` of the cheapest way through costs ``(K, places)``, with the price of each change of place."""
+    """Find the places ``(K,)`` of the cheapest way through costs ``(K, places)``, changes of place priced."""
     rounds = np.concatenate([cost, cost]) if closed else cost  # the second time round it begins where it ends
     best, whence = rounds[0], []
     for row in rounds[1:]:
@@ -84,8 +101,8 @@ def _cheapest(cost: np.ndarray, price: np.ndarray, closed: bool) -> np.ndarray:
     return np.array(out[::-1])[-len(cost) :]
 
 
-def _calmed(x: np.ndarray, closed: bool) -> np.ndarray:
-    """Values along a motion without their steps."""
+def _smooth(x: np.ndarray, closed: bool) -> np.ndarray:
+    """Smooth values along a motion."""
     if len(x) < 8:
         return x
     turns = 2 * np.pi * np.round((x[-1] - x[0]) / (2 * np.pi)) if closed else 0.0
@@ -93,13 +110,13 @@ def _calmed(x: np.ndarray, closed: bool) -> np.ndarray:
     return np.convolve(wide, np.array([1, 2, 3, 4, 3, 2, 1]) / 16.0, mode="valid")
 
 
-def _ways() -> np.ndarray:
+def _directions() -> np.ndarray:
     turn = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     return np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
 def _obstacles(scene: Scene, places: np.ndarray, unit: float, shafts: Shafts | None) -> list:
-    """What names keep clear of in each pose: starts, ends and half widths of segments, units."""
+    """Collect what names keep clear of in each pose: starts, ends and half widths of segments, units."""
     out = [segments(scene.items, x, unit) for x in places]
     if shafts is None:
         return out
@@ -114,8 +131,8 @@ def _obstacles(scene: Scene, places: np.ndarray, unit: float, shafts: Shafts | N
     ]
 
 
-def boxes(scene: Scene, places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray]:
-    """Middles and half sizes of all names in poses ``(S, columns, 2)``, as lengths, each ``(n, 2)``."""
+def label_boxes(scene: Scene, places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Find middles and half sizes of all names in poses ``(S, columns, 2)``, as lengths, each ``(n, 2)``."""
     found = [
         (
             name.foot(x) + unit * np.array([name.dx, name.dy]) if isinstance(name, Label) else name.spot(x, unit),
@@ -127,10 +144,10 @@ def boxes(scene: Scene, places: np.ndarray, unit: float) -> tuple[np.ndarray, np
     ]
     middle = np.array([spot for spot, _ in found]).reshape(-1, 2)
     right = np.isfinite(middle).all(axis=1)
-    return middle[right], unit * np.array([half_of(text) for _, text in found]).reshape(-1, 2)[right]
+    return middle[right], unit * np.array([half_size(text) for _, text in found]).reshape(-1, 2)[right]
 
 
-def placed(
+def place_labels(
     scene: Scene,
     places: np.ndarray,
     unit: float,
@@ -146,18 +163,17 @@ def placed(
         return scene
     obstacles = _obstacles(scene, places, unit, shafts)
     edges = None if paper is None else np.stack(paper) / unit
-    items, arcs = list(scene.items), []
+    items, taken = list(scene.items), []  # middles in each pose and half sizes of what stands there already
     for k, item in enumerate(items):
         if isinstance(item, Arc):
-            items[k] = _beside(item, places, unit, obstacles, edges, arcs)
-            arcs.append(items[k])
+            arc = items[k] = _place_angle_name(item, places, unit, obstacles, edges, taken)
+            taken.append((np.array([arc.spot(x, unit) for x in places]) / unit, half_size(arc.text)))
     scene = dataclasses.replace(scene, items=tuple(items))
     middle = places[:, list(scene.visible)].mean(axis=(0, 1))
-    ways = _ways()
-    done = list(scene.labels)
-    halves = [half_of(label.text) for label in done]
-    costs = []
-    for label, half in zip(done, halves, strict=True):
+    ways, labels = _directions(), list(scene.labels)
+    feet, halves = [label.foot(places) / unit for label in labels], [half_size(label.text) for label in labels]
+    options = []
+    for label, at, half in zip(labels, feet, halves, strict=True):
         reach = _NEXT + np.abs(ways) @ half
         steps = np.concatenate([ways * (reach + ring)[:, None] for ring in _RINGS])  # centres, units
         cost = np.repeat(np.array(_RINGS) * 0.25, _DIRECTIONS)
@@ -165,69 +181,55 @@ def placed(
         size = float(np.hypot(*outward))
         if size > 0:
             cost = cost - 0.3 * np.tile(ways @ outward / size, len(_RINGS))
-        for x, (a, b, width) in zip(places, obstacles, strict=True):
-            centre = label.foot(x) / unit + steps
-            cost += (crowding(centre, half, a, b, width) + _outside(centre, half, edges)) / len(places)
-            cost += _on(arcs, centre, half, x, unit) / len(places)
-        costs.append((steps, cost))
+        for foot, (a, b, width) in zip(at, obstacles, strict=True):
+            cost += (crowding(foot + steps, half, a, b, width) + _outside(foot + steps, half, edges)) / len(places)
+        options.append((steps, cost + _overlaps(at, steps, half, taken).mean(axis=0)))
     for turn in range(_TURNS):  # each in turn keeps clear of the others, first of those before it
         moved = False
-        for k, (steps, own) in enumerate(costs):
-            others = [i for i in range(len(done) if turn else k) if i != k]
-            cost = own + _over(places, unit, [done[i] for i in others], [halves[i] for i in others], done[k], steps)
-            best = steps[int(np.argmin(cost))]
-            moved |= (done[k].dx, done[k].dy) != (float(best[0]), float(best[1]))
-            done[k] = dataclasses.replace(done[k], dx=float(best[0]), dy=float(best[1]))
+        for k, (steps, own) in enumerate(options):
+            others = [i for i in range(len(labels) if turn else k) if i != k]
+            around = [(feet[i] + (labels[i].dx, labels[i].dy), halves[i]) for i in others]
+            cost = own + _overlaps(feet[k], steps, halves[k], around).mean(axis=0)
+            dx, dy = steps[int(np.argmin(cost))].tolist()
+            moved |= (labels[k].dx, labels[k].dy) != (dx, dy)
+            labels[k] = dataclasses.replace(labels[k], dx=dx, dy=dy)
         if not moved:
             break
-    return dataclasses.replace(scene, labels=tuple(done))
+    return dataclasses.replace(scene, labels=tuple(labels))
 
 
-def _over(
-    places: np.ndarray, unit: float, others: list[Label], halves: list[np.ndarray], label: Label, steps: np.ndarray
-) -> np.ndarray:
-    """What it costs to put a label over others, for each place that it may have, ``(n,)``."""
-    if not others:
-        return np.zeros(len(steps))
-    at = np.stack([other.foot(places) for other in others], axis=1) / unit + np.array(
-        [(other.dx, other.dy) for other in others]
-    )
-    gap = (label.foot(places) / unit)[:, None, None] + steps[None, :, None] - at[:, None]  # (S, n, others, 2)
-    return _overlap(half_of(label.text) + np.array(halves), gap).sum(axis=-1).mean(axis=0)
+def _overlaps(at: np.ndarray, steps: np.ndarray, half: np.ndarray, taken: Sequence[_Box]) -> np.ndarray:
+    """Price of a name over others, beside feet ``(S, 2)``, for each step ``(n, 2)`` that it may be away: ``(S, n)``."""
+    cost = np.zeros((len(at), len(steps)))
+    for middle, size in taken:
+        cost += _overlap(half + size, at[:, None] + steps - middle[:, None])
+    return cost
 
 
 def _overlap(halves: np.ndarray, apart: np.ndarray) -> np.ndarray:
-    """What it costs names to lie on each other, by their half sizes together and how far apart their middles are."""
+    """Price of names that lie on each other, by their half sizes together and how far apart their middles are."""
     return 12.0 * np.maximum(np.minimum(halves + _BETWEEN - np.abs(apart), 4.0).min(axis=-1), 0.0)
 
 
 def _outside(centre: np.ndarray, half: np.ndarray, edges: np.ndarray | None) -> np.ndarray | float:
-    """What it costs boxes ``(n, 2)`` to reach over the edges of the paper, units."""
+    """Price of boxes ``(n, 2)`` that reach over the edges of the paper, units."""
     if edges is None:
         return 0.0
     return 12.0 * np.maximum(np.maximum(edges[0] - centre, centre - edges[1]) + half, 0.0).sum(axis=1)
 
 
-def half_of(text: str) -> np.ndarray:
-    """Half width and half height of a text, units."""
+def half_size(text: str) -> np.ndarray:
+    """Measure half width and half height of a text, units."""
     return np.array([0.5 * TEXT * sum(_EMS.get(letter, _EM) for letter in text), 0.5 * TEXT])
 
 
-def _on(arcs: list[Arc], centre: np.ndarray, half: np.ndarray, x: np.ndarray, unit: float) -> np.ndarray:
-    """What it costs boxes ``(n, 2)``, units, to lie on the names of angles in a pose, ``(n,)``."""
-    cost = np.zeros(len(centre))
-    for arc in arcs:
-        cost += _overlap(half + half_of(arc.text), centre - arc.spot(x, unit) / unit)
-    return cost
-
-
-def _beside(
-    arc: Arc, places: np.ndarray, unit: float, obstacles: list, edges: np.ndarray | None, others: list[Arc]
+def _place_angle_name(
+    arc: Arc, places: np.ndarray, unit: float, obstacles: list, edges: np.ndarray | None, taken: Sequence[_Box]
 ) -> Arc:
     """Move the name of a driven angle to where it is clear."""
     spots = [(share, 0.0) for share in (0.5, 0.38, 0.62, 0.26, 0.74)]
     spots += [(0.0, lead) for lead in (-0.4, 0.4, -0.75, 0.75)]
-    half, options = half_of(arc.text), []
+    half, options = half_size(arc.text), []
     for gap in (0.7, 1.7, -0.8, 3.4):
         for share, lead in spots:
             option = dataclasses.replace(arc, share=share, lead=lead, beside=1.0)
@@ -236,14 +238,16 @@ def _beside(
             if gap > 0 or 2 * depth < arc.units:
                 options.append(dataclasses.replace(option, beside=arc.units + gap + (depth if gap > 0 else -depth)))
     cost = np.arange(len(options)) * 0.02 + np.array([0.5 * abs(option.lead) for option in options])
-    for x, (a, b, width) in zip(places, obstacles, strict=True):
+    for k, (x, (a, b, width)) in enumerate(zip(places, obstacles, strict=True)):
         centre = np.stack([option.spot(x, unit) for option in options]) / unit
-        cost += crowding(centre, half, a, b, width) + _outside(centre, half, edges) + _on(others, centre, half, x, unit)
+        cost += crowding(centre, half, a, b, width) + _outside(centre, half, edges)
+        for middle, size in taken:
+            cost += _overlap(half + size, centre - middle[k])
     return options[int(np.argmin(cost))]
 
 
 def crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """How much boxes ``(n, 2)`` are too close to segments, ``(n,)``."""
+    """Price of boxes ``(n, 2)`` that are too close to segments, ``(n,)``."""
     # Only boxes and segments that are near enough to matter, component by component: this is what labels cost.
     near = np.sqrt(_squares(centre[:, None, 0], centre[:, None, 1], a, b)) < np.hypot(*half) + width + _CLEAR
     box, segment = np.nonzero(near)
@@ -259,7 +263,7 @@ def crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray,
 
 
 def _squares(x: np.ndarray, y: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Squared distances of places from segments ``(m, 2)``, ``(..., m)``."""
+    """Find the squared distances of places from segments ``(m, 2)``, ``(..., m)``."""
     x, y = x - a[:, 0], y - a[:, 1]
     dx, dy = (b - a).T
     t = np.clip((x * dx + y * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
@@ -269,7 +273,7 @@ def _squares(x: np.ndarray, y: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.n
 
 
 def segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Start, end and half width of every segment in a pose, in units."""
+    """List start, end and half width of every segment in a pose, in units."""
     parts, widths = [], []
     for item in items:
         if isinstance(item, (Line, Stamp, Span)):
@@ -292,12 +296,115 @@ def segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[
             parts.append(np.stack([rim[:-1], rim[1:]], axis=1))
             widths.append(np.full(36, 0.2))
         elif isinstance(item, Arc):
-            first, extent = item.angles(places)
-            turn = first + np.linspace(0.0, extent, _STEPS)
-            rim = places[item.at] + item.units * unit * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            rim = item.rim(places, unit, _STEPS)
             parts.append(np.stack([rim[:-1], rim[1:]], axis=1))
             widths.append(np.full(_STEPS - 1, 0.1))
     if not parts:
         return np.zeros((1, 2)) + 1e9, np.zeros((1, 2)) + 1e9, np.zeros(1)
     ends = np.concatenate(parts) / unit
     return ends[:, 0], ends[:, 1], np.concatenate(widths)
+
+
+# -- in space ---------------------------------------------------------------------------------------------------------
+
+
+def place_names(scene: SpaceScene, poses: np.ndarray, scalars: np.ndarray, camera: Camera, unit: float) -> SpaceScene:
+    """Choose the offset of every name so that it keeps clear in the poses given.
+
+    The poses are a few, ``(S, columns, 3)``, and `scalars` angles and distances in them, ``(S, scalars)``.
+    """
+    if not np.isfinite(poses).all():
+        return scene
+    columns = poses.shape[1]
+    seen = camera.axes[:2].T
+    tips = [label.foot(poses, unit)[:, None] for label in scene.labels if _has_own_place(label)]
+    solids = [item for item in scene.items if isinstance(item, Solid)]
+    stands = [item for item in solids if item.role == "support"]
+    feet = [np.stack([_foot(item, x, unit) for x in poses])[:, None] for item in stands]
+    rods = [item for item in solids if item.role in ("rail", "bar", "rod") and len(item.frame.along.columns) < 2]
+    ends = [np.stack([item.vertices(x, unit)[[0, -1]] for x in poses]) for item in rods]
+    turns = [item for item in scene.items if isinstance(item, Turn)]
+    values = [zip(poses, scalars[:, turn.scalar], strict=True) for turn in turns]
+    spots = [
+        np.stack([turn.spot(x, float(v), unit) for x, v in pairs])[:, None]
+        for turn, pairs in zip(turns, values, strict=True)
+    ]
+    curves = [
+        np.stack([turn.curve(x, float(v), unit, _STEPS) for x, v in zip(poses, scalars[:, turn.scalar], strict=True)])
+        for turn in turns
+    ]
+    springs = [
+        item.frame.along.columns for item in solids if item.role == "spring" and len(item.frame.along.columns) == 2
+    ]
+    rings = [(1.0 - s) * poses[:, a, None] + s * poses[:, b, None] for a, b in springs for s in _SPRING_RINGS]
+    flat = np.concatenate([poses, *tips, *feet, *spots, *ends, *curves, *rings], axis=1) @ seen
+    foot = columns + len(tips)
+    items: list[Item] = [Circle("pin", foot + k, 0.0, 2.7) for k in range(len(stands))]
+    first = foot + len(feet) + len(turns)
+    items += [Line("bar", (first + 2 * k, first + 2 * k + 1)) for k in range(len(rods))]
+    first += 2 * len(rods)
+    items += [Line("arc", tuple(range(first + _STEPS * k, first + _STEPS * (k + 1)))) for k in range(len(turns))]
+    items += [Circle("pin", flat.shape[1] - 1 - k, 0.0, 2.2) for k in range(len(rings))]
+    for item in scene.items:
+        if isinstance(item, Plate):
+            items.extend(Line("plate", face, closed=True) for face in item.faces if len(face) > 2)
+        elif isinstance(item, Ball):
+            items.append(Circle("pin", item.at, 0.0, item.units))
+        elif isinstance(item, Solid) and isinstance(item.frame.at, int):
+            along = item.frame.along.columns
+            if len(along) == 2 and item.role in _STRAIGHT:
+                items.append(Line("bar", along))
+            elif item.role in ("hinge", "ground hinge", "block", "cross"):
+                items.append(Circle("pin", item.frame.at, 0.0, 1.5))
+    names, tip = [], columns
+    for label in scene.labels:
+        if _has_own_place(label):
+            if label.way:
+                items.append(Line("rod", (label.at, tip)))
+            names.append(Label(tip, label.text))
+            tip += 1
+        else:
+            names.append(Label(label.at, label.text))
+    around = []
+    for spot, turn in enumerate(turns, foot + len(feet)):
+        around.append(_place_turn_name(turn, items, flat, spot, unit))
+        flat[:, spot] += unit * np.array([around[-1].dx, around[-1].dy])
+        items.append(Circle("pin", spot, 0.0, max(1.1, 0.3 + half_size(turn.text)[0])))
+    whole = Scene(tuple(items), tuple(names), tuple(range(len(scene.bodies))), np.zeros((0, 2)), ())
+    done = place_labels(whole, flat, unit).labels
+    names = tuple(dataclasses.replace(a, dx=b.dx, dy=b.dy) for a, b in zip(scene.labels, done, strict=True))
+    moved = dict(zip(turns, around, strict=True))
+    kept = tuple(moved[item] if isinstance(item, Turn) else item for item in scene.items)
+    return dataclasses.replace(scene, labels=names, items=kept)
+
+
+def _has_own_place(label: Label) -> bool:
+    """Tell whether a name stands beside a place of its own, not beside a column."""
+    return label.way is not None or label.to is not None
+
+
+def label_corners(label: Label, poses: np.ndarray, camera: Camera, unit: float, spare: float) -> np.ndarray:
+    """Find the corners of a placed name in poses ``(T, columns, 3)``, in the plane of the picture, ``(4 T, 3)``.
+
+    `spare` is how far within its own box they are, units.
+    """
+    half = half_size(label.text) - spare
+    shifts = [(label.dx + s * half[0], label.dy + t * half[1]) for s in (-1, 1) for t in (-1, 1)]
+    across = unit * np.array(shifts) @ camera.axes[:2]
+    return (label.foot(poses, unit)[:, None] + across).reshape(-1, 3)
+
+
+def _foot(stand: Solid, pose: np.ndarray, unit: float) -> np.ndarray:
+    """Find the middle of the widest part of a stand, ``(3,)``."""
+    origin, axes, _ = stand.frame.stand(pose)
+    return origin + 0.8 * unit * stand.mesh.vertices[:, 4].min() * axes[0]
+
+
+def _place_turn_name(turn: Turn, items: list[Item], flat: np.ndarray, spot: int, unit: float) -> Turn:
+    """Move the name of an angle to where it is clear of lines."""
+    cost = 0.25 * np.linalg.norm(_TURN_STEPS, axis=1)
+    for x in flat:
+        a, b, width = segments(tuple(items), x, unit)
+        cost += crowding(x[spot] / unit + _TURN_STEPS, half_size(turn.text), a, b, width) / len(flat)
+    dx, dy = _TURN_STEPS[int(np.argmin(cost))]
+    return dataclasses.replace(turn, dx=float(dx), dy=float(dy))

@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.drawing import draw, looked_at
-from jaxnc.viz.picture import Picture, save
-from jaxnc.viz.plots import curves, groups, paths
+from jaxnc.viz.drawing import draw, make_view
+from jaxnc.viz.picture import Picture, finish
+from jaxnc.viz.plots import draw_curves, draw_paths, group_quantities
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa
-from jaxnc.viz.style import LIGHT, NUMBERS, TEXT, crown, furnish, named, symbol, wrapped
+from jaxnc.viz.style import LIGHT, NUMBERS, TEXT, axis_name, crown, furnish, symbol, wrap
 
 PAPER = {"a4": (8.27, 11.69), "letter": (8.5, 11.0)}
 """Width and height, inches."""
@@ -26,7 +26,7 @@ PAPER = {"a4": (8.27, 11.69), "letter": (8.5, 11.0)}
 _MARGIN = 0.75  # inches, as all that follows
 _GAP = 0.32
 _ROW = 0.172  # of a table
-_HEAD = 0.62  # title and what is said under it
+_HEAD = 0.62  # title and the line under it
 _PANEL = (1.45, 2.0, 2.9)  # height of a plot: least, wanted, most
 _TIGHT = 1.1  # the least that a name beside it fits in
 _UNDER = 0.42  # a plot's numbers and name of its axis
@@ -76,42 +76,39 @@ def motion_sheet(
         raise InputError(
             f"{data.topology.name!r}: no pose of this motion is right: {data.sentence(0)} draw() shows one"
         )
-    points = _traced(data) if trace is None else tuple(data.names[k] for k in data.columns(trace, "trace"))
-    names = _usual(data, points) if plots is None else (plots,) if isinstance(plots, str) else tuple(plots)
+    points = _default_traces(data) if trace is None else tuple(data.names[k] for k in data.columns(trace, "trace"))
+    names = _default_quantities(data, points) if plots is None else (plots,) if isinstance(plots, str) else tuple(plots)
     if not names:
         raise InputError("a sheet needs at least one quantity to plot, plots=[…]; use draw() for the drawing alone")
-    x, panels = abscissa(data, against), groups(data, names)
+    x, panels = abscissa(data, against), group_quantities(data, names)
     size = _size(paper)
     wide = size[0] - 2 * _MARGIN if isinstance(paper, str) else size[0] - 0.3
-    tables = [_dimensions(data), _extremes(data, x, panels)]
+    tables = [_dimension_table(data), _extreme_table(data, x, panels)]
     high = size[1] - 2 * _MARGIN if size[1] else None
     noted = bool(options.get("show")) and data.dim == 2
-    plan = _Plan(data, points, wide, high, len(panels), tables, options.get("view"), _NOTES if noted else 0.0)
+    plan = _SheetPlan(data, points, wide, high, len(panels), tables, options.get("view"), _NOTES if noted else 0.0)
     height = size[1] or plan.height + 0.3
     figure = Picture(figsize=(size[0], height))
-    FigureCanvasAgg(figure)
     left, top = (size[0] - wide) / 2, height - (_MARGIN if size[1] else 0.15)
 
     def box(part: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        """Left, top, width and height in inches from the upper left corner as shares of the figure."""
+        """Bring left, top, width and height, inches from the upper left corner, to shares of the figure."""
         a, b, w, h = part
         return (left + a) / size[0], (top - b - h) / height, w / size[0], h / height
 
-    _heading(figure, data, x, box((0.0, 0.0, wide, _HEAD)), title)
+    _write_heading(figure, data, x, box((0.0, 0.0, wide, _HEAD)), title)
     ax = figure.add_axes(box(plan.drawing), projection="3d" if data.dim == 3 else None)
-    k = int(data.shown[len(data.shown) // 3]) if pose is None else pose
+    k = int(data.extent_poses[len(data.extent_poses) // 3]) if pose is None else pose
     draw(motion, pose=k, ax=ax, trace=points, **{"frame": "scale", "title": "", **options})
     for part, table in zip(plan.tables, tables, strict=True):
         _write(figure, table, box(part), _ROW / height)
     for part, group in zip(plan.panels, panels, strict=True):
         _panel(figure.add_axes(box(part)), data, x, group)
-    if path is not None:
-        save(figure, path, dpi)
-    return figure
+    return finish(figure, path, dpi)
 
 
 def _size(paper: str | float) -> tuple[float, float]:
-    """Width and height, inches; no height where it follows."""
+    """Read width and height, inches; no height where it follows."""
     if isinstance(paper, str):
         if paper.lower() not in PAPER:
             raise InputError(f"paper={paper!r}: give {' or '.join(map(repr, PAPER))}, or a width in inches")
@@ -121,8 +118,8 @@ def _size(paper: str | float) -> tuple[float, float]:
     return float(paper), 0.0
 
 
-class _Plan:
-    """What goes where: left, top, width and height of each part, inches from the upper left corner.
+class _SheetPlan:
+    """Places of the parts: left, top, width and height of each, inches from the upper left corner.
 
     It is as high as it needs, if that is not given; `notes` is what texts under the drawing take.
     """
@@ -132,7 +129,7 @@ class _Plan:
     ):
         span = np.array([1.0, 0.85])
         if data.dim == 2:
-            seen = looked_at(data, list(data.shown), points, False, view)
+            seen = make_view(data, data.extent_poses.tolist(), points, False, view)
             span = np.maximum(seen.upper - seen.lower, 1e-9 * seen.size)
         rows = [_ROW * (len(table) + 0.6) for table in tables]
         tall = span[1] / span[0]
@@ -157,8 +154,8 @@ class _Plan:
             drawing -= min((_PANEL[0] - each) * lines, max(drawing - _DRAWING[0], 0.0))
             each = (room - drawing - below) / lines - _UNDER - _GAP
             if each < _TIGHT:
-                said = "ask for fewer, or give paper= as a width in inches"
-                raise InputError(f"{count} plots do not fit on the sheet; {said}")
+                remedy = "ask for fewer, or give paper= as a width in inches"
+                raise InputError(f"{count} plots do not fit on the sheet; {remedy}")
         self.drawing = (0.0, _HEAD, share, drawing)
         at = _HEAD + drawing + notes + 0.5 * _GAP
         if beside:
@@ -182,15 +179,15 @@ class _Plan:
 # -- what there is to say ---------------------------------------------------------------------------------------------
 
 
-def _traced(data: Poses) -> tuple[str, ...]:
+def _default_traces(data: Poses) -> tuple[str, ...]:
     points = data.names[: len(data.topology.points)]
     if data.names[len(points) :]:
         return data.names[len(points) :][:2]
-    moving = [n for k, n in enumerate(points) if np.ptp(data.places[data.shown, k], axis=0).any()]
+    moving = [n for k, n in enumerate(points) if np.ptp(data.places[data.extent_poses, k], axis=0).any()]
     return tuple(moving[-1:])
 
 
-def _usual(data: Poses, points: Sequence[str]) -> tuple[str, ...]:
+def _default_quantities(data: Poses, points: Sequence[str]) -> tuple[str, ...]:
     top, motion = data.topology, data.motion
     names = [s for s in top.scalars if s not in motion.driven][:2]
     for point in points[:1]:
@@ -203,9 +200,9 @@ def _number(value: float) -> str:
     return f"{0.0 if abs(value) < 1e-12 else value:.4g}".replace("-", "−")
 
 
-def _dimensions(data: Poses) -> list[tuple[str, ...]]:
-    """Lengths of links and of the ground, as they are in the first pose that is right."""
-    top, x = data.topology, data.places[data.shown[0]]
+def _dimension_table(data: Poses) -> list[tuple[str, ...]]:
+    """List the lengths of links and of the ground, as they are in the first pose that is right."""
+    top, x = data.topology, data.places[data.extent_poses[0]]
     n = len(top.points)
     fixed: np.ndarray = np.all(np.array(top.fixed[: n * top.dim], bool).reshape(n, top.dim), axis=1)
     sets = [("ground", [k for k in range(n) if fixed[k]])] + [(b.name, [k for k in b.points]) for b in top.bodies]
@@ -220,8 +217,8 @@ def _dimensions(data: Poses) -> list[tuple[str, ...]]:
     return [("link", "length", f"[{top.length_unit}]" if top.length_unit else ""), *rows]
 
 
-def _extremes(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ...]]:
-    """The least and the greatest value of what is plotted, and where."""
+def _extreme_table(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ...]]:
+    """List the least and the greatest value of what is plotted, and where."""
     unit = f" [{x.unit}]" if x.unit else ""
     rows: list[tuple[str, ...]] = [
         ("", "least", f"at {symbol(x.label)}{unit}", "greatest", f"at {symbol(x.label)}{unit}")
@@ -241,24 +238,24 @@ def _extremes(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ...]]:
 # -- putting it on paper ----------------------------------------------------------------------------------------------
 
 
-def _heading(figure: Figure, data: Poses, x: Quantity, box, title: str | None) -> None:
+def _write_heading(figure: Figure, data: Poses, x: Quantity, box, title: str | None) -> None:
     left, bottom, _, high = box
     name = data.topology.name if title is None else title
     freedoms = data.motion.system.degrees_of_freedom
-    said = [f"{freedoms} degree{'s' * (freedoms != 1)} of freedom"]
+    facts = [f"{freedoms} degree{'s' * (freedoms != 1)} of freedom"]
     for driven in data.motion.driven:
         q = abscissa(data, driven)
         ends = q.values[[0, -1]]
-        said.append(f"{q.label} from {_number(float(ends[0]))} to {_number(float(ends[1]))} {q.unit}".rstrip())
+        facts.append(f"{q.label} from {_number(float(ends[0]))} to {_number(float(ends[1]))} {q.unit}".rstrip())
     bad = int((~data.good).sum())
-    said.append(counted(data.count, "pose") + (f", {bad} of them not right" if bad else ""))
+    facts.append(counted(data.count, "pose") + (f", {bad} of them not right" if bad else ""))
     look: dict[str, Any] = {"ha": "left", "va": "top", "parse_math": False}
     figure.text(left, bottom + high, name, fontsize=14.0, color=LIGHT["ink"], fontweight="bold", gid="title", **look)
-    figure.text(left, bottom + 0.5 * high, "  ·  ".join(said), fontsize=NUMBERS, color=LIGHT["soft"], **look)
+    figure.text(left, bottom + 0.5 * high, "  ·  ".join(facts), fontsize=NUMBERS, color=LIGHT["soft"], **look)
 
 
 def _write(figure: Figure, table: list[tuple[str, ...]], box, row: float) -> None:
-    """A table with rules above, under its head and below; numbers stand at the right."""
+    """Write a table with rules above, under its head and below; numbers stand at the right."""
     left, bottom, wide, high = box
     lengths = [max(len(line[c]) for line in table) + 1.5 for c in range(len(table[0]))]
     text = min(NUMBERS, wide * figure.get_figwidth() * 72.0 / (0.56 * sum(lengths)))
@@ -275,28 +272,22 @@ def _write(figure: Figure, table: list[tuple[str, ...]], box, row: float) -> Non
                 va="center_baseline", color=LIGHT["ink"] if k else LIGHT["soft"], parse_math=False,
             )  # fmt: skip
     for y, width in ((top + 0.05 * row, 0.8), (top - 1.15 * row, 0.5), (top - (len(table) + 0.42) * row, 0.8)):
-        rule = figure.add_artist(_rule(figure, left, left + wide, y, width))
-        rule.set_gid("rule")
-
-
-def _rule(figure: Figure, a: float, b: float, y: float, width: float):
-    from matplotlib.lines import Line2D
-
-    return Line2D([a, b], [y, y], color=LIGHT["ink"], linewidth=width, transform=figure.transFigure)
+        rule = Line2D([left, left + wide], [y, y], color=LIGHT["ink"], linewidth=width, transform=figure.transFigure)
+        figure.add_artist(rule).set_gid("rule")
 
 
 def _panel(ax, data: Poses, x: Quantity, group: list[Quantity]) -> None:
     furnish(ax)
     if group[0].kind == "place":
-        paths(ax, data, group)
+        draw_paths(ax, data, group)
     else:
-        curves(ax, data, x, group)
+        draw_curves(ax, data, x, group)
         ax.set_xlabel(x.axis)
         if len(group) == 1 and group[0].kind != "number":  # its name stands beside the axis, not before each part
             (q,) = group
             for line in ax.lines:
                 line.set_label(str(line.get_label()).removeprefix(f"{q.label}, "))
-            ax.set_ylabel(named(q.label, q.unit))
+            ax.set_ylabel(axis_name(q.label, q.unit))
     height = 72.0 * ax.get_position().height * ax.figure.get_figheight()
-    ax.set_ylabel("\n".join(wrapped(ax.get_ylabel(), TEXT, height)))
+    ax.set_ylabel("\n".join(wrap(ax.get_ylabel(), TEXT, height)))
     crown(ax)

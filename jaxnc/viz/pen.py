@@ -47,7 +47,7 @@ class Pen:
             if only is None or item.role in only:
                 self._add(item, places)
         for label in scene.labels:
-            self._add(label, places)
+            self._add_label(label, places)
         self.fade(False)
 
     def move(self, places: np.ndarray, offsets: np.ndarray | None = None) -> None:
@@ -62,10 +62,6 @@ class Pen:
             artist.set_alpha(0.13 if faded else (None if self.opacity == 1.0 else self.opacity))
 
     def _add(self, item: Item, places: np.ndarray) -> None:
-        if isinstance(item, Label):
-            self._add_label(item, places)
-            return
-        fixed = item.style.fixed
         before = len(self.moves)
         if isinstance(item, (Line, Stamp, Span)):
             self._add_outline(item, places)
@@ -75,16 +71,16 @@ class Pen:
             self._add_strokes(item, places)
         elif isinstance(item, Arc):
             self._add_arc(item, places)
-        if fixed:
+        if item.style.fixed:
             del self.moves[before:]
 
     def _keep(self, item: Item, *artists: Artist) -> None:
         for artist in artists:
             self.axes.add_artist(artist)
-            artist.set_zorder(2.0 + 0.1 * item.style.layer if not isinstance(item, Label) else 4.0)
+            artist.set_zorder(2.0 + 0.1 * item.style.layer)
             artist.set_clip_on(True)
             artist.set_gid(item.role)
-        (self.fixed if not isinstance(item, Label) and item.style.fixed else self.moving).extend(artists)
+        (self.fixed if item.style.fixed else self.moving).extend(artists)
 
     def _dashes(self, item: Item) -> tuple:
         style = item.style

@@ -1,10 +1,9 @@
 """Figures that notebooks show and files keep, the same bytes each time."""
 
-import functools
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -12,11 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jaxnc.errors import InputError
+from jaxnc.io.target import writing
 from jaxnc.notebooks import at_once
-from jaxnc.viz.output import writing
 
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
 Size = float | tuple[float, float]
 """Of a figure, inches: its width and height, or a width alone."""
 
@@ -29,6 +26,10 @@ _UNIT = 4.6  # radius of a joint on paper, points, in a figure of its own
 class Picture(Figure):
     """A figure that notebooks show, without the global state of pyplot."""
 
+    def __init__(self, **options: Any):
+        super().__init__(**options)
+        FigureCanvasAgg(self)
+
     def _repr_png_(self) -> bytes:
         data = io.BytesIO()
         with at_once():
@@ -37,29 +38,17 @@ class Picture(Figure):
 
 
 def unit_on(paper: np.ndarray) -> float:
-    """Size of a unit on paper of some width and height ``(2,)``, points: smaller on small paper."""
+    """Choose the size of a unit on paper of some width and height ``(2,)``, points: smaller on small paper."""
     return _UNIT * float(np.clip(paper.min() / 230.0, 0.3, 1.0))
 
 
 def inches(size: Size, height: Callable[[float], float] = lambda width: width / 1.28) -> tuple[float, float]:
-    """Width and height of a figure, with the height that belongs to a width alone."""
+    """Read width and height of a figure, with the height that belongs to a width alone."""
     given = np.asarray(size, float) if np.ndim(size) < 2 and np.size(size) in (1, 2) else np.array(np.nan)
     if not np.isfinite(given).all() or given.min() <= 0:
         raise InputError(f"size={size!r}: expected a width in inches, such as 6.4, or width and height, (6.4, 5.0)")
     wide, *high = given.reshape(-1).tolist()
     return wide, high[0] if high else height(wide)
-
-
-def sized(f: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Refuse ``width=`` of a function that draws: it is called ``size=``, as everywhere."""
-
-    @functools.wraps(f)
-    def called(*args: _P.args, **options: _P.kwargs) -> _R:
-        if "width" in options:
-            raise InputError(f"{f.__name__}(): width= is called size=, as in draw(): size={options['width']!r}")
-        return f(*args, **options)
-
-    return called
 
 
 def save(figure: Figure, path: str | Path, dpi: float = 200.0) -> Path:
@@ -69,3 +58,10 @@ def save(figure: Figure, path: str | Path, dpi: float = 200.0) -> Path:
     with writing(path, PICTURES, "a picture") as new, rc_context(settings):
         figure.savefig(new, dpi=dpi, metadata=undated.get(new.suffix.lower()))
     return Path(path).expanduser()
+
+
+def finish(figure: Figure, path: str | Path | None, dpi: float = 200.0) -> Figure:
+    """Write a figure to a file if there is a path; returns the figure."""
+    if path is not None:
+        save(figure, path, dpi)
+    return figure

@@ -6,26 +6,23 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.picture import Picture, Size, inches, save, sized
+from jaxnc.viz.picture import Picture, Size, finish, inches
 from jaxnc.viz.poses import Poses, poses
-from jaxnc.viz.quantities import Quantity, abscissa, quantity
-from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, crown, furnish, named
+from jaxnc.viz.quantities import Quantity, abscissa, default_plots, quantity
+from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, axis_name, crown, furnish
 
 _CROWN = 18.0  # points above axes, for a heading or a legend of one row
-_STILL = 1e-9  # of the size: what moves less stands still
 _FLAT, _REST = 0.1, 1e-4  # of what axes show: curves that vary by less look flat, and those that stand still
 _FAR = 2.5  # times what varies: what axes show at most for the sake of curves that stand still
 
 
 @public
-@sized
 def plot(
     motion: Motion,
     *names: str | Sequence[str],
@@ -48,7 +45,7 @@ def plot(
             an input, ``"support A"`` of the ground, ``"reaction B on coupler"``: forces of a motion that carries rates.
             Quantities of one dimension share their axes, unless one would look flat beside another (a tenth of the
             height); names in a list share axes of their own in any case: ``["P.x"], ["P.y"]`` are apart,
-            ``["P.x", "P.y"]`` together. If none is named: all angles and distances that are not driven, or else the
+            ``["P.x", "P.y"]`` together. If none is axis_name: all angles and distances that are not driven, or else the
             last point.
         against: what is on the horizontal axis: a coordinate, ``"time"`` or ``"pose"``. Default: time if the motion
             has one, otherwise its input; of several the first that runs one way, or the number of the pose.
@@ -71,15 +68,15 @@ def plot(
         raise InputError(
             f"{data.topology.name!r}: one pose has no curve; plot a sweep, or use draw() to see the mechanism"
         )
-    found = groups(data, names or usual(data))
+    found = group_quantities(data, names or default_plots(data))
     x = abscissa(data, against)
     places = [group for group in found if group[0].kind == "place"]
     rows = [group for group in found if group[0].kind != "place"]
     figure, planes, axes = _layout(places, len(rows), size)
     for ax, group in zip(planes, places, strict=True):
-        paths(ax, data, group)
+        draw_paths(ax, data, group)
     for ax, group in zip(axes, rows, strict=True):
-        curves(ax, data, x, group)
+        draw_curves(ax, data, x, group)
     for ax in axes[:-1]:
         ax.tick_params(labelbottom=False)
     if axes:
@@ -91,19 +88,17 @@ def plot(
         heading = ""
     if np.size(size) == 1:  # legends of many rows do not take it from the curves
         figure.set_figheight(figure.get_figheight() + more / 72.0)
-    if path is not None:
-        save(figure, path, dpi)
-    return figure
+    return finish(figure, path, dpi)
 
 
-def layout(rows: int, size: Size) -> tuple[Figure, list[Axes]]:
-    """Axes one above the other, as `plot` has them."""
+def stack_axes(rows: int, size: Size) -> tuple[Figure, list[Axes]]:
+    """Make axes one above the other, as `plot` has them."""
     figure, _, axes = _layout([], rows, size)
     return figure, axes
 
 
-def groups(data: Poses, names: Iterable[str | Sequence[str]]) -> list[list[Quantity]]:
-    """Quantities that share axes.
+def group_quantities(data: Poses, names: Iterable[str | Sequence[str]]) -> list[list[Quantity]]:
+    """Group quantities that share axes.
 
     Those in a list of their own do; of the others paths do, and those of one dimension as long as none looks flat.
     """
@@ -130,12 +125,12 @@ def groups(data: Poses, names: Iterable[str | Sequence[str]]) -> list[list[Quant
 
 
 def _alike(one: Quantity, other: Quantity) -> bool:
-    """Whether two quantities can be drawn in the same axes."""
+    """Tell whether two quantities can be drawn in the same axes."""
     return one.unit == other.unit and (one.kind == "place") == (other.kind == "place")
 
 
 def _fit(group: list[Quantity], further: Quantity) -> bool:
-    """Whether a quantity belongs to others by its dimension, and none of them looks flat in axes for all."""
+    """Tell whether a quantity has the dimension of others, and none of them looks flat in axes for all."""
     if group[0].axis != further.axis or not _alike(group[0], further):
         return False
     if further.kind == "place":
@@ -153,41 +148,11 @@ def _fit(group: list[Quantity], further: Quantity) -> bool:
 
 
 def _ends(q: Quantity) -> tuple[float, float]:
-    """The least and the greatest value that is drawn of a quantity; NaN of one that no pose has."""
+    """Find the least and the greatest value that is drawn of a quantity; NaN of one that no pose has."""
     values = [q.values.ravel(), np.linalg.norm(q.values, axis=1)] if q.kind == "vector" else [q.values.ravel()]
     x = np.concatenate(values)
     x = x[np.isfinite(x)]
     return (float(x.min()), float(x.max())) if len(x) else (np.nan, np.nan)
-
-
-def usual(data: Poses) -> tuple[str, ...]:
-    """What is plotted if nothing is named; of a point that goes straight its coordinates, not a line in a sheet."""
-    top = data.topology
-    if free := tuple(s for s in top.scalars if s not in data.motion.driven):
-        return free
-    column = _looked_at(data)
-    name, x = data.names[column], data.places[data.shown, column]
-    size = float(np.ptp(data.places[data.shown], axis=(0, 1)).max())
-    moving = [axis for axis, span in zip("xyz", np.ptp(x, axis=0), strict=False) if span > _STILL * size]
-    spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    if not moving or (data.dim == 2 and spread[1] > _STILL * spread[0]):
-        return (name,)
-    return tuple(f"{name}.{axis}" for axis in moving)
-
-
-def _looked_at(data: Poses) -> int:
-    """The last point or marker that moves; if there is one, one that does not merely turn about the ground."""
-    top, x = data.topology, data.places[data.shown]
-    ground = set(np.flatnonzero(np.ptp(x, axis=0).max(axis=-1) == 0.0).tolist())
-    turning = {b.name for b in top.bodies if ground & set(b.points)}
-    markers = {m.name: m.body for m in top.markers}
-    moving = [k for k in range(len(data.names)) if k not in ground] or [len(data.names) - 1]
-    free = [
-        k
-        for k in moving
-        if markers.get(data.names[k]) not in turning and not any(k in b.points for b in top.bodies if b.name in turning)
-    ]
-    return (free or moving)[-1]
 
 
 def _layout(places: list[list[Quantity]], rows: int, size: Size) -> tuple[Figure, list[Axes], list[Axes]]:
@@ -202,7 +167,6 @@ def _layout(places: list[list[Quantity]], rows: int, size: Size) -> tuple[Figure
     heights += [1.7 if rows > 1 else 2.7] * rows
     high = sum(heights) + 0.5 + 0.25 * len(heights)
     figure = Picture(figsize=inches(size, lambda _: high), layout="constrained")
-    FigureCanvasAgg(figure)
     figure.get_layout_engine().set(w_pad=0.06, h_pad=0.05)  # type: ignore[union-attr]
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     planes = [figure.add_subplot(grid[k]) for k in range(len(places))]
@@ -214,8 +178,8 @@ def _layout(places: list[list[Quantity]], rows: int, size: Size) -> tuple[Figure
     return figure, planes, axes
 
 
-def paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
-    """Paths in the plane, with their starts and ways."""
+def draw_paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
+    """Draw paths in the plane, with their starts and directions."""
     unit = data.topology.length_unit
     for k, q in enumerate(places):
         colour = BODIES[k % len(BODIES)]
@@ -228,11 +192,11 @@ def paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
             continue
         first = q.values[right[0]]
         ax.plot(*first, "o", ms=5, mfc="white", mec=colour, mew=1.4, zorder=3, gid=f"start {q.name}")
-        _heading(ax, q.values[right], colour)
+        _add_direction(ax, q.values[right], colour)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
-    ax.set_xlabel(named("x", unit))
-    ax.set_ylabel(named("y", unit))
+    ax.set_xlabel(axis_name("x", unit))
+    ax.set_ylabel(axis_name("y", unit))
     failed = int(np.sum(~data.good))
     if failed:
         ax.text(
@@ -241,8 +205,8 @@ def paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
         )  # fmt: skip
 
 
-def _heading(ax: Axes, x: np.ndarray, colour: str) -> None:
-    """An arrowhead that shows which way a path is run, a tenth of its length along."""
+def _add_direction(ax: Axes, x: np.ndarray, colour: str) -> None:
+    """Draw an arrowhead that shows which way a path is run, a tenth of its length along."""
     step = np.hypot(*np.diff(x, axis=0).T)
     total = step.sum()
     if not total > 0:
@@ -254,8 +218,8 @@ def _heading(ax: Axes, x: np.ndarray, colour: str) -> None:
         ax.annotate("", x[k + 1], x[k], arrowprops=head)
 
 
-def curves(ax: Axes, data: Poses, x: Quantity, group: list[Quantity]) -> None:
-    """Quantities of one unit over another quantity; poses that are not right are gaps, shaded."""
+def draw_curves(ax: Axes, data: Poses, x: Quantity, group: list[Quantity]) -> None:
+    """Draw quantities of one unit over another quantity; poses that are not right are gaps, shaded."""
     for start, end in data.gaps:
         lo = x.values[start] if start == 0 else 0.5 * (x.values[start - 1] + x.values[start])
         hi = x.values[end - 1] if end == data.count else 0.5 * (x.values[end - 1] + x.values[end])
@@ -284,7 +248,7 @@ def curves(ax: Axes, data: Poses, x: Quantity, group: list[Quantity]) -> None:
         count += vectors > 1
     single = len(group) == 1 and group[0].kind == "number"
     dimensions = dict.fromkeys(q.dimension for q in group)
-    ax.set_ylabel(named(group[0].label if single else ", ".join(dimensions), group[0].unit))
+    ax.set_ylabel(axis_name(group[0].label if single else ", ".join(dimensions), group[0].unit))
     if single:
         ax.lines[-1].set_label("_")  # named by its axis
     _angle_ticks(ax.xaxis, x, most=int(np.clip(1.7 * ax.figure.get_figwidth() - 1.4, 2, 8)))  # type: ignore[union-attr]
@@ -300,7 +264,7 @@ def _look(count: int) -> dict[str, Any]:
 
 
 def _angle_ticks(axis, q: Quantity, values: list[np.ndarray] | None = None, most: int = 8) -> None:
-    """Ticks at fractions of a turn, for angles that cover enough of one."""
+    """Put ticks at fractions of a turn, for angles that cover enough of one."""
     x = np.concatenate(values if values is not None else [q.values])
     x = x[np.isfinite(x)]
     if q.unit not in ("°", "rad") or not len(x):

@@ -1,6 +1,6 @@
 """Velocity and acceleration polygons: vectors from a pole, images of bodies, and what vectors are put together from."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,15 @@ from matplotlib.figure import Figure
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.drawing import View
-from jaxnc.viz.hull import hull
-from jaxnc.viz.labels import placed
+from jaxnc.viz.bodies import Bodies, hull
+from jaxnc.viz.drawing import PlaneView
+from jaxnc.viz.labels import place_labels
+from jaxnc.viz.legend import Legend
 from jaxnc.viz.pen import Pen
-from jaxnc.viz.picture import Size, inches, save
+from jaxnc.viz.picture import Size, finish, inches
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Circle, Item, Label, Line, Scene
-from jaxnc.viz.sketch import colours
 from jaxnc.viz.style import INK, LIGHT, colour_of, symbol
-from jaxnc.viz.under import Under
 
 _SAME = 1e-6  # of the longest vector: images closer than this are one
 _ROOM = 0.07  # of its extents, for names
@@ -29,7 +28,7 @@ KINDS = ("velocity", "acceleration")
 
 
 @dataclass
-class _Plan:
+class _Polygon:
     """A polygon: places in the plane of velocities or accelerations."""
 
     data: Poses  # the motion
@@ -46,7 +45,7 @@ class _Plan:
     def __post_init__(self):
         x = self.data.rates(self.order)[self.pose]
         self.longest = float(np.linalg.norm(x, axis=1).max(initial=0.0))
-        self.found = colours(self.data)
+        self.found = Bodies(self.data).colour_by_name
         self.numbers = [self.image(v, name) for v, name in zip(x, self.data.names, strict=True)]
         for body in self.data.topology.bodies:
             if body.name in self.found and len(body.points) > 1:
@@ -66,7 +65,7 @@ class _Plan:
         return len(self.places) - 1
 
     def spin(self, body: str) -> tuple[float, float]:
-        """Angular velocity and acceleration."""
+        """Find the angular velocity and acceleration."""
         motion, k = self.data.motion, ... if self.data.single else self.pose
         rise = np.asarray(motion.angular_acceleration(body))[k] if self.order == 2 else 0.0
         return float(np.asarray(motion.angular_velocity(body))[k]), float(rise)
@@ -108,7 +107,7 @@ class _Plan:
                 self.part(middle, rise * np.array([-arm[1], arm[0]]), self.found[body.name], "tangential")
 
     def _guide(self, p: int, q: int, at: int) -> None:
-        """A point that slides on a moving line: that of the line below it, Coriolis's part and the sliding."""
+        """Add a point that slides on a moving line: that of the line below it, Coriolis's part and the sliding."""
         top = self.data.topology
         guide = next((b for b in top.bodies if {p, q} <= set(b.points) and b.name in self.found), None)
         if guide is None:
@@ -131,14 +130,14 @@ class _Plan:
         end = self.part(below, 2 * rate * np.array([-slide[1], slide[0]]), INK, "Coriolis")
         self.part(end, rates[at] - end, INK, "sliding")
 
-    def said(self) -> list[str]:
-        """What is written under the polygon."""
+    def notes(self) -> list[str]:
+        """List what is written under the polygon."""
         still, parts = self.names[0][1:], list(dict.fromkeys(self.kinds))
-        said = [f"in the pole o: {', '.join(still)}"] if still else []
-        return said + ([f"dashed: {', '.join(parts)} part{'s' * (len(parts) > 1)}"] if parts else [])
+        texts = [f"in the pole o: {', '.join(still)}"] if still else []
+        return texts + ([f"dashed: {', '.join(parts)} part{'s' * (len(parts) > 1)}"] if parts else [])
 
     def scene(self) -> tuple[Scene, np.ndarray]:
-        """Images and names as a scene, and where its columns are."""
+        """Make a scene of images and names, and the places of its columns."""
         where, labels = list(self.places), []
         first = len(where)
         for a, b, _ in self.parts:  # names keep clear of them
@@ -150,7 +149,7 @@ class _Plan:
         mark = "′" if self.order == 2 else ""
         for k, names in enumerate(self.names):
             text = ", ".join(_small(name) + mark for name in (names if k else names[:1]))
-            labels.append(Label("label", k, text))
+            labels.append(Label(k, text))
         n = len(where)
         return Scene(tuple(items), tuple(labels), tuple(range(n)), np.zeros((0, 2)), (INK,) * n), np.array(where)
 
@@ -159,15 +158,14 @@ def _small(name: str) -> str:
     return name[:1].lower() + name[1:] if len(name) < 4 else name
 
 
-class _Plane(View):
-    """Axes of a polygon, as a drawing has them."""
+class _PolygonView(PlaneView):
+    """Axes of a polygon, as a drawing has them, with one pose."""
 
-    def __init__(self, data: Poses, scene: Scene, where: np.ndarray, said: list[str]):
-        self.data = replace(data, places=where[None])  # the one pose that it shows
-        self.scene, self.shown, self.traces = scene, [0], ()
+    def __init__(self, data: Poses, scene: Scene, where: np.ndarray, notes: list[str]):
+        self.data, self.scene, self.shown, self.columns = data, scene, [0], where[None]
         room = _ROOM * float(np.ptp(where, axis=0).max()) * np.array([1.0, 0.4])
         self.lower, self.upper = where.min(axis=0) - room, where.max(axis=0) + room
-        self.aimed, self.under = [], Under(tuple(((text, LIGHT["ink"]),) for text in said))
+        self.arrow_sets, self.legend = [], Legend(tuple(((text, LIGHT["ink"]),) for text in notes))
 
 
 @public
@@ -215,38 +213,36 @@ def polygon(
     if not data.good[k]:
         raise InputError(f"pose {k} of {data.topology.name!r} is not right, so it has no {kind}: {data.sentence(k)}")
     order = 1 + KINDS.index(kind)
-    plan = _Plan(data, k, order)
+    plan = _Polygon(data, k, order)
     if not plan.longest > 0:
         raise InputError(f"in pose {k} of {data.topology.name!r} every {kind} is zero: there is no polygon to draw")
     scene, where = plan.scene()
-    view = _Plane(data, scene, where, plan.said())
-    view.open(ax, inches(size), frame, _heading(data, k, kind) if title is None else title)
-    scene = placed(scene, where[None], view.unit)
+    view = _PolygonView(data, scene, where, plan.notes())
+    view.open(ax, inches(size), frame, _default_title(data, k, kind) if title is None else title)
+    scene = place_labels(scene, where[None], view.unit)
     Pen(view.ax, scene, where, view.unit, view.points)
     _arrows(view, plan, kind)
-    view.under.paint(view.ax, float(view.paper[0]))
+    view.legend.paint(view.ax, float(view.paper[0]))
     unit = f"{data.topology.length_unit}/s" + ("²" if order == 2 else "")
     if frame:
         for axis, name in ((view.ax.xaxis, "x"), (view.ax.yaxis, "y")):
             axis.set_label_text(f"{kind} {name} [{unit}]", parse_math=False)
-    if path is not None:
-        save(view.figure, path, dpi)
-    return view.figure
+    return finish(view.figure, path, dpi)
 
 
-def _heading(data: Poses, pose: int, kind: str) -> str:
-    said = []
+def _default_title(data: Poses, pose: int, kind: str) -> str:
+    texts = []
     for name, values in data.motion.inputs.items():
         value, top = float(np.asarray(values).reshape(-1)[pose]), data.topology
         if name in top.scalars and top.angles[top.scalars.index(name)]:
-            said.append(f"{symbol(name)} = {np.degrees(value):.4g}°")
+            texts.append(f"{symbol(name)} = {np.degrees(value):.4g}°")
         else:
-            said.append(f"{symbol(name)} = {value:.4g} {top.length_unit}")
-    return f"{data.topology.name}: {'velocities' if kind == 'velocity' else 'accelerations'}, {', '.join(said)}"
+            texts.append(f"{symbol(name)} = {value:.4g} {top.length_unit}")
+    return f"{data.topology.name}: {'velocities' if kind == 'velocity' else 'accelerations'}, {', '.join(texts)}"
 
 
-def _arrows(view: Any, plan: _Plan, kind: str) -> None:
-    """The vectors, and in dashes what they are put together from."""
+def _arrows(view: Any, plan: _Polygon, kind: str) -> None:
+    """Draw the vectors, and their parts in dashes."""
     points = view.points
     for end in plan.places[1:]:
         _arrow(view.ax, np.zeros(2), end, LIGHT[kind], 0.4 * points, "-", points, f"{kind} vector")

@@ -1,8 +1,8 @@
-"""The numbers of a motion on the host: where every point and marker is in every pose, and which poses are right."""
+"""Numbers of a motion on the host: where every point and marker is in every pose, and which poses are right."""
 
 import dataclasses
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeGuard
@@ -18,9 +18,9 @@ from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.status import Status
 from jaxnc.system.system import System
-from jaxnc.system.topology import MarkerIndex, Topology
+from jaxnc.system.topology import Block, MarkerIndex, Topology
 from jaxnc.types import ArrayLike
-from jaxnc.viz.typed import typed
+from jaxnc.viz.draft import draft
 
 if TYPE_CHECKING:
     from jaxnc.dynamics.reactions import Reactions
@@ -30,11 +30,17 @@ if TYPE_CHECKING:
 _CHORD, _BEND, _BETWEEN = 0.02, 0.08, 8  # of a path's extent, radians: chords that are drawn as so many
 _LEAP = 1.0  # of the largest speed: how much more it changes within a step than accelerations account for, at an impact
 _LEAST = 0.1  # of the drawing: paths that are smaller count as so large
+_SAMPLE = 9  # poses that names are placed to suit
 _NOUNS = ("position", "velocity", "acceleration", "jerk")
 
 
-def simulated(thing: Any) -> "TypeGuard[Simulation]":
-    """Whether a thing is a simulation; nothing is, where their module was never loaded, and it stays away."""
+def evenly(x: np.ndarray, count: int = _SAMPLE) -> np.ndarray:
+    """Pick a few rows of an array, evenly spread."""
+    return x[np.unique(np.linspace(0, len(x) - 1, count).astype(int))]
+
+
+def is_simulation(thing: Any) -> "TypeGuard[Simulation]":
+    """Tell whether a thing is a simulation; nothing is where their module was never loaded, and it stays away."""
     module = sys.modules.get("jaxnc.dynamics.simulation")
     return module is not None and isinstance(thing, module.Simulation)
 
@@ -61,7 +67,7 @@ class Poses:
 
     @cached_property
     def reactions(self) -> "Reactions":
-        """What passes through the joints."""
+        """Reactions: what passes through the joints."""
         if self.found is None and len(self.motion.rates) < 2:
             self.motion.acceleration(self.topology.points[0])  # says what is missing
         from jaxnc.dynamics.reactions import reactions
@@ -76,11 +82,11 @@ class Poses:
             return None
         from jaxnc.kinematics.suspension import suspension
 
-        y = np.median(self.places[self.shown, self.names.index(names.wheel_centre), 1])
+        y = np.median(self.places[self.extent_poses, self.names.index(names.wheel_centre), 1])
         return suspension(self.motion, side="left" if y > 0 else "right")
 
-    def given(self, found: Any) -> "Poses":
-        """The same with reactions that were found already."""
+    def with_reactions(self, found: Any) -> "Poses":
+        """Add reactions that were found already."""
         from jaxnc.dynamics.inverse import InverseDynamics
         from jaxnc.dynamics.reactions import Reactions
 
@@ -91,6 +97,20 @@ class Poses:
         if known.motion.names != self.motion.names or np.size(known.motion.status) != self.count:
             raise InputError(f"forces= are those of another motion: {known.motion!r}, not {self.motion!r}")
         return dataclasses.replace(self, found=known)
+
+    @cached_property
+    def every_column(self) -> np.ndarray:
+        """All columns of all poses, places and then directions, ``(T, columns, dim)``."""
+        return np.concatenate([self.places, self.axes], axis=1)
+
+    def driven_scalars(self) -> Iterator[tuple[str, int, bool, Block, int]]:
+        """List angles and distances that are driven: name, index, whether an angle, and where its rows are."""
+        top = self.topology
+        for name in self.motion.driven:
+            if name in top.scalars:
+                k = top.scalars.index(name)
+                block, instance = top.measures[k]
+                yield name, k, bool(top.angles[k]), top.blocks[block], instance
 
     @property
     def dim(self) -> int:
@@ -115,12 +135,12 @@ class Poses:
         return list(zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True))
 
     @property
-    def shown(self) -> np.ndarray:
+    def extent_poses(self) -> np.ndarray:
         """Indices of the poses that decide extents: the right ones, or all if none is."""
         return np.flatnonzero(self.good) if self.good.any() else np.arange(self.count)
 
     def column(self, name: str, what: str) -> int:
-        """Column of a point or marker."""
+        """Find the column of a point or marker."""
         if name not in self.names:
             raise InputError(
                 f"{what}: {self.topology.name!r} has no point or marker {name!r}; {nearest(name, self.names)}"
@@ -128,23 +148,23 @@ class Poses:
         return self.names.index(name)
 
     def columns(self, names: str | Iterable[str], what: str) -> tuple[int, ...]:
-        """Columns of several points or markers, given as names or as one name."""
+        """Find the columns of several points or markers, given as names or as one name."""
         names = (names,) if isinstance(names, str) else tuple(names)
         return tuple(dict.fromkeys(self.column(name, what) for name in names))
 
     def pose(self, index: int) -> int:
-        """An index of a pose, counted from the end if negative."""
+        """Read an index of a pose, counted from the end if negative."""
         if not isinstance(index, (int, np.integer)) or not -self.count <= index < self.count:
             have = "one pose, number 0" if self.count == 1 else f"poses 0 to {self.count - 1}"
             raise InputError(f"pose={index!r}: this motion of {self.topology.name!r} has {have}")
         return int(index) % self.count
 
     def trace(self, column: int) -> np.ndarray:
-        """Path of a column, ``(T, dim)``, with gaps (NaN) where a pose is not right."""
+        """Find the path of a column, ``(T, dim)``, with gaps (NaN) where a pose is not right."""
         return np.where(self.good[:, None], self.places[:, column], np.nan)
 
     def path(self, column: int) -> tuple[np.ndarray, np.ndarray]:
-        """Path of a column to be drawn, ``(n, dim)``, and where each pose is on it, ``(T,)``.
+        """Find the path of a column to be drawn, ``(n, dim)``, and where each pose is on it, ``(T,)``.
 
         Where few poses would show chords, as near change points, it has further places between them.
         """
@@ -156,8 +176,8 @@ class Poses:
 
     @cached_property
     def size(self) -> float:
-        """Of what is drawn over the motion, a length."""
-        return float(np.linalg.norm(np.ptp(self.places[self.shown].reshape(-1, self.dim), axis=0)))
+        """Size of what is drawn over the motion, a length."""
+        return float(np.linalg.norm(np.ptp(self.places[self.extent_poses].reshape(-1, self.dim), axis=0)))
 
     @cached_property
     def _between(self) -> tuple[np.ndarray, np.ndarray]:
@@ -190,7 +210,7 @@ class Poses:
         return np.concatenate([*parts, x[done:]]), at
 
     def _way(self) -> Callable[[np.ndarray], np.ndarray | None] | None:
-        """Places of all columns ``(n, columns, dim)`` at poses and parts of the way to the next; None of what has none.
+        """Make a function that finds places of all columns ``(n, columns, dim)`` between poses; None if there is none.
 
         What is driven is solved for: several inputs go from pose to pose smoothly, none beyond its values, or in time
         as their rates say. What was simulated is interpolated, with its velocities and accelerations.
@@ -200,15 +220,15 @@ class Poses:
         if self.topology.large:
             return None
         if motion.conditioning is None or not motion.driven:
-            if time is None or not simulated(motion):
+            if time is None or not is_simulation(motion):
                 return None
-            return lambda parts: _interpolated(parts, self.places, time, self.rates(1), self.rates(2))
+            return lambda parts: _interpolate(parts, self.places, time, self.rates(1), self.rates(2))
         at = [self.topology.position[name] for name in motion.driven]
         known = [np.asarray(x, float).reshape(self.count, -1)[:, at] for x in motion.rates[:2]]
         asked = np.asarray(motion.asked, float).reshape(self.count, -1)
 
-        def solved(parts: np.ndarray) -> np.ndarray | None:
-            found = _eased(parts, asked) if time is None else _interpolated(parts, asked, time, *known)
+        def solve_between(parts: np.ndarray) -> np.ndarray | None:
+            found = _ease_inputs(parts, asked) if time is None else _interpolate(parts, asked, time, *known)
             values = dict(zip(motion.driven, found.T, strict=True))
             try:
                 start = motion.pose(int(parts[0]))
@@ -217,18 +237,18 @@ class Poses:
                 return None
             return there.places if there.good.all() else None
 
-        return solved
+        return solve_between
 
     def rates(self, order: int) -> np.ndarray:
-        """Rates of all columns, ``(T, columns, dim)``, NaN where a pose is not right."""
+        """Find the rates of all columns, ``(T, columns, dim)``, NaN where a pose is not right."""
         if len(self.motion.rates) < order:
             getattr(self.motion, _NOUNS[order])(self.topology.points[0])
         read = (self.motion.velocity, self.motion.acceleration, self.motion.jerk)[order - 1]
-        x = _columns(self.motion, np.asarray(self.motion.rates[order - 1]).reshape(self.count, -1), read)
+        x = _place_columns(self.motion, np.asarray(self.motion.rates[order - 1]).reshape(self.count, -1), read)
         return np.where(self.good[:, None, None], x, np.nan)
 
     def sentence(self, index: int) -> str:
-        """What became of a pose that is not right."""
+        """Describe what became of a pose that is not right."""
         try:
             return Status(int(self.status[index])).sentence
         except ValueError:
@@ -236,8 +256,8 @@ class Poses:
 
     @property
     def run(self) -> bool:
-        """Whether it is a simulation, whose energies are known."""
-        return simulated(self.motion) and self.motion.multipliers is not None
+        """True of a simulation, whose energies are known."""
+        return is_simulation(self.motion) and self.motion.multipliers is not None
 
     @property
     def pace(self) -> float:
@@ -245,14 +265,14 @@ class Poses:
         time = self.motion.time
         if time is None or self.single or self.count < 2:
             return 1.0
-        span = float(np.ptp(np.asarray(time)[self.shown]))
+        span = float(np.ptp(np.asarray(time)[self.extent_poses]))
         if 1.0 <= span <= 60.0 or not span > 0:
             return 1.0
         return float(10.0 ** np.floor(np.log10(span if span < 1.0 else span / 6.0)))
 
     @property
     def closed(self) -> bool:
-        """Whether the last pose is the first one again, so that the motion can be repeated."""
+        """True where the last pose is the first one again, so that the motion can be repeated."""
         if self.count < 3 or not (self.good[0] and self.good[-1]):
             return False
         size = np.ptp(self.places[self.good].reshape(-1, self.dim), axis=0).max()
@@ -260,7 +280,7 @@ class Poses:
 
 
 def chords(x: np.ndarray, size: float) -> np.ndarray:
-    """Which steps of a path ``(T, dim)`` would be seen as chords in a drawing of a size, ``(T - 1,)``."""
+    """Find which steps of a path ``(T, dim)`` would be seen as chords in a drawing of a size, ``(T - 1,)``."""
     right = np.isfinite(x).all(axis=1)
     if right.sum() < 3:
         return np.zeros(max(len(x) - 1, 0), bool)
@@ -274,12 +294,12 @@ def chords(x: np.ndarray, size: float) -> np.ndarray:
 
 
 def _cubic(s: np.ndarray, a: np.ndarray, b: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Between values a and b with slopes v and w, at shares s of the step."""
+    """Interpolate between values a and b with slopes v and w, at shares s of the step."""
     return a + s * (b - a) + s * (1 - s) * ((1 - s) * (v - b + a) - s * (w - b + a))
 
 
-def _eased(parts: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Values ``(T, inputs)`` at poses and parts of the way to the next: smooth, and monotone where they are.
+def _ease_inputs(parts: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Interpolate values ``(T, inputs)`` at poses and parts of the way to the next, smoothly, and monotonely if so.
 
     Slopes are harmonic means of the steps (Fritsch & Butland 1984, SIAM J. Sci. Stat. Comput. 5:300): what moves one
     input after the other, or turns back, does so here too.
@@ -293,10 +313,10 @@ def _eased(parts: np.ndarray, x: np.ndarray) -> np.ndarray:
     return _cubic((parts - k)[:, None], x[k], x[k + 1], slope[k], slope[k + 1])
 
 
-def _interpolated(
+def _interpolate(
     parts: np.ndarray, x: np.ndarray, time: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> np.ndarray:
-    """Values ``(T, ...)`` at poses and parts of the way to the next: of degree five, with rates in time.
+    """Interpolate values ``(T, ...)`` at poses and parts of the way to the next: of degree five, with rates in time.
 
     A step whose rates do not go with its ends, as of an impact, is straight.
     """
@@ -313,7 +333,7 @@ def _interpolated(
 
 def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses:
     """Bring a motion to the host; of a system or a mechanism its drawing."""
-    motion = typed(motion)
+    motion = draft(motion)
     if isinstance(motion.q, Tracer) or isinstance(motion.status, Tracer):
         raise InputError("inside jit, vmap or grad a motion has no numbers to show; return it and draw it outside")
     top = motion.system.topology
@@ -330,7 +350,7 @@ def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses
         motion=motion,
         topology=top,
         names=(*top.points, *(m.name for m in _riding(top))),
-        places=_columns(motion, q, motion.__getitem__),
+        places=_place_columns(motion, q, motion.__getitem__),
         scalars=q[:, len(top.coordinates) - len(top.scalars) :],
         status=status.reshape(-1),
         single=status.ndim == 0,
@@ -341,11 +361,11 @@ def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses
 
 
 def _riding(top: Topology) -> tuple[MarkerIndex, ...]:
-    """Markers that are places, not directions."""
+    """List markers that are places, not directions."""
     return tuple(m for m in top.markers if not m.direction)
 
 
-def _columns(motion: Motion, x: np.ndarray, read: Callable[[str], ArrayLike]) -> np.ndarray:
+def _place_columns(motion: Motion, x: np.ndarray, read: Callable[[str], ArrayLike]) -> np.ndarray:
     top = motion.system.topology
     places = x[:, : len(top.points) * top.dim].reshape(len(x), -1, top.dim)
     found = [np.asarray(read(m.name), float).reshape(len(x), 1, top.dim) for m in _riding(top)]

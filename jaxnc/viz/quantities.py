@@ -1,5 +1,6 @@
-"""What can be plotted: positions, coordinates and their rates by name, with their units."""
+"""Quantities that can be plotted: positions, coordinates, rates, forces and energies by name, with their units."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,12 +25,13 @@ ENERGIES = ("energy", "kinetic energy", "potential energy")
 EXERTED = ("effort", "load", "reaction", "support")
 """What acts on it, before a name."""
 _ENERGIES = (energy, kinetic_energy, potential_energy)
+_STILL = 1e-9  # of the size: what moves less stands still
 _PER = ("", "/s", "/s²", "/s³")
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One quantity over the poses of a motion."""
+    """A quantity over the poses of a motion."""
 
     name: str  # as asked for
     label: str  # as written beside its curve
@@ -60,59 +62,52 @@ def quantity(poses: Poses, name: str) -> Quantity:
     motion, top = poses.motion, poses.topology
     if not isinstance(name, str):
         raise InputError(f"quantities are named by strings, plot('P', 'velocity P'), got {name!r}")
-    for noun, order in _TURNS.items():
-        if name.startswith(noun + " "):
-            return _turning(poses, noun, order, name.removeprefix(noun + " "))
+    noun, what = _split_noun(name, (*_TURNS, *EXERTED, *_RATES))
+    if noun in _TURNS:
+        return _turning(poses, noun, _TURNS[noun], what)
     if name == "time" and name not in motion.names:
         if motion.time is None:
             raise InputError(f"{top.name!r}: this motion has no time; make it with motion(system, inputs, t)")
         return Quantity(name, "time", "time", "s", np.asarray(motion.time, float).reshape(-1), "number")
-    if (seen := _attitude(poses, name)) is not None:
-        return seen
+    if (number := _attitude(poses, name)) is not None:
+        return number
     if name in ENERGIES:
-        return _known(poses, name, "energy", "J", _ENERGIES[ENERGIES.index(name)](motion))
-    for noun in EXERTED:
-        if name.startswith(noun + " "):
-            return _force(poses, noun, name.removeprefix(noun + " "))
-    order, what = 0, name
-    for noun, power in _RATES.items():
-        if name.startswith(noun + " "):
-            order, what = power, name.removeprefix(noun + " ")
-    stem, _, axis = what.partition(".")
-    angle = what in top.scalars and top.angles[top.scalars.index(what)]
-    axes = "xyz"[: poses.dim]
+        return _plain_quantity(poses, name, "energy", "J", _ENERGIES[ENERGIES.index(name)](motion))
+    if noun in EXERTED:
+        return _force(poses, noun, what)
+    return _coordinate(poses, name, _RATES.get(noun, 0), what)
+
+
+def _split_noun(name: str, nouns: Iterable[str]) -> tuple[str, str]:
+    """Split a name into the noun that it begins with, or none, and what follows."""
+    return next(((noun, name.removeprefix(f"{noun} ")) for noun in nouns if name.startswith(f"{noun} ")), ("", name))
+
+
+def _coordinate(poses: Poses, name: str, order: int, what: str) -> Quantity:
+    """Read a coordinate, place or direction, or a rate of one."""
+    motion, top, axes = poses.motion, poses.topology, "xyz"[: poses.dim]
+    scalar, angle = what in top.scalars, top.is_angle(what)
+    stem, _, axis = (what, "", "") if scalar else what.partition(".")
     direction = stem in poses.directions
-    if what not in top.scalars and (
-        (stem not in poses.names and not direction) or (axis and (len(axis) > 1 or axis not in axes))
-    ):
-        raise InputError(f"plot: {top.name!r} has no quantity {name!r}; {nearest(what, known(poses))}")
-    if order and len(motion.rates) < order:
-        getattr(motion, ("velocity", "acceleration", "jerk")[order - 1])(what)  # says what is missing
-    if what in top.scalars:
-        k = len(top.coordinates) - len(top.scalars) + top.scalars.index(what)
-        q = motion.q if not order else motion.rates[order - 1]
-        values = np.where(poses.good, np.asarray(q).reshape(poses.count, -1)[:, k], np.nan)
-    else:
-        if direction:
-            read = (motion.__getitem__, motion.velocity, motion.acceleration, motion.jerk)[order]
-            values = np.where(poses.good[:, None], np.asarray(read(stem), float).reshape(poses.count, -1), np.nan)
-        else:
-            column = poses.names.index(stem)
-            values = poses.trace(column) if not order else poses.rates(order)[:, column]
-        values = values if not axis else values[:, axes.index(axis)]
-    noun = ("angle" if angle else "length", "velocity", "acceleration", "jerk")[order]
-    if order and angle:
-        noun = "angular " + noun
+    if not scalar and (stem not in (*poses.names, *poses.directions) or axis not in ("", *axes)):
+        raise InputError(f"plot: {top.name!r} has no quantity {name!r}; {nearest(what, quantity_names(poses))}")
+    read = (motion.__getitem__, motion.velocity, motion.acceleration, motion.jerk)[order]
+    values = np.asarray(read(stem), float).reshape(poses.count, -1)
+    values = np.where(poses.good[:, None], values, np.nan)
+    if scalar or axis:
+        values = values[:, axes.index(axis) if axis else 0]
+    rate = ("", *_RATES)[order]
     kind = "number" if values.ndim == 1 else "vector" if order else "place" if poses.dim == 2 else "components"
-    label = {0: "", 1: "velocity of ", 2: "acceleration of ", 3: "jerk of "}[order] + symbol(what)
+    label = (f"{rate} of " if order else "") + symbol(what)
     if direction:
         noun = ("direction", "rate of direction", "second rate of direction", "third rate of direction")[order]
         return Quantity(name, label, noun, ("", "1/s", "1/s²", "1/s³")[order], values, kind)
-    return _made(poses, name, label, noun, order, angle, values, kind)
+    noun = ("angular " if angle else "") + rate if order else "angle" if angle else "length"
+    return _in_units(poses, name, label, noun, order, angle, values, kind)
 
 
-def _known(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Quantity:
-    """A quantity of its own unit; a vector if it has components."""
+def _plain_quantity(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Quantity:
+    """Make a quantity of its own unit; a vector if it has components."""
     values = np.asarray(values, float).reshape(poses.count, -1)
     values = np.where(poses.good[:, None], values, np.nan)
     vector = values.shape[1] == poses.dim
@@ -120,18 +115,18 @@ def _known(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Q
 
 
 def _force(poses: Poses, noun: str, what: str) -> Quantity:
-    """``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``."""
+    """Read a force: ``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``."""
     top, name = poses.topology, f"{noun} {what}"
-    values = exerted(poses.reactions, name)
+    values = force_values(poses.reactions, name)
     if values.ndim > poses.motion.status.ndim and values.shape[-1] != poses.dim:
         raise InputError(f"plot: {name!r} acts on all coordinates, and is no curve; plot what it does to one of them")
     turns = noun == "effort" and what in top.scalars and top.angles[top.scalars.index(what)]
     turns = turns or (noun == "load" and _couple(poses, what))
-    return _known(poses, name, *(("torque", "N m") if turns else ("force", "N")), values)
+    return _plain_quantity(poses, name, *(("torque", "N m") if turns else ("force", "N")), values)
 
 
-def exerted(found: "Reactions", name: str) -> Any:
-    """The numbers of ``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``, ``(...,)``."""
+def force_values(found: "Reactions", name: str) -> Any:
+    """Read the numbers of a force by its name, such as ``"reaction B on coupler"``, ``(...,)``."""
     noun, _, what = name.partition(" ")
     if noun == "reaction":
         point, between, body = what.partition(" on ")
@@ -142,7 +137,7 @@ def exerted(found: "Reactions", name: str) -> Any:
 
 
 def forces_of(poses: Poses) -> tuple[str, ...]:
-    """Names of the forces of a motion: efforts of its inputs, loads, what passes through points and into the ground."""
+    """List the names of forces: efforts of the inputs, loads, what passes through points and into the ground."""
     top, loads = poses.topology, poses.topology.loads
     out = [f"effort {name}" for name in poses.motion.driven]
     out += [f"load {name}" for block in loads.forces for name in block.names]
@@ -157,13 +152,13 @@ def forces_of(poses: Poses) -> tuple[str, ...]:
 
 
 def attitudes(poses: Poses) -> tuple[str, ...]:
-    """Names of the numbers of a suspension with the usual names; none of anything else."""
+    """List the names of the numbers of a suspension with the usual names; none of anything else."""
     found = poses.wheel
     return () if found is None else tuple(n for n in LABELS if n in NUMBERS and getattr(found, n) is not None)
 
 
 def _attitude(poses: Poses, name: str) -> Quantity | None:
-    """A number of a suspension, angles in degrees as the trade gives them; None where there is no such number."""
+    """Read a number of a suspension, angles in degrees as usual; None where there is no such number."""
     if name in poses.motion.names or name not in LABELS or name not in NUMBERS:
         return None
     found = poses.wheel
@@ -171,11 +166,11 @@ def _attitude(poses: Poses, name: str) -> Quantity | None:
         return None
     values, kind = np.asarray(getattr(found, name), float).reshape(-1), ATTITUDE.get(name)
     unit = {"angle": "°", "length": found.length_unit}.get(kind or "", "")
-    return _known(poses, LABELS[name], LABELS[name], unit, np.degrees(values) if kind == "angle" else values)
+    return _plain_quantity(poses, LABELS[name], LABELS[name], unit, np.degrees(values) if kind == "angle" else values)
 
 
 def _couple(poses: Poses, load: str) -> bool:
-    """Whether a load is a torque: a couple, or an effort on an angle."""
+    """Tell whether a load is a torque: a couple, or an effort on an angle."""
     top = poses.topology
     first = len(top.coordinates) - len(top.scalars)
     angles = {first + k for k, angle in enumerate(top.angles) if angle}
@@ -198,10 +193,10 @@ def _turning(poses: Poses, noun: str, order: int, body: str) -> Quantity:
     values = np.where(poses.good[:, None], np.asarray(read(body), float).reshape(shape), np.nan)
     values = values[:, 0] if kind == "number" else values
     dimension = "angle" if order == 0 else noun
-    return _made(poses, f"{noun} {body}", f"{noun} of {body}", dimension, order, True, values, kind)
+    return _in_units(poses, f"{noun} {body}", f"{noun} of {body}", dimension, order, True, values, kind)
 
 
-def _made(poses: Poses, name, label, dimension, order, angle, values, kind) -> Quantity:
+def _in_units(poses: Poses, name, label, dimension, order, angle, values, kind) -> Quantity:
     top = poses.topology
     unit = (poses.angles if angle else top.length_unit) + _PER[order]
     if angle and poses.angles == "deg":
@@ -210,14 +205,14 @@ def _made(poses: Poses, name, label, dimension, order, angle, values, kind) -> Q
     return Quantity(name, label, dimension, unit, values, kind)
 
 
-def known(poses: Poses) -> tuple[str, ...]:
-    """Names that `quantity` understands, besides their rates."""
+def quantity_names(poses: Poses) -> tuple[str, ...]:
+    """List the names that `quantity` understands, besides their rates."""
     named = (*poses.names, *poses.directions)
     return (*named, *(f"{p}.{axis}" for p in named for axis in "xyz"[: poses.dim]), *poses.topology.scalars)
 
 
 def running(motion: Motion) -> str | None:
-    """The input that curves are drawn over: the only one, or the first that runs one way; none if all go to and fro."""
+    """Choose the input that curves are drawn over: the only one, or the first that runs one way, if any."""
     if len(motion.driven) < 2:
         return next(iter(motion.driven), None)
     asked = np.asarray(motion.asked, float).reshape(-1, len(motion.driven))
@@ -226,7 +221,7 @@ def running(motion: Motion) -> str | None:
 
 
 def abscissa(poses: Poses, against: str | None) -> Quantity:
-    """What curves are drawn over: a quantity by name, time, an input, or the number of the pose.
+    """Choose what curves are drawn over: a quantity by name, time, an input, or the number of the pose.
 
     Of several inputs it is the first that runs one way: over one that goes to and fro, curves would be loops.
 
@@ -250,3 +245,33 @@ def abscissa(poses: Poses, against: str | None) -> Quantity:
         values = np.degrees(values) if found.unit == "°" else values
     dimension = found.dimension if against == "time" else found.label
     return Quantity(found.name, found.label, dimension, found.unit, values, "number")
+
+
+def default_plots(data: Poses) -> tuple[str, ...]:
+    """Choose what is plotted if nothing is named; of a point that goes straight its coordinates, not a line."""
+    top = data.topology
+    if free := tuple(s for s in top.scalars if s not in data.motion.driven):
+        return free
+    column = _looked_at_point(data)
+    name, x = data.names[column], data.places[data.extent_poses, column]
+    size = float(np.ptp(data.places[data.extent_poses], axis=(0, 1)).max())
+    moving = [axis for axis, span in zip("xyz", np.ptp(x, axis=0), strict=False) if span > _STILL * size]
+    spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
+    if not moving or (data.dim == 2 and spread[1] > _STILL * spread[0]):
+        return (name,)
+    return tuple(f"{name}.{axis}" for axis in moving)
+
+
+def _looked_at_point(data: Poses) -> int:
+    """Choose the last point or marker that moves; if there is one, one that does not merely turn about the ground."""
+    top, x = data.topology, data.places[data.extent_poses]
+    ground = set(np.flatnonzero(np.ptp(x, axis=0).max(axis=-1) == 0.0).tolist())
+    turning = {b.name for b in top.bodies if ground & set(b.points)}
+    markers = {m.name: m.body for m in top.markers}
+    moving = [k for k in range(len(data.names)) if k not in ground] or [len(data.names) - 1]
+    free = [
+        k
+        for k in moving
+        if markers.get(data.names[k]) not in turning and not any(k in b.points for b in top.bodies if b.name in turning)
+    ]
+    return (free or moving)[-1]

@@ -1,4 +1,4 @@
-"""What a drawing is made of: a few kinds of item that refer to points by column, the same for figures and pages.
+"""Items of a planar drawing, which refer to points by column, the same for figures and pages; names, for space too.
 
 Lengths are those of the mechanism. Symbols (joints, blocks, hatching) are sized in *units*: one unit is the radius of
 a joint, and each picture decides how large that is.
@@ -6,11 +6,16 @@ a joint, and each picture decides how large that is.
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxnc.viz.style import INK, ROLES, Style
 
+if TYPE_CHECKING:
+    from jaxnc.viz.spatial.scene import Way
+
+UNITS_ACROSS = 95.0  # of a drawing, roughly, while there is no paper that decides
 SHALLOW = 0.12  # sine of the angle between bars that lie rather than cross
 JOINT = 2.0  # units from a joint, within which nothing is kept apart
 CROSSING = 1.1  # units, half of what a bar that is crossed at a right angle takes
@@ -29,7 +34,7 @@ class Frame:
     angle: float = 0.0  # radians
 
     def stand(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Origin ``(2,)`` and unit direction ``(2,)`` of the frame in a pose ``(columns, 2)``."""
+        """Find origin ``(2,)`` and unit direction ``(2,)`` of the frame in a pose ``(columns, 2)``."""
         origin = places[self.at] if isinstance(self.at, int) else np.array(self.at)
         if self.toward is None:
             return origin, np.array([math.cos(self.angle), math.sin(self.angle)])
@@ -40,14 +45,14 @@ class Frame:
 
 @dataclass(frozen=True)
 class Item:
-    """One thing in a drawing: its role gives the style, `body` the colour."""
+    """A thing in a drawing: its role gives the style, `body` the colour."""
 
     role: str
     body: int = field(default=INK, kw_only=True)
 
     @property
     def style(self) -> Style:
-        """Its style."""
+        """Look of its role."""
         return ROLES[self.role]
 
 
@@ -59,7 +64,7 @@ class Line(Item):
     closed: bool = False
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Vertices in a pose, ``(vertices, 2)``."""
+        """Find the vertices in a pose, ``(vertices, 2)``."""
         return places[list(self.points)]
 
 
@@ -85,7 +90,7 @@ class Stamp(Item):
     reach: tuple[tuple[int, float], ...] = ()
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Vertices in a pose, ``(vertices, 2)``."""
+        """Find the vertices in a pose, ``(vertices, 2)``."""
         origin, e = self.frame.stand(places)
         v = np.array(self.vertices)
         along, across = v[:, 0] + v[:, 1] * unit, v[:, 2] * unit
@@ -101,7 +106,7 @@ class Span(Item):
     closed: bool = False  # whether it is an area
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Vertices in a pose, ``(vertices, 2)``."""
+        """Find the vertices in a pose, ``(vertices, 2)``."""
         a, b = self.ends
         origin, e = Frame(a, self.ends).stand(places)
         v = np.array(self.vertices)
@@ -111,13 +116,13 @@ class Span(Item):
 
 @dataclass(frozen=True)
 class Casing(Item):
-    """What keeps a bar apart from those under it: a stretch of paper where it crosses one, away from the joints."""
+    """Gap that keeps a bar apart from those under it: a stretch of paper where it crosses one, away from the joints."""
 
     points: tuple[int, int]  # columns of the bar's ends
     over: tuple[tuple[int, int], ...]  # columns of the ends of those under it, which share no joint with it
 
     def strokes(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Stretches in a pose, ``(stretches, 2, 2)``."""
+        """Find the stretches in a pose, ``(stretches, 2, 2)``."""
         a, d = places[self.points[0]], places[self.points[1]] - places[self.points[0]]
         size, out = float(np.hypot(*d)), []
         for p, q in self.over:
@@ -147,7 +152,7 @@ class Hatch(Item):
     reach: tuple[tuple[int, float], ...] = ()  # what slides along it, as a `Stamp` has it
 
     def strokes(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Strokes in a pose, ``(strokes, 2, 2)``."""
+        """Find the strokes in a pose, ``(strokes, 2, 2)``."""
         origin, e = self.frame.stand(places)
         n = np.array([-e[1], e[0]])
         lo, hi = (length + units * unit for length, units in (self.start, self.end))
@@ -166,39 +171,67 @@ class Arc(Item):
     to: tuple[int, int]  # two columns that give the direction it goes to
     units: float  # radius in units
     text: str  # its name
-    low: float = 0.0  # the least angle that is drawn, radians: the arrow shows the value in the turn above it
+    low: float = 0.0  # the least angle that is drawn, radians, see `least_angle`
     share: float = 0.5  # where the name stands, as a share of the angle
     lead: float = 0.0  # further angle to where the name stands, radians
     beside: float = 6.9  # distance of the name from the vertex, units
 
     def angles(self, places: np.ndarray) -> tuple[float, float]:
-        """Start and signed extent, radians."""
+        """Find the start and signed extent, radians."""
         _, e = Frame(self.at, self.start).stand(places)
         _, f = Frame(self.at, self.to).stand(places)
         first = math.atan2(e[1], e[0])
-        turn = (math.atan2(f[1], f[0]) - first - self.low) % (2 * math.pi) + self.low
-        return first, math.remainder(turn, 2 * math.pi) if abs(turn) > 2 * math.pi - 1e-6 else turn
+        return first, shown_angle(math.atan2(f[1], f[0]) - first, self.low)
+
+    def rim(self, places: np.ndarray, unit: float, count: int) -> np.ndarray:
+        """Find the places along the arc in a pose, ``(count, 2)``."""
+        first, extent = self.angles(places)
+        turn = first + extent * np.linspace(0.0, 1.0, count)
+        return places[self.at] + self.units * unit * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
     def spot(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """Where its name stands, ``(2,)``."""
+        """Find where its name stands, ``(2,)``."""
         first, extent = self.angles(places)
         turn = first + self.share * extent + self.lead
         return places[self.at] + self.beside * unit * np.array([math.cos(turn), math.sin(turn)])
 
 
+def least_angle(values: np.ndarray) -> float:
+    """Choose the least angle that the arrow of an input shows, so that it shows the values themselves where it can."""
+    if np.abs(values).max() <= np.pi:
+        return -np.pi
+    return -2 * np.pi if values.max() <= 1e-9 else 0.0
+
+
+def shown_angle(value: float, low: float) -> float:
+    """Bring an angle into the turn above the least that is drawn, radians; a whole turn is none."""
+    shown = (value - low) % (2 * math.pi) + low
+    return math.remainder(shown, 2 * math.pi) if abs(shown) > 2 * math.pi - 1e-6 else shown
+
+
 @dataclass(frozen=True)
-class Label(Item):
-    """A name beside a column, or the middle between two, `dx` and `dy` units away from it to its own middle."""
+class Label:
+    """A name beside a column, beside the middle between two, or in space beside the tip of an arrow."""
 
-    at: int
-    text: str
-    dx: float = 0.0
-    dy: float = 0.0
-    to: int | None = None
+    at: int  # the column
+    text: str  # the name
+    dx: float = 0.0  # from there to the middle of the name, to the right, units
+    dy: float = 0.0  # and upwards
+    to: int | None = None  # the other column, of a name in the middle
+    way: "Way | None" = None  # direction of the arrow
+    reach: float = 0.0  # where along the arrow, units
+    further: float = 0.0  # and a length
 
-    def foot(self, places: np.ndarray) -> np.ndarray:
-        """What it stands beside in poses ``(..., columns, 2)``."""
-        return places[..., self.at, :] if self.to is None else places[..., [self.at, self.to], :].mean(axis=-2)
+    def foot(self, places: np.ndarray, unit: float = 0.0) -> np.ndarray:
+        """Find what it stands beside in poses ``(..., columns, dim)``, ``(..., dim)``."""
+        x = places[..., self.at, :]
+        if self.to is not None:
+            return 0.5 * (x + places[..., self.to, :])
+        if self.way is None:
+            return x
+        d = self.way.vector(places)
+        size = np.maximum(np.linalg.norm(d, axis=-1, keepdims=True), 1e-300)
+        return x + (self.further + self.reach * unit) * d / size
 
 
 @dataclass(frozen=True)
@@ -208,20 +241,27 @@ class Scene:
     items: tuple[Item, ...]  # from the ground up
     labels: tuple[Label, ...]  # names
     visible: tuple[int, ...]  # columns that decide the extents
-    guides: np.ndarray  # fixed places that must be in view as well, (places, 2)
+    guides: np.ndarray  # fixed places that must be in view as well, (places, dim)
     bodies: tuple[int, ...]  # colour index by column, for traces
 
     def box(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower left and upper right corner, ``(2,)`` each, of everything in poses ``(T, columns, 2)``."""
-        parts = [places[:, list(self.visible)].reshape(-1, 2), self.guides]
+        """Find the lower and upper corner, ``(dim,)`` each, of everything in poses ``(T, columns, dim)``."""
+        x = self.reach(places)
+        return x.min(axis=0), x.max(axis=0)
+
+    def reach(self, places: np.ndarray) -> np.ndarray:
+        """Find all places that have to be in view in poses, without symbols, ``(places, dim)``; the origin if none."""
+        dim = places.shape[-1]
+        x = np.concatenate([places[:, list(self.visible)].reshape(-1, dim), self.guides, *self.outlines(places)])
+        x = x[np.isfinite(x).all(axis=1)]
+        return x if len(x) else np.zeros((1, dim))
+
+    def outlines(self, places: np.ndarray) -> list[np.ndarray]:
+        """Find places of what has a size of its own, a length."""
+        parts: list[np.ndarray] = []
         for item in self.items:
             if isinstance(item, Circle) and item.radius:
-                centre = places[:, item.at]
-                parts.extend((centre - item.radius, centre + item.radius))
+                parts += [places[:, item.at] - item.radius, places[:, item.at] + item.radius]
             elif isinstance(item, Stamp) and any(v[0] for v in item.vertices) and isinstance(item.frame.at, int):
-                parts.extend(item.outline(x, 0.0) for x in places)
-        x = np.concatenate(parts)
-        x = x[np.isfinite(x).all(axis=1)]
-        if not len(x):
-            x = np.zeros((1, 2))
-        return x.min(axis=0), x.max(axis=0)
+                parts += [item.outline(x, 0.0) for x in places]
+        return parts

@@ -1,4 +1,4 @@
-"""From a topology to a scene: which bar, block, guide, wheel or pin an engineer would draw for each body and joint."""
+"""Scene of a planar mechanism: the bar, block, guide, wheel or pin that an engineer would draw for body and joint."""
 
 from collections import defaultdict
 
@@ -8,23 +8,35 @@ from jaxnc.forces import COUPLE, EFFORT
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.identity import Owner
 from jaxnc.system.topology import BodyIndex, JointIndex
-from jaxnc.viz.hull import hull
+from jaxnc.viz.bodies import FLAT, Bodies, hull
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.scene import Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Scene, Span, Stamp, Vertex
+from jaxnc.viz.scene import (
+    Arc,
+    Casing,
+    Circle,
+    Frame,
+    Hatch,
+    Item,
+    Label,
+    Line,
+    Scene,
+    Span,
+    Stamp,
+    Vertex,
+    least_angle,
+)
 from jaxnc.viz.style import INK, symbol
-from jaxnc.viz.symbols import BETWEEN, arc, spiral, torque
 
 _BLOCK = (2.3, 1.45)  # half length and half height of a slider block, units
 _PIVOT = (1.9, 3.0)  # half width and height of a ground pivot's triangle, units
-_COLLINEAR = 0.02  # of a body's length: a thinner hull is drawn as a bar
 
 
-def sketch(poses: Poses) -> Scene:
-    """The scene of a motion, its labels not yet placed.
+def sketch_plane(poses: Poses) -> Scene:
+    """Make the scene of a motion, its labels not yet placed.
 
     Extents of guides and slots follow from its right poses.
     """
-    drawing = _Sketch(poses)
+    drawing = _PlaneSketch(poses)
     drawing.add_bodies()
     drawing.add_joints()
     drawing.add_sliders()
@@ -34,23 +46,15 @@ def sketch(poses: Poses) -> Scene:
     return drawing.scene()
 
 
-def colours(poses: Poses) -> dict[str, int]:
-    """Index of the colour of each body that moves."""
-    drawing = _Sketch(poses)
-    drawing.add_bodies()
-    return drawing.colours
-
-
-class _Sketch:
+class _PlaneSketch:
     def __init__(self, poses: Poses):
         self.poses, self.top = poses, poses.topology
-        self.x = poses.places[poses.shown]
-        n = len(self.top.points)
-        self.fixed = np.array(self.top.fixed[: 2 * n], dtype=bool).reshape(n, 2)
-        self.ground: np.ndarray = np.all(self.fixed, axis=1)
-        self.half: np.ndarray = np.any(self.fixed, axis=1) & ~self.ground
+        self.x = poses.places[poses.extent_poses]
+        bodies = Bodies(poses)
+        self.fixed, self.ground, self.half = bodies.fixed, bodies.ground, bodies.half
+        self.holding, self.colour = bodies.holding, bodies.colour
+        self.bodies, self.colours = bodies, bodies.colour_by_name
         self.items: list[Item] = []
-        self.colours: dict[str, int] = {}
         self.meet: dict[int, set] = defaultdict(set)  # what is joined at a point
         self.pins: set[int] = set()  # drawn as a pin in any case
         self.used: set[int] = set()  # points in view for another reason
@@ -60,47 +64,28 @@ class _Sketch:
 
     # -- bodies -------------------------------------------------------------------------------------------------
 
-    def groups(self) -> dict[str, int]:
-        """Number of the rigid group that each body belongs to: welded bodies are one."""
-        group = {body.name: i for i, body in enumerate(self.top.bodies)}
-        for joint in self.top.joints:
-            if joint.bodies:
-                first, second = (group[self.top.bodies[k].name] for k in joint.bodies)
-                group = {k: first if v == second else v for k, v in group.items()}
-        return group
-
     def add_bodies(self) -> None:
-        groups = self.groups()
-        numbers: dict[int, int] = {}
-        for body in self.top.bodies:
-            if self.ground[list(body.points)].all():
+        for body, group in zip(self.top.bodies, self.bodies.groups, strict=True):
+            if body.name not in self.colours:
                 continue
-            group = groups[body.name]
-            colour = self.colours[body.name] = numbers.setdefault(group, len(numbers))
             for p in body.points:
                 self.meet[p].add(group)
             if len(body.points) > 1:
-                self.items.append(self.shape(body, colour))
+                self.items.append(self.shape(body, self.colours[body.name]))
         self.keep_apart()
 
     def keep_apart(self) -> None:
-        """Longer bars under shorter ones, and each apart from those that it crosses."""
+        """Put longer bars under shorter ones, and keep each apart from those that it crosses."""
 
-        def size(item: Item) -> float:
-            assert isinstance(item, Line)
+        def size(item: Line) -> float:
             return float(np.hypot(*(self.x[0, item.points[-1]] - self.x[0, item.points[0]])))
 
-        plates = [item for item in self.items if item.role == "plate"]
-        bars = sorted((item for item in self.items if item.role == "bar"), key=size, reverse=True)
-        under = [
-            pair
-            for item in plates
-            if isinstance(item, Line)
-            for pair in zip(item.points, (*item.points[1:], item.points[0]), strict=True)
-        ]
+        lines = [item for item in self.items if isinstance(item, Line)]
+        plates = [item for item in lines if item.role == "plate"]
+        bars = sorted((item for item in lines if item.role == "bar"), key=size, reverse=True)
+        under = [pair for item in plates for pair in zip(item.points, np.roll(item.points, -1).tolist(), strict=True)]
         self.items = [*plates]
         for item in bars:
-            assert isinstance(item, Line)
             ends = item.points[0], item.points[-1]
             over = tuple(pair for pair in under if not self.meeting(pair, ends))
             if over:
@@ -109,12 +94,12 @@ class _Sketch:
             under.append(ends)
 
     def meeting(self, one: tuple[int, ...], other: tuple[int, ...]) -> bool:
-        """Whether two segments share a joint."""
+        """Tell whether two segments share a joint."""
         pins = [{p, q} for j in self.top.joints if j.drawn and j.type == "revolute" for p, q in [j.points[:2]]]
         return any(a == b or {a, b} in pins for a in one for b in other)
 
     def shape(self, body: BodyIndex, colour: int) -> Item:
-        """A bar, or a plate over the hull of more points; its markers belong to it as its points do."""
+        """Draw a bar, or a plate over the hull of more points; its markers belong to it as its points do."""
         first = len(self.top.points)
         points = np.array([*body.points, *(first + k for k, m in enumerate(self.top.markers) if m.body == body.name)])
         x = self.x[0, points]
@@ -124,22 +109,11 @@ class _Sketch:
         along = x[j] - x[i]
         size = float(np.hypot(*along))
         across = np.abs((x - x[i]) @ np.array([-along[1], along[0]])) / max(size, 1e-300)
-        if len(order) < 3 or across.max() <= _COLLINEAR * size:
+        if len(order) < 3 or across.max() <= FLAT * size:
             rank = np.argsort((x - x[i]) @ along, kind="stable")
             line = tuple(points[rank].tolist())
             return Line("bar", line, body=colour)
         return Line("plate", tuple(points[order].tolist()), closed=True, body=colour)
-
-    def holding(self, *points: int) -> str | None:
-        """The first moving body of two or more points that holds all of these."""
-        for body in self.top.bodies:
-            if len(body.points) > 1 and set(points) <= set(body.points) and body.name in self.colours:
-                return body.name
-        return None
-
-    def colour(self, *points: int) -> int:
-        name = self.holding(*points)
-        return INK if name is None else self.colours[name]
 
     # -- joints -------------------------------------------------------------------------------------------------
 
@@ -211,7 +185,7 @@ class _Sketch:
             self.used.add(centre)
 
     def radii(self, owner: Owner) -> list[tuple[float, int]]:
-        """Radii of a gear pair or a disc, explicit or drawn, each with its place among the numbers of the equations."""
+        """Find the radii of a gear pair or a disc, each with its place among the numbers of the equations."""
         eq, first = derive(self.poses.motion.system), 0
         for block, constants in zip(self.top.blocks, eq.constants, strict=True):
             names = [c for c in block.kind.constants if c.startswith("radius")]
@@ -246,7 +220,7 @@ class _Sketch:
     # -- sliding ------------------------------------------------------------------------------------------------
 
     def along(self, p: int, a: int, b: int) -> np.ndarray:
-        """Distance of a point from a along the line a-b in every pose, ``(T,)``."""
+        """Find the distance of a point from a along the line a-b in every pose, ``(T,)``."""
         d = self.x[:, b] - self.x[:, a]
         size = np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-300)
         return ((self.x[:, p] - self.x[:, a]) * d).sum(axis=1) / size
@@ -268,7 +242,7 @@ class _Sketch:
         self.guides[key] = [frame, lo, hi, offset, side, (*old, slides)]
 
     def add_sliders(self) -> None:
-        """Points fixed in one coordinate, and bodies of one point."""
+        """Draw blocks of points fixed in one coordinate, and of bodies of one point."""
         for p in np.flatnonzero(self.half).tolist():
             moves = 0 if self.fixed[p, 1] else 1
             level = float(self.x[0, p, 1 - moves])
@@ -290,7 +264,7 @@ class _Sketch:
             self.items.append(Stamp("block", frame, corners, body=colour))
 
     def edges(self) -> tuple[list[Item], np.ndarray]:
-        """Edges and hatching of all guides, and their ends as places in view."""
+        """Draw edges and hatching of all guides, and their ends as places in view."""
         items, ends = [], [np.zeros((0, 2))]
         for frame, lo, hi, offset, side, slides in self.guides.values():
             origin, e = frame.stand(self.x[0])
@@ -304,7 +278,7 @@ class _Sketch:
         return items, np.concatenate(ends)
 
     def free_side(self, origin: np.ndarray, e: np.ndarray) -> int:
-        """The side of a line for its hatching: below, unless nearly everything lies there."""
+        """Choose the side of a line for its hatching: below, unless nearly everything lies there."""
         below = -1 if e[0] > -1e-9 else 1
         d = self.x - origin
         over = e[0] * d[..., 1] - e[1] * d[..., 0]
@@ -314,20 +288,16 @@ class _Sketch:
     # -- inputs -------------------------------------------------------------------------------------------------
 
     def add_inputs(self) -> None:
-        """The arrow of a driven angle; a hydraulic cylinder for a driven distance."""
-        for name in self.poses.motion.driven:
-            if name not in self.top.scalars:
-                continue
-            k = self.top.scalars.index(name)
-            block, instance = self.top.measures[k]
-            points = self.top.blocks[block].points[instance]
-            if self.top.angles[k]:
-                self.add_arc(name, points, self.poses.scalars[self.poses.shown, k])
+        """Draw the arrow of a driven angle; a hydraulic cylinder for a driven distance."""
+        for name, k, angle, block, instance in self.poses.driven_scalars():
+            points = block.points[instance]
+            if angle:
+                self.add_arc(name, points, self.poses.scalars[self.poses.extent_poses, k])
                 continue
             if len(points) == 2 and self.holding(*points) is None and not self.ground[list(points)].all():
                 self.add_cylinder(*points)
             if len(points) > 1 and not self.ground[list(points[:2])].all():
-                self.lengths.append(Label("label", points[0], symbol(name), to=points[1]))
+                self.lengths.append(Label(points[0], symbol(name), to=points[1]))
                 if len(points) > 2 and self.ground[points[0]]:  # along a guide, which need not begin there
                     self.items.append(Line("reference", points[:2]))
                     self.used.add(points[0])
@@ -340,12 +310,7 @@ class _Sketch:
         first = Frame(vertex) if start is None else Frame(vertex, (start[0], start[1]))
         self.items.append(Stamp("reference", first, ((0.0, 1.2, 0.0), (0.0, 7.0, 0.0)), closed=False))
         way = None if start is None else (start[0], start[1])
-        low = 0.0  # show the value itself where its range allows
-        if np.abs(values).max() <= np.pi:
-            low = -np.pi
-        elif values.max() <= 1e-9:
-            low = -2 * np.pi
-        self.items.append(Arc("arc", vertex, way, (to[0], to[1]), 5.2, symbol(name), low))
+        self.items.append(Arc("arc", vertex, way, (to[0], to[1]), 5.2, symbol(name), least_angle(values)))
 
     def add_cylinder(self, a: int, b: int) -> None:
         shortest = float(np.hypot(*(self.x[:, b] - self.x[:, a]).T).min())
@@ -360,7 +325,7 @@ class _Sketch:
     # -- forces -------------------------------------------------------------------------------------------------
 
     def add_forces(self) -> None:
-        """Springs, dampers and stops between points and on coordinates; torques."""
+        """Draw springs, dampers and stops between points and on coordinates; torques."""
         loads, beside = self.top.loads, defaultdict(int)
         for block in loads.forces:
             kind = block.kind.name
@@ -368,30 +333,30 @@ class _Sketch:
                 ends, scalars = block.points[k], block.scalars[k]
                 angle = None
                 if scalars:
-                    ends, angle = self.measured(scalars[0])
+                    ends, angle = self.measured_points(scalars[0])
                     if block.kind == EFFORT and angle is not None:
-                        self.items.extend(torque(angle))
+                        self.items.extend(_torque_symbol(angle))
                         continue
                 if block.kind == COUPLE:
-                    self.items.extend(torque(ends, 0.5))
+                    self.items.extend(_torque_symbol(ends, 0.5))
                 elif angle is not None and "spring" in kind:
-                    self.items.append(spiral(angle))
+                    self.items.append(_spiral_symbol(angle))
                 elif angle is not None and "damper" in kind:
-                    self.items.append(Span("dashpot", angle, arc(2.4, 0.6, 5.6)))
+                    self.items.append(Span("dashpot", angle, _arc_symbol(2.4, 0.6, 5.6)))
                 elif len(ends) == 2 and ends[0] != ends[1]:
                     both = (min(ends), max(ends))
-                    draw = next((BETWEEN[word] for word in BETWEEN if word in kind), None)
+                    draw = next((_BETWEEN[word] for word in _BETWEEN if word in kind), None)
                     if draw is not None:
                         self.items.extend(draw(both, (0.0, 3.0, -3.0, 6.0)[beside[both] % 4]))
                         beside[both] += 1
                         self.used.update(both)
         for function in loads.functions:
-            angle = self.measured(function.at)[1] if function.acts == "effort" else None
+            angle = self.measured_points(function.at)[1] if function.acts == "effort" else None
             if angle is not None:
-                self.items.extend(torque(angle))
+                self.items.extend(_torque_symbol(angle))
 
-    def measured(self, coordinate: int) -> tuple[tuple[int, ...], tuple[int, int] | None]:
-        """The points of an angle or distance, by its place among the coordinates; the arm of an angle."""
+    def measured_points(self, coordinate: int) -> tuple[tuple[int, ...], tuple[int, int] | None]:
+        """Find the points of an angle or distance, by its place among the coordinates; the arm of an angle."""
         k = coordinate - 2 * len(self.top.points)
         if k < 0:
             return (), None
@@ -440,8 +405,66 @@ class _Sketch:
         edges, ends = self.edges()
         items = sorted([*edges, *self.items], key=lambda item: item.style.layer)
         visible = tuple(sorted(self.used)) or tuple(range(len(self.poses.names)))
-        labels = tuple(Label("label", p, self.poses.names[p]) for p in visible) + tuple(self.lengths)
+        labels = tuple(Label(p, self.poses.names[p]) for p in visible) + tuple(self.lengths)
         points = len(self.top.points)
         colours = [self.colour(p) for p in range(points)]
         colours += [self.colours.get(m.body, INK) for m in self.top.markers]
         return Scene(tuple(items), labels, visible, ends, tuple(colours))
+
+
+# -- symbols of forces -----------------------------------------------------------------------------------------------
+
+
+def _arc_symbol(
+    radius: float, first: float, last: float, share: float = 0.0, growth: float = 0.0
+) -> tuple[Vertex, ...]:
+    """Draw an arc about one end of a span, or about a place between, units; its radius may grow, for a spiral."""
+    turn = np.linspace(first, last, 2 + round(9 * (last - first)))
+    r = radius + growth * (turn - first)
+    return tuple((share, float(x), float(y)) for x, y in zip(r * np.cos(turn), r * np.sin(turn), strict=True))
+
+
+def _torque_symbol(arm: tuple[int, ...], share: float = 0.0) -> list[Item]:
+    """Draw the arrow of a torque, counter-clockwise."""
+    ends, r, tip = (arm[0], arm[1]), 3.4, 5.2
+    way = np.array([-np.sin(tip), np.cos(tip)])
+    at, out = r * np.array([np.cos(tip), np.sin(tip)]), np.array([np.cos(tip), np.sin(tip)])
+    head = [at + 1.5 * way, at - 0.75 * out - 0.3 * way, at + 0.75 * out - 0.3 * way]
+    corners = tuple((share, float(x), float(y)) for x, y in head)
+    return [Span("torque", ends, _arc_symbol(r, 0.8, tip, share)), Span("torque head", ends, corners, closed=True)]
+
+
+def _spiral_symbol(arm: tuple[int, int]) -> Item:
+    """Draw a spring that turns about the start of an arm."""
+    return Span("spring", arm, _arc_symbol(1.5, 0.0, 4.5 * np.pi, growth=0.13))
+
+
+def _coil_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
+    """Draw a spring between two points, some units beside their line."""
+    coils, height = 6, 1.25
+    shares = 0.2 + 0.6 * (np.arange(2 * coils) + 0.5) / (2 * coils)
+    zigzag = [(float(s), 0.0, beside + height * (1 if k % 2 else -1)) for k, s in enumerate(shares)]
+    lead = [(0.0, 0.0, 0.0), (0.06, 0.0, beside), (0.2, 0.0, beside)]
+    back = [(0.8, 0.0, beside), (0.94, 0.0, beside), (1.0, 0.0, 0.0)]
+    return [Span("spring", ends, (*lead, *zigzag, *back))]
+
+
+def _dashpot_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
+    """Draw a damper between two points: a piston in a cylinder."""
+    h, y = 1.1, beside
+    rod = ((0.0, 0.0, 0.0), (0.06, 0.0, y), (0.5, 0.0, y), (0.5, 0.0, y + 0.8 * h), (0.5, 0.0, y - 0.8 * h))
+    case = ((0.35, 0.0, y + h), (0.66, 0.0, y + h), (0.66, 0.0, y - h), (0.35, 0.0, y - h))
+    tail = ((0.66, 0.0, y), (0.94, 0.0, y), (1.0, 0.0, 0.0))
+    return [Span("dashpot", ends, part) for part in (rod, case, tail)]
+
+
+def _stop_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
+    """Draw a stop between two points: a rod and the plate that it meets."""
+    y = beside
+    rod = ((0.0, 0.0, 0.0), (0.06, 0.0, y), (0.46, 0.0, y))
+    plate = ((0.54, 0.0, y + 1.4), (0.54, 0.0, y - 1.4), (0.54, 0.0, y), (0.94, 0.0, y), (1.0, 0.0, 0.0))
+    return [Span("dashpot", ends, rod), Span("dashpot", ends, plate)]
+
+
+_BETWEEN = {"spring": _coil_symbol, "damper": _dashpot_symbol, "stop": _stop_symbol}
+"""What is drawn between two points, by a word in the name of a kind of force."""

@@ -73,22 +73,15 @@ ROLES = {
 BODIES = ("#2f6db3", "#d9772b", "#2f8f6b", "#b8405e", "#7a5bb0", "#a07a1f", "#2394a8", "#c65b9c", "#6b7f2a", "#8a5a44")
 """Colours of bodies in turn, on white; distinct also for colour-blind readers in neighbouring places."""
 
+# fmt: off
 BODIES_DARK = (
-    "#6fa8e8",
-    "#f2a25f",
-    "#5fc79d",
-    "#ef7d98",
-    "#b197ea",
-    "#d9b552",
-    "#5fcbdd",
-    "#ec93c8",
-    "#aac25b",
-    "#c99478",
+    "#6fa8e8", "#f2a25f", "#5fc79d", "#ef7d98", "#b197ea", "#d9b552", "#5fcbdd", "#ec93c8", "#aac25b", "#c99478",
 )
+# fmt: on
 """The same colours on a dark page."""
 
 LINES = ("-", (0, (5.0, 1.6)), (0, (1.6, 1.3)), (0, (6.0, 1.4, 1.4, 1.4)))
-"""Dashes of curves in turn, which are told apart in grey too."""
+"""Dashes of curves in turn, which differ in grey too."""
 
 FOUND, TARGET = "#2f6db3", "#c0392b"
 """Colours of what was found and of what was asked for."""
@@ -124,14 +117,14 @@ DARK = {
 """Colours that belong to no body."""
 
 
-def mixed(colour: str, paper: str, share: float) -> str:
+def mix(colour: str, paper: str, share: float) -> str:
     """Mix two colours ``"#rrggbb"``, `share` of the first."""
     a, b = (tuple(int(c[i : i + 2], 16) for i in (1, 3, 5)) for c in (colour, paper))
     return "#" + "".join(f"{round(share * x + (1 - share) * y):02x}" for x, y in zip(a, b, strict=True))
 
 
 def colour_of(name: str, body: int, dark: bool = False) -> str:
-    """The colour that a role's colour name means for a body (by index; `INK` for none), ``"#rrggbb"``.
+    """Find the colour that a role's colour name means for a body (by index; `INK` for none), ``"#rrggbb"``.
 
     The name is ``"body"``, ``"tint"`` or a key of `LIGHT`.
     """
@@ -141,38 +134,23 @@ def colour_of(name: str, body: int, dark: bool = False) -> str:
     own = base["soft"] if body == INK else bodies[body % len(bodies)]
     if body == INK and name == "body":
         own = base["ink"]
-    return own if name == "body" else mixed(own, base["paper"], 0.42 if dark else 0.34)
+    return own if name == "body" else mix(own, base["paper"], 0.42 if dark else 0.34)
 
 
-_GREEK = {
-    "alpha": "α",
-    "beta": "β",
-    "gamma": "γ",
-    "delta": "δ",
-    "epsilon": "ε",
-    "eta": "η",
-    "theta": "θ",
-    "lambda": "λ",
-    "mu": "μ",
-    "xi": "ξ",
-    "rho": "ρ",
-    "sigma": "σ",
-    "tau": "τ",
-    "phi": "φ",
-    "chi": "χ",
-    "psi": "ψ",
-    "omega": "ω",
-}
+_GREEK = dict(
+    alpha="α", beta="β", gamma="γ", delta="δ", epsilon="ε", eta="η", theta="θ", mu="μ", xi="ξ", rho="ρ",
+    sigma="σ", tau="τ", phi="φ", chi="χ", psi="ψ", omega="ω", **{"lambda": "λ"},
+)  # fmt: skip
 
 
 def symbol(name: str) -> str:
-    """A name as it is written in a picture: Greek letters for their names, digits after them kept."""
+    """Write a name as in a picture: Greek letters for their names, digits after them kept."""
     stem = name.rstrip("0123456789")
     return _GREEK.get(stem, stem) + name[len(stem) :]
 
 
-def named(what: str, unit: str = "") -> str:
-    """The name of an axis: a quantity and its unit."""
+def axis_name(what: str, unit: str = "") -> str:
+    """Write the name of an axis: a quantity and its unit."""
     return f"{what} [{unit}]" if unit else what
 
 
@@ -210,8 +188,8 @@ def crown(ax: "Axes", heading: str = "", room: float | None = None) -> float:
     used, rows = 0.0, 0
     if lines:
         widths = [wide(name, NUMBERS) + 2.4 * NUMBERS for name in names]
-        columns = next((c for c in range(min(len(names), 4), 1, -1) if _columns(widths, c) <= room), 1)
-        used, rows = _columns(widths, columns), -(-len(names) // columns)
+        columns = next((c for c in range(min(len(names), 4), 1, -1) if _legend_width(widths, c) <= room), 1)
+        used, rows = _legend_width(widths, columns), -(-len(names) // columns)
         legend = ax.legend(
             lines, names, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False,
             fontsize=NUMBERS, handlelength=1.8, handletextpad=0.6, borderaxespad=0.2, borderpad=0.3, columnspacing=1.2,
@@ -222,29 +200,29 @@ def crown(ax: "Axes", heading: str = "", room: float | None = None) -> float:
     if heading:
         fits = rows <= 1 and max(wide(part, HEADING) for part in heading.split("\n")) + used + HEADING <= room
         pad = 5.0 if fits else 7.0 + taken
-        parts = [line for part in heading.split("\n") for line in wrapped(part, HEADING, room)]
+        parts = [line for part in heading.split("\n") for line in wrap(part, HEADING, room)]
         ax.set_title("\n".join(parts), loc="left", fontsize=HEADING, color=LIGHT["ink"], parse_math=False, pad=pad)
         taken = pad + 1.3 * HEADING * len(parts)
     return taken
 
 
-def _columns(widths: Sequence[float], count: int) -> float:
-    """Width of a legend in columns, points."""
+def _legend_width(widths: Sequence[float], count: int) -> float:
+    """Measure the width of a legend in columns, points."""
     tall, more = divmod(len(widths), count)  # as matplotlib fills them: the first ones take one more
     starts = [k * tall + min(k, more) for k in range(count + 1)]
     return sum(max(widths[a:b]) + 1.2 * NUMBERS for a, b in itertools.pairwise(starts))
 
 
 def wide(text: str, size: float) -> float:
-    """Width of a text in letters of a size, points, with what letters take more that are fitted to pixels."""
+    """Measure the width of a text in letters of a size, points, as they are fitted to pixels."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextToPath
 
     return _FITTED * float(TextToPath().get_text_width_height_descent(text, FontProperties(size=size), False)[0])
 
 
-def wrapped(text: str, size: float, room: float) -> list[str]:
-    """A text in lines of a width, points."""
+def wrap(text: str, size: float, room: float) -> list[str]:
+    """Break a text into lines of a width, points."""
     lines: list[str] = []
     for word in text.split(" "):
         longer = f"{lines[-1]} {word}" if lines else word

@@ -1,5 +1,6 @@
-"""Pictures of a search: the best designs side by side, and how the error fell."""
+"""Pictures of synthesis: the best designs, how the error fell, Pareto fronts, and Burmester's curves."""
 
+import itertools
 import math
 import textwrap
 from collections.abc import Sequence
@@ -8,22 +9,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.synthesis.function import FunctionGeneration
+from jaxnc.types import ArrayLike
 from jaxnc.viz.drawing import draw
-from jaxnc.viz.gallery import abreast
-from jaxnc.viz.picture import Picture, save
-from jaxnc.viz.style import FOUND, LIGHT, NUMBERS, TARGET, TEXT, crown, furnish, named, symbol
+from jaxnc.viz.picture import Picture, Size, finish, inches
+from jaxnc.viz.style import BODIES, FOUND, LIGHT, LINES, NUMBERS, TARGET, TEXT, axis_name, crown, furnish, symbol
 
 if TYPE_CHECKING:
+    from jaxnc.synthesis.design import Design
+    from jaxnc.synthesis.exact.burmester import BurmesterCurves
     from jaxnc.synthesis.problem import Problem
-    from jaxnc.synthesis.result import Design, Result
-    from jaxnc.synthesis.steps import Steps
+    from jaxnc.synthesis.result import Result, Steps
+    from jaxnc.synthesis.search.fronts import Front
 
 _CELL = 3.2  # inches wide
 _TITLE, _KEY = 0.42, 0.26  # inches: of a heading, of what the marks mean
@@ -31,10 +34,16 @@ _TABLE = 1.75  # inches: of the plot below a design that generates a function
 _LINE, _LETTERS = 0.14, 54  # of the lengths of links: inches high, letters wide
 _LINES = 4  # of them
 _MANY = 40  # targets that are drawn as a line
+_FRONT_HIGH = 3.4  # inches
+_FRONT_PLOT, _FRONT_DESIGN = 4.3, 2.7  # inches wide
+_HEADING = 36  # letters above a design
+_NOTHING = 1e-7  # of the largest value: what is smaller is met, and no matter of decades
+_SPREAD = 30.0  # from the least value to the largest, from where an axis is logarithmic
+_FRAME = 2.6  # half width of the picture, in half widths of the poses and poles
 
 
 def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> Figure:
-    """The best designs, each with what it does and what it should do, its scale and the lengths of its links.
+    """Draw the best designs, each with what it does and what it should do, its scale and the lengths of its links.
 
     Args:
         result: what was found.
@@ -52,51 +61,56 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
     spatial = result.problem.system.topology.dim == 3
     table = result.problem if isinstance(result.problem, FunctionGeneration) else None
     words = [lengths(design) for design in designs]
-    said = _LINE * max(text.count("\n") + 1 if text else 0 for text in words) + 0.08
+    lines_high = _LINE * max(text.count("\n") + 1 if text else 0 for text in words) + 0.08
     below = _TABLE if table else 0.0
     drawn = _CELL * tallness(designs)
-    tall = _TITLE + drawn + said + below
-    key = _KEY if _aimed(result.problem) is not None else 0.0
+    tall = _TITLE + drawn + lines_high + below
+    key = _KEY if _targets_of(result.problem) is not None else 0.0
     figure = Picture(figsize=(wide * _CELL, high * tall + key))
-    FigureCanvasAgg(figure)
     width, height = figure.get_size_inches()
 
     def place(
         column: int, row: int, left: float, bottom: float, w: float, h: float
     ) -> tuple[float, float, float, float]:
-        """Inches from the lower left corner of a cell, in the figure."""
+        """Bring inches from the lower left corner of a cell to shares of the figure."""
         return (
             (column * _CELL + left) / width, (key + (high - 1 - row) * tall + bottom) / height, w / width, h / height
         )  # fmt: skip
 
     for k, (design, text) in enumerate(zip(designs, words, strict=True)):
         row, column = divmod(k, wide)
-        at = place(column, row, 0.08, said + below, _CELL - 0.16, drawn)
+        at = place(column, row, 0.08, lines_high + below, _CELL - 0.16, drawn)
         ax = figure.add_axes(at, projection="3d" if spatial else None)
         if table:
-            function(table, design, figure.add_axes(place(column, row, 0.66, said + 0.45, _CELL - 0.8, below - 0.55)))
+            below_it = place(column, row, 0.66, lines_high + 0.45, _CELL - 0.8, below - 0.55)
+            function(table, design, figure.add_axes(below_it))
         error = "exact" if design.exact else f"error {design.error:.3g}{unit_of(result.problem)}"
         heading = f"{k + 1}: {error}"
         if design.type:
             heading += f", {design.type}"
-        sketch(result.problem, design, ax, heading + (f"\n{design.defects[0]}" if design.defects else ""))
-        x, y, *_ = place(column, row, 0.1, said - 0.03, 0.0, 0.0)
+        draw_design(result.problem, design, ax, heading + (f"\n{design.defects[0]}" if design.defects else ""))
+        x, y, *_ = place(column, row, 0.1, lines_high - 0.03, 0.0, 0.0)
         figure.text(x, y, text, va="top", fontsize=NUMBERS - 1, color=LIGHT["ink"], parse_math=False, gid="lengths")
     if key:
-        marks(figure)
-    if path is not None:
-        save(figure, path, 200.0)
-    return figure
+        add_target_key(figure)
+    return finish(figure, path)
+
+
+def abreast(count: int, usual: int) -> int:
+    """Choose how many of some pictures stand side by side: about as many as is usual, with few empty places."""
+    if count <= usual:
+        return count
+    return min(range(max(usual - 1, 2), usual + 1), key=lambda n: -count % n + 1.1 * (usual - n))
 
 
 def unit_of(problem: "Problem") -> str:
-    """The unit of its error, after a space."""
+    """Write the unit of its error, after a space."""
     unit = problem.error_unit.replace("^2", "²")
     return f" {unit}" if unit else ""
 
 
 def tallness(designs: "Sequence[Design]") -> float:
-    """Height of the drawings of designs in widths, so that the tallest has room."""
+    """Choose the height of the drawings of designs in widths, so that the tallest has room."""
     if designs[0].system.topology.dim == 3:
         return 0.85
     sizes = [np.asarray(design.size, dtype=float)[:2] for design in designs]
@@ -105,7 +119,7 @@ def tallness(designs: "Sequence[Design]") -> float:
 
 
 def lengths(design: "Design") -> str:
-    """The lengths of the links of a design, in a few lines."""
+    """Write the lengths of the links of a design, in a few lines."""
     unit = design.system.topology.length_unit
     each = [f"{name} {value:.4g}".replace(" ", "\N{NO-BREAK SPACE}") for name, value in design.lengths.items()]
     text = f"{', '.join(each)}{f' {unit}' if unit else ''}" if each else ""
@@ -113,8 +127,8 @@ def lengths(design: "Design") -> str:
     return "\n".join(lines)
 
 
-def marks(figure: Figure) -> None:
-    """What the marks of targets mean, below everything."""
+def add_target_key(figure: Figure) -> None:
+    """Explain the marks of targets, below everything."""
     wanted = Line2D([], [], color=TARGET, ls="", marker="o", ms=4.2, mfc="none", mew=1.1, label="asked for")
     got = Line2D([], [], color=TARGET, ls="", marker=".", ms=3.5, label="reached")
     figure.legend(
@@ -123,14 +137,14 @@ def marks(figure: Figure) -> None:
     )  # fmt: skip
 
 
-def _aimed(problem: "Problem") -> np.ndarray | None:
-    """Places that a point should reach, if that is what is asked for."""
+def _targets_of(problem: "Problem") -> np.ndarray | None:
+    """Find the places that a point should reach, if that is what is asked for."""
     target = getattr(problem, "target", None)
     return None if getattr(problem, "point", None) is None or target is None else np.asarray(target)
 
 
-def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
-    """One design with what it does and what it should do."""
+def draw_design(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
+    """Draw a design with what it does and what it should do."""
     motion, turn = design.motion, design.turn
     point = getattr(problem, "point", None)
     trace = (point,) if point is not None else ()
@@ -138,7 +152,7 @@ def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
     values, first = (np.asarray(m.inputs[problem.driven]) for m in (turn, motion))
     off = values - first[0]
     off = np.abs(np.angle(np.exp(1j * off)) if np.isclose(np.ptp(values), 2 * np.pi) else off)
-    target = _aimed(problem)
+    target = _targets_of(problem)
     draw(turn, int(np.argmin(off)), trace=trace, ax=ax, labels=False, frame="scale", title="", room=target)
     if point is not None and target is not None:
         size = 4.2 if len(target) <= 12 else 3.2
@@ -148,7 +162,7 @@ def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
 
 
 def function(problem: "FunctionGeneration", design: "Design", ax: Axes) -> None:
-    """The output at the targets, and where it should be, against the input."""
+    """Draw the output at the targets, and where it should be, against the input."""
     top = problem.system.topology
     turned = problem.driven in top.scalars and top.angles[top.scalars.index(problem.driven)]
     units = [("rad" if turned else top.length_unit), problem.unit]
@@ -175,7 +189,7 @@ def function(problem: "FunctionGeneration", design: "Design", ax: Axes) -> None:
 
 
 def convergence(result: "Result", path: str | Path | None = None) -> Figure:
-    """The best error, round by round.
+    """Draw the best error, round by round.
 
     Args:
         result: what was found.
@@ -186,7 +200,6 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
     if not good.any():
         raise InputError(f"no error to draw: {result.verdict}")
     figure = Picture(figsize=(5.2, 3.2), layout="constrained")
-    FigureCanvasAgg(figure)
     ax = figure.add_subplot()
     least, most = errors[good].min(), errors[good].max()
     rounds = np.arange(1, len(errors) + 1)
@@ -198,16 +211,14 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
         ax.set_ylim(0.2 * least, 5.0 * most)
     furnish(ax)
     ax.set_xlabel("round of the refinement")
-    ax.set_ylabel(named("best error", unit_of(result.problem).strip()))
+    ax.set_ylabel(axis_name("best error", unit_of(result.problem).strip()))
     time = f"{result.history[-1].seconds:.3g} s"
     crown(ax, f"{result.refined} of {result.screened} designs refined in {time}")
-    if path is not None:
-        save(figure, path, 200.0)
-    return figure
+    return finish(figure, path)
 
 
 def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> Figure:
-    """Value and gradient of every design, step by step: each one thin, the best so far of all of them thick.
+    """Draw value and gradient of every design, step by step: each one thin, the best so far of all of them thick.
 
     Args:
         history: of a descent.
@@ -221,7 +232,6 @@ def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> F
     if not np.isfinite(value).any():
         raise InputError("no value to draw: no design was good after any step")
     figure = Picture(figsize=(5.2, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     along = np.arange(1, history.count + 1)
     log = np.nanmin(value) > 0
@@ -238,7 +248,7 @@ def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> F
             ax.set_ylim(top=np.nanmin([10.0 * usual, 2.0 * np.nanmax(rows)]))
         furnish(ax)
     shown = unit.replace("^2", "²")
-    above.set_ylabel(named("sample of the error" if history.random else "error", shown))
+    above.set_ylabel(axis_name("sample of the error" if history.random else "error", shown))
     below.set_ylabel("projected gradient")
     below.set_xlabel("step")
     below.set_xlim(1, max(history.count, 2))
@@ -246,6 +256,120 @@ def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> F
     lanes = value.shape[1]
     made = f"{np.sum(~np.isnan(history.value)):,}".replace(",", "\u202f")  # what it took, whatever else the machine did
     crown(above, f"{lanes} design{'s' if lanes > 1 else ''}, {history.count} steps, {made} gradients")
-    if path is not None:
-        save(figure, path, 200.0)
-    return figure
+    return finish(figure, path)
+
+
+def front(found: "Front", path: str | Path | None = None) -> Figure:
+    """Draw a front: its designs by their objectives, and those at the ends and at the bend.
+
+    Args:
+        found: what was found.
+        path: file to write: PNG, SVG, PDF or JPG.
+
+    Returns:
+        The figure; one plot for each pair of objectives.
+
+    Raises:
+        InputError: there is no design.
+    """
+    if not found.designs:
+        raise InputError(f"no front to draw: {found.verdict}")
+    shown = sorted({0, found.knee, len(found.designs) - 1})
+    pairs = list(itertools.combinations(range(len(found.names)), 2))
+    rows = 1 if len(pairs) == 1 else 2  # the designs beside one plot, below several
+    wide = [_FRONT_PLOT * len(pairs), _FRONT_DESIGN * len(shown)]
+    width = sum(wide) if rows == 1 else max(wide)
+    figure = Picture(figsize=(width, rows * _FRONT_HIGH))
+    for n, (i, j) in enumerate(pairs):
+        left, low = _FRONT_PLOT * n + 0.8, rows - 1 + 0.17
+        _plot_pair(
+            found, figure.add_axes((left / width, low / rows, (_FRONT_PLOT - 1.0) / width, 0.74 / rows)), i, j, shown
+        )
+    spatial = found.problem.system.topology.dim == 3
+    for n, k in enumerate(shown):
+        left = wide[0] + _FRONT_DESIGN * n if rows == 1 else (n + 0.5) * width / len(shown) - 0.5 * _FRONT_DESIGN
+        place = (left / width, 0.05 / rows, (_FRONT_DESIGN - 0.15) / width, 0.78 / rows)
+        ax = figure.add_axes(place, projection="3d" if spatial else None)
+        each = [f"{name} {v:.3g}" for name, v in zip(found.names, found.values[k], strict=True)]
+        words = f"{_letter(n)}: {', '.join(each)}"
+        draw_design(
+            found.problem, found.designs[k], ax, words if len(words) <= _HEADING else words.replace(", ", ",\n")
+        )
+    return finish(figure, path)
+
+
+def _axis_name(front: "Front", k: int) -> str:
+    """Write an objective with its unit, where it is known: of the problem's error, whose root is what a front holds."""
+    unit = front.problem.error_unit
+    return axis_name(front.names[k], unit.removesuffix("^2") if k == 0 and unit.endswith("^2") else "")
+
+
+def _letter(n: int) -> str:
+    return "abc"[n]
+
+
+def _plot_pair(front: "Front", ax: Axes, i: int, j: int, shown: list[int]) -> None:
+    x, y = front.values[:, i], front.values[:, j]
+    if len(front.names) == 2:
+        ax.plot(x, y, "-", color=FOUND, lw=1.0, alpha=0.5)
+    ax.plot(x, y, "o", ms=4.5, color=FOUND)
+    for n, k in enumerate(shown):
+        ax.plot(x[k], y[k], "o", ms=7.5, mfc="none", mec=TARGET, mew=1.3)
+        ax.annotate(_letter(n), (x[k], y[k]), (7, 6), textcoords="offset points", fontsize=TEXT, color=TARGET)
+    furnish(ax)
+    ax.set_xlabel(_axis_name(front, i))
+    ax.set_ylabel(_axis_name(front, j))
+    ax.margins(0.09)
+    for name, values in (("x", x), ("y", y)):
+        if values.min() > _NOTHING * values.max() and values.max() > _SPREAD * values.min():
+            ax.set(**{f"{name}scale": "log"})
+        elif np.ptp(values) > 0:
+            ax.ticklabel_format(axis="x" if name == "x" else "y", style="sci", scilimits=(-3, 4))
+
+
+@public
+def burmester(
+    curves: "BurmesterCurves",
+    poses: ArrayLike | None = None,
+    path: str | Path | None = None,
+    title: str = "Circle points and their centres",
+    size: Size = 6.4,
+    dpi: float = 200.0,
+) -> Figure:
+    """Draw the circle-point and centre-point curves of four poses, their poles, and the poses as small frames.
+
+    Args:
+        curves: the curves.
+        poses: x, y and angle of the body in each pose, ``(4, 3)``, to be drawn too.
+        path: file to write as well: PNG, SVG, PDF or JPG.
+        title: heading.
+        size: width of the figure, inches, with the height that it needs; or width and height.
+        dpi: dots per inch of a file.
+
+    Raises:
+        OutputError: a file that cannot be written.
+    """
+    figure = Picture(figsize=inches(size, lambda width: 0.82 * width), layout="constrained")
+    ax = figure.add_subplot()
+    ax.plot(*curves.circle.T, color=BODIES[0], lw=1.6, label="circle points, first pose", zorder=3)
+    ax.plot(*curves.centre.T, color=BODIES[1], lw=1.6, ls=LINES[1], label="centre points", zorder=3)
+    poles = curves.poles[np.isfinite(curves.poles).all(axis=1)]
+    ax.plot(*poles.T, "o", ms=4.5, mfc="white", mec=LIGHT["ink"], mew=1.0, label="poles", zorder=4)
+    frames = np.zeros((0, 3)) if poses is None else np.asarray(poses, float)
+    known = frames[:, :2] if len(frames) else poles
+    middle = 0.5 * (known.min(axis=0) + known.max(axis=0))
+    half = _FRAME * max(float(np.ptp(known, axis=0).max()) / 2.0, 1e-300)
+    for k, (x, y, angle) in enumerate(frames):
+        for turn, shade in ((0.0, 1.0), (0.5 * np.pi, 0.5)):
+            tip = 0.22 * half * np.array([np.cos(angle + turn), np.sin(angle + turn)]) * shade
+            ax.annotate(
+                "", (x + tip[0], y + tip[1]), (x, y), zorder=5,
+                arrowprops={"arrowstyle": "-|>", "color": LIGHT["ink"], "lw": 1.0, "shrinkA": 0, "shrinkB": 0},
+            )  # fmt: skip
+        ax.annotate(str(k + 1), (x, y), (-8, -9), textcoords="offset points", fontsize=TEXT, color=LIGHT["ink"])
+    ax.set_xlim(middle[0] - 1.22 * half, middle[0] + 1.22 * half)
+    ax.set_ylim(middle[1] - half, middle[1] + half)
+    ax.set_aspect("equal")
+    furnish(ax)
+    crown(ax, title)
+    return finish(figure, path, dpi)

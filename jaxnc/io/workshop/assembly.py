@@ -157,7 +157,7 @@ class Assembly:
         return lists.stacking(self)
 
     def __str__(self) -> str:
-        from jaxnc.synthesis.result import aligned
+        from jaxnc.synthesis.result import align_columns
 
         counts = {"pin": len(self.pins)}
         counts |= {k: sum(s.washer == (k == "washer") for s in self.spacers) for k in ("washer", "spacer")}
@@ -166,7 +166,7 @@ class Assembly:
         head += ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts.items())
         if self.shop.density is not None:
             head += f"; the plates weigh {sum(map(self.mass, self.parts)):.4g} g"
-        return "\n".join([head, self.said, "", aligned(self.rows()), "", aligned(self.stacks())])
+        return "\n".join([head, self.said, "", align_columns(self.rows()), "", align_columns(self.stacks())])
 
     __repr__ = __str__
 
@@ -189,10 +189,10 @@ class Assembly:
     # -- files --------------------------------------------------------------------------------------------------
 
     def draw(self, path: str | Path | None = None, pose: int = 0) -> "Figure":
-        """Draw the stack in plan and from the side; see `jaxnc.viz.stack.draw_stack`."""
-        from jaxnc.viz.stack import draw_stack
+        """Draw the stack in plan and from the side; see `jaxnc.viz.plates.draw_plates`."""
+        from jaxnc.viz.plates import draw_plates
 
-        return draw_stack(self, path, pose)
+        return draw_plates(self, path, pose)
 
     def save(self, where: str | Path, formats: Sequence[str] = ("dxf", "svg")) -> Path:
         """Write drawings of all parts and the table of parts into a folder.

@@ -10,7 +10,7 @@ from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.io.workshop.shop import Shop
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.hull import hull
+from jaxnc.viz.bodies import hull
 
 GROUND = 0
 """Number of the ground plate."""

@@ -1,4 +1,4 @@
-"""From where a mechanism is seen: axes of the picture, and a view in which nothing hides behind anything else."""
+"""Views of a spatial mechanism: axes of the picture, and a direction in which nothing hides behind anything else."""
 
 import math
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from jaxnc.errors import InputError
+from jaxnc.viz.poses import Poses
 
 _ELEVATIONS = (22.0, 34.0)
 _AZIMUTHS = (-60, -45, -30, -75, -15, 15, 30, 45, 60, 75, 105, 120, 135, 150, -105, -120, -135, -150)
@@ -28,8 +29,12 @@ class Camera:
         return np.stack([right, np.cross(towards, right), towards])
 
 
-def given(view: object) -> Camera:
-    """A view that a user asks for."""
+def read_view(data: Poses, view: object) -> Camera | None:
+    """Read the view that a user asks for, elevation and azimuth; None if there is none to be read."""
+    if view is None:
+        return None
+    if data.dim == 2:
+        raise InputError(f"view={view!r}: {data.topology.name!r} is planar, and is seen from the front; leave view out")
     try:
         elevation, azimuth = (float(v) for v in view)  # type: ignore[attr-defined]
     except (TypeError, ValueError, OverflowError):
@@ -41,10 +46,10 @@ def given(view: object) -> Camera:
     return Camera(elevation, azimuth)
 
 
-def chosen(
+def choose_camera(
     poses: np.ndarray, links: tuple[tuple[int, int], ...], columns: tuple[int, ...], axes: tuple[int, ...]
 ) -> Camera:
-    """A view in which links and unit vectors are seen at length and points apart, in all the poses.
+    """Choose a view in which links and unit vectors are seen at length and points apart, in all the poses.
 
     Poses are a few, ``(S, columns, 3)``; there is something between the pairs of columns in `links`.
     """
@@ -56,15 +61,19 @@ def chosen(
     for elevation in _ELEVATIONS:
         for rank, azimuth in enumerate(_AZIMUTHS):
             camera = Camera(elevation, azimuth)
-            score = 2.0 * _seen(along, camera) + _seen(apart, camera) + _seen(poses[:, list(axes)], camera)
+            score = (
+                2.0 * _visibility(along, camera)
+                + _visibility(apart, camera)
+                + _visibility(poses[:, list(axes)], camera)
+            )
             score -= 0.015 * rank + 0.002 * elevation
             if score > least + 1e-9:
                 best, least = camera, score
     return best
 
 
-def _seen(d: np.ndarray, camera: Camera) -> float:
-    """Mean logarithm of the shares of lengths that are seen, bounded below."""
+def _visibility(d: np.ndarray, camera: Camera) -> float:
+    """Average the logarithms of the shares of lengths that are seen, bounded below."""
     length = np.linalg.norm(d, axis=-1)
     keep = np.isfinite(length) & (length > 1e-9 * np.nanmax(length, initial=1e-300))
     if not keep.any():

@@ -1,40 +1,40 @@
-"""One pose of a spatial mechanism in axes of three dimensions."""
+"""Drawing of a spatial mechanism in one pose, in axes of three dimensions."""
 
 import dataclasses
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from matplotlib.transforms import BboxTransformTo, TransformedBbox
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from jaxnc.errors import InputError
-from jaxnc.viz.arrows import Arrows, arrows, nice
+from jaxnc.viz.arrows import Arrows
+from jaxnc.viz.labels import label_corners, place_names
 from jaxnc.viz.picture import Picture, unit_on
-from jaxnc.viz.poses import Poses
-from jaxnc.viz.spatial.camera import Camera, chosen
-from jaxnc.viz.spatial.forces import CENTRE
-from jaxnc.viz.spatial.labels import corners, placed
+from jaxnc.viz.poses import Poses, evenly
+from jaxnc.viz.scene import UNITS_ACROSS
+from jaxnc.viz.spatial.camera import Camera, choose_camera
+from jaxnc.viz.spatial.loads import CENTRE
 from jaxnc.viz.spatial.mesh import reach
 from jaxnc.viz.spatial.painter import Painter
-from jaxnc.viz.spatial.pen import Pen, Projection, Solids
-from jaxnc.viz.spatial.scene import Frame, Scene, Solid, Turn, Way
-from jaxnc.viz.spatial.sketch import extended, sketch
-from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, named, wide, wrapped
+from jaxnc.viz.spatial.pen import Projection, Solids, SpacePen
+from jaxnc.viz.spatial.scene import Solid, SpaceFrame, Turn, Way
+from jaxnc.viz.spatial.sketch import sketch_space
+from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, axis_name, wide, wrap
+from jaxnc.viz.view import View
 
 _MARGIN = 4.2  # around the mechanism, units
 _CLEAR = 5.2  # the same where there is no box
 _BORDER = 33.0  # for numbers and names of the axes, points
 _EDGE = 5.0  # of the paper, points
 _SPARE = 3.4  # of a name, beyond the extents, units
-_ACROSS = 95.0  # units across a drawing, roughly
 _SMALLEST = 2.7  # points of a unit, unless there is hardly any paper
 _SHARE = 0.52  # of the room that is the mechanism's at least
 _FINER = 0.84  # units are smaller than in the plane: there is more to see
@@ -43,79 +43,65 @@ _ARROW = reach(0.2, 0.62)
 _ACROSS_X, _ACROSS_Y = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))
 
 
-class View:
-    """A scene in axes: extents, traces, arrows and the pose shown.
+class SpaceView(View):
+    """A spatial scene in axes. A camera is chosen to suit the mechanism if not given."""
 
-    The poses `shown` decide the extents; `trace` names points. A camera is chosen to suit the mechanism if not given.
-    """
+    letters = 1.9
 
-    def __init__(self, data: Poses, shown: list[int], trace: str | Iterable[str], labels: bool, camera: Camera | None):
-        self.data, self.shown = data, shown
-        self.traces = data.columns(trace, "trace")
-        scene = sketch(data)
+    def __init__(
+        self, data: Poses, shown: Sequence[int], trace: str | Iterable[str], labels: bool, camera: Camera | None
+    ):
+        scene = sketch_space(data)
         self.axes = tuple(label for label in scene.labels if label.way)
-        self.scene: Scene = scene if labels else dataclasses.replace(scene, labels=())
-        self.columns = extended(data)
-        sampled = self.columns[spread(data.shown)]
-        self.camera = camera or chosen(sampled, scene.links, scene.visible, tuple(a[1] for a in scene.arrows))
-        self.others = np.zeros((0, 3))  # further places that have to be in the picture
-        self.inner = self._box()
-        self._reach(float(np.linalg.norm(self.inner[1] - self.inner[0])) / _ACROSS)
+        self.tips = self.others = np.zeros((0, 3))  # of unit vectors and names; further places to be in the picture
+        super().__init__(data, shown, trace, labels, scene)
+        sampled = evenly(self.columns[data.extent_poses])
+        self.camera = camera or choose_camera(sampled, scene.links, scene.visible, tuple(a[1] for a in scene.arrows))
+        self._take_tips(self._coarse_unit)
         self.tight = False  # whether the picture is fitted to what is drawn, not to the box around it
         self.corner = (1.0, 1.0)  # upper right one of the sheet, in shares of the `paper`
         self.top = (1.0, 1.0)  # the same below the title
         self.suited: set[int] = set()  # poses that the names suit
-        self.drawn: list[Arrows] = []
         self.lines: list[tuple] = []  # further ones, as the painter takes traces
-        self.pen: Pen | None = None
-        self.figure: Figure
 
-    def _box(self) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = self.scene.box(self.columns[self.shown])
-        for column in self.traces:
-            x = self.data.path(column)[0]
-            x = x[np.isfinite(x).all(axis=1)]
-            if len(x):
-                lower, upper = np.minimum(lower, x.min(axis=0)), np.maximum(upper, x.max(axis=0))
-        return lower, upper
+    @property
+    def _coarse_unit(self) -> float:
+        """The size of a unit, roughly, before there is any paper."""
+        return float(np.linalg.norm(self.inner[1] - self.inner[0])) / UNITS_ACROSS
 
     def include(self, places: np.ndarray) -> None:
-        """Take further places ``(n, 3)`` into the extents."""
-        self.others, (lower, upper) = places, self.inner
-        self.inner = np.minimum(lower, places.min(axis=0)), np.maximum(upper, places.max(axis=0))
-        self._reach(float(np.linalg.norm(self.inner[1] - self.inner[0])) / _ACROSS)
+        """Take further places ``(n, 3)`` into the extents, where they are finite."""
+        super().include(places)
+        if hasattr(self, "camera"):
+            self.others = np.concatenate([self.others, places[np.isfinite(places).all(axis=1)]])
+            self._take_tips(self._coarse_unit)
 
-    def _reach(self, unit: float) -> None:
+    def _take_tips(self, unit: float) -> None:
         """Take the tips of unit vectors and placed names into the box, once the size of a unit is known."""
-        poses = self.columns[self.shown]
-        poses = poses[spread(np.arange(len(poses)))]
-        tips = [arrow.anchor(x, unit) for arrow in self.axes for x in poses]
+        some = evenly(np.array(self.shown))
+        poses = self.columns[some]
+        tips = [arrow.foot(poses, unit) for arrow in self.axes]
         for turn in (item for item in self.scene.items if isinstance(item, Turn)):
             inner = dataclasses.replace(turn, units=turn.units - _SPARE)
-            for k in spread(np.array(self.shown)):
-                tips.extend(inner.curve(self.columns[k], float(self.data.scalars[k, turn.scalar]), unit, 9))
-        tips = [np.array(tips).reshape(-1, 3)]
-        tips += [corners(name, poses, self.camera, unit, _SPARE) for name in self.scene.labels if name.dx or name.dy]
-        self.tips = np.concatenate(tips)
-        self.tips = self.tips[np.isfinite(self.tips).all(axis=1)]
-        both = np.concatenate([[self.inner[0], self.inner[1]], self.tips])
+            tips += [inner.curve(self.columns[k], float(self.data.scalars[k, turn.scalar]), unit, 9) for k in some]
+        tips += [
+            label_corners(name, poses, self.camera, unit, _SPARE) for name in self.scene.labels if name.dx or name.dy
+        ]
+        found = np.concatenate([np.zeros((0, 3)), *tips])
+        self.tips = found[np.isfinite(found).all(axis=1)]
+        both = np.concatenate([np.stack(self.inner), self.tips])
         self.lower, self.upper = both.min(axis=0), both.max(axis=0)
 
     def place(self, poses: Iterable[int], unit: float) -> None:
         """Place names to suit some poses."""
         k = list(poses)
         self.suited = set(k)
-        self.scene = placed(self.scene, self.columns[k], self.data.scalars[k], self.camera, unit)
-        self._reach(unit)
-
-    @property
-    def size(self) -> float:
-        """Diagonal of the extents, a length."""
-        return float(np.linalg.norm(self.upper - self.lower)) or 1.0
+        self.scene = place_names(self.scene, self.columns[k], self.data.scalars[k], self.camera, unit)
+        self._take_tips(unit)
 
     def _spans(self, pad: float) -> np.ndarray:
-        """Width and height of what is drawn with `pad` around it, and of the floor unless `tight`, lengths."""
-        lower, upper = self._seen()
+        """Measure what is drawn with `pad` around it, and the floor unless `tight`: width and height, lengths."""
+        lower, upper = self._visible_box()
         x = np.stack([lower - pad, upper + pad])
         if not self.tight:
             half = 0.5 * (self.upper - self.lower) + pad
@@ -123,8 +109,8 @@ class View:
             x = np.concatenate([x, floor @ self.camera.axes[:2].T])
         return np.ptp(x, axis=0)
 
-    def _seen(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower left and upper right corner of what is drawn, in the picture, lengths from the middle of the box."""
+    def _visible_box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Find the corners of what is drawn, lower left and upper right, lengths from the middle of the box."""
         parts = [self.scene.reach(self.columns[self.shown]), self.tips, self.others]
         parts += [self.data.path(column)[0] for column in self.traces]
         x = (np.concatenate(parts) - 0.5 * (self.lower + self.upper)) @ self.camera.axes[:2].T
@@ -138,11 +124,11 @@ class View:
             most = np.array(size) * 72.0
             room = most
             for _ in range(3):  # what is around the axes needs more room than planned for, or less
-                spare = self._alone(most, room, title)
+                spare = self._make_figure(most, room, title)
                 if self.tight or 0.0 <= spare.min() < _EDGE:
                     break
                 room = room + np.minimum(spare, 2 * _BORDER)
-            self._sign(frame)
+            self._explain(frame)
             return
         if not isinstance(ax, Axes3D):
             raise InputError(
@@ -151,35 +137,43 @@ class View:
         self.ax, self.figure = ax, ax.figure.canvas.figure
         if title:
             ax.set_title(title, loc="left", fontsize=TEXT, color=LIGHT["ink"], parse_math=False)
-        box = self.ax.get_position(original=True)
-        whole = np.array([self.figure.bbox.width, self.figure.bbox.height]) * 72.0 / self.figure.dpi
-        self._arrange(np.array([box.width, box.height]) * whole)
+        self._arrange(self.paper_size)
         self._look()
         self._furnish(frame is True)
-        self._sign(frame)
+        self._explain(frame)
 
     @property
     def paper(self) -> BboxTransformTo:
         """The transform of shares of the axes' width and height; `transAxes` in space is that of a square in them."""
         return BboxTransformTo(TransformedBbox(self.ax.get_position(original=True), self.ax.figure.transSubfigure))
 
-    def _sign(self, frame: bool | str) -> None:
+    @property
+    def paper_size(self) -> np.ndarray:
+        """Width and height of the axes on paper, points."""
+        box = self.ax.get_position(original=True)
+        return np.array([box.width, box.height]) * self.figure.get_size_inches() * 72.0
+
+    def _explain(self, frame: bool | str) -> None:
         """Say what arrows stand for, and how long things are: a floor between axes, a bar in their place."""
-        self._keys()
+        self._add_keys()
         if frame is True:
             self._floor()
         elif frame == "scale":
-            self._bar()
+            paper = self.paper_size
+            unit, length = self.points / paper, self.round_length(paper[0] / self.scale)
+            share = length * self.scale / paper[0]
+            look: Any = {"transform": self.paper, "clip_on": False}
+            self.add_scale_bar(1.2 * unit[0], 0.8 * unit[1], unit[1], length, share, **look)
 
-    def _alone(self, most: np.ndarray, room: np.ndarray, title: str) -> np.ndarray:
+    def _make_figure(self, most: np.ndarray, room: np.ndarray, title: str) -> np.ndarray:
         """Make a figure that fits what is drawn; returns what is left of the room, points.
 
         `most` is width and height that it may have, `room` those that it is planned for, points.
         """
-        size = float(np.clip(2.2 * self.points, NUMBERS, HEADING)) if hasattr(self, "points") else HEADING
-        lines = wrapped(title, size, most[0] - 2 * _EDGE) if title else []
+        size = self.heading_size if hasattr(self, "points") else HEADING
+        lines = wrap(title, size, most[0] - 2 * _EDGE) if title else []
         above = np.array(
-            [0.0, 1.3 * size * len(lines) + (0.5 * size if lines else 0.0) + 1.5 * NUMBERS * len(self.drawn)]
+            [0.0, 1.3 * size * len(lines) + (0.5 * size if lines else 0.0) + 1.5 * NUMBERS * len(self.arrow_sets)]
         )
         room = room - 2 * _EDGE - above
         self._arrange(room)
@@ -206,12 +200,12 @@ class View:
         self.figure.set_size_inches(*(now / 72.0))
         self.ax.set_position((*(start / now), *(paper / now)))
         self.heading.set_position((_EDGE / now[0], 1.0 - _EDGE / now[1]))
-        self.top = tuple((now - _EDGE - (0.0, above[1] - 1.5 * NUMBERS * len(self.drawn)) - start) / paper)
+        self.top = tuple((now - _EDGE - (0.0, above[1] - 1.5 * NUMBERS * len(self.arrow_sets)) - start) / paper)
         self.corner = tuple((now - _EDGE - above - start) / paper)
         return most - (high - low) - 2 * _EDGE - above
 
     def _outermost(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower left and upper right corner of what is drawn, of the floor and of its numbers, points on the paper."""
+        """Find the corners of what is drawn, of the floor and of its numbers, points on the paper."""
         ax = self.ax
         ax.M = ax.get_proj()  # the axes place their numbers with that of the last drawing
         renderer = self.canvas.get_renderer()
@@ -221,7 +215,7 @@ class View:
         top = np.stack([*floor.T[:2], np.full(4, views[2][1])], axis=1)
         flat, *_ = Projection(ax)(np.concatenate([floor, top, np.mean(views, axis=1)[None]]))
         pixels = ax.transData.transform(flat)
-        drawn = pixels[-1] + np.array(self._seen()) * self.scale * self.figure.dpi / 72.0
+        drawn = pixels[-1] + np.array(self._visible_box()) * self.scale * self.figure.dpi / 72.0
         drawn += np.array([[-1.0], [1.0]]) * _MARGIN * self.points * self.figure.dpi / 72.0
         texts = [axis.get_tightbbox(renderer) for axis in axes]
         edge = pixels[4:8][[np.argmin(pixels[4:8, 0]), np.argmax(pixels[4:8, 0])]]  # where the line of z may stand
@@ -237,7 +231,7 @@ class View:
         """Place names on a piece of paper, points, and choose the scale so that they are on it."""
         self._measure(paper)
         for _ in range(1 if self.suited else 2):  # the size of a unit follows from the room that names need
-            self.place(spread(np.array(self.shown)), self.unit)
+            self.place(evenly(np.array(self.shown)), self.unit)
             self._measure(paper)
 
     def _measure(self, paper: np.ndarray) -> None:
@@ -255,14 +249,14 @@ class View:
             if bare.any():  # names do not take more of the room than the mechanism
                 self.scale = max(self.scale, _SHARE * float((room / np.maximum(bare, 1e-9 * self.size)).min()))
             self.unit = self.points / self.scale
-            self._reach(self.unit)
+            self._take_tips(self.unit)
 
     def _look(self) -> None:
         """Set limits, view and zoom so that a length on paper is what `_measure` has chosen."""
         pad = _MARGIN * self.unit
         low, high = self.lower - pad, self.upper + pad
         if self.tight:
-            off = sum(self._seen()) / 2 @ self.camera.axes[:2]
+            off = sum(self._visible_box()) / 2 @ self.camera.axes[:2]
             low, high = low + off, high + off
         ax = self.ax
         ax.set_proj_type("ortho")
@@ -282,7 +276,7 @@ class View:
         if not frame:
             ax.set_axis_off()
             return
-        text = self._text
+        text = self.text_size
         axis: Any  # matplotlib says that x and y are axes of the plane
         for name, axis in (("x", ax.xaxis), ("y", ax.yaxis), ("z", ax.zaxis)):
             axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
@@ -300,17 +294,12 @@ class View:
                 labelsize=text, color=LIGHT["soft"], labelcolor=LIGHT["ink"], width=0.6, pad=-2.0 + 0.5 * max(0.0, more)
             )
             axis.labelpad = -0.4 * text + more
-            axis.label.set(text=named(name, unit), fontsize=text, color=LIGHT["ink"], rotation=0.0)
+            axis.label.set(text=axis_name(name, unit), fontsize=text, color=LIGHT["ink"], rotation=0.0)
             axis.label.set_parse_math(False)
         ax.grid(False)
 
-    @property
-    def _text(self) -> float:
-        """Size of numbers and keys, points."""
-        return float(np.clip(1.9 * self.points, NUMBERS - 1.0, NUMBERS))
-
     def _floor(self) -> None:
-        """A grid on the floor of the box."""
+        """Draw a grid on the floor of the box."""
         ax = self.ax
         (x0, x1), (y0, y1) = (axis.get_view_interval() for axis in (ax.xaxis, ax.yaxis))
         z = ax.zaxis.get_view_interval()[0]
@@ -322,73 +311,39 @@ class View:
         floor.set(zorder=1.0, gid="floor", clip_on=False)
         ax.add_collection(floor, autolim=False)
 
-    def _bar(self) -> None:
-        """A bar of a round length in the plane of the picture, in place of axes."""
-        box = self.ax.get_position(original=True)
-        paper = np.array([box.width, box.height]) * self.figure.get_size_inches() * 72.0
-        length = nice(0.28 * min(paper[0] / self.scale, 2.0 * self.size))
-        unit = self.points / paper
-        x = 1.2 * unit[0] + length * self.scale / paper[0] * np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
-        y = 0.8 * unit[1] + 0.5 * unit[1] * np.array([1.0, -1.0, 0.0, 0.0, -1.0, 1.0])
-        bar = Line2D(x, y, transform=self.paper, color=LIGHT["soft"], linewidth=0.8, gid="scale", clip_on=False)
-        self.ax.add_artist(bar)
-        self.ax.text2D(
-            float(np.mean(x)), 1.8 * unit[1], f"{length:g} {self.data.topology.length_unit}".strip(),
-            transform=self.paper, fontsize=self._text - 0.5, color=LIGHT["soft"], ha="center", va="bottom",
-            parse_math=False, gid="scale",
-        )  # fmt: skip
+    def _add_keys(self) -> None:
+        """Tell what the longest arrows stand for."""
+        line = 1.5 * NUMBERS / self.paper_size[1]
+        for k, item in enumerate(self.arrow_sets):
+            self.write(
+                self.top[0], self.top[1] - k * line, f"longest {item.longest}", transform=self.paper, ha="right",
+                va="top", fontsize=self.text_size, color=LIGHT[item.noun], gid=f"{item.noun} key",
+            )  # fmt: skip
 
-    def aim(self, velocities, accelerations, pose: int | None, forces=()) -> None:
-        """Choose arrows, scaled to one pose or to the whole motion, and take them into the extents."""
-        self.add_arrows(arrows(self.data, velocities, accelerations, self.size, pose, forces))
-        tips = [(item.places + item.vectors)[self.shown].reshape(-1, 3) for item in self.drawn]
-        found = np.concatenate([np.zeros((0, 3)), *tips])
-        found = found[np.isfinite(found).all(axis=1)]
-        if len(found):
-            self.include(np.concatenate([self.others, found]))
-
-    def _keys(self) -> None:
-        """Say what the longest arrows stand for."""
-        box = self.ax.get_position(original=True)
-        line = 1.5 * NUMBERS / (box.height * self.figure.get_figheight() * 72.0)
-        for k, item in enumerate(self.drawn):
-            self.ax.text2D(
-                self.top[0], self.top[1] - k * line, f"longest {item.longest}", transform=self.paper,
-                ha="right", va="top", fontsize=self._text, color=LIGHT[item.noun], gid=f"{item.noun} key",
-            ).set_parse_math(False)  # fmt: skip
-
-    def add_arrows(self, drawn: list[Arrows]) -> None:
+    def add_arrows(self, found: list[Arrows]) -> None:
         """Add arrows to the scene; their tips, and feet that are no points, are further columns."""
-        self.drawn = drawn
-        items, tips = list(self.scene.items), []
-        first = self.columns.shape[1]
-        for item in drawn:
+        self.arrow_sets, items = found, list(self.scene.items)
+        for item in found:
             feet = item.columns
             if not feet:
-                tips.append(item.places)
+                first = self.add_columns(item.places)
                 feet = tuple(range(first, first + item.places.shape[1]))
-                first += len(feet)
-            tips.append(item.places + np.nan_to_num(item.vectors))
-            for column in feet:
-                items.append(Solid(item.noun, Frame(column, Way((column, first))), _ARROW))
+            first = self.add_columns(item.places + np.nan_to_num(item.vectors))
+            for tip, foot in enumerate(feet, first):
+                items.append(Solid(item.noun, SpaceFrame(foot, Way((foot, tip))), _ARROW))
                 if item.noun == "weight":
-                    items += [Solid(role, Frame(column, _ACROSS_X, _ACROSS_Y), mesh) for role, mesh in CENTRE]
-                first += 1
-        self.columns = np.concatenate([self.columns, *tips], axis=1)
+                    items += [Solid(role, SpaceFrame(foot, _ACROSS_X, _ACROSS_Y), mesh) for role, mesh in CENTRE]
         self.scene = dataclasses.replace(self.scene, items=tuple(items))
 
-    def _paths(self) -> tuple:
-        """Traces for the painter: places, colour and pattern of dashes."""
-        seen: dict[int, int] = {}
+    def _painted_lines(self) -> tuple:
+        """Collect traces and further lines for the painter: places, colour, pattern of dashes and role."""
         out = []
-        for column in self.traces:
-            body = self.scene.bodies[column]
-            turn = seen[body] = seen.get(body, -1) + 1
+        for column, body, turn in self.styled_traces():
             x, dashes = self.data.path(column)[0], (0, 6, 3)[turn % 3]
-            out.append((_stepped(x, 0.6 * self.unit) if dashes else x, body, dashes))
+            out.append((_even_steps(x, 0.6 * self.unit) if dashes else x, body, dashes))
         return (*out, *self.lines)
 
-    def ghosts(self, others: list[int]) -> None:
+    def ghosts(self, others: Sequence[int]) -> None:
         """Draw the bodies of other poses faintly."""
         for k in others:
             if self.data.good[k]:
@@ -399,42 +354,28 @@ class View:
                 ghost.move(self.columns[k], self.data.scalars[k], False)
 
     def draw(self, k: int, sampled: Iterable[int] | None = None) -> None:
-        """Make all artists, in pose `k`; labels are placed to suit the sampled poses."""
-        sampled = [k] if sampled is None else list(sampled)
-        if set(sampled) != self.suited:
-            self.place(sampled, self.unit)
+        """Make all artists, in pose `k`; names are placed to suit the sampled poses."""
+        some = [k] if sampled is None else list(sampled)
+        if set(some) != self.suited:
+            self.place(some, self.unit)
         self.ax.computed_zorder = False
-        self.pen = Pen(self.ax, Painter(self.scene, traces=self._paths()), self.scene.labels, self.unit, self.points)
-        self.banner = self.ax.text2D(
-            0.5, self.corner[1] - 0.015, "", transform=self.paper, color=LIGHT["failure"],
-            fontsize=self._text, ha="center", va="top", wrap=True, zorder=15.0, gid="failure",
-            bbox={"facecolor": "white", "edgecolor": LIGHT["failure"], "linewidth": 0.6, "boxstyle": "round,pad=0.35"},
-        )  # fmt: skip
-        self.banner.set_visible(False)
+        painter = Painter(self.scene, traces=self._painted_lines())
+        self.pen = SpacePen(self.ax, painter, self.scene.labels, self.unit, self.points)
+        self.add_banner(self.corner[1] - 0.015, self.paper)
         self.show(k)
 
-    def show(self, k: int) -> None:
-        """Move everything to pose `k`."""
-        assert self.pen is not None
-        right = bool(self.data.good[k])
+    def move(self, k: int, right: bool) -> None:
+        """Bring all artists but the banner to pose `k`, as a ghost if it is not right."""
         self.pen.move(self.columns[k], self.data.scalars[k], not right)
-        self.banner.set_visible(not right)
-        if not right:
-            self.banner.set_text(f"Pose {k} failed. {self.data.sentence(k)}")
-
-    def film(self, k: int, sampled: Iterable[int]) -> None:
-        """Make all artists for an animation."""
-        self.draw(k, sampled)
 
     @property
-    def moving(self) -> list:
+    def moving(self) -> list[Artist]:
         """Artists that move, from the ground up."""
-        assert self.pen is not None
         return [*self.pen.moving, self.banner]
 
 
-def _stepped(x: np.ndarray, step: float) -> np.ndarray:
-    """A path in steps of one length, for dashes; gaps stay gaps."""
+def _even_steps(x: np.ndarray, step: float) -> np.ndarray:
+    """Divide a path into steps of one length, for dashes; gaps stay gaps."""
     pieces = [x[:1]]
     for a, b in itertools.pairwise(x):
         d = float(np.linalg.norm(b - a))
@@ -443,13 +384,8 @@ def _stepped(x: np.ndarray, step: float) -> np.ndarray:
     return np.concatenate(pieces)
 
 
-def spread(shown: np.ndarray, count: int = 9) -> np.ndarray:
-    """A few of the poses, evenly spread."""
-    return shown[np.unique(np.linspace(0, len(shown) - 1, count).astype(int))]
-
-
 def _ticks(interval: np.ndarray, way: np.ndarray, text: float) -> FixedLocator:
-    """Marks of an axis, two at least where their numbers fit, none whose number meets those of the next axis.
+    """Choose marks of an axis, two at least where their numbers fit, none whose number meets those of the next axis.
 
     `way` is what a unit of length along it is in the picture, ``(2,)`` points; the numbers are `text` points high.
     """

@@ -1,24 +1,28 @@
-"""The symbol of every joint in space: hinges, balls, sleeves on rods, crosses, wheels, and the arrows of inputs."""
+"""Symbols of joints in space: hinges, balls, sleeves on rods, crosses, wheels, and the arrows of inputs."""
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 
-from jaxnc.system.topology import JointIndex
+from jaxnc.solvers.assembly import derive
+from jaxnc.system.identity import Owner
+from jaxnc.system.system import System
+from jaxnc.system.topology import Block, JointIndex, Topology
+from jaxnc.viz.bodies import Bodies
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.spatial.bodies import Bodies
-from jaxnc.viz.spatial.mesh import Ring, block, cylinder, disc, line, stand, tube, turned
-from jaxnc.viz.spatial.rows import Reading, read, readings
-from jaxnc.viz.spatial.scene import Ball, Frame, Item, Solid, Turn, Way
+from jaxnc.viz.scene import least_angle
+from jaxnc.viz.spatial.mesh import Ring, block, cylinder, disc, line, revolve, stand, tube
+from jaxnc.viz.spatial.scene import Ball, Solid, SpaceFrame, SpaceItem, Turn, Way
 from jaxnc.viz.style import INK, symbol
 
 _HINGE = cylinder(1.5, 0.95)
 _KNUCKLE = cylinder(0.85, 0.95)  # of a hinge between two points
 _SLEEVE = cylinder(2.3, 1.15)
-_NUT = turned(tuple(Ring(units=-2.3 + 0.92 * k, thick=1.25 if k % 2 else 1.05) for k in range(6)), 16)
+_NUT = revolve(tuple(Ring(units=-2.3 + 0.92 * k, thick=1.25 if k % 2 else 1.05) for k in range(6)), 16)
 _BLOCK = block(2.2, 1.2)
 _ARM = cylinder(2.1, 0.5, 10)
-_PAD = turned((Ring(units=-0.3, thick=2.6), Ring(units=0.3, thick=2.6)), 24)
+_PAD = revolve((Ring(units=-0.3, thick=2.6), Ring(units=0.3, thick=2.6)), 24)
 _BEYOND = 3.4  # of a rod, past the ends of a sleeve's travel, units
 
 ROD = 0.36
@@ -30,6 +34,48 @@ ONLINE = 1e-6
 """Of the mechanism's size: how near to an axis a point is that lies on it."""
 
 
+@dataclass(frozen=True)
+class RowReading:
+    """Points and directions that an instance of a kind acts on."""
+
+    block: Block  # where it is
+    instance: int  # which one
+    points: tuple[int, ...]  # its own points, without those of its directions
+    ways: tuple[Way, ...]  # its directions
+    vectors: tuple[int, ...]  # for each direction, the index of its unit vector; -1 for a segment
+
+    def constants(self, system: System, start: str) -> list[float]:
+        """List the values of those constants whose names start so."""
+        top, kind = system.topology, self.block.kind
+        values = np.asarray(derive(system).constants[top.blocks.index(self.block)])[self.instance]
+        return [float(values[i]) for i, name in enumerate(kind.constants) if name.startswith(start)]
+
+
+def read_rows(block: Block, instance: int, first: int) -> RowReading:
+    """Read one instance; `first` is the column of the first unit vector."""
+    words = block.kind.name.replace(",", " ").split()
+    forms = next((word for word in reversed(words) if set(word) <= {"p", "v"}), "")
+    points, vectors = list(block.points[instance]), list(block.vectors[instance])
+    leading = len(points) - 2 * forms.count("p")
+    rest = points[leading:]
+    ways, own = [], []
+    for form in forms:
+        if form == "v":
+            own.append(vectors.pop(0))
+            ways.append(Way((first + own[-1],)))
+        else:
+            ways.append(Way((rest.pop(0), rest.pop(0))))
+            own.append(-1)
+    return RowReading(block, instance, tuple(points[:leading]), tuple(ways), tuple(own))
+
+
+def owned_rows(top: Topology, owner: Owner, first: int) -> list[RowReading]:
+    """Read all instances that belong to a joint or coordinate."""
+    return [
+        read_rows(block, i, first) for block in top.blocks for i, owners in enumerate(block.owners) if owner in owners
+    ]
+
+
 class Joints:
     """Symbols of joints.
 
@@ -39,7 +85,7 @@ class Joints:
     def __init__(self, poses: Poses, bodies: Bodies, x: np.ndarray):
         self.poses, self.top, self.bodies, self.x = poses, poses.topology, bodies, x
         self.first = len(poses.names)
-        self.items: list[Item] = []
+        self.items: list[SpaceItem] = []
         self.marked: set[int] = set()
         """Points that have a symbol."""
         self.supported: set[int] = set()
@@ -68,13 +114,13 @@ class Joints:
                         self.near.setdefault(v, p)
 
     def way(self, v: int) -> Way:
-        """A unit vector as a direction."""
+        """Read a unit vector as a direction."""
         return Way((self.first + v,))
 
     # -- joints by name -----------------------------------------------------------------------------------------
 
     def add_listed(self) -> None:
-        """Joints that the mechanism lists."""
+        """Draw joints that the mechanism lists."""
         draw = {
             "revolute": self.add_revolute,
             "spherical": self.add_spherical,
@@ -96,14 +142,14 @@ class Joints:
             if joint.drawn and joint.type in draw:
                 draw[joint.type](joint)
 
-    def found(self, joint: JointIndex, *kinds: str) -> Reading | None:
-        """The first rows of a joint whose kind is called so."""
-        rows = readings(self.top, joint.owner, self.first)
+    def rows_of(self, joint: JointIndex, *kinds: str) -> RowReading | None:
+        """Find the first rows of a joint whose kind is called so."""
+        rows = owned_rows(self.top, joint.owner, self.first)
         return next((row for row in rows if row.block.kind.name.startswith(kinds)), None)
 
-    def centre(self, joint: JointIndex, rows: Reading) -> int | None:
-        """Where a joint about directions is: the point it makes coincide, or the one that its bodies share."""
-        both = self.found(joint, "coincident")
+    def centre(self, joint: JointIndex, rows: RowReading) -> int | None:
+        """Find where a joint about directions is: the point it makes coincide, or the one that its bodies share."""
+        both = self.rows_of(joint, "coincident")
         if both is not None:
             self.marked.update(both.points)
             return both.points[0]
@@ -121,8 +167,8 @@ class Joints:
         return min(shared) if shared else None
 
     def add_revolute(self, joint: JointIndex) -> None:
-        """A hinge."""
-        rows = self.found(joint, "parallel")
+        """Draw a hinge."""
+        rows = self.rows_of(joint, "parallel")
         p = self.centre(joint, rows) if rows else None
         if rows is None or p is None:
             return
@@ -131,29 +177,29 @@ class Joints:
         self.marked.add(p)
 
     def add_spherical(self, joint: JointIndex) -> None:
-        """A ball."""
+        """Draw a ball."""
         self.ball(joint.points[0])
         self.marked.update(joint.points)
 
     def add_crossed(self, joint: JointIndex) -> None:
-        """The cross of a universal joint; a large ball for constant velocity."""
+        """Draw the cross of a universal joint; a large ball for constant velocity."""
         universal = joint.type == "universal"
-        rows = self.found(joint, "scalar product" if universal else "constant velocity")
+        rows = self.rows_of(joint, "scalar product" if universal else "constant velocity")
         p = self.centre(joint, rows) if rows else None
         if rows is None or p is None:
             return
         for way, v in zip(rows.ways, rows.vectors, strict=True) if universal else ():
             holder = self.bodies.holding(vectors=(v,)) if v >= 0 else self.bodies.holding(*way.columns)
             colour = INK if holder is None else self.bodies.colours[holder]
-            self.items.append(Solid("cross", Frame(p, way), _ARM, body=colour))
+            self.items.append(Solid("cross", SpaceFrame(p, way), _ARM, body=colour))
         self.axes |= {v: p for v in rows.vectors if v >= 0}
         self.items.append(Ball("ball", p, 0.85 if universal else 1.4))
         self.hanging.add(p)
         self.marked.add(p)
 
     def add_sliding(self, joint: JointIndex) -> None:
-        """A sleeve, a block, a nut or a ball on a rod along the axis."""
-        rows = self.found(joint, "aligned")
+        """Draw a sleeve, a block, a nut or a ball on a rod along the axis."""
+        rows = self.rows_of(joint, "aligned")
         if rows is None or len(rows.points) < 2:
             return
         (start, on), axis, v = rows.points, rows.ways[0], rows.vectors[0]
@@ -181,13 +227,13 @@ class Joints:
             self.ball(on)
         else:
             own = INK if holder is None else self.bodies.colours[holder]
-            self.items.append(Solid("block", Frame(on, axis, side), mesh, body=own))
+            self.items.append(Solid("block", SpaceFrame(on, axis, side), mesh, body=own))
         if fixed:
             self.supported.add(start)
         self.marked.update((start, on))
 
     def add_strut(self, start: int, axis: Way, line: int, holder: int) -> bool:
-        """A telescope, where two bodies have points along the axis: a sleeve where the rod enters; false if not."""
+        """Draw a telescope where two bodies have points along the axis: a sleeve, and the rod in it; else false."""
         outer, inner = (self.on_axis(k, start, axis) for k in (line, holder))
         if len(outer) < 2 or len(inner) < 2:
             return False
@@ -198,19 +244,19 @@ class Joints:
         pairs = list(itertools.product(outer, inner))
         gaps = [float(np.abs(self.along(q, axis, p)).mean()) for p, q in pairs]
         enters, end = pairs[int(np.argmin(gaps))]
-        self.items.append(Solid("bar", Frame(end, Way((end, enters))), _PISTON, body=self.bodies.colours[holder]))
+        self.items.append(Solid("bar", SpaceFrame(end, Way((end, enters))), _PISTON, body=self.bodies.colours[holder]))
         colour = self.bodies.colours[line]
         inward = self.along(end, axis, enters).mean() > 0
-        mesh = turned(tuple(Ring(units=u, thick=1.15) for u in ((-0.5, 4.1) if inward else (-4.1, 0.5))), 16)
-        self.items.append(Solid("block", Frame(enters, axis), mesh, body=colour))
+        mesh = revolve(tuple(Ring(units=u, thick=1.15) for u in ((-0.5, 4.1) if inward else (-4.1, 0.5))), 16)
+        self.items.append(Solid("block", SpaceFrame(enters, axis), mesh, body=colour))
         self.marked.update((start, enters))
         self.struts.append((outer, inner))
         return True
 
     def on_axis(self, k: int, start: int, axis: Way) -> list[int]:
-        """Points of a body that lie on an axis in every pose."""
+        """Find the points of a body that lie on an axis in every pose."""
         room, out = ONLINE * self.extent(), []
-        d = np.stack([axis.read(x) for x in self.x])
+        d = axis.vector(self.x)
         d = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
         for p in sorted(self.bodies.points[k]):
             if (np.linalg.norm(np.cross(self.x[:, p] - self.x[:, start], d), axis=1) <= room).all():
@@ -218,17 +264,17 @@ class Joints:
         return out
 
     def extent(self) -> float:
-        """Size of the mechanism, a length."""
+        """Measure the size of the mechanism, a length."""
         return float(np.linalg.norm(np.ptp(self.x[:, : self.first].reshape(-1, 3), axis=0)))
 
     def along(self, start: int, axis: Way, on: int) -> np.ndarray:
-        """How far a point is along an axis from a start, lengths ``(T,)``."""
-        d = np.stack([axis.read(x) for x in self.x])
+        """Find how far a point is along an axis from a start, lengths ``(T,)``."""
+        d = axis.vector(self.x)
         d = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
         return ((self.x[:, on] - self.x[:, start]) * d).sum(axis=1)
 
     def travel(self, start: int, axis: Way, on: int, start_in: bool = True) -> tuple[float, float]:
-        """Range of a point along an axis from a start, lengths; with the start in it or not."""
+        """Find the range of a point along an axis from a start, lengths; with the start in it or not."""
         t = self.along(start, axis, on)
         if not start_in:
             return float(t.min()), float(t.max())
@@ -244,31 +290,33 @@ class Joints:
         body: int,
         before: float = _BEYOND,
     ) -> None:
-        """A rod over a range along an axis, and a little beyond: `before` units at its start."""
+        """Draw a rod over a range along an axis, and a little beyond: `before` units at its start."""
         count = 10
         rings = tuple(
             Ring(length=lo + (hi - lo) * k / count, units=-before + (before + _BEYOND) * k / count, thick=ROD)
             for k in range(count + 1)
         )
-        self.items.append(Solid(role, Frame(at, axis), turned(rings, 8, lined=False), body=body))
+        self.items.append(Solid(role, SpaceFrame(at, axis), revolve(rings, 8, lined=False), body=body))
 
     def add_planar(self, joint: JointIndex) -> None:
-        """A pad that lies in the plane."""
+        """Draw a pad that lies in the plane."""
         vectors = joint.vectors
         if not vectors or len(joint.points) < 2:
             return
         on = joint.points[1]
-        self.items.append(Solid("block", Frame(on, self.way(vectors[0])), _PAD, body=self.bodies.colour(on)))
+        self.items.append(Solid("block", SpaceFrame(on, self.way(vectors[0])), _PAD, body=self.bodies.colour(on)))
         self.axes.setdefault(vectors[0], joint.points[0])
         self.marked.add(on)
 
     def add_cable(self, joint: JointIndex) -> None:
-        """Straight pieces between its points."""
-        self.items.extend(Solid("cable", Frame(a, Way((a, b))), line(8)) for a, b in itertools.pairwise(joint.points))
+        """Draw straight pieces between its points."""
+        self.items.extend(
+            Solid("cable", SpaceFrame(a, Way((a, b))), line(8)) for a, b in itertools.pairwise(joint.points)
+        )
 
     def add_wheels(self, joint: JointIndex) -> None:
-        """Pitch circles of gears, pinions and discs, from the constants of their rows."""
-        rows = self.found(joint, "contact in space", "bevel gear", "internal bevel gear", "rack")
+        """Draw pitch circles of gears, pinions and discs, from the constants of their rows."""
+        rows = self.rows_of(joint, "contact in space", "bevel gear", "internal bevel gear", "rack")
         if rows is None:
             return
         radii = [abs(r) for r in rows.constants(self.poses.motion.system, "radius")]
@@ -278,12 +326,12 @@ class Joints:
         for p, axis, v, radius in zip(rows.points, ways, vectors, radii, strict=False):
             holder = self.bodies.holding(p, vectors=() if v < 0 else (v,))
             colour = self.bodies.colour(p) if holder is None else self.bodies.colours[holder]
-            self.items.append(Solid("wheel", Frame(p, axis), disc(radius, 0.45), body=colour))
+            self.items.append(Solid("wheel", SpaceFrame(p, axis), disc(radius, 0.45), body=colour))
 
     # -- joints by what bodies share ----------------------------------------------------------------------------
 
     def add_shared(self) -> None:
-        """Where bodies meet at a point: a hinge if they share an axis too, else a ball."""
+        """Draw what holds bodies that meet at a point: a hinge if they share an axis too, else a ball."""
         for p in range(len(self.top.points)):
             found = self.bodies.meeting(p)
             if len({group for *_, group in found}) < 2:
@@ -305,25 +353,25 @@ class Joints:
                 self.ball(p)
 
     def apart(self, p: int, q: int) -> bool:
-        """Whether two points are different places."""
+        """Tell whether two points are different places."""
         return float(np.linalg.norm(self.x[0, p] - self.x[0, q])) > 0
 
     def hinge(self, p: int, axis: Way, mesh=_HINGE) -> None:
-        """A hinge at a point; on the ground it stands on the ground's symbol."""
+        """Draw a hinge at a point; on the ground it stands on the ground's symbol."""
         ground = bool(self.bodies.ground[p])
-        self.items.append(Solid("ground hinge" if ground else "hinge", Frame(p, axis), mesh))
-        d = axis.read(self.x[0])
+        self.items.append(Solid("ground hinge" if ground else "hinge", SpaceFrame(p, axis), mesh))
+        d = axis.vector(self.x[0])
         if ground and abs(d[2]) > 0.7 * float(np.linalg.norm(d)):
             self.shifts[p] = 0.9
 
     def ball(self, p: int) -> None:
-        """A ball joint."""
+        """Draw a ball joint."""
         self.items.append(Ball("ground ball" if self.bodies.ground[p] else "ball", p, 1.05))
 
     # -- sliders and inputs -------------------------------------------------------------------------------------
 
     def add_sliders(self) -> None:
-        """Points of which one coordinate is free slide on a rail."""
+        """Draw rails of points of which one coordinate is free."""
         for p in np.flatnonzero(self.bodies.half).tolist():
             free = np.flatnonzero(~self.bodies.fixed[p])
             if len(free) != 1:
@@ -341,40 +389,25 @@ class Joints:
                 foot = middle + float(end) * np.eye(3)[free[0]]
                 mesh = stand(_BEYOND + 2.4, 1.5) if upright else stand(2.4, 1.2)
                 self.items.append(
-                    Solid("support", Frame((float(foot[0]), float(foot[1]), float(foot[2])), Way()), mesh)
+                    Solid("support", SpaceFrame((float(foot[0]), float(foot[1]), float(foot[2])), Way()), mesh)
                 )
-            self.items.append(Solid("block", Frame(p, axis), _BLOCK, body=self.bodies.colour(p)))
+            self.items.append(Solid("block", SpaceFrame(p, axis), _BLOCK, body=self.bodies.colour(p)))
             if len(self.bodies.meeting(p)) > 1:
                 self.ball(p)
             self.marked.add(p)
 
     def add_inputs(self) -> None:
-        """The arrow of a driven angle."""
-        for name in self.poses.motion.driven:
-            if name not in self.top.scalars:
-                continue
-            k = self.top.scalars.index(name)
-            if not self.top.angles[k]:
-                continue
-            block, instance = self.top.measures[k]
-            rows = read(self.top.blocks[block], instance, self.first)
-            if len(rows.ways) > 1:
-                self.add_turn(k, name, rows.ways[0], rows.ways[-1])
+        """Draw the arrow of every driven angle, where its direction starts or its axis is shown."""
+        for name, k, angle, owner, instance in self.poses.driven_scalars():
+            rows = read_rows(owner, instance, self.first)
+            if angle and len(rows.ways) > 1:
+                axis, to = rows.ways[0], rows.ways[-1]
+                low = least_angle(self.poses.scalars[self.poses.extent_poses, k])
+                self.items.append(Turn("arc", self.vertex(axis, to), axis, to, k, 6.4, symbol(name), low))
 
     def vertex(self, axis: Way, to: Way) -> int:
-        """The column at which an angle is shown: where its direction starts, or where its axis is shown."""
+        """Find the column at which an angle is shown: where its direction starts, or where its axis is shown."""
         if len(to.columns) == 2:
             return to.columns[0]
         shown = self.axes.get(axis.columns[0] - self.first)
         return self.near.get(axis.columns[0] - self.first, 0) if shown is None else shown
-
-    def add_turn(self, k: int, name: str, axis: Way, to: Way) -> None:
-        """The arrow of a driven angle, where its direction starts or its axis is shown."""
-        at = self.vertex(axis, to)
-        values = self.poses.scalars[self.poses.shown, k]
-        low = 0.0  # show the value itself where its range allows
-        if np.abs(values).max() <= np.pi:
-            low = -np.pi
-        elif values.max() <= 1e-9:
-            low = -2 * np.pi
-        self.items.append(Turn("arc", at, axis, to, k, 6.4, symbol(name), low))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxnc.viz.spatial.scene import SOLIDS, Ball, Item, Plate, Scene, Solid, Turn
+from jaxnc.viz.spatial.scene import SOLIDS, Ball, Plate, Solid, SpaceItem, SpaceScene, Turn
 from jaxnc.viz.style import INK, Style, colour_of
 
 LIGHT_FROM = np.array([-0.38, 0.62, 0.69])
@@ -31,7 +31,7 @@ class Painter:
     dashes or not, and its role if that is not ``"trace"``.
     """
 
-    def __init__(self, scene: Scene, only: tuple[str, ...] | None = None, traces: tuple = ()):
+    def __init__(self, scene: SpaceScene, only: tuple[str, ...] | None = None, traces: tuple = ()):
         items = [item for item in scene.items if only is None or item.role in only]
         self.solids = [item for item in items if isinstance(item, Solid)]
         self.plates = [item for item in items if isinstance(item, Plate)]
@@ -43,79 +43,70 @@ class Painter:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Lay all faces and lines out as arrays of indices into one array of vertices."""
+        """Lay all faces and lines out as arrays of indices into one array of vertices, with their colours."""
         faces: list[tuple[int, ...]] = []
-        rows: list[tuple] = []  # part, look of the face, whether it is seen from both sides
+        face_rows: list[tuple[int, Look, bool]] = []  # part, look, whether it is seen from both sides
         edges: list[tuple[int, int, int, int, bool]] = []
-        edge_rows: list[tuple] = []
-        first, part = self.columns, 0
+        edge_rows: list[tuple[int, Look]] = []
+        self.parts, first = 0, self.columns
+
+        def add_face(face: tuple[int, ...], look: Look) -> None:
+            faces.append(face)
+            face_rows.append((self.parts, look, True))
+            self.parts += 1
+
+        def add_line(a: int, b: int, look: Look) -> None:
+            edges.append((a, b, -1, -1, True))
+            edge_rows.append((self.parts, look))
+            self.parts += 1
+
         for plate in self.plates:
-            look = Look.of(plate)
             for face in plate.faces:
-                faces.append(face)
-                rows.append((part, look, True))
-                part += 1
+                add_face(face, Look.of(plate))
         for solid in self.solids:
-            mesh, look, base = solid.mesh.made, Look.of(solid), len(faces)
-            for face, k in zip(mesh.faces, mesh.face_parts, strict=True):
-                faces.append(tuple(i + first for i in face))
-                rows.append((part + k, look, False))
-            for (a, b, f, g, sharp), k in zip(mesh.edges, mesh.edge_parts, strict=True):
+            mesh, look, base = solid.mesh.polygons, Look.of(solid), len(faces)
+            faces += [tuple(i + first for i in face) for face in mesh.faces]
+            face_rows += [(self.parts + k, look, False) for k in mesh.face_parts]
+            for a, b, f, g, sharp in mesh.edges:
                 sides = (base + f if f >= 0 else -1, base + g if g >= 0 else -1)
                 edges.append((a + first, b + first, *sides, sharp))
-                edge_rows.append((part + k, look))
-            part += solid.mesh.parts
+            edge_rows += [(self.parts + k, look) for k in mesh.edge_parts]
+            self.parts += mesh.parts
             first += len(mesh.vertices)
         for turn in self.turns:
-            look = Look.of(turn)
-            for k in range(_TURN - 3):
-                edges.append((first + k, first + k + 1, -1, -1, True))
-                edge_rows.append((part, look))
-                part += 1
-            edges.append((first + _TURN + 3, first + _TURN + 4, -1, -1, True))
-            edge_rows.append((part, Look.of(None, SOLIDS["reference"])))
-            part += 1
-            faces.append((first + _TURN, first + _TURN + 1, first + _TURN + 2))
-            rows.append((part, look, True))
-            part += 1
-            first += _TURN + 5
+            look, head = Look.of(turn), first + _TURN
+            for k in range(first, head - 3):
+                add_line(k, k + 1, look)
+            add_line(head + 3, head + 4, Look.of(None, SOLIDS["reference"]))
+            add_face((head, head + 1, head + 2), look)
+            first = head + 5
         for (x, body, dashes), role in zip(self.traces, self.roles, strict=True):
             look = Look.of(None, SOLIDS[role], body)
-            period = dashes if dashes else 1
             for k in range(len(x) - 1):
-                if not dashes or k % period < period - period // 3:
-                    edges.append((first + k, first + k + 1, -1, -1, True))
-                    edge_rows.append((part, look))
-                    part += 1
+                if not dashes or k % dashes < dashes - dashes // 3:
+                    add_line(first + k, first + k + 1, look)
             first += len(x)
+
         self.width = max([3, *(len(f) for f in faces)])
         self.faces = np.array([f + (f[-1],) * (self.width - len(f)) for f in faces], dtype=int).reshape(-1, self.width)
-        self.face_part = np.array([r[0] for r in rows], dtype=int)
-        self.both = np.array([r[2] for r in rows], dtype=bool)
-        self.face_look = [r[1] for r in rows]
-        self.edges = np.array([e[:4] for e in edges], dtype=int).reshape(-1, 4)
-        self.sharp = np.array([e[4] for e in edges], dtype=bool)
-        self.edge_part = np.array([r[0] for r in edge_rows], dtype=int)
-        self.edge_look = [r[1] for r in edge_rows]
-        self.parts = part
-        self._colour()
-
-    def _colour(self) -> None:
-        def table(looks: list["Look"], name: str, width: int) -> np.ndarray:
-            return np.array([getattr(look, name) for look in looks], dtype=float).reshape(len(looks), width)
-
-        self.fill = table(self.face_look, "fill", 4)
-        self.rim = table(self.edge_look, "stroke", 4)
-        self.rim_width = table(self.edge_look, "width", 1)[:, 0]
+        self.face_part = np.array([part for part, *_ in face_rows], dtype=int)
+        self.both = np.array([both for *_, both in face_rows], dtype=bool)
+        self.edges = np.array([edge[:4] for edge in edges], dtype=int).reshape(-1, 4)
+        self.sharp = np.array([edge[4] for edge in edges], dtype=bool)
+        self.edge_part = np.array([part for part, _ in edge_rows], dtype=int)
+        face_looks, edge_looks = [look for _, look, _ in face_rows], [look for _, look in edge_rows]
+        self.fill = np.array([look.fill for look in face_looks], dtype=float).reshape(-1, 4)
+        self.rim = np.array([look.stroke for look in edge_looks], dtype=float).reshape(-1, 4)
+        self.rim_width = np.array([look.width for look in edge_looks], dtype=float)
         self.layer = np.zeros(self.parts)
-        for look, parts in ((self.face_look, self.face_part), (self.edge_look, self.edge_part)):
-            self.layer[parts] = [one.layer for one in look]
-        self.face_fixed = np.array([look.fixed for look in self.face_look], dtype=bool)
-        self.edge_fixed = np.array([look.fixed for look in self.edge_look], dtype=bool)
+        for looks, parts in ((face_looks, self.face_part), (edge_looks, self.edge_part)):
+            self.layer[parts] = [look.layer for look in looks]
+        self.face_fixed = np.array([look.fixed for look in face_looks], dtype=bool)
+        self.edge_fixed = np.array([look.fixed for look in edge_looks], dtype=bool)
         self.ball_look = [Look.of(ball) for ball in self.balls]
 
     def vertices(self, pose: np.ndarray, scalars: np.ndarray, unit: float) -> np.ndarray:
-        """All vertices of a pose, ``(vertices, 3)``."""
+        """Find all vertices of a pose, ``(vertices, 3)``."""
         parts = [pose[: self.columns], *(solid.vertices(pose, unit) for solid in self.solids)]
         for turn in self.turns:
             curve = turn.curve(pose, float(scalars[turn.scalar]), unit, _TURN)
@@ -127,7 +118,7 @@ class Painter:
         return np.concatenate(parts)
 
     def paint(self, vertices: np.ndarray, pose: np.ndarray, project, unit: float, faded: float = 1.0) -> Sheet:
-        """Polygons of one pose in the order in which they are painted.
+        """Lay out the polygons of one pose in the order in which they are painted.
 
         Args:
             vertices: of the pose, from `vertices`.
@@ -148,7 +139,7 @@ class Painter:
         normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
         light = normal @ (axes.T @ LIGHT_FROM)
         light = np.where(self.both, np.abs(light), light)
-        face_colour = shaded(self.fill, light)
+        face_colour = shade(self.fill, light)
         # Parts are sorted by the depth of their middle; a ball is a part of its own.
         total, number = np.zeros(self.parts), np.zeros(self.parts)
         mean = near[self.faces].mean(axis=1)
@@ -175,7 +166,7 @@ class Painter:
         own = face_colour.copy()  # a hairline of its own colour closes the seam between two faces
         own[face_colour[:, 3] < 1.0] = 0.0
         width = max(self.width, _BALL if len(rounds) else 0)
-        everything = [_padded(x, width) for x in (corners[seen], strokes, rounds)]
+        everything = [_pad(x, width) for x in (corners[seen], strokes, rounds)]
         order_depth = np.concatenate([depth[self.face_part[seen]], depth[self.edge_part[shown]], round_depth])
         kind = np.concatenate([np.zeros(seen.sum()), np.ones(shown.sum()), np.tile([0.0, 1.0], len(rounds) // 2)])
         order = np.lexsort([kind, order_depth])
@@ -187,7 +178,7 @@ class Painter:
         )
 
     def _balls(self, pose: np.ndarray, project, unit: float, scale: float, faded: float) -> tuple[np.ndarray, ...]:
-        """Two discs for each ball: itself, and a light on it."""
+        """Make two discs for each ball: itself, and a light on it."""
         if not self.balls:
             return np.zeros((0, 1, 2)), np.zeros((0, 4)), np.zeros((0, 4)), np.zeros(0), np.zeros(0)
         centre, near, _, _ = project(pose[[ball.at for ball in self.balls]])
@@ -200,7 +191,7 @@ class Painter:
         stroke = np.array([look.stroke for look in self.ball_look])
         widths = np.array([look.width for look in self.ball_look])
         dim = np.where([look.fixed for look in self.ball_look], 1.0, faded)
-        base, glow = shaded(fill, np.full(len(fill), 0.25)), shaded(fill, np.full(len(fill), 1.0))
+        base, glow = shade(fill, np.full(len(fill), 0.25)), shade(fill, np.full(len(fill), 1.0))
         for colour in (base, glow, stroke):
             colour[:, 3] *= dim
         depth = near + unit * np.array([0.9 * look.layer for look in self.ball_look])
@@ -224,8 +215,8 @@ class Look:
     fixed: bool
 
     @classmethod
-    def of(cls, item: Item | None, style: Style | None = None, body: int = INK) -> "Look":
-        """The look of an item, or of a style with a colour."""
+    def of(cls, item: SpaceItem | None, style: Style | None = None, body: int = INK) -> "Look":
+        """Find the look of an item, or of a style with a colour."""
         if item is not None:
             style, body = item.style, item.body
         assert style is not None
@@ -235,14 +226,14 @@ class Look:
 
 
 def rgba(name: str, body: int, opacity: float = 1.0) -> tuple[float, ...]:
-    """A colour by name as numbers from 0 to 1; nothing for no name."""
+    """Read a colour by name as numbers from 0 to 1; nothing for no name."""
     if not name:
         return (0.0, 0.0, 0.0, 0.0)
     text = colour_of(name, body)
     return (*(int(text[i : i + 2], 16) / 255.0 for i in (1, 3, 5)), opacity)
 
 
-def shaded(colour: np.ndarray, light: np.ndarray) -> np.ndarray:
+def shade(colour: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Colours ``(n, 4)`` in a light from -1 to 1: darker or lighter than themselves."""
     out = colour.copy()
     dark = np.clip((0.55 - light) * 0.30, 0.0, 0.40)[:, None]
@@ -252,5 +243,5 @@ def shaded(colour: np.ndarray, light: np.ndarray) -> np.ndarray:
     return out
 
 
-def _padded(x: np.ndarray, width: int) -> np.ndarray:
+def _pad(x: np.ndarray, width: int) -> np.ndarray:
     return np.concatenate([x, np.repeat(x[:, -1:], width - x.shape[1], axis=1)], axis=1)

@@ -8,8 +8,9 @@ from matplotlib.text import Text
 from mpl_toolkits.mplot3d import Axes3D
 
 from jaxnc.viz.labels import TEXT
+from jaxnc.viz.scene import Label
 from jaxnc.viz.spatial.painter import Painter
-from jaxnc.viz.spatial.scene import Label, Turn
+from jaxnc.viz.spatial.scene import Turn
 from jaxnc.viz.style import colour_of
 
 
@@ -30,7 +31,7 @@ class Projection:
         self.scale = 1.0 / self.size[0]
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """Places in the picture, nearness as a length, axes of the picture, and lengths per unit of the picture."""
+        """Find the places in the picture, nearness as a length, axes of the picture, and lengths per its unit."""
         h = np.concatenate([x, np.ones((len(x), 1))], axis=1) @ self.m.T
         return h[:, :2] / h[:, 3:4], -h[:, 2] / h[:, 3] / self.size[2], self.axes, self.scale
 
@@ -88,13 +89,13 @@ class Name(Text):
         self.set_path_effects([halo])
 
     def spot(self) -> np.ndarray:
-        """Where its middle is, pixels."""
+        """Find where its middle is, pixels."""
         axes = self.axes
         flat, *_ = Projection(axes)(self.place[None])  # type: ignore[arg-type]
         per_point = axes.figure.dpi / 72.0  # type: ignore[union-attr]
         return axes.transData.transform(flat[0]) + per_point * np.array(self.shift)  # type: ignore[union-attr]
 
-    def _placed(self) -> bool:
+    def _put_in_place(self) -> bool:
         if self.axes is None or not np.isfinite(self.place).all():
             return False
         self.set_transform(None)  # type: ignore[arg-type]
@@ -103,16 +104,16 @@ class Name(Text):
 
     def draw(self, renderer) -> None:
         """Draw it where its place is now."""
-        if self._placed():
+        if self._put_in_place():
             super().draw(renderer)
 
     def get_window_extent(self, renderer=None, dpi=None):
-        """Its box in pixels, where its place is now."""
-        self._placed()
+        """Find its box in pixels, where its place is now."""
+        self._put_in_place()
         return super().get_window_extent(renderer, dpi)
 
 
-class Pen:
+class SpacePen:
     """A scene as artists in axes.
 
     A unit is so many `points` on paper.
@@ -126,19 +127,21 @@ class Pen:
         axes.add_collection(self.solids, autolim=False)
         self.labels: list[tuple[Label, Name]] = []
         self.inputs: list[tuple[Turn, Name]] = []
-        size = TEXT * points
         for label in labels:
             look = {"fontstyle": "italic", "fontweight": "bold"} if label.way else {"fontstyle": "italic"}
-            shift = (label.dx * points, label.dy * points)
-            ink = colour_of("ink" if label.to is None else "soft", -1)
-            name = Name(label.text, shift, color=ink, fontsize=size, gid="label", zorder=12.0, **look)
-            axes.add_artist(name)
-            self.labels.append((label, name))
+            self.labels.append(
+                (label, self._name(axes, label, points, "ink" if label.to is None else "soft", "label", look))
+            )
         for turn in painter.turns:
-            shift, ink = (turn.dx * points, turn.dy * points), colour_of("soft", -1)
-            name = Name(turn.text, shift, color=ink, fontsize=size, gid="input", zorder=12.0)
-            axes.add_artist(name)
-            self.inputs.append((turn, name))
+            self.inputs.append((turn, self._name(axes, turn, points, "soft", "input", {})))
+
+    def _name(self, axes: Axes3D, of: Label | Turn, points: float, ink: str, gid: str, look: dict[str, str]) -> Name:
+        name = Name(
+            of.text, (of.dx * points, of.dy * points), color=colour_of(ink, -1), fontsize=TEXT * points, gid=gid,
+            zorder=12.0, **look,
+        )  # fmt: skip
+        axes.add_artist(name)
+        return name
 
     @property
     def moving(self) -> list:
@@ -149,7 +152,7 @@ class Pen:
         """Bring every artist to another pose ``(columns, 3)``, as a ghost if that is not right."""
         self.solids.move(pose, scalars, faded)
         for label, name in self.labels:
-            name.place = label.anchor(pose, self.unit)
+            name.place = label.foot(pose, self.unit)
             name.set_alpha(0.25 if faded else 1.0)
         for turn, name in self.inputs:
             name.place = turn.spot(pose, float(scalars[turn.scalar]), self.unit)

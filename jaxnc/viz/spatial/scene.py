@@ -1,16 +1,18 @@
-"""What a drawing in space is made of, the same for figures and pages: solids in frames, plates, balls, names.
+"""Items of a drawing in space, the same for figures and pages: solids in frames, plates, balls, arrows of angles.
 
 A *column* is a place or a direction in a pose: points and markers first, then unit vectors, then the tips of arrows.
 Lengths are those of the mechanism; symbols are sized in units (one unit is the radius of a joint).
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from jaxnc.viz.poses import evenly
+from jaxnc.viz.scene import Item, Scene, shown_angle
 from jaxnc.viz.spatial.mesh import Mesh, Shell
-from jaxnc.viz.style import INK, Style
+from jaxnc.viz.style import Style
 
 
 @dataclass(frozen=True)
@@ -20,17 +22,17 @@ class Way:
     columns: tuple[int, ...] = ()
     fixed: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
-    def read(self, pose: np.ndarray) -> np.ndarray:
-        """The direction in a pose ``(columns, 3)``, not normalised."""
+    def vector(self, pose: np.ndarray) -> np.ndarray:
+        """Find the direction in poses ``(..., columns, 3)``, not normalised, ``(..., 3)``."""
         if not self.columns:
-            return np.array(self.fixed)
+            return np.broadcast_to(np.array(self.fixed), (*pose.shape[:-2], 3))
         if len(self.columns) == 1:
-            return pose[self.columns[0]]
-        return pose[self.columns[1]] - pose[self.columns[0]]
+            return pose[..., self.columns[0], :]
+        return pose[..., self.columns[1], :] - pose[..., self.columns[0], :]
 
 
 @dataclass(frozen=True)
-class Frame:
+class SpaceFrame:
     """Where a solid stands."""
 
     at: int | tuple[float, float, float]  # a column, or a fixed place
@@ -38,14 +40,14 @@ class Frame:
     side: Way | None = None  # the direction that its second axis leans to; any, if not given
 
     def stand(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Origin ``(3,)``, axes as rows ``(3, 3)`` and length of the segment, in a pose ``(columns, 3)``."""
+        """Find origin ``(3,)``, axes as rows ``(3, 3)`` and length of the segment, in a pose ``(columns, 3)``."""
         origin = pose[self.at] if isinstance(self.at, int) else np.array(self.at)
-        d = self.along.read(pose)
+        d = self.along.vector(pose)
         span = float(np.linalg.norm(d))
         e = d / span if span > 0 else np.array([1.0, 0.0, 0.0])
         n = np.zeros(3)
         if self.side is not None:
-            n = self.side.read(pose)
+            n = self.side.vector(pose)
             n = n - (n @ e) * e
         size = float(np.linalg.norm(n))
         if not size > 1e-6:
@@ -57,27 +59,24 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Item:
-    """One thing in a drawing: its role gives the style, `body` the colour."""
-
-    role: str
-    body: int = field(default=INK, kw_only=True)
+class SpaceItem(Item):
+    """A thing in a drawing: its role gives the style, `body` the colour."""
 
     @property
     def style(self) -> Style:
-        """Its style."""
+        """Look of its role."""
         return SOLIDS[self.role]
 
 
 @dataclass(frozen=True)
-class Solid(Item):
+class Solid(SpaceItem):
     """A mesh in a frame."""
 
-    frame: Frame
+    frame: SpaceFrame
     mesh: Mesh
 
     def vertices(self, pose: np.ndarray, unit: float) -> np.ndarray:
-        """Vertices in a pose, ``(vertices, 3)``; NaN for a segment that has no length."""
+        """Find the vertices in a pose, ``(vertices, 3)``; NaN for a segment that has no length."""
         origin, axes, span = self.frame.stand(pose)
         v = self.mesh.vertices
         if span <= 0 and v[:, 0].any():
@@ -88,14 +87,14 @@ class Solid(Item):
 
 
 @dataclass(frozen=True)
-class Plate(Item):
+class Plate(SpaceItem):
     """Translucent faces between columns."""
 
     faces: tuple[tuple[int, ...], ...]
 
 
 @dataclass(frozen=True)
-class Ball(Item):
+class Ball(SpaceItem):
     """A sphere at a column, its radius in units."""
 
     at: int
@@ -103,7 +102,7 @@ class Ball(Item):
 
 
 @dataclass(frozen=True)
-class Turn(Item):
+class Turn(SpaceItem):
     """The arrow of a driven angle about an axis."""
 
     at: int  # column of the vertex
@@ -112,81 +111,41 @@ class Turn(Item):
     scalar: int  # index of the angle
     units: float  # radius, units
     text: str  # its name
-    low: float = 0.0  # the least angle that is drawn, radians: the arrow shows the value in the turn above it
+    low: float = 0.0  # the least angle that is drawn, radians, see `least_angle`
     dx: float = 0.0  # from where its name belongs to the right, units
     dy: float = 0.0  # and upwards
 
-    def shown(self, value: float) -> float:
-        """The angle that is drawn for a value, radians."""
-        shown = (value - self.low) % (2 * math.pi) + self.low
-        return math.remainder(shown, 2 * math.pi) if abs(shown) > 2 * math.pi - 1e-6 else shown
-
     def _around(self, pose: np.ndarray, turn: np.ndarray, radius: float) -> np.ndarray:
-        _, axes, _ = Frame(self.at, self.axis, self.to).stand(pose)
+        _, axes, _ = SpaceFrame(self.at, self.axis, self.to).stand(pose)
         return pose[self.at] + radius * (np.cos(turn)[:, None] * axes[1] + np.sin(turn)[:, None] * axes[2])
 
     def curve(self, pose: np.ndarray, value: float, unit: float, count: int = 33) -> np.ndarray:
-        """Places along the arrow, ``(count, 3)``: it ends at the direction, and begins the angle before it."""
-        return self._around(pose, np.linspace(-self.shown(value), 0.0, count), self.units * unit)
+        """Find the places along the arrow, ``(count, 3)``: it ends at the direction, and begins the angle before it."""
+        return self._around(pose, np.linspace(-shown_angle(value, self.low), 0.0, count), self.units * unit)
 
     def spot(self, pose: np.ndarray, value: float, unit: float) -> np.ndarray:
-        """Where its name belongs, ``(3,)``: in the middle of the angle, beside it if that is small."""
-        shown = self.shown(value)
+        """Find where its name belongs, ``(3,)``: in the middle of the angle, beside it if that is small."""
+        shown = shown_angle(value, self.low)
         aside = math.copysign(0.5 * max(0.0, 1.0 - abs(shown) / 0.9), shown)
         return self._around(pose, np.array([-0.5 * shown - aside]), (self.units + 1.9) * unit)[0]
 
 
 @dataclass(frozen=True)
-class Label:
-    """A name beside a column, beside the tip of an arrow from it, or beside the middle between two columns."""
+class SpaceScene(Scene):
+    """A whole drawing, for any pose; its items are sorted by depth."""
 
-    at: int  # the column
-    text: str  # the name
-    way: Way | None = None  # direction of the arrow
-    reach: float = 0.0  # where along the arrow, units
-    further: float = 0.0  # and a length
-    dx: float = 0.0  # from there to the right, units
-    dy: float = 0.0  # and upwards
-    to: int | None = None  # the other column, of a name in the middle
-
-    def anchor(self, pose: np.ndarray, unit: float) -> np.ndarray:
-        """The place it belongs to, ``(3,)``."""
-        if self.to is not None:
-            return 0.5 * (pose[self.at] + pose[self.to])
-        if self.way is None:
-            return pose[self.at]
-        d = self.way.read(pose)
-        return pose[self.at] + (self.further + self.reach * unit) * d / max(float(np.linalg.norm(d)), 1e-300)
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A whole drawing, for any pose."""
-
-    items: tuple[Item, ...]  # in any order; they are sorted by depth
-    labels: tuple[Label, ...]  # names
-    visible: tuple[int, ...]  # columns that decide the extents
-    extents: np.ndarray  # fixed places that must be in view as well, (places, 3)
-    bodies: tuple[int, ...]  # colour index by column, for traces
     links: tuple[tuple[int, int], ...]  # pairs of columns between which there is something, for choosing a view
     arrows: tuple[tuple[int, ...], ...]  # the point and the direction of every unit vector that is shown, likewise
 
-    def box(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner, ``(3,)`` each, of everything in poses ``(T, columns, 3)``."""
-        x = self.reach(poses)
-        return x.min(axis=0), x.max(axis=0)
-
-    def reach(self, poses: np.ndarray) -> np.ndarray:
-        """All places that have to be in view in poses ``(T, columns, 3)``, without symbols, ``(places, 3)``."""
-        parts = [poses[:, list(self.visible)].reshape(-1, 3), self.extents]
-        for item in self.items:
-            if isinstance(item, Solid) and item.mesh.vertices[:, 1:4].any():
-                # Some of the poses: the columns that they stand at are there in all.
-                some = poses[np.unique(np.linspace(0, len(poses) - 1, 32).astype(int))]
-                parts.extend(item.vertices(x, 0.0)[:: 5 if isinstance(item.mesh.pieces[0], Shell) else 1] for x in some)
-        x = np.concatenate(parts)
-        x = x[np.isfinite(x).all(axis=1)]
-        return x if len(x) else np.zeros((1, 3))
+    def outlines(self, places: np.ndarray) -> list[np.ndarray]:
+        """Find places of what has a size of its own, a length, in some of the poses: the columns are there in all."""
+        solids = [item for item in self.items if isinstance(item, Solid) and item.mesh.vertices[:, 1:4].any()]
+        some = evenly(places, 32)
+        return [
+            item.vertices(x, 0.0)[:: 5 if isinstance(item.mesh.pieces[0], Shell) else 1]
+            for item in solids
+            for x in some
+        ]
 
 
 SOLIDS = {

@@ -1,61 +1,59 @@
-"""From a topology to a scene in space: which bar, plate, hinge, ball, sleeve or axis is drawn for what."""
+"""Scene of a spatial mechanism: the bar, plate, hinge, ball, sleeve or axis that is drawn for each part."""
 
 import itertools
 
 import numpy as np
 
-from jaxnc.kinematics.hardpoints import numbered
+from jaxnc.kinematics.hardpoints import numbered, usual
+from jaxnc.viz.bodies import Bodies, inline, outline, rank
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.spatial.bodies import Bodies, inline, outline, rank
-from jaxnc.viz.spatial.distances import Distances
-from jaxnc.viz.spatial.forces import Forces
+from jaxnc.viz.scene import Label
 from jaxnc.viz.spatial.joints import Joints
-from jaxnc.viz.spatial.mesh import arrow, in_units, joined, line, lines, sheet, stand, tube, web
-from jaxnc.viz.spatial.scene import Ball, Frame, Item, Label, Plate, Scene, Solid, Way
-from jaxnc.viz.spatial.tyre import tyre
+from jaxnc.viz.spatial.loads import Loads
+from jaxnc.viz.spatial.mesh import PARTS, arrow, in_units, join, line, lines, shell, stand, tube, two_sided, web
+from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceFrame, SpaceItem, SpaceScene, Way
 from jaxnc.viz.style import INK, symbol
 
-_PIECES = 8  # of a bar, sorted by depth each on its own
-_BAR = tube(0.52, _PIECES)
-_EDGE = tube(0.3, _PIECES, 8)
+_BAR = tube(0.52, PARTS)
+_EDGE = tube(0.3, PARTS, 8)
 _SHAFT, _HEAD, _REACH = 0.17, 0.62, 8.0  # of a unit vector, units
 _AXIS = arrow(_REACH, _SHAFT, _HEAD)
 _STAND = stand(2.9, 1.5)
-_CROSS = joined(
+_CROSS = join(
     lines([in_units((-1, 0, 0), (1, 0, 0))]),
     lines([in_units((0, -1, 0), (0, 1, 0))]),
     lines([in_units((0, 0, -1), (0, 0, 1))]),
 )
 _THREAD = line(6)
+_ALONG, _ACROSS = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))
 _UP, _DOWN = Way(), Way(fixed=(0.0, 0.0, -1.0))
+_TYRE_WIDTH = 0.62  # of the loaded radius: 195/65 R 15 has 195 mm on 310 mm
+_TYRE_PROFILE = ((0.84, 0.63), (0.98, 0.74), (1.0, 0.85), (0.86, 0.97), (0.5, 1.0))  # shares of half width and radius
+_TYRE_SIDES = 40
+_PAD, _PATCH = (0.75, 0.55), (0.2, 0.24)  # half lengths and widths of the road and of the tyre's print, in radii
 _HANGING = -0.5  # cosine from the vertical, of what hangs from the ground
 
 
-def extended(poses: Poses, tips: tuple[np.ndarray, ...] = ()) -> np.ndarray:
-    """All columns of all poses, ``(T, columns, 3)``: places, directions, and the tips of arrows."""
-    return np.concatenate([poses.places, poses.axes, *tips], axis=1)
-
-
-def sketch(poses: Poses) -> Scene:
-    """The scene of a motion in space, its labels not yet placed.
+def sketch_space(poses: Poses) -> SpaceScene:
+    """Make the scene of a motion in space, its labels not yet placed.
 
     Extents of rails follow from its right poses.
     """
-    drawing = _Sketch(poses)
+    drawing = _SpaceSketch(poses)
     drawing.add_bodies()
     drawing.add_joints()
     drawing.add_points()
     drawing.add_vectors()
-    drawing.items += tyre(poses, drawing.x)
+    drawing.add_tyre()
     return drawing.scene()
 
 
-class _Sketch:
+class _SpaceSketch:
     def __init__(self, poses: Poses):
         self.poses, self.top = poses, poses.topology
-        self.x = extended(poses)[poses.shown]
+        self.x = poses.every_column[poses.extent_poses]
         self.bodies = Bodies(poses)
-        self.items: list[Item] = []
+        self.items: list[SpaceItem] = []
         self.links: list[tuple[int, int]] = []
         self.joints = Joints(poses, self.bodies, self.x)
         self.names = {name: k for k, name in enumerate(poses.names)}
@@ -80,22 +78,22 @@ class _Sketch:
                 self.items.append(Plate("plate", columns, body=colour))
                 edges, role, mesh = [(points[a], points[b]) for a, b in pairs], "edge", _EDGE
             self.links.extend(edges)
-            self.items.extend(Solid(role, Frame(a, Way((a, b))), mesh, body=colour) for a, b in edges)
+            self.items.extend(Solid(role, SpaceFrame(a, Way((a, b))), mesh, body=colour) for a, b in edges)
 
     def add_webs(self, p: int, vectors: list[int], colour: int) -> None:
-        """A body of one point: what its unit vectors span, as far as markers there are, or as they are drawn."""
+        """Draw the plate that the unit vectors of a body of one point span, as far as its markers."""
         names = {b.name for b in self.top.bodies if set(b.points) == {p}}
         columns = [self.names[m.name] for m in self.top.markers if m.body in names and m.name in self.names]
         size = float(np.linalg.norm(self.x[0, columns] - self.x[0, p], axis=-1).max(initial=0.0))
         for a, b in itertools.combinations((self.first + v for v in vectors), 2):
-            frame = Frame(p, Way((a,)), Way((b,)))
+            frame = SpaceFrame(p, Way((a,)), Way((b,)))
             _, axes, _ = frame.stand(self.x[0])
             tip = axes @ self.x[0, b]
             turn = np.arctan2(tip[1], tip[0]) * np.linspace(0.0, 1.0, 13 if size else 2)
             rim = [(float(np.cos(t)), float(np.sin(t))) for t in turn]
             if size:
                 around = [(0.0, 0.0), *((size * x, size * y) for x, y in rim)]
-                mesh = sheet(tuple((0.0, x, y, 0.0, 0.0, 0.0, 0.0) for x, y in around))
+                mesh = two_sided(tuple((0.0, x, y, 0.0, 0.0, 0.0, 0.0) for x, y in around))
             else:
                 mesh = web(((0.0, 0.0, 0.0), *((_REACH * x, _REACH * y, 0.0) for x, y in rim)))
             self.items.append(Solid("web", frame, mesh, body=colour))
@@ -107,15 +105,14 @@ class _Sketch:
         self.joints.add_sliders()
         self.joints.add_shared()
         self.joints.add_inputs()
-        self.distances = Distances(self.joints, self.poses.motion.driven)
-        self.distances.add()
-        forces = Forces(self.joints, self.distances)
-        forces.add()
-        self.links.extend(self.distances.links)
-        self.items.extend(self.joints.items + self.distances.items + forces.items)
+        self.loads = Loads(self.joints, self.poses.motion.driven)
+        self.loads.add_distances()
+        self.loads.add_forces()
+        self.links.extend(self.loads.links)
+        self.items.extend(self.joints.items + self.loads.items)
 
     def hangs(self, p: int) -> bool:
-        """Whether everything at a point of the ground hangs down from it, in every pose."""
+        """Tell whether everything at a point of the ground hangs down from it, in every pose."""
         others = {b if a == p else a for a, b in self.links if p in (a, b)}
         d = self.x[:, sorted(others)] - self.x[:, p, None]
         return bool(others) and bool((d[..., 2] < _HANGING * np.linalg.norm(d, axis=-1)).all())
@@ -128,15 +125,15 @@ class _Sketch:
                 if p in self.joints.supported:
                     shift = self.joints.shifts.get(p, 0.0)
                     mesh = stand(2.9 + shift, 1.5) if shift else _STAND
-                    self.items.append(Solid("support", Frame(p, _DOWN if self.hangs(p) else _UP), mesh))
+                    self.items.append(Solid("support", SpaceFrame(p, _DOWN if self.hangs(p) else _UP), mesh))
                 elif p not in self.joints.marked:
                     self.items.append(Ball("ground ball", p, 0.5))
             elif p not in self.joints.marked:
                 self.items.append(Ball("dot", p, 0.78, body=self.bodies.colour(p)))
         for k in range(len(self.top.points), len(self.poses.names)):
-            self.items.append(Solid("marker", Frame(k, Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))), _CROSS))
+            self.items.append(Solid("marker", SpaceFrame(k, _ALONG, _ACROSS), _CROSS))
             origin = next(m.origin for m in self.top.markers if m.name == self.poses.names[k])
-            self.items.append(Solid("reference", Frame(origin, Way((origin, k))), _THREAD))
+            self.items.append(Solid("reference", SpaceFrame(origin, Way((origin, k))), _THREAD))
 
     def add_vectors(self) -> None:
         self.arrows: list[Label] = []
@@ -149,20 +146,22 @@ class _Sketch:
             if not further and self._along_a_bar(at, column):
                 start = -_REACH - 2.2
             mesh = arrow(_REACH, _SHAFT, _HEAD, start, further) if further or start else _AXIS
-            self.items.append(Solid(role, Frame(at, Way((column,))), mesh, body=INK if fixed else body))
+            self.items.append(Solid(role, SpaceFrame(at, Way((column,))), mesh, body=INK if fixed else body))
             self.arrows.append(
-                Label(at, symbol(name), Way((column,)), start + _REACH if start >= 0 else start, further)
+                Label(
+                    at, symbol(name), way=Way((column,)), reach=start + _REACH if start >= 0 else start, further=further
+                )
             )
 
     def _along_a_bar(self, at: int, column: int) -> bool:
-        """Whether an arrow at a point would lie inside a bar; then it stands on the other side."""
+        """Tell whether an arrow at a point would lie inside a bar; then it stands on the other side."""
         d = self.x[0, column]
         ways = [self.x[0, b if a == at else a] - self.x[0, at] for a, b in self.links if at in (a, b)]
         cosines = [float(w @ d) / max(float(np.linalg.norm(w) * np.linalg.norm(d)), 1e-300) for w in ways]
         return any(c > 0.96 for c in cosines) and not any(c < -0.96 for c in cosines)
 
     def _carrier(self, v: int) -> tuple[int, int]:
-        """The point at which a direction is shown, and the colour of the body that carries it."""
+        """Find the point at which a direction is shown, and the colour of the body that carries it."""
         if v >= len(self.top.vectors):
             marker = next(m for m in self.top.markers if m.name == self.poses.directions[v])
             k = [b.name for b in self.top.bodies].index(marker.body)
@@ -178,20 +177,49 @@ class _Sketch:
         ground = np.flatnonzero(self.bodies.ground).tolist()
         return self.joints.near.get(v, ground[0] if ground else 0), colour
 
-    def scene(self) -> Scene:
+    # -- the tyre -----------------------------------------------------------------------------------------------------
+
+    def add_tyre(self) -> None:
+        """Draw the wheel of a suspension with the usual names, and its road.
+
+        The tyre is a shell about the spin axis, as wide as a car's tyre of its radius, which is the distance from the
+        wheel's centre to where the road is drawn to be touched. The road is a level plate there, which rises with the
+        wheel as that of a test rig does.
+        """
+        columns = {name: k for k, name in enumerate((*self.poses.names, *self.poses.directions))}
+        names = usual(columns)
+        if names is None or names.contact not in columns:
+            return
+        centre, contact = columns[names.wheel_centre], columns[names.contact]
+        radius = float(np.linalg.norm(self.x[0, contact] - self.x[0, centre]))
+        if not radius > 0:
+            return
+        line = (names.spin_axis,) if isinstance(names.spin_axis, str) else names.spin_axis
+        half = 0.5 * _TYRE_WIDTH * radius
+        side = [(-half * along, radius * out) for along, out in _TYRE_PROFILE]
+        profile = (*side, *((-along, out) for along, out in reversed(side)))
+        around = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+        plates = (
+            two_sided(tuple((0.0, 0.0, radius * length * x, radius * width * y, 0.0, 0.0, 0.0) for x, y in around))
+            for length, width in (_PAD, _PATCH)
+        )
+        spin = Way(tuple(columns[name] for name in line))
+        self.items.append(Solid("tyre", SpaceFrame(centre, spin), shell(profile, _TYRE_SIDES)))
+        self.items.append(Solid("road", SpaceFrame(contact, _UP, _ALONG), join(*plates)))
+
+    def scene(self) -> SpaceScene:
         trade = numbered((*self.poses.names, *self.poses.directions))
         names = tuple(
             Label(p, f"{name} {trade[name]}" if name in trade else name) for p, name in enumerate(self.poses.names)
         )
         places = len(self.poses.names)
-        by_name = {b.name: self.bodies.colours[k] for k, b in enumerate(self.top.bodies)}
         riding = [m for m in self.top.markers if m.name in self.names]
         colours = [self.bodies.colour(p) for p in range(len(self.top.points))]
-        colours += [by_name.get(m.body, INK) for m in riding]
+        colours += [self.bodies.colour_by_name.get(m.body, INK) for m in riding]
         extents = np.concatenate([np.zeros((0, 3)), *self.joints.extents])
-        return Scene(
+        return SpaceScene(
             tuple(self.items),
-            (*names, *self.arrows, *self.distances.labels),
+            (*names, *self.arrows, *self.loads.labels),
             tuple(range(places)),
             extents,
             tuple(colours),

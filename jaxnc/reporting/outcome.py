@@ -1,0 +1,267 @@
+"""Outcome of a motion, entered into a verdict: its poses and extremes, a simulation, the numbers of a suspension."""
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxnc.io.drives import unit_of as unit_in_radians
+from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
+from jaxnc.kinematics.hardpoints import RACK, usual
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.sizes import METRES
+from jaxnc.kinematics.wheel_report import SuspensionReport, suspension_report
+from jaxnc.mechanism import Mechanism
+from jaxnc.reporting.checked import apart
+from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
+from jaxnc.reporting.verdict import Extreme, Poses, Simulated, Verdict, Wheel, WheelNumber, number
+from jaxnc.solvers.assembly import derive
+from jaxnc.status import Status
+from jaxnc.system.system import System, characteristic_length
+
+if TYPE_CHECKING:
+    from jaxnc.dynamics.simulation import Simulation
+
+CROSSING = "Branches cross there: places are known to half of the digits, rates are not, and tables leave them blank."
+
+_RACK_TRAVEL, _RACK_POSES = 60e-3, 41  # how far the rack is moved either way, metres, and in how many poses
+_MOST = 6  # quantities that are reported where none is named
+
+
+def outputs_of(motion: Motion, named: Sequence[str] = ()) -> list[str]:
+    """Choose what to report: what is named, else coordinates and markers, else points that move."""
+    if named:
+        return list(named)
+    top, driven = motion.system.topology, motion.driven
+    moving = [p for i, p in enumerate(top.points) if not all(top.fixed[i * top.dim : (i + 1) * top.dim])]
+    chosen = [s for s in top.scalars if s not in driven] + [m.name for m in top.markers]
+    return (chosen or moving)[:_MOST]
+
+
+def idle(q: Quantity, scale: float) -> bool:
+    """Tell whether a quantity is a rate that is always zero: then its position, which is constant, tells it all."""
+    return q.rate and bool((np.abs(q.values[np.isfinite(q.values)]) <= ZERO * scale).all())
+
+
+def scales_of(found: Sequence[Quantity]) -> dict[str, float]:
+    """Find the largest number of each unit."""
+    scales: dict[str, float] = {}
+    for q in found:
+        scales[q.unit] = max(scales.get(q.unit, q.scale), float(np.nanmax(np.abs(q.values), initial=0.0)))
+    return scales
+
+
+def inputs_at(motion: Motion, pose: float) -> dict[str, float]:
+    """Find the inputs at a pose, or between two, in the units a person reads; the time where nothing is driven."""
+    if not motion.driven and motion.time is not None:
+        time = np.asarray(motion.time, float)
+        return {"time": float(np.interp(pose, np.arange(len(time)), time))}
+    at = {}
+    for name in motion.driven:
+        values = np.asarray(motion[name], float).reshape(-1) * unit_of(motion, name)[1]
+        value = float(np.interp(pose, np.arange(len(values)), values))
+        at[name] = 0.0 if abs(value) <= ZERO * np.ptp(values) else value
+    return at
+
+
+def extremes(motion: Motion, found: Sequence[Quantity]) -> list[Extreme]:
+    """Find where quantities are smallest and largest, and how large."""
+    way, scales, out = course(motion), scales_of(found), []
+    for q in found:
+        if idle(q, scales[q.unit]) or not np.isfinite(q.values).any():
+            continue
+        ends = [extreme_of(q, None if constant(q.values) else way, largest) for largest in (False, True)]
+        low, high = (0.0 if abs(e.value) <= ZERO * scales[q.unit] else e.value for e in ends)
+        first, last = (inputs_at(motion, e.at) for e in ends)
+        made = Extreme(quantity=q.label, unit=q.unit, smallest=low, smallest_at=first, largest=high, largest_at=last)
+        out.append(made)
+    return out
+
+
+def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
+    """Enter the outcome of a motion: its poses, and its extremes."""
+    top = motion.system.topology
+    verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
+    status, good = np.asarray(motion.status).reshape(-1), np.asarray(motion.converged).reshape(-1)
+    words = [Status(s).name.lower() for s in status.tolist()]
+    numbers = motion.residual, motion.conditioning
+    far, tight = (None if x is None or not good.any() else np.asarray(x).reshape(-1)[good] for x in numbers)
+    verdict.poses = Poses(
+        asked=len(status),
+        found=int(good.sum()),
+        status={word: words.count(word) for word in dict.fromkeys(words)},
+        residual=None if far is None else number(far.max()),
+        conditioning=None if tight is None else number(tight.min()),
+        unit=top.length_unit,
+    )
+    verdict.assembles = bool(good.any()) or verdict.assembles
+    verdict.moves = bool(good.sum() > 1) or verdict.moves
+    verdict.does = bool((good | crossings(motion)).all())
+    if good.any():
+        verdict.extremes = extremes(motion, quantities(motion, outputs))
+    crossed = crossings(motion)
+    for which, text, sentence in (
+        (crossed, "are change points", CROSSING),
+        (~good & ~crossed, "were not found", ""),
+    ):
+        if which.any():
+            first = int(np.argmax(which))
+            at = {name: float(np.asarray(v).reshape(-1)[first]) for name, v in motion.inputs.items()}
+            in_reading_units = ", ".join(
+                f"{n} = {v * unit_of(motion, n)[1]:.6g} {unit_of(motion, n)[0]}" for n, v in at.items()
+            )
+            text = f"{int(which.sum())} of {len(good)} poses {text}, the first at {in_reading_units}. "
+            text += sentence or Status(int(status[first])).sentence
+            code, level = ("singular", "warning") if sentence else ("not-found", "error")
+            verdict.add(code, level, text, names=list(motion.driven))
+
+
+def crossings(motion: Motion) -> np.ndarray:
+    """Find the poses that are change points: singular, between two that were found on either side."""
+    good, status = np.asarray(motion.converged).reshape(-1), np.asarray(motion.status).reshape(-1)
+    out = np.zeros(len(good), bool)
+    steps = [np.diff(np.asarray(values, float).reshape(-1)) for values in motion.inputs.values()]
+    if len(good) > 2 and steps:
+        onward = np.all([a[:-1] * a[1:] >= 0 for a in steps], axis=0)
+        moved = np.any([a[:-1] * a[1:] > 0 for a in steps], axis=0)
+        out[1:-1] = (status[1:-1] == Status.SINGULAR) & good[:-2] & good[2:] & onward & moved
+    return out
+
+
+def _first_failure(motion: Motion) -> int:
+    """Find the first pose that was not found and is no change point."""
+    return int(np.argmax((np.asarray(motion.status).reshape(-1) != 0) & ~crossings(motion)))
+
+
+def stops(motion: Motion, asked: Mapping[str, np.ndarray]) -> bool:
+    """Tell whether the first pose that failed is a dead point, at which the motion has all but arrived."""
+    first = _first_failure(motion)
+    size = float(characteristic_length(motion.system.parameters.points))
+    # Where a motion stops, it is handed on as it stood: inputs that have all but arrived are at a dead point.
+    gaps = [abs(float(motion[name][first]) - float(values[first])) for name, values in asked.items()]
+    return int(motion.status[first]) == Status.SINGULAR and max(gaps) <= 1e-6 * min(1.0, size)
+
+
+def why(verdict: Verdict, motion: Motion, asked: Mapping[str, np.ndarray], hold: Sequence[str]) -> Diagnosis | None:
+    """Diagnose the first pose that was not found, and enter what would mend it; None at a dead point."""
+    first = _first_failure(motion)
+    if stops(motion, asked):
+        return None
+    found = diagnose(motion.system, {name: float(values[first]) for name, values in asked.items()}, tuple(hold))
+    if not found.assembles:
+        if verdict.assembles is None:  # elsewhere it may
+            verdict.assembles = diagnose(motion.system).assembles
+        apart(verdict, in_reading_units(motion, found))
+    return found
+
+
+def in_reading_units(motion: Motion, found: Diagnosis) -> Diagnosis:
+    """Bring the inputs of a diagnosis to the units a person reads."""
+
+    def convert(inputs: Mapping[str, float]) -> dict[str, float]:
+        return {name: value * unit_of(motion, name)[1] for name, value in inputs.items()}
+
+    return replace(found, inputs=convert(found.inputs), reached=convert(found.reached))
+
+
+# -- a simulation -----------------------------------------------------------------------------------------------------
+
+
+def in_radians(mechanism: Mechanism, values: dict[str, float]) -> dict[str, float]:
+    """Bring values of a model's sections to radians and lengths."""
+    return {name: value * unit_in_radians(mechanism, name) for name, value in values.items()}
+
+
+def as_it_says(mechanism: Mechanism, system: System) -> "Simulation":
+    """Simulate a mechanism as its section ``[simulate]`` says, which has a duration."""
+    from jaxnc.dynamics.simulate import simulate
+
+    section = mechanism.model.simulate
+    t = np.linspace(0.0, section.duration or 0.0, section.times)
+    start, rates = (in_radians(mechanism, values) or None for values in (section.start, section.rates))
+    return simulate(system, t, start, rates, section.method, step=section.step, rtol=section.rtol, throw=False)
+
+
+def enter_simulation(verdict: Verdict, run: "Simulation", asked_end: float | None = None) -> None:
+    """Enter the outcome of a simulation."""
+    top, status, energy = run.system.topology, np.asarray(run.status), np.asarray(run.energy)
+    verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
+    made, rejected = map(int, run.steps)
+    good, t = np.flatnonzero(status == 0), np.asarray(run.time)
+    last = int(good[-1]) if len(good) else 0
+    verdict.simulation = Simulated(
+        start=float(t[0]),
+        end=float(run.end),
+        asked_end=float(t[-1]) if asked_end is None else asked_end,
+        steps=made,
+        rejected=rejected,
+        energy_start=number(energy[0]),
+        energy_end=number(energy[last]),
+        balance_error=number(np.nanmax(np.abs(run.balance.error), initial=0.0)),
+        violation=number(max(map(float, run.violation))),
+    )
+    verdict.assembles = verdict.moves = bool(len(good))
+    verdict.does = not status.any()
+    if status.any():
+        why = Status(int(status[status != 0][0]))
+        verdict.add("broke-off", "error", f"{int((status != 0).sum())} times not reached: {why.sentence}")
+
+
+def energies(run: "Simulation") -> list[Quantity]:
+    """List energy that is stored, and that came and went since the start, J; only what is not always zero."""
+    found = run.balance
+    parts = {"stored": found.total, "work of inputs": found.inputs, "work of loads": found.loads}
+    parts |= {"taken by dampers": found.dissipated, "taken by friction": found.friction}
+    size = max(float(np.nanmax(np.abs(x), initial=0.0)) for x in parts.values())
+    return [
+        Quantity(name, "J", np.asarray(x), size) for name, x in parts.items() if np.nanmax(np.abs(x), initial=0.0) > 0
+    ]
+
+
+# -- a suspension -----------------------------------------------------------------------------------------------------
+
+
+def suspension_reports(motion: Motion) -> list[SuspensionReport]:
+    """Make reports over a sweep, and over the steering where a rack is held; none if it is no suspension."""
+    top = motion.system.topology
+    names = usual(motion.names)
+    suspended = top.dim == 3 and not top.large and names is not None and names.contact in motion.names
+    if not suspended or names is None or int(np.sum(motion.converged)) < 2:
+        return []
+    if not any(float(np.ptp(np.asarray(values))) > 0 for values in motion.inputs.values()):
+        return []
+    good = np.asarray(motion.converged)
+    side = "left" if np.asarray(motion[names.wheel_centre])[good][0, 1] >= 0 else "right"
+    rack = RACK[names.wheel_centre]
+    moving = rack in (*motion.driven, *motion.held) and not set(names.steering_axis or ()) <= set(motion.names)
+    report = functools.partial(suspension_report, side=side, steer=rack if moving else None)  # an axis of no two points
+    found = [report(motion)]
+    if found[0].travels and rack in motion.held:
+        middle = float(np.asarray(derive(motion.system).home)[top.position[rack]])
+        far = _RACK_TRAVEL / METRES.get(top.length_unit, 1.0)
+        hold = [*motion.driven, *(name for name in motion.held if name != rack)]
+        asked = {rack: middle + far * np.linspace(-1.0, 1.0, _RACK_POSES)}
+        steered = solve_position(motion.system, asked, hold=hold, throw=False)
+        if int(np.sum(steered.converged)) > 1:
+            found.append(report(steered))
+    return found
+
+
+def wheel(found: SuspensionReport) -> Wheel:
+    """Write a report on a suspension as a part of a verdict."""
+    numbers = [
+        WheelNumber(
+            name=row.name,
+            unit=row.unit,
+            static=number(row.static),
+            gradient=number(row.gradient),
+            gradient_unit=row.gradient_unit,
+            smallest=number(row.smallest),
+            largest=number(row.largest),
+        )
+        for row in found.rows
+    ]
+    return Wheel(over=found.over, unit=found.unit, side=found.side, axle=found.axle, numbers=numbers)

@@ -1,0 +1,563 @@
+"""Burmester's theory: dyads that guide a body through two, three, four or five poses, exactly, and all of them."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.errors import InputError
+from jaxnc.kinematics.inputs import whole
+from jaxnc.synthesis.exact.linkage import GuidedFourBar, Point, complex_of, guide_four_bar, point_of
+from jaxnc.types import ArrayLike, Float
+
+# -- two conics --------------------------------------------------------------------------------------------------------
+
+_SEED = 20  # of the change of coordinates that keeps solutions away from infinity
+
+
+def common_points(p: Float[np.ndarray, "3 3"], q: Float[np.ndarray, "3 3"]) -> list[np.ndarray]:
+    """Intersect two conics x·P·x = 0 and x·Q·x = 0 in the projective plane.
+
+    In general coordinates (1, s, t) Sylvester's resultant with respect to t is a quartic in s.
+
+    There are up to four points ``(3,)``, complex, of unit size; real points have the phase of real ones.
+
+    Source: any text on elimination, e.g. D. Cox, J. Little, D. O'Shea, Ideals, Varieties, and Algorithms, chapter 3.
+    """
+    turn = np.linalg.qr(np.random.default_rng(_SEED).normal(size=(3, 3)))[0]
+    p, q = (m / np.abs(m).max() for m in (turn.T @ p @ turn, turn.T @ q @ turn))
+
+    def in_t(m: np.ndarray, s: complex) -> tuple[complex, complex, complex]:
+        return m[2, 2], 2.0 * (m[0, 2] + m[1, 2] * s), m[0, 0] + 2.0 * m[0, 1] * s + m[1, 1] * s * s
+
+    def resultant(s: complex) -> complex:
+        (a, b, c), (d, e, f) = in_t(p, s), in_t(q, s)
+        return (a * f - c * d) ** 2 - (a * e - b * d) * (b * f - c * e)
+
+    roots_of_unity = np.exp(2j * np.pi * np.arange(5) / 5)
+    quartic = np.fft.fft([resultant(s) for s in roots_of_unity]).real / 5  # ascending powers
+    found = []
+    for s in np.roots(quartic[::-1]):
+        (a, b, c), (d, e, f) = in_t(p, s), in_t(q, s)
+        t = -(a * f - c * d) / (a * e - b * d)
+        x = np.array([1.0, s, t], complex)
+        for _ in range(6):  # Newton's steps on the conics themselves
+            rest = np.array([x @ p @ x, x @ q @ x])
+            slope = 2.0 * np.stack([p @ x, q @ x])[:, 1:]
+            step = np.linalg.lstsq(slope, rest, rcond=1e-15)[0]
+            if not np.isfinite(step).all() or np.abs(step).max() > 0.1 * np.abs(x).max():
+                break
+            x[1:] -= step
+        found.append(turn @ (x / np.linalg.norm(x)))
+    return found
+
+
+# -- the circle-point curve --------------------------------------------------------------------------------------------
+
+_DIRECTIONS = 4001
+
+
+def _centre_matrix(forms: np.ndarray, b: np.ndarray | complex) -> np.ndarray:
+    x, y = np.real(b), np.imag(b)
+    return np.einsum("jkl,...l->...jk", forms, np.stack([x, y, np.ones(np.shape(b))], axis=-1))
+
+
+def cubic_value(forms: Float[np.ndarray, "3 3 3"], b: np.ndarray | complex) -> np.ndarray:
+    """The cubic at points b, complex: the determinant of the three equations of the centre."""
+    return np.linalg.det(_centre_matrix(forms, b))
+
+
+def cubic_slope(forms: np.ndarray, b: complex) -> complex:
+    """Gradient of the cubic at a point, as a complex number."""
+    h = 1.0  # a cubic: central differences and a third-order correction are exact
+    parts = []
+    for e in (1.0, 1j):
+        f = [complex(cubic_value(forms, b + k * h * e)).real for k in (-2, -1, 1, 2)]
+        parts.append((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h))
+    return complex(*parts)
+
+
+def nearest_on_cubic(forms: np.ndarray, near: complex) -> complex:
+    """The point of the curve that Newton's steps along the gradient lead to from a place."""
+    b = near
+    for _ in range(60):
+        g = cubic_slope(forms, b)
+        step = complex(cubic_value(forms, b)).real * g / max(abs(g) ** 2, 1e-300)
+        step *= min(1.0, 0.5 / max(abs(step), 1e-300))
+        b -= step
+        if abs(step) < 1e-16 * max(1.0, abs(b)):
+            break
+    return b
+
+
+def _crossings(forms: np.ndarray, start: complex, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coefficients of the quadratic that gives the other two points of the lines ``start + s e^{iα}``."""
+    s = np.array([-2.0, -1.0, 1.0, 2.0])
+    f = cubic_value(forms, start + s[:, None] * np.exp(1j * angles))
+    odd2, odd1 = 0.5 * (f[3] - f[0]), 0.5 * (f[2] - f[1])  # f = c1 s + c2 s² + c3 s³, since start is on the curve
+    even2, even1 = 0.5 * (f[3] + f[0]), 0.5 * (f[2] + f[1])
+    c3 = (odd2 - 2.0 * odd1) / 6.0
+    return c3, (even2 - even1) / 3.0, odd1 - c3
+
+
+def trace_cubic(forms: np.ndarray, start: complex, points: int, extent: float) -> np.ndarray:
+    """The real curve as polylines, complex, with NaN between pieces.
+
+    A piece has about so many points; the curve, of three bilinear equations ``(3, 3, 3)``, is followed as far as
+    `extent` from the origin.
+    """
+    angles = np.linspace(0.0, np.pi, _DIRECTIONS)
+
+    def inside(angle: np.ndarray) -> np.ndarray:
+        c3, c2, c1 = _crossings(forms, start, angle)
+        return c2 * c2 - 4.0 * c3 * c1
+
+    found = inside(angles)
+    ends = []
+    for k in np.flatnonzero((found[:-1] >= 0) != (found[1:] >= 0)):
+        low, high = angles[k], angles[k + 1]
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            same = (inside(np.array([middle]))[0] >= 0) == (found[k] >= 0)
+            low, high = (middle, high) if same else (low, middle)
+        ends.append(0.5 * (low + high))
+    if not ends:
+        spans = [(0.0, np.pi)] if found[0] >= 0 else []
+    else:
+        first = 0 if found[0] < 0 else 1  # the first end opens or closes a span
+        turned = [*ends[first:], *(e + np.pi for e in ends[:first])]
+        spans = list(zip(turned[::2], turned[1::2], strict=True))
+    pieces = []
+    for low, high in spans:
+        # Evenly in the angle of a circle over the span: the two points of a line meet at its ends like a square root.
+        around = np.linspace(0.0, np.pi, points // 2)
+        angle = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(around)
+        if not ends:
+            angle = np.linspace(low, high, points // 2)
+        c3, c2, c1 = _crossings(forms, start, angle)
+        root = np.sqrt(np.maximum(c2 * c2 - 4.0 * c3 * c1, 0.0))
+        for sign in (1.0, -1.0):
+            # Of s = 2 c1 / (-c2 ∓ root) and (-c2 ± root) / 2 c3 take the one that does not cancel.
+            big = -c2 + np.where(c2 > 0, -root, root)
+            takes = (c2 > 0) == (sign < 0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                s = np.where(takes, big / (2.0 * c3), 2.0 * c1 / big)
+            b = start + s * np.exp(1j * angle)
+            b = np.where(np.abs(b) < extent, b, np.nan)
+            pieces += [b[:: int(sign)], np.array([np.nan + 0j])]
+    return np.concatenate(pieces) if pieces else np.zeros(0, complex)
+
+
+# -- guidance ----------------------------------------------------------------------------------------------------------
+
+EXACT = 1e-12
+"""Residual of a dyad, beside the size of the poses, that counts as exact."""
+
+_FAR = 1e6  # of the size of the poses: a pivot beyond is at infinity, its bar a slider
+_REAL = 1e-7  # imaginary part, beside the root's size, of a root that counts as real
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class Dyad:
+    """A bar that a body can be guided by: a circle point of the body and the centre of its circle.
+
+    Attributes:
+        moving: the circle point on the body, where it is in the first pose, lengths.
+        fixed: the centre point on the ground.
+        places: where the circle point is in every pose, ``(n, 2)``.
+        length: length of the bar.
+        residual: largest difference of its distance from the centre between the poses, as a part of the poses' size.
+    """
+
+    moving: Point
+    fixed: Point
+    places: np.ndarray
+    length: float
+    residual: float
+
+    def __str__(self) -> str:
+        (x, y), (u, v) = self.moving, self.fixed
+        return (
+            f"moving ({x:.6g}, {y:.6g}), fixed ({u:.6g}, {v:.6g}), length {self.length:.6g}, "
+            f"residual {self.residual:.1e}"
+        )
+
+    __repr__ = __str__
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class BurmesterPairs:
+    """All dyads through five poses; ``print()`` lists them.
+
+    Attributes:
+        pairs: the real ones, 0, 2 or 4 in general.
+        complex_pairs: how many solutions are complex.
+        at_infinity: how many have a pivot at infinity (a slider instead of a bar).
+        residual: largest residual of the five equations over all finite solutions, complex ones included, as a part of
+            the poses' size.
+    """
+
+    pairs: tuple[Dyad, ...]
+    complex_pairs: int
+    at_infinity: int
+    residual: float
+
+    @property
+    def complete(self) -> bool:
+        """True if all four solutions that five poses in general have were found, each with an exact residual."""
+        return len(self.pairs) + self.complex_pairs + self.at_infinity == 4 and self.residual <= EXACT
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __iter__(self):
+        return iter(self.pairs)
+
+    def __getitem__(self, index):
+        return self.pairs[index]
+
+    def __str__(self) -> str:
+        head = (
+            f"{len(self.pairs)} real Burmester pairs, {self.complex_pairs} complex, {self.at_infinity} at infinity; "
+            f"residual {self.residual:.1e}"
+        )
+        return "\n".join([head, *(f"  {pair}" for pair in self.pairs)])
+
+    __repr__ = __str__
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class BurmesterCurves:
+    """Circle-point and centre-point curve of four poses, point for point.
+
+    Attributes:
+        circle: circle points in the body's first pose, ``(n, 2)``; rows of NaN separate the pieces.
+        centre: the centres that belong to them, ``(n, 2)``; NaN too where a centre is at infinity.
+        poles: poles of the displacements between two poses, which lie on the centre-point curve, ``(6, 2)``; NaN for
+            pure translations.
+    """
+
+    circle: np.ndarray
+    centre: np.ndarray
+    poles: np.ndarray
+
+    def plot(self, **options):
+        """Draw both curves; see `jaxnc.viz.burmester`."""
+        from jaxnc import viz
+
+        return viz.burmester(self, **options)
+
+
+@public
+class Guidance:
+    """Planar guidance of a body through two to five poses.
+
+    Args:
+        poses: x, y and angle of the body in each pose, ``(n, 3)``, lengths and radians, n = 2 … 5, in order.
+
+    Raises:
+        InputError: poses of another shape or number, not finite, or two that are the same.
+
+    Source: L. Burmester, Lehrbuch der Kinematik (1888); J. M. McCarthy and G. S. Soh, Geometric Design of Linkages
+    (2011), chapters 2, 3 and 5; O. Bottema and B. Roth, Theoretical Kinematics (1979), chapter 8. The elimination for
+    five poses (a pencil of two conics in the null space of linear equations) is derived here.
+    """
+
+    def __init__(self, poses: ArrayLike):
+        try:
+            given = np.array(poses, float)
+        except (TypeError, ValueError, OverflowError):
+            raise InputError("guidance: poses must be numbers (x, y, angle)") from None
+        if given.ndim != 2 or given.shape[1] != 3:
+            raise InputError(f"guidance: poses must have shape (n, 3): x, y, angle; got {given.shape}")
+        if not 2 <= len(given) <= 5:
+            raise InputError(
+                f"guidance: {len(given)} poses; a four-bar guides a body exactly through 2 to 5. For more see "
+                f"jaxnc.synthesis.MotionGeneration"
+            )
+        if not np.isfinite(given).all():
+            raise InputError(f"guidance: pose {int(np.argmin(np.isfinite(given).all(axis=1))) + 1} is not finite")
+        self.poses = given
+        place, turn = given[:, 0] + 1j * given[:, 1], np.exp(1j * given[:, 2])
+        for i, j in itertools.combinations(range(len(given)), 2):
+            if abs(place[i] - place[j]) + abs(turn[i] - turn[j]) < 1e-12 * (1.0 + abs(place[i])):
+                raise InputError(f"guidance: poses {i + 1} and {j + 1} are the same; leave one out")
+        # Lengths about the middle of the poses, in units of their size, so that one tolerance means something.
+        self._origin = complex(place.mean())
+        spread = float(np.abs(place - self._origin).max())
+        self._size = spread if spread > 0 else 1.0
+        p = (place - self._origin) / self._size
+        self._turn = turn / turn[0]
+        self._shift = p - self._turn * p[0]
+
+    def __repr__(self) -> str:
+        return f"Guidance({len(self.poses)} poses)"
+
+    # -- dyads -----------------------------------------------------------------------------------------------------
+
+    def dyad(self, moving: Point | None = None, fixed: Point | None = None, along: float = 0.0) -> Dyad:
+        """The dyad of a chosen moving or fixed pivot, for two or three poses.
+
+        Args:
+            moving: circle point of the body in its first pose; its centre is found.
+            fixed: centre point; its circle point is found.
+            along: with two poses, where on the line that is free: distance from the middle of the pivot's two places,
+                to the left of the way from the first to the second, a length.
+
+        Raises:
+            InputError: both or none of the pivots, more poses than three, or a pivot at infinity.
+        """
+        if (moving is None) == (fixed is None):
+            raise InputError("guidance: give one of moving= and fixed=; the other follows")
+        if len(self.poses) > 3:
+            raise InputError(
+                f"guidance: {len(self.poses)} poses leave no pivot to choose freely; use "
+                + ("curves()" if len(self.poses) == 4 else "pairs()")
+            )
+        name = "moving" if moving is not None else "fixed"
+        z = self._inwards(complex_of("guidance", name, moving if moving is not None else fixed))
+        # The places of the chosen pivot, and for a fixed one those seen from the body in its first pose.
+        seen = self._turn * z + self._shift if moving is not None else (z - self._shift) / self._turn
+        if len(self.poses) == 2:
+            way = seen[1] - seen[0]
+            if abs(way) < 1e-12:
+                raise InputError(f"guidance: the {name} pivot is the pole, which does not move; choose another")
+            other = 0.5 * (seen[0] + seen[1]) + 1j * way / abs(way) * along / self._size
+        else:
+            other = _circumcentre(seen)
+            if other is None:
+                raise InputError(
+                    f"guidance: the three places of the {name} pivot lie in a line, so the other pivot is at infinity; "
+                    f"choose another pivot (or guide this one by a slider along that line)"
+                )
+        return self._dyad(z, other) if moving is not None else self._dyad(other, z)
+
+    def pole(self, first: int, second: int) -> Point:
+        """Pole of the displacement from one pose to another, the point that stays: ``(x, y)``, infinite if none does.
+
+        Args:
+            first: number of a pose, from 0.
+            second: number of another.
+        """
+        last = len(self._turn) - 1
+        first = whole(first, "pole(): first", -1 - last, last)
+        second = whole(second, "pole(): second", -1 - last, last)
+        turn = self._turn[second] / self._turn[first]
+        shift = self._shift[second] - turn * self._shift[first]
+        if abs(1.0 - turn) < 1e-14:
+            return (math.inf, math.inf)
+        return point_of(self._outwards(shift / (1.0 - turn)))
+
+    def curves(self, points: int = 400, extent: float = 20.0) -> BurmesterCurves:
+        """Circle-point and centre-point curve of four poses.
+
+        Args:
+            points: about how many points each piece of the curve has.
+            extent: how far to follow it to infinity, in sizes of the poses.
+
+        Returns:
+            Both curves, point for point; every pair of points is a dyad (`curve_dyad`).
+
+        Raises:
+            InputError: not four poses, or four that are all translations of one another.
+        """
+        from jaxnc.synthesis.exact.burmester import trace_cubic
+
+        self._check_count(4, "curves()")
+        pairs = [(i, j) for i, j in itertools.combinations(range(4), 2)]
+        poles = np.array([self.pole(i, j) for i, j in pairs])
+        # As seen from the body in its first pose, poles lie on the circle-point curve: one of them starts the pencil.
+        seen = [
+            (self._inwards(complex(*pole)) - self._shift[i]) / self._turn[i]
+            for (i, _), pole in zip(pairs, poles, strict=True)
+            if math.isfinite(pole[0])
+        ]
+        if not seen:
+            raise InputError(
+                "guidance: the poses are translations of one another; every point is a circle point of three"
+            )
+        forms = self._forms()
+        b = trace_cubic(forms, min(seen, key=abs), points, extent)
+        a = _partners(forms, b)
+        far = ~(np.abs(a) < extent)
+        circle = self._outwards(b)
+        centre = np.where(far, np.nan, self._outwards(a))
+        pole_points = np.where(np.isfinite(poles), poles, np.nan)
+        return BurmesterCurves(_as_columns(circle), _as_columns(centre), pole_points)
+
+    def curve_dyad(self, near: Point) -> Dyad:
+        """The dyad of four poses whose circle point lies on the curve nearest to a place.
+
+        Args:
+            near: a place, in the body's first pose.
+
+        Returns:
+            The dyad, exact: the point of the curve is polished, not interpolated.
+
+        Raises:
+            InputError: not four poses.
+        """
+        from jaxnc.synthesis.exact.burmester import nearest_on_cubic
+
+        forms = self._curve_forms()
+        b = nearest_on_cubic(forms, self._inwards(complex_of("guidance", "near", near)))
+        return self._dyad(b, complex(_partners(forms, np.array([b]))[0]))
+
+    def pairs(self) -> BurmesterPairs:
+        """All dyads through five poses: Burmester's pairs, at most four real ones.
+
+        Returns:
+            The pairs with a certificate: all solutions of the equations are counted, and the residual of each is known.
+
+        Raises:
+            InputError: not five poses.
+        """
+        self._check_count(5, "pairs()")
+        forms = self._forms()
+        # Unknowns, homogeneous: s, u = s b, a, v = ā b (complex ones as two), with four linear equations and
+        # s v = ā u, two conics in the plane that the linear equations leave.
+        t, r = self._shift[1:], self._turn[1:]
+        g, m = np.conj(t) * r, r - 1.0
+        rows = np.stack(
+            [0.5 * np.abs(t) ** 2, g.real, -g.imag, -t.real, -t.imag, -m.real, m.imag], axis=1
+        )  # fmt: skip
+        basis = np.linalg.svd(rows)[2][-3:]
+        s, u, a, v = (
+            basis[:, 0],
+            basis[:, 1] + 1j * basis[:, 2],
+            basis[:, 3] + 1j * basis[:, 4],
+            basis[:, 5] + 1j * basis[:, 6],
+        )
+        product = np.outer(s, v) - np.outer(np.conj(a), u)
+        conics = [0.5 * (q + q.T) for q in (np.real(product), np.imag(product))]
+        real, others, infinite, worst = [], 0, 0, 0.0
+        for w in common_points(*conics):
+            scale = w @ s
+            if abs(scale) * _FAR < np.abs(w @ basis).max():
+                infinite += 1
+                continue
+            x = np.array([w @ np.real(u), w @ np.imag(u), w @ np.real(a), w @ np.imag(a)]) / scale
+            x, rest = _polish_pair(forms, x)
+            if np.abs(np.imag(x)).max() <= _REAL * max(1.0, np.abs(x).max()):
+                x, rest = _polish_pair(forms, np.real(x))
+                real.append(self._dyad(complex(x[0], x[1]), complex(x[2], x[3])))
+                rest = real[-1].residual
+            else:
+                others += 1
+            worst = max(worst, rest)
+        return BurmesterPairs(tuple(real), others, infinite, worst)
+
+    # -- four-bars -------------------------------------------------------------------------------------------------
+
+    def four_bar(self, crank: Dyad, rocker: Dyad) -> GuidedFourBar:
+        """A four-bar of two dyads, moved through the poses from either bar and checked.
+
+        Args:
+            crank: a dyad.
+            rocker: another.
+
+        Returns:
+            The linkage, driven by whichever bar passes the poses in order; see `GuidedFourBar`.
+
+        Raises:
+            InputError: twice the same pivot.
+        """
+        for name in ("moving", "fixed"):
+            if math.dist(getattr(crank, name), getattr(rocker, name)) < 1e-9 * self._size:
+                raise InputError(
+                    f"guidance: both dyads have the {name} pivot ({getattr(crank, name)[0]:.6g}, "
+                    f"{getattr(crank, name)[1]:.6g}); a four-bar needs two different ones"
+                )
+        return guide_four_bar(self.poses, crank, rocker)
+
+    def four_bars(self) -> tuple[GuidedFourBar, ...]:
+        """All four-bars through five poses: up to six, from up to four pairs; those without defects first.
+
+        Raises:
+            InputError: not five poses.
+        """
+        found = [self.four_bar(*two) for two in itertools.combinations(self.pairs().pairs, 2)]
+        return tuple(sorted(found, key=lambda f: (len(f.defects), -f.transmission)))
+
+    # -- equations -------------------------------------------------------------------------------------------------
+
+    def _check_count(self, count: int, what: str) -> None:
+        if len(self.poses) != count:
+            raise InputError(f"guidance: {what} needs {count} poses, this has {len(self.poses)}")
+
+    def _curve_forms(self) -> np.ndarray:
+        self._check_count(4, "curve_dyad()")
+        return self._forms()
+
+    def _forms(self) -> Float[np.ndarray, "n 3 3"]:
+        """For each pose but the first a matrix T: (a, 1) T (b, 1) = 0 where b keeps its distance from a."""
+        t, r = self._shift[1:], self._turn[1:]
+        g, m = np.conj(t) * r, r - 1.0
+        rows = [
+            [-m.real, m.imag, -t.real],
+            [-m.imag, -m.real, -t.imag],
+            [g.real, -g.imag, 0.5 * np.abs(t) ** 2],
+        ]
+        return np.moveaxis(np.array(rows), 2, 0)
+
+    def _dyad(self, b: complex, a: complex) -> Dyad:
+        places = self._turn * b + self._shift
+        lengths = np.abs(places - a)
+        residual = float(np.ptp(lengths) / max(1.0, lengths.mean()))
+        return Dyad(
+            point_of(self._outwards(b)),
+            point_of(self._outwards(a)),
+            _as_columns(self._outwards(places)),
+            float(lengths.mean() * self._size),
+            residual,
+        )
+
+    def _inwards(self, z):
+        return (z - self._origin) / self._size
+
+    def _outwards(self, z):
+        return z * self._size + self._origin
+
+
+def _as_columns(z: np.ndarray) -> np.ndarray:
+    return np.stack([np.real(z), np.imag(z)], axis=-1)
+
+
+def _circumcentre(z: np.ndarray) -> complex | None:
+    p, q = z[1] - z[0], z[2] - z[0]
+    area = (np.conj(p) * q).imag
+    if abs(area) < 1e-12 * max(abs(p), abs(q)) ** 2:
+        return None
+    return complex(z[0] + 0.5j * (abs(q) ** 2 * p - abs(p) ** 2 * q) / area)
+
+
+def _partners(forms: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The centres of circle points: null vectors of the three linear equations; NaN for NaN."""
+    good = np.isfinite(b)
+    point = np.stack([np.real(b), np.imag(b), np.ones(b.shape)], axis=-1)
+    matrices = np.einsum("jkl,nl->njk", forms, np.where(good[:, None], point, 0.0))
+    null = np.linalg.svd(matrices)[2][:, -1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a = (null[:, 0] + 1j * null[:, 1]) / null[:, 2]
+    return np.where(good, a, np.nan)
+
+
+def _polish_pair(forms: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, float]:
+    """Newton's steps on the bilinear equations themselves (complex too), and what remains of them."""
+    one = np.ones(1, x.dtype)
+    for _ in range(4):
+        b, a = np.concatenate([x[:2], one]), np.concatenate([x[2:], one])
+        rest = np.einsum("k,jkl,l->j", a, forms, b)
+        matrix = np.concatenate([np.einsum("k,jkl->jl", a, forms)[:, :2], (forms @ b)[:, :2]], axis=1)
+        step = np.linalg.lstsq(matrix, rest, rcond=1e-14)[0]
+        if not np.isfinite(step).all() or np.abs(step).max() > 0.1 * max(1.0, np.abs(x).max()):
+            break
+        x = x - step
+    b, a = np.concatenate([x[:2], one]), np.concatenate([x[2:], one])
+    size = max(1.0, float(np.abs(b).max() * np.abs(a).max()))
+    return x, float(np.abs(np.einsum("k,jkl,l->j", a, forms, b)).max() / size)

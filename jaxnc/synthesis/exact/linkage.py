@@ -1,0 +1,422 @@
+"""Linkages of exact synthesis by the places of their pivots, and whether they really pass given poses."""
+
+import cmath
+import dataclasses
+import functools
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import check_system
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.planar import Grashof, grashof_type, transmission_angle
+from jaxnc.kinematics.position import sweep
+from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.assembly import derive, settle
+from jaxnc.system.frames import marker_rates
+from jaxnc.system.system import System
+from jaxnc.types import Any, ArrayLike, Inputs
+
+if TYPE_CHECKING:
+    from jaxnc.synthesis.exact.burmester import Dyad
+
+Point = tuple[float, float]
+
+
+def complex_of(what: str, name: str, value: Any) -> complex:
+    """Two finite numbers as one complex number."""
+    try:
+        x, y = (float(v) for v in value)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{what}: {name} must be two numbers (x, y), got {value!r}") from None
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise InputError(f"{what}: {name} must be finite, got {value!r}")
+    return complex(x, y)
+
+
+def point_of(z: complex) -> Point:
+    """A complex number as a point."""
+    return (float(z.real), float(z.imag))
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class FourBar:
+    """A four-bar linkage A-B-C-D as drawn in one pose; the crank is A-B, the ground A-D.
+
+    Args:
+        A: fixed pivot of the crank, lengths.
+        B: moving pivot of the crank.
+        C: moving pivot of the rocker.
+        D: fixed pivot of the rocker.
+        P: the coupler point; B if not given.
+    """
+
+    A: Point
+    B: Point
+    C: Point
+    D: Point
+    P: Point | None = None
+
+    def __post_init__(self):
+        for name in "ABCDP":
+            value = getattr(self, name)
+            value = self.B if name == "P" and value is None else value
+            object.__setattr__(self, name, point_of(complex_of("four-bar", name, value)))
+        for one, other in ("AB", "BC", "CD", "AD"):
+            if getattr(self, one) == getattr(self, other):
+                raise InputError(f"four-bar: {one} and {other} are drawn at the same place; its bars need a length")
+
+    @property
+    def z(self) -> tuple[complex, complex, complex, complex, complex]:
+        """A, B, C, D and P as complex numbers."""
+        return tuple(complex(*getattr(self, name)) for name in "ABCDP")  # type: ignore[return-value]
+
+    @property
+    def lengths(self) -> dict[str, float]:
+        """Lengths of ground A-D, crank A-B, coupler B-C and rocker C-D."""
+        a, b, c, d, _ = self.z
+        return {"ground": abs(d - a), "crank": abs(b - a), "coupler": abs(c - b), "rocker": abs(d - c)}
+
+    @property
+    def grashof(self) -> Grashof:
+        """Type and margin, see `jaxnc.kinematics.grashof_type`."""
+        return grashof_type(**self.lengths)
+
+    @property
+    def ratio(self) -> complex:
+        """Shape of the coupler: (P - B) / (C - B) as a complex number."""
+        _, b, c, _, p = self.z
+        return (p - b) / (c - b)
+
+    def reversed(self) -> "FourBar":
+        """Exchange A and D, B and C: the linkage with the rocker as its crank."""
+        return FourBar(self.D, self.C, self.B, self.A, self.P)
+
+    def mechanism(self, name: str = "four-bar") -> Mechanism:
+        """The linkage as a description that can be changed, compiled and saved; see `system` for its coordinates."""
+        m = Mechanism(name)
+        m.ground("A", self.A)
+        m.ground("D", self.D)
+        m.point("B", self.B)
+        m.point("C", self.C)
+        assert self.P is not None
+        m.point("P", self.P)
+        m.body("crank", ["A", "B"])
+        m.body("coupler", ["B", "C", "P"])
+        m.body("rocker", ["C", "D"])
+        m.angle("phi", at="A", to="B")
+        m.angle("psi", at="D", to="C")
+        m.angle("theta", at="B", to="C")
+        return m
+
+    @property
+    def system(self) -> System:
+        """The compiled linkage: angles of crank ``phi``, rocker ``psi`` and coupler ``theta``, all from the x axis."""
+        return _four_bar_template().replace({name: np.array(getattr(self, name)) for name in "ABCDP"})
+
+    def move(self, inputs: Inputs) -> Motion:
+        """Sweep the linkage from its drawing; inputs as in `jaxnc.sweep`, one of phi, psi and theta."""
+        return sweep(self.system, inputs)
+
+    @classmethod
+    def of(cls, system: System, point: str = "P") -> "FourBar":
+        """Read a four-bar off a system.
+
+        Args:
+            system: a system with two fixed pivots, two bars and a coupler; markers and more points do not matter.
+            point: the coupler point, a point or marker of the coupler.
+
+        Returns:
+            The linkage, drawn as the assembled system; its crank is the first of the two bars.
+
+        Raises:
+            InputError: unknown point, or a system that is no four-bar with this coupler point.
+        """
+        check_system(system, "a four-bar read off a system")
+        top = system.topology
+        if top.dim != 2:
+            raise InputError(f"{top.name!r} is spatial; a four-bar with a coupler curve is planar")
+        markers = {m.name: m for m in top.markers}
+        if point not in (*top.points, *markers):
+            raise InputError(f"{top.name!r} has no coupler point {point!r}; {nearest(point, (*top.points, *markers))}")
+        fixed = {i for i in range(len(top.points)) if all(top.fixed[2 * i : 2 * i + 2])}
+        bars = [b for b in top.bodies if len(set(b.points) & fixed) == 1]
+        others = [b for b in top.bodies if not set(b.points) & fixed]
+        if len(bars) != 2 or len(others) != 1 or len(top.bodies) != 3:
+            raise InputError(
+                f"{top.name!r} is no four-bar: it has {len(bars)} bodies on a fixed pivot and {len(others)} other "
+                f"bodies; a four-bar has 2 and 1"
+            )
+        coupler = set(others[0].points)
+        ends = [set(b.points) & coupler for b in bars]
+        if any(len(e) != 1 for e in ends) or ends[0] == ends[1]:
+            raise InputError(f"{top.name!r} is no four-bar: its bars must each share one point with {others[0].name!r}")
+        if point in top.points and top.points.index(point) not in coupler:
+            raise InputError(f"point {point!r} is not on the coupler {others[0].name!r}; its points are "
+                             f"{', '.join(top.points[i] for i in sorted(coupler))}")  # fmt: skip
+        eq = derive(system)
+        q = settle(eq, np.zeros(len(top.coordinates))).q
+        place = dict(zip(top.points, np.asarray(q)[: 2 * len(top.points)].reshape(-1, 2), strict=True))
+        place |= dict(zip(markers, np.asarray(marker_rates(eq, q, ())), strict=True)) if markers else {}
+        pivots = [top.points[(set(b.points) & fixed).pop()] for b in bars]
+        joints = [top.points[e.pop()] for e in ends]
+        return cls(place[pivots[0]], place[joints[0]], place[joints[1]], place[pivots[1]], place[point])  # type: ignore[arg-type]
+
+
+@functools.cache
+def _four_bar_template() -> System:
+    """A compiled four-bar that all of them share."""
+    return FourBar((0.0, 0.0), (0.3, 0.8), (2.1, 1.9), (2.5, 0.0), (1.0, 2.0)).mechanism().compile()
+
+
+def wrap_angle(angle: Any) -> Any:
+    """An angle between -π and π, radians."""
+    return np.angle(np.exp(1j * np.asarray(angle)))
+
+
+def turn_vector(z: complex, angle: float) -> complex:
+    """A vector turned anticlockwise by an angle, radians."""
+    return z * cmath.rect(1.0, angle)
+
+
+_POSES = 61
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class SliderCrank:
+    """A slider-crank A-B-C as drawn in one pose; C slides along a fixed line.
+
+    Args:
+        A: fixed pivot of the crank, lengths.
+        B: crank pin.
+        C: slider.
+        direction: direction of the line through C, any length.
+        P: point of the connecting rod; B if not given.
+    """
+
+    A: Point
+    B: Point
+    C: Point
+    direction: Point = (1.0, 0.0)
+    P: Point | None = None
+
+    def __post_init__(self):
+        for name in ("A", "B", "C", "direction", "P"):
+            value = getattr(self, name)
+            value = self.B if name == "P" and value is None else value
+            object.__setattr__(self, name, point_of(complex_of("slider-crank", name, value)))
+        if self.direction == (0.0, 0.0):
+            raise InputError("slider-crank: direction = (0, 0) has no direction; give the line's, such as (1, 0)")
+        for one, other in ("AB", "BC"):
+            if getattr(self, one) == getattr(self, other):
+                raise InputError(f"slider-crank: {one} and {other} are drawn at the same place; bars need a length")
+
+    @property
+    def ratio(self) -> complex:
+        """Shape of the connecting rod: (P - B) / (C - B) as a complex number."""
+        b, c, p = (complex(*v) for v in (self.B, self.C, self.P or self.B))
+        return (p - b) / (c - b)
+
+    @property
+    def _line(self) -> complex:
+        """From the slider along its guide, as long as the connecting rod."""
+        way = complex(*self.direction)
+        return way / abs(way) * abs(complex(*self.C) - complex(*self.B))
+
+    def mechanism(self, name: str = "slider-crank") -> Mechanism:
+        """A description with the angles ``phi`` of the crank and ``theta`` of the connecting rod, from the x axis."""
+        m = Mechanism(name)
+        m.ground("A", self.A)
+        m.ground("G", self.C)
+        m.ground("H", point_of(complex(*self.C) + self._line))
+        m.point("B", self.B)
+        m.point("C", self.C)
+        m.point("P", self.P or self.B)
+        m.body("crank", ["A", "B"])
+        m.body("conrod", ["B", "C", "P"])
+        m.slot("guide", "C", ("G", "H"))
+        m.body("slider", ["C"])
+        m.angle("phi", at="A", to="B")
+        m.angle("theta", at="B", to="C")
+        return m
+
+    @property
+    def system(self) -> System:
+        """The compiled slider-crank: angles ``phi`` and ``theta``, all from the x axis."""
+        places = {name: np.array(getattr(self, name)) for name in "ABCP"}
+        c, line = complex(*self.C), self._line
+        return _slider_crank_template().replace(places | {"G": places["C"], "H": np.array(point_of(c + line))})
+
+
+@functools.cache
+def _slider_crank_template() -> System:
+    """A compiled slider-crank that all of them share."""
+    return SliderCrank((0.0, 0.0), (0.3, 0.8), (2.1, 0.1), (1.0, 0.0), (1.0, 1.0)).mechanism().compile()
+
+
+@public
+def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[SliderCrank, float]:
+    """The slider-crank whose slider stands at three given places when its crank stands at three given angles.
+
+    With the crank pivot as origin, the guide parallel to the x axis at height e and the slider at s:
+    s² = K1 s cos φ + K2 sin φ + K3, with K1 = 2 crank, K2 = 2 crank e, K3 = conrod² - crank² - e²; linear.
+
+    Args:
+        inputs: crank angles φ from the x axis, radians, ``(3,)``, in order.
+        outputs: places s of the slider along x from the crank pivot, lengths, ``(3,)``.
+
+    Returns:
+        The slider-crank, drawn at the first angle, and the largest deviation of s after really moving it through the
+        three angles, a length; NaN if a dead point stops it, as large as it is if it changes its branch.
+
+    Raises:
+        InputError: not three angles and places, or a crank without length.
+
+    Source: F. Freudenstein (1955) by analogy; R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages (1964),
+    chapter 10.
+    """
+    phi, s = np.asarray(inputs, float), np.asarray(outputs, float)
+    if phi.shape != (3,) or s.shape != (3,) or not (np.isfinite(phi).all() and np.isfinite(s).all()):
+        raise InputError(
+            f"slider_crank_function: inputs {phi.shape} and outputs {s.shape} must be three finite numbers each"
+        )
+    if not (np.all(np.diff(phi) > 0) or np.all(np.diff(phi) < 0)):
+        raise InputError("slider_crank_function: inputs must increase (or decrease) from one angle to the next")
+    matrix = np.stack([s * np.cos(phi), np.sin(phi), np.ones(3)], axis=1)
+    if np.linalg.cond(matrix) > 1e13:
+        raise InputError("slider_crank_function: the three equations do not determine the bars; choose other inputs")
+    k = np.linalg.solve(matrix, s * s)
+    crank = 0.5 * k[0]
+    if abs(crank) < 1e-12 * np.abs(s).max():
+        raise InputError("slider_crank_function: the crank would have no length; choose other outputs")
+    offset = 0.5 * k[1] / crank
+    pin = crank * np.exp(1j * phi[0])
+    found = SliderCrank((0.0, 0.0), (pin.real, pin.imag), (float(s[0]), float(offset)))
+    turned = phi + (math.pi if crank < 0 else 0.0)
+    turned = turned - 2 * np.pi * np.round((turned[0] - np.angle(pin)) / (2 * np.pi))
+    way = np.concatenate([np.linspace(turned[0], turned[1], _POSES // 2, endpoint=False),
+                          np.linspace(turned[1], turned[2], _POSES - _POSES // 2)])  # fmt: skip
+    motion = sweep(found.system, {"phi": way})
+    if not np.asarray(motion.converged).all():
+        return found, math.nan
+    moved = np.asarray(motion["C"])[[0, _POSES // 2, -1], 0]
+    return found, float(np.abs(moved - s).max())
+
+
+_STEPS = 48  # between first and last pose: one shape for 2 to 5 poses, so that it is compiled once
+_MET = 1e-8  # of the size: a pose further off than this, after really moving there, is not reached
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class GuidedFourBar:
+    """A four-bar through given poses; ``print()`` says how well.
+
+    Attributes:
+        linkage: the four-bar, drawn in the first pose; P is the body's origin, and the crank A-B drives it.
+        inputs: crank angle ``phi`` in every pose, in the order of the poses, radians, ``(n,)``.
+        error: largest distance from a pose after really moving there: lengths, and angles times the poses' size; NaN
+            if it does not get there.
+        transmission: smallest transmission angle on the way, radians; 0 if it does not get there.
+        defects: ``"circuit"``: some poses belong to the other assembly of the linkage; ``"branch"``: a dead point of
+            either bar lies between; ``"order"``: the poses are passed in another order. Empty: the design works.
+    """
+
+    linkage: FourBar
+    inputs: np.ndarray
+    error: float
+    transmission: float
+    defects: tuple[str, ...]
+
+    @property
+    def system(self) -> System:
+        """The compiled linkage: drive ``phi`` through `inputs`."""
+        return self.linkage.system
+
+    def __str__(self) -> str:
+        sizes = ", ".join(f"{name} {value:.6g}" for name, value in self.linkage.lengths.items())
+        state = f"{', '.join(self.defects)} defect" if self.defects else f"works, error {self.error:.1e}"
+        angle = f"; transmission angle ≥ {math.degrees(self.transmission):.1f}°" if not self.defects else ""
+        return f"four-bar: {sizes}; {self.linkage.grashof.type}; {state}{angle}"
+
+    __repr__ = __str__
+
+
+def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad") -> GuidedFourBar:
+    """Assemble two dyads and move them through the poses, from either bar and in either direction.
+
+    Returns:
+        The linkage driven by the bar and in the direction that pass all poses in order; the given crank if none does.
+    """
+    best: GuidedFourBar | None = None
+    for first, second in ((crank, rocker), (rocker, crank)):
+        linkage = FourBar(first.fixed, first.moving, second.moving, second.fixed, (poses[0, 0], poses[0, 1]))
+        way = first.places - np.array(first.fixed)
+        angles = np.arctan2(way[:, 1], way[:, 0])
+        for direction in (1.0, -1.0):
+            steps = direction * np.mod(direction * np.diff(angles), 2.0 * np.pi)
+            if abs(steps.sum()) > 2.0 * np.pi:
+                continue  # more than one turn: the poses are passed in another order
+            inputs = angles[0] + np.concatenate([[0.0], np.cumsum(steps)])
+            error, transmission = _move_through(linkage, inputs, poses)
+            if error <= _MET * _pose_size(poses):
+                found = GuidedFourBar(linkage, inputs, error, transmission, ())
+                if best is None or found.transmission > best.transmission:
+                    best = found
+    if best is not None:
+        return best
+    linkage = FourBar(crank.fixed, crank.moving, rocker.moving, rocker.fixed, (poses[0, 0], poses[0, 1]))
+    way = crank.places - np.array(crank.fixed)
+    inputs = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
+    return GuidedFourBar(linkage, inputs, math.nan, 0.0, (_defect(linkage, crank, rocker),))
+
+
+def _pose_size(poses: np.ndarray) -> float:
+    return max(float(np.ptp(poses[:, :2], axis=0).max()), 1e-300)
+
+
+def _move_through(linkage: FourBar, inputs: np.ndarray, poses: np.ndarray) -> tuple[float, float]:
+    """Error in the poses and smallest transmission angle of the sweep through them; infinite, 0 if it stops."""
+    parts = _STEPS // (len(poses) - 1)
+    at = np.arange(len(poses)) * parts
+    motion = linkage.move({"phi": np.interp(np.arange(_STEPS + 1), at, inputs)})
+    if not np.asarray(motion.converged).all():
+        return math.inf, 0.0
+    place = np.asarray(motion["P"])[at]
+    turn = np.asarray(motion["theta"])[at]
+    off = np.hypot(*(place - poses[:, :2]).T)
+    tilt = np.abs(wrap_angle(turn - turn[0] - poses[:, 2] + poses[0, 2])) * _pose_size(poses)
+    least = float(np.min(np.asarray(transmission_angle(motion, "B", "C", "D"))))
+    return float(max(off.max(), tilt.max())), least
+
+
+def _defect(linkage: FourBar, crank: "Dyad", rocker: "Dyad") -> str:
+    """Why the poses are not passed in order.
+
+    A Grashof linkage never passes the pose in which the two bars not next to its shortest one are in line: the side of
+    that triangle tells its two circuits apart. A bar cannot drive past the pose in which the other two are in line.
+
+    Source: T. R. Chase and J. A. Mirth, Circuits and branches of single-degree-of-freedom planar linkages, J. Mech.
+    Des. 115 (1993) 223-230.
+    """
+    a, d = complex(*crank.fixed), complex(*rocker.fixed)
+    b, c = (x.places[:, 0] + 1j * x.places[:, 1] for x in (crank, rocker))
+
+    def sides(p, q, r) -> bool:
+        cross = (np.conj(p - q) * (r - q)).imag
+        return bool(np.all(cross > 0) or np.all(cross < 0))
+
+    joints = {"B": sides(a, b, c), "C": sides(b, c, d), "A": sides(b, a, d), "D": sides(a, d, c)}
+    if linkage.grashof.margin > 0:
+        lengths = linkage.lengths
+        shortest = min(lengths, key=lambda name: lengths[name])
+        opposite = {"ground": "BC", "crank": "CD", "coupler": "AD", "rocker": "AB"}[shortest]
+        if not all(joints[name] for name in opposite):
+            return "circuit"
+    # Crank-driven the side of B-C-D is kept, rocker-driven that of A-B-C.
+    return "order" if joints["C"] or joints["B"] else "branch"

@@ -1,0 +1,560 @@
+"""Path generation at precision points: all four-bars whose coupler point passes through five to nine points.
+
+Seen from the first point a dyad stands at a, and x leads from its moving pivot to the point. At another point, at δ,
+the coupler has turned by 1 + γ, and the bar has its length if
+
+    x (a' - δ') γ + x' (a - δ) γ' + δ (δ' - a' - x') - δ' (a + x) = 0,    γ γ' + γ + γ' = 0.
+
+The primed numbers are conjugates where a solution is real; as unknowns of their own they make these equations
+polynomials, whose complex solutions can be followed from one problem to another, many at once. γ and γ' are eliminated
+from the linear systems only: as unknowns they keep steps long.
+
+Source: C. W. Wampler, A. P. Morgan and A. J. Sommese, Complete solution of the nine-point path synthesis problem for
+four-bar linkages, J. Mech. Des. 114 (1992) 153-159.
+"""
+
+import collections
+import dataclasses
+import functools
+import importlib.resources
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.errors import InputError, counted
+from jaxnc.synthesis.evaluate import map_threads
+from jaxnc.synthesis.exact.burmester import Dyad
+from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_of
+from jaxnc.types import Any, ArrayLike
+
+# -- equations and paths of solutions ----------------------------------------------------------------------------------
+
+FAR = 1e7
+"""Beside points of size one: a solution beyond is at infinity."""
+
+_FLOOR = 1e-8  # relative size of a second correction that counts as rounding
+_LEAST = 1e-10  # shortest step
+_LONGEST = 0.2
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """Precision points and what is known of the base, with conjugates as numbers of their own."""
+
+    d: np.ndarray  # δ, (points - 1,)
+    e: np.ndarray  # δ'
+    matrix: np.ndarray  # conditions on the fixed pivots (a, b, a', b'), (9 - points, 4)
+    right: np.ndarray  # their right-hand sides
+
+    def parts(self) -> tuple[np.ndarray, ...]:
+        """The four arrays, with an axis for lanes."""
+        return tuple(part[..., None] for part in (self.d, self.e, self.matrix, self.right))
+
+
+@dataclasses.dataclass(frozen=True)
+class PathEnds:
+    """Ends of paths."""
+
+    z: np.ndarray  # x, y, x', y', a, b, a', b' at the end of each, (8, lanes)
+    arrived: np.ndarray  # which ones got there
+    at: np.ndarray  # how far the others got, 0 … 1
+
+
+def coupler_turns(z: np.ndarray, d: Any, e: Any) -> np.ndarray:
+    """γ and γ' of every point but the first, ``(2, points - 1, lanes)``, from both bars."""
+    x, xx, a, aa = z.reshape(4, 2, 1, -1)
+    (u, v), (uu, vv) = x * (aa - e), xx * (a - d)
+    w, r = d * (e - aa - xx) - e * (a + x)
+    return np.stack([r * uu - w * vv, v * w - u * r]) / (u * vv - uu * v)
+
+
+def inverses(lanes: np.ndarray) -> np.ndarray:
+    """Inverse matrices, ``(lanes, 8, 8)``: of those that are singular to the last bit of neighbours, or no numbers."""
+    try:
+        return np.linalg.inv(lanes)
+    except np.linalg.LinAlgError:
+        nudge = 1e-15 * np.abs(lanes).max(axis=(1, 2), keepdims=True) * np.vander(np.linspace(-1.0, 1.0, 8))
+        lanes = np.where(np.linalg.det(lanes)[:, None, None] == 0.0, lanes + nudge, lanes)
+        some, found = np.linalg.det(lanes) != 0.0, np.full_like(lanes, np.nan)
+        found[some] = np.linalg.inv(lanes[some])
+        return found
+
+
+class _Linearised:
+    """The equations' derivative at a solution, and the step that takes away what they leave."""
+
+    def __init__(self, z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray):
+        x, xx, a, aa = z.reshape(4, 2, 1, -1)
+        n = len(d)
+        self.q = g[::-1] + 1.0
+        self.u, self.uu = x * (aa - e), xx * (a - d)
+        # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
+        minor = self.q[0] * self.uu - self.q[1] * self.u
+        self.minors = np.stack([minor[1], -minor[0], self.u[0] * self.uu[1] - self.uu[0] * self.u[1]])
+        self.slopes = np.stack([(aa - e) * g[0] - e, (a - d) * g[1] - d, xx * g[1] - e, x * g[0] - d])
+        rows = np.zeros((8, 8, z.shape[1]), complex)
+        rows[:n] = np.moveaxis(self.minors[:2] * self.slopes, 2, 0).reshape(n, 8, -1)
+        rows[n:, 4:] = matrix
+        lanes = np.moveaxis(rows, 2, 0)
+        lanes[~np.isfinite(lanes).all(axis=(1, 2))] = np.eye(8)
+        self.inverse = inverses(lanes)
+
+    def step(self, bars: np.ndarray, turn: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Changes of z and γ that take away what the equations of bars, turns and base leave."""
+        rest = self.minors[2] * turn - (self.minors[:2] * bars).sum(axis=0)
+        dz = np.matmul(self.inverse, np.concatenate([rest, -base]).T[:, :, None])[:, :, 0].T
+        left, right = bars + (self.slopes * dz.reshape(4, 2, 1, -1)).sum(axis=0)
+        (u, v), (uu, vv), (q, qq) = self.u, self.uu, self.q
+        one, two, three = self.minors
+        # Two of three equations give γ, γ': those whose determinant is largest.
+        sizes = np.abs(self.minors)
+        by_turn = np.maximum(sizes[0], sizes[1]) > sizes[2]
+        first = sizes[1] > sizes[0]
+        bar, barred, rest = np.where(first, u, v), np.where(first, uu, vv), np.where(first, left, right)
+        det = np.where(first, two, -one)
+        dg = np.where(by_turn, (barred * turn - qq * rest) / det, (uu * right - vv * left) / three)
+        dgg = np.where(by_turn, (q * rest - bar * turn) / det, (v * left - u * right) / three)
+        return dz, np.stack([dg, dgg])
+
+    def of(self, lanes: np.ndarray) -> "_Linearised":
+        """Select some lanes."""
+        out = object.__new__(_Linearised)
+        for name in ("q", "u", "uu", "minors", "slopes"):
+            setattr(out, name, getattr(self, name)[..., lanes])
+        out.inverse = self.inverse[lanes]
+        return out
+
+
+def _residuals(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray, right: np.ndarray) -> tuple:
+    """Residuals of the equations of bars, turns and base."""
+    x, xx, a, aa = z.reshape(4, 2, 1, -1)
+    bars = x * (aa - e) * g[0] + xx * (a - d) * g[1] + d * (e - aa - xx) - e * (a + x)
+    return bars, g[0] * g[1] + g[0] + g[1], (matrix * z[4:]).sum(axis=1) - right
+
+
+def _series_product(p: list, q: list, k: int, first: int = 0) -> Any:
+    """Coefficient k of a product of power series, without the outer ``first`` terms of either."""
+    return sum((p[i] * q[k - i] for i in range(first, k + 1 - first)), start=np.zeros_like(p[0]))
+
+
+def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _Linearised) -> list[np.ndarray]:
+    """Coefficients one to three of a path's power series, those of z before those of γ: products are convolutions."""
+    (d, e, _, _), (dd, de, dm, dr) = parts, rates
+    zs, gs = [z], [list(g)[:1], list(g)[1:]]
+    pieces: list[list] = [[] for _ in range(8)]
+
+    def push(k: int, z: np.ndarray) -> None:
+        x, xx, a, aa = z.reshape(4, 2, 1, -1)
+        at = ((d, e), (dd, de))[k] if k < 2 else (0.0, 0.0)
+        for series, value in zip(pieces, (x, xx, aa - at[1], a - at[0], at[1] - aa - xx, a + x), strict=False):
+            del series[k:]
+            series.append(value)
+        for series, one, two in ((pieces[6], 0, 2), (pieces[7], 1, 3)):
+            del series[k:]
+            series.append(_series_product(pieces[one], pieces[two], k))
+
+    push(0, z)
+    out = []
+    for k in (1, 2, 3):
+        push(k, np.zeros_like(z))
+        u, uu, w, r = pieces[6], pieces[7], pieces[4], pieces[5]
+        bars = u[k] * g[0] + uu[k] * g[1] + d * w[k] + dd * w[k - 1] - e * r[k] - de * r[k - 1]
+        for i in range(1, k):
+            bars = bars + u[i] * gs[0][k - i] + uu[i] * gs[1][k - i]
+        base = (dm * zs[k - 1][4:]).sum(axis=1) - (dr if k == 1 else 0.0)
+        dz, dg = linear.step(
+            bars, _series_product(gs[0], gs[1], k, first=1), np.broadcast_to(base, (len(dm), z.shape[1]))
+        )
+        zs.append(dz)
+        for series, value in zip(gs, dg, strict=True):
+            series.append(value)
+        out.append(np.concatenate([dz, *dg]))
+        if k < 3:
+            push(k, dz)
+    return out
+
+
+def _newton_step(w: np.ndarray, parts: tuple) -> tuple[np.ndarray, _Linearised, np.ndarray]:
+    """Take one of Newton's steps: the result, the derivative used, the step's size beside the unknowns."""
+    n = len(parts[0])
+    z, g = w[:8], w[8:].reshape(2, n, -1)
+    linear = _Linearised(z, g, *parts[:3])
+    dz, dg = linear.step(*_residuals(z, g, *parts))
+    size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
+    size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
+    return w + np.concatenate([dz, *dg]), linear, np.where(np.isfinite(size), size, np.inf)
+
+
+def polish(z: np.ndarray, task: Task, steps: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Solutions of a task after Newton's steps, and the size of the last step beside them, ``(lanes,)``."""
+    parts = task.parts()
+    with np.errstate(all="ignore"):
+        w = np.concatenate([z, *coupler_turns(z, *parts[:2])])
+        last = np.full(z.shape[1], np.inf)
+        for _ in range(steps):
+            w, _, last = _newton_step(w, parts)
+    return w[:8], last
+
+
+def follow_paths(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5, most: int = 3000) -> PathEnds:
+    """Follow solutions of one task to those of another, in a straight line between the two.
+
+    Predicted by Padé approximants of power series, corrected by two of Newton's steps, each lane with its own step.
+
+    Source: P. Breiding and S. Timme, HomotopyContinuation.jl (2018), for Padé predictors; the elimination is own.
+
+    A smaller `accuracy`, the relative error of a prediction to aim for, is safer and slower. What is under way after
+    the `most` rounds is given up.
+    """
+    lanes = z.shape[1]
+    here, there = start.parts(), end.parts()
+    rates = tuple(b - a for a, b in zip(here, there, strict=True))
+    out = PathEnds(np.array(z), np.zeros(lanes, bool), np.zeros(lanes))
+    alive, at, h = np.arange(lanes), np.zeros(lanes), np.full(lanes, 0.02)
+    with np.errstate(all="ignore"):
+        g = coupler_turns(z, *here[:2])
+        w = np.concatenate([z, *g])
+        one, two, three = _series(z, g, here, rates, _Linearised(z, g, *here[:3]))
+        for _ in range(most):
+            if not len(alive):
+                break
+            last = h >= (1.0 - at) * (1.0 - 1e-12)
+            h = np.minimum(h, 1.0 - at)
+            then = np.where(last, 1.0, at + h)
+            parts = tuple(a * (1.0 - then) + b * then for a, b in zip(here, there, strict=True))
+            down = 1.0 - np.where(np.isfinite(three / two), three / two, 0.0) * h
+            bend = np.where(np.abs(down) > 0.2, two / down, two + three * h)
+            trial, _, first = _newton_step(w + (one + bend * h) * h, parts)
+            trial, linear, second = _newton_step(trial, parts)
+            good = (first < 10 * accuracy) & ((second <= 0.02 * first) & (second < 1e-7) | (second < _FLOOR))
+            factor = np.clip((accuracy / np.maximum(first, 1e-16)) ** 0.25, 0.2, 2.0)
+            shrink = np.clip((0.002 * first / np.maximum(second, 1e-300)) ** 0.25, 0.2, 2.0)
+            factor = np.where(second > _FLOOR, np.minimum(factor, shrink), factor)
+            h = np.minimum(h * np.where(good, factor, np.minimum(0.5, factor)), _LONGEST)
+            if good.any():
+                w[:, good], at[good] = trial[:, good], then[good]
+                z, g = w[:8, good], w[8:, good].reshape(2, len(start.d), -1)
+                new = _series(z, g, tuple(part[..., good] for part in parts), rates, linear.of(good))
+                for series, value in zip((one, two, three), new, strict=True):
+                    series[:, good] = value
+            done = good & last
+            over = done | (h < _LEAST) | ~(np.abs(w[:8]).max(axis=0) < 10 * FAR)
+            if over.any():
+                out.z[:, alive[over]], out.at[alive[over]] = w[:8, over], at[over]
+                out.arrived[alive[done]] = True
+                stay = ~over
+                alive, at, h = alive[stay], at[stay], h[stay]
+                w, one, two, three = (value[:, stay] for value in (w, one, two, three))
+    out.z[:, alive], out.at[alive] = w[:8], at
+    return out
+
+
+# -- linkages through points -------------------------------------------------------------------------------------------
+
+_SINGULAR = 1e-7  # last step of Newton's, beside the solution: above, the end is singular
+_NOTHING = 1e-8  # of the size: a bar that is no longer has no length
+_SAME = 1e-6  # relative difference of two ends that are one solution
+_REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
+_BLOCK = 384  # lanes followed together
+_ROUTES = 3
+_OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
+
+_LEVEL = {"6-21": 170, "7-11": 988}  # solutions of bases with A and D on one level, or one above the other
+
+Coordinates = tuple[float | None, float | None]
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class PathDesigns(Sequence[GuidedFourBar]):
+    """All four-bars through precision points of a path, those without defects first; ``print()`` lists them.
+
+    Attributes:
+        designs: the real ones; the crank angles at the points are their `inputs`.
+        curves: for each design the number of its coupler curve, from 0: cognates have the same.
+        expected: how many solutions points in general position have for such a base, complex ones included; of nine
+            points cognates count once.
+        found: how many finite, regular ones of them were found.
+        routes: how often all were followed, each time another way.
+        missing: how many more there are, estimated from those that only one of the ways has found; 0 if all paths of
+            one way arrived. Solutions at infinity, or in which a bar has no length, are none of them.
+        residual: the largest difference of a bar's length between the points, as a part of the points' size.
+    """
+
+    designs: tuple[GuidedFourBar, ...]
+    curves: tuple[int, ...]
+    expected: int
+    found: int
+    routes: int
+    missing: float
+    residual: float
+
+    @property
+    def complete(self) -> bool:
+        """True if every path ended in a solution of its own, so that none is missing."""
+        return self.found == self.expected
+
+    def __len__(self) -> int:
+        return len(self.designs)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.designs[index]
+
+    def __str__(self) -> str:
+        works = [design for design in self.designs if not design.defects]
+        kinds = collections.Counter(", ".join(design.defects) for design in self.designs if design.defects)
+        defects = "".join(f", {count} with {kind} defect" for kind, count in sorted(kinds.items()))
+        head = (
+            f"{counted(len(self), 'four-bar')} with {counted(len(set(self.curves)), 'coupler curve')}: {len(works)} "
+            f"without defects{defects}; {self.found} of {self.expected} solutions, real and complex"
+        )
+        if not self.complete:
+            head += f", in {self.routes} routes; by their overlap {self.missing:.1f} more are regular and were missed"
+        return "\n".join([head, *(f"  {design}" for design in works)])
+
+    __repr__ = __str__
+
+
+@public
+def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinates | None = None) -> PathDesigns:
+    """All four-bars whose coupler point passes through five to nine precision points.
+
+    Nine points determine a four-bar; each coordinate of the fixed pivots that is given takes the place of a point. All
+    complex solutions are followed from a stored task to this one (parameter homotopy), and the real ones among them
+    are moved through the points. Nine points in general position have 1442 solutions with three cognates each, five
+    with both fixed pivots given 36. Where A and D are given on one level, or one above the other, six have 170 in place
+    of 258 and seven 988 in place of 1661: in the rest A is D and B is C. What is lost on the way is followed again,
+    more finely and then on other ways.
+
+    Args:
+        points: the points in the order in which they are to be passed, ``(5 … 9, 2)``, lengths.
+        A: a fixed pivot, ``(x, y)``; None for a coordinate to be found, or for both.
+        D: the other one. Points and given coordinates are nine together.
+
+    Returns:
+        The designs: drawn at the first point, driven by whichever bar passes the points in order. Defects are named as
+        by `GuidedFourBar`. Of nine points each solution gives its two cognates too.
+
+    Raises:
+        InputError: points that are not numbers, repeat or are too few or too many for what is given of the base; fixed
+            pivots that coincide.
+
+    Source: C. W. Wampler, A. P. Morgan and A. J. Sommese, J. Mech. Des. 114 (1992) 153-159 (nine points: 1442);
+    A. P. Morgan and C. W. Wampler, J. Mech. Des. 112 (1990) 544-550 (five: 36). The numbers for six, seven and eight
+    points are our own count, by monodromy and trace tests; those on one level without the latter.
+    """
+    places, given = _check_task(points, A, D)
+    size = float(np.abs(places - places.mean()).max()) / 1.5
+    exchanged = len(given[1]) > len(given[0])
+    task = _make_task(places, given[::-1] if exchanged else given, size)
+    name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
+    expected, ends, overlaps = _expected_count(name, given), np.zeros((8, 0), complex), []
+    for route in range(_ROUTES):
+        found = _route(name, task, 1.0 + 2.4 * route)
+        known, ends = ends, distinct_solutions(np.concatenate([ends, found], axis=1), len(places))
+        overlaps.append((known.shape[1], found.shape[1], known.shape[1] + found.shape[1] - ends.shape[1]))
+        if found.shape[1] == expected or (route and ends.shape[1] == known.shape[1]):
+            break
+    before, after, both = overlaps[-1]
+    missing = 0.0
+    if ends.shape[1] < expected:  # Chapman's estimate of a population from two catches
+        missing = min((before + 1) * (after + 1) / (both + 1) - 1, expected) - ends.shape[1]
+    real = _real_solutions(ends, task)
+    if given[0] == given[1]:  # each linkage is met again with its bars exchanged
+        real = real[:, ~np.triu(_match_solutions(real, real[_OTHER])).any(axis=0)]
+    turned = np.vstack([np.ones(real.shape[1]), 1.0 + coupler_turns(real, *task.parts()[:2])[0]])
+    designs, curves, residual = _linkages(places, size * (real[_OTHER] if exchanged else real), turned, size)
+    return PathDesigns(designs, curves, expected, ends.shape[1], len(overlaps), max(missing, 0.0), residual)
+
+
+def _expected_count(name: str, base: list[dict[str, float]]) -> int:
+    """How many solutions points in general position have for a base."""
+    same = [axis for axis in base[0] if base[0][axis] == base[1].get(axis)]
+    # On one level A may be D, and both dyads one: there the other paths end, and no loop of such bases leads there.
+    return _LEVEL[name] if name in _LEVEL and same else stored_starts(name)[0].shape[1]
+
+
+@functools.cache
+def stored_starts(name: str) -> tuple[np.ndarray, Task]:
+    """All solutions of a stored task, ``(8, solutions)``, and the task: "7-20" has seven points and A.
+
+    They were found from one random linkage by monodromy, see ``benchmarks/synthesis/starts.py``.
+    """
+    with importlib.resources.files("jaxnc.synthesis.exact").joinpath("path_starts.npz").open("rb") as file:
+        stored = np.load(file)
+        task = Task(*(stored[f"{part} {name}"] for part in ("d", "e", "matrix", "right")))
+        z = stored[f"z {name}"].astype(complex)
+    return polish(z, task)[0], task
+
+
+# -- statement ---------------------------------------------------------------------------------------------------------
+
+
+def _check_task(points: ArrayLike, A: Any, D: Any) -> tuple[np.ndarray, list[dict[str, float]]]:
+    try:
+        given = np.asarray(points, float)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError("path_four_bars: points must be numbers (x, y)") from None
+    if given.ndim != 2 or given.shape[1] != 2:
+        raise InputError(f"path_four_bars: points must have shape (n, 2), got {given.shape}")
+    if not np.isfinite(given).all():
+        raise InputError(f"path_four_bars: points[{int(np.argmin(np.isfinite(given).all(axis=1)))}] is not finite")
+    base = []
+    for name, value in (("A", A), ("D", D)):
+        try:
+            x, y = (None, None) if value is None else (None if v is None else float(v) for v in value)
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(f"path_four_bars: {name} must be two numbers (x, y), None for one to be found, got "
+                             f"{value!r}") from None  # fmt: skip
+        base.append({axis: v for axis, v in (("x", x), ("y", y)) if v is not None})
+        if not np.isfinite(list(base[-1].values())).all():
+            raise InputError(f"path_four_bars: {name} must be finite, got {value!r}")
+    known = sum(map(len, base))
+    if len(given) + known != 9:
+        raise InputError(
+            f"path_four_bars: {len(given)} points and {known} coordinates of A and D; together they must be nine: nine "
+            f"points alone, seven with A=(x, y), five with A and D. For fewer, or for more that are to be met nearly, "
+            f"see jaxnc.synthesis.PathGeneration"
+        )
+    places = given[:, 0] + 1j * given[:, 1]
+    scale = float(np.abs(places - places.mean()).max())
+    for i in range(len(places)):
+        for j in range(i):
+            if abs(places[i] - places[j]) < 1e-9 * scale or scale == 0.0:
+                raise InputError(f"path_four_bars: points[{j}] and points[{i}] are the same; leave one out")
+    if len(base[0]) == 2 and base[0] == base[1]:
+        raise InputError(f"path_four_bars: A and D are both {A}; a four-bar has two fixed pivots")
+    return places, base
+
+
+def _make_task(places: np.ndarray, base: list[dict[str, float]], size: float) -> Task:
+    """The task of real points, seen from the first and in parts of their size."""
+    rows, right = [], []
+    for side, pair in enumerate(base):
+        for axis, value in pair.items():
+            row = np.zeros(4, complex)
+            row[side::2] = (1.0, 1.0) if axis == "x" else (-1j, 1j)  # a + a' = 2 x, -i (a - a') = 2 y
+            rows.append(row)
+            right.append(2.0 * (value - (places[0].real if axis == "x" else places[0].imag)) / size)
+    d = (places[1:] - places[0]) / size
+    return Task(d, np.conj(d), np.array(rows, complex).reshape(-1, 4), np.array(right, complex))
+
+
+# -- solutions ---------------------------------------------------------------------------------------------------------
+
+
+def _route(name: str, task: Task, angle: float) -> np.ndarray:
+    """Regular finite ends of all paths from the stored task to this one, turned by an angle: another way for each."""
+    count = int(name[0])
+    z, start = stored_starts(name)
+    turn = np.exp(1j * angle)
+    spun = Task(task.d * turn, task.e / turn, task.matrix * [1 / turn, 1 / turn, turn, turn], task.right)
+    ends, good = np.array(z), np.zeros(z.shape[1], bool)
+    for accuracy in (5e-5, 2e-6):
+        rest = np.flatnonzero(~good)
+        blocks = np.array_split(rest, max(1, len(rest) // _BLOCK))
+        work = functools.partial(_follow_block, z, start, spun, accuracy)
+        for lanes, out in zip(blocks, map_threads(work, blocks), strict=True):
+            ends[:, lanes], good[lanes] = out.z, out.arrived
+        new, last = polish(ends, spun)
+        regular = good & (last < _SINGULAR) & (np.abs(new).max(axis=0) < FAR) & ~_degenerate(new)
+        ends[:, regular] = new[:, regular]
+        good = _first_of_kind(ends, regular, count)
+        if good.all():
+            break
+    return ends[:, good] * np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None]
+
+
+def _follow_block(z: np.ndarray, start: Task, end: Task, accuracy: float, lanes: np.ndarray) -> PathEnds:
+    return follow_paths(z[:, lanes], start, end, accuracy)
+
+
+def _degenerate(z: np.ndarray) -> np.ndarray:
+    """Where a bar has no length, or the point lies on a joint of the coupler."""
+    x, y, xx, yy, a, b, aa, bb = z
+    pairs = ((x, xx), (y, yy), (x - y, xx - yy), (x + a, xx + aa), (y + b, yy + bb), (a - b, aa - bb))
+    return np.min([np.maximum(np.abs(p), np.abs(q)) for p, q in pairs], axis=0) < _NOTHING
+
+
+def _solution_keys(z: np.ndarray, count: int) -> np.ndarray:
+    """Numbers that tell solutions apart: for nine points those of the coupler curve, which cognates share."""
+    if count < 9:
+        return z
+    x, y, xx, yy, a, b, aa, bb = z
+    c, cc = (x * b - y * a) / (x - y), (xx * bb - yy * aa) / (xx - yy)
+    return np.stack([a + b + c, aa + bb + cc, a * b + b * c + c * a, aa * bb + bb * cc + cc * aa])
+
+
+def _first_of_kind(z: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
+    """Mark the solutions that are the first of their kind."""
+    lanes = np.flatnonzero(which)
+    keys = _solution_keys(z[:, lanes], count)
+    scale = 1.0 + np.abs(keys).max(axis=0, initial=0.0)
+    order = np.argsort(keys[0].real)
+    new = np.ones(len(lanes), bool)
+    for place, i in enumerate(order):
+        for j in order[place + 1 :]:
+            if keys[0, j].real - keys[0, i].real > _SAME * scale[j]:
+                break
+            if np.abs(keys[:, i] - keys[:, j]).max() <= _SAME * min(scale[i], scale[j]):
+                new[max(i, j)] = False
+    out = np.zeros(len(which), bool)
+    out[lanes[new]] = True
+    return out
+
+
+def distinct_solutions(z: np.ndarray, count: int) -> np.ndarray:
+    """Each solution once; of nine points cognates are one."""
+    return z[:, _first_of_kind(z, np.ones(z.shape[1], bool), count)]
+
+
+def _real_solutions(z: np.ndarray, task: Task) -> np.ndarray:
+    """The real solutions, exactly so: Newton's steps from the mean of a solution and its conjugate stay real."""
+    mirrored = np.conj(z[[2, 3, 0, 1, 6, 7, 4, 5]])
+    scale = np.abs(z).max(axis=0)
+    near = np.abs(z - mirrored).max(axis=0) < _REAL * scale
+    tried, last = polish(0.5 * (z + mirrored)[:, near], task)
+    same = (np.abs(tried - z[:, near]).max(axis=0) < _REAL * scale[near]) & (last < _SINGULAR)
+    return tried[:, same]
+
+
+def _match_solutions(z: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Which of some solutions are which of others, ``(lanes, lanes)``."""
+    return np.abs(z[:, :, None] - other[:, None, :]).max(axis=0) < _SAME * np.abs(z).max(axis=0)[:, None]
+
+
+# -- linkages ----------------------------------------------------------------------------------------------------------
+
+
+def _linkages(
+    places: np.ndarray, z: np.ndarray, theta: np.ndarray, size: float
+) -> tuple[tuple[GuidedFourBar, ...], tuple[int, ...], float]:
+    """Real solutions as linkages that were moved through the points, with their cognates if the base is free."""
+    x, y, _, _, a, b, _, _ = z
+    p = places[:, None]
+    A, D, B, C = places[0] + a, places[0] + b, p - theta * x, p - theta * y
+    linkages = [(A, B, D, C)]
+    if len(places) == 9:
+        k = x / (x - y)  # the coupler's shape, (P - B) / (C - B)
+        E = A + k * (D - A)
+        linkages.append((A, A + p - B, E, A + p - B + k * (B - A)))
+        linkages.append((E, D + p - C + (1 - k) * (C - D), D, D + p - C))
+    designs: list[tuple[GuidedFourBar, int]] = []
+    worst = 0.0
+    for curve in range(z.shape[1]):
+        for fixed, moving, other, joint in linkages:
+            crank = _dyad(fixed[curve], moving[:, curve], size)
+            rocker = _dyad(other[curve], joint[:, curve], size)
+            worst = max(worst, crank.residual, rocker.residual)
+            turn = np.angle(joint[:, curve] - moving[:, curve])
+            poses = np.column_stack([np.real(places), np.imag(places), turn])
+            designs.append((guide_four_bar(poses, crank, rocker), curve))
+    designs.sort(key=lambda found: (len(found[0].defects), -found[0].transmission))
+    return tuple(design for design, _ in designs), tuple(curve for _, curve in designs), worst
+
+
+def _dyad(fixed: complex, places: np.ndarray, size: float) -> Dyad:
+    lengths = np.abs(places - fixed)
+    columns = np.column_stack([np.real(places), np.imag(places)])
+    return Dyad(point_of(places[0]), point_of(fixed), columns, float(lengths[0]), float(np.ptp(lengths)) / size)

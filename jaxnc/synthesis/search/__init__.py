@@ -1,0 +1,1 @@
+"""Searches: random designs, refined, brought to their ends, told apart and ranked."""

@@ -1,0 +1,341 @@
+"""Designs at their ends: which of them are one, how many starts came to each, and which belong to one continuum.
+
+Where a problem asks for fewer numbers than its mechanism has, exact designs are not alone. At an exact design the
+directions in which all unknowns may go without an error of first order are the null space of the errors' derivatives;
+directions that only redraw the same mechanism do not count. Two designs belong to one continuum if one can be changed
+into the other with all targets met on the way. That is tried step by step, each step projected onto the exact designs.
+Inequalities and bounds are not looked at on the way; they cut pieces out of a continuum.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxnc.kinematics.motion import Motion
+from jaxnc.synthesis.design import Design
+from jaxnc.synthesis.evaluate import Evaluator, MovedDesign, move_designs, solve_changes
+from jaxnc.synthesis.problem import Problem, with_fields
+from jaxnc.synthesis.search.goal import Goal
+from jaxnc.synthesis.search.sqp import LANES, MEETS, End, Sqp
+
+# -- ends --------------------------------------------------------------------------------------------------------------
+
+_LOOK = 192  # of the designs that were refined, the best that are looked at
+_LIKE = 1e-4  # of the size: designs whose points are so near to each other are one
+_LEVEL = 1e-6  # of the error: so are ends whose errors are, and whose points are within
+_FLAT = 1e-2  # of the size of each other, since a basin may be flat
+_SLOPE = 1e-2  # of the error: so much above an end, and as near, a design that has not ended is on the way there
+_ENOUGH = 4  # targets from which on the points that move tell of those that do not
+_NOUGHT = 1e-20  # a square that is none
+_STAGES = ((4, 1.0, 1), (10, 1.0, 1), (40, 0.5, 3), (120, 0.0, 3), (0, 0.0, 1))
+"""Until which iteration (0: as many as asked for) which part of the designs goes on, and at least how many of them."""
+
+
+class Basin(NamedTuple):
+    """A design at its end, and how many starts ended there."""
+
+    one: MovedDesign
+    end: End
+    starts: int
+
+
+def bring_to_ends(
+    problem: Problem, goal: Goal, rows: Sequence[np.ndarray], most: int, iterations: int, width: int
+) -> list[Basin]:
+    """Bring the best designs to their ends."""
+    some = list(rows[:_LOOK])
+    first = _group_designs(problem, move_designs(problem, [x[: problem.count] for x in some]), most)
+    ending = Sqp(goal, width)
+    now = [(lane, n) for lane, (_, n) in zip(ending.begin([some[k] for k, _ in first]), first, strict=True)]
+    out: list[Basin] = []
+    levels, rates, done = {}, {}, 0
+    for until, share, few in _STAGES:
+        until = min(until or iterations, iterations)
+        some = [lane for lane, _ in now[: max(few, round(share * len(now)))]]
+        if some and not share:  # one that would stay behind if it went on winning as it did lately is left there
+            ahead = levels[id(some[0])]
+            some = [k for k in some if levels[id(k)] - (until - done) * rates[id(k)] <= ahead]
+        ending.go(some, until)
+        ends = [ending.end_of(lane) for lane, _ in now]
+        new = {id(lane): ending.level(lane) for lane, _ in now}
+        rates = {k: max(levels.get(k, level) - level, 0.0) / max(until - done, 1) for k, level in new.items()}
+        levels, done = new, until
+        found = distinct_basins(problem, [(end, n) for end, (_, n) in zip(ends, now, strict=True)])
+        out, now = [basin for basin, _ in found], [(now[k][0], basin.starts) for basin, k in found]
+    return [_behind(basin, iterations) for basin in out]
+
+
+def _behind(basin: Basin, most: int) -> Basin:
+    """Say of a design that was given up early that others are ahead of it."""
+    end = basin.end
+    if end.converged or end.iterations >= most or not end.reason.endswith("iterations"):
+        return basin
+    return basin._replace(end=dataclasses.replace(end, reason=f"{end.reason}, behind"))
+
+
+def as_they_are(problem: Problem, rows: Sequence[np.ndarray], most: int) -> list[Basin]:
+    """Select the best different designs of an interrupted search, not brought to their ends."""
+    some = list(rows[:_LOOK])
+    moves = move_designs(problem, [x[: problem.count] for x in some])
+    first = _group_designs(problem, moves, most)
+    nan = np.nan
+    return [Basin(moves[k], End(some[k], nan, nan, nan, nan, 0, "interrupted"), n) for k, n in first]
+
+
+def distinct_basins(problem: Problem, ends: Sequence[tuple[End, int]]) -> list[tuple[Basin, int]]:
+    """Select the best end of each basin, best first, with its place among those given."""
+    order = sorted(range(len(ends)), key=lambda k: (ends[k][0].feasibility > MEETS, ends[k][0].square))
+    moves = move_designs(problem, [ends[k][0].row[: problem.count] for k in order])
+    out: list[tuple[Basin, int]] = []
+    marks: list[np.ndarray] = []
+    for k, one in zip(order, moves, strict=True):
+        mark, (end, starts) = _mark(problem, one.motion), ends[k]
+        for n, ((basin, at), other) in enumerate(zip(out, marks, strict=True)):
+            if _in_one_basin(problem, basin.end, end, float(np.max(np.abs(mark - other))), float(np.max(other))):
+                out[n] = basin._replace(starts=basin.starts + starts), at
+                break
+        else:
+            out.append((Basin(one, end, starts), k))
+            marks.append(mark)
+    return out
+
+
+def _in_one_basin(problem: Problem, better: End, end: End, apart: float, extent: float) -> bool:
+    """Tell whether a design ended, or is about to end, where a better one did, from how far apart their points are."""
+    above = end.square - better.square
+    if apart <= _LIKE * problem.length:
+        return True
+    if max(end.square, better.square) <= _NOUGHT:
+        return apart <= _LIKE * extent  # exact ones farther apart: see `jaxnc.synthesis.search.basins`
+    if apart > _FLAT * extent:
+        return False
+    return above <= (_LEVEL if end.converged else _SLOPE) * better.square
+
+
+def _group_designs(problem: Problem, moves: Iterable[MovedDesign], most: int) -> list[tuple[int, int]]:
+    """Group like designs: the first of each group, and how many there are in it."""
+    out: list[tuple[int, int]] = []
+    marks: list[np.ndarray] = []
+    for k, one in enumerate(moves):
+        mark = _mark(problem, one.motion)
+        like = [n for n, other in enumerate(marks) if np.max(np.abs(mark - other)) <= _LIKE * problem.length]
+        if like:
+            out[like[0]] = out[like[0]][0], out[like[0]][1] + 1
+        elif len(out) < most:
+            out.append((k, 1))
+            marks.append(mark)
+    return out
+
+
+def _mark(problem: Problem, motion: Motion) -> np.ndarray:
+    """Distances of a design's points at the targets, which stay when it is drawn in another pose.
+
+    From each other, and from the middle of each other's way. Fixed points do not count: pivots follow from the points
+    that turn about them, and where on a line a guide is drawn is of no interest. Functions of angles do not know how
+    large a mechanism is either.
+    """
+    return mark_of(problem, np.asarray(motion.q))
+
+
+def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
+    """Distances of points in poses ``(targets, coordinates)``; see `_mark`."""
+    top = problem.system.topology
+    q = q[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
+    moving = ~np.array(top.fixed, bool)[: len(top.points) * top.dim].reshape(-1, top.dim).all(axis=1)
+    if len(q) >= _ENOUGH and moving.any():
+        q = q[:, moving]
+        q = np.concatenate([q, np.broadcast_to(q.mean(axis=0), q.shape)], axis=1)
+    apart = np.linalg.norm(q[:, :, None] - q[:, None], axis=-1).reshape(-1)
+    return apart if problem.unit != "rad" else apart / max(float(apart.mean()), 1e-300) * problem.length
+
+
+# -- continua of exact designs -----------------------------------------------------------------------------------------
+
+_NULL = 1e-9  # of the largest singular value: a direction that changes the errors by less does not change them
+_SEEN = 1e-6  # of the largest change of the points by an unknown: what moves them by less redraws the same mechanism
+_FEEL = 1e-6  # of the points' coordinates: the step of a difference
+_WALK = 100  # at most, from one design to another
+_REACH = 0.3  # of the size: the longest way of a point in the first step
+_ON = 1e-3  # of the size: errors that are allowed on the way
+_THERE = 1e-6  # of the distance at the beginning: so near, the other design is reached
+_SLOW = 0.9  # of the distance: what has not come nearer by that in `_PATIENCE` steps does not arrive
+_PATIENCE = 10
+_ROUNDS = 2  # of looking for ways between groups of designs, without one being found
+_WAYS = 2  # for which a group looks in each round
+
+
+class _Look(NamedTuple):
+    """Designs, their errors and equalities, the poses at the targets, and the derivatives of both."""
+
+    x: np.ndarray  # (lanes, n)
+    errors: np.ndarray  # (lanes, m), in parts of the size
+    slopes: np.ndarray  # (lanes, m, n), by unknowns in parts of their scales
+    q: np.ndarray  # (lanes, coordinates), in parts of the size
+    changes: np.ndarray  # (lanes, coordinates, n)
+    good: np.ndarray  # (lanes,)
+
+    def of(self, some: "np.ndarray | np.integer") -> "_Look":
+        """Select some lanes."""
+        return _Look(*(part[some] for part in self))
+
+
+def list_once(problem: Problem, designs: Sequence[Design]) -> list[Design]:
+    """Keep of each continuum of exact designs only the best, in the order of ranks."""
+    exact = [design for design in designs if design.exact]
+    freedoms = _freedoms(problem, [design.x for design in exact])
+    free = [design for design, freedom in zip(exact, freedoms, strict=True) if freedom]
+    freedom = {id(design): number for design, number in zip(exact, freedoms, strict=True)}
+    best: dict[int, Design] = {}
+    for group in _group_continua(problem, [design.x for design in free]):
+        first, starts = free[group[0]], sum(free[k].starts for k in group)
+        best[id(first)] = dataclasses.replace(first, starts=starts, freedom=freedom[id(first)])
+    return [best.get(id(d), d) for d in designs if id(d) in best or not freedom.get(id(d), 0)]
+
+
+def _freedoms(problem: Problem, xs: Sequence[np.ndarray]) -> list[int]:
+    """Count the directions in which each exact design can change and stay exact; 0 for one that stands alone."""
+    if not len(xs):
+        return []
+    eye = _Continua(problem)
+    look = eye.look(np.stack(xs))
+    return [eye.freedom(look.of(np.array([k]))) if look.good[k] else 0 for k in range(len(xs))]
+
+
+def _group_continua(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int]]:
+    """Group designs by continuum, as numbers; the first of each group comes first."""
+    groups = [[k] for k in range(len(xs))]
+    if len(xs) < 2:
+        return groups
+    eye, rows, idle = _Continua(problem), np.stack(xs), 0
+    q = eye.look(rows).q
+    far = np.linalg.norm(q[:, None] - q, axis=2)
+    while len(groups) > 1 and idle < _ROUNDS:
+        # Each group looks for ways to the nearest design of another one, and to those of the largest other one.
+        for group in groups:
+            far[np.ix_(group, group)] = np.inf
+        pairs = set()
+        for group in groups:
+            most = max((other for other in groups if other is not group), key=len)
+            for others, count in ((list(range(len(xs))), 1), (most, _WAYS)):
+                part = far[np.ix_(group, others)]
+                nearest = np.argsort(part, axis=None, kind="stable")[:count]
+                ways = zip(*np.unravel_index(nearest, part.shape), strict=True)
+                pairs |= {(group[a], others[b]) for a, b in ways if part[a, b] < np.inf}
+        if not pairs:
+            break
+        begin, end = np.array(sorted(pairs)).T
+        found, far[begin, end] = eye.find_connected(rows[begin], rows[end]), np.inf
+        idle = 0 if found.any() else idle + 1
+        for a, b in zip(begin[found], end[found], strict=True):
+            one, other = (next(group for group in groups if k in group) for k in (a, b))
+            if one is not other:
+                groups = sorted([*(group for group in groups if group not in (one, other)), sorted(one + other)])
+    return groups
+
+
+class _Continua:
+    """A problem whose exact designs are compared."""
+
+    def __init__(self, problem: Problem):
+        if problem.poses:  # over the range: nobody asks for inequalities here
+            problem = with_fields(problem, conditions=tuple(c for c in problem.conditions if c.equality))
+        self.problem, self.evaluate, self.scale = problem, Evaluator(Goal(problem)), problem.scale
+        self.rows = np.concatenate([np.ones(problem.shape[0], bool), problem.equalities])
+
+    def look(self, x: np.ndarray) -> _Look:
+        """Look at designs ``(lanes, n)``."""
+        problem, n = self.problem, x.shape[1]
+        errors, conditions, slopes, ok = self.evaluate(x, np.zeros((len(x), 0)), way="close")
+        values = np.concatenate([errors, conditions], axis=1)[:, self.rows]
+        q, changes = [], []
+        for part in solve_changes(problem, x, 0, "close", LANES):
+            count = len(part.q)
+            moved = np.zeros((count, n, *part.q.shape[1:]))
+            if part.changes is not None and part.by is not None:
+                own = np.asarray(part.by).transpose(0, 2, 1)[..., None] * part.changes[:, -1:]
+                moved[:] = np.concatenate([part.changes[:, :-1], own], axis=1) * self.scale[:, None, None]
+            places = self._places
+            q.append(part.q[..., places].reshape(count, -1))
+            changes.append(moved[..., places].reshape(count, n, -1).transpose(0, 2, 1))
+        size = problem.length
+        poses, moves = np.concatenate(q) / size, np.concatenate(changes) / size
+        good = (
+            ok & np.isfinite(values).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(poses).all(axis=1)
+        )
+        return _Look(x, values, slopes[:, self.rows], poses, moves, good & np.isfinite(moves).all(axis=(1, 2)))
+
+    @property
+    def _places(self) -> np.ndarray:
+        """Numbers of the points' coordinates among all coordinates."""
+        top = self.problem.system.topology
+        return np.arange(len(top.points) * top.dim)
+
+    def freedom(self, look: _Look) -> int:
+        """Count the directions in which a design can change, without those that only redraw it."""
+        top = self.problem.system.topology
+        free = _null_space(look.slopes[0])
+        moves = look.changes[0] @ free
+        largest, least = np.max(np.abs(moves), initial=0.0), _SEEN * np.max(np.abs(look.changes[0]))
+        if not largest > least:
+            return 0
+        size = self.problem.length
+        shape = (-1, len(top.points) * top.dim)
+        q, h = look.q[0] * size, _FEEL * size / largest
+        steps = [h * size * move for move in moves.T]
+        marks = [mark_of(self.problem, (q + way * s).reshape(shape)) for s in steps for way in (1, -1)]
+        slopes = np.stack(
+            [(a - b) / (2 * h * size * size) for a, b in zip(marks[::2], marks[1::2], strict=True)], axis=1
+        )
+        values = np.linalg.svd(slopes, compute_uv=False)
+        return int(np.sum(values > least))
+
+    def find_connected(self, x: np.ndarray, goals: np.ndarray) -> np.ndarray:
+        """Find out for each of many exact designs whether it can be changed into its goal with all targets met."""
+        goal, now = self.look(goals), self.look(x)
+        far = np.linalg.norm(goal.q - now.q, axis=1)
+        begun, reach = far.copy(), np.full(len(x), _REACH)
+        there = now.good & goal.good & (far <= _THERE)
+        live, history = now.good & goal.good & ~there, [far.copy()]
+        for step in range(_WALK):
+            lanes = np.flatnonzero(live)
+            if not len(lanes):
+                break
+            moves = np.stack([_continuum_step(now.of(k), goal.q[k], reach[k]) for k in lanes])
+            new = self.look(now.x[lanes] + moves * self.scale)
+            left = np.linalg.norm(goal.q[lanes] - new.q, axis=1)
+            off, was = (np.sqrt(np.mean(part**2, axis=1)) for part in (new.errors, now.errors[lanes]))
+            fine = new.good & (off <= np.maximum(_ON, 0.5 * was)) & ((left < far[lanes]) | (off < 0.5 * was))
+            took = lanes[fine]
+            for part, fresh in zip(now, new, strict=True):
+                part[took] = fresh[fine]
+            far[took] = left[fine]
+            reach[lanes] = np.where(fine, np.minimum(1.6 * reach[lanes], 4.0), 0.3 * reach[lanes])
+            there[took] = far[took] <= _THERE * np.maximum(begun[took], 1.0)
+            history.append(far.copy())
+            live &= ~there & (reach > 1e-9)
+            if step >= _PATIENCE:
+                live &= far <= _SLOW * history[-1 - _PATIENCE]
+        return there
+
+
+def _continuum_step(look: _Look, goal: np.ndarray, reach: float) -> np.ndarray:
+    """Step back to the exact designs, and among them towards the goal: changes of the unknowns."""
+    back = -np.linalg.lstsq(look.slopes, look.errors, rcond=_NULL)[0]
+    free = _null_space(look.slopes)
+    along = look.changes @ free
+    part = np.linalg.lstsq(along, goal - look.q - look.changes @ back, rcond=1e-8)[0]
+    move = free @ part
+    longest = np.max(np.abs(look.changes @ move), initial=0.0)
+    return back + move * min(1.0, reach / max(longest, 1e-300))
+
+
+def _null_space(slopes: np.ndarray) -> np.ndarray:
+    """Directions ``(n, k)`` in which the errors do not change, of unknowns that count alike."""
+    sizes = np.linalg.norm(slopes, axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    _, values, rows = np.linalg.svd(slopes / sizes)
+    rank = int(np.sum(values > _NULL * np.max(values, initial=0.0)))
+    free = rows[rank:].T / sizes[:, None]
+    return np.linalg.qr(free)[0] if free.size else free

@@ -1,0 +1,307 @@
+"""Several objectives: the designs of which none is better in everything, as a front.
+
+The first objective is made small with bounds on the others, at many bounds at once (the ε-constraint method): that
+finds the parts of a front that no weighted sum finds, and keeps the least-squares form. The ends are those of each
+objective by itself. Y. Haimes, L. Lasdon, D. Wismer, IEEE Trans. Syst. Man Cybern. 1 (1971) 296-297.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.errors import InputError, counted
+from jaxnc.kinematics.motion import Motion
+from jaxnc.notebooks import Shown
+from jaxnc.synthesis.design import Design, judge
+from jaxnc.synthesis.evaluate import move_designs
+from jaxnc.synthesis.objective import Objective
+from jaxnc.synthesis.problem import Problem, check_problem
+from jaxnc.synthesis.result import align_columns
+from jaxnc.synthesis.search.basins import Basin
+from jaxnc.synthesis.search.checkpoint import interruptible
+from jaxnc.synthesis.search.goal import OPEN, Goal
+from jaxnc.synthesis.search.refine import Refinement
+from jaxnc.synthesis.search.solve import starting_rows
+from jaxnc.synthesis.search.sqp import MEETS, End, Sqp
+from jaxnc.synthesis.validate import as_seed, check_counts
+from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ALSO = 1e-8  # weight of the objectives that do not count, so that among equals the better one is taken
+_FEW = 4  # random designs from which each point of the front is also started
+_ROUNDS = 2  # times that the points of the front are started from each other's designs
+_POINT = 1e-6  # a front that is narrower than this part of its values is one point
+
+
+@public
+@dataclasses.dataclass(frozen=True, eq=False)
+class Front(Shown):
+    """Designs of which none is better than another one in every objective; ``print()`` shows the table.
+
+    Attributes:
+        problem: what was wanted.
+        names: of the objectives.
+        values: roots of the sums of squares of the objectives' residuals, in their units, ``(designs, k)``.
+        designs: in the order of the first objective.
+        refined: how many starts were refined.
+        screened: how many were screened.
+        dominated: how many designs were left out because another one is as good in everything.
+        defective: how many were left out because of defects.
+        stopped: if the search was stopped before its end, how, in words.
+    """
+
+    problem: Problem
+    names: tuple[str, ...]
+    values: np.ndarray
+    designs: tuple[Design, ...]
+    refined: int
+    screened: int
+    dominated: int
+    defective: int
+    stopped: str = ""
+
+    @property
+    def knee(self) -> int:
+        """Number of the design at the bend: the least sum of the objectives, each in parts of its range."""
+        low, high = self.values.min(axis=0), self.values.max(axis=0)
+        return int(np.argmin(((self.values - low) / np.maximum(high - low, 1e-300)).sum(axis=1)))
+
+    @property
+    def verdict(self) -> str:
+        """The front in a sentence."""
+        if not self.designs and self.defective:
+            return f"no design without defects; {self.defective} with"
+        if not self.designs:
+            return "no design reaches all targets and meets the conditions"
+        at = ", ".join(f"{n} {v:.4g}" for n, v in zip(self.names, self.values[self.knee], strict=True))
+        if len(self.designs) == 1:
+            return (
+                f"the front is one point ({at}): the objectives do not contradict each other, one design is best in all"
+            )
+        low, high = self.values.min(axis=0), self.values.max(axis=0)
+        idle = [n for n, a, b in zip(self.names, low, high, strict=True) if b - a <= _POINT * abs(b)]
+        more = f"; {', '.join(idle)} is as good in all of them" if idle else ""
+        return f"{counted(len(self.designs), 'design')}, the one at the bend has {at}{more}"
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """The designs as rows of words, under what their columns are called."""
+        rows = [("", *self.names, "type", "transmission", "size", "end", "defects")]
+        for k, (d, v) in enumerate(zip(self.designs, self.values, strict=True)):
+            size = " x ".join(f"{s:.3g}" for s in d.size)
+            angle = f"{np.degrees(d.transmission):.1f} deg"
+            values = [f"{o:.4g}" for o in v]
+            if d.exact and self.names[0] == "error":
+                values[0] = "exact"
+            rows.append((str(k + 1), *values, d.type or "-", angle, size, d.ending, "; ".join(d.defects) or "none"))
+        return rows
+
+    def table(self) -> str:
+        """The designs as a table, one line each."""
+        return align_columns(self.rows())
+
+    @property
+    def sentences(self) -> list[str]:
+        """The front in sentences, a line each."""
+        counts = f"{counted(self.screened, 'design')} screened, {self.refined} refined"
+        counts += f", {self.defective} left out for their defects" if self.defective else ""
+        lines = [f"{self.problem.name}, {' against '.join(self.names)}: {self.verdict} ({counts})"]
+        return lines + ([f"the search was {self.stopped}"] if self.stopped else [])
+
+    def __str__(self) -> str:
+        return "\n".join([*self.sentences, self.table()] if self.designs else self.sentences)
+
+    __repr__ = __str__
+
+    def plot(self, path: str | Path | None = None) -> "Figure":
+        """Draw the front, and the designs at its ends and its bend; see `jaxnc.viz.synthesis`."""
+        from jaxnc.viz import synthesis
+
+        return synthesis.front(self, path)
+
+
+@public
+def pareto(
+    problem: Problem,
+    others: Mapping[str, Callable[[Motion], Any]] | None = None,
+    points: int = 16,
+    starts: int = 2000,
+    refine: int = 48,
+    iterations: int = 200,
+    key: Array | None = None,
+    names: Sequence[str] | None = None,
+) -> Front:
+    """Search for the designs of which none is better than another one in every objective.
+
+    Args:
+        problem: what is wanted; its error is the first objective. Of an `Objective` of several functions each is one.
+        others: further objectives by name: functions of the motion through the targets that return a number or an
+            array; the sum of its squares is to be small.
+        points: of the front, about.
+        starts: random designs to screen.
+        refine: how many are refined towards each end of the front.
+        iterations: the most of each refinement.
+        key: of the random numbers.
+        names: of the objectives of an `Objective` of several functions.
+
+    Returns:
+        The front, see `Front`; each design is brought to its end by steps of second order. Ctrl-C returns the designs
+        found so far, as they are then.
+
+    Raises:
+        InputError: fewer than two objectives or three points, or an objective that is not finite.
+    """
+    check_problem("pareto", problem)
+    check_counts("pareto", points=points, starts=starts, refine=refine, iterations=iterations)
+    if points < 3:
+        raise InputError(f"pareto: points={points!r}; a front needs at least 3")
+    if others is not None and not isinstance(others, Mapping):
+        raise InputError(f"pareto: others= takes functions of a motion by name, {{'name': function}}, got {others!r}")
+    several = isinstance(problem, Objective) and len(problem.residuals) > 1
+    if several == bool(others):
+        raise InputError(
+            "pareto: give an Objective of several functions, or another problem and others={name: function of a motion}"
+        )
+    goal = Goal.several(problem, tuple((others or {}).values()))
+    k = len(goal.objectives)
+    labels = tuple(others or names or (f"objective {i + 1}" for i in range(k)))
+    labels = ("error", *labels) if others else labels
+    if len(labels) != k:
+        raise InputError(f"pareto: {len(labels)} names for {k} objectives")
+    first = goal.values(problem.start)
+    if not np.isfinite(first).all():
+        raise InputError(f"pareto: {labels[int(np.argmin(np.isfinite(first)))]} of the starting idea is not finite")
+    seed = as_seed("pareto", key)
+    search = _Search(goal, iterations)
+    try:
+        with interruptible():
+            rng = np.random.default_rng(seed)
+            begun = starting_rows(problem, Refinement(goal, iterations), starts, refine, rng)
+            ends = [(np.where(np.arange(k) == i, 1.0, _ALSO), np.full(k, OPEN)) for i in range(k)]
+            search.refine([(x, *end) for end in ends for x in begun])
+            search.settle()
+            if all(e in search for e in ends):
+                corners = np.array([search.value(e) for e in ends])
+                low, high = corners.min(axis=0), corners.max(axis=0)
+                if np.any(high - low > _POINT * np.abs(high)):
+                    search.between(ends, low, high, points, begun)
+                    search.settle()
+    except KeyboardInterrupt:
+        search.stopped = "interrupted"
+    moves = move_designs(problem, [x[: problem.count] for _, x in search.best.values()])
+    basins = [Basin(one, search.end(key), 1) for key, one in zip(search.best, moves, strict=True)]
+    designs = judge(problem, basins, ranked=False)
+    whole = [n for n, d in enumerate(designs) if not d.defects]
+    values = np.array([search.value(e) for e in search.best]).reshape(-1, k)
+    kept = [whole[n] for n in _pareto_rows(values[whole])]
+    kept.sort(key=lambda n: values[n, 0])
+    return Front(
+        problem=problem,
+        names=labels,
+        values=values[kept] * (np.array([problem.size, *[1.0] * (k - 1)]) if others else 1.0),
+        designs=tuple(designs[n] for n in kept),
+        refined=search.refined,
+        screened=starts,
+        dominated=len(whole) - len(kept),
+        defective=len(designs) - len(whole),
+        stopped=search.stopped,
+    )
+
+
+_Place = tuple[np.ndarray, np.ndarray]
+"""Weights and bounds of the objectives."""
+
+
+class _Search:
+    """The best design for each choice of weights and bounds."""
+
+    def __init__(self, goal: Goal, iterations: int):
+        self.goal, self.iterations, self.refined = goal, iterations, 0
+        self.best: dict[bytes, tuple[float, np.ndarray]] = {}
+        self.ends: dict[bytes, End] = {}
+        self.stopped = ""
+
+    def key(self, place: _Place | bytes) -> bytes:
+        return place if isinstance(place, bytes) else np.concatenate(place).tobytes()
+
+    def __contains__(self, place: _Place) -> bool:
+        return self.key(place) in self.best
+
+    def value(self, place: _Place | bytes) -> np.ndarray:
+        return self.goal.values(self.best[self.key(place)][1])
+
+    def refine(self, starts: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
+        """Refine designs ``(n,)``, each with the weights and bounds that follow it."""
+        run, n = Refinement(self.goal, self.iterations), self.goal.count
+        run.queue = [np.concatenate([x[:n], *place]) for x, *place in starts]
+        self.refined += len(starts)
+        try:
+            found = run.run()
+        except KeyboardInterrupt:
+            run.stop()
+            self._keep(run.found)
+            raise
+        self._keep(found)
+
+    def _keep(self, found: Iterable[tuple[float, np.ndarray]]) -> None:
+        n = self.goal.count
+        for error, x in found:
+            key = x[n:].tobytes()
+            if key not in self.best or error < self.best[key][0]:
+                self.best[key] = error, x
+
+    def settle(self) -> None:
+        """Bring the best designs to their ends by steps of second order."""
+        some = [key for key, (_, x) in self.best.items() if key not in self.ends or self.ends[key].row is not x]
+        ends = Sqp(self.goal).run([self.best[key][1] for key in some], self.iterations)
+        for key, end in zip(some, ends, strict=True):
+            # What ends on its bounds may be a little worse than what has missed them by a little.
+            if end.converged or (end.feasibility <= MEETS and end.square <= self.best[key][0]):
+                self.best[key], self.ends[key] = (end.square, end.row), end
+
+    def end(self, key: bytes) -> End:
+        """End of a design, as far as it is known."""
+        square, x = self.best[key]
+        nan = np.nan
+        known = self.ends.get(key)
+        if known is not None and known.row is x:
+            return known
+        return End(x, square, nan, nan, nan, 0, self.stopped or "no step is possible")
+
+    def between(self, ends: list[_Place], low: np.ndarray, high: np.ndarray, points: int, begun: list) -> None:
+        """Refine at bounds between the ends: from the ends, a few random designs, and then each other's designs."""
+        k = len(low)
+        each = max(1, round((points - k) ** (1.0 / (k - 1))))
+        steps = [low[j] + (high[j] - low[j]) * np.arange(1, each + 1) / (each + 1) for j in range(1, k)]
+        places = [(ends[0][0], np.array([OPEN, *np.square(b)])) for b in itertools.product(*steps)]
+        corners = [self.best[self.key(e)][1] for e in ends]
+        self.refine([(x, *place) for place in places for x in [*corners, *begun[:_FEW]]])
+        for _ in range(_ROUNDS):
+            starts = []
+            for place in places:
+                apart = [float(np.abs(np.sqrt(p[1][1:]) - np.sqrt(place[1][1:])).sum()) for p in places]
+                near = [places[i] for i in np.argsort(apart, kind="stable")[1 : 1 + 2 * (k - 1)]]
+                starts += [(self.best[self.key(p)][1], *place) for p in near if p in self]
+            if starts:
+                self.refine(starts)
+
+
+def _pareto_rows(values: np.ndarray) -> list[int]:
+    """Select rows that no other row beats: as good in everything, better in something; of equal ones the first."""
+    kept: list[int] = []
+    if not len(values):
+        return kept
+    small = _POINT * np.maximum(np.ptp(values, axis=0), 1e-3 * np.abs(values).max(axis=0))
+    for i, v in enumerate(values):
+        no_worse = np.all(values <= v + small, axis=1)
+        better = np.any(values < v - small, axis=1)
+        same = np.all(np.abs(values[kept] - v) <= small, axis=1) if kept else np.zeros(0)
+        if not (no_worse & better).any() and not same.any():
+            kept.append(i)
+    return kept

@@ -1,0 +1,417 @@
+"""Variable projection in the plane: what enters a path linearly is solved for, so that only shapes have to be searched.
+
+A point that rides on a body without carrying anything is P = z0 + w (A + k D), as complex numbers, with A and D the
+body's base: the place z0 and the similarity w of the whole mechanism and the place k of the point in its body are
+linear in (z0, w, w k), whatever the mechanism. How a guided frame is turned against the mechanism is fitted too.
+
+Source: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10 (1973).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxnc.kinematics.redesign import components, flattened, rebuilt
+from jaxnc.synthesis.bounds import Boxes
+from jaxnc.synthesis.evaluate import marker_places
+from jaxnc.synthesis.path import MotionGeneration, PathGeneration
+
+_ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
+_POSES = 37  # at which that is tried
+_PULL = 1e3  # times as heavy as errors is what bounds miss, before it is cut off
+_PULLS = 6  # times that what is out of bounds is looked for
+
+
+class Linear(NamedTuple):
+    """The unknowns of a path that are linear."""
+
+    axes: tuple[bool, bool]  # whether the whole mechanism may move along x and along y
+    scale: bool  # whether it may be enlarged
+    turn: bool  # whether it may be turned
+    tracer: int  # index of the point (or, from the number of points on, of the marker) if its place in its body is free
+    free: bool
+    base: tuple[int, int]  # indices of the two points that carry it; the tracer itself twice if it is not free
+    points: int  # how many points there are
+    spots: int  # how many points and markers
+
+
+class LinearLimits(NamedTuple):
+    """Room that bounds leave of what is fitted, of designs; the columns are those of `fit_linear`."""
+
+    rows: np.ndarray  # how bounded places depend on what is fitted, (B, bounds, columns)
+    fixed: np.ndarray  # and what they are without it, (B, bounds)
+    low: np.ndarray  # (bounds,)
+    high: np.ndarray  # (bounds,)
+    least: np.ndarray  # of the factor by which a design grows, (B,)
+    most: np.ndarray  # (B,)
+    extent: np.ndarray  # of the designs as they are drawn, (B,)
+
+    def of(self, at: np.ndarray) -> "LinearLimits":
+        """Select some designs."""
+        own = {name: getattr(self, name)[at] for name in ("rows", "fixed", "least", "most", "extent")}
+        return self._replace(**own)
+
+
+def find_linear(problem: PathGeneration) -> Linear | None:
+    """Find the linear unknowns of a path problem by trying; None if there are none, or the mechanism is spatial."""
+    system, top = problem.system, problem.system.topology
+    if top.dim != 2 or top.vectors:
+        return None
+    at = np.zeros(len(components(system)), dtype=bool)
+    at[problem.variables.at] = True
+    spread = 2 * (len(top.points) + len(top.markers))
+    x_free, y_free = at[:spread:2], at[1:spread:2]
+    flat = np.asarray(flattened(system), dtype=float)
+    x, y = flat[:spread:2], flat[1:spread:2]
+    long = length_dimensions(problem)
+    still = not long.any() or bool(at[spread:][long].all())
+    axes = (bool(x_free.all()), bool(y_free.all()))
+    scale = bool((x_free | (x == 0)).all() and (y_free | (y == 0)).all() and still)
+    turn = scale and bool((x_free & y_free | (x == 0) & (y == 0)).all())
+    markers = [m.name for m in top.markers]
+    if problem.point in top.points:
+        index = top.points.index(problem.point)
+        bodies = [b for b in top.bodies if index in b.points]
+        carried = len(bodies) == 1 and bodies[0].base is not None and index not in bodies[0].base
+        base = bodies[0].base if carried else None
+    else:
+        index = len(top.points) + markers.index(problem.point)
+        base = top.markers[markers.index(problem.point)].base
+    free = base is not None and bool(x_free[index] and y_free[index])
+    both = base if free and base is not None else (index, index)
+    found = Linear(axes, scale, turn, index, free, both, len(top.points), spread // 2)
+    found = _confirm_linear(problem, found)
+    return found if any(found.axes) or found.scale or found.free else None
+
+
+def length_dimensions(problem: PathGeneration) -> np.ndarray:
+    """Mark the explicit dimensions that are lengths."""
+    return np.array([d.quantity.long for d in problem.system.topology.given], dtype=bool)
+
+
+def move_whole(problem: PathGeneration, found: Linear, flat: np.ndarray, z0: Any, w: Any, place: Any) -> np.ndarray:
+    """Move mechanisms as a whole and put their tracers somewhere: parameters ``(..., n)``.
+
+    They move by z0, turn and grow by w, both complex ``(...,)``; `place` is where the tracer is drawn afterwards.
+    """
+    top = problem.system.topology
+    spread = 2 * (len(top.points) + len(top.markers))
+    w = np.asarray(w)[..., None]
+    z = np.asarray(z0)[..., None] + w * (flat[..., :spread:2] + 1j * flat[..., 1:spread:2])
+    if found.free:
+        z[..., found.tracer] = place
+    both = np.stack([z.real, z.imag], axis=-1).reshape(*z.shape[:-1], spread)
+    return np.concatenate([both, flat[..., spread:] * np.where(length_dimensions(problem), np.abs(w), 1.0)], axis=-1)
+
+
+def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
+    """Take away from what is linear whatever does not do to the path what it does to the drawing."""
+    top, size = problem.system.topology, problem.size
+    flat = np.asarray(flattened(problem.system), dtype=float)
+    n = 2 * (len(top.points) + len(top.markers))
+    z = flat[:n:2] + 1j * flat[1:n:2]
+    ways = [(0.0, 1.0), (0.1 * size, 1.0), (0.1j * size, 1.0), (0.0, 1.1), (0.0, np.exp(1j * _ANGLE))]
+    drawn = [move_whole(problem, found, flat, z0, w, z0 + w * z[found.tracer]) for z0, w in ways]
+    a, b = (z[i] for i in found.base)
+    drawn.append(move_whole(problem, found, flat, 0.0, 1.0, z[found.tracer] + 0.2 * (b - a)))
+    names = (problem.point, *(top.points[i] for i in found.base if found.free))
+    each = [_point_paths(problem, names, one) for one in drawn]
+    paths, good = (np.stack(v) for v in zip(*each, strict=True))
+    paths = paths[:, :, good.all(axis=0)]  # (ways, names, poses) of complex numbers
+    here = paths[0]
+
+    def like(k: int, name: int, other: np.ndarray) -> bool:
+        return bool(np.allclose(paths[k][name], other, atol=1e-6 * size))
+
+    x, y, scale, turn = (like(k, 0, z0 + w * here[0]) for k, (z0, w) in enumerate(ways) if k)
+    free = found.free and all(like(5, k, here[k]) for k in (1, 2)) and like(5, 0, here[0] + 0.2 * (here[2] - here[1]))
+    scale = found.scale and scale
+    return found._replace(
+        axes=(found.axes[0] and x, found.axes[1] and y),
+        scale=scale,
+        turn=found.turn and scale and turn,
+        free=free,
+        base=found.base if free else (found.tracer, found.tracer),
+    )
+
+
+def _point_paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Move a drawing over the range of the input: places of points, and which poses are found."""
+    motion = problem.sweep(rebuilt(problem.system, flat), np.linspace(*problem.travel, _POSES))
+    return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
+
+
+def component_rows(found: Linear, flat: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of components of places by what is fitted, ``(B, bounds, columns)``, and their fixed parts.
+
+    `flat` are all parameters of drawings, ``(B, n)``; `at` says of which components, ``(bounds,)``.
+    """
+    rides = found.free & (at // 2 == found.tracer)
+    spot = np.where(rides, found.base[0], at // 2)
+    x, y, up = flat[:, 2 * spot], flat[:, 2 * spot + 1], at % 2 == 1
+    columns = [np.broadcast_to(~up if axis == 0 else up, x.shape) for axis in (0, 1) if found.axes[axis]]
+    fixed = np.zeros(x.shape)
+    if found.scale:
+        columns += [np.where(up, y, x)] + ([np.where(up, x, -y)] if found.turn else [])
+    else:
+        fixed = np.where(up, y, x)
+    if found.free:
+        a, b = found.base
+        dx, dy = (np.where(rides, (flat[:, 2 * b + k] - flat[:, 2 * a + k])[:, None], 0.0) for k in (0, 1))
+        columns += [np.where(up, dy, dx), np.where(up, dx, -dy)]
+    return np.stack(columns, axis=-1).astype(float), fixed
+
+
+def limits_of(boxes: Boxes, found: Linear, flat: np.ndarray) -> LinearLimits:
+    """Room that bounds leave of the places and sizes of mechanisms drawn as ``flat``, ``(B, n)``."""
+    at = np.flatnonzero((np.isfinite(boxes.low) | np.isfinite(boxes.high))[: 2 * found.spots])
+    rows, fixed = component_rows(found, flat, at)
+    extent, least, most = boxes.room(flat, 2, found.tracer if found.free else -1)
+    return LinearLimits(rows, fixed, boxes.low[at], boxes.high[at], least, most, extent)
+
+
+def fit_linear(
+    found: Linear,
+    base: np.ndarray,
+    direction: np.ndarray,
+    target: np.ndarray,
+    weights: np.ndarray,
+    limits: LinearLimits | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Fit place z0, similarity w and tracer w·k of paths by least squares; the sum of squares left, ``(B, …)``.
+
+    `base` is the body's first point (or the tracer), and `direction` leads from it to the second point, both
+    ``(B, …, M)`` and complex; bounds are kept nearly.
+    """
+    # The real columns are complex ones, which come once as they are and once turned by a right angle.
+    spots = [(0, False)] * found.axes[0] + [(0, True)] * found.axes[1]
+    spots += [(1, False)] * found.scale + [(1, True)] * (found.scale and found.turn)
+    spots += [(2, False), (2, True)] if found.free else []
+    rest = target if found.scale else target - base
+    count = base.shape[-1]
+    heavy = np.broadcast_to(weights, (count,))
+    some: list[Any] = [np.ones(count), base, direction, rest]
+    light = [np.conj(v) * heavy for v in some]
+    inner: dict[tuple[int, int], Any] = {}
+    used = [*dict.fromkeys(k for k, _ in spots)]
+    for n, i in enumerate(used):
+        for j in [*used[n:], 3]:
+            inner[i, j] = _sum_products(light[i], some[j])
+            inner[j, i] = np.conj(inner[i, j])
+    total = np.broadcast_to(_sum_products(light[3], some[3]).real, base.shape[:-1])
+
+    def real(i: int, turned: bool, j: int, other: bool) -> np.ndarray:
+        value = inner[i, j]
+        return np.broadcast_to(value.real if turned == other else (-value.imag if other else value.imag), total.shape)
+
+    normal = np.stack([np.stack([real(*p, *q) for q in spots], axis=-1) for p in spots], axis=-2)
+    side = np.stack([real(*p, 3, False) for p in spots], axis=-1)
+    sizes = np.maximum(np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1)), 1e-12)
+    normal = normal / (sizes[..., :, None] * sizes[..., None, :]) + 1e-10 * np.eye(len(spots))
+    side = (side / sizes)[..., None]
+    y = _solve_finite(normal, side)
+    missed = 0.0
+    if limits is not None:
+        missed = _pull_inside(found, limits, normal, side, sizes, y, _PULL * float(weights.sum()))
+    left = total + np.sum(y * (normal @ y - 2.0 * side), axis=(-2, -1))
+    left = np.where(left > 0.0, left, 0.0 * left) + missed
+    parts = list(np.moveaxis(y[..., 0] / sizes, -1, 0))
+    z0 = (parts.pop(0) if found.axes[0] else 0.0) + 1j * (parts.pop(0) if found.axes[1] else np.zeros(left.shape))
+    w = np.ones(left.shape, complex)
+    if found.scale:
+        w = parts.pop(0) + 1j * (parts.pop(0) if found.turn else np.zeros(left.shape))
+    k = parts[0] + 1j * parts[1] if found.free else np.zeros(left.shape, complex)
+    return z0, w, k, left
+
+
+def _sum_products(a: np.ndarray, b: np.ndarray) -> Any:
+    """Sum products over the last axis."""
+    if a.ndim == 1 or b.ndim == 1:
+        return b @ a if a.ndim == 1 else a @ b
+    return (a[..., None, :] @ b[..., :, None])[..., 0, 0]
+
+
+def _solve_finite(normal: np.ndarray, side: np.ndarray) -> np.ndarray:
+    """Solve linear systems; NaN where one is not finite."""
+    good: Any = np.isfinite(normal).all(axis=(-2, -1))
+    solved = np.linalg.solve(np.where(good[..., None, None], normal, np.eye(normal.shape[-1])), side)
+    return np.where(good[..., None, None], solved, np.nan)
+
+
+def _pull_inside(
+    found: Linear,
+    limits: LinearLimits,
+    normal: np.ndarray,
+    side: np.ndarray,
+    sizes: np.ndarray,
+    y: np.ndarray,
+    weight: float,
+) -> np.ndarray:
+    """Pull solutions `y` that miss bounds into them, in place; by how much they still miss them, weighted."""
+    shape, n = y.shape[:-2], y.shape[-2]
+    design = np.broadcast_to(np.arange(shape[0]).reshape(-1, *[1] * (len(shape) - 1)), shape).reshape(-1)
+    flat_y, sizes = y.reshape(-1, n), sizes.reshape(-1, n)
+    normal, side = normal.reshape(-1, n, n), side.reshape(-1, n)
+    first = sum(found.axes)
+    grown = slice(first, first + (1 + found.turn if found.scale else 0))
+    missed = np.zeros(len(flat_y))
+    lanes: Any = np.arange(len(flat_y))
+    for turn in range(_PULLS + 1):
+        own: Any = design[lanes]
+        real = flat_y[lanes] / sizes[lanes]
+        place = np.einsum("lbc,lc->lb", limits.rows[own], real) + limits.fixed[own]
+        goal: Any = np.clip(place, limits.low, limits.high)
+        off: Any = goal - place
+        w: Any = real[:, grown]
+        long: Any = np.maximum(np.linalg.norm(w, axis=1), 1e-300) if found.scale else np.ones(len(lanes))
+        factor: Any = np.clip(long, limits.least[own], limits.most[own]) / long
+        far: Any = np.abs(factor - 1.0) * long * limits.extent[own] if found.scale else np.zeros(len(lanes))
+        missed[lanes] = weight * (np.sum(off**2, axis=1) + far**2)
+        out: Any = (off != 0.0).any(axis=1) | (far > 1e-9 * long * limits.extent[own])
+        if turn == _PULLS or not out.any():
+            break
+        lanes, own, off, goal, w, factor, far = (v[out] for v in (lanes, own, off, goal, w, factor, far))
+        active = limits.rows[own] / sizes[lanes, None, :] * (off != 0.0)[..., None]
+        more = weight * np.swapaxes(active, 1, 2) @ active
+        aim = weight * np.einsum("lbc,lb->lc", active, goal - limits.fixed[own])
+        if found.scale:
+            heavy = np.where(far > 0.0, weight * limits.extent[own] ** 2, 0.0)[:, None]
+            columns = np.arange(n)[grown]
+            more[:, columns, columns] += heavy / sizes[lanes][:, grown] ** 2
+            aim[:, columns] += heavy * factor[:, None] * w / sizes[lanes][:, grown]
+        flat_y[lanes] = _solve_finite(normal[lanes] + more, (side[lanes] + aim)[..., None])[..., 0]
+    y[...] = flat_y.reshape(y.shape)
+    return missed.reshape(shape)
+
+
+def nearest_move(
+    found: Linear, rows: np.ndarray, goal: np.ndarray, extent: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the move of designs as a whole that brings places to goals ``(B, bounds)``; what is left open stays."""
+    n = rows.shape[-1]
+    first = sum(found.axes)
+    home = np.zeros(n)
+    home[first : first + found.scale] = 1.0
+    heavy = np.where(np.arange(n) < first, 1.0, extent[:, None] ** 2) * 1e-9
+    normal = np.swapaxes(rows, 1, 2) @ rows + heavy[:, None, :] * np.eye(n)
+    side = np.einsum("lbc,lb->lc", rows, goal) + heavy * home
+    parts = list(_solve_finite(normal, side[..., None])[..., 0].T)
+    z0 = (parts.pop(0) if found.axes[0] else 0.0) + 1j * (parts.pop(0) if found.axes[1] else np.zeros(len(rows)))
+    w = np.ones(len(rows), complex)
+    if found.scale:
+        w = parts.pop(0) + 1j * (parts.pop(0) if found.turn else np.zeros(len(rows)))
+    return z0, w
+
+
+Pairs = list[tuple[np.ndarray, np.ndarray, float]]
+"""Curves ``(B, guesses, poses)``, what targets want of them ``(M,)`` and weights; two numbers in one complex one."""
+
+
+class PlanarFit:
+    """A fit of designs in the plane to a problem's targets.
+
+    The turn of a body that is guided is linear by itself: its error is the distance of two complex numbers of length
+    one, to which the mechanism's own turn adds nothing that the frame's does not.
+    """
+
+    own = 0  # unknowns of the problem that say how a frame is turned
+    wanted: Any = None
+
+    def __init__(self, problem: PathGeneration, found: Linear):
+        self.problem, self.free, self.target = problem, found, problem.target @ np.array([1.0, 1j])
+        if isinstance(problem, MotionGeneration):
+            self.own, self.reach, self.heavy = 1, problem.reach, problem.weights * problem.reach**2
+            self.wanted = np.exp(1j * problem.turns)
+            self.base = next(b.base for b in problem.system.topology.bodies if b.name == problem.body)
+
+    @classmethod
+    def of(cls, problem: PathGeneration) -> "PlanarFit | None":
+        """Make the fit of a problem; None if nothing of it is linear."""
+        found = find_linear(problem)
+        return None if found is None else cls(problem, found)
+
+    def rows(self, z: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Read from poses ``(B, T, N)`` what is fitted.
+
+        Returns:
+            The tracer's first base point, the way to the second one, complex, and the direction of the body that is
+            guided, ones where none is, ``(B, T)``.
+        """
+        points = len(self.problem.system.topology.points)
+
+        def place(index: int) -> np.ndarray:
+            if index >= points:  # a marker that is not free
+                return marker_places(self.problem, z, q, index - points)
+            return q[..., 2 * index] + 1j * q[..., 2 * index + 1]
+
+        base = place(self.free.base[0])
+        return base, place(self.free.base[1]) - base, self._body_direction(q)
+
+    def limits(self, z: np.ndarray) -> LinearLimits | None:
+        """Room that bounds leave of designs; None where they are only drawn in them."""
+        if not (any(self.free.axes) or self.free.scale or self.free.free):
+            return None
+        return limits_of(Boxes.of(self.problem), self.free, all_parameters(self.problem, z))
+
+    def into(self, boxes: Boxes, flat: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        """Move mechanisms ``(B, n)`` as a whole to where their joints in boxes are to be, and put these there."""
+        found = self.free
+        whole = found._replace(free=False)
+        room = limits_of(boxes, whole, flat)
+        if found.scale:  # of a size that lengths allow
+            flat = move_whole(self.problem, whole, flat, np.zeros(len(flat)), np.clip(1.0, room.least, room.most), 0.0)
+        at = np.flatnonzero(boxes.narrow[: 2 * found.spots])
+        if len(at):
+            rows, fixed = component_rows(whole, flat, at)
+            z0, w = nearest_move(whole, rows, goal[:, at] - fixed, room.extent)
+            flat = move_whole(self.problem, whole, flat, z0, w, 0.0)
+            flat[:, at] = goal[:, at]
+        return flat
+
+    def fit(self, rows: tuple[np.ndarray, ...], limits: LinearLimits | None, some: Any = slice(None)) -> Any:
+        """Fit place, similarity, tracer and turn of designs ``(B, …)`` to some targets; the squares left."""
+        base, along, seen = rows
+        z0, w, k, left = fit_linear(self.free, base, along, self.target[some], self.problem.weights[some], limits)
+        by = np.ones(left.shape, complex)
+        if self.wanted is not None:
+            heavy, wanted = self.heavy[some], self.wanted[some]
+            by = np.conj(seen) @ (heavy * wanted)
+            by = by / np.maximum(np.abs(by), 1e-300)
+            off = wanted - by[..., None] * seen
+            left = left + (off.real**2 + off.imag**2) @ heavy
+        return (z0, w, k, by), left
+
+    def curves(self, rows: tuple[np.ndarray, ...], parts: Any, some: np.ndarray) -> Pairs:
+        """Whole curves of designs as they were fitted, from ``rows`` ``(B, poses)``, and what targets want."""
+        base, along, seen = (row[:, None] for row in rows)
+        z0, w, k, by = (part[..., None] for part in parts)
+        out: Pairs = [(z0 + w * base + k * along, self.target[some], 1.0)]
+        if self.wanted is not None:
+            out.append((by * seen, self.wanted[some], self.reach**2))
+        return out
+
+    def place_mechanisms(self, z: np.ndarray, parts: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Move mechanisms to where they were fitted: parameters ``(B, n)``, turns of the frame, growth ``(B,)``."""
+        z0, w, k, by = parts
+        flat = all_parameters(self.problem, z)
+        place: Any = 0.0
+        if self.free.free:
+            a, b = (flat[:, 2 * i] + 1j * flat[:, 2 * i + 1] for i in self.free.base)
+            place = z0 + w * a + k * (b - a)
+        turn = (np.angle(w) - np.angle(by))[:, None] if self.own else np.zeros((len(z), 0))
+        return move_whole(self.problem, self.free, flat, z0, w, place), turn, np.abs(w)
+
+    def _body_direction(self, q: np.ndarray) -> np.ndarray:
+        if self.wanted is None:
+            return np.ones(q.shape[:-1], complex)
+        assert self.base is not None
+        a, b = self.base
+        d = q[..., 2 * b] - q[..., 2 * a] + 1j * (q[..., 2 * b + 1] - q[..., 2 * a + 1])
+        return d / np.maximum(np.abs(d), 1e-300)
+
+
+def all_parameters(problem: PathGeneration, z: np.ndarray) -> np.ndarray:
+    """All parameters of designs ``(B, variables)``."""
+    flat = np.repeat(np.asarray(flattened(problem.system), dtype=float)[None], len(z), axis=0)
+    flat[:, problem.variables.at] = z
+    return flat

@@ -1,0 +1,281 @@
+"""`solve`: screen, refine, look at what came out, rank."""
+
+import functools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.compiling import refuse_fork
+from jaxnc.errors import InputError
+from jaxnc.synthesis.design import Design, describe_nonfinite, is_rounding, judge, largest_error, shortfalls
+from jaxnc.synthesis.evaluate import LANES, MEETS, move_designs
+from jaxnc.synthesis.problem import Problem, check_problem
+from jaxnc.synthesis.result import Result
+from jaxnc.synthesis.search.basins import Basin, as_they_are, bring_to_ends, list_once
+from jaxnc.synthesis.search.checkpoint import Course, interruptible
+from jaxnc.synthesis.search.goal import Goal
+from jaxnc.synthesis.search.refine import LEVEL, ROUGH, Refinement
+from jaxnc.synthesis.search.screen import initial_guess, reseat_targets, screen
+from jaxnc.synthesis.search.sqp import End, Sqp
+from jaxnc.synthesis.search.stock import best_sizes, relax
+from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts, check_enough
+from jaxnc.types import Array
+
+_SOUGHT = 100  # iterations by which a start has come near an end, if it ever does
+_ENDED = 2  # times as many as are kept are brought to their ends
+_EXACT = 1e-18  # mean square of the divided errors: what is left is rounding, or that of the targets
+_MANY = 48  # starts with such errors after which no others are refined
+_INTERRUPTED = "interrupted"
+_RESEATED = 4  # times that designs are brought to their ends, at most
+_ROUNDS = 3  # of refining again with margins
+_AMPLE = 1.02  # times what was missed: the gap between two poses changes with the design
+_LEAST = 1e-9  # more, so that what is refined to 1e-8 is met
+_SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
+
+
+@public
+def solve(
+    problem: Problem,
+    starts: int = 20_000,
+    refine: int = 192,
+    iterations: int = 400,
+    keep: int = 10,
+    key: Array | None = None,
+    enough: float = 0.0,
+    seconds: float | None = None,
+    progress: bool | None = None,
+    checkpoint: str | Path | None = None,
+    resume: str | Path | None = None,
+) -> Result:
+    """Search for the best designs of a problem.
+
+    Random starts are screened, all at once; the most promising are refined by constrained least squares with exact
+    derivatives; what comes out is moved through its targets and its range by the robust solver, and ranked. Starts that
+    do not assemble cost next to nothing.
+
+    Args:
+        problem: what is wanted.
+        starts: random designs to screen; the idea itself is always among them.
+        refine: how many are refined.
+        iterations: the most of each refinement.
+        keep: designs in the result.
+        key: of the random numbers (``jax.random.key(0)`` if not given): the same key, the same result.
+        enough: stop as soon as a design with this error is found.
+        seconds: stop after so long.
+        progress: show a bar with the best error so far; if not given, where stderr is a terminal, and in a notebook.
+        checkpoint: file in which the search is kept after every round, replaced in one step.
+        resume: such a file, from which the search goes on (and in which it is kept, unless `checkpoint` names another
+            one). The problem, `starts`, `refine`, `iterations` and `key` must be those it was begun with; the result
+            is then that of a search that was never stopped.
+
+    Returns:
+        The designs, best first; see `Result`. Ctrl-C returns the best ones so far, as they are then.
+
+    Raises:
+        InputError: settings that are no counts, times or keys, a free variable that does not influence anything,
+            conditions that are not finite, or a file of another search.
+        ModelFileError: a file that holds no search.
+    """
+    refuse_fork()
+    check_problem("solve", problem)
+    check_counts("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
+    check_enough("solve", enough)
+    course = Course(problem, as_time_limit("solve", seconds), checkpoint)
+    try:
+        with interruptible():
+            seed = as_seed("solve", key)  # which compiles
+            course.set_terms(starts=starts, refine=refine, iterations=iterations, key=seed)
+            goal, free = Goal.of(problem), relax(problem)
+            run = Refinement(goal, min(iterations, _SOUGHT), refine, ROUGH)
+            if resume is None:
+                run.queue = starting_rows(free, run, starts, refine, np.random.default_rng(seed))
+            else:
+                course.resume(resume, run)
+            if course.path is not None and run.more():  # what was screened is kept before the first round is over
+                course.save(run)
+    except KeyboardInterrupt:
+        return Result(problem, (), (), 0, 0, 0, None, f"{_INTERRUPTED} before the first designs were refined")
+    exactly = _EXACT * run.shape[0]
+    total = run.done + int(run.live.sum()) + len(run.queue)
+    best, stopped = run.best, ""
+    course.show(total, "design", progress, run.done)
+    try:
+        with interruptible():
+            while run.more():
+                run.go(best)
+                best = min(best, run.best)
+                error = course.note(run.done, best)
+                course.save(run)
+                stopped = course.out_of_time
+                if not stopped and error <= enough:
+                    stopped = f"stopped at enough={enough:g}" if run.busy else ""
+                exact = sum(square <= exactly for square, _ in run.found)
+                if not stopped and run.busy and exact >= max(_MANY, _ENDED * keep):
+                    stopped = f"stopped when {exact} starts had led to errors of 1e-9 of the size and less,"
+                if stopped:
+                    break
+    except KeyboardInterrupt:
+        stopped = _INTERRUPTED
+    course.bar.close()
+    finished, under_way = run.done, int(run.live.sum())
+    if stopped and run.busy:
+        stopped += f" with {finished} of {total} designs refined"
+        stopped += f" and {under_way} on the way" if under_way else ""
+        stopped += course.hint
+    run.stop()
+    found, loose = [x for _, x in sorted(run.found, key=lambda pair: pair[0])], []
+    basins = as_they_are(problem, found, keep) if stopped.startswith(_INTERRUPTED) else None
+    end = functools.partial(bring_to_ends, most=_ENDED * keep, iterations=iterations, width=run.width)
+    try:
+        with interruptible():
+            if goal.stocks and found and basins is None:
+                still = {"still": LEVEL} if problem.minimax else {}
+                loose = _end_seated(free, goal, reseat_targets(free, _begin_levelling(free, goal, found)), end)
+                begin = functools.partial(Refinement, goal, iterations, refine, **still)
+                found = [x for _, x in best_sizes(goal, [v.end.row for v in loose], begin)]
+            if basins is None:
+                basins = _end_seated(
+                    problem, goal, reseat_targets(problem, _begin_levelling(problem, goal, found)), end
+                )
+                again = functools.partial(Sqp(goal, run.width).run, most=iterations)
+                first = max(keep, sum(_exact(problem, basin) for basin in basins))  # exact ones have no order yet
+                basins = [*_tighten_margins(problem, goal, basins[:first], again), *basins[first:]]
+    except KeyboardInterrupt:
+        stopped = f"{_INTERRUPTED} while the best designs were brought to their ends"
+        basins = as_they_are(problem, found, keep) if basins is None else basins
+    try:
+        with interruptible():
+            designs = designs_to_show(problem, basins, keep)
+            if not goal.stocks and not stopped.startswith(_INTERRUPTED):
+                designs = list_once(problem, designs)
+    except KeyboardInterrupt:  # what was found is told all the same
+        stopped, designs = f"{_INTERRUPTED} while designs were judged", judge(problem, basins[:keep])
+    return Result(
+        problem=problem,
+        designs=tuple(designs[:keep]),
+        history=tuple(course.history),
+        refined=finished,
+        screened=starts,
+        unfit=run.unfit,
+        broken=run.broken,
+        nearest=run.nearest and (run.nearest[0], run.nearest[1][: problem.count]),
+        stopped=stopped,
+        relaxed=judge(free, loose[:1])[0] if loose else None,
+    )
+
+
+def designs_to_show(problem: Problem, basins: Sequence[Basin], keep: int) -> list[Design]:
+    """Judge designs until enough are without defects, best first.
+
+    Those behind as many without defects as are kept are not looked at, but for exact ones, whose order is rounding.
+    """
+    designs: list[Design] = []
+    for basin in basins:
+        if sum(not design.defects for design in designs) < keep or _exact(problem, basin):
+            designs += judge(problem, [basin])
+    return sorted(designs, key=lambda design: design.rank)
+
+
+def _exact(problem: Problem, basin: Basin) -> bool:
+    return is_rounding(problem, problem.size * np.sqrt(basin.end.square / problem.shape[0]))
+
+
+def starting_rows(
+    problem: Problem,
+    run: Refinement,
+    starts: int,
+    refine: int,
+    rng: np.random.Generator,
+) -> list[np.ndarray]:
+    """Screen random starts for the most promising; the idea itself comes first if it reaches its targets."""
+    x, run.unfit = screen(problem, rng, starts, _SHORTLIST * refine)
+    own = initial_guess(problem, rng)
+    bounded = np.clip(np.concatenate([own, x]), problem.low, problem.high)
+    bounded = np.stack(reseat_targets(problem, list(bounded)))
+    behind = run.goal.row[problem.count :]
+    bounded = np.concatenate([bounded, np.broadcast_to(behind, (len(bounded), len(behind)))], axis=1)
+    likely = _best_starts(run, bounded[: len(own)]) if len(own) > 1 else bounded[:1]
+    bounded = np.concatenate([run.suit(likely, len(problem.variables.names)), bounded])
+    bounded, merit = run.merits(bounded)
+    idle = [name for name in run.idle if name in problem.variables.names]
+    if problem.variables.chosen and idle:
+        given = [name for name in problem.system.topology.dimensions if name not in problem.variables.names]
+        raise InputError(
+            f"{problem.name}: {', '.join(idle)} {'has' if len(idle) == 1 else 'have'} no influence on the "
+            f"errors or the conditions; leave {'it' if len(idle) == 1 else 'them'} out of free="
+            + f", and name dimensions that are given, such as {', '.join(given[:4])}"
+            * bool(given)
+        )
+    if run.spoilt is not None and not np.isfinite(merit).any():
+        raise InputError(
+            f"{problem.name}: every random design that reaches its targets has "
+            f"{describe_nonfinite(problem, run.spoilt)} that are not finite; keep divisions, roots and logarithms of "
+            f"your own functions away from where they, or their derivatives, are not defined"
+        )
+    order = np.argsort(merit, kind="stable")
+    first = int(np.argmin(merit[: len(bounded) - len(x)]))  # the idea
+    order = np.append(first, order[order != first]) if np.isfinite(merit[first]) else order
+    return list(bounded[order[np.isfinite(merit[order])]][:refine])
+
+
+def _end_seated(problem: Problem, goal: Goal, rows: list[np.ndarray], end: Callable[..., list[Basin]]) -> list[Basin]:
+    """Bring designs to their ends, again where a target without order has come nearer to another part of the curve."""
+    basins: list[Basin] = []
+    for _ in range(_RESEATED):
+        basins = end(problem, goal, rows)
+        old = [basin.end.row for basin in basins]
+        rows = reseat_targets(problem, old)
+        if all(np.array_equal(a, b) for a, b in zip(old, rows, strict=True)):
+            break
+    return basins
+
+
+def _tighten_margins(
+    problem: Problem, goal: Goal, best: Sequence[Basin], refine: Callable[[list[np.ndarray]], list[End]]
+) -> list[Basin]:
+    """Refine designs again with a margin where they miss a condition between the poses that were looked at.
+
+    A search looks at fewer poses of the range than the judge. Between its poses it misses a little of a condition that
+    it just meets. What a design misses there is added to the margin that the search keeps from then on.
+    """
+    names = [goal.problem.conditions[i].name for i, *_ in goal.margins]
+    left, done = list(best), []
+    for _ in range(_ROUNDS if names else 0):
+        short = []
+        for basin in left:
+            far = shortfalls(problem, basin.one)
+            if not far:
+                done.append(basin)
+                continue
+            new = basin.end.row.copy()
+            new[goal.margin_places] += [_AMPLE * far[n] + _LEAST if n in far else 0.0 for n in names]
+            short.append((basin, new))
+        if not short:
+            return done
+        ends, left = refine([row for _, row in short]), []
+        moves = move_designs(problem, [end.row[: problem.count] for end in ends])
+        for (basin, _), end, one in zip(short, ends, moves, strict=True):
+            if end.feasibility <= MEETS:
+                left.append(basin._replace(one=one, end=end))
+            else:
+                done.append(basin)
+    return done + left
+
+
+def _best_starts(run: Refinement, rows: np.ndarray) -> np.ndarray:
+    """Select the most promising of a few starts, at most eight."""
+    rows, merit = run.merits(rows)
+    return rows[np.argsort(merit, kind="stable")[:8]]
+
+
+def _begin_levelling(problem: Problem, goal: Goal, found: list[np.ndarray]) -> list[np.ndarray]:
+    """Turn from least squares to the least largest error, where that is wanted."""
+    if not (problem.minimax and found):
+        return found
+    out = [x.copy() for x in found[:LANES]]
+    heights = [largest_error(problem, one) for one in move_designs(problem, [x[: problem.count] for x in out])]
+    for row, height in zip(out, heights, strict=True):
+        row[goal.count - 1], row[-1] = height / problem.size, 1.0
+    return [row for _, row in sorted(zip(heights, out, strict=True), key=lambda pair: pair[0])]

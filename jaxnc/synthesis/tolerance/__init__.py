@@ -1,0 +1,1 @@
+"""Dimensions that are not what was drawn: tolerances, robust design, calibration."""

@@ -1,0 +1,1 @@
+"""Pages and widgets: a motion in a browser, which calculates it anew."""

@@ -1,0 +1,336 @@
+"""Content of a page: items of the scene, places and numbers over the poses, arrows and their scale."""
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxnc.kinematics.hardpoints import numbered
+from jaxnc.viz.arrows import LONGEST, Arrows, arrows, shafts
+from jaxnc.viz.labels import place_labels
+from jaxnc.viz.pages.packing import pack, pack_places, quantum_of, round_numbers
+from jaxnc.viz.poses import Poses, evenly
+from jaxnc.viz.quantities import ENERGIES, EXERTED, Quantity, attitudes, default_plots, forces_of, quantity, running
+from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, UNITS_ACROSS, Frame, Item, Span
+from jaxnc.viz.sketch import sketch_plane
+from jaxnc.viz.spatial.camera import Camera
+from jaxnc.viz.spatial.mesh import Coil, Mesh, Piece, Shell, Turned
+from jaxnc.viz.spatial.scene import SOLIDS, Solid, SpaceFrame, Way
+from jaxnc.viz.style import ROLES, symbol
+
+_ROUND = 0.4  # units: wider lines have round ends
+_CORNERS = 400  # places that a page in space fits its first view to
+_DIRECTION = 1e-6  # what components of directions are rounded to
+_ANGLE = 1e-7  # what angles are rounded to, radians
+
+
+def page_content(
+    data: Poses,
+    heading: str,
+    fps: float,
+    trace: str | Iterable[str],
+    velocities: str | Iterable[str],
+    accelerations: str | Iterable[str],
+    camera: Camera | None,
+    plots: str | Iterable[str] | None,
+    forces: bool,
+) -> tuple[dict[str, Any], list[Arrows]]:
+    """Collect what a page of a motion holds, and its arrows.
+
+    Args:
+        data: the motion.
+        heading: the title.
+        fps: poses per second while it plays.
+        trace: points and markers whose path is shown at first.
+        velocities: points and markers whose velocity is drawn as an arrow.
+        accelerations: the same for accelerations.
+        camera: the first view of a spatial mechanism, chosen to suit it if not given.
+        plots: further quantities that are plotted.
+        forces: whether forces are drawn and plotted.
+    """
+    content = _timeline(data, heading, fps) | plotted_series(data, plots, forces)
+    if data.dim == 3:
+        more, drawn = _spatial(data, trace, velocities, accelerations, camera, forces)
+    else:
+        more, drawn = _planar(data, trace, velocities, accelerations, forces)
+    content |= more
+    content["first"] = _first_plot(data, content)
+    return content, drawn
+
+
+def force_names(series: Iterable[dict[str, Any]]) -> list[str]:
+    """List the forces among what is plotted, which a page may find again."""
+    return list(dict.fromkeys(row["name"] for row in series if row["name"].partition(" ")[0] in EXERTED))
+
+
+# -- over the poses ---------------------------------------------------------------------------------------------------
+
+
+def _timeline(data: Poses, heading: str, fps: float) -> dict[str, Any]:
+    """Collect what pages of every kind hold: poses and their status, angles and distances, time."""
+    top, time = data.topology, data.motion.time
+    quantum = quantum_of(data.places[data.extent_poses])
+    scalars = [
+        {
+            "name": name,
+            "symbol": symbol(name),
+            "unit": "" if angle else top.length_unit,
+            "angle": bool(angle),
+            "driven": name in data.motion.driven,
+            "values": pack(data.scalars[:, k], _ANGLE if angle else quantum),
+        }
+        for k, (name, angle) in enumerate(zip(top.scalars, top.angles, strict=True))
+    ]
+    paths = {k: data.path(k)[0] for k in range(len(data.names))}
+    return {
+        "title": heading,
+        "dim": data.dim,
+        "unit": top.length_unit,
+        "fps": fps,
+        "poses": data.count,
+        "closed": data.closed,
+        "degrees": data.angles == "deg",
+        "over": running(data.motion),
+        "status": [0 if good else int(s) or 1 for good, s in zip(data.good, data.status, strict=True)],
+        "sentences": {int(data.status[k]) or 1: data.sentence(k) for k in np.flatnonzero(~data.good).tolist()},
+        "time": None if time is None else round_numbers(np.asarray(time)),
+        "pace": data.pace,
+        "inputs": [
+            [name, data.names.index(point), axis]
+            for point, _, axis, name in ((*name.rpartition("."), name) for name in data.motion.driven)
+            if name not in top.scalars and point in data.names
+        ],
+        "scalars": scalars,
+        # Paths of which the poses alone would show chords.
+        "fine": {
+            k: {"count": len(x)} | pack_places(x, quantum) for k, x in paths.items() if len(x) > data.count
+        },
+    }  # fmt: skip
+
+
+def plotted_series(data: Poses, plots: str | Iterable[str] | None, forces: bool) -> dict[str, Any]:
+    """Collect quantities that a page plots and does not calculate: energies, forces, numbers of a suspension.
+
+    Returns:
+        ``series``, with the plots that are asked for before those that suit the motion; and ``first``, which of them
+        is shown at first, where one was asked for.
+    """
+    looked = attitudes(data)
+    asked = () if plots is None else (plots,) if isinstance(plots, str) else tuple(plots)
+    suited = (*ENERGIES, *(f"velocity {s}" for s in data.topology.scalars)) if data.run else looked
+    names = dict.fromkeys((*asked, *suited, *(forces_of(data) if forces else ())))
+    rows = [row for name in names for row in _series_rows(quantity(data, name), name in looked)]
+    return {"series": rows} | ({"first": 0} if asked or looked else {})
+
+
+def _series_rows(q: Quantity, plain: bool) -> list[dict[str, Any]]:
+    """Write a quantity as a page reads it; a vector as its size and its components."""
+    turns = q.unit.startswith(("°", "rad")) and not plain
+    values = np.radians(q.values) if turns and q.unit.startswith("°") else q.values
+    unit = q.unit.removeprefix("°").removeprefix("rad") if turns else q.unit
+    rows = [(q.label, values)]
+    if values.ndim > 1:
+        rows = [(q.label, np.linalg.norm(values, axis=1))] if q.kind == "vector" else []
+        rows += [(f"{q.label}, {axis}", x) for axis, x in zip("xyz", values.T, strict=False)]
+    out = []
+    for text, x in rows:
+        size = float(np.nanmax(np.abs(x), initial=0.0)) if np.isfinite(x).any() else 0.0
+        quantum = float(10.0 ** np.floor(np.log10(size) - 6)) if size > 0 else 1.0
+        units = {"per": unit} if turns else {"unit": unit}
+        out.append({"symbol": text, "name": q.name, "angle": turns, "values": pack(x, quantum)} | units)
+    return out
+
+
+def _first_plot(data: Poses, content: dict[str, Any]) -> int:
+    """Choose which quantity is plotted at first: one of what is traced, or else what `jaxnc.viz.plot` shows."""
+    scalars, series = content["scalars"], content["series"]
+    if "first" in content:
+        return len(scalars)
+    axes = "xyz"[: data.dim]
+    keys = [s["name"] for s in scalars] + [None] * len(series)
+    keys += [f"{p['name']}.{axis}" for p in content["points"] if p["moves"] for axis in axes]
+    points = [data.names[column] for column in content["traces"]]
+    points += [name for name in default_plots(data) if name in data.names]
+
+    def moves(name: str, axis: str) -> bool:
+        x = data.places[data.extent_poses, data.names.index(name), axes.index(axis)]
+        return bool(np.ptp(x) > 1e-7 * data.size)
+
+    moving = [f"{name}.{axis}" for name in points for axis in "yxz" if axis in axes and moves(name, axis)]
+    wanted = [name for name in (*moving, *default_plots(data)) if name in keys and name not in data.motion.driven]
+    return keys.index(wanted[0]) if wanted else 0
+
+
+# -- the scene --------------------------------------------------------------------------------------------------------
+
+
+def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> tuple[dict, list[Arrows]]:
+    """Collect what a page of a planar mechanism draws, and its arrows."""
+    scene = sketch_plane(data)
+    lower, upper = scene.box(data.places[data.extent_poses])
+    size = float(np.hypot(*(upper - lower))) or 1.0
+    sampled = evenly(data.extent_poses)
+    drawn = arrows(data, velocities, accelerations, size, None, forces)
+    scene = place_labels(scene, data.places[sampled], size / UNITS_ACROSS, shafts(drawn, sampled))
+    tips = np.concatenate(
+        [np.zeros((0, 2)), *((a.places + a.vectors)[data.extent_poses].reshape(-1, 2) for a in drawn)]
+    )
+    reached = np.concatenate([[lower, upper], tips[np.isfinite(tips).all(axis=1)]])
+    content = _common(data, scene, data.columns(trace, "trace"), drawn) | {
+        "box": round_numbers(np.stack([reached.min(axis=0), reached.max(axis=0)])),
+        "size": size,
+        "longest": LONGEST * size,
+        "joint": JOINT,
+        "crossing": CROSSING,
+        "shallow": SHALLOW,
+        "styles": {role: _css(role) for role in sorted({item.role for item in scene.items})},
+        "items": [_planar_item(item) for item in scene.items],
+        "directions": [],
+    }
+    return content, drawn
+
+
+def _spatial(
+    data: Poses, trace, velocities, accelerations, camera: Camera | None, forces: bool
+) -> tuple[dict, list[Arrows]]:
+    """Collect what a page of a spatial mechanism draws, every mesh once, and its arrows."""
+    from jaxnc.viz.spatial.drawing import SpaceView
+
+    view = SpaceView(data, data.extent_poses.tolist(), trace, True, camera)
+    drawn = arrows(data, velocities, accelerations, view.size, None, forces)
+    without = len(view.scene.items) + sum(len(a.columns) for a in drawn)
+    view.add_arrows(drawn)
+    view.place(evenly(data.extent_poses), view.size / UNITS_ACROSS)
+    scene, places = view.scene, len(data.names)
+    meshes: dict[Mesh, int] = {}
+    items = [_spatial_item(item, meshes) for item in scene.items]
+    for item in items[without:]:
+        item["force"] = 1
+    ends = view.columns[data.extent_poses, places + len(data.directions) :].reshape(-1, 3)  # of arrows
+    seen = np.concatenate(
+        [scene.reach(view.columns[data.extent_poses]), view.tips, ends[np.isfinite(ends).all(axis=1)]]
+    )
+    content = _common(data, scene, view.traces, drawn) | {
+        "directions": [
+            {"name": name, "moves": True, **pack_places(data.axes[:, k], _DIRECTION)}
+            for k, name in enumerate(data.directions)
+        ],
+        "box": round_numbers(np.stack([view.lower, view.upper])),
+        "seen": round_numbers(_outermost(seen), 5),
+        "size": view.size,
+        "longest": LONGEST * view.size,
+        "view": [view.camera.elevation, view.camera.azimuth],
+        "styles": {role: dataclasses.asdict(SOLIDS[role]) for role in sorted({item["role"] for item in items})},
+        "items": items,
+        "meshes": [[write_piece(one) for one in mesh.pieces] for mesh in meshes],
+    }
+    return content, drawn
+
+
+def _common(data: Poses, scene: Any, traces: Sequence[int], drawn: Sequence[Arrows]) -> dict[str, Any]:
+    """Collect points, traces, names and arrows of a scene of the plane or of space."""
+    top, dim, quantum = data.topology, data.dim, quantum_of(data.places[data.extent_poses])
+    trade = numbered((*data.names, *data.directions)) if dim == 3 else {}
+    points = [
+        {
+            "name": name,
+            **({"trade": trade[name]} if name in trade else {}),
+            "body": scene.bodies[k],
+            "marker": k >= len(top.points),
+            "moves": k >= len(top.points) or not all(top.fixed[dim * k : dim * (k + 1)]),
+            **pack_places(data.places[:, k], quantum),
+        }
+        for k, name in enumerate(data.names)
+    ]
+    labels = [_fields(label) for label in scene.labels]
+    return {"points": points, "traces": list(traces), "labels": labels, **_arrow_sets(data, drawn, quantum)}
+
+
+def _arrow_sets(data: Poses, drawn: Sequence[Arrows], quantum: float) -> dict[str, Any]:
+    """Write arrows as a page reads them: columns of their feet and tips, and the places of those that are no points.
+
+    An order of 2 says that a set of arrows shows forces.
+    """
+    tips: list[np.ndarray] = []
+    first, sets = len(data.names) + len(data.directions), []
+    for one in drawn:
+        feet = [*one.columns] if one.columns else [one.point(data, k) for k in range(len(one.chosen))]
+        for k, foot in enumerate(feet):
+            if foot is None:
+                feet[k] = first + len(tips)
+                tips.append(one.places[:, k])
+        pairs = [[foot, first + len(tips) + k] for k, foot in enumerate(feet)]
+        tips += list(np.swapaxes(one.places + np.nan_to_num(one.vectors), 0, 1))
+        sets.append(
+            {
+                "noun": one.noun,
+                "order": ("velocity", "acceleration").index(one.noun) if one.columns else 2,
+                "shafts": pairs,
+                "scale": float(f"{one.scale:.12g}"),
+                "key": float(f"{one.key:.7g}"),
+                "text": one.text if data.dim == 2 else f"longest {one.longest}",
+            }
+        )
+    return {"arrows": sets, "tips": [pack_places(tip, quantum) for tip in tips]}
+
+
+def _css(role: str) -> dict[str, Any]:
+    """Write the style of a role as a page has it: units as ``--u``, and ``#`` for the colour of a body."""
+    style = ROLES[role]
+    fill, stroke = (f"var(--{x}{'-#' * (x in ('body', 'tint'))})" if x else "none" for x in (style.fill, style.stroke))
+    look = f"fill:{fill};fill-opacity:{style.opacity:g};stroke:{stroke};stroke-width:calc({style.width:g}*var(--u))"
+    if style.dash:
+        look += ";stroke-dasharray:" + " ".join(f"calc({d:g}*var(--u))" for d in style.dash)
+    elif style.width > _ROUND and role != "casing":
+        look += ";stroke-linecap:round"
+    return {"css": look, "fixed": style.fixed}
+
+
+def _planar_item(item: Item) -> dict[str, Any]:
+    """Write an item; a span is a stamp in a frame that is as long as the way between its ends."""
+    if isinstance(item, Span):
+        return {"shape": "stamp", **_fields(item), "frame": {"at": item.ends[0], "toward": item.ends}}
+    return {"shape": type(item).__name__.lower(), **_fields(item)}
+
+
+def _spatial_item(item: Any, meshes: dict[Mesh, int]) -> dict[str, Any]:
+    """Write an item, its mesh by number."""
+    out = {"shape": type(item).__name__.lower(), **_fields(item)}
+    if isinstance(item, Solid):
+        out["mesh"] = meshes.setdefault(item.mesh, len(meshes))
+    return out
+
+
+def _fields(item: Any) -> dict[str, Any]:
+    """List the fields of an item or a name, frames and directions as dictionaries, without what it does not have."""
+    out = {}
+    for field in dataclasses.fields(item):
+        value = getattr(item, field.name)
+        if isinstance(value, (Frame, SpaceFrame, Way)):
+            value = dataclasses.asdict(value)
+        if not isinstance(value, Mesh):
+            out[field.name] = value
+    return out
+
+
+def _outermost(x: np.ndarray) -> np.ndarray:
+    """Pick some of the places, those that lie furthest out in many directions among them; there may be a million."""
+    if len(x) <= _CORNERS:
+        return x if len(x) else np.zeros((1, 3))
+    ways = np.random.default_rng(0).normal(size=(_CORNERS, 3))
+    return x[np.unique([int(np.argmax(x @ way)) for way in ways])]
+
+
+def write_piece(one: Piece) -> dict[str, Any]:
+    """Write what a page makes a piece of a mesh from."""
+    if isinstance(one, Turned):
+        rings = [round_numbers(np.array([r.share, r.length, r.units, r.radius, r.thick])) for r in one.rings]
+        shown = {name: 1 for name in ("prism", "caps", "lined") if getattr(one, name)}
+        return {"rings": rings, "sides": one.sides, **shown}
+    if isinstance(one, Shell):
+        return {"profile": round_numbers(np.array(one.profile)), "sides": one.sides}
+    if isinstance(one, Coil):
+        return {"coil": [one.turns, one.radius, one.start, one.end], "sides": one.sides}
+    vertices = round_numbers(np.array(one.vertices), 5)
+    return {"v": vertices, "f": one.faces, "strokes": one.strokes, "apart": int(one.apart)}

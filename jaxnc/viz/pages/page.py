@@ -1,0 +1,202 @@
+"""A motion as one HTML file that needs nothing else: the drawing, a slider over the poses, and a table to read."""
+
+import html
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from jaxnc.calls import public
+from jaxnc.errors import InputError
+from jaxnc.io.target import file_name, writing
+from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.branch import page_numbers
+from jaxnc.viz.pages.content import force_names, page_content
+from jaxnc.viz.pages.packing import embed_json, fill_template, page_part
+from jaxnc.viz.pages.solver import Refused, page_solver
+from jaxnc.viz.poses import poses
+from jaxnc.viz.repr_html import Page
+from jaxnc.viz.spatial.camera import read_view
+from jaxnc.viz.style import BODIES, DARK, INK, LIGHT, colour_of
+from jaxnc.viz.svg import draw_still
+
+_SVG = '<svg id="drawing" role="group" aria-label="Drawing of the mechanism"></svg>'
+_BACK = """<button id="undo" type="button" disabled title="The dimensions before the last change">undo</button>\
+<button id="reset" type="button" title="The mechanism as it was">reset</button>"""
+_MODES = f"""
+<div id="viewing"><button id="move" type="button" aria-pressed="true" title="Drag a joint: the mechanism moves">move\
+</button><button id="shape" type="button" aria-pressed="false" \
+title="Drag a joint: the links that meet there change">shape</button>{_BACK}</div>"""
+_CANVAS = """<canvas id="drawing" role="img" tabindex="0" aria-label="Drawing of the mechanism; \
+with the drawing in focus the arrow keys turn it, with shift they shift it, plus and minus zoom, 0 resets"></canvas>
+<div id="viewing"><label><input id="names" type="checkbox" checked>names</label>\
+<label><input id="arrows" type="checkbox" checked>vectors</label>\
+<button id="front" type="button" title="Along y: the xz plane">front</button>\
+<button id="side" type="button" title="Along x: the yz plane">side</button>\
+<button id="top" type="button" title="Along z: the xy plane">top</button>\
+<button id="home" type="button" title="The first view again">view</button></div>"""
+_STEPPING = "Space plays; the arrow keys step; Home and End jump."
+_DRAGGING = "Drag a joint to move the mechanism, or choose shape and drag it to change the links that meet there. "
+_SIZING = (
+    "Inputs and dimensions are changed by their fields and sliders. Joints are not dragged here, as they are on planar "
+    "pages: a pointer tells two of three directions, and axes of joints would have to turn with what is dragged. "
+)
+_TURNING = (
+    "Drag to turn, with shift or the right button to shift, the wheel or two fingers to zoom; Tab to the drawing and "
+    f"the arrow keys turn it. {_STEPPING}"
+)
+_LIVE = """const F = {{EQUATIONS}};
+{{SOLVER}}
+handled = (() => { const L = D.live;
+{{HANDLING}}
+})();
+"""
+_SENTENCES = {
+    "live": "With these dimensions the mechanism does not reach it.",
+    "stuck": " goes no further: the mechanism could not be assembled.",
+    "stays": "So it cannot be assembled: it stays as it was.",
+    "home": "It cannot be saved: with these dimensions it does not reach the pose in which it was drawn.",
+}
+# In space a changed design is drawn in the pose of the first drawing, from which angles may be counted.
+_UNSHAPED = """let fit=()=>{},grips=fit,stretch=fit;
+let drawing=()=>{let q=now.q.slice();return S.follow(q,now.c,L.home)?q:null};
+"""
+_DESIGN = '<button id="design" type="button">{}</button>'
+
+
+@public
+def to_html(
+    motion: Motion,
+    path: str | Path,
+    trace: str | Iterable[str] = (),
+    velocities: str | Iterable[str] = (),
+    accelerations: str | Iterable[str] = (),
+    title: str | None = None,
+    fps: float = 25.0,
+    view: tuple[float, float] | None = None,
+    model: Mechanism | None = None,
+    unit: str | None = None,
+    plots: str | Iterable[str] | None = None,
+    forces: Any = False,
+) -> Path:
+    """Write a page that shows a motion and calculates it anew: no Python, no network, one file.
+
+    The page has a solver of its own, with the mechanism's equations: in the plane joints are dragged, and dimensions
+    changed, while curves and plots follow; in space the inputs are moved. Where it cannot have one (a large mechanism,
+    a constraint kind that branches by its numbers) it shows the motion as it is, and says why.
+
+    Args:
+        motion: one pose, or a sequence of them.
+        path: file ending in ``.html``.
+        trace: points and markers whose path is shown at first; all of them can be switched on in the page.
+        velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
+        accelerations: the same for accelerations.
+        title: heading; the mechanism's name if not given.
+        fps: poses per second while it plays.
+        view: from where a spatial mechanism is seen at first: elevation and azimuth, degrees; chosen to suit it if not
+            given.
+        model: the mechanism that was compiled; a changed design can then be taken from the page as a model file, and
+            otherwise as the values that `System.replace` takes.
+        unit: what angles are shown in at first, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
+        plots: further quantities to be plotted, as of `plot`: energies, forces, efforts, rates; those of the motion
+            that was given. The first of them is shown at first. A simulation has its energies and the rates of angles
+            and distances without being asked, a suspension with the usual names camber, toe and what else `Suspension`
+            tells.
+        forces: whether forces are shown: as arrows (weights, what is applied, reactions) in the poses of the motion as
+            it was given, and as plots (efforts of the inputs, loads, what passes through points and into the ground).
+            True, or what was found of this motion already by `jaxnc.inverse_dynamics` or `reactions`.
+
+    Raises:
+        InputError: unknown names, a batch of several axes, no rates for arrows, no such view.
+        OutputError: a file that cannot be written.
+    """
+    parts = page_parts(
+        motion, trace, velocities, accelerations, title, fps, view, model, unit, plots=plots, forces=forces
+    )
+    parts["COLOURS"] = page_colours("@media (prefers-color-scheme:dark){:root{#}}")
+    with writing(path, (".html", ".htm"), "a page") as new:
+        new.write_text(fill_template(page_part("page.html"), parts), encoding="utf-8")
+    return Page(file_name(path))
+
+
+def page_parts(
+    motion: Motion,
+    trace: str | Iterable[str],
+    velocities: str | Iterable[str],
+    accelerations: str | Iterable[str],
+    title: str | None,
+    fps: float,
+    view: tuple[float, float] | None,
+    model: Mechanism | None,
+    unit: str | None = None,
+    scripted: bool = False,
+    plots: str | Iterable[str] | None = None,
+    forces: Any = False,
+) -> dict[str, str]:
+    """Make what a page is filled with, by name; see `to_html`. Where scripts run for certain it needs no still."""
+    if model is not None and not isinstance(model, Mechanism):
+        raise InputError(f"model= takes the Mechanism that was compiled, got {type(model).__name__}")
+    data = poses(motion, unit)
+    heading = data.topology.name if title is None else title
+    with_forces = forces is not False and forces is not None
+    data = data.with_reactions(forces) if with_forces and forces is not True else data
+    camera, plane = read_view(data, view), data.dim == 2
+    content, drawn = page_content(data, heading, fps, trace, velocities, accelerations, camera, plots, with_forces)
+    plotted = force_names(content["series"])
+    drawing, hint = (_SVG, _STEPPING) if plane else (_CANVAS, _TURNING)
+    try:
+        equations, content["live"] = page_solver(data, model, drawn, plotted)
+        content["sentences"] |= _SENTENCES
+        drawing, hint = (drawing + _MODES, _DRAGGING + hint) if plane else (drawing, _SIZING + hint)
+    except Refused as reason:
+        equations, hint = "", f"{hint} {html.escape(str(reason))}"
+    alive = "live" in content
+    exerting = alive and "felt" in content["live"]
+    content["unforced"] = content["live"].pop("unforced", "") if alive else ""
+    for row in content["series"]:
+        row["made"] = int(row.pop("name") in plotted and exerting)
+    # Scripts that a page has only if it needs them.
+    scripts = {
+        "FORCES": ("forces.js", with_forces),
+        "CLOCK": ("clock.js", data.motion.time is not None),
+        "SOLVER": ("solver.js", alive),
+        "HANDLING": ("live.js", alive),
+        "MORPHING": ("morph.js", alive),
+        "SIZING": ("sizes.js", alive),
+        "CENTRES": ("centres.js", alive and content["live"].get("design", {}).get("centres")),
+        "EXERTING": ("exert.js", exerting),
+    }
+    return {
+        "TITLE": html.escape(heading),
+        "DRAWING": drawing,
+        "HINT": hint,
+        "STILL": draw_still(data) if plane and not scripted else "",
+        "DATA": embed_json(content),
+        "PROGRAM": page_part("player.js"),
+        "STAGE": page_part("planar.js" if plane else "spatial.js"),
+        "CHARTS": page_part("charts.js"),
+        **{name: f"{number:g}" for name, number in page_numbers().items()},
+        **{part: page_part(name) if needed else "" for part, (name, needed) in scripts.items()},
+        "LIVE": _LIVE if alive else "",
+        "EQUATIONS": equations,
+        "SHAPING": page_part("shape.js") if alive and plane else _UNSHAPED,
+        "HOLDING": page_part("hold.js") if exerting else "let holding={};",
+        "MORE": "",
+        "PICTURE": "SVG" if plane else "PNG",
+        "DESIGN": _DESIGN.format("design" if model is None else "model file") if alive else "",
+        "BACK": f"<span>{_BACK}</span>" if alive and not plane else "",
+    }
+
+
+def page_colours(dark: str) -> str:
+    """Write the custom properties of a page's style, light, and dark in the rule that is given."""
+
+    def block(dark: bool) -> str:
+        base = DARK if dark else LIGHT
+        lines = [f"--{name}:{colour}" for name, colour in base.items()]
+        for body in (INK, *range(len(BODIES))):
+            name = "ink" if body == INK else str(body)
+            lines += [f"--{kind}-{name}:{colour_of(kind, body, dark)}" for kind in ("body", "tint")]
+        return ";".join(lines)
+
+    return f":root,:host{{{block(False)}}}{dark.replace('#', block(True))}"

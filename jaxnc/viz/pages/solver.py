@@ -1,0 +1,429 @@
+"""Equations of a page: those of a mechanism in JavaScript, and the numbers that they start from.
+
+A page draws a changed mechanism as its pose stands: `page_design` is the program that reads its dimensions off again.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxnc.constraints.kind import norm
+from jaxnc.constraints.small import Small
+from jaxnc.constraints.spatial_coordinates import from_drawing
+from jaxnc.io.files import plain
+from jaxnc.mechanism import Mechanism
+from jaxnc.reading import Builder, Program, Unreadable, rate, write
+from jaxnc.reading.javascript import FUNCTIONS, javascript
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.linearised import given, linearised
+from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.design import Step, design, run_steps
+from jaxnc.system.frames import marker_program
+from jaxnc.system.host import HostEquations, from_jax
+from jaxnc.system.host_kinds import readable
+from jaxnc.system.identity import Dimension, Owner, Quantity, Thing
+from jaxnc.system.structure import program
+from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
+from jaxnc.viz.arrows import Arrows
+from jaxnc.viz.pages.packing import pack_exactly
+from jaxnc.viz.poses import Poses
+
+LARGEST = {2: 80, 3: 150}
+"""Unknowns of the largest mechanisms that a page calculates with, by dimension."""
+
+
+class Refused(Exception):
+    """Why a page cannot calculate by itself, as a sentence."""
+
+
+def page_solver(
+    data: Poses, model: Mechanism | None = None, drawn: Sequence[Arrows] = (), plotted: Sequence[str] = ()
+) -> tuple[str, dict[str, Any]]:
+    """Write the equations of a motion's mechanism as JavaScript, and the numbers that go with them.
+
+    Of the arrows those of forces are found again, and so are forces that are plotted. The `model` is what was compiled,
+    for a model file of a changed design.
+
+    Returns:
+        An object of functions, as text; and what the page's solver reads beside it: why forces are not found again, if
+        there are some, in ``"unforced"``.
+    """
+    motion, top = data.motion, data.topology
+    if not data.good.any():
+        raise Refused("No pose of this motion is right, so that there is none to start from.")
+    view = plan(top, tuple(motion.driven), tuple(motion.held)) if motion.driven else None
+    if view is None or motion.conditioning is None or not len(view.unknown):
+        raise Refused("This motion has no inputs to drive.")
+    if len(view.unknown) > LARGEST[top.dim]:
+        raise Refused(f"This mechanism has {len(view.unknown)} unknowns, more than a page solves for.")
+    if not readable(top, ("residual", "guard", "drawn", "measure")):
+        unread = next(b.kind.name for b in top.blocks if not _readable(b.kind, top.dim))
+        raise Refused(f"The constraint kind {unread!r} branches or loops by its numbers: a page cannot calculate it.")
+    eq = from_jax(derive(motion.system))
+    numbers = _numbers(data, view, eq)
+    numbers["design"] = _design_file(motion.system, model)
+    parts = _functions(top, view, len(motion.rates))
+    if plotted or any(a.chosen for a in drawn):
+        from jaxnc.viz.pages.page_forces import page_forces
+
+        try:
+            more, numbers["felt"], numbers["inner"] = page_forces(data, view, drawn, plotted)
+            parts |= more
+        except Unreadable as reason:
+            numbers["unforced"] = f"only in the poses of the motion as it was given: {reason}"
+        else:
+            if top.dim == 3:
+                numbers["unforced"] = "in space only with the dimensions as they were given"
+    return f"(()=>{{{FUNCTIONS}return{{{','.join(f'{head}{{{text}}}' for head, text in parts.items())}}}}})()", numbers
+
+
+def _readable(kind: Any, dim: int) -> bool:
+    which = ("residual", "guard", "drawn", "measure")
+    return all(getattr(kind, w) is None or program(kind, w, dim) is not None for w in which)
+
+
+def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
+    """Write functions of coordinates q and numbers c, by their heads; each fills the array that it is given last."""
+    n = len(top.coordinates)
+    b = Builder(n + given(top))
+    found = linearised(view, b)
+    driven = len(view.driven)
+
+    def name(k: int) -> str:
+        return f"q[{k}]" if k < n else f"c[{k - n}]"
+
+    def body(nodes: Iterable[int], into: Any) -> str:
+        return javascript(b.program([*nodes]), name, into)
+
+    at = [r * len(view.unknown) + c for r, c in found.matrix]
+    by = [r * driven + k for r, k in found.by_known]
+    parts = {
+        "rows(q,c,o)": body(found.rows, lambda k: f"o[{k}]"),
+        "matrix(q,c,o)": body(found.matrix.values(), lambda k: f"o[{at[k]}]"),
+        "driven(q,c,o)": body(found.by_known.values(), lambda k: f"o[{by[k]}]"),
+        "guards(q,c,o)": body(found.guards, lambda k: f"o[{k}]"),
+        "markers(q,k,o)": _markers(top),
+    }
+    if rates > 1:
+        parts["second(q,c,v,a,o)"] = _second(top, view)
+    parts["design(q,m,d,c,s,k,e)"] = _design(top)
+    return parts
+
+
+def _second(top: Topology, view: Plan) -> str:
+    """Write second time derivatives of the rows where the unknowns have velocities and no accelerations."""
+    n, numbers = len(top.coordinates), given(top)
+    b = Builder(3 * n + numbers)
+    row_of = {int(r): k for k, r in enumerate(view.rows)}
+    moving, driven = {*view.unknown.tolist(), *view.driven}, set(view.driven)
+    zero = b.number(0.0)
+    rows, first = [zero] * len(view.rows), n
+    for block, layout in zip(top.blocks, top.layout, strict=True):
+        constants, found = len(block.kind.constants), program(block.kind, "residual", top.dim)
+        for variables, at_rows in zip(layout.variables.tolist(), layout.rows.tolist(), strict=True):
+            scales = b.first[first + constants : first + constants + len(at_rows)]
+            inputs = [*(b.first[c] for c in variables), *b.first[first : first + constants]]
+            first += constants + len(at_rows)
+            asked = [(r, row_of[g]) for r, g in enumerate(at_rows) if g in row_of]
+            if not asked or found is None:
+                continue
+            inputs += [b.first[n + numbers + c] if c in moving else zero for c in variables]
+            inputs += [b.first[2 * n + numbers + c] if c in driven else zero for c in variables]
+            twice = rate(found, range(len(variables)), 2)
+            at = b.append(twice, inputs)
+            for r, row in asked:
+                rows[row] = b.op("mul", at[twice.outputs[r]], scales[r])
+    edges = (("q", n), ("c", numbers), ("v", n), ("a", n))
+    return javascript(b.program(rows), lambda k: _within(k, edges), lambda k: f"o[{k}]")
+
+
+def _within(k: int, edges: Iterable[tuple[str, int]]) -> str:
+    """Name an input that lies in one of several arrays behind one another."""
+    for letter, size in edges:
+        if k < size:
+            return f"{letter}[{k}]"
+        k -= size
+    raise IndexError(k)
+
+
+def _design(top: Topology) -> str:
+    found = page_design(top)
+    into = [f"c[{k}]" for k in found.constants]
+    for letter, size in zip("ske", found.outputs[1:], strict=True):
+        into += [f"{letter}[{k}]" for k in range(size)]
+    edges = (("q", len(top.coordinates)), ("m", top.dim * len(top.markers)), ("d", len(top.dimensions)))
+    return javascript(found.program, lambda k: _within(k, edges), lambda k: into[k])
+
+
+def _markers(top: Topology) -> str:
+    """Write places (directions) of the markers from the coordinates and their coefficients."""
+    n, lines = len(top.coordinates), []
+    b = Builder(n + top.dim * len(top.markers))
+    for k, _ in enumerate(top.markers):
+        found: Program = marker_program(top, k)
+        at = b.append(found, [*b.first[:n], *b.first[n + top.dim * k : n + top.dim * (k + 1)]])
+        lines += [at[i] for i in found.outputs]
+    return javascript(b.program(lines), lambda k: _within(k, (("q", n), ("k", b.inputs))), lambda k: f"o[{k}]")
+
+
+def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
+    """Collect what the page's solver reads: indices, the pose to start from, inputs of all poses, dimensions."""
+    motion, top = data.motion, data.topology
+    start = int(np.flatnonzero(data.good)[0])
+    q = np.asarray(motion.q, float).reshape(data.count, -1)
+    rates = [np.asarray(x, float).reshape(data.count, -1)[:, list(view.driven)] for x in motion.rates[:2]]
+    par = motion.system.parameters
+    names = [top.coordinates[k] for k in view.driven]
+    return {
+        "start": start,
+        "q": q[start].tolist(),
+        "home": np.asarray(eq.home, float)[list(view.driven)].tolist(),
+        "c": [float(x) for x in eq.numbers],
+        "k": np.asarray(eq.markers, float).reshape(-1).tolist(),
+        "d": np.asarray(par.dimensions, float).tolist(),
+        "unknown": view.unknown.tolist(),
+        "driven": list(view.driven),
+        "names": names,
+        "angles": [name in top.scalars and bool(top.angles[top.scalars.index(name)]) for name in names],
+        "rows": len(view.rows),
+        "weights": [float(x) for x in np.asarray(eq.weights)[view.unknown]],
+        "length": float(eq.length),
+        "guards": sum(len(block.owners) * _guards(block.kind, top.dim) for block in top.blocks),
+        "asked": [pack_exactly(x) for x in np.asarray(motion.asked, float).reshape(data.count, -1).T],
+        "rates": [[pack_exactly(x) for x in rate.T] for rate in rates],
+        "points": list(top.points),
+        "markers": [[m.name, m.direction] for m in top.markers],
+        "fixed": [bool(x) for x in top.fixed],
+        "dimensions": _dimension_fields(top),
+        "links": _links(top),
+    }
+
+
+class Centre(NamedTuple):
+    """A centre of mass that is given as a place: its parameters, and where it is in the axes of a segment."""
+
+    body: str
+    at: tuple[int, ...]
+    foot: int
+    segment: tuple[int, int]
+    local: np.ndarray
+
+
+def mass_centres(system: System) -> Iterator[Centre]:
+    """List centres of mass of planar bodies that are given as places of the drawing."""
+    if system.topology.dim > 2:
+        return
+    par = system.parameters
+    points, physical = np.asarray(par.points, float), np.asarray(par.physical, float)
+    for index in (i for group in system.topology.loads.inertias for i in group if i.com):
+        (start, end), foot = index.home[2][0], index.home[0]
+        x, y = (points[end] - points[start]) / np.linalg.norm(points[end] - points[start])
+        local = np.array([[x, y], [-y, x]]) @ (physical[list(index.com)] - points[foot])
+        yield Centre(index.body, tuple(index.com), foot, (start, end), local)
+
+
+def _design_file(system: System, model: Mechanism | None) -> dict[str, Any]:
+    """Write a model file, and where points, vectors, markers and explicit dimensions stand in it; or their values.
+
+    The drawing of the file may be another pose: planar centres of mass follow their bodies, springs keep their length.
+    """
+    top = system.topology
+    dimensions = [[name] for name in top.dimensions]
+    centred = [[*one.segment, one.foot, *one.local.tolist()] for one in mass_centres(system)]
+    if model is None:
+        names = [[[top.loads.physical[k]] for k in one.at] for one in mass_centres(system)]
+        return {"file": {}, "points": [[p] for p in (*top.points, *top.vectors)],
+                "markers": [[m.name] for m in top.markers],
+                "dimensions": dimensions, "centres": centred, "centred": names}  # fmt: skip
+    data = plain(model.model)
+    home = np.asarray(from_jax(derive(system)).home, float)
+    for spring in data.get("forces", {}).values():
+        if spring["kind"] == "spring":
+            start, end = (home[top.dim * k : top.dim * (k + 1)] for k in map(top.points.index, spring["points"]))
+            spring["parameters"].setdefault("free", float(np.linalg.norm(end - start)))
+        elif spring["kind"] == "coordinate spring":
+            spring["parameters"].setdefault("free", float(home[top.position[spring["scalars"][0]]]))
+
+    def place(name: str, tables: Sequence[str] = ("ground", "points")) -> list[str] | None:
+        table = next((table for table in tables if name in data.get(table, {})), None)
+        if table is None:
+            return None
+        return [table, name, "at"] if isinstance(data[table][name], dict) else [table, name]
+
+    def marker(name: str) -> list[str] | None:
+        one = data.get("markers", {}).get(name)
+        if not isinstance(one, dict):
+            return None if one is None else ["markers", name]
+        return ["markers", name, "direction" if "direction" in one else "at"]
+
+    for k, one in enumerate(top.given):
+        dimensions[k] = _where(data, top, one)
+    vectors = [place(v, ("ground_vectors", "vectors")) for v in top.vectors]
+    return {"file": data, "points": [*map(place, top.points), *vectors],
+            "markers": [marker(m.name) for m in top.markers], "dimensions": dimensions, "centres": centred,
+            "centred": [[["bodies", one.body, "com", k] for k in (0, 1)] for one in mass_centres(system)]}  # fmt: skip
+
+
+def _where(data: dict[str, Any], top: Topology, one: Dimension) -> list[Any]:
+    """Find where a dimension stands in a model file; nowhere, if it is not known."""
+    table = {Thing.BODY: "bodies", Thing.JOINT: "joints"}.get(one.owner.thing)
+    entry = data.get(table, {}).get(top.called(one.owner)) if table else None
+    if not isinstance(entry, dict) or table is None:
+        return []
+    path = [table, top.called(one.owner)]
+    if one.key in entry.get("lengths", {}):
+        return [*path, "lengths", one.key]
+    point, _, axis = one.key.rpartition(".")
+    if point in entry.get("local", {}):
+        return [*path, "local", point, int(axis == "across")]
+    if one.key in ("radius1", "radius2") and "radii" in entry:
+        return [*path, "radii", int(one.key[-1]) - 1]
+    return [*path, one.key] if isinstance(entry.get(one.key), float) else []
+
+
+def _guards(kind: Any, dim: int) -> int:
+    found = program(kind, "guard", dim)
+    return 0 if found is None else len(found.outputs)
+
+
+def _dimension_fields(top: Topology) -> list[dict[str, Any]]:
+    """List explicit dimensions: what they are called, their unit, whether they are positive."""
+    return [
+        {
+            "name": name,
+            "unit": top.length_unit if one.quantity.long else "",
+            "positive": one.quantity is Quantity.LENGTH,
+        }
+        for name, one in zip(top.dimensions, top.given, strict=True)
+    ]
+
+
+def _links(top: Topology) -> list[dict[str, Any]]:
+    """List lengths of links that are read off the drawing: two points, and which of the numbers follow from them."""
+    at: dict[Owner, list[int]] = {}
+    arms, first = [], 0  # arms of angles follow from the lengths, whoever's they are
+    for block in top.blocks:
+        for owners in block.owners:
+            constants = range(first, first + len(block.kind.constants))
+            for owner in owners:
+                at.setdefault(owner, []).extend(constants)
+            if any(owner.thing is Thing.COORDINATE for owner in owners):
+                names = zip(constants, block.kind.constants, strict=True)
+                arms += [k for k, name in names if name.startswith(("length", "radius"))]
+            first += len(constants) + len(block.kind.rows)
+    explicit = {one.owner for one in top.given}
+    moving = ~np.all(np.array(top.fixed[: top.dim * len(top.points)], bool).reshape(-1, top.dim), axis=1)
+    out = []
+    for body in top.bodies:
+        owner = Owner(Thing.BODY, top.names[Thing.BODY].index(body.name))
+        if owner in explicit or not at.get(owner):
+            continue
+        p = body.points
+        pairs = [(p[0], p[1]), *(pair for x in p[2:] for pair in ((p[0], x), (p[1], x)))] if len(p) > 1 else []
+        for i, j in pairs:
+            if moving[[i, j]].any():  # else it is a length of the ground
+                out.append({"points": [int(i), int(j)], "numbers": [*at[owner], *arms]})
+    return out
+
+
+# -- the design of a changed mechanism ---------------------------------------------------------------------------------
+
+
+class PageDesign(NamedTuple):
+    """A program and what its numbers are."""
+
+    # Of all coordinates as drawn (points, unit vectors, then angles and distances, which say only in which turn an
+    # angle is), of the markers' places, and of the explicit dimensions.
+    program: Program
+    # Constants of all instances, block after block; angles and distances as drawn; coefficients of the markers; the
+    # explicit dimensions of bodies as drawn, other dimensions as they are. An angle that is counted from the drawing
+    # stays what it is, and so does the direction that it is counted from, which is none of these constants.
+    outputs: tuple[int, ...]
+    # Places of the constants among the numbers of an instance, as `HostEquations.numbers` has them.
+    constants: tuple[int, ...]
+
+
+def page_design(top: Topology) -> PageDesign:
+    """Write the program of a mechanism whose kinds can be read."""
+    found, spread = design(top), top.dim * (len(top.points) + len(top.vectors))
+    width = top.dim * len(top.markers)
+    b = Builder(len(top.coordinates) + width + len(top.dimensions))
+    q, rest = b.first[: len(top.coordinates)], b.first[len(top.coordinates) :]
+
+    def run(step: Step, given: np.ndarray) -> list[list[int]]:
+        if step.finds == "misfit":
+            return [[b.number(0.0)] * given.shape[1]]
+        if step.finds == "unit":  # what a pose has are unit vectors
+            return given.tolist()
+        columns = [step.formula.write(b, instance) for instance in given.T.tolist()]
+        if step.finds == "measure":
+            block = top.blocks[top.measures[step.at[0]][0]]
+            drawn = [q[spread + k] for k in step.at]
+            if from_drawing(block.kind):
+                return [drawn]
+            columns = [
+                [_in_turn(b, value, at) if top.angles[k] else value]
+                for k, (value,), at in zip(step.at, columns, drawn, strict=True)
+            ]
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    x = run_steps(found, np.array([b.number(0.0), *q[:spread], *rest]), run, np.concatenate)
+    at, nodes, first = [], [], 0
+    for block, constants in zip(top.blocks, found.constants, strict=False):
+        for instance in constants:
+            if not from_drawing(block.kind):
+                at += range(first, first + len(instance))
+                nodes += x[instance].tolist()
+            first += len(block.kind.constants) + len(block.kind.rows)
+    parts = (
+        nodes,
+        x[found.home[spread:]].tolist(),
+        x[found.markers].reshape(-1).tolist(),
+        _explicit_dimensions(top, b, x),
+    )
+    return PageDesign(b.program([node for part in parts for node in part]), tuple(map(len, parts)), tuple(at))
+
+
+def _in_turn(b: Builder, angle: int, drawn: int) -> int:
+    """Write an angle in the turn in which it was drawn."""
+    turn = b.number(2.0 * math.pi)
+    turns = b.op("round", b.op("div", b.op("sub", drawn, angle), turn))
+    return b.op("add", angle, b.op("mul", turns, turn))
+
+
+def _explicit_dimensions(top: Topology, b: Builder, x: np.ndarray) -> list[int]:
+    """Write explicit dimensions: those of bodies as drawn, others as they are."""
+    found = design(top)
+    out = x[found.parameters[3]].tolist()
+    points = x[found.parameters[0]].tolist()
+
+    def between(i: int, j: int) -> list[int]:
+        return [b.op("sub", y, z) for z, y in zip(points[i], points[j], strict=True)]
+
+    def distance(i: int, j: int) -> int:
+        program = write(lambda *y: norm(Small(y)), top.dim)
+        return b.append(program, between(i, j))[program.outputs[0]]
+
+    for shape in top.shapes:
+        for members, wanted in zip(shape.members, shape.dimensions, strict=True):
+            (i, j, base), steps = shape.recipe
+            if base is not None:
+                out[wanted[base]] = distance(members[i], members[j])
+            for k, how, *data in steps:
+                if how == "local":
+                    axis, arm = between(members[i], members[j]), between(members[i], members[k])
+                    size = distance(members[i], members[j])
+                    along = b.total(b.op("mul", y, z) for y, z in zip(axis, arm, strict=True))
+                    across = b.op("sub", b.op("mul", axis[0], arm[1]), b.op("mul", axis[1], arm[0]))
+                    out[wanted[data[0]]], out[wanted[data[1]]] = (b.op("div", y, size) for y in (along, across))
+                elif how != "drawn":
+                    for origin, d in zip(data[::2], data[1::2], strict=True):
+                        out[wanted[d]] = distance(members[origin], members[k])
+    for block, read in zip(top.blocks, found.read, strict=False):
+        for i, k, d in block.given:
+            if top.given[d].owner.thing is Thing.BODY:
+                out[d] = int(x[read[i, k]])
+    return out
