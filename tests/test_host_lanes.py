@@ -98,12 +98,11 @@ def designs(case: str) -> Designs:
 
 def same(found, wanted, size, near=1e-12):
     """Statuses equal, poses to 1e-12 of the size; where a branch ends, to what a root of rounding leaves."""
-    poses, _, status, _, conditioning = wanted
-    np.testing.assert_array_equal(found.status, status)
-    good = status == 0
+    np.testing.assert_array_equal(found.status, wanted.status)
+    good, conditioning = wanted.status == 0, wanted.conditioning
     slack = near * size / np.minimum(1.0, np.maximum(conditioning, 1e-9))  # what rounding is magnified to there
-    assert np.all(np.abs(found.poses - poses)[good] <= 10 * slack[good, None])
-    np.testing.assert_allclose(found.poses[~good], poses[~good], atol=2e-3 * size)
+    assert np.all(np.abs(found.q - wanted.q)[good] <= 10 * slack[good, None])
+    np.testing.assert_allclose(found.q[~good], wanted.q[~good], atol=2e-3 * size)
     np.testing.assert_allclose(found.conditioning[good], conditioning[good], rtol=1e-6)
     assert np.all(found.size[good] <= 1e-12 * size)
 
@@ -127,15 +126,16 @@ def test_sequences_are_those_of_each_design(case):
     found = on_host.sequences(d.view, d.together, d.start, values)
     alone = [on_host.analyse(d.view, "continuation", *x, ()) for x in zip(d.each, d.start, values, strict=True)]
     for k, eq in enumerate(d.each):
-        same(on_host.Solved(*(x[k] for x in found)), alone[k], float(eq.length))
+        same(found.each(lambda x, k=k: x[k]), alone[k], float(eq.length))
     # From a pose on: the last that was found before the first that was not.
-    first = np.array([int(np.argmax(np.append(w[2] != 0, True))) for w in alone])
+    first = np.array([int(np.argmax(np.append(w.status != 0, True))) for w in alone])
     first = np.where(first < 31, first, rng.integers(0, 31, len(first)))
-    start = np.where(first[:, None] > 0, found.poses[np.arange(len(first)), first - 1], d.start)
+    start = np.where(first[:, None] > 0, found.q[np.arange(len(first)), first - 1], d.start)
     rest = on_host.sequences(d.view, d.together, start, values, first)
     for k, eq in enumerate(d.each):
-        after = tuple(x if isinstance(x, tuple) else x[first[k] :] for x in alone[k])
-        same(on_host.Solved(*(x[k, first[k] :] for x in rest)), after, float(eq.length))
+        after = alone[k].each(lambda x, k=k: x[first[k] :])
+        own = rest.each(lambda x, k=k: x[k, first[k] :])
+        same(own, after, float(eq.length))
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -147,9 +147,9 @@ def test_scattered_values_are_those_of_each_design(case):
     back = np.argsort(every).reshape(-1, 13)
     for k, eq in enumerate(d.each):
         wanted = on_host.analyse(d.view, "lanes", eq, d.start[k], values[k], ())
-        same(on_host.Solved(*(x[back[k]] for x in found)), wanted, float(eq.length))
+        same(found.each(lambda x, k=k: x[back[k]]), wanted, float(eq.length))
         one = on_host.scattered(d.view, from_jax(eq), d.start[k : k + 1], values[k, :3], np.zeros(3, int))
-        same(on_host.Solved(*(x[back[k, :3]] for x in found)), (one[0], (), *one[1:]), float(eq.length))
+        same(found.each(lambda x, k=k: x[back[k, :3]]), one, float(eq.length))
 
 
 CLOSED = {  # of four-bars: lengths, where they are drawn, where to, and whether no singular position lies between
@@ -202,8 +202,7 @@ def test_what_is_solved_all_at_once_is_what_is_followed(case, monkeypatch):
     monkeypatch.setattr(poses, "sure", lambda view, start, *_: (start, np.zeros(start.shape[1], bool)))
     followed = on_host.sequences(d.view, d.together, d.start, values)
     for k, eq in enumerate(d.each):
-        alone = [x[k] for x in followed]
-        same(on_host.Solved(*(x[k] for x in found)), (alone[0], (), *alone[1:]), float(eq.length))
+        same(*(batch.each(lambda x, k=k: x[k]) for batch in (found, followed)), float(eq.length))
 
 
 def test_designs_that_are_mirrored_or_have_left_their_class_or_do_not_assemble():
@@ -230,7 +229,7 @@ def test_designs_that_are_mirrored_or_have_left_their_class_or_do_not_assemble()
     np.testing.assert_array_equal(found.status, [ended, [left] * 5, [mirrored] * 5, [lost] * 5])
     each = on_host.scattered(d.view, d.together, d.start, values[0, :4], np.arange(4))
     np.testing.assert_array_equal(each.status, [0, left, mirrored, lost])
-    assert np.isfinite(found.poses[:3]).all() and np.isfinite(each.poses[:3]).all()
+    assert np.isfinite(found.q[:3]).all() and np.isfinite(each.q[:3]).all()
 
 
 def test_numbers_of_32_bits_are_calculated_with_32():
@@ -240,13 +239,13 @@ def test_numbers_of_32_bits_are_calculated_with_32():
     values = np.stack([np.linspace(0.7, 5.7, 40)[:, None]] * 3)
     found = on_host.sequences(d.view, d.together, d.start, values)
     exact = on_host.sequences(wide.view, wide.together, wide.start, values)
-    assert all(x.dtype == np.float32 for x in (found.poses, found.size, found.conditioning))
+    assert all(x.dtype == np.float32 for x in (found.q, found.size, found.conditioning))
     np.testing.assert_array_equal(found.status, exact.status)
     assert {0, 2, 4} == set(found.status.ravel().tolist())
     good = found.status == 0
-    np.testing.assert_allclose(found.poses[good], exact.poses[good], atol=3e-5)
+    np.testing.assert_allclose(found.q[good], exact.q[good], atol=3e-5)
     for k, eq in enumerate(d.each):
-        status = on_host.analyse(d.view, "continuation", eq, d.start[k], values[k], ())[2]
+        status = on_host.analyse(d.view, "continuation", eq, d.start[k], values[k], ()).status
         np.testing.assert_array_equal(found.status[k], status)
 
 
@@ -281,4 +280,4 @@ def test_what_cannot_be_read_is_not_ready():
     assert not host.ready(view)
     eq = derive(system)
     found = on_host.scattered(view, from_jax(eq), np.asarray(eq.home)[None], np.array([[0.3], [0.8]]), np.zeros(2, int))
-    np.testing.assert_allclose(found.poses[:, 1], [0.09, 0.64], atol=1e-12)  # through JAX it is found all the same
+    np.testing.assert_allclose(found.q[:, 1], [0.09, 0.64], atol=1e-12)  # through JAX it is found all the same

@@ -188,7 +188,7 @@ def test_the_pose_nearest_to_a_guess_is_that_of_the_compiled_solver():
     other = nc.solve_position(system, {"phi": 1.1}, start={"C": mirrored})
     np.testing.assert_allclose(other["C"], mirrored, atol=1e-12)
     near = on_host.nearest(make_plan(system, ("phi",), ()), hosted(derive(system)), start.q[None], np.array([[1.1]]))
-    np.testing.assert_allclose(near.poses[0], start.q, atol=1e-13)
+    np.testing.assert_allclose(near.q[0], start.q, atol=1e-13)
 
 
 def test_a_branch_that_ends_is_followed_to_its_end_in_few_steps(monkeypatch):

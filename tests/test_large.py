@@ -203,8 +203,8 @@ def test_what_is_too_much_to_write_out_is_solved_by_lu_on_the_host():
         one, other = (
             host.sequences(v, start[:, None], phi[:, None, None]) for v in (view_of(view, eq), HostView(view, eq))
         )
-    assert one.reached.tolist() == other.reached.tolist() and 30 < one.reached.sum() < 60
-    assert np.max(np.abs(one.q - other.q)[:, one.reached]) <= 10 * SAME
+    assert one.good.tolist() == other.good.tolist() and 30 < one.good.sum() < 60
+    assert np.max(np.abs(one.q - other.q)[:, one.good]) <= 10 * SAME
     pivots, drawn = drawn_tips(system)
     tips = closed_form(pivots, drawn, phi[20])
     assert np.max(np.abs(tips_of(system, one.q[:, 20]) - tips)) <= EXACT

@@ -3,11 +3,13 @@
 import inspect
 
 import jax
+import jax.numpy as jnp
 import mechanisms
 import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.solvers.answers import PIECE, ask_host
 
 T = np.linspace(0.0, 0.1, 3)
 
@@ -86,3 +88,18 @@ def test_a_method_answers_or_says_what_it_needs(name, tmp_path, monkeypatch):
     assert all("return" in text for text in about)
     assert len(about) == count, about
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("count", [3, PIECE, 5 * PIECE + 1, 100 * PIECE])
+def test_what_the_host_is_given_comes_whole(count):
+    numbers, lanes = jnp.arange(2.0 * count).reshape(2, count), jnp.arange(count) % 3 == 0
+    like, seen = jax.ShapeDtypeStruct((2,), numbers.dtype), []
+
+    def answer(numbers, rest):
+        seen.append((numbers.shape, rest["lanes"].dtype))
+        return np.array([numbers[1, rest["lanes"]].sum(), rest["lanes"].sum()])
+
+    ask = jax.jit(lambda a, b: ask_host("added up", like, answer, a, {"lanes": b}, given_up=answer))
+    wanted = np.asarray(numbers)[1][np.asarray(lanes)].sum(), np.asarray(lanes).sum()
+    np.testing.assert_array_equal(ask(numbers, lanes), wanted)
+    assert seen == [((2, count), np.dtype(bool))]

@@ -36,6 +36,31 @@ def test_redundant_and_momentarily_singular_are_told_apart():
     assert "singular" in str(report)
 
 
+def test_the_report_says_which_way_solves_take():
+    report = nc.mobility(four_bar())
+    assert report.driven == ("phi",) and sum(report.blocks) == report.n - 1
+    assert "closed form" in report.solves and report.solves in str(report)
+    platform = nc.library.stewart_platform().compile()
+    report = nc.mobility(platform)
+    assert report.blocks == (18,) and "Newton on 18 unknowns" in report.solves and "multiplications" in report.solves
+    with pytest.raises(nc.InputError, match="too few"):
+        nc.mobility(platform, driven=["s1"])
+
+
+def test_other_inputs_take_another_way():
+    wishbones = nc.library.double_wishbone().compile()
+    hub = nc.mobility(wishbones, driven=["damper", "tie_outer.y", "rim.x"])
+    other = nc.mobility(wishbones, driven=["rim.z", "tie_outer.y", "rim.x"])
+    assert hub.driven != other.driven and hub.solves != other.solves
+
+
+def test_what_is_too_large_is_said_to_be_solved_pose_by_pose():
+    chain = nc.library.four_bar_chain(60)
+    assert "122 unknowns" in nc.mobility(chain.compile()).solves
+    kept_sparse = nc.mobility(chain.compile(sparse=True))
+    assert "sparse" in kept_sparse.solves and "host" in kept_sparse.solves and kept_sparse.driven == ("phi",)
+
+
 def test_structure_without_freedom():
     m = nc.Mechanism("truss")
     m.ground("A", (0, 0))

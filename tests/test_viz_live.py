@@ -21,6 +21,7 @@ from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reading import Builder, function
 from jaxnc.reading.javascript import FUNCTIONS, javascript
 from jaxnc.solvers.assembly import derive, hosted
+from jaxnc.solvers.branch import page_numbers
 from jaxnc.viz.pages import page
 from jaxnc.viz.pages.content import write_piece
 from jaxnc.viz.pages.packing import pack
@@ -860,6 +861,13 @@ def test_a_drag_is_drawn_as_often_as_is_asked(browser, tmp_path, make, joint):
     # The quickest frames, whatever else runs here: a tenth of the 16.7 ms that a screen gives.
     assert np.quantile(spent, 0.25) < 14.0
     assert browser.said == []
+
+
+def test_a_page_tells_branches_apart_by_the_numbers_of_the_library(four_bar):
+    numbers, script = page_numbers(), files("jaxnc.viz.pages").joinpath("solver.js").read_text(encoding="utf-8")
+    assert not [name for name in numbers if f"{{{{{name}}}}}" not in script]
+    parts = page.page_parts(four_bar[0], [], [], [], None, 30.0, None, None)
+    assert {name: float(parts[name]) for name in numbers} == numbers
 
 
 @driven

@@ -10,9 +10,8 @@ import numpy as np
 from jaxnc.dynamics import redesign
 from jaxnc.dynamics.adjoint import Law
 from jaxnc.dynamics.asked import Asked
-from jaxnc.solvers.answers import answered
+from jaxnc.solvers.answers import PIECE, ask_host, short
 from jaxnc.solvers.plan import Plan
-from jaxnc.solvers.settled import short
 from jaxnc.system.equations import Equations
 from jaxnc.system.system import Parameters
 from jaxnc.types import Array, Float
@@ -20,7 +19,6 @@ from jaxnc.types import Array, Float
 _GEOMETRY = "points", "vectors", "markers", "dimensions", "physical"
 Origin = Plan | tuple[int, ...] | None
 """What a start follows from: the known coordinates of a plan, the drawing but for some coordinates, or nothing."""
-_PIECE = 12_000  # numbers of an array that the host is given: see `jaxnc.solvers.settled`
 
 
 def of_design(
@@ -65,18 +63,17 @@ def asked_back(
     par = tuple(getattr(parameters, name) for name in _GEOMETRY)
     law = tuple(getattr(law_bar, name) for name in redesign.DERIVED)
     given = (par, short(eq), at, jnp.zeros(0) if origin is None else pose_bar, law)
-    if max(x.size for x in jax.tree.leaves(given)) > _PIECE:
+    if max(x.size for x in jax.tree.leaves(given)) > PIECE:
         return None
     shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), given)
     leaves, structure = jax.tree.flatten(shapes)
     _ready(asked, origin, tuple((x.shape, x.dtype.name) for x in leaves), structure)
     like = jax.ShapeDtypeStruct((sum(x.size for x in par) + known,), at.dtype)
-    inner = functools.partial(answered, "differentiated a design", _nothing, _called, asked, origin)
-    return jax.pure_callback(inner, like, *given, vmap_method="sequential")
+    answer, nothing = (functools.partial(f, asked, origin) for f in (_called, _nothing))
+    return ask_host("differentiated a design", like, answer, *given, given_up=nothing)
 
 
 def _called(asked: Asked, origin: Origin, par: Any, eq: Any, at: Any, pose: Any, law: Any) -> Any:
-    par, eq, at, pose, law = jax.tree.map(np.asarray, (par, eq, at, pose, law))
     whole = Law(**dict.fromkeys(Law._fields, ()) | dict(zip(redesign.DERIVED, law, strict=True)))
     return of_design(asked, origin, Parameters(*par), eq, at, pose, whole).astype(at.dtype)
 

@@ -44,9 +44,9 @@ def assemblies(system: System, values: dict[str, float], starts: int | None, see
     while found.starts < starts if starts else not found.stable:
         spread = _SPREADS[found.starts // lanes % len(_SPREADS)]
         begun = _rigid_starts(eq, home, lanes, rng, spread)
-        q, _, *rest = analyse(view, "guess", eq, jnp.array(begun), asked, ())
+        one = analyse(view, "guess", eq, jnp.array(begun), asked, ())
         count = lanes if starts is None else min(lanes, starts - found.starts)
-        found.add(*(np.asarray(a)[:count] for a in (q, *rest)))
+        found.add(*(np.asarray(a)[:count] for a in (one.q, one.status, one.size, one.conditioning)))
     q, status, residual, conditioning = found.listed()
     return Motion(
         system, names, (), jnp.array(q), (), jnp.broadcast_to(asked[0], (len(q), len(names))),

@@ -1,7 +1,6 @@
 """The compiled part of an analysis: poses, rates, and what became of each."""
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,14 +9,14 @@ from jax import lax
 
 from jaxnc.compiling import jit
 from jaxnc.kinematics.columns import Columns
-from jaxnc.kinematics.large import nearest
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.kinematics.rates import rates_in_lanes, with_held
-from jaxnc.kinematics.solved import apiece, solved
+from jaxnc.kinematics.solved import apiece, nearest_large, solved
 from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.chunks import in_chunks
+from jaxnc.solvers.mapped import in_chunks
 from jaxnc.solvers.newton import attach, attach_lanes, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.system.precision import limits
@@ -29,7 +28,7 @@ _CHUNK = 64  # lanes solved at a time
 @functools.partial(jit, static_argnums=(0, 1, 6))
 def analyse(
     view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...], repair: bool = True
-) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
+) -> PoseBatch:
     """Solve for poses and their rates; compiled once per plan, method and number of poses.
 
     Args:
@@ -47,8 +46,8 @@ def analyse(
     if view.large:
         return _large(view, method, eq, q0, values, orders)
     if method != "guess":
-        poses, rates, status, sizes, pivots = in_columns(view, method, eq, q0, values, orders, repair)
-        return poses.whole() if isinstance(poses, Columns) else poses, rates, status, sizes, pivots
+        found = in_columns(view, method, eq, q0, values, orders, repair)
+        return found._replace(q=found.q.whole()) if isinstance(found.q, Columns) else found
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
 
@@ -69,13 +68,13 @@ def analyse(
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     q = jnp.where((status == 0)[:, None], jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known), poses)
     rates = rates_in_lanes(view, eq, q, with_held(view, orders), status == 0) if orders else ()
-    return q, rates, status, size, pivots
+    return PoseBatch(q, size, pivots, status=status, rates=rates)
 
 
 @functools.partial(jit, static_argnums=(0, 1, 6))
 def in_columns(
     view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...], repair: bool = True
-) -> tuple[Any, tuple[Array, ...], Array, Array, Array]:
+) -> PoseBatch:
     """`analyse` where poses are followed from the start pose; its poses coordinate by coordinate, if they are `apiece`.
 
     What is not looked at, as most coordinates in traced code are, is then not put together either.
@@ -88,12 +87,12 @@ def in_columns(
     inputs = jnp.stack(found.known, axis=1) if len(view.known) else values
     good = found.status == int(Status.CONVERGED)
     if apiece(view):
-        x = attach_lanes(view, found.x, eq, tuple(known[:, k] for k in range(known.shape[1])), good)
+        x = attach_lanes(view, found.q, eq, tuple(known[:, k] for k in range(known.shape[1])), good)
         # A pose that was not asked for has no derivative: it is handed on as a constant.
         poses = columns_of(view, eq, q0, x, jnp.where(good[:, None], values, inputs[:, :driven]))
     else:
         q = jnp.broadcast_to(begin, (len(values), len(begin)))
-        for columns, numbers in ((view.unknown, found.x[0] if found.x else None), (view.known, inputs)):
+        for columns, numbers in ((view.unknown, found.q), (view.known, inputs)):
             q = q.at[:, columns].set(numbers) if len(columns) else q
         new = jax.vmap(lambda x, u, ok: attach(view, x, eq, u, ok))(q, known, good)
         poses = jnp.where(good[:, None], new, q)
@@ -101,27 +100,24 @@ def in_columns(
     if orders:
         whole = poses.whole() if isinstance(poses, Columns) else poses
         rates = rates_in_lanes(view, eq, whole, with_held(view, orders), good)
-    return poses, rates, found.status, found.size, found.pivots
+    return PoseBatch(poses, found.size, found.conditioning, status=found.status, rates=rates)
 
 
-def _large(
-    view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...]
-) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
+def _large(view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...]) -> PoseBatch:
     """`analyse` of a large system: the host finds poses, one after the other they are given their derivatives."""
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[..., view.fixed].set(frozen.home[view.fixed])
     if method == "guess":
-        poses, status, size, pivots = nearest(view, frozen, begin, targets[:, : len(view.driven)])
+        found = nearest_large(view, frozen, begin, targets[:, : len(view.driven)])
     else:
-        (poses,), _, status, size, pivots = solved(view, method, True, frozen, begin, targets)
-    good = status == int(Status.CONVERGED)
-    attached = lax.map(lambda lane: attach(view, lane[0], eq, lane[1]), (poses, known))
-    q = jnp.where(good[:, None], attached, poses)
-    if not orders:
-        return q, (), status, size, pivots
-    found = lax.map(lambda lane: tuple(rates_of(view, eq, *lane)), (q, with_held(view, orders), good))
-    return q, found, status, size, pivots
+        found = solved(view, method, True, frozen, begin, targets)
+    good = found.status == int(Status.CONVERGED)
+    attached = lax.map(lambda lane: attach(view, lane[0], eq, lane[1]), (found.q, known))
+    q, rates = jnp.where(good[:, None], attached, found.q), ()
+    if orders:
+        rates = lax.map(lambda lane: tuple(rates_of(view, eq, *lane)), (q, with_held(view, orders), good))
+    return found._replace(q=q, rates=rates)
 
 
 def known_values(view: Plan, q0: Array, values: Array) -> Array:

@@ -13,13 +13,13 @@ from jaxnc.kinematics.inputs import (
     array,
     check_parameters,
     check_system,
+    dense_only,
     doubt_degrees,
     finite,
     in_radians,
     make_plan,
     whole,
 )
-from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.notebooks import Shown

@@ -7,8 +7,16 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
-from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, outside, stack
-from jaxnc.kinematics.large import dense_only
+from jaxnc.kinematics.inputs import (
+    check_parameters,
+    check_system,
+    dense_only,
+    doubt_degrees,
+    in_radians,
+    make_plan,
+    outside,
+    stack,
+)
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.remedies import PARTS, Remedy, remedies
 from jaxnc.notebooks import Shown

@@ -20,7 +20,7 @@ from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
-from jaxnc.solvers.answers import of_equations
+from jaxnc.solvers.answers import ask_of_equations
 from jaxnc.solvers.assembly import closest, hosted
 from jaxnc.solvers.host import view_of
 from jaxnc.solvers.plan import Plan, plan
@@ -202,7 +202,7 @@ def _completed(
         return jax.vmap(with_measures)(q)
     if top.large:
         ask = functools.partial(_complete, top, sure, given)
-        return of_equations("completed a start", ask, q.shape, eq, q)
+        return ask_of_equations("completed a start", ask, q.shape, eq, q)
 
     def upright(x):
         return jnp.all(jnp.concatenate(guards(eq, x)) > 0.0)

@@ -21,6 +21,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import active, limits
 from jaxnc.system.system import System
+from jaxnc.system.topology import LARGE, Topology
 from jaxnc.types import Array, Inputs
 
 _SMALL = 65_536  # numbers that are worth having on the host
@@ -325,3 +326,13 @@ def rate_values(rates: Inputs | None, names: Sequence[str], shape: tuple[int, ..
     # What NumPy can put together compiles nothing.
     xp = jnp if any(isinstance(x, jax.Array) for x in columns) else np
     return xp.stack([xp.broadcast_to(x, shape) for x in columns], axis=-1) if columns else np.zeros((*shape, 0))
+
+
+def dense_only(topology: Topology, what: str) -> None:
+    """Refuse an analysis that forms dense matrices, for a system whose matrices are kept sparse."""
+    if topology.large:
+        raise InputError(
+            f"{what} forms dense matrices, and those of {topology.name!r} with its {len(topology.unknown)} unknowns "
+            f"are kept sparse; solve_position, sweep, motion, their rates and gradients, and mobility work. "
+            f"compile(sparse=False) makes them dense whatever the size, sensible up to a few times {LARGE} unknowns"
+        )

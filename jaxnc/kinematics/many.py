@@ -14,9 +14,9 @@ from jaxnc.kinematics import on_host
 from jaxnc.kinematics.analysis import places
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.rates import rates_of_batch, with_held
-from jaxnc.kinematics.solved import VERY_MANY, Solved, given_up, quick
-from jaxnc.solvers.fill import Filled
+from jaxnc.kinematics.solved import VERY_MANY, given_up, quick
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array
@@ -29,7 +29,7 @@ _sizes: weakref.WeakKeyDictionary[Plan, dict[str, set[int]]] = weakref.WeakKeyDi
 
 def analyse(
     view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...], repair: bool = True
-) -> tuple[Columns, tuple[Array, ...], Array, Array, Array]:
+) -> PoseBatch:
     """Solve for poses and their rates: arguments and result as of `analysis.in_columns`."""
     count, size = len(values), _padded(view, method, len(values))
     if size > count:
@@ -42,24 +42,22 @@ def analyse(
     if very_many:
         memory.keep()
     solve = _compiled_well if very_many else _compiled_soon
-    filled, status, all_good, rest = solve(view, method, eq, begin, begun, values)
+    found, all_good, rest = solve(view, method, eq, begin, begun, values)
     if size > count:
-        filled, status, values = jax.tree.map(lambda a: a[:count], (filled, status, values))
+        found, values = jax.tree.map(lambda a: a[:count], (found, values))
     if bool(all_good):
-        found = Solved(filled.x, (), status, filled.size, filled.pivots)
-        driven = jnp.stack(filled.known, axis=-1) if filled.known else values
+        driven = jnp.stack(found.known, axis=-1) if found.known else values
     else:
         if repair:
-            found = _repaired(view, method, eq, begin, values, filled)
+            found = _repaired(view, method, eq, begin, values, found)
         else:
-            found = _given_up(view, method, eq, begin, begun, values, filled)
+            found = _given_up(view, method, eq, begin, begun, values, found)
         driven = jnp.stack(found.known[: len(view.driven)], axis=-1)
-    poses = Columns(rest, found.x, driven, places(view))
-    if not orders:
-        return poses, (), found.status, found.size, found.pivots
-    good = found.status == int(Status.CONVERGED)
-    rates = rates_of_batch(view, eq, poses.whole(), with_held(view, orders), good)
-    return poses, rates, found.status, found.size, found.pivots
+    poses, rates = Columns(rest, found.q, driven, places(view)), ()
+    if orders:
+        good = found.status == int(Status.CONVERGED)
+        rates = rates_of_batch(view, eq, poses.whole(), with_held(view, orders), good)
+    return PoseBatch(poses, found.size, found.conditioning, status=found.status, rates=rates)
 
 
 def _padded(view: Plan, method: str, count: int) -> int:
@@ -82,11 +80,11 @@ def _padded(view: Plan, method: str, count: int) -> int:
 
 def _quick(
     view: Plan, method: str, eq: Equations, begin: Array, begun: Array, values: Array
-) -> tuple[Filled, Array, Array, Array]:
-    """Solve for poses of one design: their statuses if all are answered, whether they are, and where they began."""
+) -> tuple[PoseBatch, Array, Array]:
+    """Solve for poses of one design; whether all are answered, and where they began."""
     filled = quick(view, method, True, eq, begin[None], begun[None], _known(view, begin, values)[None])
     filled = jax.tree.map(lambda a: a[0], filled)
-    return filled, filled.status, jnp.all(filled.answered), begin  # brought to the device with all the rest
+    return filled, jnp.all(filled.answered), begin  # brought to the device with all the rest
 
 
 _compiled_well = jax.jit(_quick, static_argnums=(0, 1))
@@ -95,8 +93,8 @@ _compiled_soon = jit(_quick, static_argnums=(0, 1))
 
 @functools.partial(jit, static_argnums=(0, 1))
 def _given_up(
-    view: Plan, method: str, eq: Equations, begin: Array, begun: Array, values: Array, filled: Filled
-) -> Solved:
+    view: Plan, method: str, eq: Equations, begin: Array, begun: Array, values: Array, filled: PoseBatch
+) -> PoseBatch:
     filled = jax.tree.map(lambda a: a[None], filled)
     found = given_up(view, method, begin[None], begun[None], _known(view, begin, values)[None], filled)
     return jax.tree.map(lambda a: a[0], found)
@@ -108,21 +106,20 @@ def _known(view: Plan, begin: Array, values: Array) -> Array:
     return jnp.concatenate([values, jnp.broadcast_to(held, (len(values), len(held)))], axis=1)
 
 
-def _repaired(view: Plan, method: str, eq: Equations, begin: np.ndarray, values: Array, filled: Filled) -> Solved:
+def _repaired(view: Plan, method: str, eq: Equations, begin: np.ndarray, values: Array, filled: PoseBatch) -> PoseBatch:
     """What was found, and from the host what was not."""
     begin, asked, wanted = begin.copy(), np.asarray(values), ~np.asarray(filled.answered)
     held = begin[view.known[len(view.driven) :]]
     known: Any = (*(filled.known or asked.T), *(np.full(len(asked), h) for h in held))
-    found = Solved(filled.x, known, filled.status, filled.size, filled.pivots)
-    made = jax.tree.map(np.array, found)  # which may be written to
-    columns = list(zip((*view.unknown, *view.known), (*made.x, *made.known), strict=True))
+    made = jax.tree.map(np.array, filled._replace(known=known, good=None, ended=None))  # which may be written to
+    columns = list(zip((*view.unknown, *view.known), (*made.q, *made.known), strict=True))
     first = int(np.argmax(wanted))
     if method != "lanes" and first:
         for c, a in columns:
             begin[c] = a[first - 1]
     new = on_host.repair_lanes(view, method, eq, begin[None], asked[None], wanted[None])
     for c, a in columns:
-        a[wanted] = new[0][0, wanted, c]
-    for a, b in zip(made[2:], new[1:], strict=True):
-        a[wanted] = b[0, wanted]
+        a[wanted] = new.q[0, wanted, c]
+    for mine, other in ((made.size, new.size), (made.conditioning, new.conditioning), (made.status, new.status)):
+        mine[wanted] = other[0, wanted]
     return jax.tree.map(jnp.asarray, made)

@@ -1,5 +1,6 @@
 """Mobility: coordinates, rows, rank and degrees of freedom, with redundant and conflicting constraints by name."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -7,17 +8,20 @@ import jax
 import numpy as np
 
 from jaxnc.calls import public
+from jaxnc.errors import InputError
 from jaxnc.kinematics.freedoms import Freedoms
-from jaxnc.kinematics.inputs import check_system
-from jaxnc.kinematics.large import dense_only
+from jaxnc.kinematics.inputs import check_system, dense_only
 from jaxnc.kinematics.loose import explain_lock, loose_motions
 from jaxnc.kinematics.redesign import rebuilt
 from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, sample_poses
+from jaxnc.solvers.kernel import LARGEST_WRITTEN, kernel, writes_out
+from jaxnc.solvers.large import by_lu
+from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import widened
 from jaxnc.system.rates import coefficients, rate_constants
-from jaxnc.system.system import System, unheld
+from jaxnc.system.system import System, drivable, unheld
 from jaxnc.system.topology import Topology
 
 _CLOSED = 1e-9  # of the size: a drawing with a larger gap does not assemble
@@ -57,6 +61,10 @@ class Mobility(Shown):
         locked: where nothing moves, in words: which bodies lock each other, and which one to leave out.
         slips: rows on velocities that positions do not see (skates, rolling discs), by name.
         velocities: freedoms of the velocities: `dof` less the independent ones of `slips`.
+        driven: the inputs that `blocks` and `solves` are said of; none where these would not determine the motion.
+        blocks: unknowns of each block of the equations, in the order in which they are solved, one after the other;
+            empty where they are all solved together.
+        solves: which way poses take for these inputs, and why, in words.
         system: the system, for its drawing.
     """
 
@@ -78,6 +86,9 @@ class Mobility(Shown):
     locked: tuple[str, ...] = ()
     slips: tuple[str, ...] = ()
     velocities: int = -1
+    driven: tuple[str, ...] = ()
+    blocks: tuple[int, ...] = ()
+    solves: str = ""
     system: System | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self):
@@ -110,6 +121,8 @@ class Mobility(Shown):
             lines.append(f"  the drawn pose is singular: {self.momentary} further rows lose their independence there")
         if self.conflicting:
             lines.append(f"  does not assemble, gap {self.gap:.3g}; in conflict: {'; '.join(self.conflicting)}")
+        if self.solves:
+            lines.append(f"  driven by {', '.join(self.driven)}: {self.solves}")
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -121,24 +134,31 @@ def _listed(names: tuple[str, ...], most: int = 12) -> str:
 
 @public
 @widened
-def mobility(system: System) -> Mobility:
+def mobility(system: System, driven: Sequence[str] | None = None) -> Mobility:
     """Count coordinates, rows, rank and freedoms of a system, and name redundant and conflicting constraints.
 
-    The rank is taken at the assembled drawing and at poses nearby, so that a singular drawing does not mislead.
+    The rank is taken at the assembled drawing and at poses nearby, so that a singular drawing does not mislead. The
+    report also says which way solves for poses take: block by block in closed form, by Newton, or on the host.
 
     Args:
         system: the system; its parameters must be concrete numbers.
+        driven: names of the inputs that solves are to be described for; by default the independent coordinates that
+            `compile` found, which need not be those that you will drive.
+
+    Raises:
+        InputError: an unknown name, too few or too many inputs, or inputs that leave a coordinate undetermined.
 
     Source: source text, (1), (22), (88); Grübler's count.
     """
     check_system(system, "mobility")
     top = system.topology
+    inputs, blocks, solves = _way(system, driven)
     view = free_plan(top)
     n, m = len(view.unknown), len(view.rows)
     eq = derive(system)
     if top.large and top.dim == 3:
         dense_only(top, "the mobility report of a spatial mechanism, which names joints,")
-    samples = _samples(system, _POSES)
+    samples = sample_poses(system, _POSES)
     best = max(samples, key=lambda sample: sample.rank)
     matrix, rank = best.jacobian, best.rank
     left = np.abs(np.asarray(evaluate(eq, samples[0].q)[0]))
@@ -170,8 +190,55 @@ def mobility(system: System) -> Mobility:
         locked=tuple(explain_lock(system)) if assembles else (),
         slips=top.rate_rows,
         velocities=n - rank - _slipping(system, eq, best),
+        driven=inputs,
+        blocks=blocks,
+        solves=solves,
         system=system,
     )
+
+
+def _way(system: System, driven: Sequence[str] | None) -> tuple[tuple[str, ...], tuple[int, ...], str]:
+    """Inputs, the blocks that their plan is solved in, and which way its poses take, in words."""
+    usual = system.independent or drivable(system.topology)[: system.degrees_of_freedom]
+    names = usual if driven is None else tuple(driven)
+    try:
+        view = plan(system.topology, names, (), system.degrees_of_freedom)
+    except InputError:
+        if driven is not None:
+            raise
+        return (), (), ""  # what is independent in the drawing need not determine the motion by its structure
+    if not names or not len(view.unknown):
+        return (), (), ""
+    return names, *_described(view)
+
+
+def _described(view: Plan) -> tuple[tuple[int, ...], str]:
+    """Unknowns of the blocks that a plan is solved in, and which way its poses take, in words."""
+    count, by_matrices = len(view.unknown), "by sparse LU" if by_lu(view) else "by dense matrices"
+    if view.large:
+        return (), f"{count} unknowns, whose matrices are kept sparse: pose by pose on the host, {by_matrices}"
+    if not writes_out(view):
+        too_much = f"{count} unknowns"
+        if count <= LARGEST_WRITTEN:
+            too_much = f"{sum(block.elimination.cost for block in kernel(view).blocks)} multiplications for a step"
+        return (), f"too much to be written out, {too_much}: pose by pose on the host, {by_matrices}"
+    every = kernel(view).blocks
+    newton = [block for block in every if block.rows.form == "iterated"]
+    sizes = tuple(len(block.columns) for block in every)
+    if not newton:
+        said = f"in closed form, {_added('block', [len(sizes)])} of at most {_added('unknown', [max(sizes)])}"
+    else:
+        closed = len(every) - len(newton)
+        said = f"{_added('block', [closed])} in closed form, " if closed else ""
+        unknowns, spent = [len(block.columns) for block in newton], [block.elimination.cost for block in newton]
+        said += f"by Newton on {_added('unknown', unknowns)}, eliminated with {_added('multiplication', spent)}"
+    return sizes, said + (", single poses by sparse LU on the host" if by_lu(view) else "")
+
+
+def _added(noun: str, numbers: list[int]) -> str:
+    *first, last = map(str, numbers)
+    said = f"{', '.join(first)} and {last}" if first else last
+    return f"{said} {noun}" + ("" if said == "1" else "s")
 
 
 def _slipping(system: System, eq: Equations, sample: Any) -> int:
@@ -203,7 +270,7 @@ def _special(system: System, rank: int, by_count: int) -> int:
         amount = np.abs(np.asarray(leaf)) if scale is None else scale
         changed.append(np.ravel(np.asarray(leaf) + _CHANGE * amount * rng.standard_normal(leaf.shape)))
     other = rebuilt(system, np.concatenate(changed))
-    samples = _samples(other, 2)
+    samples = sample_poses(other, 2)
     general = max(sample.rank for sample in samples)
     if samples[0].gap > _CLOSED * size:
         return max(1, general - rank, by_count)  # the changed drawing cannot even be assembled
@@ -229,15 +296,6 @@ def grubler(topology: Topology) -> int:
         else:
             count += 2 - int(fixed[point].sum())
     return int(count - sum(joint.freedoms_removed for joint in topology.joints))
-
-
-def _samples(system: System, count: int) -> list[Any]:
-    """Assembled poses with their Jacobian, gap and rank; sparse for a large mechanism."""
-    if not system.topology.large:
-        return list(sample_poses(system, count))
-    from jaxnc.solvers.large_assembly import large_samples
-
-    return list(large_samples(system, count))
 
 
 def _idle(matrix: Any) -> list[int]:

@@ -11,7 +11,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, on_device
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
 from jaxnc.kinematics.columns import Columns
-from jaxnc.kinematics.inputs import outside
+from jaxnc.kinematics.inputs import dense_only, outside
 from jaxnc.kinematics.screw import ScrewAxis, relative_screw
 from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
@@ -312,8 +312,6 @@ class Motion(Drawn):
 
     def singular_values(self) -> Float[Array, "... n"]:
         """Singular values of every pose's Jacobian with respect to the unknowns, largest first."""
-        from jaxnc.kinematics.large import dense_only
-
         dense_only(self.system.topology, "singular_values()")
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
         q: Any = self._found

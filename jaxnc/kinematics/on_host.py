@@ -5,7 +5,7 @@
 
 import functools
 import weakref
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -15,6 +15,7 @@ from jaxnc.solvers import host
 from jaxnc.solvers.assembly import hosted
 from jaxnc.solvers.large import by_lu
 from jaxnc.solvers.plan import Plan, unwound
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import HostEquations, from_jax
@@ -83,9 +84,7 @@ def _seconds(view: Plan, method: str, count: int) -> float:
     return count * lane
 
 
-def analyse(
-    view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]
-) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray, np.ndarray, np.ndarray]:
+def analyse(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]) -> PoseBatch:
     """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.analysis.analyse`."""
     known, start, values = hosted(eq), np.asarray(q0), np.asarray(values)
     inner = host.view_of(view, known) if orders else None
@@ -94,28 +93,19 @@ def analyse(
     elif method == "lanes":
         found = scattered(view, known, start[None], values, np.zeros(len(values), int))
     else:
-        found = Solved(*(x[0] for x in sequences(view, known, start[None], values[None], inner=inner)))
+        found = sequences(view, known, start[None], values[None], inner=inner).each(lambda x: x[0])
     rates: tuple[np.ndarray, ...] = ()
     if inner is not None:
         good = found.status == int(Status.CONVERGED)
         still = np.zeros((len(values), len(view.held)), known.dtype)
         given = [np.concatenate([np.asarray(o, known.dtype), still], axis=1).T[:, good] for o in orders]
-        rates = tuple(np.zeros_like(found.poses) for _ in orders)
+        rates = tuple(np.zeros_like(found.q) for _ in orders)
         if good.any():
             with np.errstate(all="ignore"):
-                terms = host.rates(inner, found.poses[good].T, given)
+                terms = host.rates(inner, found.q[good].T, given)
             for out, term in zip(rates, terms, strict=True):
                 out[good] = term.T
-    return found.poses, rates, found.status, found.size, found.conditioning
-
-
-class Solved(NamedTuple):
-    """Poses, of any leading axes, and what became of each."""
-
-    poses: np.ndarray  # all coordinates, (..., N); where one was not found, the last one on the branch
-    status: np.ndarray  # `jaxnc.Status` as an integer
-    size: np.ndarray  # largest residual, a length
-    conditioning: np.ndarray  # estimate of the reciprocal condition number
+    return found._replace(rates=rates)
 
 
 def sequences(
@@ -125,7 +115,7 @@ def sequences(
     values: np.ndarray,
     first: np.ndarray | None = None,
     inner: host.HostView | None = None,
-) -> Solved:
+) -> PoseBatch:
     """Poses of sequences of input values, each in order along its branch: many designs in lockstep, NumPy alone.
 
     Args:
@@ -155,21 +145,20 @@ def sequences(
         turned[view.known[: turns.shape[1]]] += 2 * np.pi * turns.T
         found = host.sequences(inner, turned, known, total - first)
         # The nearest turn may be closed, and the one that the drawing is on open.
-        again = np.flatnonzero(~found.reached[::total] & turns.any(axis=1))
+        again = np.flatnonzero(~found.good[::total] & turns.any(axis=1))
         if len(again):
             other = host.sequences(inner.taken(again), begin[:, again], known[..., again], total - first[again])
-            for x, y in zip(found, other, strict=True):
-                x[..., (again[:, None] * total + place).reshape(-1)] = y
+            found.put((..., (again[:, None] * total + place).reshape(-1)), other)
         way = inner.weights[view.known] * np.diff(np.concatenate([turned[view.known][None], known]), axis=0)
         longest = np.abs(way).max(axis=1, initial=0.0).T * inner.least.smallest
         found.exhausted[(longest > _FAR * np.reshape(inner.eq.length, (-1, 1))).reshape(-1)] = True
         status = _status(inner, begin, found, _lost_in_order(found, assembled, total), np.repeat(each[:, 0], total))
     back = (each * total + np.maximum(place - first[:, None], 0)).reshape(-1)
-    told = found.q.T, status, found.size, found.conditioning
-    return Solved(*(x[back].reshape(designs, total, *x.shape[1:]) for x in told))
+    told = PoseBatch(found.q.T, found.size, found.conditioning, status=status)
+    return told.each(lambda x: x[back].reshape(designs, total, *x.shape[1:]))
 
 
-def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> Solved:
+def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> PoseBatch:
     """Poses ``(L, N)`` of independent inputs, each on the straight way from a start pose: NumPy alone.
 
     `which` is the start pose (and the design, where they are many) of each value, ``(L,)``; values are ``(L, k)``,
@@ -183,19 +172,18 @@ def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarr
         turns[:, : values.shape[1]] = _turns(view, begin[:, which], values)
         found = host.scattered(inner, begin, unwound(known, turns), which)
         # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
-        again = np.flatnonzero(~found.reached & turns.any(axis=1))
+        again = np.flatnonzero(~found.good & turns.any(axis=1))
         if len(again):
             other = host.scattered(inner, begin, known[again], which[again])
             turns[again] = 0.0
-            for x, y in zip(found, other, strict=True):
-                x[..., again] = y
-        found.q[view.known] = np.where(found.reached, known.T, found.q[view.known] + 2 * np.pi * turns.T)
+            found.put((..., again), other)
+        found.q[view.known] = np.where(found.good, known.T, found.q[view.known] + 2 * np.pi * turns.T)
         lost = np.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
         status = _status(inner, begin, found, lost, which)
-    return Solved(np.ascontiguousarray(found.q.T), status, found.size, found.conditioning)
+    return PoseBatch(np.ascontiguousarray(found.q.T), found.size, found.conditioning, status=status)
 
 
-def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> Solved:
+def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> PoseBatch:
     """Poses ``(T, N)``, each the nearest to a guess: Newton, and where that leads far, Levenberg-Marquardt.
 
     Guesses are ``(T, N)``, inputs ``(T, k)``.
@@ -216,10 +204,10 @@ def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray
             size, *upright, _, conditioning = inner.told(q)
             good = (size <= inner.tolerance(q)) & upright[0]
         none = np.zeros(len(good), bool)
-        found = host.Poses(q, good, none, none, none, size, conditioning, *upright)
+        found = PoseBatch(q, size, conditioning, good, limit=none, crossed=none, mirrored=upright[1])
         lost = np.full(len(good), int(Status.DID_NOT_ASSEMBLE))
         status = _status(inner, None, found, lost, np.zeros(len(good), int))
-    return Solved(np.ascontiguousarray(q.T), status, size, conditioning)
+    return PoseBatch(np.ascontiguousarray(q.T), size, conditioning, status=status)
 
 
 def _begun(view: Plan, eq: HostEquations, start: np.ndarray) -> tuple[host.HostView, np.ndarray]:
@@ -248,7 +236,7 @@ def begun(view: Plan, eq: Equations, start: Any) -> int:
 
 def repair_lanes(
     view: Plan, method: str, eq: Any, start: np.ndarray, values: np.ndarray, wanted: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> PoseBatch:
     """Poses that were not found elsewhere: those that are wanted of several sequences of inputs.
 
     Args:
@@ -261,7 +249,7 @@ def repair_lanes(
         wanted: which poses are asked for, ``(S, T)``; of a sequence in order all from the first one on.
 
     Returns:
-        Poses ``(S, T, N)``, and of each its status, largest residual and conditioning; where they are not wanted, zero.
+        Poses ``(S, T, N)``, of each its status, largest residual and conditioning; where they are not wanted, zero.
     """
     shape, rows = wanted.shape, np.flatnonzero(wanted.any(axis=1))
     many = len(start) > 1
@@ -270,34 +258,37 @@ def repair_lanes(
         eq = jax.tree.map(lambda a: a[rows if many else 0], eq)
     equations, begin = from_jax(eq), start[rows] if many else start
     none = functools.partial(np.zeros, dtype=start.dtype)
-    found = Solved(none((*shape, start.shape[1])), np.zeros(shape, np.int32), none(shape), none(shape))
+    found = PoseBatch(none((*shape, start.shape[1])), none(shape), none(shape), status=np.zeros(shape, np.int32))
     if method == "lanes":
         row, at = np.nonzero(wanted)
         owner = np.searchsorted(rows, row) if many else np.zeros(len(row), int)
         new = scattered(view, equations, begin, values[row, at], owner)
-        for old, x in zip(found, new, strict=True):
-            old[row, at] = x
+        found.put((row, at), new)
     elif len(rows):
         first = np.argmax(wanted[rows], axis=1)
         new = sequences(view, equations, begin, values[rows], first)
-        for old, x in zip(found, new, strict=True):
-            old[rows] = np.where(wanted[rows].reshape(*x.shape[:2], *[1] * (x.ndim - 2)), x, old[rows])
+
+        def merge(x: np.ndarray, old: np.ndarray) -> np.ndarray:
+            return np.where(wanted[rows].reshape(*x.shape[:2], *[1] * (x.ndim - 2)), x, old[rows])
+
+        found.put(rows, new.each(merge, found))
     return found
 
 
-def nothing(eq: Equations, orders: tuple[Any, ...]) -> tuple:
+def nothing(eq: Equations, orders: tuple[Any, ...]) -> PoseBatch:
     """What an analysis returns of no poses."""
     none = np.zeros((0, len(eq.home)), eq.home.dtype)
-    return none, tuple(none for _ in orders), np.zeros(0, np.int32), none[:, 0], none[:, 0]
+    rates = tuple(none for _ in orders)
+    return PoseBatch(none, none[:, 0], none[:, 0], status=np.zeros(0, np.int32), rates=rates)
 
 
 def _largest(r: np.ndarray) -> np.ndarray:
     return np.max(np.abs(r), axis=0, initial=0.0)
 
 
-def _lost_in_order(found: host.Poses, assembled: np.ndarray, total: int) -> np.ndarray:
+def _lost_in_order(found: PoseBatch, assembled: np.ndarray, total: int) -> np.ndarray:
     """What a pose of a sequence has if it is not on the branch: the first one why it ended, the others nothing."""
-    good, limit, exhausted = (x.reshape(-1, total) for x in (found.reached, found.limit, found.exhausted))
+    good, limit, exhausted = (x.reshape(-1, total) for x in (found.good, found.limit, found.exhausted))
     lost = np.where(assembled[:, None], int(Status.NOT_REACHED), int(Status.DID_NOT_ASSEMBLE))
     lost = np.repeat(lost, total, axis=1)
     each, first = np.arange(len(good)), np.argmin(good, axis=1)
@@ -308,11 +299,11 @@ def _lost_in_order(found: host.Poses, assembled: np.ndarray, total: int) -> np.n
 
 
 def _status(
-    view: host.HostView, start: np.ndarray | None, found: host.Poses, lost: np.ndarray, which: np.ndarray
+    view: host.HostView, start: np.ndarray | None, found: PoseBatch, lost: np.ndarray, which: np.ndarray
 ) -> np.ndarray:
     """`jaxnc.Status` of each pose as an integer; `which` are their start poses, which may be mirrored themselves."""
-    status = np.where(found.reached, int(Status.CONVERGED), lost)
-    singular = found.reached & (found.limit | found.crossed | (found.conditioning <= view.least.singular))
+    status = np.where(found.good, int(Status.CONVERGED), lost)
+    singular = found.good & (found.limit | found.crossed | (found.conditioning <= view.least.singular))
     status = np.where(singular, int(Status.SINGULAR), status)
     if any(block.kind.mirror for block in view.plan.topology.blocks):
         fits = found.size <= view.taken(which).tolerance(found.q)

@@ -34,14 +34,17 @@ from jaxnc.kinematics.inputs import (
     worst_rows,
 )
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.slipping import rolls
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, settle
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import as_its_system, limits
+from jaxnc.system.rates import rate_constants, slips
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
+
+_SLIPS = 1e-6  # of the largest rate: below, a motion rolls
 
 
 @public
@@ -325,7 +328,25 @@ def _moved(system, view, values, orders, start, repair, t=None) -> Motion:
     if start is None:
         q0 = _held_as_drawn(view, eq, q0, q0)
     out = poses(view, "continuation", eq, q0, values, orders, repair)
-    return rolls(_motion(system, view, values, out, (values.shape[0],), t))
+    return _rolls(_motion(system, view, values, out, (values.shape[0],), t))
+
+
+def _rolls(motion: Motion) -> Motion:
+    """A motion in time, refused where its velocities break a row on velocities; unchecked in traced code."""
+    top = motion.system.topology
+    if not top.rates or not motion.rates or isinstance(motion.q, Tracer) or isinstance(motion.rates[0], Tracer):
+        return motion
+    constants = rate_constants(motion.system)
+    off = np.abs(np.asarray(jax.vmap(lambda q, v: slips(top, constants, q, v))(motion.q, motion.rates[0])))
+    off = np.where(np.asarray(motion.status == 0)[:, None], off, 0.0)
+    pose, row = np.unravel_index(int(off.argmax()), off.shape)
+    if off[pose, row] > _SLIPS * float(jnp.max(jnp.abs(motion.rates[0]))):
+        raise InputError(
+            f"{top.name!r}: the prescribed velocities break {top.rate_rows[row]!r} by {off[pose, row]:.3g} in pose "
+            f"{pose}. Positions do not see rows on velocities, so a sweep without rates goes anywhere; prescribe a "
+            f"motion that rolls, or fewer coordinates in simulate(inputs=), where the rows decide the others"
+        )
+    return motion
 
 
 def _checked(motion: Motion, throw: bool) -> Motion:
@@ -335,7 +356,7 @@ def _checked(motion: Motion, throw: bool) -> Motion:
     return motion
 
 
-def _spread(devices: Devices | None) -> Callable[..., tuple]:
+def _spread(devices: Devices | None) -> Callable[..., PoseBatch]:
     from jaxnc.kinematics.spread import on
 
     return on(devices)
@@ -343,7 +364,7 @@ def _spread(devices: Devices | None) -> Callable[..., tuple]:
 
 def poses(
     view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...], repair: bool = True
-) -> tuple:
+) -> PoseBatch:
     """Solve for poses and their rates where they are found soonest; arguments and result as of `analysis.analyse`.
 
     Few on the host, many by XLA; in traced code all by XLA, which asks the host for what it does not find.
@@ -361,18 +382,17 @@ def poses(
     return (in_columns if traced else many.analyse)(view, method, eq, q0, values, orders, repair)
 
 
-def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ...], t=None) -> Motion:
-    q, rates, status, sizes, pivots = out
+def _motion(system: System, view: Plan, values: Array, out: PoseBatch, shape: tuple[int, ...], t=None) -> Motion:
     return Motion(
         system=system,
         driven=system.topology.named(view.driven),
         held=system.topology.named(view.held),
-        poses=q.reshaped(shape) if isinstance(q, Columns) else _led(q, shape),
-        rates=tuple(_led(r, shape) for r in rates),
+        poses=out.q.reshaped(shape) if isinstance(out.q, Columns) else _led(out.q, shape),
+        rates=tuple(_led(r, shape) for r in out.rates),
         asked=_led(values, shape),
-        status=_led(status, shape, 0),
-        residual=_led(sizes, shape, 0),
-        conditioning=_led(pivots, shape, 0),
+        status=_led(out.status, shape, 0),
+        residual=_led(out.size, shape, 0),
+        conditioning=_led(out.conditioning, shape, 0),
         time=t,
     )
 

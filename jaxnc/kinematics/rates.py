@@ -14,8 +14,8 @@ import jax.numpy as jnp
 
 from jaxnc.compiling import jit
 from jaxnc.solvers.batch import LEAST
-from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import always, apart, kernel, writes_out
+from jaxnc.solvers.mapped import in_chunks
 from jaxnc.solvers.newton import regular
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations

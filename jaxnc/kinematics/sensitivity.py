@@ -15,8 +15,7 @@ from jaxnc.compiling import shapes_of
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.design_derivatives import DesignDerivatives, plain_outputs
 from jaxnc.kinematics.hardpoints import trade_names
-from jaxnc.kinematics.inputs import angle_unit, check_system
-from jaxnc.kinematics.large import dense_only
+from jaxnc.kinematics.inputs import angle_unit, check_system, dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.redesign import components, parts_of

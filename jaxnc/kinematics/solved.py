@@ -5,9 +5,7 @@ None of this is differentiated: derivatives are given to its results (see `jaxnc
 """
 
 import functools
-import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,43 +15,28 @@ from jax.core import Tracer
 
 from jaxnc import memory
 from jaxnc.kinematics import on_host
-from jaxnc.kinematics.large import followed
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import batch, host
-from jaxnc.solvers.answers import answered, short
-from jaxnc.solvers.fill import Filled, in_order, one_by_one
+from jaxnc.solvers.answers import ask_host, ask_of_equations, short
+from jaxnc.solvers.fill import in_order, one_by_one
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.large import by_lu
-from jaxnc.solvers.mapped import Mapped
+from jaxnc.solvers.mapped import Mapped, in_lanes
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import some
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
+from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import farthest, limits
 from jaxnc.types import Array, Float
 
 VERY_MANY = 20_000  # poses of a large batch
 _AT_ONCE = 1_000_000  # numbers that are handed to the host together
-_TABLE = 48_000  # numbers of poses that are kept in one table, and handed over as it is: few operations compile soon
+_TABLE = 48_000  # numbers of poses that are kept in one table
 _SMALL = 6  # unknowns of a block that is soon compiled
-_PIECE = 12_000  # of it at a time: a larger array waits for the call itself on a machine with one core
-
-
 _DOING = "followed poses that compiled code had not found"
-
-
-class Solved(NamedTuple):
-    """Poses and what became of them."""
-
-    # unknown coordinates, each (..., T); where they are not `apiece` one array (..., T, n), and of a large system one
-    # of all coordinates, (..., T, N)
-    x: tuple[Array, ...]
-    # known coordinates; where a pose was not found, those of the last one on the branch. None, if it is large
-    known: tuple[Array, ...]
-    status: Array  # `jaxnc.Status` as an integer
-    size: Array  # largest residual, a length
-    pivots: Array  # estimate of the reciprocal condition number
 
 
 def apiece(plan: Plan) -> bool:
@@ -61,8 +44,11 @@ def apiece(plan: Plan) -> bool:
     return plan.square and writes_out(plan)
 
 
-def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, values: Float[Array, "T k"]) -> Solved:
+def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, values: Float[Array, "T k"]) -> PoseBatch:
     """Solve for poses of one design, in code that may be mapped.
+
+    Coordinates that are not known are an array each, where they are `apiece`; elsewhere one array ``(T, n)``, and of a
+    large system one of all coordinates, ``(T, N)``.
 
     The method is ``"continuation"`` (in order along one branch) or ``"lanes"`` (each from the start pose). What is not
     found is asked of the host, or without `repair` given up with `Status.TOO_FAR`.
@@ -79,8 +65,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
 
     def solve(eq, q, begun, values):
         if plan.large:  # all the host's
-            poses, *told = followed(plan, method, eq, q, values[..., : len(plan.driven)])
-            return Solved((poses,), (), *told)
+            return _followed_large(plan, method, eq, q, values[..., : len(plan.driven)])
         if values.shape[0] * values.shape[1] >= VERY_MANY:
             memory.keep()
         one = shared and len(values) == 1
@@ -89,59 +74,44 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         # Of other designs' poses by sparse LU each takes the host less time than a step takes XLA.
         if hosted or (repair and by_lu(plan) and not (one and _side_by_side(plan, method, values.shape[1]))):
             none = jnp.zeros(values.shape[:2], values.dtype)
-            filled = Filled((none,) * len(plan.unknown), none, none, none > 0.0)
+            filled = PoseBatch((none,) * len(plan.unknown), none, none, none > 0.0, status=none.astype(np.int32))
         else:
             filled = quick(plan, method, shared, eq, q, begun, values)
         if not repair:
             return _in_one(plan, given_up(plan, method, q, begun, values, filled))
-        found = Solved(filled.x, filled.known_of(values), filled.status, filled.size, filled.pivots)
+        found = filled._replace(known=filled.known_of(values), good=None, ended=None)
         # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
         found = _in_one(plan, found)
-        answered = filled.answered
+        answered, table = filled.answered, _tabled(found, q.dtype)
+        mend = functools.partial(_mended, plan, method, shared, eq, q, values, answered)
         everything = ~some(~answered)
-        table = _tabled(found, q.dtype)
-        if table.size <= _TABLE:
-            mend = functools.partial(_mended, plan, method, short(eq), q, values, answered)
-            return _answer(plan, lax.while_loop(lambda st: ~st[0], mend, (everything, table))[1])
+        if table.size <= _TABLE:  # kept as it is: few operations compile soon
+            return _answer(plan, lax.while_loop(lambda st: ~st[0], lambda st: mend(st[1]), (everything, table))[1])
 
-        def repair_lanes(state):
-            return jnp.ones((), bool), _repaired(plan, method, shared, eq, q, values, answered, state[1])
+        def mended(state):
+            done, table = mend(_tabled(state[1], q.dtype))
+            return done, _answer(plan, table)
 
-        return lax.while_loop(lambda state: ~state[0], repair_lanes, (everything, found))[1]
+        return lax.while_loop(lambda state: ~state[0], mended, (everything, found))[1]
 
     def shapes(eq, q, begun, values):
         def like(*more, dtype=values.dtype) -> Any:
             return jax.ShapeDtypeStruct((*values.shape[:2], *more), dtype)
 
-        x = (like(),) * len(plan.unknown) if apiece(plan) else (like(len(plan.unknown)),) if len(plan.unknown) else ()
+        n = len(plan.unknown)
+        x = (like(),) * n if apiece(plan) or not n else like(n)
         if plan.large:
-            x, known = (like(q.shape[-1]),), ()
+            x, known = like(q.shape[-1]), ()
         else:
             known = (like(),) * values.shape[-1]
-        return Solved(x, known, like(dtype=np.int32), like(), like())
+        return PoseBatch(x, like(), like(), known=known, status=like(dtype=np.int32))
 
     def mapped(size, which, eq, q, begun, values):
-        in_eq, in_q, in_begun, in_values = which
-        one_design = shared and not any(jax.tree.leaves(in_eq))
-        more = one_design and method == "lanes" and not in_q and not in_begun and q.shape[0] == 1
-        wide = lambda a, has: a if has else jnp.broadcast_to(a, (size, *a.shape))  # noqa: E731
-        values = wide(values, in_values)
-        if more:  # more inputs of the same design
-            flat = values.reshape(1, -1, values.shape[-1])
-        else:
-            every = values, wide(q, in_q), wide(begun, in_begun)
-            flat, q, begun = (a.reshape(size * a.shape[1], *a.shape[2:]) for a in every)
-        if not one_design:
-            count = values.shape[1]
-
-            def full(a, has):
-                a = wide(a, has)
-                a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
-                return a.reshape(size * count, *a.shape[2:])
-
-            eq = jax.tree.map(full, eq, in_eq)
-        out = _solver(plan, method, repair, one_design)(eq, q, begun, flat)
-        out = jax.tree.map(lambda a: a.reshape(*values.shape[:3], *a.shape[2:]), out)
+        of_one, eq, lanes = in_lanes(size, shared, which, eq, q, begun, values)
+        if of_one and method == "lanes" and not any(which[1:3]) and len(q) == 1:  # more inputs of the same design
+            lanes = q, begun, lanes[-1].reshape(1, -1, values.shape[-1])
+        out = _solver(plan, method, repair, of_one)(eq, *lanes)
+        out = jax.tree.map(lambda a: a.reshape(size, *values.shape[-3:-1], *a.shape[2:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
     return Mapped(solve, shapes, mapped)
@@ -159,16 +129,13 @@ def _side_by_side(plan: Plan, method: str, count: int) -> bool:
     return batch.pays(plan, count) and (method == "lanes" or len(plan.driven) == 1)
 
 
-def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> Solved:
+def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> PoseBatch:
     """All poses of one design, ``(1, T)``, from the host."""
-    asked, across = values[0, :, : len(plan.driven)], method == "lanes"
-    asked = asked[:, None] if across else asked[None]
-    parts = [jnp.ones(asked.shape[:2], q.dtype), asked, *([] if across else [q])]
-    rows, ask = _question(plan, method, parts, eq, True, q if across else None)
-    return _answer(plan, ask(rows), across)
+    asked, good = values[..., : len(plan.driven)], jnp.zeros(values.shape[:2], bool)
+    return _answer(plan, _ask(plan, method, short(eq), q, None, asked, good))
 
 
-def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun: Array, values: Array) -> Filled:
+def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun: Array, values: Array) -> PoseBatch:
     """Poses as far as they are found side by side; `begun` are the statuses of the start poses."""
     turns = _turns(plan, q, values)
     if method == "lanes":
@@ -181,13 +148,16 @@ def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun:
     far = jnp.any(jnp.abs(values[..., plan.angles]) > farthest(q), axis=-1)  # its turns are not told apart
     far = far if method == "lanes" else lax.cummax(far.astype(np.int32), axis=1) > 0
     fit = (begun == 0)[:, None] & ~far
-    ended = None if filled.ended is None else filled.ended & fit
-    return filled._replace(good=filled.good & fit, ended=ended)
+    good, status = filled.good & fit, jnp.zeros(fit.shape, np.int32)
+    if filled.ended is None:
+        return filled._replace(good=good, status=status)
+    ended = filled.ended & fit
+    return filled._replace(good=good, ended=ended, status=jnp.where(ended, np.int32(Status.DID_NOT_ASSEMBLE), status))
 
 
-def given_up(plan: Plan, method: str, q: Array, begun: Array, values: Array, filled: Filled) -> Solved:
+def given_up(plan: Plan, method: str, q: Array, begun: Array, values: Array, filled: PoseBatch) -> PoseBatch:
     """What was found side by side, and instead of the rest the last pose on the branch."""
-    good, columns = filled.answered, (*filled.x, *filled.known_of(values))
+    good, columns = filled.answered, (*filled.q, *filled.known_of(values))
     count = jnp.zeros((len(q), 1), int) if method == "lanes" else jnp.sum(good, axis=1, keepdims=True)
 
     def held(a, c):
@@ -199,7 +169,7 @@ def given_up(plan: Plan, method: str, q: Array, begun: Array, values: Array, fil
     lost = jnp.where(later, int(Status.NOT_REACHED), int(Status.TOO_FAR))
     status = jnp.where(good, filled.status, jnp.where((begun == 0)[:, None], lost, begun[:, None])).astype(np.int32)
     n = len(plan.unknown)
-    return Solved(tuple(x[:n]), tuple(x[n:]), status, filled.size, filled.pivots)
+    return PoseBatch(tuple(x[:n]), filled.size, filled.conditioning, known=tuple(x[n:]), status=status)
 
 
 def _begun(plan: Plan, eq: Equations, q: Array) -> Array:
@@ -230,51 +200,54 @@ def _turning(plan: Plan) -> np.ndarray:
     return turning & (np.arange(len(turning)) < len(plan.driven))
 
 
-def _repaired(
-    plan: Plan, method: str, shared: bool, eq: Equations, q: Array, values: Array, good: Array, found: Solved
-) -> Solved:
-    """What was found, and from the host what was not.
+def _mended(
+    plan: Plan, method: str, shared: bool, eq: Equations, q: Array, values: Array, good: Array, table: Array
+) -> tuple[Array, Array]:
+    """A table of poses with those that were not found from the host, and that there is no more to be done.
 
-    All that the host needs of a sequence is one row of numbers, and so is what it has found: few operations compile
-    soon. Of many sequences those that are wanted are handed over, some at a time.
+    Of many sequences those that are wanted are handed over, some at a time, each as a row of numbers: few operations
+    compile soon.
     """
-    across = method == "lanes" and len(values) == 1  # inputs of one design: each of them is a row
-    wanted, asked = ~good, values[..., : len(plan.driven)]
-    table = _tabled(found, q.dtype)
-    if method != "lanes":
-        q = _kept(plan, q, good, table)
-    if across:
-        wanted, asked, table = wanted.T, asked[0][:, None], table[0].T[:, :, None]
-    own = [] if across else [q, *([] if shared else jax.tree.leaves(eq))]
-    rows, ask = _question(
-        plan, method, [wanted.astype(q.dtype), asked, *own], eq, shared or across, q if across else None
-    )
+    asked, eq, last = values[..., : len(plan.driven)], short(eq), None
+    if method != "lanes":  # the last pose of each sequence before the first that was not found
+        place = jnp.maximum(jnp.sum(good, axis=1) - 1, 0)[:, None, None]
+        last = jnp.take_along_axis(table[:, : len(plan.unknown) + len(plan.known)], place, axis=2)[:, :, 0]
+    across = method == "lanes" and len(values) == 1 and table.size > _AT_ONCE
+    if across:  # inputs of one design: each of them is a row
+        asked, good, table = asked[0][:, None], good.T, table[0].T[:, :, None]
+    own = None if shared else eq, None if across else q, last, asked, good  # the others are those of all rows
+
+    def ask(eq_of, q_of, *rest):
+        return _ask(plan, method, eq if eq_of is None else eq_of, q if q_of is None else q_of, *rest)
+
+    leaves, structure = jax.tree.flatten(own)
+    group = max(_AT_ONCE // (sum(a[0].size for a in leaves) + table[0].size), 1)
+    if len(table) <= group:
+        return jnp.ones((), bool), jnp.where(good[:, None], table, ask(*own))
+    rows = jnp.concatenate([a.reshape(len(a), -1).astype(q.dtype) for a in leaves], axis=1)
+    ends = np.cumsum([a[0].size for a in leaves])
 
     def body(state):
         open_, old = state
-        some = jnp.nonzero(open_, size=group, fill_value=len(open_))[0]
-        at = jnp.minimum(some, len(open_) - 1)
-        # What fills the last group up is not wanted, and not written.
-        mask = jnp.where((some < len(open_))[:, None], wanted[at], False)
-        new = ask(rows[at].at[:, : wanted.shape[1]].set(mask.astype(q.dtype)))
-        old = old.at[some].set(jnp.where(mask[:, None], new, old[at]), mode="drop")
-        return open_.at[some].set(False, mode="drop"), old
+        these = jnp.nonzero(open_, size=group, fill_value=len(open_))[0]
+        at = jnp.minimum(these, len(open_) - 1)
+        parts = zip(jnp.split(rows[at], ends[:-1], axis=1), leaves, strict=True)
+        *mine, right = [x.reshape(len(x), *a.shape[1:]) for x, a in parts]
+        right = jnp.where((these < len(open_))[:, None], right > 0.0, True)  # what fills the last group up
+        new = ask(*jax.tree.unflatten(structure, [*mine, right]))
+        old = old.at[these].set(jnp.where(right[:, None], old[at], new), mode="drop")
+        return open_.at[these].set(False, mode="drop"), old
 
-    width = rows.shape[1] + table.shape[1] * table.shape[2]
-    group = max(_AT_ONCE // width, 1)
-    if len(rows) <= group:
-        table = jnp.where(wanted[:, None], ask(rows), table)
-    else:
-        table = lax.while_loop(lambda st: jnp.any(st[0]), body, (jnp.any(wanted, axis=1), table))[1]
-    return _answer(plan, table, across)
+    table = lax.while_loop(lambda state: jnp.any(state[0]), body, (jnp.any(~good, axis=1), table))[1]
+    return jnp.ones((), bool), table[:, :, 0].T[None] if across else table
 
 
-def _tabled(found: Solved, dtype: Any) -> Array:
+def _tabled(found: PoseBatch, dtype: Any) -> Array:
     """Poses and what became of them in one array, ``(S, columns, T)``."""
-    rest = [*found.known, found.size, found.pivots, found.status.astype(dtype)]
-    if found.x and found.x[0].ndim > 2:
-        return jnp.concatenate([found.x[0].swapaxes(1, 2), jnp.stack(rest, axis=1)], axis=1)
-    rows = [*found.x, *rest]
+    rest = [*found.known, found.size, found.conditioning, found.status.astype(dtype)]
+    if not isinstance(found.q, tuple):
+        return jnp.concatenate([found.q.swapaxes(1, 2), jnp.stack(rest, axis=1)], axis=1)
+    rows = [*found.q, *rest]
     if len(rows) * rows[0].size > _TABLE:
         return jnp.stack(rows, axis=1)
     *rows, table = [a[:, None] for a in rows]
@@ -283,99 +256,82 @@ def _tabled(found: Solved, dtype: Any) -> Array:
     return table
 
 
-def _in_one(plan: Plan, found: Solved) -> Solved:
+def _in_one(plan: Plan, found: PoseBatch) -> PoseBatch:
     """The same; of a stack of columns that come from one array each would be a kernel of its own."""
-    return found if apiece(plan) or not found.x else found._replace(x=(jnp.stack(found.x, axis=-1),))
+    return found if apiece(plan) or not found.q else found._replace(q=jnp.stack(found.q, axis=-1))
 
 
-def _mended(
-    plan: Plan, method: str, eq: Equations, q: Array, values: Array, good: Array, state: tuple[Array, Array]
-) -> tuple[Array, Array]:
-    """A table of poses with those that were not found from the host."""
-    pieces = jnp.array_split(state[1], -(-state[1].size // _PIECE), axis=2)
-    ask = functools.partial(answered, _DOING, _left, _found_on_host, plan, method)
-    asked = values[..., : len(plan.driven)]
-    new = jax.pure_callback(ask, state[1], eq, q, asked, good, *pieces, vmap_method="sequential")
-    return jnp.ones((), bool), new
-
-
-def _left(plan: Plan, method: str, eq: Any, q: Any, values: Any, good: Any, *pieces: Any) -> np.ndarray:
-    """What is returned where the user has interrupted it."""
-    table = np.concatenate([np.asarray(a) for a in pieces], axis=2)
-    table[:, -1] = np.where(np.asarray(good), table[:, -1], int(Status.TOO_FAR))
-    return table
-
-
-def _found_on_host(plan: Plan, method: str, eq: Any, q: Any, values: Any, good: Any, *pieces: Any) -> np.ndarray:
-    """Runs on the host, inside of compiled code: nothing here may call JAX."""
-    eq, table = jax.tree.map(np.asarray, eq), np.concatenate([np.asarray(a) for a in pieces], axis=2)
-    start, good, places = np.asarray(q), np.asarray(good), [*plan.unknown, *plan.known]
-    if method != "lanes":  # from the last pose of each sequence before the first that was not found
-        count, start = good.sum(axis=1), start.copy()
-        last = np.take_along_axis(table, np.maximum(count - 1, 0)[:, None, None], axis=2)[:, : len(places), 0]
-        start[:, places] = np.where(count[:, None] > 0, last, start[:, places])
-    return np.where(good[:, None], table, _new(plan, method, eq, start, np.asarray(values), ~good, table.dtype))
-
-
-def _question(
-    plan: Plan, method: str, parts: list[Array], eq: Equations, shared: bool, q: Array | None
-) -> tuple[Array, Callable[[Array], Array]]:
-    """What the host needs of sequences, a row of numbers for each, and what asks it about some of these.
-
-    `parts` are which poses are wanted and their inputs; then the start pose, unless all have one, and if they are not
-    shared the equations. Of each there is a row for every sequence.
-    """
-    rows = jnp.concatenate([a.reshape(len(a), -1) for a in parts], axis=1)
-    common, total = (short(eq) if shared else None, q), parts[0].shape[1]
-    fixed = plan, method, tuple(a.shape[1:] for a in parts), jax.tree.structure(eq)
-    inner = functools.partial(answered, _DOING, _unasked, _followed, *fixed)
-    columns = len(plan.unknown) + len(plan.known) + 3
-
-    def ask(some):
-        like = jax.ShapeDtypeStruct((len(some), columns, total), rows.dtype)
-        return jax.pure_callback(inner, like, some, *common, vmap_method="sequential")
-
-    return rows, ask
-
-
-def _answer(plan: Plan, table: Array, across: bool = False) -> Solved:
-    """What the host has said, ``(S, columns, T)``; where every input is a row of its own, ``(T, columns, 1)``."""
-    if across:
-        table = table[:, :, 0].T[None]
+def _answer(plan: Plan, table: Array) -> PoseBatch:
+    """What a table says, ``(S, columns, T)``."""
     n = len(plan.unknown)
-    x = jnp.moveaxis(table[:, :n], 1, 0) if apiece(plan) or not n else [table[:, :n].swapaxes(1, 2)]
-    *known, size, pivots, status = jnp.moveaxis(table[:, n:], 1, 0)
-    return Solved(tuple(x), tuple(known), status.astype(np.int32), size, pivots)
+    q = tuple(jnp.moveaxis(table[:, :n], 1, 0)) if apiece(plan) or not n else table[:, :n].swapaxes(1, 2)
+    *known, size, conditioning, status = jnp.moveaxis(table[:, n:], 1, 0)
+    return PoseBatch(q, size, conditioning, known=tuple(known), status=status.astype(np.int32))
 
 
-def _kept(plan: Plan, q: Array, good: Array, table: Array) -> Array:
-    """The last poses of sequences before the first that was not found; where none was, the start poses ``(S, N)``."""
-    place = jnp.sum(good, axis=1)[:, None, None] - 1
-    places = np.concatenate([plan.unknown, plan.known])
-    last = jnp.take_along_axis(table[:, : len(places)], jnp.maximum(place, 0), axis=2)[:, :, 0]
-    return jnp.where(place[:, 0] < 0, q, q.at[:, places].set(last))
+def _ask(plan: Plan, method: str, eq: Equations, q: Array, last: Array | None, asked: Array, good: Array) -> Array:
+    """Have the host follow to the poses of sequences that are not good: a table as of `_tabled`.
+
+    Start poses are ``(S, N)``, or one for all; `last` are unknown and known coordinates where it goes on, ``(S, n)``.
+    """
+    like = jax.ShapeDtypeStruct((len(asked), len(plan.unknown) + len(plan.known) + 3, asked.shape[1]), q.dtype)
+    answer, nothing = functools.partial(_followed, plan, method), functools.partial(_unasked, like)
+    return ask_host(_DOING, like, answer, eq, q, last, asked, good, given_up=nothing)
 
 
-def _unasked(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any, eq: Any, q: Any) -> np.ndarray:
+def _unasked(like: Any, *_: Any) -> np.ndarray:
     """What is returned where the user has interrupted it."""
-    found = np.zeros((len(rows), len(plan.unknown) + len(plan.known) + 3, shapes[1][0]), rows.dtype)
+    found = np.zeros(like.shape, like.dtype)
     found[:, -1] = int(Status.TOO_FAR)
     return found
 
 
-def _followed(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any, eq: Any, q: Any) -> np.ndarray:
+def _followed(plan: Plan, method: str, eq: Any, start: Any, last: Any, asked: Any, good: Any) -> np.ndarray:
     """Runs on the host, inside of compiled code: nothing here may call JAX."""
-    rows, ends = np.asarray(rows), np.cumsum([math.prod(shape) for shape in shapes])
-    parts = np.split(rows, ends[:-1], axis=1)
-    wanted, asked, *own = (a.reshape(len(a), *shape) for a, shape in zip(parts, shapes, strict=True))
-    start = own[0] if q is None else np.asarray(q)
-    mine = jax.tree.map(np.asarray, eq) if eq is not None else jax.tree.unflatten(structure, own[1:])
-    return _new(plan, method, mine, start, asked, wanted > 0.0, rows.dtype)
+    places = [*plan.unknown, *plan.known]
+    if last is not None:
+        begun, start = good.any(axis=1)[:, None], start.copy()
+        start[:, places] = np.where(begun, last, start[:, places])
+    found = on_host.repair_lanes(plan, method, eq, start, asked, ~good)
+    rest = np.stack([found.size, found.conditioning, found.status], axis=-1)
+    return np.moveaxis(np.concatenate([found.q[..., places], rest], axis=-1).astype(start.dtype), 2, 1)
 
 
-def _new(plan: Plan, method: str, eq: Any, start: Any, asked: Any, wanted: np.ndarray, dtype: Any) -> np.ndarray:
-    """Poses that are wanted, and what became of them, as a table."""
-    poses, status, size, pivots = on_host.repair_lanes(plan, method, eq, start, asked, wanted)
-    columns = poses[..., [*plan.unknown, *plan.known]]
-    rest = np.stack([size, pivots, status], axis=-1)
-    return np.moveaxis(np.concatenate([columns, rest], axis=-1).astype(dtype), 2, 1)
+def _followed_large(
+    view: Plan, method: str, eq: Equations, q: Float[Array, "S N"], values: Float[Array, "S T k"]
+) -> PoseBatch:
+    """Poses ``(S, T, N)`` of sequences of inputs, or of each input on its own, by the host, and what became of each.
+
+    The equations are those of one design, or of one for each sequence (first axis of every leaf).
+    """
+    ask = functools.partial(_follow_large, view, method)
+    shape = (*values.shape[:2], q.shape[1] + 3)
+    return _taken_apart(ask_of_equations("followed poses of a large system", ask, shape, eq, q, values))
+
+
+def nearest_large(view: Plan, eq: Equations, q: Float[Array, "T N"], values: Float[Array, "T k"]) -> PoseBatch:
+    """Poses of one design each near a guess, from the host; the result as of `followed`, without its first axis."""
+    ask = functools.partial(_near_large, view)
+    shape = (len(values), q.shape[1] + 3)
+    return _taken_apart(ask_of_equations("solved for poses near a guess", ask, shape, eq, q, values))
+
+
+def _taken_apart(table: Array) -> PoseBatch:
+    status = jnp.where(jnp.isnan(table[..., -1]), int(Status.TOO_FAR), table[..., -1])  # interrupted by the user
+    return PoseBatch(table[..., :-3], table[..., -3], table[..., -2], status=status.astype(np.int32))
+
+
+def _one_table(found: PoseBatch) -> np.ndarray:
+    return np.concatenate([found.q, np.stack([found.size, found.conditioning, found.status], axis=-1)], axis=-1)
+
+
+def _near_large(view: Plan, eq: HostEquations, q: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return _one_table(on_host.nearest(view, eq, q, values))
+
+
+def _follow_large(view: Plan, method: str, eq: HostEquations, q: np.ndarray, values: np.ndarray) -> np.ndarray:
+    if method != "lanes":
+        return _one_table(on_host.sequences(view, eq, q, values))
+    which = np.repeat(np.arange(len(q)), values.shape[1])
+    found = _one_table(on_host.scattered(view, eq, q, values.reshape(-1, values.shape[2]), which))
+    return found.reshape(*values.shape[:2], -1)

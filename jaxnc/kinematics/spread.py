@@ -105,12 +105,12 @@ def _compiled(devices, view, method, repair, eq, q0, *lanes):
         return _over(devices, whole, _axes(method), (eq, q0, *lanes))
 
     def part(*arguments):
-        poses, *rest = in_columns(view, method, *arguments, repair)
-        return poses.lanes, poses.driven, *rest
+        found = in_columns(view, method, *arguments, repair)
+        return found._replace(q=(found.q.lanes, found.q.driven))
 
-    x, driven, *rest = _over(devices, part, _axes(method), (eq, q0, *lanes))
-    poses = columns_of(view, eq, q0, x, driven)
-    return poses if len(driven) >= batch.LEAST else poses.whole(), *rest
+    found = _over(devices, part, _axes(method), (eq, q0, *lanes))
+    poses = columns_of(view, eq, q0, *found.q)
+    return found._replace(q=poses if len(found.status) >= batch.LEAST else poses.whole())
 
 
 def _over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], arguments: Sequence[Any]) -> Any:

@@ -1,8 +1,10 @@
-"""What compiled code asks of the host: errors that say where they come from, and Ctrl-C that is not lost."""
+"""The one way in which compiled code asks the host: what is handed over, errors that say where they come from, Ctrl-C.
+
+A question is made of arrays, and so is its answer, of shapes that are known beforehand. It is put by `ask_host`.
+"""
 
 import _thread
 import dataclasses
-import functools
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -18,63 +20,73 @@ from jaxnc.system.structure import program
 from jaxnc.types import Array
 
 _AFTERWARDS = 0.05  # seconds after which an interrupted program has returned
-_PIECE = 8192  # numbers, 64 KB
+PIECE = 12_000
+"""Numbers that are handed over in one array, 96 KB.
+
+What is larger than 100 KB JAX copies in a thread of the pool that the call itself waits in: on a machine with one core
+it would wait for ever.
+"""
+_PIECES = 32  # of one array, at most: each takes its time to compile
 
 
-def answered(
+def ask_host(
     doing: str,
-    given_up: Callable[..., np.ndarray],
-    f: Callable[..., np.ndarray],
-    *args: object,
+    like: Any,
+    f: Callable[..., Any],
+    *given: Any,
+    given_up: Callable[..., Any],
     remedy: str = "; repair=False does without it",
-) -> np.ndarray:
-    """Call a function for compiled code; neither it nor `given_up` may call JAX.
+) -> Any:
+    """Put a question to the host from traced code; mapped, questions go one by one.
 
-    Where the user has interrupted it, `given_up` is returned of the same arguments. What it is `doing`, and a `remedy`,
-    are told in messages.
+    Args:
+        doing: what the host does, for messages.
+        like: what it answers, arrays by `jax.ShapeDtypeStruct`.
+        f: the answer, a function of what is given as NumPy arrays. It runs inside of compiled code and may not call
+            JAX; nor may `given_up`.
+        given: pytrees of arrays; equations are made `short` before.
+        given_up: the answer where the user has interrupted it, a function of the same.
+        remedy: what else the user may do, for messages.
     """
-    try:
-        return f(*args)
-    except KeyboardInterrupt:
-        # Compiled code would make an error of its own of it. It is raised again when that has returned.
-        later = threading.Timer(_AFTERWARDS, _thread.interrupt_main)
-        later.daemon = True
-        later.start()
-        return given_up(*args)
-    except Exception as error:
-        raise JaxncError(f"the host failed while it {doing} ({type(error).__name__}: {error}){remedy}") from error
+    leaves, structure = jax.tree.flatten(given)
+    shapes, counts = [jnp.shape(a) for a in leaves], [min(-(-jnp.size(a) // PIECE), _PIECES) for a in leaves]
+    pieces = []
+    for leaf, count in zip(leaves, counts, strict=True):
+        pieces += jnp.array_split(jnp.reshape(leaf, -1), count) if count > 1 else [leaf]
+
+    def answer(*pieces: Any) -> Any:
+        rest, arrays = iter(pieces), []
+        for shape, count in zip(shapes, counts, strict=True):
+            parts = [np.asarray(next(rest)) for _ in range(max(count, 1))]
+            arrays.append(parts[0] if len(parts) == 1 else np.concatenate(parts).reshape(shape))
+        question = jax.tree.unflatten(structure, arrays)
+        try:
+            return f(*question)
+        except KeyboardInterrupt:
+            # Compiled code would make an error of its own of it. It is raised again when that has returned.
+            later = threading.Timer(_AFTERWARDS, _thread.interrupt_main)
+            later.daemon = True
+            later.start()
+            return given_up(*question)
+        except Exception as error:
+            raise JaxncError(f"the host failed while it {doing} ({type(error).__name__}: {error}){remedy}") from error
+
+    return jax.pure_callback(answer, like, *pieces, vmap_method="sequential")
 
 
 def short(eq: Equations) -> Equations:
-    """The equations without the coefficients that the host makes itself."""
+    """Return the equations without the coefficients that the host makes itself."""
     none = (None,) * len(eq.linear)
     return dataclasses.replace(eq, linear=none, quadratic=none)
 
 
-def called_back(f: Callable, shapes: Any, *arrays: Array) -> Any:
-    """Call a function of NumPy arrays from traced code; mapped, it goes one by one.
-
-    The arrays are handed over in pieces. What is larger than 100 KB JAX copies in a thread of the pool that the call
-    itself waits in: on a machine with one core it would wait for ever.
-    """
-    given, ends = [jnp.shape(a) for a in arrays], np.cumsum([jnp.size(a) for a in arrays])
-    flat = jnp.concatenate([jnp.reshape(a, -1) for a in arrays])
-    pieces = jnp.split(flat, list(range(_PIECE, flat.size, _PIECE)))
-
-    def whole(*parts: Any) -> Any:
-        together = np.split(np.concatenate([np.asarray(part) for part in parts]), ends[:-1])
-        return f(*(x.reshape(shape) for x, shape in zip(together, given, strict=True)))
-
-    return jax.pure_callback(whole, shapes, *pieces, vmap_method="sequential")
-
-
-def of_equations(
+def ask_of_equations(
     doing: str, f: Callable[..., np.ndarray], shape: tuple[int, ...], eq: Equations, *arrays: Array
 ) -> Array:
-    """Call a function of equations and arrays, on the host and in NumPy, from traced code; see `answered`.
+    """Put a question about equations that only the host can answer, as of a large system; see `ask_host`.
 
-    `f` takes `HostEquations` and NumPy arrays, and returns one of the shape; it may not call JAX. The equations are of
-    one design, or of many by a first axis.
+    `f` takes `HostEquations` and NumPy arrays, and returns one of the shape. The equations are of one design, or of
+    many by a first axis.
     """
     top = eq.topology
     for kind in dict.fromkeys(block.kind for block in top.blocks):
@@ -85,14 +97,12 @@ def of_equations(
                     f"systems are solved by NumPy: outside of jit, vmap and grad that works; in them compile the "
                     f"mechanism with compile(sparse=False), or write the kind without loops and jax.numpy.linalg"
                 )
-    leaves, structure = jax.tree.flatten(short(eq))
 
-    def run(*given: np.ndarray) -> np.ndarray:
-        made = from_jax(jax.tree.unflatten(structure, given[len(arrays) :]))
-        return np.asarray(f(made, *given[: len(arrays)]), eq.home.dtype)
+    def answer(eq: Any, *given: np.ndarray) -> np.ndarray:
+        return np.asarray(f(from_jax(eq), *given), eq.home.dtype)
 
-    def none(*given: np.ndarray) -> np.ndarray:
+    def nothing(eq: Any, *_: np.ndarray) -> np.ndarray:
         return np.full(shape, np.nan, eq.home.dtype)
 
-    ask = functools.partial(answered, doing, none, run, remedy="")
-    return called_back(ask, jax.ShapeDtypeStruct(shape, eq.home.dtype), *arrays, *leaves)
+    like = jax.ShapeDtypeStruct(shape, eq.home.dtype)
+    return ask_host(doing, like, answer, short(eq), *arrays, given_up=nothing, remedy="")

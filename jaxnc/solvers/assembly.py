@@ -3,7 +3,7 @@
 import functools
 import weakref
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -30,17 +30,7 @@ _RANK = 3e-7  # of the largest singular value: at a double root poses are known 
 _NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked for
 
 
-class Settled(NamedTuple):
-    """A pose that meets the constraints, or comes closest to it."""
-
-    q: Coordinates  # the pose, (N,)
-    gap: Array  # its largest residual, a length
-    # Derivatives of the rows with respect to the unknowns there, every coordinate a length, (m, n); of a large system
-    # its non-zeros. Nothing, or None, in traced code that leaves it to the host.
-    jacobian: Array | None
-
-
-def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> Settled:
+def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> host.Closest:
     """Levenberg-Marquardt on the unknowns of a plan: a pose that meets the constraints, or comes closest to it.
 
     Freedoms may be left: then the pose moves as little as possible. Known coordinates are at their values.
@@ -75,7 +65,7 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
 
     start = (0, q, jnp.full(len(plan.rows), jnp.inf), plan.blank(), jnp.asarray(1e-2), jnp.ones(()), q)
     _, q, r, slope, *_ = lax.while_loop(more, improve, start)
-    return Settled(q, largest(r), plan.as_lengths(slope, inner))
+    return host.Closest(q, largest(r), plan.as_lengths(slope, inner))
 
 
 def by_identity(f: Callable[[T], R]) -> Callable[[T], R]:
@@ -116,7 +106,7 @@ def _traced(*trees: Any) -> bool:
     return any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
 
 
-def settle(eq: Equations, nudge: Array | np.ndarray, repair: bool = True) -> Settled:
+def settle(eq: Equations, nudge: Array | np.ndarray, repair: bool = True) -> host.Closest:
     """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose. Differentiated nowhere.
 
     Traced code asks the host for what does not fit as it is drawn; without `repair` it does so itself.
@@ -127,36 +117,36 @@ def settle(eq: Equations, nudge: Array | np.ndarray, repair: bool = True) -> Set
         view = free_plan(eq.topology)
         if view.large or not repair or not host.ready(view):
             return _settle(eq, nudge)
-        return Settled(*settled(view, eq, eq.home + nudge), None)
+        return host.Closest(*settled(view, eq, eq.home + nudge), None)
     if isinstance(nudge, np.ndarray) and not nudge.any():
         return _start(eq)
     return _settled(eq, np.asarray(nudge))
 
 
 @by_identity
-def _start(eq: Equations) -> Settled:
+def _start(eq: Equations) -> host.Closest:
     return _settled(eq, np.zeros(eq.home.shape, eq.home.dtype))
 
 
-def _settled(eq: Equations, nudge: np.ndarray) -> Settled:
+def _settled(eq: Equations, nudge: np.ndarray) -> host.Closest:
     inner, view = hosted(eq), free_plan(eq.topology)
     with np.errstate(all="ignore"):
         begin = (inner.home + nudge).astype(inner.dtype)[:, None]
         q, gap, jacobian = host.closest(host.view_of(view, inner), begin)
-    return Settled(*on_device([np.asarray(x, inner.dtype) for x in (q[:, 0], gap[0], jacobian[0])]))
+    return host.Closest(*on_device([np.asarray(x, inner.dtype) for x in (q[:, 0], gap[0], jacobian[0])]))
 
 
 @jit
-def _settle(eq: Equations, nudge: Array) -> Settled:
+def _settle(eq: Equations, nudge: Array) -> host.Closest:
     eq, nudge = lax.stop_gradient((eq, nudge))
     view = free_plan(eq.topology)
     if not len(view.rows):
-        return Settled(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(view.unknown))))
+        return host.Closest(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(view.unknown))))
     if view.large:
-        from jaxnc.solvers.answers import of_equations
+        from jaxnc.solvers.answers import ask_of_equations
 
-        found = of_equations("assembled a drawing", _settled_large, (len(eq.home) + 1,), eq, nudge)
-        return Settled(found[:-1], found[-1], jnp.zeros(0))
+        found = ask_of_equations("assembled a drawing", _settled_large, (len(eq.home) + 1,), eq, nudge)
+        return host.Closest(found[:-1], found[-1], jnp.zeros(0))
     return closest(view, eq, eq.home + nudge)
 
 
@@ -196,12 +186,13 @@ def _settled_large(eq: HostEquations, nudge: np.ndarray) -> np.ndarray:
 
 
 class Sample(NamedTuple):
-    """An assembled pose: the pose, its largest residual, its free Jacobian (every coordinate a length), its rank."""
+    """An assembled pose and the rank of its constraints."""
 
-    q: Coordinates
-    gap: float
-    jacobian: np.ndarray
+    q: Coordinates  # the pose
+    gap: float  # its largest residual
+    jacobian: Any  # its free Jacobian, every coordinate a length; of a large system a sparse matrix
     rank: int
+    null: Any = None  # of a large system, what the Jacobian misses: `jaxnc.solvers.rank.Nullity`
 
 
 def rank_of(matrix: np.ndarray) -> tuple[int, np.ndarray]:
@@ -217,22 +208,44 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
     """The assembled drawing and, unless it cannot move, poses nearby, in case the drawing is a special one."""
     view = free_plan(system.topology)
     eq = derive(system)
-    nudge = np.zeros(len(system.topology.coordinates))
+    nudge, n = np.zeros(len(system.topology.coordinates)), len(view.unknown)
     pure = pure_numbers(system.topology)[view.unknown]
     weight = np.where(pure, float(eq.length), 1.0)
     out: list[Sample] = []
     for step in range(count):
         q, gap, matrix = settle(eq, nudge)
         matrix = np.asarray(matrix)
-        rank, null = rank_of(matrix)
-        out.append(Sample(q, float(gap), matrix, rank))
-        if not len(null):
+        if view.large:
+            out.append(_sparse_sample(view, q, float(gap), matrix))
+            null = np.zeros((n, 0))
+        else:
+            rank, null = rank_of(matrix)
+            out.append(Sample(q, float(gap), matrix, rank))
+        if out[-1].rank == n:
             break
         mix = np.random.default_rng(7 + step).uniform(0.5, 1.0, len(null))
-        nudge[view.unknown] = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length) * mix @ null / weight
-    if not meets(eq, out[0].q, out[0].gap):
+        far = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length)
+        nudge[view.unknown] = (far * _along(out[-1].jacobian, mix) if view.large else far * mix @ null) / weight
+    if not view.large and not meets(eq, out[0].q, out[0].gap):
         out += _off(eq, view, weight, out[0])
     return out
+
+
+def _sparse_sample(view: Plan, q: Coordinates, gap: float, numbers: np.ndarray) -> Sample:
+    from jaxnc.solvers.rank import null_directions, shape, sparse
+
+    pattern = cast(Any, view).numbers
+    matrix = sparse(numbers, pattern.rows, pattern.columns, pattern.shape)
+    null = null_directions(matrix)
+    return Sample(q, gap, matrix, min(shape(matrix)) - null.count, null)
+
+
+def _along(matrix: Any, mix: np.ndarray) -> np.ndarray:
+    """A direction that a sparse Jacobian does not stretch, its largest part one."""
+    from jaxnc.solvers.rank import projected
+
+    way = projected(matrix, mix)
+    return way / max(np.abs(way).max(initial=0.0), 1e-300)
 
 
 def _off(eq: Equations, view: Plan, weight: np.ndarray, closest: Sample) -> list[Sample]:
@@ -284,15 +297,26 @@ def _check_finite(system: System) -> None:
                 )
 
 
+def _freedoms_of_large(system: System, best: Sample) -> int:
+    if not best.null.sure:
+        smallest = ", ".join(f"{value:.1e}" for value in best.null.smallest[:4])
+        raise MechanismError(
+            f"{system.name!r}: its degrees of freedom cannot be told; the smallest singular values of its constraints, "
+            f"relative to the largest, are {smallest}, too close to those of a singular position. Draw it in a pose "
+            f"further from a change point or dead point, or with proportions that do not magnify along the chain"
+        )
+    return len(system.topology.unknown) - best.rank
+
+
 def with_degrees_of_freedom(system: System) -> System:
     """Count a system's degrees of freedom: the same system, carrying them and what else is special about the design."""
     one_thread("numpy")  # every system comes by here
     _check_finite(system)
+    samples = sample_poses(system)
     if system.topology.large:
-        from jaxnc.solvers.large_assembly import degrees_of_freedom
-
-        return System(system.topology, system.parameters, degrees_of_freedom(system))
-    samples = sorted(sample_poses(system), key=lambda sample: sample.rank)
+        best = max(samples, key=lambda sample: sample.rank)
+        return System(system.topology, system.parameters, _freedoms_of_large(system, best))
+    samples = sorted(samples, key=lambda sample: sample.rank)
     view, top = free_plan(system.topology), system.topology
     jacobians = np.zeros((len(samples), len(top.rows), len(top.coordinates)))
     jacobians[:, view.rows[:, None], view.unknown] = [sample.jacobian for sample in samples]

@@ -14,9 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.continuation import FIRST, SHORT, STEP, Filled, length_of, on_branch, steady
+from jaxnc.solvers.branch import EXTRAPOLATED, FIRST, SHORT, STEP, steady
+from jaxnc.solvers.continuation import length_of, on_branch
 from jaxnc.solvers.kernel import always, apart, jumping, kernel, writes_out
 from jaxnc.solvers.plan import Plan, unwound
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.ways import follow, interpolate
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
@@ -29,7 +31,6 @@ _CHUNK = 2048  # of more: they stay in the cache
 _POINTS = 129  # of the table
 _ROUNDS = 32  # from the start pose to the points of the table, at least
 _MORE = 4.0  # times as many if points were lost on their way
-_SHARP = 0.5  # a solution may be off its extrapolation by this part of the step
 _DENSE = 0.1  # radians between two points of the table, at most
 
 
@@ -58,7 +59,9 @@ def _at_once(lanes: int, least: int) -> int:
     return max(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), _CHUNK), least)
 
 
-def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], in_order: bool = False) -> Filled:
+def solve(
+    plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], in_order: bool = False
+) -> PoseBatch:
     """Solve a batch of inputs of one design on the branch of a pose.
 
     Angles that nothing else depends on count from the turn nearest to the pose. If they are a sequence of a single
@@ -162,7 +165,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     most = _MORE * first[1]
     made = lax.while_loop(lambda state: state[0] <= state[1], round_, (*first, begin, blank))[-1]
     made = [a[:given] for a in made] if total != given else made
-    return Filled(tuple(made[:-3]), *made[-3:])
+    return PoseBatch(tuple(made[:-3]), *made[-3:])
 
 
 def _ratio(i: Array) -> Array:
@@ -188,7 +191,9 @@ def _moved(
     """The table after a step: which of its points are where they were going, or at first not far."""
     step = norm([a - b for a, b in zip(y, table.now, strict=True)])
     off = norm([a - b for a, b in zip(y, _expected(table, ratio), strict=True)])
-    close = jnp.where(i > 0, off <= _SHARP * step + limits(eq.length).close * eq.length, step <= FIRST * eq.length)
+    close = jnp.where(
+        i > 0, off <= EXTRAPOLATED * step + limits(eq.length).close * eq.length, step <= FIRST * eq.length
+    )
     rise = [a - b for a, b in zip(table.facing, table.faced, strict=True)]
     close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio, step.shape))
     return _Table(y, table.now, facing, table.facing, good & close)

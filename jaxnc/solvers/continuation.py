@@ -8,49 +8,13 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 
-from jaxnc.solvers.host.judge import REBOUND, SHARP, smooth
+from jaxnc.solvers.branch import SHARP, STEP, smooth, steady
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
 from jaxnc.solvers.plan import Plan
-from jaxnc.status import Status
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
-
-SHORT = 1e-3  # of a step: a first one, that shows in which direction determinants change
-FIRST = 0.25  # of the size: the first step from the start pose is shorter
-DROP = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
-STEP = 0.4  # radians that a driven angle turns in a step: a change point behind a longer one may not be seen
-
-
-class Filled(NamedTuple):
-    """Solved poses, of S sequences of T inputs each where no other shape is said."""
-
-    x: tuple[Array, ...]  # unknown coordinates, each (S, T)
-    size: Array  # largest residual, a length
-    pivots: Array  # estimate of the reciprocal condition number
-    good: Array  # whether the pose is right, and regular; the others are not solved for, or on another branch
-    # Whether the branch ends before the pose, which is then the last one, with the known coordinates there; None where
-    # that is not found out.
-    ended: Array | None = None
-    known: tuple[Array, ...] = ()
-
-    @property
-    def answered(self) -> Array:
-        """Whether there is nothing more to find out of a pose."""
-        return self.good if self.ended is None else self.good | self.ended
-
-    @property
-    def status(self) -> Array:
-        """`jaxnc.Status` of poses that are answered."""
-        if self.ended is None:
-            return jnp.zeros(self.good.shape, np.int32)
-        return jnp.where(self.ended, np.int32(Status.DID_NOT_ASSEMBLE), np.int32(0))
-
-    def known_of(self, values: Array) -> tuple[Array, ...]:
-        """Known coordinates of the poses, of the values that were asked for ``(..., k)``."""
-        return *self.known, *(values[..., k] for k in range(len(self.known), values.shape[-1]))
 
 
 class State(NamedTuple):
@@ -74,22 +38,6 @@ def on_branch(eq: Equations, found: Solved, signs: Sequence[Any] | Array, passin
     ok = found.upright & (found.size <= tolerance(eq, found.x)) & (passing | (found.pivots > limits(eq.length).poor))
     for a, b in zip(found.determinants, signs, strict=True):
         ok = ok & (jnp.sign(a) == b)
-    return ok
-
-
-def steady(new: Sequence[Any] | Array, now: Sequence[Any] | Array, rise: Sequence[Any] | Array, share: Any) -> Array:
-    """Whether determinants go on as they did, lane by lane.
-
-    Where a branch ends and its mirror image begins again soon afterwards, no orientation changes between a pose before
-    and a pose behind the gap; but a determinant that fell towards zero has been thrown back. So it is where branches
-    cross, unless the step ends close behind the crossing.
-
-    `new` and `now` are determinants of the blocks after a step and before it, `rise` is their change in the step
-    before, and `share` the length of this step in terms of that one.
-    """
-    ok = jnp.ones(jnp.shape(share), bool)
-    for a, b, d in zip(new, now, rise, strict=True):
-        ok = ok & ((b + share * d) * jnp.sign(a) >= REBOUND * jnp.abs(a)) & (jnp.abs(a) >= DROP * jnp.abs(b))
     return ok
 
 

@@ -13,20 +13,22 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers import batch, continuation
-from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.continuation import SHORT, Filled
+from jaxnc.solvers.branch import LEADING, SHORT, TURNING
 from jaxnc.solvers.kernel import kernel
+from jaxnc.solvers.mapped import in_chunks
 from jaxnc.solvers.plan import Plan, unwound
-from jaxnc.solvers.sequences import TURNING, in_sequences, scattered_around
+from jaxnc.solvers.pose_batch import PoseBatch
+from jaxnc.solvers.sequences import in_sequences, scattered_around
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Float
 
 _CHUNK = 256  # lanes that go on together
-_FIRST = 16  # steps from the start pose to the first value
 _LINE = 16  # inputs of a design from which it pays to follow a line of poses first
 
 
-def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], values: Float[Array, "S T k"]) -> Filled:
+def in_order(
+    plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], values: Float[Array, "S T k"]
+) -> PoseBatch:
     """Follow sequences of inputs along their branches; after the first pose that is not good none of a sequence is.
 
     The equations are of one design (`shared`), or of one for each sequence (first axis of every leaf). Angles of the
@@ -48,7 +50,7 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
 
 def one_by_one(
     plan: Plan, eq: Equations, shared: bool, q: Float[Array, "D N"], values: Float[Array, "D B k"], turns: Array
-) -> Filled:
+) -> PoseBatch:
     """Poses ``(D, B)`` at inputs of designs, each on the straight way from the design's start pose.
 
     The equations are of one design (`shared`), or of one for each row of q (first axis of every leaf). `turns` are
@@ -86,7 +88,7 @@ def _lanes(eq: Equations, shared: bool) -> Callable[[Array], Equations]:
     return those
 
 
-def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Filled:
+def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> PoseBatch:
     """Take lanes (first axis of q and values; last of eq) by a fixed number of steps."""
     core, (lanes, total) = kernel(plan), values.shape[:2]
     x = [q[:, c] for c in range(q.shape[1])]
@@ -104,7 +106,7 @@ def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Filled:
     start = continuation.beginning(core, eq, x, (lanes,))
     _, out = lax.scan(value, start, (before, goal, jnp.asarray(parts), jnp.asarray(counts)))
     *y, size, pivots, good = (a.T for a in out)
-    return Filled(tuple(y), size, pivots, good)
+    return PoseBatch(tuple(y), size, pivots, good)
 
 
 def _substeps(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
@@ -112,7 +114,7 @@ def _substeps(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
     between = max(1, -(-TURNING // total))
     even = np.arange(1, between + 1) / between
     shortened = np.append(SHORT / between, even)
-    first = np.append(SHORT, np.arange(1, _FIRST + 1)) / _FIRST
+    first = np.append(SHORT, np.arange(1, LEADING + 1)) / LEADING
     # Where the way turns (from the start to the first value; anywhere with several inputs) a short step comes first.
     ways = [first, *(shortened if driven > 1 or k == 1 else even for k in range(1, total))]
     parts = np.ones((total, max(len(w) for w in ways)))

@@ -24,8 +24,8 @@ from jaxnc.system.structure import jumps, steep
 from jaxnc.types import Array
 
 _ITERATIONS = 6  # the most of Newton on a block
-_LARGEST = 120  # unknowns that are written out
-_MOST = 1000  # multiplications of their eliminations: a program of so many takes XLA half a minute
+LARGEST_WRITTEN = 120  # unknowns that are written out
+MOST_WRITTEN = 1000  # multiplications of their eliminations: a program of so many takes XLA half a minute
 _ROUNDING = 100.0  # times the last digit of the largest number met in an elimination
 _FEW = 2  # blocks that may be computed into each other
 
@@ -302,9 +302,9 @@ def _reduced(f, parts: Sequence[Any]) -> Any:
 
 def writes_out(plan: Plan) -> bool:
     """Say whether a plan is small enough to be written out element by element: beyond, compiling takes too long."""
-    if plan.large or not 0 < len(plan.unknown) <= _LARGEST:
+    if plan.large or not 0 < len(plan.unknown) <= LARGEST_WRITTEN:
         return False
-    return sum(block.elimination.cost for block in kernel(plan).blocks) <= _MOST
+    return sum(block.elimination.cost for block in kernel(plan).blocks) <= MOST_WRITTEN
 
 
 @with_owner

@@ -6,13 +6,14 @@ import than a small mechanism to sweep, are imported where a large one needs the
 """
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
 
-from jaxnc.solvers.answers import called_back
+from jaxnc.solvers.answers import ask_host
 from jaxnc.threads import one_thread
 from jaxnc.types import Array
 
@@ -160,10 +161,16 @@ class Factoriser:
 
     def solve(self, data: Array, right: Array, transposed: bool = False) -> Array:
         """`solved` for traced values; mapped, it goes one by one."""
-        shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
-        return called_back(functools.partial(self.solved, transposed=transposed), shape, data, right)
+        like = jax.ShapeDtypeStruct(right.shape, right.dtype)
+        return self._ask(like, functools.partial(self.solved, transposed=transposed), data, right)
 
     def evaluate(self, data: Array) -> tuple[Array, Array]:
         """`pivots` for traced values."""
-        shapes = tuple(jax.ShapeDtypeStruct(s, data.dtype) for s in ((self.size,), (self._block.count,)))
-        return called_back(lambda x: self.pivots(self._kept(x)), shapes, data)
+        like = tuple(jax.ShapeDtypeStruct(s, data.dtype) for s in ((self.size,), (self._block.count,)))
+        return self._ask(like, lambda x: self.pivots(self._kept(x)), data)
+
+    def _ask(self, like: Any, f: Callable[..., Any], *given: Array) -> Any:
+        def nothing(*_: np.ndarray) -> Any:
+            return jax.tree.map(lambda a: np.full(a.shape, np.nan, a.dtype), like)
+
+        return ask_host("solved by sparse LU", like, f, *given, given_up=nothing, remedy="")

@@ -1,4 +1,4 @@
-"""Functions that have a program of their own where they are mapped.
+"""Functions of lanes: with a program of their own where they are mapped, or applied to some lanes at a time.
 
 As by `jax.custom_batching.custom_vmap`, but the program for what is not mapped is traced only where it is compiled.
 Under `jax.vmap` the other one is all that is wanted, and tracing takes as long as a third of compiling.
@@ -10,6 +10,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
@@ -73,3 +74,50 @@ _MAPPED.def_impl(_run)
 _MAPPED.def_abstract_eval(_shapes)
 batching.primitive_batchers[_MAPPED] = _batched
 mlir.register_lowering(_MAPPED, mlir.lower_fun(functools.partial(_run, call=_remembered), multiple_results=True))
+
+
+def in_lanes(
+    size: int, shared: bool, which: Sequence[Any], eq: Any, *lanes: Array
+) -> tuple[bool, Any, tuple[Array, ...]]:
+    """Put a batch of functions of a design and of lanes ``(L, ...)`` into lanes ``(size L, ...)`` of one function.
+
+    Arguments are those of a `Mapped` rule, `shared` whether the design is one for all lanes. Returned is whether it
+    still is, the design, or one for each lane, and the lanes.
+    """
+    in_eq, *others = which
+    of_one = shared and not any(jax.tree.leaves(in_eq))
+
+    def wide(a: Array, has: bool) -> Array:
+        return a if has else jnp.broadcast_to(a, (size, *a.shape))
+
+    every = [wide(a, has) for a, has in zip(lanes, others, strict=True)]
+    count = every[0].shape[1]
+
+    def full(a: Array, has: bool) -> Array:
+        a = wide(a, has)
+        a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
+        return a.reshape(size * count, *a.shape[2:])
+
+    eq = eq if of_one else jax.tree.map(full, eq, in_eq)
+    return of_one, eq, tuple(a.reshape(size * count, *a.shape[2:]) for a in every)
+
+
+def in_chunks(f: Callable, chunk: int, *arguments: Any) -> Any:
+    """A function whose arguments and results have lanes as their first axis, some of these at a time.
+
+    What they need then stays in the cache, and few wait for the slowest.
+
+    Up to twice as many as a `chunk` go at once.
+    """
+    count = jax.tree.leaves(arguments)[0].shape[0]
+    if count <= 2 * chunk:
+        return f(*arguments)
+    size = next((k for k in range(chunk, chunk // 2, -1) if count % k == 0), chunk)
+    if count % size:
+        # The last chunk is filled up with its last lane, so that there is one shape to compile.
+        fill = -count % size
+        arguments = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[-1:], fill, axis=0)]), arguments)
+    # No axis is left to be found out: arrays without numbers, such as the inputs of a structure, do not tell.
+    pieces = jax.tree.map(lambda x: x.reshape(x.shape[0] // size, size, *x.shape[1:]), arguments)
+    out = lax.map(lambda some: f(*some), pieces)
+    return jax.tree.map(lambda x: x.reshape(x.shape[0] * size, *x.shape[2:])[:count], out)

@@ -10,8 +10,8 @@ from jax import lax
 
 from jaxnc import autodiff
 from jaxnc.solvers import dense
-from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import kernel, writes_out
+from jaxnc.solvers.mapped import in_chunks
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.rows import Place
 from jaxnc.system.equations import Equations, weights

@@ -12,17 +12,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.continuation import SHORT, STEP, Filled, on_branch, steady
+from jaxnc.solvers.branch import LEADING, SHORT, STEP, TURNING, steady
+from jaxnc.solvers.continuation import on_branch
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import some
 from jaxnc.types import Array
 
 _LANES = 2304  # poses at a time: they stay in the cache
 _DESIGNS = 128  # of so many designs, or more if each has few poses
 _WHOLE = 4608  # poses that are solved at once, in one block: fewer loops, and sooner compiled
-_FIRST = 16  # steps from the start pose to the first value
-TURNING = 64  # steps at least for a sequence of values
 _LINE = 32  # steps to the farthest of scattered values, to either side: a tenth of a radian on half a turn
 
 
@@ -34,7 +34,7 @@ class _Trail(NamedTuple):
     alive: Array  # whether every pose so far is on the branch, (designs,)
 
 
-def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, values: Array) -> Filled:
+def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, values: Array) -> PoseBatch:
     """Poses ``(B, T)`` of sequences of inputs; where one is not right, it and those that follow it are not set.
 
     All blocks of the core have a closed form; `equations` makes those of some of the sequences, lanes last.
@@ -44,7 +44,7 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
     between = np.arange(1, many + 1) / many
     if driven > 1 and total > 1:
         between = np.append(SHORT / many, between)
-    parts = np.append(SHORT, np.arange(1, _FIRST + 1)) / _FIRST
+    parts = np.append(SHORT, np.arange(1, LEADING + 1)) / LEADING
 
     def path(home: Array, goal: Array, span: int | None):
         # Where the way turns a short step shows in which direction determinants change; it is gone to and fro.
@@ -62,7 +62,7 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
     return _in_blocks(core, equations, q, values, len(parts) + 1, len(between), path, lambda trail: trail, judge)
 
 
-def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, near: Array) -> Filled:
+def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, near: Array) -> PoseBatch:
     """Poses ``(D, B)`` of many values of a single input of each design, one by one; not set where they are not right.
 
     A line of poses is followed from the start pose to the largest value, and one to the smallest. What lies between two
@@ -121,7 +121,7 @@ def _in_blocks(
     path: Callable,
     begin: Callable,
     judge: Callable,
-) -> Filled:
+) -> PoseBatch:
     """Solve poses of all designs, some designs and some of their poses at a time.
 
     Args:
@@ -163,7 +163,7 @@ def _in_blocks(
         made, marks, kept = _solved(core, eq, x, signs, jnp.concatenate([lead, rest]), True)
         good = judge(None, marks, kept, None, about)[steps - 1 :: steps].T
         made = made[:, len(lead) + steps - 1 :: steps].swapaxes(1, 2)
-        return Filled(tuple(made[:-2]), made[-2], made[-1], good)
+        return PoseBatch(tuple(made[:-2]), made[-2], made[-1], good)
 
     def chunk(j, made):
         # The last chunk overlaps the one before.
@@ -187,7 +187,7 @@ def _in_blocks(
     blank = (*[jnp.zeros((count, filled))] * (len(core.plan.unknown) + 2), jnp.zeros((count, filled), bool))
     made = lax.fori_loop(0, -(-count // designs), chunk, blank)
     *y, size, pivots, good = (a[:, :total] for a in made) if filled > total else made
-    return Filled(tuple(y), size, pivots, good)
+    return PoseBatch(tuple(y), size, pivots, good)
 
 
 def _apiece(numbers: Sequence[Any], lanes: tuple[int, ...]) -> tuple[Array, ...]:

@@ -1,7 +1,7 @@
 """The start pose in traced code: the drawing, if it meets the constraints; else the host assembles it.
 
 A drawing that its dimensions are read off meets them as it is, and most do. Whatever `jax.vmap` maps becomes lanes, so
-that the host is asked once for all designs, and only if one of them does not fit; thousands are left to XLA.
+that the host is asked once for all designs, and only if one of them does not fit; thousands XLA assembles no slower.
 """
 
 import functools
@@ -14,18 +14,14 @@ from jax import lax
 
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
-from jaxnc.solvers.answers import answered, short
+from jaxnc.solvers.answers import PIECE, ask_host, short
 from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.mapped import Mapped
+from jaxnc.solvers.mapped import Mapped, in_lanes
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import from_jax
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
-
-# Numbers of an array that the host is given: a larger one JAX copies in a thread of the pool that the call itself waits
-# in, on one core for ever; and the drawings of as many designs XLA assembles no slower.
-_PIECE = 12_000
 
 
 def settled(plan: Plan, eq: Equations, q: Array) -> tuple[Array, Array]:
@@ -46,16 +42,16 @@ def _settler(plan: Plan, shared: bool):
     @jax.jit
     def inner(eq, q):
         axes = None if shared else 0
-        if max(a.size for a in jax.tree.leaves((short(eq), q))) > _PIECE:
+        if max(a.size for a in jax.tree.leaves((short(eq), q))) > PIECE:
             found = jax.vmap(functools.partial(closest, plan), in_axes=(axes, 0))(eq, q)
             return found.q, found.gap
         gap = jax.vmap(lambda eq, q: jnp.max(jnp.abs(plan.residual(eq, q)), initial=0.0), in_axes=(axes, 0))(eq, q)
         fits = gap <= 2.5 * limits(q).floor * eq.length
-        ask = functools.partial(answered, "assembled a drawing", _as_it_is, _assembled, plan)
+        answer, as_it_is = (functools.partial(f, plan) for f in (_assembled, _as_it_is))
         like = jax.ShapeDtypeStruct((q.shape[0], q.shape[1] + 1), q.dtype)
 
         def assemble(state):
-            found = jax.pure_callback(ask, like, short(eq), state[1], fits, vmap_method="sequential")
+            found = ask_host("assembled a drawing", like, answer, short(eq), state[1], fits, given_up=as_it_is)
             return jnp.ones((), bool), found[:, :-1], found[:, -1]
 
         # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
@@ -65,30 +61,15 @@ def _settler(plan: Plan, shared: bool):
         return jax.ShapeDtypeStruct(q.shape, q.dtype), jax.ShapeDtypeStruct(q.shape[:1], q.dtype)
 
     def mapped(size, which, eq, q):
-        in_eq, in_q = which
-        of_one = shared and not any(jax.tree.leaves(in_eq))
-
-        def wide(a: Array, has: bool) -> Array:
-            return a if has else jnp.broadcast_to(a, (size, *a.shape))
-
-        many = wide(q, in_q)
-        count = many.shape[1]
-
-        def lanes(a: Array, has: bool) -> Array:
-            a = wide(a, has)
-            a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
-            return a.reshape(size * count, *a.shape[2:])
-
-        mine = eq if of_one else jax.tree.map(lanes, eq, in_eq)
-        pose, gap = _settler(plan, of_one)(mine, many.reshape(size * count, -1))
-        return (pose.reshape(many.shape), gap.reshape(size, count)), (True, True)
+        of_one, eq, (flat,) = in_lanes(size, shared, which, eq, q)
+        found = jax.tree.map(lambda a: a.reshape(size, -1, *a.shape[1:]), _settler(plan, of_one)(eq, flat))
+        return found, (True, True)
 
     return Mapped(inner, shapes, mapped)
 
 
-def _assembled(plan: Plan, eq: Any, q: Any, fits: Any) -> np.ndarray:
-    eq, q = jax.tree.map(np.asarray, eq), np.asarray(q)
-    open_ = np.flatnonzero(~np.asarray(fits))
+def _assembled(plan: Plan, eq: Any, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
+    open_ = np.flatnonzero(~fits)
     view = host.HostView(plan, from_jax(eq)).taken(open_)
     with np.errstate(all="ignore"):
         found = host.closest(view, q[open_].T)
@@ -97,5 +78,5 @@ def _assembled(plan: Plan, eq: Any, q: Any, fits: Any) -> np.ndarray:
     return out
 
 
-def _as_it_is(plan: Plan, eq: Any, q: Any, fits: Any) -> np.ndarray:
-    return np.concatenate([np.asarray(q), np.zeros((len(q), 1), q.dtype)], axis=1)
+def _as_it_is(plan: Plan, eq: Any, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
+    return np.concatenate([q, np.zeros((len(q), 1), q.dtype)], axis=1)

@@ -14,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.continuation import FIRST, SHORT, STEP, Filled, length_of, on_branch, steady
-from jaxnc.solvers.host.judge import SHARP
+from jaxnc.solvers.branch import FIRST, SHARP, SHORT, STEP, steady
+from jaxnc.solvers.continuation import length_of, on_branch
 from jaxnc.solvers.kernel import always, apart, kernel
 from jaxnc.solvers.plan import Plan, unwound
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
@@ -93,7 +94,7 @@ class _Ways(NamedTuple):
         return self.now, self.told, self.at, self.ended.astype(self.at.dtype)
 
 
-def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"]) -> Filled:
+def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"]) -> PoseBatch:
     """Follow every lane along the straight way from the start pose, in steps as long as its checks allow.
 
     Lanes that are not there yet are put together again and again, so that no others go along with them. If there are
@@ -311,7 +312,7 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lane
     known, ended = origin[:, None] + at * (goals - origin[:, None]), ended > 0.0
     if near is not None:
         known, ended = known + (2 * jnp.pi) * near.T, ended & jnp.all(near == 0.0, axis=1)
-    return Filled(tuple(now), residuals, pivots, good, ended, tuple(jnp.where(good, values.T, known)))
+    return PoseBatch(tuple(now), residuals, pivots, good, ended, tuple(jnp.where(good, values.T, known)))
 
 
 def _put(store: Array, arrays: Iterable[Array], at: Any) -> Array:

@@ -1,6 +1,6 @@
 """Poses that meet the constraints or come closest to it, on the host: nothing is compiled for them."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -8,13 +8,13 @@ from jaxnc.solvers.host.view import HostView, largest
 
 
 class Closest(NamedTuple):
-    """Poses that meet the constraints, or come closest to it; lanes are the last axis of `q` and `gap`."""
+    """Poses that meet the constraints, or come closest to it: one for JAX, on the host lanes as last axis."""
 
-    q: np.ndarray  # the poses, (N, lanes)
-    gap: np.ndarray  # their largest residuals, lengths, (lanes,)
-    # derivatives of the rows with respect to the unknowns there, every coordinate a length, (lanes, m, n); of a large
-    # system its non-zeros, (lanes, nnz)
-    jacobian: np.ndarray
+    q: Any  # the pose, (N,), or the poses, (N, lanes)
+    gap: Any  # the largest residual, a length
+    # Derivatives of the rows with respect to the unknowns there, every coordinate a length, (m, n), or (lanes, m, n);
+    # of a large system the non-zeros. Nothing, or None, in traced code that leaves it to the host.
+    jacobian: Any
 
 
 def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:

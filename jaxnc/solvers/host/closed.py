@@ -6,14 +6,10 @@ poses are on one branch is seen from them afterwards. What cannot be told so is 
 
 import numpy as np
 
-from jaxnc.solvers.host.judge import CLEAR, smooth
+from jaxnc.solvers.branch import CLEAR, LEADING, SHORT, STEP, TURNING, smooth
 from jaxnc.solvers.host.lockstep import lockstep, shares, steady
 from jaxnc.solvers.host.view import HostView, largest
 
-_SHORT = 1e-3  # of a step: it shows in which direction determinants change
-_FIRST = 16  # steps to the first value
-_STEPS = 64  # at least, for a whole way
-_TURN = 0.4  # radians that a driven angle turns in a step, as in traced code
 _MOST = 20_000  # poses on the way; of more, following costs little
 
 
@@ -42,14 +38,14 @@ def sure(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarr
 def _track(home: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, int]:
     """Known coordinates on the way to all values ``(known, steps, D)``, and how many steps there are to each."""
     total, first = len(values), values[0]
-    every = -(-_STEPS // total) if total > 1 else 1
-    parts = _FIRST if total > 1 else _STEPS
-    parts = np.append(_SHORT, np.arange(1, parts + 1))[:, None, None] / parts
+    every = -(-TURNING // total) if total > 1 else 1
+    parts = LEADING if total > 1 else TURNING
+    parts = np.append(SHORT, np.arange(1, parts + 1))[:, None, None] / parts
     lead = [home[None], home + parts * (first - home)]
     before = values[:-1]
     if total > 1:
         # Where the way turns a short step shows how determinants change; it is gone to and fro.
-        short = first + _SHORT * (values[1] - first)
+        short = first + SHORT * (values[1] - first)
         lead += [short[None], first[None]]
     between = np.arange(1, every + 1)[:, None, None] / every
     rest = before[:, None] + between * (values[1:] - before)[:, None]
@@ -72,7 +68,7 @@ def _on_branch(view: HostView, start: np.ndarray, q: np.ndarray, track: np.ndarr
     share = shares(track)
     for value in determinants:
         good[1:] &= steady(value, share)
-    good[1:] &= np.all(np.abs(np.diff(track[plan.angles], axis=1)) <= _TURN, axis=0)
+    good[1:] &= np.all(np.abs(np.diff(track[plan.angles], axis=1)) <= STEP, axis=0)
     good[1:] &= _smooth(view, q, track, slopes.reshape(len(plan.unknown), -1, *shape))
     return good
 

@@ -10,13 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxnc.solvers.host import judge
+from jaxnc.solvers import branch
 from jaxnc.solvers.host.matrices import Near
 from jaxnc.solvers.host.rates import rates
 from jaxnc.solvers.host.view import Evaluation, HostView, largest
 from jaxnc.system.precision import farthest
 
-_FIRST = 1e-3  # of the way to the first value: a short step that shows in which direction determinants change
 _BEFORE = 1e-3  # of the mechanism's size: how far from a crossing its pose is read off the branch
 _NEWTON = 8  # steps from a predicted pose, of which two are usual
 _CORRECTIONS = 6  # of Newton, before a step is given up
@@ -143,7 +142,7 @@ def _corners(origin: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
 def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> Followed:
     """Follow branches from poses through sequences of input values.
 
-    A step is accepted by `jaxnc.solvers.host.judge`; the other branch, which lies across a fold, is never taken for
+    A step is accepted by `jaxnc.solvers.branch`; the other branch, which lies across a fold, is never taken for
     this one, nor its mirror image behind a narrow gap. Where branches cross (a change point), the motion goes on along
     its tangent.
 
@@ -193,7 +192,7 @@ def _shortened(
         The values; how many of them each lane has, ``(lanes,)``; and how many of these are as asked for.
     """
     ways = np.diff(values, axis=0, prepend=start[view.plan.known][None])
-    steps = np.stack([1.0 / judge.longest(view.plan, way) for way in ways])
+    steps = np.stack([1.0 / branch.longest(view.plan, way) for way in ways])
     far = steps > most
     if view.plan.angles:
         angles = np.abs(values[:, view.plan.angles])
@@ -203,7 +202,7 @@ def _shortened(
     if not len(lanes):
         return values, counts, counts
     values, asked, at = values.copy(), counts.copy(), np.argmax(far[:, lanes], axis=0)
-    part = np.minimum(1.0, _TRIED / (steps[at, lanes] * judge.TURN))
+    part = np.minimum(1.0, _TRIED / (steps[at, lanes] * branch.TURN))
     values[at, :, lanes] += ((part - 1.0) * ways[at, :, lanes].T).T
     asked[lanes] = at
     counts = np.where(asked < counts, asked + 1, counts)
@@ -222,7 +221,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     met = largest(seen.residual) <= view.tolerance(st.q)
     met &= correction <= least.close * length
     squared = correction**3 <= min(1e2 * least.accept, 0.1 * _SQUARED) * length * st.corrected**2
-    squared &= (correction <= _SQUARED * length) & (level >= judge.CLEAR).all(axis=0)
+    squared &= (correction <= _SQUARED * length) & (level >= branch.CLEAR).all(axis=0)
     converged = finite & (met | squared)
     moved = np.array(st.q)
     moved[view.plan.unknown] -= np.where(finite, seen.step, 0.0)
@@ -238,23 +237,23 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     speed, after = view.norm(weight, st.slope), view.norm(weight, new_slope)
     corrected, bend = view.norm(weight, base - st.guess), part * view.norm(weight, new_slope - st.slope)
     kink = view.norm(weight, base - st.base - 0.5 * part * (new_slope + st.slope))
-    trial = judge.Step(part, part * speed, corrected, bend, part * after, kink, ratio, level, part * st.rise, fresh)
-    good = converged & judge.accepted(trial, least, length)
+    trial = branch.Step(part, part * speed, corrected, bend, part * after, kink, ratio, level, part * st.rise, fresh)
+    good = converged & branch.accepted(trial, least, length)
     edge = converged & ~good
     if edge.any():
         move, tangents = base - st.base, (part * st.slope, part * new_slope)
-        edge &= judge.edged(trial, least, length, lambda: _corner(weight, move, *tangents))
+        edge &= branch.edged(trial, least, length, lambda: _corner(weight, move, *tangents))
         good |= edge
     if good.any():
         good &= view.upright(base)
     bad = ~good & stopped
     st.corrections, st.corrected = np.where(stopped, 0, st.corrections), np.where(stopped, 0.0, st.corrected)
 
-    over_it = judge.crossing(speed, least, length)
+    over_it = branch.crossing(speed, least, length)
     leap = bad & ~fresh & ~st.leapt & (0.25 * part <= over_it)
-    shortened = (st.s == 0.0) & (part == _FIRST)
-    longer = np.minimum(np.where(shortened, 1.0, 2.0 * st.h), judge.next_step(trial, least, length))
-    longer = np.where(fresh, _FIRST, longer)
+    shortened = (st.s == 0.0) & (part == branch.SHORT)
+    longer = np.minimum(np.where(shortened, 1.0, 2.0 * st.h), branch.next_step(trial, least, length))
+    longer = np.where(fresh, branch.SHORT, longer)
     st.h = np.where(good, longer, np.where(leap, over_it, np.where(bad, 0.25 * part, st.h)))
     leaving = (st.s == 0.0) & (st.target > 0)
     # Just before a fold steps are short as parts of the way, not as lengths: a target that lies there is gone on to.
@@ -278,7 +277,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     over, back = _arrivals(view, st, out, good, ended & ~fresh, ended, speed, over_it)
 
     chosen = _chosen(stopped)
-    reach = st.s + np.minimum(np.minimum(st.h, 1.0), judge.longest(view.plan, st.way))
+    reach = st.s + np.minimum(np.minimum(st.h, 1.0), branch.longest(view.plan, st.way))
     reach = np.where(reach >= 1.0 - least.whole, 1.0, reach)
     st.reach = chosen(np.where(back, 0.0, reach), st.reach)
     predicted = _predicted(view, st)
@@ -343,7 +342,7 @@ def _arrivals(
         return ended, none
     aim, way, lane = st.way_end, st.way, np.arange(len(good))
     # Towards the end of a branch the pose changes ever faster; where branches cross it does not.
-    crossed = touched & (speed <= judge.FAST * st.usual)
+    crossed = touched & (speed <= branch.FAST * st.usual)
     if crossed.any():
         before = (_BEFORE * length / speed)[crossed]
         at = st.base[:, crossed], st.slopes[:, :, crossed], way[:, crossed], (1.0 - st.s)[crossed]
@@ -368,8 +367,8 @@ def _arrivals(
         fast = view.norm(weight, st.slope)
         st.back, st.usual, st.leapt = st.back / shorter, chosen(fast, st.usual), st.leapt & ~onwards
         # Onwards from a crossing by a step that leads clear of it, on another way by a short one.
-        clear = judge.crossing(fast, least, length)
-        st.h = np.where(through, clear, np.where(arrived & aside, _FIRST, st.h / shorter))
+        clear = branch.crossing(fast, least, length)
+        st.h = np.where(through, clear, np.where(arrived & aside, branch.SHORT, st.h / shorter))
     return over, back
 
 

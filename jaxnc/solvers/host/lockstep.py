@@ -7,12 +7,14 @@ are the poses behind it. Coordinates are ``(N, steps, designs)``.
 
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from jaxnc.remembered import with_owner
+from jaxnc.solvers import branch
 from jaxnc.solvers.plan import Plan, square_rows
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import FEW, Numbers, Rows, guards
 from jaxnc.system.design import Drawn
 from jaxnc.system.equations import pure_numbers
@@ -20,22 +22,8 @@ from jaxnc.system.precision import limits
 
 _ITERATIONS = 12  # the most of Newton
 _ASSEMBLY = 60  # and of Levenberg and Marquardt on a drawing that does not fit its dimensions
-_SHARP = 0.5  # of the movement in a step: a longer correction may have led to another branch
-_SLACK = 0.05  # of the size: shorter ones have not
-_REBOUND = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
-_DROP = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
 
 Scales = Sequence[np.ndarray]
-
-
-class Continued(NamedTuple):
-    """Poses of designs along their inputs."""
-
-    q: np.ndarray  # coordinates (N, steps, designs), finite everywhere
-    good: np.ndarray  # whether a pose, and every pose before it, is on the design's branch, (steps, designs)
-    # steps across which a determinant changes too much to say that it is, (steps - 1, designs), of designs that are not
-    # good for no other reason
-    doubted: np.ndarray
 
 
 def determinant(a: np.ndarray) -> np.ndarray:
@@ -79,7 +67,7 @@ class Lockstep:
 
     def follow(
         self, drawn: Drawn, scales: Scales, length: float, start: np.ndarray, track: np.ndarray, sure: bool = False
-    ) -> Continued:
+    ) -> PoseBatch:
         """Poses along values of the known coordinates.
 
         Args:
@@ -89,6 +77,11 @@ class Lockstep:
             start: the assembled designs, ``(N, designs)``.
             track: values of the known coordinates ``(known, steps, designs)``, those of the start first.
             sure: that designs stay on their branch, however much determinants change in a step.
+
+        Returns:
+            Coordinates ``(N, steps, designs)``, finite everywhere; whether a pose, and every pose before it, is good,
+            ``(steps, designs)``; and the steps that are doubted, ``(steps - 1, designs)``, of designs that are not good
+            for no other reason.
         """
         plan, least = self.plan, limits(np.zeros(0))
         numbers = Numbers([c[..., 0] for c in drawn.constants], scales)
@@ -130,7 +123,7 @@ class Lockstep:
         good[1:] &= going
         good = np.logical_and.accumulate(good, axis=0)
         q = np.where(good, q, start[:, None])
-        return Continued(q, good, doubted)
+        return PoseBatch(q, good=good, doubted=doubted)
 
     def intersect(self, numbers: Any, q: np.ndarray) -> None:
         """Put poses ``(N, steps, designs)`` in their places, if `closed`; all are on the sides of the first of them."""
@@ -162,7 +155,7 @@ class Lockstep:
                     break
             x = np.stack(given[: len(columns)])
             moved, off = (np.sqrt(np.sum((weight * (x - at)) ** 2, axis=0)) for at in (before, guess))
-            found = (far <= least.fine * length) & (off <= _SHARP * moved + _SLACK * length)
+            found = (far <= least.fine * length) & (off <= branch.EXTRAPOLATED * moved + branch.STRAY * length)
             q[np.ix_(columns, [s], live)] = np.where(found, x, before)[:, None]
             good[s, live] = found
             if not found.all():
@@ -262,10 +255,9 @@ def shares(track: np.ndarray) -> np.ndarray:
 
 
 def steady(value: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Whether determinants go on as they did, ``(steps - 1, designs)``; see `jaxnc.solvers.continuation`."""
+    """Say in which steps a determinant goes on as it did, ``(steps - 1, designs)``; see `branch.steady`."""
     rise = np.concatenate([np.zeros_like(value[:1]), np.diff(value, axis=0)])[: len(value) - 1]
-    size = np.abs(value[1:])
-    return ((value[:-1] + share * rise) * np.sign(value[1:]) >= _REBOUND * size) & (size >= _DROP * np.abs(value[:-1]))
+    return branch.steady([value[1:]], [value[:-1]], [rise], share)
 
 
 def _closed(block: Rows, numbers: Any, q: np.ndarray) -> None:

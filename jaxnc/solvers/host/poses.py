@@ -6,38 +6,22 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnc import memory
-from jaxnc.solvers.host import judge
+from jaxnc.solvers import branch
 from jaxnc.solvers.host.closed import sure
 from jaxnc.solvers.host.follow import Followed, corrected, follow
 from jaxnc.solvers.host.view import HostView, largest
-from jaxnc.solvers.host.winding import rewound, whole_turns
 from jaxnc.solvers.plan import unwound
+from jaxnc.solvers.pose_batch import PoseBatch
+from jaxnc.system.precision import farthest
 
 _EACH = 8  # poses that are followed to one by one
 _LARGE = 100_000  # numbers of matrices, whose memory is asked for again and again
 _SPACING = 0.4  # radians or lengths of the mechanism that inputs change by between anchors
+_TURN = 2.0 * np.pi
+_SKIPPED = 2.0  # turns in one step: of more, whole ones are left out
 
 
-class Poses(NamedTuple):
-    """Poses and what became of them; lanes are the last axis."""
-
-    q: np.ndarray  # the poses (N, lanes); where one was not found, the last one on the branch
-    reached: np.ndarray  # whether it is on the branch
-    limit: np.ndarray  # whether the branch ends there, an input at the limit of its travel
-    crossed: np.ndarray  # whether branches cross there
-    exhausted: np.ndarray  # whether following it was given up, which might go on
-    size: np.ndarray  # largest residual, a length
-    conditioning: np.ndarray  # estimate of the reciprocal condition number
-    # `upright`, `mirrored`: whether nothing is met by a mirror image, and whether a body is
-    upright: np.ndarray
-    mirrored: np.ndarray
-
-    def taken(self, which: np.ndarray) -> "Poses":
-        """Other lanes, by their places among these."""
-        return Poses(*(x[..., which] for x in self))
-
-
-def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> Poses:
+def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> PoseBatch:
     """Poses of sequences of input values, each in order along one branch; all sequences in lockstep.
 
     Poses to begin from are ``(N, D)``, values ``(T, known, D)``; each sequence has as many as `counts` says, at least
@@ -48,11 +32,11 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
         not reached none is, and beyond its last value they are as there.
     """
     total, _, many = values.shape
-    winding = whole_turns(view, start, values)
+    winding = _whole_turns(view, start, values)
     if winding is not None:
         near = values.copy()
         near[:, 0] = unwound(values[:, 0], winding.turns)
-        return rewound(sequences(view, start, near, counts), winding, values[:, 0], view.plan.driven[0])
+        return _rewound(sequences(view, start, near, counts), winding, values[:, 0], view.plan.driven[0])
     place, given = np.arange(total)[:, None], np.full(many, total) if counts is None else counts
     # A value that is there twice in succession has one pose.
     new = np.any(values[1:] != values[:-1], axis=1) & (place[1:] < given)
@@ -63,10 +47,11 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
         values = np.moveaxis(values, 1, 2)
     found = _Found(view, start, values[: np.max(distinct)], distinct)
     found.find()
-    return found.poses().taken((at + found.first).T.reshape(-1))
+    back = (at + found.first).T.reshape(-1)
+    return found.poses().each(lambda x: x[..., back])
 
 
-def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> Poses:
+def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> PoseBatch:
     """Poses of independent input values, each on the straight way from a start pose.
 
     Poses to begin from are ``(N, D)``, values ``(L, known)``; `which` start pose each has is ``(L,)``.
@@ -77,14 +62,14 @@ def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
         return _on_lines(view, start, values, which, int(moving[0]) if len(moving) else 0)
     if len(values) > view.at_once:
         parts = [scattered(view, start, values[at], which[at]) for at in _groups(np.arange(len(values)), view)]
-        return Poses(*(np.concatenate(x, axis=-1) for x in zip(*parts, strict=True)))
+        return parts[0].each(lambda *x: np.concatenate(x, axis=-1), *parts[1:])
     view, start = view.taken(which), start[:, which]
     found = _Found(view, start, values.T[None], np.ones(len(values), int))
     found.find()
     return found.poses()
 
 
-def _on_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray, moving: int) -> Poses:
+def _on_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray, moving: int) -> PoseBatch:
     """The values below a start in falling order, and those above it in rising order, as two sequences of each."""
     way = values[:, moving] - start[view.plan.known[moving], which]
     line = 2 * which + (way >= 0.0)
@@ -98,7 +83,62 @@ def _on_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
     found = sequences(view.taken(used // 2), start[:, used // 2], lines, counts)
     back = np.empty(len(order), int)
     back[order] = at * longest + place
-    return found.taken(back)
+    return found.each(lambda x: x[..., back])
+
+
+class _Winding(NamedTuple):
+    """Whole turns of a driven angle on which nothing else depends, which need not be followed, and what one changes."""
+
+    turns: np.ndarray  # whole turns that are left out up to each value, (T, lanes)
+    change: np.ndarray  # of all coordinates in one turn: whole turns of angles, (N, lanes)
+
+
+def _whole_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Winding | None:
+    """Find whole turns of the one input that can be left out of sequences of its values ``(T, known, lanes)``.
+
+    They are those of an angle that nothing else depends on, where a turn leads back to the pose that it began from. A
+    branch of one input is closed everywhere if it is closed at the start. None if there are no such turns.
+    """
+    top, plan = view.plan.topology, view.plan
+    if len(plan.driven) != 1:
+        return None
+    first = len(top.coordinates) - len(top.scalars)
+    if plan.driven[0] < first or not top.periodic[plan.driven[0] - first]:
+        return None
+    angle = values[:, 0]
+    steps = np.diff(angle, axis=0, prepend=start[[plan.driven[0]]]) / _TURN
+    many = (np.abs(steps) > _SKIPPED) & (np.abs(angle) <= farthest(start))
+    lanes = np.flatnonzero(many.any(axis=0))
+    if not len(lanes):
+        return None
+    begin = start[:, lanes]
+    target = begin[plan.known]
+    target[0] += _TURN
+    inner = view.taken(lanes)
+    seen = follow(inner, begin, target[None])
+    moved = seen.poses[0] - begin
+    angles = np.append(np.zeros(first, bool), top.angles)
+    change = np.where(angles[:, None], np.round(moved / _TURN), 0.0) * _TURN
+    closed = (seen.reached == 1) & ~seen.limit[0] & ~seen.crossed[0]
+    closed &= inner.norm(inner.weights, moved - change) <= inner.least.close * inner.eq.length
+    if not closed.any():
+        return None
+    turns, whole = np.zeros_like(angle), np.zeros_like(start)
+    turns[:, lanes] = np.cumsum(np.where(many[:, lanes] & closed, np.trunc(steps[:, lanes]), 0.0), axis=0)
+    whole[:, lanes] = change
+    return _Winding(turns, whole)
+
+
+def _rewound(found: PoseBatch, winding: _Winding, values: np.ndarray, driven: int) -> PoseBatch:
+    """Put the turns that were left out into poses again, ``(N, D T)``; `values` are what was asked for, ``(T, D)``."""
+    total, many = values.shape
+    reached = found.good.reshape(many, total).T
+    last = np.maximum(np.sum(reached, axis=0) - 1, 0)
+    at_end = np.where(reached.any(axis=0), winding.turns[last, np.arange(many)], 0.0)
+    turns = np.where(reached, winding.turns, at_end).T.reshape(-1)
+    q = found.q + np.repeat(winding.change, total, axis=1) * turns
+    q[driven] = np.where(found.good & (turns != 0.0), values.T.reshape(-1), q[driven])
+    return found._replace(q=q)
 
 
 class _Found:
@@ -109,7 +149,7 @@ class _Found:
         first: the first lane of each.
         owner: sequence of every lane.
         q, slopes: the poses, and derivatives of the unknown coordinates by the driven ones.
-        good, limit, crossed: as `Poses` has them.
+        good, limit, crossed: as `PoseBatch` has them.
         settled: whether it is solved to rounding already, and
         conditioning: that of such a pose.
         last, exhausted: of every sequence, the last pose on its branch, and whether it was given up there.
@@ -220,7 +260,7 @@ class _Found:
         good = largest(view.residual(q)) <= view.tolerance(q)
         good &= view.upright(q)
         far, off = view.norm(view.weights, b - a), view.norm(view.weights, q - begin)
-        good &= off <= judge.NEAR * far + view.least.close * view.eq.length
+        good &= off <= branch.NEAR * far + view.least.close * view.eq.length
         ends, back = np.unique(np.concatenate([left, right]), return_inverse=True)
         before, behind = np.split(back, 2)
         if close is None:
@@ -256,7 +296,7 @@ class _Found:
         seen = follow(self.view.taken(owner), begin, np.moveaxis(self.values[:, place], 1, 0), counts)
         self._take(place - self.first[owner], seen, owner)
 
-    def poses(self) -> Poses:
+    def poses(self) -> PoseBatch:
         """What was found, looked at; where a pose was not found, the last one is looked at once.
 
         Regular poses have one more step of Newton: those that were followed to met a tolerance, not rounding.
@@ -282,8 +322,17 @@ class _Found:
             size[some], upright[some], mirrored[some] = self.view.taken(owner[some]).looked_at(q[:, some])
         at = np.where(self.good, np.arange(len(self.owner)), len(self.owner) + self.owner)
         given_up = ~self.good & self.exhausted[self.owner]
-        seen = size[at], conditioning[at], upright[at], mirrored[at]
-        return Poses(q[:, at], self.good, self.limit, self.crossed, given_up, *seen)
+        return PoseBatch(
+            q[:, at],
+            size[at],
+            conditioning[at],
+            good=self.good,
+            limit=self.limit,
+            crossed=self.crossed,
+            exhausted=given_up,
+            upright=upright[at],
+            mirrored=mirrored[at],
+        )
 
 
 def _groups(lanes: np.ndarray, view: HostView) -> list[np.ndarray]:

@@ -2,12 +2,11 @@
 
 import functools
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from jaxnc.remembered import with_owner
-from jaxnc.solvers.host.levels import blocks_of_two, filled, levels, solved
 from jaxnc.solvers.host.view import HostView, largest
 from jaxnc.solvers.large import LargePlan, by_lu, sparse
 from jaxnc.solvers.lu import SMALL
@@ -20,6 +19,90 @@ if TYPE_CHECKING:
 _NUMBERS = 1_000_000  # that the constraints of lanes which are solved together have
 _FACTORISED = 250  # unknowns in whose time a matrix without any is factorised
 _LEVEL = 150  # and in whose time all lanes go through one level
+
+
+class Level(NamedTuple):
+    """Blocks of one or two that are solved together in all lanes: none needs another's solution."""
+
+    # `rows`, `columns`: of each block, (2, blocks); where it has one, the second are those behind all others
+    rows: np.ndarray
+    columns: np.ndarray
+    own: np.ndarray  # places of its numbers, (2, 2, blocks), see `blocks_of_two`
+    # rows, columns and places of the numbers that lead to columns of levels before; no row twice in one
+    links: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
+
+
+@with_owner
+def blocks_of_two(plan: LargePlan) -> np.ndarray | None:
+    """Places of the diagonal blocks' numbers, ``(2, 2, blocks)``; None if one is larger than two.
+
+    Blocks of one are filled up with a zero and a one, which stand behind the numbers.
+    """
+    size = np.array([len(columns) for _, columns in plan.sequence], int)
+    if not len(size) or size.max() > 2:
+        return None
+    p = plan.numbers
+    rows, columns = (np.array([[block[k][0], block[k][-1]] for block in plan.sequence]).T for k in (0, 1))
+    places = np.stack([np.stack([p.place(r, c) for c in columns]) for r in rows])
+    places[:, :, size == 1] = np.array([[0, p.count], [p.count, p.count + 1]])[:, :, None]
+    places[0, 0] = p.place(rows[0], columns[0])
+    return places
+
+
+def filled(matrix: np.ndarray) -> np.ndarray:
+    """Numbers ``(lanes, nnz)`` with a zero and a one behind them, lanes last."""
+    lanes, dtype = len(matrix), matrix.dtype
+    return np.concatenate([matrix.T, np.zeros((1, lanes), dtype), np.ones((1, lanes), dtype)])
+
+
+@with_owner
+def levels(plan: LargePlan) -> tuple[Level, ...]:
+    """The levels of a plan that has `blocks_of_two`."""
+    p, own = plan.numbers, blocks_of_two(plan)
+    assert own is not None
+    (m, n), count = p.shape, len(plan.sequence)
+    rows, columns, block_of = np.full((2, count), m), np.full((2, count), n), np.empty(n, int)
+    for k, (r, c) in enumerate(plan.sequence):
+        rows[: len(r), k], columns[: len(c), k], block_of[c] = r, c, k
+    owner = np.empty(m, int)
+    owner[rows[rows < m]] = np.broadcast_to(np.arange(count), (2, count))[rows < m]
+    outside = np.flatnonzero(owner[p.rows] != block_of[p.columns])
+    before: list[list[int]] = [[] for _ in range(count)]
+    for e in outside:
+        before[owner[p.rows[e]]].append(int(block_of[p.columns[e]]))
+    level = np.zeros(count, int)
+    for k in range(count):  # in an order in which they can be solved
+        level[k] = 1 + max((level[j] for j in before[k]), default=-1)
+    out = []
+    for number in range(level.max() + 1):
+        here = np.flatnonzero(level == number)
+        links, left = [], outside[level[owner[p.rows[outside]]] == number]
+        while len(left):
+            first = np.unique(p.rows[left], return_index=True)[1]
+            links.append((p.rows[left[first]], p.columns[left[first]], left[first]))
+            left = np.delete(left, first)
+        out.append(Level(rows[:, here], columns[:, here], own[:, :, here], tuple(links)))
+    return tuple(out)
+
+
+def solve_levels(plan: LargePlan, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve for right-hand sides ``(lanes, m, c)``, level by level, ``(lanes, n, c)``; not finite if singular.
+
+    It takes as many steps as a chain is long, but each of them for all lanes.
+    """
+    (m, n), (lanes, _, count) = plan.numbers.shape, right.shape
+    numbers = filled(matrix)[:, None]
+    rest, x = np.zeros((m + 1, count, lanes), matrix.dtype), np.zeros((n + 1, count, lanes), matrix.dtype)
+    rest[:m] = np.moveaxis(right, 0, 2)
+    for level in levels(plan):
+        for row, column, place in level.links:
+            rest[row] -= numbers[place] * x[column]
+        (a, b), (c, d) = numbers[level.own]
+        one, two = rest[level.rows]
+        determinant = a * d - b * c
+        x[level.columns[0]] = (d * one - b * two) / determinant
+        x[level.columns[1]] = (a * two - c * one) / determinant
+    return np.moveaxis(x[:n], 2, 0)
 
 
 class SparseView(HostView):
@@ -88,7 +171,7 @@ class SparseView(HostView):
     def solve(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         """As `HostView.solve`."""
         if self._side_by_side(len(matrix)):
-            return solved(self.plan, matrix, right)
+            return solve_levels(self.plan, matrix, right)
         x = np.empty((len(matrix), len(self.plan.unknown), right.shape[2]), matrix.dtype)
         for k, (inner, factors) in enumerate(self._factors(matrix)):
             x[k] = self._solved(inner, factors, right[k])
@@ -145,7 +228,7 @@ class SparseView(HostView):
         """As `HostView.solver`."""
         if self._side_by_side(q.shape[1]):
             matrix = self.matrices(q)[0]
-            return lambda right: solved(self.plan, matrix, right.T[:, :, None])[:, :, 0].T
+            return lambda right: solve_levels(self.plan, matrix, right.T[:, :, None])[:, :, 0].T
         each = [functools.partial(self._solved, *factors) for factors in self._factors(self.matrices(q)[0])]
 
         def one_by_one(right: np.ndarray) -> np.ndarray:

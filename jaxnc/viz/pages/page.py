@@ -10,6 +10,7 @@ from jaxnc.errors import InputError
 from jaxnc.io.target import file_name, writing
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.branch import page_numbers
 from jaxnc.viz.pages.content import force_names, page_content
 from jaxnc.viz.pages.packing import embed_json, fill_template, page_part
 from jaxnc.viz.pages.solver import Refused, page_solver
@@ -174,6 +175,7 @@ def page_parts(
         "PROGRAM": page_part("player.js"),
         "STAGE": page_part("planar.js" if plane else "spatial.js"),
         "CHARTS": page_part("charts.js"),
+        **{name: f"{number:g}" for name, number in page_numbers().items()},
         **{part: page_part(name) if needed else "" for part, (name, needed) in scripts.items()},
         "LIVE": _LIVE if alive else "",
         "EQUATIONS": equations,

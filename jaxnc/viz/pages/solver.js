@@ -1,10 +1,11 @@
 // Follows a mechanism by its equations F from the pose in L: Newton's method in steps that keep the branch.
+// The numbers that say so are those of jaxnc/solvers/branch.py.
 const zeros = count => new Float64Array(count), largest = x => max(0, ...x.map(abs));
 const solver = (F, L) => {
   const each = f => L.unknown.forEach(f);
   const n = L.unknown.length, m = L.rows, driven = L.driven.length, width = n + 1 + driven;
   const A = zeros(m * n), B = zeros(m * driven), R = zeros(m), G = zeros(L.guards);
-  const W = zeros(m * width), close = 1e-9 * L.length, hits = new Int32Array(m), solved = zeros(n);
+  const W = zeros(m * width), close = {{CLOSE}} * L.length, hits = new Int32Array(m), solved = zeros(n);
   // Slopes T of the unknowns (as lengths) by the inputs, the step of Newton S, and on which side of a fold the pose lies.
   const look = (q, c, tangent, right) => {
     A.fill(0); F.matrix(q, c, A); B.fill(0); F.driven(q, c, B);
@@ -43,7 +44,7 @@ const solver = (F, L) => {
   const residual = (q, c) => { F.rows(q, c, R); return largest(R); };
   // Newton's method, and a step beyond; how far the unknowns moved, or NaN.
   const correct = (q, c, most = 12) => {
-    const enough = 1e-12 * L.length + 1e-14 * largest(q), from = q.slice();
+    const enough = {{ACCEPT}} * L.length + {{ROUNDING}} * largest(q), from = q.slice();
     let size = residual(q, c), good = size <= enough;
     for (let turn = 0; turn < most && size > 0; turn++) {
       if (!(size < 1e200)) return NaN;
@@ -67,7 +68,7 @@ const solver = (F, L) => {
     const turn = max(0, ...way.map((x, k) => L.angles[k] ? abs(x) : 0)), input = length(way.map((x, k) => L.angles[k] ? 0 : x));
     if (!way.some(x => x)) return correct(q, c) >= 0;
     residual(q, c);
-    let here = look(q, c, true, R), done = 0, part = min(1, 0.7 / turn, 0.25 * L.length / input);
+    let here = look(q, c, true, R), done = 0, part = min(1, {{TURN}} / turn, {{FIRST}} * L.length / input);
     if (!here) return false;
     while (done < 1) {
       part = min(part, 1 - done);
@@ -76,15 +77,15 @@ const solver = (F, L) => {
       each((u, j) => { p[u] += part * speed[j] / L.weights[j]; });
       const expected = part * length(speed), moved = correct(p, c, 8);
       let there = null;
-      if (moved <= 0.2 * expected + close && upright(p, c)) there = look(p, c, true, R);
+      if (moved <= {{SHARP}} * expected + close && upright(p, c)) there = look(p, c, true, R);
       if (there) {
         const after = along(there.T, way), bend = part * length(after.map((x, j) => x - speed[j]));
-        const short = expected <= 1e-6 * L.length;
-        if (bend > 0.2 * (expected + part * length(after)) + close) there = null;
+        const short = expected <= {{CROSSING}} * L.length;
+        if (bend > {{SHARP}} * (expected + part * length(after)) + close) there = null;
         else if (n === m && there.sign !== here.sign && !short) there = null;
       }
       if (there) { q.set(p); here = there; done = to; part *= 2; } else part /= 2;
-      if (!there && part < 1e-8) return false;
+      if (!there && part < {{SHORTEST}}) return false;
     }
     return true;
   };

@@ -1,26 +1,50 @@
-"""What counts as the same branch: when a continuation step is accepted, and when a pose in between is believed.
+"""What counts as the same branch: every number of that test, for NumPy, for XLA and for the script of a page.
 
-The only numbers that say so, for the host's steps and for poses that were filled in.
+Steps of the host are judged by `accepted` and `edged`; poses that are solved side by side by `steady` and `smooth`, in
+both libraries. A page checks fewer things, in shorter steps, with what `page_numbers` hands to its script.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.precision import Limits
+from jaxnc.system.precision import Limits, limits
 
-SHARP = 0.2  # a correction may be this part of the predicted step
+# A correction beside the step that it belongs to.
+SHARP = 0.2  # a correction may be this part of a step that was predicted along the tangent
+EXTRAPOLATED = 0.5  # and this part of one that was predicted from the two poses before
+STRAY = 0.05  # of the size: where one pose after the other is taken on trust, a shorter correction leads nowhere else
 KINK = 0.03  # times the predicted step: so far may the mean of both tangents lead from where it ends
+NEAR = 0.1  # of the way between two anchors: so far may a pose lie from where they place it
+
+# Determinants of the diagonal blocks.
 REBOUND = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
-TURN = 1.0  # radians that a driven angle turns in a step: in a longer one, all signs may agree behind a gap by chance
-FAST = 30.0  # times its usual speed: towards a fold the pose changes as one over a root, at a crossing it does not
+DROP = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
 CLEAR = 1e-3  # of the largest determinant: where all are larger, Newton's corrections are squares of one another
+
+# How long steps may be.
+SHORT = 1e-3  # of a step: a first one, that shows in which direction determinants change
+FIRST = 0.25  # of the size: the first step from the start pose is shorter
+STEP = 0.4  # radians that a driven angle turns in a step: a change point behind a longer one may not be seen
+TURN = 1.0  # the same where steps are controlled: in a longer one, all signs may agree behind a gap by chance
+TURNING = 64  # steps at least for a sequence of values whose steps are not controlled, so that none is long
+LEADING = 16  # and from the start pose to the first of these values
 EASY = 0.85  # of what a step may bend is aimed at
 FOLDING = 0.2  # times what determinants say of a fold: so much of it the speed has to say too
 LEFT = 0.5  # of the way to a fold is gone in a step: the tangent then changes by what is aimed at
-NEAR = 0.1  # of the way between two anchors: so far may a pose lie from where they place it
+FAST = 30.0  # times its usual speed: towards a fold the pose changes as one over a root, at a crossing it does not
+PAGE_TURN = 0.7  # radians of a page's first step: it sees less of a branch than the host does, and tries again
+PAGE_SHORTEST = 1e-8  # of the way: where a page's steps are shorter, the branch ends
+
+
+def page_numbers() -> dict[str, float]:
+    """Return the numbers by which the script of a page tells branches apart, by their names in the script."""
+    least = limits(np.zeros(0))
+    lengths = {"ACCEPT": least.accept, "ROUNDING": least.rounding, "CLOSE": least.close, "CROSSING": least.crossing}
+    return {**lengths, "SHARP": SHARP, "FIRST": FIRST, "TURN": PAGE_TURN, "SHORTEST": PAGE_SHORTEST}
 
 
 class Step(NamedTuple):
@@ -78,6 +102,24 @@ def _short(step: Step, least: Limits, length: float) -> np.ndarray:
 def smooth(bend: Any, kink: Any, lengths: Any, slack: Any) -> Any:
     """Whether the change of a tangent in a step is small and comes gradually; `lengths` is the step's by both."""
     return (bend <= SHARP * lengths + slack) & (kink <= KINK * lengths + slack)
+
+
+def steady(new: Sequence[Any] | Any, now: Sequence[Any] | Any, rise: Sequence[Any] | Any, share: Any) -> Any:
+    """Say whether determinants go on as they did, lane by lane.
+
+    Where a branch ends and its mirror image begins again soon afterwards, no orientation changes between a pose before
+    and a pose behind the gap; but a determinant that fell towards zero has been thrown back. So it is where branches
+    cross, unless the step ends close behind the crossing.
+
+    `new` and `now` are determinants of the blocks after a step and before it, `rise` is their change in the step
+    before, and `share` the length of this step in terms of that one.
+    """
+    numeric: Any = np if isinstance(share, np.ndarray) else jnp
+    ok = numeric.ones(numeric.shape(share), bool)
+    for a, b, d in zip(new, now, rise, strict=True):
+        size = numeric.abs(a)
+        ok = ok & ((b + share * d) * numeric.sign(a) >= REBOUND * size) & (size >= DROP * numeric.abs(b))
+    return ok
 
 
 def next_step(step: Step, least: Limits, length: float) -> np.ndarray:
