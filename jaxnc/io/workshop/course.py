@@ -59,10 +59,10 @@ class Course:
         values = asked[k] + (s.reshape(-1) - k)[:, None] * slope
         near = np.asarray(motion.q, float)[np.minimum(np.rint(s.reshape(-1)).astype(int), len(asked) - 1)]
         view, eq = make_plan(motion.system, motion.driven, motion.held), derive(motion.system)
-        q, rates, status, *_ = analyse(view, "guess", eq, near, values, (slope, np.zeros_like(slope)))
-        if status.any():
+        found = analyse(view, "guess", eq, near, values, (slope, np.zeros_like(slope)))
+        if found.status.any():
             return None
-        z, a = (_complex(x, motion, self.unit) @ self.weights.T for x in (q, rates[1]))
+        z, a = (_complex(x, motion, self.unit) @ self.weights.T for x in (found.q, found.rates[1]))
         shape = (*s.shape, len(self.weights))
         return (z + self.constant).reshape(shape), a.reshape(shape)
 
