@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 _F = TypeVar("_F", bound=Callable)
+_NOTHING = object()
 
 
 def with_owner(f: _F) -> _F:
@@ -18,9 +19,7 @@ def with_owner(f: _F) -> _F:
     def call(owner: Any, *more: Any, **named: Any) -> Any:
         known = vars(owner).setdefault("_remembered", {})
         key = (f, more, tuple(named.items()))
-        try:
-            return known[key]
-        except KeyError:
-            return known.setdefault(key, f(owner, *more, **named))
+        found = known.get(key, _NOTHING)
+        return known.setdefault(key, f(owner, *more, **named)) if found is _NOTHING else found
 
     return call  # pyright: ignore[reportReturnType]

@@ -39,6 +39,7 @@ def test_redundant_and_momentarily_singular_are_told_apart():
 def test_the_report_says_which_way_solves_take():
     report = nc.mobility(four_bar())
     assert report.driven == ("phi",) and sum(report.blocks) == report.n - 1
+    assert nc.mobility(four_bar(), driven="phi").solves == report.solves  # one name is no row of letters
     assert "closed form" in report.solves and report.solves in str(report)
     platform = nc.library.stewart_platform().compile()
     report = nc.mobility(platform)

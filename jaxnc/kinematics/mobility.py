@@ -134,7 +134,7 @@ def _listed(names: tuple[str, ...], most: int = 12) -> str:
 
 @public
 @widened
-def mobility(system: System, driven: Sequence[str] | None = None) -> Mobility:
+def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobility:
     """Count coordinates, rows, rank and freedoms of a system, and name redundant and conflicting constraints.
 
     The rank is taken at the assembled drawing and at poses nearby, so that a singular drawing does not mislead. The
@@ -142,8 +142,8 @@ def mobility(system: System, driven: Sequence[str] | None = None) -> Mobility:
 
     Args:
         system: the system; its parameters must be concrete numbers.
-        driven: names of the inputs that solves are to be described for; by default the independent coordinates that
-            `compile` found, which need not be those that you will drive.
+        driven: name or names of the inputs that solves are to be described for; by default the independent coordinates
+            that `compile` found, which need not be those that you will drive.
 
     Raises:
         InputError: an unknown name, too few or too many inputs, or inputs that leave a coordinate undetermined.
@@ -152,7 +152,7 @@ def mobility(system: System, driven: Sequence[str] | None = None) -> Mobility:
     """
     check_system(system, "mobility")
     top = system.topology
-    inputs, blocks, solves = _way(system, driven)
+    inputs, blocks, solves = _way(system, (driven,) if isinstance(driven, str) else driven)
     view = free_plan(top)
     n, m = len(view.unknown), len(view.rows)
     eq = derive(system)
@@ -209,10 +209,10 @@ def _way(system: System, driven: Sequence[str] | None) -> tuple[tuple[str, ...],
         return (), (), ""  # what is independent in the drawing need not determine the motion by its structure
     if not names or not len(view.unknown):
         return (), (), ""
-    return names, *_described(view)
+    return names, *_describe_solves(view)
 
 
-def _described(view: Plan) -> tuple[tuple[int, ...], str]:
+def _describe_solves(view: Plan) -> tuple[tuple[int, ...], str]:
     """Unknowns of the blocks that a plan is solved in, and which way its poses take, in words."""
     count, by_matrices = len(view.unknown), "by sparse LU" if by_lu(view) else "by dense matrices"
     if view.large:
@@ -226,16 +226,20 @@ def _described(view: Plan) -> tuple[tuple[int, ...], str]:
     newton = [block for block in every if block.rows.form == "iterated"]
     sizes = tuple(len(block.columns) for block in every)
     if not newton:
-        said = f"in closed form, {_added('block', [len(sizes)])} of at most {_added('unknown', [max(sizes)])}"
+        said = (
+            f"in closed form, {_join_counts('block', [len(sizes)])} of at most {_join_counts('unknown', [max(sizes)])}"
+        )
     else:
         closed = len(every) - len(newton)
-        said = f"{_added('block', [closed])} in closed form, " if closed else ""
+        said = f"{_join_counts('block', [closed])} in closed form, " if closed else ""
         unknowns, spent = [len(block.columns) for block in newton], [block.elimination.cost for block in newton]
-        said += f"by Newton on {_added('unknown', unknowns)}, eliminated with {_added('multiplication', spent)}"
+        said += (
+            f"by Newton on {_join_counts('unknown', unknowns)}, eliminated with {_join_counts('multiplication', spent)}"
+        )
     return sizes, said + (", single poses by sparse LU on the host" if by_lu(view) else "")
 
 
-def _added(noun: str, numbers: list[int]) -> str:
+def _join_counts(noun: str, numbers: list[int]) -> str:
     *first, last = map(str, numbers)
     said = f"{', '.join(first)} and {last}" if first else last
     return f"{said} {noun}" + ("" if said == "1" else "s")
