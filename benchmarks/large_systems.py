@@ -16,8 +16,7 @@ jax.config.update("jax_enable_x64", True)
 import jaxnc as nc  # noqa: E402 (after the switch)
 from jaxnc.solvers.assembly import derive, hosted  # noqa: E402
 from jaxnc.solvers.host import view_of  # noqa: E402
-from jaxnc.solvers.large import LargePlan  # noqa: E402
-from jaxnc.solvers.plan import plan  # noqa: E402
+from jaxnc.solvers.plan import LargePlan, plan  # noqa: E402
 
 SIZES = (49, 499, 4999)  # loops: about 100, 1,000 and 10,000 unknowns
 DENSE = 300  # unknowns up to which the dense way is timed

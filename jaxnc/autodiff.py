@@ -51,7 +51,7 @@ def attach(rule: Rule, static: Hashable, value: Any, *args: Any) -> Any:
     ))  # fmt: skip
 
 
-def _attached(*arrays: Any, count: int, **_: Any) -> list:
+def _pass_value(*arrays: Any, count: int, **_: Any) -> list:
     return list(arrays[:count])
 
 
@@ -96,11 +96,11 @@ def _lanes_first(arrays: Sequence, dims: Sequence, shared: Sequence[bool]) -> tu
 
 _ATTACH = Primitive("attach")
 _ATTACH.multiple_results = True
-_ATTACH.def_impl(_attached)
-_ATTACH.def_abstract_eval(_attached)
+_ATTACH.def_impl(_pass_value)
+_ATTACH.def_abstract_eval(_pass_value)
 ad.primitive_jvps[_ATTACH] = _attached_change
 batching.primitive_batchers[_ATTACH] = _attached_batch
-mlir.register_lowering(_ATTACH, mlir.lower_fun(_attached, multiple_results=True))
+mlir.register_lowering(_ATTACH, mlir.lower_fun(_pass_value, multiple_results=True))
 
 
 def _is_still(change: Any) -> bool:
@@ -152,27 +152,27 @@ def custom_jvp_vjp(rules: Rules, what: Hashable, x: list, rest: list) -> tuple[l
 def _push(static: tuple[Rules, Hashable], smooth: list, args: tuple, changes: tuple) -> list:
     x, rest, other = args
     rules, what = static
-    return _bound([x, rest, smooth, other, changes[0]], rules=rules, what=what, back=False, axes=())
+    return _bind([x, rest, smooth, other, changes[0]], rules=rules, what=what, back=False, axes=())
 
 
 _X, _REST, _SMOOTH, _OTHER, _LINEAR = range(5)  # the groups of arrays of a derivative; from the last on, c and all d
 
 
-def _bound(groups: Sequence[Arrays], **params: Any) -> list:
+def _bind(groups: Sequence[Arrays], **params: Any) -> list:
     return _DERIVATIVE.bind(*itertools.chain(*groups), **(params | {"sizes": tuple(map(len, groups))}))
 
 
-def _split(sizes: tuple[int, ...], args: Sequence) -> list[Sequence]:
+def _groups_of(sizes: tuple[int, ...], args: Sequence) -> list[Sequence]:
     ends = list(itertools.accumulate(sizes, initial=0))
     return [args[a:b] for a, b in itertools.pairwise(ends)]
 
 
 @promoted
-def _derived(*args: Array, rules: Rules, what: Hashable, back: bool, sizes: tuple[int, ...], axes: tuple) -> list:
+def _evaluate(*args: Array, rules: Rules, what: Hashable, back: bool, sizes: tuple[int, ...], axes: tuple) -> list:
     program = rules.cotangent if back else rules.tangent
 
     def one(args: Arrays) -> list:
-        x, rest, smooth, other, first, *ways = _split(sizes, args)
+        x, rest, smooth, other, first, *ways = _groups_of(sizes, args)
 
         def along(x: Arrays) -> list:
             value = attach(_push, (rules, what), smooth, x, rest, other)
@@ -192,18 +192,18 @@ def _along(f: Callable, way: Arrays, x: Arrays) -> list:
 
 
 def _derived_shapes(*avals: Any, back: bool, sizes: tuple[int, ...], **_: Any) -> list:
-    return [ShapedArray(a.shape, a.dtype) for a in _split(sizes, avals)[_X if back else _SMOOTH]]
+    return [ShapedArray(a.shape, a.dtype) for a in _groups_of(sizes, avals)[_X if back else _SMOOTH]]
 
 
 @promoted
 def _derived_change(primals: Sequence, tangents: Sequence, **params: Any) -> tuple[list, list]:
-    groups, changes = (_split(params["sizes"], x) for x in (primals, tangents))
+    groups, changes = (_groups_of(params["sizes"], x) for x in (primals, tangents))
     terms = []
     for k in (_X, *range(_LINEAR, len(groups))):
         if all(map(_is_still, changes[k])):
             continue
         change = [_zero(x) if _is_still(d) else d for x, d in zip(groups[k], changes[k], strict=True)]
-        terms.append(_bound([*groups, change] if k == _X else [*groups[:k], change, *groups[k + 1 :]], **params))
+        terms.append(_bind([*groups, change] if k == _X else [*groups[:k], change, *groups[k + 1 :]], **params))
     return _DERIVATIVE.bind(*primals, **params), [functools.reduce(jnp.add, x) for x in zip(*terms, strict=True)]
 
 
@@ -217,21 +217,21 @@ def _derived_batch(arrays: Sequence, dims: Sequence, **params: Any) -> tuple[lis
 
 
 def _derived_transpose(cotangents: Sequence, *args: Any, back: bool, sizes: tuple[int, ...], **params: Any) -> list:
-    groups = _split(sizes, args)
+    groups = _groups_of(sizes, args)
     by = next(k for k, group in enumerate(groups) if any(map(ad.is_undefined_primal, group)))
     given = [_zero(c.aval) if type(c) is ad.Zero else c for c in cotangents]
     others = [*groups[_LINEAR:by], *groups[by + 1 :]]
     kept = others[:1] if back and by > _LINEAR else []  # the change of the result that is pulled back still
     again = bool(kept) or not back
-    found = iter(_bound([*groups[:_LINEAR], *kept, given, *others[len(kept) :]], back=again, **params))
+    found = iter(_bind([*groups[:_LINEAR], *kept, given, *others[len(kept) :]], back=again, **params))
     return [next(found) if k == by else None for k, size in enumerate(sizes) for _ in range(size)]
 
 
 _DERIVATIVE = Primitive("derivative")
 _DERIVATIVE.multiple_results = True
-_DERIVATIVE.def_impl(_derived)
+_DERIVATIVE.def_impl(_evaluate)
 _DERIVATIVE.def_abstract_eval(_derived_shapes)
 ad.primitive_jvps[_DERIVATIVE] = _derived_change
 ad.primitive_transposes[_DERIVATIVE] = _derived_transpose
 batching.primitive_batchers[_DERIVATIVE] = _derived_batch
-mlir.register_lowering(_DERIVATIVE, mlir.lower_fun(_derived, multiple_results=True))
+mlir.register_lowering(_DERIVATIVE, mlir.lower_fun(_evaluate, multiple_results=True))

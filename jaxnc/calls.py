@@ -97,7 +97,7 @@ def public(thing: _P) -> _P:
     """
     opened: Any = thing
     if not isinstance(thing, type):
-        return _checked(opened, getattr(thing, "__name__", "the function"))
+        return _check_calls(opened, getattr(thing, "__name__", "the function"))
     for owner in opened.__mro__:
         if not owner.__module__.startswith("jaxnc."):
             continue
@@ -106,21 +106,21 @@ def public(thing: _P) -> _P:
                 continue  # records are put together by JAX, which may put in what it likes
             called = {"__init__": owner.__name__, "__getitem__": "[]", "__call__": owner.__name__}.get(name, name)
             if isinstance(member, types.FunctionType) and not hasattr(member, "_public"):
-                setattr(owner, name, _checked(member, called, 1))
+                setattr(owner, name, _check_calls(member, called, 1))
             elif isinstance(member, classmethod | staticmethod) and not hasattr(member.__func__, "_public"):
                 bound = isinstance(member, classmethod)
-                setattr(owner, name, type(member)(_checked(member.__func__, called, int(bound))))
+                setattr(owner, name, type(member)(_check_calls(member.__func__, called, int(bound))))
             elif isinstance(member, property) and member.fget is not None:
                 setattr(owner, name, member.getter(promoted(member.fget)))
             elif isinstance(member, functools.cached_property):
                 member.func = promoted(member.func)
     if not hasattr(opened, "__getattr__"):
-        opened.__getattr__ = _not_there
+        opened.__getattr__ = _raise_unknown
     return opened
 
 
-def _not_there(self: Any, name: str) -> Any:
-    """What Python asks last: say which name is nearest to one that an object has not."""
+def _raise_unknown(self: Any, name: str) -> Any:
+    """Raise an error for a name that an object has not, with the nearest that it has; Python asks for it last."""
     if name.startswith("_") or hasattr(type(self), name):  # protocols look about; a property has failed by itself
         return object.__getattribute__(self, name)
     names = [x for x in {*dir(type(self)), *getattr(self, "__dict__", ())} if not x.startswith("_")]
@@ -129,8 +129,8 @@ def _not_there(self: Any, name: str) -> Any:
     raise UnknownName(f"{type(self).__name__} has nothing called {name!r}; {hint}")
 
 
-def _checked(f: Any, called: str, bound: int = 0) -> Any:
-    """A function that tells its wrong calls; the first `bound` arguments are not given by the user."""
+def _check_calls(f: Any, called: str, bound: int = 0) -> Any:
+    """Wrap a function so that wrong calls are told; the first `bound` arguments are not given by the user."""
 
     @functools.wraps(f)
     def call(*args: Any, **options: Any) -> Any:
@@ -150,7 +150,7 @@ def _checked(f: Any, called: str, bound: int = 0) -> Any:
 
 
 def _wrong_call(f: Any, called: str, bound: int, args: tuple, options: dict) -> str | None:
-    """What is wrong with the arguments of a call; None if they are such as the signature says."""
+    """Say what is wrong with the arguments of a call; None if they are such as the signature says."""
     signature = inspect.signature(f)
     parameters = list(signature.parameters.values())[bound:]
     name = "[]" if called == "[]" else f"{called}()"
@@ -159,7 +159,7 @@ def _wrong_call(f: Any, called: str, bound: int, args: tuple, options: dict) -> 
     except TypeError:
         why = _unbound(signature, parameters, bound, args, options, f)
         return f"{name} {why}{' ' if why.endswith('?') else '. '}{_in_words(parameters)}"
-    told = _described(f)
+    told = _argument_notes(f)
     hints = _hints(f)
     for p in parameters:
         if p.name not in given:
@@ -179,7 +179,7 @@ def _unbound(signature, parameters, bound: int, args: tuple, options: dict, f: A
     names = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
     for name in options:
         if name not in names:
-            return f"takes no {name}=; {_meant(name, names, args[bound:])}"
+            return f"takes no {name}=; {_guess_argument(name, names, args[bound:])}"
     placed = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
     for p, value in zip(placed, args[bound:], strict=False):
         if p.name in options:
@@ -188,14 +188,14 @@ def _unbound(signature, parameters, bound: int, args: tuple, options: dict, f: A
         rest = [p.name for p in parameters if p.kind is p.KEYWORD_ONLY]
         by_name = f"; the others by name, such as {rest[0]}=" if rest else ""
         return f"is given {len(args) - bound} arguments in order, and takes {len(placed)}{by_name}"
-    told = _described(f)
+    told = _argument_notes(f)
     have = {p.name for p in placed[: len(args) - bound]} | set(options)
     lacking = [p for p in parameters if p.name in names and p.default is p.empty and p.name not in have]
     return "lacks " + ", ".join(f"{p.name} ({told[p.name]})" if p.name in told else p.name for p in lacking)
 
 
-def _meant(name: str, names: list[str], args: tuple) -> str:
-    """Which argument may be meant by a name that is none."""
+def _guess_argument(name: str, names: list[str], args: tuple) -> str:
+    """Guess which argument is meant by a name that is none."""
     by_name = [x for x in ("inputs", "state") if x in names]
     if by_name and any(name in getattr(getattr(x, "topology", None), "scalars", ()) for x in args):
         return f"values go by name in one mapping, {by_name[0]}={{{name!r}: …}}"
@@ -206,7 +206,7 @@ def _meant(name: str, names: list[str], args: tuple) -> str:
 
 
 def _in_words(parameters: Iterable[inspect.Parameter]) -> str:
-    """What a function takes: what it needs in order, what by name, what it may be given."""
+    """Say what a function takes: what it needs in order, what by name, what it may be given."""
     parameters = [p for p in parameters if p.kind is not p.VAR_KEYWORD]
 
     def called(p: inspect.Parameter) -> str:
@@ -219,8 +219,8 @@ def _in_words(parameters: Iterable[inspect.Parameter]) -> str:
     return f"It {' and '.join(filter(None, (needs, may))) or 'takes nothing'}"
 
 
-def _described(f: Any) -> dict[str, str]:
-    """The first sentence about each argument in a docstring."""
+def _argument_notes(f: Any) -> dict[str, str]:
+    """Read the first sentence about each argument in a docstring."""
     text = inspect.getdoc(f) or ""
     section = re.search(r"^Args:\n(.*?)(?=^\S|\Z)", text, re.M | re.S)
     out = {}
@@ -259,7 +259,7 @@ class _Names(dict):
 
 
 def _fits(value: Any, kind: Any) -> bool:
-    """Whether a value may be of the kind that an annotation says; doubts are in its favour."""
+    """Say whether a value may be of the kind that an annotation says; doubts are in its favour."""
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if kind is Any or kind is object or isinstance(kind, TypeVar | str | typing.ForwardRef):
         return True

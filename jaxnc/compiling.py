@@ -28,7 +28,7 @@ _OPTIONS: dict[str, bool | int | str] = {"xla_cpu_use_fusion_emitters": False, "
 def jit(
     f: Callable[..., R], *, static_argnums: int | Sequence[int] = (), static_argnames: str | Sequence[str] = ()
 ) -> Callable[..., R]:
-    """As `jax.jit`, but compiled in about half the time on a CPU.
+    """Compile a function like `jax.jit`, in about half the time on a CPU.
 
     For functions that are compiled more often than they are run on millions of lanes: analyses, objectives, gradients.
     Inside of other traced code (another ``jit``, ``grad``, ``vmap``) it is `jax.jit`.
@@ -43,54 +43,54 @@ def jit(
     """
     static = {"static_argnums": static_argnums, "static_argnames": static_argnames}
     try:
-        return _either(f, functools.partial(jax.jit, **static))
+        return _compile_either(f, functools.partial(jax.jit, **static))
     except (TypeError, ValueError) as error:
         told = ", ".join(f"{name}={brief(value)}" for name, value in static.items())
         raise InputError(f"jit: {told}: {error}") from None
 
 
 def filter_jit(f: Callable[..., R]) -> Callable[..., R]:
-    """As `jit`; whatever is no array in the arguments is static, and must be hashable."""
+    """Compile a function like `jit`; whatever is no array in the arguments is static, and must be hashable."""
 
     def compiler(f: Callable, **options: Any) -> Callable:
         def whole(arrays: list, rest: Any) -> Any:
-            args, kwargs = _together(arrays, rest)
+            args, kwargs = _join_arrays(arrays, rest)
             return f(*args, **kwargs)
 
         compiled = jax.jit(functools.wraps(f)(whole), static_argnums=1, **options)
-        return lambda *args, **kwargs: compiled(*_apart((args, kwargs)))
+        return lambda *args, **kwargs: compiled(*_split_arrays((args, kwargs)))
 
-    return _either(f, compiler)
+    return _compile_either(f, compiler)
 
 
 def shapes_of(f: Callable[..., Any], *args: Any) -> Any:
-    """What a function returns, arrays by their shapes and types; nothing is calculated."""
+    """Return what a function returns, arrays by their shapes and types; nothing is calculated."""
     kept = []
 
     def arrays_of(arrays: list) -> list:
-        found, rest = _apart(f(*_together(arrays, static)))
+        found, rest = _split_arrays(f(*_join_arrays(arrays, static)))
         kept.append(rest)
         return found
 
-    arrays, static = _apart(args)
-    return _together(jax.eval_shape(arrays_of, arrays), kept[-1])
+    arrays, static = _split_arrays(args)
+    return _join_arrays(jax.eval_shape(arrays_of, arrays), kept[-1])
 
 
-def _apart(tree: Any) -> tuple[list, tuple]:
-    """The arrays of a pytree; all else that it is."""
+def _split_arrays(tree: Any) -> tuple[list, tuple]:
+    """Return the arrays of a pytree, and all else that it is."""
     leaves, structure = jax.tree.flatten(tree)
     which = tuple(isinstance(x, jax.Array | np.ndarray | np.generic) for x in leaves)
     arrays = [x for x, is_array in zip(leaves, which, strict=True) if is_array]
     return arrays, (structure, tuple(None if is_array else x for x, is_array in zip(leaves, which, strict=True)), which)
 
 
-def _together(arrays: Sequence, rest: tuple) -> Any:
+def _join_arrays(arrays: Sequence, rest: tuple) -> Any:
     structure, others, which = rest
     each = iter(arrays)
     return jax.tree.unflatten(structure, [next(each) if a else x for x, a in zip(others, which, strict=True)])
 
 
-def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
+def _compile_either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
     plain = compiler(f)
     outer: list[Callable] = []
 
@@ -98,7 +98,7 @@ def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
     def call(*args, **kwargs):
         refuse_fork()
         if not outermost():
-            if not alone(args, kwargs):
+            if not is_outermost(args, kwargs):
                 return plain(*args, **kwargs)
             with evaluate_at_once():
                 return call(*args, **kwargs)
@@ -114,7 +114,7 @@ def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
 
 
 def blame_callback(error: Exception, caller: str) -> None:
-    """If an error of JAX's is that a function failed which was called back, raise what that function said."""
+    """Raise what a function said that was called back, if an error of JAX's is that it failed."""
     lines = [line for line in str(error).splitlines() if line.strip()]
     if lines and "callback" in lines[0].lower() and "Traceback" in str(error):
         places = [line.strip() for line in lines if line.startswith("  File ")]
@@ -123,8 +123,8 @@ def blame_callback(error: Exception, caller: str) -> None:
         ) from None
 
 
-def alone(*trees: Any) -> bool:
-    """Whether all numbers are known, and what is made of them becomes no part of a larger program.
+def is_outermost(*trees: Any) -> bool:
+    """Say whether all numbers are known, and what is made of them becomes no part of a larger program.
 
     So it is of what does not depend on the arguments of a ``grad`` or ``vmap`` that nothing is compiled around.
     """
@@ -168,7 +168,7 @@ def options() -> dict[str, bool | int | str]:
 
 
 def on_device(tree: Any) -> Any:
-    """NumPy arrays as JAX arrays, inside of traced code too; ``jnp.asarray`` compiles a program for every new shape."""
+    """Turn NumPy arrays into JAX arrays, inside of traced code too; ``jnp.asarray`` compiles one program a shape."""
     if outermost():
         return jax.device_put(tree)
     with jax.ensure_compile_time_eval():  # what is remembered of it must not belong to the trace

@@ -44,19 +44,19 @@ class OutputError(JaxncError, OSError):
 
 
 def writable(text: str) -> bool:
-    """Whether a text can be written to files and screens: it holds no half of a character (a lone surrogate)."""
+    """Say whether a text can be written to files and screens: it holds no half of a character (a lone surrogate)."""
     return not any("\ud800" <= letter <= "\udfff" for letter in text)
 
 
-def traced(value: Any) -> bool:
-    """Whether a number, or one of some, is none yet: JAX traces what is done with it. Asked without importing JAX."""
+def is_traced(value: Any) -> bool:
+    """Say whether a number, or one of some, is traced by JAX and so none yet; JAX is not imported for it."""
     each = (value, *value) if isinstance(value, (tuple, list)) else (value,)
     return any(kind.__name__ == "Tracer" for one in each for kind in type(one).__mro__)
 
 
 def drawn_with_numbers(value: Any) -> str:
-    """What to do where a drawing was given numbers that JAX traces; "" if they are not."""
-    if not traced(value):
+    """Say what to do where a drawing was given numbers that JAX traces; "" if they are not."""
+    if not is_traced(value):
         return ""
     return (
         ": it is traced (by jax.jit, grad or vmap), and a drawing is made of numbers. Build and compile it once, "
@@ -66,12 +66,12 @@ def drawn_with_numbers(value: Any) -> str:
 
 
 def counted(number: int, noun: str, plural: str = "") -> str:
-    """A number with its noun, such as "1 row" or "2 rows"."""
+    """Write a number with its noun, such as "1 row" or "2 rows"."""
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
 def brief(value: Any) -> str:
-    """A value that was given, as messages repeat it: arrays by their shape, the rest as far as it is short."""
+    """Write a value that was given as messages repeat it: arrays by their shape, the rest as far as it is short."""
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"an array of shape {tuple(value.shape)}" if value.shape else repr(value)
     if isinstance(value, int) and value.bit_length() > 200:
@@ -84,7 +84,7 @@ def brief(value: Any) -> str:
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
-    """A hint that offers the known names closest to an unknown one, such as ``did you mean 'phi'?``, or lists them."""
+    """Offer the known names closest to an unknown one, such as ``did you mean 'phi'?``, or list them."""
     known = sorted(set(map(str, names)))
     name = str(name)
     close = [k for k in known if len(name) > 2 and name in k][:3]

@@ -20,7 +20,9 @@ from jaxnc.errors import JaxncError
 _P = ParamSpec("_P")
 _R = TypeVar("_R", bound="Remade")
 
-_LISTED: dict[tuple[str, type, str], "Remade"] = {}
+# Of records that can be made again, by identity: the record itself, and what makes it with which arguments.
+_AGAIN: dict[int, tuple["Remade", Callable, tuple]] = {}
+_NAMED: dict[tuple[str, type, str], "Remade"] = {}
 
 
 class Remade:
@@ -34,17 +36,16 @@ class Remade:
     name: Any
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """What makes it again."""
-        again = self.__dict__.get("_again")
-        if again is not None:
-            return again
-        for field, function in held(self):
+        """Return what makes the record again."""
+        if id(self) in _AGAIN:
+            return _AGAIN[id(self)][1:]
+        for field, function in functions_of(self):
             try:
                 pickle.dumps(function)
             except (pickle.PicklingError, AttributeError, TypeError):
                 raise JaxncError(
-                    f"{self.noun} {self.name!r} cannot be pickled, because its {field} is {_said(function)}: write it "
-                    f"with def at the top level of a module that the other process can import"
+                    f"{self.noun} {self.name!r} cannot be pickled, because its {field} is {_describe(function)}: write "
+                    f"it with def at the top level of a module that the other process can import"
                 ) from None
         return copyreg.__newobj__, (type(self),), fields_of(self)  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -60,38 +61,38 @@ def factory(make: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @functools.cache
     @functools.wraps(make)
-    def made(*arguments, **options):
+    def cached(*arguments, **options):
         record = make(*arguments, **options)
-        object.__setattr__(record, "_again", (_made, (door, arguments, options)))
+        _AGAIN[id(record)] = record, _call, (door, arguments, options)
         return record
 
-    door = public(made)
+    door = public(cached)
     return door  # pyright: ignore[reportReturnType]
 
 
-def _made(make: Callable, arguments: tuple, options: dict) -> Any:
+def _call(make: Callable, arguments: tuple, options: dict) -> Any:
     return make(*arguments, **options)
 
 
-def listed(module: str, records: Iterable[Remade]) -> None:
-    """Have records that a module makes when it is imported pickled by their names; of a class these differ."""
+def by_name(module: str, records: Iterable[Remade]) -> None:
+    """Have records that a module makes when it is imported pickled by their names, which differ within a class."""
     for record in records:
-        _LISTED[module, type(record), record.name] = record
-        object.__setattr__(record, "_again", (_of, (module, type(record), record.name)))
+        key = module, type(record), record.name
+        _NAMED[key], _AGAIN[id(record)] = record, (record, _find, key)
 
 
-def _of(module: str, kind: type, name: str) -> Remade:
+def _find(module: str, kind: type, name: str) -> Remade:
     importlib.import_module(module)
-    return _LISTED[module, kind, name]
+    return _NAMED[module, kind, name]
 
 
 def fields_of(record: Any) -> dict[str, Any]:
-    """The fields of a dataclass: what it is, without what was remembered since."""
+    """Return the fields of a dataclass, without what was remembered since."""
     return {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
 
 
-def held(record: Any) -> Iterator[tuple[str, Callable]]:
-    """The functions in the fields of a dataclass, and in tuples there, with the field's name."""
+def functions_of(record: Any) -> Iterator[tuple[str, Callable]]:
+    """Yield the functions in the fields of a dataclass, and in tuples there, with the field's name."""
     for name, value in fields_of(record).items():
         waiting = [value]
         while waiting:
@@ -102,7 +103,7 @@ def held(record: Any) -> Iterator[tuple[str, Callable]]:
                 yield name, one
 
 
-def _said(function: Callable) -> str:
+def _describe(function: Callable) -> str:
     name = getattr(function, "__qualname__", None)
     if name is None:
         return f"a {type(function).__name__} that holds what no other process can find"

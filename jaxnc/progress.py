@@ -13,8 +13,8 @@ _LINE = "font:12px/1.5 ui-monospace,monospace;white-space:pre-wrap;opacity:.75"
 _BAR = "width:160px;vertical-align:middle;margin-right:1ch"
 
 
-def watched() -> bool:
-    """Whether someone sees what is shown: on a terminal, or in a notebook."""
+def is_watched() -> bool:
+    """Say whether someone sees what is shown, on a terminal or in a notebook."""
     return sys.stderr.isatty() or _in_notebook()
 
 
@@ -24,20 +24,20 @@ def _in_notebook() -> bool:
 
 
 def showing() -> bool:
-    """Whether a bar is shown already; what is done within it needs none of its own."""
+    """Say whether a bar is shown already; what is done within it needs none of its own."""
     module = sys.modules.get("tqdm")
     return bool(module and len(getattr(module.tqdm, "_instances", ())))
 
 
 def bar(total: int | None, name: str = "", unit: str = "it", shown: bool | None = None, **form: Any) -> "tqdm":
-    """A progress bar, also a context manager.
+    """Make a progress bar, also a context manager.
 
     It is shown where someone is watching, if `shown` does not say; `unit` is the noun of a step, `form` are options of
     ``tqdm.tqdm``.
     """
     from tqdm import tqdm
 
-    hidden = not (watched() if shown is None else shown)
+    hidden = not (is_watched() if shown is None else shown)
     if hidden or sys.stderr.isatty() or not _in_notebook():
         return tqdm(total=total, desc=name, unit=unit, disable=hidden, file=sys.stderr, **form)
     return _among_results()(total=total, desc=name, unit=unit, file=io.StringIO(), **form)

@@ -15,7 +15,7 @@ _R = TypeVar("_R", bound=type)
 
 
 def static(**options: Any) -> Any:
-    """A field that is no array: hashable, and part of the structure; options as of `dataclasses.field`."""
+    """Make a field that is no array: hashable, and part of the structure; options as of `dataclasses.field`."""
     return dataclasses.field(metadata={"static": True}, **options)
 
 
@@ -26,14 +26,14 @@ def record(cls: _R) -> _R:
     fields = dataclasses.fields(made)
     kept = [f.name for f in fields if f.metadata.get("static")]
     jax.tree_util.register_dataclass(made, [f.name for f in fields if f.name not in kept], kept)
-    for name, method in (("__eq__", _equal), ("__repr__", _said)):
+    for name, method in (("__eq__", _equal_records), ("__repr__", _write_record)):
         if getattr(cls, name) is getattr(object, name):
             setattr(made, name, method)
     made.__hash__ = None
     return made
 
 
-def _equal(self: Any, other: Any) -> bool:
+def _equal_records(self: Any, other: Any) -> bool:
     if type(self) is not type(other):
         return NotImplemented
     (a, one), (b, two) = jax.tree.flatten(self), jax.tree.flatten(other)
@@ -45,13 +45,13 @@ def _alike(x: Any, y: Any) -> bool:
     return same and bool(np.all(np.asarray(x) == np.asarray(y)))
 
 
-def _said(self: Any) -> str:
+def _write_record(self: Any) -> str:
     values = ((f.name, getattr(self, f.name)) for f in dataclasses.fields(self))
     return f"{type(self).__name__}({', '.join(f'{name}={_short(value)}' for name, value in values)})"
 
 
 def _short(value: Any) -> str:
-    """A value as text, arrays by their type and shape."""
+    """Write a value as text, arrays by their type and shape."""
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"{value.dtype}[{','.join(map(str, value.shape))}]"
     if type(value) is tuple:

@@ -1,9 +1,12 @@
 """What is worked out for a mechanism is remembered with it, and forgotten with it."""
 
 import functools
+import weakref
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+T = TypeVar("T")
+R = TypeVar("R")
 _F = TypeVar("_F", bound=Callable)
 _NOTHING = object()
 
@@ -23,3 +26,18 @@ def with_owner(f: _F) -> _F:
         return known.setdefault(key, f(owner, *more, **named)) if found is _NOTHING else found
 
     return call  # pyright: ignore[reportReturnType]
+
+
+def by_identity(f: Callable[[T], R]) -> Callable[[T], R]:
+    """Remember what a pure function has made of an object for as long as that object is there."""
+    known: dict[int, tuple[weakref.ref, R]] = {}
+
+    @functools.wraps(f)
+    def call(x: T) -> R:
+        found = known.get(id(x))
+        if found is None or found[0]() is not x:
+            key = id(x)
+            found = known[key] = (weakref.ref(x, lambda _: known.pop(key, None)), f(x))
+        return found[1]
+
+    return call

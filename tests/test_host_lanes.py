@@ -16,7 +16,7 @@ from jaxnc.kinematics.inputs import make_plan
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.host import HostView, poses
-from jaxnc.solvers.host.closed import sure
+from jaxnc.solvers.host.lockstep import solve_at_once
 from jaxnc.system.host import from_jax
 from jaxnc.system.system import System
 
@@ -172,7 +172,7 @@ def test_ways_are_solved_all_at_once_only_between_singular_positions(total, side
     d = Designs([four_bar(*x, phi, side, plain()) for x, phi in zip(lengths, drawn, strict=True)], ("phi",))
     view, start = HostView(d.view, d.together), d.start.T
     values = (drawn + np.linspace(0.0, 1.0, total + 1)[1:, None] * (end - drawn))[:, None]
-    q, right = sure(view, start, values, np.full(len(drawn), total))
+    q, right = solve_at_once(view, start, values, np.full(len(drawn), total))
     np.testing.assert_array_equal(right, wanted)
     position = plain().topology.position
     with np.errstate(invalid="ignore"):
@@ -181,7 +181,7 @@ def test_ways_are_solved_all_at_once_only_between_singular_positions(total, side
     np.testing.assert_allclose(found[..., right], C[..., right], atol=1e-13)
     # Lengths that do not close where they begin: none of them is.
     off = start + 1e-3 * (np.arange(len(start)) == position["C.x"])[:, None]
-    assert not sure(view, off, values, np.full(len(drawn), total))[1].any()
+    assert not solve_at_once(view, off, values, np.full(len(drawn), total))[1].any()
 
 
 def test_where_nothing_is_driven_the_drawing_is_the_pose():
@@ -199,7 +199,7 @@ def test_what_is_solved_all_at_once_is_what_is_followed(case, monkeypatch):
     d = designs(case)
     values = asked(case, d, 31, np.random.default_rng(9))
     found = on_host.sequences(d.view, d.together, d.start, values)
-    monkeypatch.setattr(poses, "sure", lambda view, start, *_: (start, np.zeros(start.shape[1], bool)))
+    monkeypatch.setattr(poses, "solve_at_once", lambda view, start, *_: (start, np.zeros(start.shape[1], bool)))
     followed = on_host.sequences(d.view, d.together, d.start, values)
     for k, eq in enumerate(d.each):
         same(*(batch.each(lambda x, k=k: x[k]) for batch in (found, followed)), float(eq.length))

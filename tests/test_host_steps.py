@@ -11,7 +11,7 @@ from jaxnc.kinematics import on_host
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.reading import Builder, function
 from jaxnc.solvers.assembly import derive, hosted, settle
-from jaxnc.solvers.host import HostView, corrected, matrices
+from jaxnc.solvers.host import HostView, correct_poses, matrices
 
 MECHANISMS = {
     "four-bar": (lambda: nc.library.four_bar(explicit=False), ("phi",), ()),
@@ -30,7 +30,7 @@ def both_ways(name):
     names = tuple(n for n in names if n in system.topology.coordinates) or system.topology.scalars[:1]
     eq = derive(system)
     view, dense = (HostView(make_plan(system, names, hold), hosted(eq)) for _ in range(2))
-    dense.written = None
+    dense.program = None
     q = np.asarray(settle(eq, np.zeros(eq.home.shape)).q)
     moved = 0.02 * float(eq.length) * np.random.default_rng(2).uniform(-1.0, 1.0, (len(q), 7))
     moved[view.plan.fixed] = 0.0
@@ -40,7 +40,7 @@ def both_ways(name):
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_the_program_of_a_plan_is_its_dense_algebra(name):
     view, dense, q = both_ways(name)
-    assert view.written is not None
+    assert view.program is not None
     size = float(view.eq.length)
     for at in (q, q[:, :1]):  # lanes, and one lane as plain numbers
         here, there = view.evaluate(at), dense.evaluate(at)
@@ -61,7 +61,8 @@ def test_the_program_of_a_plan_is_its_dense_algebra(name):
 def test_one_pose_is_what_many_are(name):
     view, _, q = both_ways(name)
     alone, lanes = (
-        np.concatenate(x, axis=1) for x in ([corrected(view, q[:, [k]]) for k in range(7)], [corrected(view, q)])
+        np.concatenate(x, axis=1)
+        for x in ([correct_poses(view, q[:, [k]]) for k in range(7)], [correct_poses(view, q)])
     )
     right = np.abs(view.residual(lanes)).max(axis=0) <= view.tolerance(lanes)
     assert right.sum() > 4

@@ -7,7 +7,7 @@ import numpy as np
 import jaxnc as nc
 from jaxnc.kinematics.rates import rates
 from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.batch import LEAST
+from jaxnc.solvers.fill import LEAST
 from jaxnc.solvers.plan import plan
 
 ROUNDING = 1e-12  # of the largest rate

@@ -19,11 +19,8 @@ from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, hosted, settle
 from jaxnc.solvers.host import HostView, view_of
 from jaxnc.solvers.host.sparse import SparseView
-from jaxnc.solvers.large import LargePlan
-from jaxnc.solvers.lu import Factoriser
-from jaxnc.solvers.pattern import pattern
-from jaxnc.solvers.plan import Plan, plan
-from jaxnc.solvers.rank import dependencies, null_directions
+from jaxnc.solvers.plan import LargePlan, Plan, plan
+from jaxnc.solvers.sparse_matrix import Factoriser, dependencies, null_directions, pattern
 from jaxnc.status import Status
 from jaxnc.system.assemble import assemble
 
@@ -426,10 +423,10 @@ def test_factors_solve_and_know_the_orientation_of_every_block(sizes):
     matrix, sequence = block_triangular(rng, sizes, 0.5)
     view, data = pattern_of(matrix)
     lu = Factoriser(len(matrix), view.rows, view.columns, sequence)
-    b = rng.standard_normal((len(matrix), 2))
-    assert np.max(np.abs(lu.solved(data, b) - np.linalg.solve(matrix, b))) <= 1e-11  # of random matrices
-    assert np.max(np.abs(lu.solved(data, b, True) - np.linalg.solve(matrix.T, b))) <= 1e-11
-    pivots, signs = lu.pivots(lu.factorise(data))
+    b, factors = rng.standard_normal((len(matrix), 2)), lu.factorise(data)
+    assert np.max(np.abs(lu.solve_by(factors, b) - np.linalg.solve(matrix, b))) <= 1e-11  # of random matrices
+    assert np.max(np.abs(lu.solve_by(factors, b, True) - np.linalg.solve(matrix.T, b))) <= 1e-11
+    pivots, signs = lu.pivots(factors)
     determinants = [np.linalg.det(matrix[np.ix_(r, c)]) for r, c in sequence]
     assert signs.tolist() == np.sign(determinants).tolist()
     products = [np.prod(pivots[c]) for _, c in sequence]
@@ -437,8 +434,8 @@ def test_factors_solve_and_know_the_orientation_of_every_block(sizes):
     whole = Factoriser(len(matrix), view.rows, view.columns)
     assert whole.pivots(whole.factorise(data))[1] == np.sign(np.linalg.det(matrix))
     singular = np.where(view.rows == view.rows[0], 0.0, data)
-    assert np.all(np.isnan(lu.solved(singular, b))) and not np.any(lu.pivots(lu.factorise(singular))[1])
-    times, transposed = jax.jit(lambda data, x: (view.times(data, x), view.transposed(data, x)))(data, b[:, 0])
+    assert np.all(np.isnan(lu.solve_by(lu.factorise(singular), b))) and not np.any(lu.pivots(lu.factorise(singular))[1])
+    times, transposed = jax.jit(lambda data, x: (view.times(data, x), view.times_transposed(data, x)))(data, b[:, 0])
     assert np.max(np.abs(times - matrix @ b[:, 0])) <= 1e-13
     assert np.max(np.abs(transposed - matrix.T @ b[:, 0])) <= 1e-13
 
@@ -467,9 +464,9 @@ def test_freedoms_of_the_overconstrained_are_counted_where_pivots_cancel(name):
 
 
 def test_undecidable_freedoms_are_an_error_with_a_remedy(monkeypatch):
-    from jaxnc.solvers import rank
+    from jaxnc.solvers import sparse_matrix
 
-    monkeypatch.setattr(rank, "RANK", 0.05)  # so that a chain's gentlest motions come near it
+    monkeypatch.setattr(sparse_matrix, "RANK", 0.05)  # so that a chain's gentlest motions come near it
     with pytest.raises(nc.MechanismError, match=r"'four-bar chain': its degrees of freedom cannot be told.*Draw it"):
         library.four_bar_chain(40).compile(True)
 

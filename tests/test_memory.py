@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc import memory
 from jaxnc.system import topology
 
 CHILD = """
 import resource, sys, threading
 import numpy as np
-from jaxnc import memory
+from jaxnc.process import keep_memory
 from jaxnc.system import topology
 
 count = int(sys.argv[1])
@@ -30,7 +29,7 @@ def touched():
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
 
 def ask():
-    before, done, _, after = touched(), memory.keep(), touched(), touched()
+    before, done, _, after = touched(), keep_memory(), touched(), touched()
     print(done, before, after)
 
 if count == 1:

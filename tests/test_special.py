@@ -24,7 +24,8 @@ def doubled(slant: float, second: float = 1.0) -> nc.Mechanism:
 def chosen(m: nc.Mechanism) -> tuple:
     """Rows and pivots that its inputs are solved with."""
     found = square_rows(plan(m.compile().topology, ("phi",), (), 1))
-    return plan_elimination(found.sequence, found.sample).blocks
+    pivots = [plan_elimination(found.sample[np.ix_(rows, columns)]) for rows, columns in found.sequence]
+    return *pivots, *((rows.tolist(), columns.tolist()) for rows, columns in found.sequence)
 
 
 def test_rows_of_a_redundant_mechanism_do_not_depend_on_what_was_compiled_before():

@@ -12,7 +12,7 @@ import pytest
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar, lengths
 from jaxnc.kinematics.redesign import flattened, rebuilt
-from jaxnc.progress import watched
+from jaxnc.progress import is_watched
 from jaxnc.synthesis import loops
 from jaxnc.synthesis.evaluate import (
     DesignPoses,
@@ -214,4 +214,4 @@ def test_who_watches(monkeypatch):
         else:
             kernel = types.SimpleNamespace(get_ipython=lambda made=shell: made())
             monkeypatch.setitem(sys.modules, "IPython", kernel)
-        assert watched() == watching
+        assert is_watched() == watching

@@ -10,7 +10,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 from jaxnc import library, threads
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.solvers import dense
-from jaxnc.solvers.lu import Factoriser
+from jaxnc.solvers.sparse_matrix import Factoriser
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.solvers.answers import PIECE, ask_host
+from jaxnc.solvers.traced import PIECE, ask_host
 
 T = np.linspace(0.0, 0.1, 3)
 

@@ -12,7 +12,7 @@ from jaxnc.constraints import (
     spatial_joints,
 )
 from jaxnc.constraints.kind import Kind
-from jaxnc.pickling import listed
+from jaxnc.pickling import by_name
 
 
 def _all(make, count: int):
@@ -77,4 +77,4 @@ CATALOGUE: dict[str, Kind] = {
         ),
     )
 }
-listed(__name__, CATALOGUE.values())
+by_name(__name__, CATALOGUE.values())

@@ -17,7 +17,7 @@ from jax.custom_batching import custom_vmap
 
 from jaxnc.autodiff import Rules, custom_jvp_vjp
 from jaxnc.autodiff import attach as attach_derivative
-from jaxnc.compiling import alone, jit, on_device
+from jaxnc.compiling import is_outermost, jit, on_device
 from jaxnc.dynamics import design, redesign, runs
 from jaxnc.dynamics.adjoint import Law, Recalled
 from jaxnc.dynamics.asked import Asked, Numbers, flow_of
@@ -92,7 +92,7 @@ def _put_together(smooth: Any, other: Any) -> tuple[Array, Kept]:
 
 
 def _value(what: _What, x: Any, rest: Any) -> tuple[list, list]:
-    if alone(x, rest):
+    if is_outermost(x, rest):
         with evaluate_at_once():
             return _leaves(what.known(what.asked, what.numbers(x, rest)))
     return _traced(what, x, rest)
@@ -171,7 +171,7 @@ def _pushed(what: _What, x: list, rest: list, change: list) -> list:
 
 def _cotangent(what: _What, x: Any, rest: Any, smooth: Any, other: Any, change: Any) -> list:
     top, numbers = what.asked.topology, what.numbers(x, rest)
-    here = alone(x, rest, smooth, other, change) and known(numbers)
+    here = is_outermost(x, rest, smooth, other, change) and known(numbers)
     if here and what.asked.method in METHODS and not top.loads.friction and redesign.suits(top):
         return _pulled_back_on_host(what, numbers, smooth, other, change)
     return _pulled_back(what, list(x), list(rest), list(smooth), list(other), list(change))

@@ -10,8 +10,8 @@ import numpy as np
 from jaxnc.dynamics import redesign
 from jaxnc.dynamics.adjoint import Law
 from jaxnc.dynamics.asked import Asked
-from jaxnc.solvers.answers import PIECE, ask_host, short
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.traced import PIECE, ask_host, short
 from jaxnc.system.equations import Equations
 from jaxnc.system.system import Parameters
 from jaxnc.types import Array, Float

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device
 from jaxnc.dynamics.extended import extended, known, lift, lift_rates, lifted
@@ -20,6 +19,7 @@ from jaxnc.system.frames import spread
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Float
+from jaxnc.validate import as_shape
 
 
 @public
@@ -71,7 +71,7 @@ def angular_momentum(motion: Motion, about: Any = None) -> Array:
         Anticlockwise ``(...,)`` in the plane, ``(..., 3)`` in space.
     """
     top = motion.system.topology
-    place = jnp.zeros(top.dim) if about is None else jnp.asarray(shaped(about, "angular_momentum(): about", top.dim))
+    place = jnp.zeros(top.dim) if about is None else jnp.asarray(as_shape(about, "angular_momentum(): about", top.dim))
     return _over(motion, 1, _turning, place)
 
 

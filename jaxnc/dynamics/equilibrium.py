@@ -23,7 +23,7 @@ from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, ou
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.solvers import dense
-from jaxnc.solvers.linear import solver
+from jaxnc.solvers.dense import solver
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.equations import residual, weights

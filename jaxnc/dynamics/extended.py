@@ -16,8 +16,7 @@ from jax.core import Tracer
 from jaxnc.compiling import on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.records import record
-from jaxnc.remembered import with_owner
-from jaxnc.solvers.assembly import by_identity
+from jaxnc.remembered import by_identity, with_owner
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.frames import spread
@@ -59,7 +58,7 @@ def _extended(system: System, par: Parameters) -> System:
 def look_around(system: System) -> System:
     """The system, knowing what is special about the extended one of its design."""
     from jaxnc.solvers.assembly import derive, evaluate, rank_of, sample_poses
-    from jaxnc.solvers.special import noted
+    from jaxnc.solvers.elimination import with_special
 
     inner = extended(system)
     top = inner.topology
@@ -70,7 +69,7 @@ def look_around(system: System) -> System:
     for sample in sample_poses(system):
         found.append(np.asarray(evaluate(eq, lift(system.topology, np.asarray(sample.q)))[1]) / weight)
     found.sort(key=lambda j: rank_of(j[:, top.unknown])[0])
-    known = noted(top, found, rank_of(found[-1][:, top.unknown])[0])
+    known = with_special(top, found, rank_of(found[-1][:, top.unknown])[0])
     return dataclasses.replace(system, topology=dataclasses.replace(system.topology, extended=known))
 
 

@@ -18,7 +18,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.dynamics.extended import known
-from jaxnc.solvers.assembly import by_identity
+from jaxnc.remembered import by_identity
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.host_kinds import Formula
 from jaxnc.system.loads import InertiaIndex

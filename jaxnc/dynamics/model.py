@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.asking import ask, listed, real
 from jaxnc.compiling import jit, on_device
 from jaxnc.dynamics.extended import known
 from jaxnc.dynamics.inertia import inertias, summed
@@ -19,8 +18,8 @@ from jaxnc.forces import ForceKind
 from jaxnc.kinematics.inputs import check_parameters, check_system
 from jaxnc.reading import Unreadable, function
 from jaxnc.records import record
-from jaxnc.remembered import with_owner
-from jaxnc.solvers.assembly import by_identity, derive
+from jaxnc.remembered import by_identity, with_owner
+from jaxnc.solvers.assembly import derive
 from jaxnc.system.equations import Equations, equations
 from jaxnc.system.host_kinds import Formula
 from jaxnc.system.loads import ForceBlock
@@ -30,6 +29,7 @@ from jaxnc.system.rates import rate_constants
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates, Float
+from jaxnc.validate import as_real, as_scalars, call_user
 
 
 @record
@@ -174,7 +174,9 @@ def read_off(kind: ForceKind, dim: int) -> tuple[Callable[[Array], Array], list[
     what = f"kind {kind.name!r}: drawn="
 
     def called(y: Array) -> tuple[Any, ...]:
-        return listed(ask(drawn, what, "p, v, s", *_split(dim, kind, y)), what, len(kind.parameters), drawn=True)
+        return as_scalars(
+            call_user(drawn, what, "p, v, s", *_split(dim, kind, y)), what, len(kind.parameters), drawn=True
+        )
 
     values = jax.eval_shape(lambda y: _plain(called(y)), jax.ShapeDtypeStruct((width,), float))
 
@@ -210,7 +212,7 @@ def stored(kind: ForceKind, dim: int) -> Callable:
 def _stored(kind: ForceKind, dim: int, y: Array, c: Array) -> Array:
     assert kind.potential is not None
     what = f"kind {kind.name!r}: potential="
-    return real(ask(kind.potential, what, "p, v, s, c", *_split(dim, kind, y), c), what, "one number", ())
+    return as_real(call_user(kind.potential, what, "p, v, s, c", *_split(dim, kind, y), c), what, "one number", ())
 
 
 @with_owner
@@ -264,17 +266,17 @@ def _force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: A
         what, at = f"kind {kind.name!r}: dissipation=", _split(top.dim, kind, x)
 
         def lost(dy: Array) -> Array:
-            found = ask(loss, what, "p, v, s, dp, dv, ds, c", *at, *_split(top.dim, kind, dy), c)
-            return real(found, what, "one number", ())
+            found = call_user(loss, what, "p, v, s, dp, dv, ds, c", *at, *_split(top.dim, kind, dy), c)
+            return as_real(found, what, "one number", ())
 
         total = total - jax.grad(lost)(dx)
     if kind.force is not None:
         what, returns = f"kind {kind.name!r}: force=", "forces on its points, vectors and scalars, an array of each"
         at = *_split(top.dim, kind, x), *_split(top.dim, kind, dx)
-        found = ask(kind.force, what, "t, p, v, s, dp, dv, ds, c", t, *at, c)
+        found = call_user(kind.force, what, "t, p, v, s, dp, dv, ds, c", t, *at, c)
         parts = found if isinstance(found, tuple | list) else (found,)
-        whole = jnp.concatenate([real(part, what, returns).reshape(-1) for part in (*parts, jnp.zeros(0))])
-        total = total + real(whole, f"{what} these together", f"{returns}, {len(x)} numbers", x.shape)
+        whole = jnp.concatenate([as_real(part, what, returns).reshape(-1) for part in (*parts, jnp.zeros(0))])
+        total = total + as_real(whole, f"{what} these together", f"{returns}, {len(x)} numbers", x.shape)
     return total
 
 
@@ -297,7 +299,7 @@ def _value(f: Any, shape: tuple[int, ...], takes: str, *args: Any) -> Array:
     """What a force that is a function returns."""
     what = f"force {f.name!r}"
     returns = f"{shape[0]} numbers in JAX" if shape else "one number in JAX"
-    return real(ask(f.function, what, takes, *args), what, returns, shape)
+    return as_real(call_user(f.function, what, takes, *args), what, returns, shape)
 
 
 def blame_force(dyn: Dynamics, t: Array, q: Array, v: Array) -> str | None:

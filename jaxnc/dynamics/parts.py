@@ -20,7 +20,7 @@ Known = Callable[[Asked, Numbers], Run]
 def watched(known: Known, asked: Asked, numbers: Numbers, name: str) -> Run:
     """A run of known numbers, with a bar if it takes more than a few seconds and someone is watching."""
     count = len(numbers.t) - 1
-    if count < 2 or not progress.watched() or progress.showing():
+    if count < 2 or not progress.is_watched() or progress.showing():
         return known(asked, numbers)
     width = 2 ** max(0, int(np.ceil(np.log2(count / _COUNT))))
     parts: list[tuple[Run, int]] = []

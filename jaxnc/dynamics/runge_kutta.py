@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Answer
-from jaxnc.solvers import linear
+from jaxnc.solvers import dense
 from jaxnc.types import Array
 
 _NEWTON = 7  # iterations of an implicit stage
@@ -272,7 +272,7 @@ def _implicit(moving: Moving, part: Any, t: Any, state: State) -> Any:
         return moving.answer(ACCELERATION, at, q + part * part * a, v + part * a)
 
     slope = jax.jacfwd(lambda a: there(t, state.q, state.v, a).change)(jnp.zeros_like(state.a))
-    solve = linear.solver(jnp.eye(len(state.a)) - slope)
+    solve = dense.solver(jnp.eye(len(state.a)) - slope)
 
     def ask(at, q, v, near):
         def closer(a, _):

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.asking import ask, real
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics import state as seen
 from jaxnc.dynamics.extended import lower
@@ -23,6 +22,7 @@ from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
+from jaxnc.validate import as_real, call_user
 
 _SMALL = 7  # unknowns and rows that are written out for a method of many stages
 _APART = 1e-3  # of the mechanism's size: a simulation that meets its constraints worse has come apart
@@ -109,8 +109,8 @@ def happening(flow: Flow, event: Callable) -> Callable:
     top = flow.dyn.topology
 
     def happens(parameters, t, state):
-        found = ask(event, "event=", "t, state, parameters", t, seen.State(top, t, state.q, state.v), parameters)
-        return real(found, "event=", "one number, which changes its sign", ())
+        found = call_user(event, "event=", "t, state, parameters", t, seen.State(top, t, state.q, state.v), parameters)
+        return as_real(found, "event=", "one number, which changes its sign", ())
 
     return happens
 

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 
+from jaxnc.process import one_thread
 from jaxnc.solvers import dense
 from jaxnc.system.precision import numbers
-from jaxnc.threads import one_thread
 from jaxnc.types import Array, Float
 
 _REDUNDANT = 1e-9  # ε where rows are redundant: larger is safer at singular positions, smaller converges faster

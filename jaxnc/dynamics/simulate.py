@@ -11,7 +11,6 @@ import numpy as np
 from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
-from jaxnc.asking import ask, real
 from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics import runs, steppers
@@ -36,6 +35,7 @@ from jaxnc.status import Status
 from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
+from jaxnc.validate import as_real, call_user
 
 ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
 FIXED = ("rk4", "baumgarte", "null space", "augmented lagrangian", "generalised alpha")
@@ -241,13 +241,13 @@ def _check_drives(drives: tuple[tuple[str, Callable], ...], t: Array) -> None:
     for name, f in drives:
         for at in (t[0], t[-1]):
             what = f"input {name!r}"
-            value = ask(f, what, "t", jnp.asarray(at))
+            value = call_user(f, what, "t", jnp.asarray(at))
             if isinstance(value, Tracer):
                 continue
-            value = real(value, what, "one number", ())
+            value = as_real(value, what, "one number", ())
             finite(value, f"{what} at t = {float(at):g}")
             # As it will be asked, where time is no number yet.
-            jax.eval_shape(lambda t, f=f, what=what: ask(f, what, "t", t), value)
+            jax.eval_shape(lambda t, f=f, what=what: call_user(f, what, "t", t), value)
 
 
 def _hoisted_drives(
@@ -309,7 +309,7 @@ class _Short:
         self.f = f
 
     def __call__(self, t, state, parameters):
-        return ask(self.f, "event=", "t, state", t, state)
+        return call_user(self.f, "event=", "t, state", t, state)
 
     def __eq__(self, other):
         return isinstance(other, _Short) and self.f == other.f

@@ -13,7 +13,7 @@ from jaxnc.dynamics.runge_kutta import Moving
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.written import Fast
 from jaxnc.records import record, static
-from jaxnc.solvers import linear
+from jaxnc.solvers import dense
 from jaxnc.system.equations import weights
 from jaxnc.types import Array
 
@@ -78,5 +78,5 @@ def independent(flow: Flow, t: Array, q: Array, v: Array) -> Array:
     size = jnp.trace(mass)
     # R Rᵀ = `free` projects on the admissible velocities; on the rest the identity keeps the matrix regular.
     reduced = free @ mass @ free + size * (jnp.eye(len(weight)) - free)
-    x = particular + free @ linear.solver(reduced)(free @ right)
+    x = particular + free @ dense.solver(reduced)(free @ right)
     return a0.at[u].set(x / weight)

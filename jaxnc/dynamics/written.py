@@ -21,7 +21,7 @@ from jaxnc.dynamics.flow import Answer, Flow
 from jaxnc.dynamics.model import Dynamics, _force, _functions, variables
 from jaxnc.records import record, static
 from jaxnc.remembered import with_owner
-from jaxnc.solvers import linear
+from jaxnc.solvers import dense
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.rows import Rows
 from jaxnc.system.structure import curvature, pattern, quadratic
@@ -232,7 +232,7 @@ class Fast:
         at = np.array(form.massed)
         if not isinstance(flow.dyn.mass, Tracer):
             return cls(flow, on_device(np.linalg.inv(np.asarray(flow.dyn.mass)[np.ix_(at, at)])), freedom)
-        solve = linear.solver(flow.dyn.mass[at[:, None], at[None]])
+        solve = dense.solver(flow.dyn.mass[at[:, None], at[None]])
         return cls(flow, jax.vmap(solve, out_axes=1)(jnp.eye(len(at))), freedom)
 
     @property

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, brief
@@ -22,6 +21,7 @@ from jaxnc.system.frames import along, over
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
+from jaxnc.validate import as_shape
 
 if TYPE_CHECKING:
     from jaxnc.families.written import Equations
@@ -178,7 +178,7 @@ class Formulation:
         return jnp.stack([jnp.asarray(x) for x in out])
 
     def _numbers(self, x: Any, what: str) -> Array:
-        return jnp.asarray(shaped(x, what, ..., None, dtype=self.natural.dtype))
+        return jnp.asarray(as_shape(x, what, ..., None, dtype=self.natural.dtype))
 
     def _check(self, shape: tuple, size: int, what: str) -> None:
         if not shape or shape[-1] != size:

@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.dynamics.extended import extended, lift
@@ -32,6 +31,7 @@ from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, residual
 from jaxnc.types import Array
+from jaxnc.validate import as_shape
 
 
 @public
@@ -49,7 +49,7 @@ def mass_matrix(formulation: Formulation, z: Any) -> Array:
         InputError: nothing has a mass, or a closed chain in independent coordinates.
     """
     _check(formulation)
-    return _mass(formulation, _known(formulation), jnp.asarray(shaped(z, "the variables z", formulation.n)))
+    return _mass(formulation, _known(formulation), jnp.asarray(as_shape(z, "the variables z", formulation.n)))
 
 
 @public
@@ -70,8 +70,8 @@ def accelerations(formulation: Formulation, z: Any, dz: Any, t: float = 0.0) -> 
     """
     _check(formulation)
     n = formulation.n
-    z, dz = (jnp.asarray(shaped(x, what, n)) for x, what in ((z, "the variables z"), (dz, "their rates dz")))
-    return _accelerations(formulation, _known(formulation), jnp.asarray(shaped(t, "time t")), z, dz)
+    z, dz = (jnp.asarray(as_shape(x, what, n)) for x, what in ((z, "the variables z"), (dz, "their rates dz")))
+    return _accelerations(formulation, _known(formulation), jnp.asarray(as_shape(t, "time t")), z, dz)
 
 
 @public
@@ -106,8 +106,8 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
         from jaxnc.solvers.assembly import settle
 
         z = settle(derive(formulation.system), np.zeros(len(top.coordinates))).q[top.unknown]
-    z = jnp.asarray(shaped(z, "the variables z", formulation.n))
-    dz = jnp.zeros_like(z) if dz is None else jnp.asarray(shaped(dz, "their rates dz", formulation.n))
+    z = jnp.asarray(as_shape(z, "the variables z", formulation.n))
+    dz = jnp.zeros_like(z) if dz is None else jnp.asarray(as_shape(dz, "their rates dz", formulation.n))
     for what, x in (("z", z), ("dz", dz)):
         finite(x, what)
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))

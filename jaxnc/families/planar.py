@@ -9,7 +9,7 @@ from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families.bodies import Part
 from jaxnc.families.program import Arm, Frame, Linear, Place, Turn, scaled
 from jaxnc.families.scribe import Scribe, fixed
-from jaxnc.pickling import listed
+from jaxnc.pickling import by_name
 
 PROJECTION = Kind(
     "projection",
@@ -28,7 +28,7 @@ EQUAL = Kind(
     scalars=2,
     source="(9)",
 )
-listed(__name__, (PROJECTION, EQUAL))
+by_name(__name__, (PROJECTION, EQUAL))
 
 
 def drawn_angle(home: np.ndarray, ends: tuple[int, ...]) -> float:

@@ -2,7 +2,7 @@
 
 from jaxnc.forces import loads, springs
 from jaxnc.forces.kind import ForceKind
-from jaxnc.pickling import listed
+from jaxnc.pickling import by_name
 
 CATALOGUE: dict[str, ForceKind] = {
     kind.name: kind
@@ -19,4 +19,4 @@ CATALOGUE: dict[str, ForceKind] = {
         loads.COUPLE,
     )
 }
-listed(__name__, CATALOGUE.values())
+by_name(__name__, CATALOGUE.values())

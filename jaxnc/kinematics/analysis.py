@@ -12,11 +12,10 @@ from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.kinematics.rates import rates_in_lanes, with_held
 from jaxnc.kinematics.solved import apiece, nearest_large, solved
-from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.mapped import in_chunks
-from jaxnc.solvers.newton import attach, attach_lanes, largest, newton, tolerance
+from jaxnc.solvers.newton import attach, attach_lanes, closest, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
+from jaxnc.solvers.traced import in_chunks
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.system.precision import limits

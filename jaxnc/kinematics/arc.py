@@ -25,7 +25,7 @@ from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, meets
 from jaxnc.solvers.host import HostView
-from jaxnc.solvers.host.curve import LONGEST, Curve, correct, first_tangent, trace, turning_point
+from jaxnc.solvers.host.curve import LONGEST, Curve, first_tangent, step_along, trace, turning_point
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.system.host import from_jax
@@ -262,7 +262,7 @@ def circuit(
     s = np.array(nodes.s)
     wanted = np.linspace(s[0], s[-1], poses)
     at = np.clip(np.searchsorted(s, wanted, side="right") - 1, 0, len(s) - 1)
-    found = correct(view, np.array(nodes.q)[at].T, np.array(nodes.t)[at].T, wanted - s[at]).q.T
+    found = step_along(view, np.array(nodes.q)[at].T, np.array(nodes.t)[at].T, wanted - s[at]).q.T
     return _pose(system, (name,), hold, np.ascontiguousarray(found))
 
 

@@ -85,7 +85,7 @@ class DesignDerivatives:
         """
         exists = np.ones(self.count, bool)
         for lanes in self._chunks():
-            size, rest = host.taken_up(self.view, self.drawn, self.q[:, lanes])
+            size, rest = host.unabsorbed_changes(self.view, self.drawn, self.q[:, lanes])
             least = _SMALL * np.max(size, axis=1, initial=0.0, keepdims=True)
             exists &= (rest <= _FITS * np.maximum(size, least)).all(axis=0)
         return exists

@@ -21,10 +21,11 @@ from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
-from jaxnc.solvers.answers import ask_of_equations
-from jaxnc.solvers.assembly import closest, hosted
+from jaxnc.solvers.assembly import hosted
 from jaxnc.solvers.host import view_of
+from jaxnc.solvers.newton import closest
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.traced import ask_of_equations
 from jaxnc.system.equations import Equations, guards, measured, weights
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import limits

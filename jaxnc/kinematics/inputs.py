@@ -12,17 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.asking import numbers
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, WrongCount, brief, nearest
 from jaxnc.kinematics.loose import explain_lock, loose_motions
-from jaxnc.solvers.assembly import by_identity, derive, evaluate, meets, settle
+from jaxnc.remembered import by_identity
+from jaxnc.solvers.assembly import derive, evaluate, meets, settle
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import active, limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import LARGE, Topology
 from jaxnc.types import Array, Inputs
+from jaxnc.validate import as_array
 
 _SMALL = 65_536  # numbers that are worth having on the host
 _COUNTED = 2**31 - 1  # poses, samples, steps: more are taken for a slip
@@ -35,7 +36,7 @@ def array(value: Any, what: str) -> Any:
         return jax.lax.convert_element_type(value, active())
     if isinstance(value, jax.Array) and value.size > _SMALL and value.dtype == active() and not value.weak_type:
         return value
-    return numbers(value, what, active())
+    return as_array(value, what, active())
 
 
 def finite(value: Any, what: str) -> None:
@@ -59,7 +60,7 @@ def positive(value: Any, what: str, zero: bool = False) -> None:
 
 def one_number(value: Any, what: str) -> float:
     """A single finite number; anything else is refused."""
-    found = numbers(value, what)
+    found = as_array(value, what)
     if found.shape != () or not np.isfinite(found):
         raise InputError(f"{what} must be one finite number, got {brief(value)}")
     return float(found)

@@ -16,8 +16,7 @@ from jaxnc.kinematics.redesign import rebuilt
 from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, sample_poses
 from jaxnc.solvers.kernel import LARGEST_WRITTEN, kernel, writes_out
-from jaxnc.solvers.large import by_lu
-from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.plan import Plan, by_lu, plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import widened
 from jaxnc.system.rates import coefficients, rate_constants
@@ -312,7 +311,7 @@ def _idle(matrix: Any) -> list[int]:
 
 def _dependent_sparse(matrix: Any) -> tuple[list[int], list[int]]:
     """The same of a large mechanism, from the few combinations of rows that vanish."""
-    from jaxnc.solvers.rank import dependencies
+    from jaxnc.solvers.sparse_matrix import dependencies
 
     left = dependencies(matrix)
     involved = np.flatnonzero(np.abs(left).max(axis=1, initial=0.0) > _PART)

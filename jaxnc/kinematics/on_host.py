@@ -13,8 +13,7 @@ from jax.core import Tracer
 
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import hosted
-from jaxnc.solvers.large import by_lu
-from jaxnc.solvers.plan import Plan, unwound
+from jaxnc.solvers.plan import Plan, by_lu, unwind
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
@@ -69,9 +68,9 @@ def always(view: Plan, method: str) -> bool:
     """Say whether poses are the host's however many there are."""
     if view.large or method == "guess" or not by_lu(view):
         return view.large
-    from jaxnc.solvers.batch import suits  # with all that XLA needs, and the host does not
+    from jaxnc.solvers.fill import can_fill  # with all that XLA needs, and the host does not
 
-    return not suits(view)
+    return not can_fill(view)
 
 
 def _seconds(view: Plan, method: str, count: int) -> float:
@@ -170,7 +169,7 @@ def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarr
         known = np.concatenate([values, _held(view, begin, 1)[0][:, which].T], axis=1)
         turns = np.zeros_like(known)
         turns[:, : values.shape[1]] = _turns(view, begin[:, which], values)
-        found = host.scattered(inner, begin, unwound(known, turns), which)
+        found = host.scattered(inner, begin, unwind(known, turns), which)
         # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
         again = np.flatnonzero(~found.good & turns.any(axis=1))
         if len(again):
@@ -191,7 +190,7 @@ def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray
     with np.errstate(all="ignore"):
         inner, begin = _begun(view, eq, start)
         begin[view.known[: values.shape[1]]] = values.T
-        q = host.corrected(inner, begin)
+        q = host.correct_poses(inner, begin)
         size, *upright, signs, conditioning = inner.told(q)
         moved = inner.weights * (q - begin)
         good = (size <= inner.tolerance(q)) & upright[0]
@@ -200,7 +199,7 @@ def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray
             good &= (signs == inner.orientation(begin)).all(axis=0)
         if not good.all():
             far = np.flatnonzero(~good)
-            q[:, far] = host.corrected(inner, host.closest(inner, begin[:, far]).q)
+            q[:, far] = host.correct_poses(inner, host.closest(inner, begin[:, far]).q)
             size, *upright, _, conditioning = inner.told(q)
             good = (size <= inner.tolerance(q)) & upright[0]
         none = np.zeros(len(good), bool)

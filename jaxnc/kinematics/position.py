@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.asking import ask, real
 from jaxnc.calls import public
 from jaxnc.compiling import blame_callback, jit
 from jaxnc.errors import AssemblyError, InputError
@@ -43,6 +42,7 @@ from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.rates import rate_constants, slips
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
+from jaxnc.validate import as_real, call_user
 
 _SLIPS = 1e-6  # of the largest rate: below, a motion rolls
 
@@ -247,7 +247,7 @@ def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
         out: list[Array] = []
 
         def f(x: Array) -> Array:
-            return real(ask(data, what, "t", x), f"{what}: its function of time", "one number", ())
+            return as_real(call_user(data, what, "t", x), f"{what}: its function of time", "one number", ())
 
         for k in range(count):
             try:

@@ -13,11 +13,11 @@ import jax
 import jax.numpy as jnp
 
 from jaxnc.compiling import jit
-from jaxnc.solvers.batch import LEAST
-from jaxnc.solvers.kernel import always, apart, kernel, writes_out
-from jaxnc.solvers.mapped import in_chunks
-from jaxnc.solvers.newton import regular
+from jaxnc.solvers.fill import LEAST
+from jaxnc.solvers.kernel import fusion_barrier, kernel, opaque_true, writes_out
+from jaxnc.solvers.newton import masked_pose
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.traced import in_chunks
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Coordinates, Float
 
@@ -32,7 +32,7 @@ def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array], ok:
 
     `known` are first, second, … time derivatives of the known coordinates, each ``(k,)``.
     """
-    q = regular(eq, q, ok)
+    q = masked_pose(eq, q, ok)
     _, jacobian, _ = plan.linearise(eq, q)
     solve = plan.solver(jacobian, ok)
     still, nothing = jnp.zeros(len(plan.fixed)), jnp.zeros(len(plan.unknown))
@@ -81,7 +81,7 @@ def rates_of_batch(plan: Plan, eq: Equations, q: Array, known: Sequence[Array], 
 
 
 def _written_out(plan: Plan, eq: Equations, q: Array, known: Sequence[Array], ok: Array) -> tuple[Array, ...]:
-    core, lanes, go = kernel(plan), ok.shape, always(eq)
+    core, lanes, go = kernel(plan), ok.shape, opaque_true(eq)
     q = jax.vmap(functools.partial(regular, eq))(q, ok)
     x = tuple(q[:, c] for c in range(q.shape[1]))
     inputs = [tuple(jnp.where(ok, o[:, k], 0.0) for k in range(len(plan.known))) for o in known]
@@ -95,7 +95,7 @@ def _written_out(plan: Plan, eq: Equations, q: Array, known: Sequence[Array], ok
 
     found, rate = [], velocity
     for order in range(1, len(known) + 1):
-        found.append(apart(go, rate, x, *inputs[:order]))
+        found.append(fusion_barrier(go, rate, x, *inputs[:order]))
         rate = functools.partial(_along_motion, velocity, rate)
     return tuple(jnp.stack(d, axis=1) for d in found)
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from jaxnc.asking import ask, function_name
 from jaxnc.calls import public
 from jaxnc.compiling import shapes_of
 from jaxnc.errors import AssemblyError, InputError, nearest
@@ -24,6 +23,7 @@ from jaxnc.solvers.plan import plan
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
+from jaxnc.validate import call_user, function_name
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -327,7 +327,7 @@ def output_function(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion]
 
 def asked(output: Callable[[Motion], Any], what: str, motion: Motion) -> Any:
     """What a user's function of a motion returns, which must be something."""
-    found = ask(output, what, "motion", motion)
+    found = call_user(output, what, "motion", motion)
     if not jax.tree.leaves(found):
         raise InputError(
             f"{what}: {function_name(output)} must return an array, a mapping of arrays, or a record such as "

@@ -13,19 +13,17 @@ import numpy as np
 from jax import lax
 from jax.core import Tracer
 
-from jaxnc import memory
 from jaxnc.kinematics import on_host
+from jaxnc.process import keep_memory
 from jaxnc.remembered import with_owner
-from jaxnc.solvers import batch, host
-from jaxnc.solvers.answers import ask_host, ask_of_equations, short
+from jaxnc.solvers import fill, host
 from jaxnc.solvers.fill import in_order, one_by_one
 from jaxnc.solvers.kernel import kernel, writes_out
-from jaxnc.solvers.large import by_lu
-from jaxnc.solvers.mapped import Mapped, in_lanes
 from jaxnc.solvers.newton import largest, tolerance
-from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.plan import Plan, by_lu
 from jaxnc.solvers.pose_batch import PoseBatch
-from jaxnc.solvers.rows import some
+from jaxnc.solvers.rows import any_lane
+from jaxnc.solvers.traced import Mapped, ask_host, ask_of_equations, in_lanes, short
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
 from jaxnc.system.host import HostEquations
@@ -67,7 +65,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         if plan.large:  # all the host's
             return _followed_large(plan, method, eq, q, values[..., : len(plan.driven)])
         if values.shape[0] * values.shape[1] >= VERY_MANY:
-            memory.keep()
+            keep_memory()
         one = shared and len(values) == 1
         if repair and one and _sooner_on_host(plan, method, values.shape[1]):
             return _by_host(plan, method, eq, q, values)
@@ -84,7 +82,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         found = _in_one(plan, found)
         answered, table = filled.answered, _tabled(found, q.dtype)
         mend = functools.partial(_mended, plan, method, shared, eq, q, values, answered)
-        everything = ~some(~answered)
+        everything = ~any_lane(~answered)
         if table.size <= _TABLE:  # kept as it is: few operations compile soon
             return _answer(plan, lax.while_loop(lambda st: ~st[0], lambda st: mend(st[1]), (everything, table))[1])
 
@@ -125,8 +123,8 @@ def _sooner_on_host(plan: Plan, method: str, count: int) -> bool:
 
 
 def _side_by_side(plan: Plan, method: str, count: int) -> bool:
-    """Say whether poses of one design are solved side by side, see `jaxnc.solvers.batch`."""
-    return batch.pays(plan, count) and (method == "lanes" or len(plan.driven) == 1)
+    """Say whether poses of one design are solved side by side, see `jaxnc.solvers.fill`."""
+    return fill.pays(plan, count) and (method == "lanes" or len(plan.driven) == 1)
 
 
 def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> PoseBatch:

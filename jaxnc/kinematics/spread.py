@@ -21,8 +21,8 @@ from jaxnc.kinematics.analysis import analyse, columns_of, in_columns
 from jaxnc.kinematics.devices import Device, Devices, choose, several_processes
 from jaxnc.kinematics.on_host import nothing
 from jaxnc.kinematics.solved import apiece
-from jaxnc.solvers import batch
-from jaxnc.solvers.assembly import by_identity
+from jaxnc.remembered import by_identity
+from jaxnc.solvers import fill
 from jaxnc.types import Array
 
 _AXIS = "lanes"
@@ -110,7 +110,7 @@ def _compiled(devices, view, method, repair, eq, q0, *lanes):
 
     found = _over(devices, part, _axes(method), (eq, q0, *lanes))
     poses = columns_of(view, eq, q0, *found.q)
-    return found._replace(q=poses if len(found.status) >= batch.LEAST else poses.whole())
+    return found._replace(q=poses if len(found.status) >= fill.LEAST else poses.whole())
 
 
 def _over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], arguments: Sequence[Any]) -> Any:

@@ -53,13 +53,13 @@ def along(b: Builder, program: Program, at: Sequence[int], change: Mapping[int, 
             continue
         moved = [(j, out[i]) for j, i in enumerate(node.of) if i in out]
         if moved:
-            found = _changed(b, node, tuple(at[i] for i in node.of), at[k], moved)
+            found = _change_of(b, node, tuple(at[i] for i in node.of), at[k], moved)
             if b.known(found) != 0:
                 out[k] = found
     return out
 
 
-def _changed(b: Builder, node: Node, a: tuple[int, ...], y: int, moved: list[tuple[int, int]]) -> int:
+def _change_of(b: Builder, node: Node, a: tuple[int, ...], y: int, moved: list[tuple[int, int]]) -> int:
     op, change = node.op, dict(moved)
     zero = b.number(0.0)
     if op in ("add", "sub"):

@@ -26,7 +26,7 @@ _NEVER = frozenset[int]()
 
 
 def polynomials(program: Program, variables: Sequence[int]) -> tuple[Polynomial, ...]:
-    """What each output of a program is in its inputs `variables`; all others are constants."""
+    """Find the polynomial that each output of a program is in its inputs `variables`; all others are constants."""
     place = {v: k for k, v in enumerate(variables)}
     found: list[Polynomial] = []
     for at, node in enumerate(program.nodes):

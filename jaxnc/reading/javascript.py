@@ -29,7 +29,7 @@ _LETTERS = string.ascii_uppercase + string.ascii_lowercase + string.digits
 
 
 def javascript(program: Program, given: Callable[[int], str], into: Callable[[int], str]) -> str:
-    """Statements that calculate a program's outputs; in front of them belongs `FUNCTIONS`.
+    """Write statements that calculate a program's outputs; in front of them belongs `FUNCTIONS`.
 
     `given` is what stands for each input, `into` what each output is assigned to; neither begins with a capital letter.
     """
@@ -38,45 +38,45 @@ def javascript(program: Program, given: Callable[[int], str], into: Callable[[in
     named: list[str] = []
     names = _names()
 
-    def bound(i: int, least: int) -> str:
+    def bracket(i: int, least: int) -> str:
         shown, strength = text[i]
         return shown if strength >= least else f"({shown})"
 
     for k, (op, of, value) in enumerate(program.nodes):
         strength = _WHOLE
         if op == "input":
-            written = given(value)
+            term = given(value)
         elif op == "number":
-            written = _literal(value[1])
+            term = _literal(value[1])
         elif op in _BINARY:
             sign, strength = _BINARY[op]
-            written = f"{bound(of[0], strength)}{sign}{bound(of[1], strength + 1)}"
+            term = f"{bracket(of[0], strength)}{sign}{bracket(of[1], strength + 1)}"
         elif op == "neg":
-            written, strength = f"-{bound(of[0], _WHOLE)}", _PLUS
+            term, strength = f"-{bracket(of[0], _WHOLE)}", _PLUS
         elif op == "not":
-            written, strength = f"!{bound(of[0], _WHOLE)}", _NOT
+            term, strength = f"!{bracket(of[0], _WHOLE)}", _NOT
         elif op == "power":
-            written, strength = f"{bound(of[0], _WHOLE)}**{abs(value)}", _POWER
+            term, strength = f"{bracket(of[0], _WHOLE)}**{abs(value)}", _POWER
             if value < 0:
-                written, strength = f"1/{written}", _TIMES
+                term, strength = f"1/{written}", _TIMES
         elif op == "float":
-            written, strength = f"{bound(of[0], _CHOICE + 1)}?1:0", _CHOICE
+            term, strength = f"{bracket(of[0], _CHOICE + 1)}?1:0", _CHOICE
         elif op == "select":
-            written, strength = "{}?{}:{}".format(*(bound(i, _CHOICE + 1) for i in of)), _CHOICE
+            term, strength = "{}?{}:{}".format(*(bracket(i, _CHOICE + 1) for i in of)), _CHOICE
         else:
-            written = f"{_NAMED.get(op, op)}({','.join(text[i][0] for i in of)})"
+            term = f"{_NAMED.get(op, op)}({','.join(text[i][0] for i in of)})"
         if uses[k] > 1 and op not in ("input", "number"):
             name = next(names)
             named.append(f"{name}={written}")
-            written, strength = name, _WHOLE
-        text.append((written, strength))
+            term, strength = name, _WHOLE
+        text.append((term, strength))
     lines = [f"const {','.join(named)}"] if named else []
     lines += [f"{into(r)}={text[k][0]}" for r, k in enumerate(program.outputs)]
     return ";".join(lines)
 
 
 def _names() -> Iterator[str]:
-    """Short names that begin with a capital letter, and are none of the language's."""
+    """Yield short names that begin with a capital letter, and are none of the language's."""
     for size in itertools.count(1):
         for first in string.ascii_uppercase:
             for rest in itertools.product(_LETTERS, repeat=size - 1):

@@ -56,7 +56,7 @@ def _pow(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
     return np.array([int(_power(r, i[None], n)[0]) for i, n in each], dtype=int).reshape(x.shape)
 
 
-def _rounded(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+def _round(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
     if int(eqn.params["rounding_method"]) == 1:  # to the nearest even number
         return r.each("round", x)
     size = r.each("abs", x)
@@ -66,7 +66,7 @@ def _rounded(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
     return r.each("mul", r.each("sign", x), away)
 
 
-def _converted(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+def _convert(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
     before, after = r.type_of(eqn.invars[0]), r.type_of(eqn.outvars[0])
     if before == "f" and after == "i":  # of any size, or none
         raise Unreadable("convert_element_type from a float to an integer")
@@ -75,14 +75,14 @@ def _converted(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
     return r.each("float", x) if before == "b" and after != "b" else x
 
 
-def _chosen(r: "Reader", eqn: Any, which: Nodes, *cases: Nodes) -> Nodes:
+def _select(r: "Reader", eqn: Any, which: Nodes, *cases: Nodes) -> Nodes:
     if r.type_of(eqn.invars[0]) == "b" and len(cases) > 1:
         return r.each("select", which, *cases[::-1])
     return _by_number(r, which, cases)
 
 
 def _by_number(r: "Reader", which: Nodes, cases: Sequence[Nodes]) -> Nodes:
-    """One of several arrays by an integer."""
+    """Choose one of several arrays by an integer."""
     out = cases[-1]
     for k in range(len(cases) - 2, -1, -1):
         out = r.each("select", r.each("le", which, r.numbers(k)), cases[k], out)
@@ -105,7 +105,7 @@ def _along(x: Nodes, axes: Sequence[int]) -> tuple[list[list[int]], list[int]]:
     return x.transpose(*rest, *axes).reshape(math.prod(left), -1).tolist(), left
 
 
-def _reduced(op: str) -> Callable[..., Nodes]:
+def _reduction(op: str) -> Callable[..., Nodes]:
     def read(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
         if not x.size:
             raise Unreadable(f"{op} of nothing")
@@ -115,7 +115,7 @@ def _reduced(op: str) -> Callable[..., Nodes]:
     return read
 
 
-def _cumulated(op: str) -> Callable[..., Nodes]:
+def _cumulation(op: str) -> Callable[..., Nodes]:
     def read(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
         axis, back = eqn.params["axis"], slice(None, None, -1 if eqn.params["reverse"] else 1)
         out = np.moveaxis(np.array(x), axis, 0)[back]
@@ -143,8 +143,8 @@ def _extreme(op: str) -> Callable[..., Nodes]:
     return read
 
 
-def _sorted(r: "Reader", eqn: Any, *x: Nodes) -> list[Nodes]:
-    """Neighbours are exchanged where the later one comes first; all arrays go with the keys, which are the first."""
+def _sort(r: "Reader", eqn: Any, *x: Nodes) -> list[Nodes]:
+    """Exchange neighbours where the later one comes first; all arrays go with the keys, which are the first."""
     axis, keys = eqn.params["dimension"], eqn.params["num_keys"]
     out = [list(np.moveaxis(a, axis, 0)) for a in x]
     for last in range(len(out[0]) - 1, 0, -1):
@@ -246,7 +246,7 @@ _MOVES: dict[str, Callable[..., Nodes]] = {
 """Done by NumPy: JAX would compile a program for each."""
 
 
-def _moved(*arrays: int) -> Callable[..., Nodes]:
+def _movement(*arrays: int) -> Callable[..., Nodes]:
     """An operation that moves numbers of some arrays by indices, which are known: done to places of nodes."""
 
     def read(r: "Reader", eqn: Any, *x: Nodes) -> Nodes:
@@ -276,7 +276,7 @@ def _moved(*arrays: int) -> Callable[..., Nodes]:
     return read
 
 
-def _added(r: "Reader", eqn: Any, x: Nodes, indices: Nodes, updates: Nodes) -> Nodes:
+def _scatter_add(r: "Reader", eqn: Any, x: Nodes, indices: Nodes, updates: Nodes) -> Nodes:
     """Numbers added to places that are known, each to that which would be gathered for it."""
     at = r.known(indices, eqn.invars[1])
     if at is None or r.type_of(eqn.invars[0]) != "f":
@@ -312,20 +312,20 @@ READINGS: dict[str, tuple[str, str | Callable[..., Any]]] = {
     "integer_pow": ("f", lambda r, eqn, x: _power(r, x, int(eqn.params["y"]))),
     "pow": ("fi", _pow),
     "clamp": ("fi", lambda r, eqn, least, x, most: r.each("min", r.each("max", x, least), most)),
-    "round": ("f", _rounded),
-    "convert_element_type": ("fib", _converted),
-    "select_n": ("fib", _chosen),
+    "round": ("f", _round),
+    "convert_element_type": ("fib", _convert),
+    "select_n": ("fib", _select),
     "cond": ("fib", _branches),
     # along axes
-    **{f"reduce_{name}": ("fi", _reduced(op)) for name, op in _FOLDS.items()},
-    **{f"reduce_{name}": ("b", _reduced(_NAMES.get(name, name))) for name in ("and", "or", "xor")},
-    **{f"cum{name}": ("fi", _cumulated(op)) for name, op in _FOLDS.items()},
+    **{f"reduce_{name}": ("fi", _reduction(op)) for name, op in _FOLDS.items()},
+    **{f"reduce_{name}": ("b", _reduction(_NAMES.get(name, name))) for name in ("and", "or", "xor")},
+    **{f"cum{name}": ("fi", _cumulation(op)) for name, op in _FOLDS.items()},
     "argmax": ("fib", _extreme("gt")),
     "argmin": ("fib", _extreme("lt")),
-    "sort": ("fib", _sorted),
+    "sort": ("fib", _sort),
     "dot_general": ("fi", _product),
-    "scatter-add": ("fi", _added),
-    "scatter_add": ("fi", _added),
+    "scatter-add": ("fi", _scatter_add),
+    "scatter_add": ("fi", _scatter_add),
     # what only moves numbers
     "broadcast_in_dim": ("fib", _broadcast),
     **dict.fromkeys(("reshape", "squeeze"), ("fib", lambda r, eqn, x: x.reshape(eqn.outvars[0].aval.shape))),
@@ -338,11 +338,11 @@ READINGS: dict[str, tuple[str, str | Callable[..., Any]]] = {
     "slice": ("fib", _slice),
     "rev": ("fib", lambda r, eqn, x: np.asarray(np.flip(x, eqn.params["dimensions"]))),  # of one number, too
     "iota": ("", lambda r, eqn: r.numbers(np.indices(eqn.params["shape"])[eqn.params["dimension"]])),
-    "gather": ("fib", _moved(0)),
-    "dynamic_slice": ("fib", _moved(0)),
-    "dynamic_update_slice": ("fib", _moved(0, 1)),
-    "pad": ("fib", _moved(0, 1)),
-    "scatter": ("fib", _moved(0, 2)),
+    "gather": ("fib", _movement(0)),
+    "dynamic_slice": ("fib", _movement(0)),
+    "dynamic_update_slice": ("fib", _movement(0, 1)),
+    "pad": ("fib", _movement(0, 1)),
+    "scatter": ("fib", _movement(0, 2)),
 }
 """Types of numbers that an operation is read for (f: floats, i: integers, b: truth values), and its reading.
 

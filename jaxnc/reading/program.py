@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 
 class Node(NamedTuple):
-    """One operation: its name, the nodes it takes, and a number where it needs one (an input's place, a power)."""
+    """An operation: its name, the nodes it takes, and a number where it needs one (an input's place, a power)."""
 
     op: str
     of: tuple[int, ...]
@@ -29,7 +29,7 @@ class Program:
     outputs: tuple[int, ...]  # which of them are returned
 
     def wanted(self, outputs: Sequence[int]) -> "Program":
-        """The same program with some of its outputs only, and nothing that these do not need."""
+        """Return the program with some of its outputs only, and nothing that these do not need."""
         keep = set(outputs)
         for k in range(len(self.nodes) - 1, -1, -1):
             if k in keep:
@@ -93,7 +93,7 @@ class Builder:
         return self._node(Node(op, (), (why, len(self.nodes))))
 
     def known(self, at: int) -> Any:
-        """The value of a node, if it is a number that is known; None otherwise."""
+        """Return the value of a node, if it is a number that is known; None otherwise."""
         node = self.nodes[at]
         return node.value[1] if node.op == "number" else None
 

@@ -74,7 +74,7 @@ _OF_NUMBERS |= {name: getattr(math, name) for name in _CALLED if name not in _OF
 
 
 def function(program: Program, xp: Any = np) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
-    """The program as a function from a sequence of its inputs to a tuple of its outputs.
+    """Compile the program to a function from a sequence of its inputs to a tuple of its outputs.
 
     `xp` is where its functions are found: NumPy, ``jax.numpy`` for a program that is traced, or `math` for numbers of
     Python's own (what is not finite is then an error of arithmetic).

@@ -60,7 +60,7 @@ class Reader:
         self._bounds: dict[int, tuple[float, float]] = {}
 
     def read(self, jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Nodes]) -> list[Nodes]:
-        """Write the equations of a jaxpr; where its results are."""
+        """Write the equations of a jaxpr; return where its results are."""
         space: dict[Any, Nodes] = {}
         for v, c in zip(jaxpr.constvars, consts, strict=True):
             space[v] = self.numbers(c) if isinstance(v.aval.dtype, np.dtype) else self._unread("random keys", v)
@@ -81,9 +81,9 @@ class Reader:
     def _equation(self, eqn: Any, x: list[Nodes]) -> list[Nodes]:
         name = eqn.primitive.name
         if name in CALLED:
-            return self.read(*_opened(eqn.params[CALLED[name]]), x)
-        if name in RULED and (self._values_only or self._known(eqn, x) is not None):
-            return self.read(*_opened(eqn.params[RULED[name]]), x)
+            return self.read(*_open(eqn.params[CALLED[name]]), x)
+        if name in RULED and (self._values_only or self._known_inputs(eqn, x) is not None):
+            return self.read(*_open(eqn.params[RULED[name]]), x)
         if name == "stop_gradient" and self._values_only:
             return x
         types, read = READINGS.get(name, ("", ""))
@@ -97,15 +97,15 @@ class Reader:
         return out
 
     def _otherwise(self, eqn: Any, x: list[Nodes], why: str) -> list[Nodes]:
-        """Results of an equation that is not read: known if it depends on no input."""
-        known = self._known(eqn, x)
+        """Return results of an equation that is not read: known if it depends on no input."""
+        known = self._known_inputs(eqn, x)
         if known is not None and all(isinstance(v.aval.dtype, np.dtype) for v in eqn.outvars):  # not random keys
             return [self.numbers(y) for y in evaluate(eqn, known)]
         for inner in _inside(eqn.params.values()):  # whose indices are looked at all the same
-            self.read(*_opened(inner), [self._unread(why, v) for v in _opened(inner)[0].invars])
+            self.read(*_open(inner), [self._unread(why, v) for v in _open(inner)[0].invars])
         return [self._unread(why, v) for v in eqn.outvars]
 
-    def _known(self, eqn: Any, x: list[Nodes]) -> list[np.ndarray] | None:
+    def _known_inputs(self, eqn: Any, x: list[Nodes]) -> list[np.ndarray] | None:
         known: Any = [self.known(a, v) for a, v in zip(x, eqn.invars, strict=True)]
         return None if any(k is None for k in known) else known
 
@@ -114,12 +114,12 @@ class Reader:
         return np.array([self.b.opaque(_UNREAD, why) for _ in range(size)], dtype=int).reshape(v.aval.shape)
 
     def numbers(self, value: Any) -> Nodes:
-        """Nodes of an array that is known."""
+        """Write an array that is known."""
         value = np.asarray(value)
         return np.array([self.b.number(x) for x in value.reshape(-1)], dtype=int).reshape(value.shape)
 
     def known(self, x: Nodes, v: Any) -> np.ndarray | None:
-        """The array that these nodes are, of a variable of the jaxpr; None if it depends on an input."""
+        """Return the array that these nodes are, of a variable of the jaxpr; None if it depends on an input."""
         found = [self.b.known(i) for i in x.reshape(-1).tolist()]
         return None if any(n is None for n in found) else np.array(found, v.aval.dtype).reshape(x.shape)
 
@@ -130,19 +130,19 @@ class Reader:
         return np.array([self.b.op(op, *i, value=value) for i in flat], dtype=int).reshape(parts[0].shape)
 
     def type_of(self, v: Any) -> str:
-        """The type of a variable's numbers: f for floats, i for integers, b for truth values, ? for all others."""
+        """Return the type of a variable's numbers: f for floats, i for integers, b for truth values, ? for others."""
         if v.aval.dtype == self.dtype:
             return "f"
         return {"b": "b", "i": "i", "u": "i"}.get(getattr(v.aval.dtype, "kind", ""), "?")
 
     def _fits(self, x: Nodes, dtype: np.dtype) -> bool:
-        """Whether integers are sure not to overflow, and exact as floats."""
+        """Say whether integers are sure not to overflow, and exact as floats."""
         least, most = max(np.iinfo(dtype).min, -_EXACT), min(np.iinfo(dtype).max, _EXACT)
         bounds = [self._range(i) for i in x.reshape(-1).tolist()]
         return all(least <= low and high <= most for low, high in bounds)
 
     def _range(self, at: int) -> tuple[float, float]:
-        """Bounds of an integer."""
+        """Return bounds of an integer."""
         found = self._bounds.get(at)
         if found is None:
             op, of, value = self.b.nodes[at]
@@ -177,7 +177,7 @@ _BOUNDS: dict[str, Callable[..., tuple[float, float]]] = {
 
 
 def _inside(values: Iterable[Any]) -> Iterator[Any]:
-    """The jaxprs that an equation has among its parameters."""
+    """Yield the jaxprs that an equation has among its parameters."""
     for value in values:
         if isinstance(value, tuple | list):
             yield from _inside(value)
@@ -185,6 +185,6 @@ def _inside(values: Iterable[Any]) -> Iterator[Any]:
             yield value
 
 
-def _opened(inner: Any) -> tuple[Any, Sequence[Any]]:
-    """A jaxpr and its constants."""
+def _open(inner: Any) -> tuple[Any, Sequence[Any]]:
+    """Return a jaxpr and its constants."""
     return getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())

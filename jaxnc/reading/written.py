@@ -35,16 +35,16 @@ class Number:
 
     @property
     def at(self) -> int:
-        """Its place among the nodes of the program."""
+        """The place of the number among the nodes of the program."""
         return self._at
 
     @property
     def truth(self) -> bool:
-        """Whether it is true or false, and no number."""
+        """True if the node is a truth value, and no number."""
         return _truth(self._builder, self._at)
 
     def apply(self, op: str, *others: Any, value: Any = None) -> "Number":
-        """The result of an operation on it and others, by the name that programs have for it."""
+        """Apply an operation to the number and others, by the name that programs have for it."""
         b = self._builder
         at = (self._at, *(_place(b, x) for x in others))
         first, *rest = (_truth(b, i) for i in at)
@@ -105,7 +105,7 @@ def _place(builder: Builder, value: Any) -> int:
 
 
 def write(f: Callable[..., Any], count: int) -> Program:
-    """The program of a function of plain numbers that gets by with arithmetic; for what does not, a TypeError."""
+    """Write the program of a function of plain numbers that gets by with arithmetic; a TypeError for what does not."""
     b = Builder(count)
     found = f(*(Number(b, at) for at in b.first))
     return b.program([_place(b, x) for x in _flat(found)])

@@ -1,86 +1,28 @@
 """The start pose: the drawing, moved as little as it takes to meet the constraints."""
 
-import functools
-import weakref
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jax.core import Tracer
 
 from jaxnc.compiling import jit, on_device
 from jaxnc.errors import MechanismError
+from jaxnc.process import one_thread
+from jaxnc.remembered import by_identity
 from jaxnc.solvers import host
+from jaxnc.solvers.elimination import independent_coordinates, with_special
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.solvers.special import independent_coordinates, noted
-from jaxnc.system.equations import Equations, derived, jacobian, places, pure_numbers, residual, weights
+from jaxnc.system.equations import Equations, derived, jacobian, places, pure_numbers, residual
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.threads import one_thread
 from jaxnc.types import Array, Coordinates
 
-T = TypeVar("T")
-R = TypeVar("R")
 _RANK = 3e-7  # of the largest singular value: at a double root poses are known to 1e-8 only
 _NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked for
-
-
-def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> host.Closest:
-    """Levenberg-Marquardt on the unknowns of a plan: a pose that meets the constraints, or comes closest to it.
-
-    Freedoms may be left: then the pose moves as little as possible. Known coordinates are at their values.
-    """
-    from jaxnc.solvers.newton import largest  # with all that XLA needs, and the host does not
-
-    least = limits(q)
-    floor = 2.5 * least.floor * eq.length
-    weight = weights(eq)
-    inner = weight[plan.unknown]
-
-    def cost(r):
-        return jnp.sum(r * r)
-
-    def more(state):
-        i, _, r, _, damping, moved, _ = state
-        return (i < iterations) & (largest(r) > floor) & (damping < 1e8) & (moved > 2.5 * least.floor)
-
-    def improve(state):
-        # One evaluation per iteration: of the trial, kept if it is better.
-        i, q, r, slope, damping, _, trial = state
-        new, new_slope, _ = plan.linearise(eq, trial)
-        better = cost(new) < cost(r)
-        moved = jnp.sqrt(jnp.sum((weight * (trial - q)) ** 2)) / eq.length
-        q, r = jnp.where(better, trial, q), jnp.where(better, new, r)
-        slope = jnp.where(better, new_slope, slope)
-        weaker, stronger = jnp.maximum(0.1 * damping, least.damping), jnp.where(i == 0, damping, 10.0 * damping)
-        damping = jnp.where(better, weaker, stronger)
-        dx = plan.damped_step(slope, inner, r, damping)
-        dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
-        return i + 1, q, r, slope, damping, jnp.where(better & (i > 0), moved, 1.0), plan.move(q, -dx)
-
-    start = (0, q, jnp.full(len(plan.rows), jnp.inf), plan.blank(), jnp.asarray(1e-2), jnp.ones(()), q)
-    _, q, r, slope, *_ = lax.while_loop(more, improve, start)
-    return host.Closest(q, largest(r), plan.as_lengths(slope, inner))
-
-
-def by_identity(f: Callable[[T], R]) -> Callable[[T], R]:
-    """Remember what a pure function has made of an object for as long as that object is there."""
-    known: dict[int, tuple[weakref.ref, R]] = {}
-
-    @functools.wraps(f)
-    def call(x: T) -> R:
-        found = known.get(id(x))
-        if found is None or found[0]() is not x:
-            key = id(x)
-            found = known[key] = (weakref.ref(x, lambda _: known.pop(key, None)), f(x))
-        return found[1]
-
-    return call
 
 
 def free_plan(topology: Topology) -> Plan:
@@ -89,8 +31,8 @@ def free_plan(topology: Topology) -> Plan:
 
 
 def derive(system: System) -> Equations:
-    """The equations of a system: on the host, where its parameters are numbers; compiled once for its topology else."""
-    return derived(system) if _traced(system) else _derived(system)
+    """Derive the equations of a system: on the host where its parameters are numbers, else by compiled code."""
+    return derived(system) if _is_traced(system) else _derived(system)
 
 
 _derived = by_identity(derived)
@@ -98,11 +40,11 @@ _derived = by_identity(derived)
 
 @by_identity
 def hosted(eq: Equations) -> HostEquations:
-    """The equations of one design on the host, from those for JAX (not traced): made once."""
+    """Return the equations of one design on the host, from those for JAX (not traced); made once."""
     return from_jax(eq)
 
 
-def _traced(*trees: Any) -> bool:
+def _is_traced(*trees: Any) -> bool:
     return any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
 
 
@@ -111,24 +53,21 @@ def settle(eq: Equations, nudge: Array | np.ndarray, repair: bool = True) -> hos
 
     Traced code asks the host for what does not fit as it is drawn; without `repair` it does so itself.
     """
-    if _traced(eq, nudge):
-        from jaxnc.solvers.settled import settled  # with all that XLA needs, and the host does not
+    if _is_traced(eq, nudge):
+        from jaxnc.solvers.newton import traced_start  # with all that XLA needs, and the host does not
 
-        view = free_plan(eq.topology)
-        if view.large or not repair or not host.ready(view):
-            return _settle(eq, nudge)
-        return host.Closest(*settled(view, eq, eq.home + nudge), None)
+        return traced_start(free_plan(eq.topology), eq, nudge, repair)
     if isinstance(nudge, np.ndarray) and not nudge.any():
         return _start(eq)
-    return _settled(eq, np.asarray(nudge))
+    return _assemble_on_host(eq, np.asarray(nudge))
 
 
 @by_identity
 def _start(eq: Equations) -> host.Closest:
-    return _settled(eq, np.zeros(eq.home.shape, eq.home.dtype))
+    return _assemble_on_host(eq, np.zeros(eq.home.shape, eq.home.dtype))
 
 
-def _settled(eq: Equations, nudge: np.ndarray) -> host.Closest:
+def _assemble_on_host(eq: Equations, nudge: np.ndarray) -> host.Closest:
     inner, view = hosted(eq), free_plan(eq.topology)
     with np.errstate(all="ignore"):
         begin = (inner.home + nudge).astype(inner.dtype)[:, None]
@@ -136,26 +75,12 @@ def _settled(eq: Equations, nudge: np.ndarray) -> host.Closest:
     return host.Closest(*on_device([np.asarray(x, inner.dtype) for x in (q[:, 0], gap[0], jacobian[0])]))
 
 
-@jit
-def _settle(eq: Equations, nudge: Array) -> host.Closest:
-    eq, nudge = lax.stop_gradient((eq, nudge))
-    view = free_plan(eq.topology)
-    if not len(view.rows):
-        return host.Closest(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(view.unknown))))
-    if view.large:
-        from jaxnc.solvers.answers import ask_of_equations
-
-        found = ask_of_equations("assembled a drawing", _settled_large, (len(eq.home) + 1,), eq, nudge)
-        return host.Closest(found[:-1], found[-1], jnp.zeros(0))
-    return closest(view, eq, eq.home + nudge)
-
-
 def evaluate(eq: Equations, q: Coordinates | np.ndarray) -> tuple[Array, Array]:
     """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose.
 
     The Jacobian is empty for a large mechanism, whose matrices are kept sparse.
     """
-    if _traced(eq, q):
+    if _is_traced(eq, q):
         return _evaluate(eq, q)
     inner, x = hosted(eq), np.asarray(q)[:, None]
     with np.errstate(all="ignore"):
@@ -171,18 +96,12 @@ def _evaluate(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
 
 
 def meets(eq: Equations, q: Coordinates | np.ndarray, gap: float) -> bool:
-    """Whether a pose whose largest residual is `gap` counts as assembled, of a drawing; on the host."""
+    """Say whether a pose of a drawing whose largest residual is `gap` counts as assembled; on the host."""
     least = limits(eq.length)
     size = float(eq.length)
     largest = np.max(np.where(pure_numbers(eq.topology), size, 1.0) * np.abs(np.asarray(q)), initial=0.0)
     slack = least.accept * size + least.rounding * float(largest)
     return gap <= 1e3 * slack
-
-
-def _settled_large(eq: HostEquations, nudge: np.ndarray) -> np.ndarray:
-    with np.errstate(all="ignore"):
-        q, gap, _ = host.closest(host.view_of(free_plan(eq.topology), eq), (eq.home + nudge)[:, None])
-    return np.append(q[:, 0], gap)
 
 
 class Sample(NamedTuple):
@@ -192,7 +111,7 @@ class Sample(NamedTuple):
     gap: float  # its largest residual
     jacobian: Any  # its free Jacobian, every coordinate a length; of a large system a sparse matrix
     rank: int
-    null: Any = None  # of a large system, what the Jacobian misses: `jaxnc.solvers.rank.Nullity`
+    null: Any = None  # of a large system, what the Jacobian misses: `jaxnc.solvers.sparse_matrix.Nullity`
 
 
 def rank_of(matrix: np.ndarray) -> tuple[int, np.ndarray]:
@@ -225,30 +144,32 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
             break
         mix = np.random.default_rng(7 + step).uniform(0.5, 1.0, len(null))
         far = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length)
-        nudge[view.unknown] = (far * _along(out[-1].jacobian, mix) if view.large else far * mix @ null) / weight
+        nudge[view.unknown] = (
+            far * _free_direction(out[-1].jacobian, mix) if view.large else far * mix @ null
+        ) / weight
     if not view.large and not meets(eq, out[0].q, out[0].gap):
-        out += _off(eq, view, weight, out[0])
+        out += _missing_poses(eq, view, weight, out[0])
     return out
 
 
 def _sparse_sample(view: Plan, q: Coordinates, gap: float, numbers: np.ndarray) -> Sample:
-    from jaxnc.solvers.rank import null_directions, shape, sparse
+    from jaxnc.solvers.sparse_matrix import matrix_of, null_directions, shape_of
 
     pattern = cast(Any, view).numbers
-    matrix = sparse(numbers, pattern.rows, pattern.columns, pattern.shape)
+    matrix = matrix_of(numbers, pattern.rows, pattern.columns, pattern.shape)
     null = null_directions(matrix)
-    return Sample(q, gap, matrix, min(shape(matrix)) - null.count, null)
+    return Sample(q, gap, matrix, min(shape_of(matrix)) - null.count, null)
 
 
-def _along(matrix: Any, mix: np.ndarray) -> np.ndarray:
+def _free_direction(matrix: Any, mix: np.ndarray) -> np.ndarray:
     """A direction that a sparse Jacobian does not stretch, its largest part one."""
-    from jaxnc.solvers.rank import projected
+    from jaxnc.solvers.sparse_matrix import projected
 
     way = projected(matrix, mix)
     return way / max(np.abs(way).max(initial=0.0), 1e-300)
 
 
-def _off(eq: Equations, view: Plan, weight: np.ndarray, closest: Sample) -> list[Sample]:
+def _missing_poses(eq: Equations, view: Plan, weight: np.ndarray, closest: Sample) -> list[Sample]:
     """Poses that miss the constraints as the closest one does, by half as much again; none where there is no such.
 
     Where none comes closer the rows are dependent, or there would be a way to come closer: what their rank is there
@@ -326,4 +247,4 @@ def with_degrees_of_freedom(system: System) -> System:
     liked = np.concatenate([np.flatnonzero(scalars), np.flatnonzero(~scalars)])
     independent = independent_coordinates(samples[-1].jacobian, freedom, liked)
     names = tuple(top.coordinates[view.unknown[k]] for k in independent)
-    return System(noted(top, jacobians, rank), system.parameters, freedom, names)
+    return System(with_special(top, jacobians, rank), system.parameters, freedom, names)

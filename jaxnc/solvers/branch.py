@@ -63,7 +63,7 @@ class Step(NamedTuple):
 
 
 def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
-    """Whether a converged step stays on its branch.
+    """Say whether a converged step stays on its branch.
 
     Its correction is small beside it and so is the change of the tangent, which comes gradually, not in a kink behind a
     gap; no determinant changes its sign, vanishes, or is thrown back from where it was falling to. Only the shortest of
@@ -74,33 +74,33 @@ def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
     close = step.corrected <= SHARP * step.expected + slack
     even = step.fresh | smooth(step.bend, step.kink, step.expected + step.after, slack)
     regular = np.all(step.level >= least.crossing, axis=0)  # nearer to a singular position, rounding decides
-    return close & even & (step.fresh | ((_kept(step) | _short(step, least, length)) & regular))
+    return close & even & (step.fresh | ((_keeps_signs(step) | _is_short(step, least, length)) & regular))
 
 
 def edged(step: Step, least: Limits, length: float, corner: Callable[[], np.ndarray]) -> np.ndarray:
-    """Whether a step that is not accepted goes over an edge of the constraints themselves, such as that of a cam.
+    """Say whether a step that is not accepted goes over an edge of the constraints themselves, such as that of a cam.
 
     A motion turns there and is continuous: the shortest of steps ends where the one tangent leads, and behind some
     place the other. `corner` says how far from there; where a motion jumps, no turn accounts for it. The step is short
     as a length: where the pose gets ever faster, as on a vertical profile, the shortest of steps is a long one.
     """
     maybe = np.maximum(step.expected, step.after) <= 10.0 * least.crossing * length
-    maybe &= _kept(step) & ~step.fresh & np.all(step.level >= least.crossing, axis=0)
+    maybe &= _keeps_signs(step) & ~step.fresh & np.all(step.level >= least.crossing, axis=0)
     if maybe.any():
         maybe &= corner() <= KINK * (step.expected + step.after) + least.close * length
     return maybe
 
 
-def _kept(step: Step) -> np.ndarray:
+def _keeps_signs(step: Step) -> np.ndarray:
     return np.all((step.ratio >= 0.0) & (1.0 + step.rise >= REBOUND * step.ratio), axis=0)
 
 
-def _short(step: Step, least: Limits, length: float) -> np.ndarray:
+def _is_short(step: Step, least: Limits, length: float) -> np.ndarray:
     return (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
 
 
 def smooth(bend: Any, kink: Any, lengths: Any, slack: Any) -> Any:
-    """Whether the change of a tangent in a step is small and comes gradually; `lengths` is the step's by both."""
+    """Say whether the change of a tangent in a step is small and comes gradually; `lengths` is the step's by both."""
     return (bend <= SHARP * lengths + slack) & (kink <= KINK * lengths + slack)
 
 

@@ -3,45 +3,54 @@
 On a CPU, XLA runs independent operations on a pool of threads, and jaxlib's batched LAPACK kernels wait inside that
 pool for work that they hand to it: two of them at once on a machine with two cores wait for ever. Batches therefore
 never reach LAPACK. Everything that is needed of a factorisation comes out of one loop, because what is felt of these
-loops is the time that it takes to compile them. Nothing here is differentiated; derivatives are made in
-`jaxnc.solvers.linear`.
+loops is the time that it takes to compile them. Factorisations are not differentiated; solves by `solver` are.
 """
 
+import functools
 from collections.abc import Callable
+from typing import TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 
-from jaxnc.system.precision import numbers
-from jaxnc.threads import one_thread
+from jaxnc.process import one_thread
+from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Float, Int
 
+F = TypeVar("F", bound=Callable)
 
-def _routed(single: Callable, batched: Callable | None = None) -> Callable:
-    """A function that is `single` by itself and `batched`, mapped, as soon as it is mapped; one by one without it."""
 
-    @custom_vmap
-    def route(*arguments):
-        one_thread("scipy")
-        return single(*arguments)
+def _with_batch(batched: Callable | None = None) -> Callable[[F], F]:
+    """Give a function of one matrix a program for a batch: `batched`, mapped, or without it one after the other."""
 
-    @route.def_vmap
-    def mapped(size, which, *arguments):
-        with numbers(arguments[0]):
-            return rule(size, which, arguments)
+    def decorate(single: F) -> F:
+        @custom_vmap
+        def route(*arguments):
+            one_thread("scipy")
+            return single(*arguments)
 
-    def rule(size, which, arguments):
-        full = [a if has else jnp.broadcast_to(a, (size, *a.shape)) for a, has in zip(arguments, which, strict=True)]
-        out = jax.vmap(batched)(*full) if batched else lax.map(lambda one: route(*one), full)
-        return out, jax.tree.map(lambda _: True, out)
+        @route.def_vmap
+        def mapped(size, which, *arguments):
+            with numbers(arguments[0]):
+                full = [
+                    a if has else jnp.broadcast_to(a, (size, *a.shape)) for a, has in zip(arguments, which, strict=True)
+                ]
+                out = jax.vmap(batched)(*full) if batched else lax.map(lambda one: route(*one), full)
+                return out, jax.tree.map(lambda _: True, out)
 
-    return route
+        @functools.wraps(single)
+        def call(*arguments):
+            return route(*arguments)
+
+        return cast(F, call)
+
+    return decorate
 
 
 def _entry(x: Array, at: Array, axis: int) -> Array:
-    """A row (column) by a mask, which vectorises over a batch where a gather would not."""
+    """Take a row (column) by a mask, which vectorises over a batch where a gather would not."""
     return jnp.sum(jnp.where(at[:, None] if axis == 0 else at[None], x, 0.0), axis=axis)
 
 
@@ -67,7 +76,11 @@ def _eliminate_batched(matrix: Array, right: Array) -> tuple[Array, Array, Array
     return a[:, n:] / pivots[:, None], pivots, sign
 
 
-def _eliminate_single(matrix: Array, right: Array) -> tuple[Array, Array, Array]:
+@_with_batch(_eliminate_batched)
+def eliminate(
+    matrix: Float[Array, "n n"], right: Float[Array, "n k"]
+) -> tuple[Float[Array, "n k"], Float[Array, " n"], Array]:
+    """Eliminate with partial pivoting: the solutions, the pivots, and the sign of the permutation of the rows."""
     packed, swaps, order = lax.linalg.lu(matrix)
     x = right[order]
     if right.shape[1]:
@@ -75,16 +88,6 @@ def _eliminate_single(matrix: Array, right: Array) -> tuple[Array, Array, Array]
         x = lax.linalg.triangular_solve(packed, x, left_side=True, lower=False)
     odd = jnp.sum(swaps != jnp.arange(matrix.shape[0], dtype=swaps.dtype)) % 2
     return x, jnp.diagonal(packed), 1.0 - 2.0 * odd
-
-
-_eliminate = _routed(_eliminate_single, _eliminate_batched)
-
-
-def eliminate(
-    matrix: Float[Array, "n n"], right: Float[Array, "n k"]
-) -> tuple[Float[Array, "n k"], Float[Array, " n"], Array]:
-    """Elimination with partial pivoting: the solutions, the pivots, and the sign of the permutation of the rows."""
-    return _eliminate(matrix, right)
 
 
 def _orthonormal_batched(matrix: Array) -> tuple[Array, Array, Array]:
@@ -107,26 +110,14 @@ def _orthonormal_batched(matrix: Array) -> tuple[Array, Array, Array]:
     return q[:m], q[m:], sizes
 
 
-def _orthonormal_single(matrix: Array) -> tuple[Array, Array, Array]:
-    q, r = jnp.linalg.qr(matrix)
-    inverse = lax.linalg.triangular_solve(r, jnp.eye(matrix.shape[1]), left_side=True, lower=False)
-    return q, inverse, jnp.abs(jnp.diagonal(r))
-
-
-_orthonormal = _routed(_orthonormal_single, _orthonormal_batched)
-
-
+@_with_batch(_orthonormal_batched)
 def orthonormal(
     matrix: Float[Array, "m n"],
 ) -> tuple[Float[Array, "m n"], Float[Array, "n n"], Float[Array, " n"]]:
-    """QR factorisation of a tall matrix: orthonormal columns, the inverse of the triangle, sizes of its diagonal."""
-    return _orthonormal(matrix)
-
-
-def _cholesky_single(matrix: Array, right: Array) -> Array:
-    factor = lax.linalg.cholesky(matrix, symmetrize_input=False)
-    x = lax.linalg.triangular_solve(factor, right, left_side=True, lower=True)
-    return lax.linalg.triangular_solve(factor, x, left_side=True, lower=True, transpose_a=True)
+    """Factorise a tall matrix by QR: orthonormal columns, the inverse of the triangle, sizes of its diagonal."""
+    q, r = jnp.linalg.qr(matrix)
+    inverse = lax.linalg.triangular_solve(r, jnp.eye(matrix.shape[1]), left_side=True, lower=False)
+    return q, inverse, jnp.abs(jnp.diagonal(r))
 
 
 def _cholesky_batched(matrix: Array, right: Array) -> Array:
@@ -145,16 +136,16 @@ def _cholesky_batched(matrix: Array, right: Array) -> Array:
     return a[:, n:] / pivots[:, None]
 
 
-_cholesky = _routed(_cholesky_single, _cholesky_batched)
-
-
+@_with_batch(_cholesky_batched)
 def cholesky_solve(matrix: Float[Array, "n n"], right: Float[Array, "n k"]) -> Float[Array, "n k"]:
     """Solve with a symmetric positive definite matrix; not finite if it is not."""
-    return _cholesky(matrix, right)
+    factor = lax.linalg.cholesky(matrix, symmetrize_input=False)
+    x = lax.linalg.triangular_solve(factor, right, left_side=True, lower=True)
+    return lax.linalg.triangular_solve(factor, x, left_side=True, lower=True, transpose_a=True)
 
 
 def independent_columns(matrix: Float[Array, "n m"]) -> Int[Array, " n"]:
-    """A well-conditioned choice of n columns, by Gram-Schmidt that always takes the longest column left."""
+    """Choose n well-conditioned columns, by Gram-Schmidt that always takes the longest column left."""
     n, m = matrix.shape
     columns = jnp.arange(m)
 
@@ -171,18 +162,133 @@ def independent_columns(matrix: Float[Array, "n m"]) -> Int[Array, " n"]:
     return jnp.sort(lax.fori_loop(0, n, step, start)[2])
 
 
-_singular_values = _routed(lambda matrix: jnp.linalg.svd(matrix, compute_uv=False))
-
-
+@_with_batch()
 def singular_values(matrix: Float[Array, "m n"]) -> Float[Array, " k"]:
     """Singular values, largest first."""
-    return _singular_values(matrix)
+    return jnp.linalg.svd(matrix, compute_uv=False)
 
 
-_eigen = _routed(lambda matrix: tuple(jnp.linalg.eigh(matrix)))
-
-
+@_with_batch()
 def symmetric_eigen(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
     """Eigenvalues of a symmetric matrix, smallest first, and eigenvectors as columns; not differentiable."""
-    values, vectors = _eigen(matrix)
+    values, vectors = jnp.linalg.eigh(matrix)
     return values, vectors
+
+
+# -- linear systems -----------------------------------------------------------------------------------------------
+
+
+def steps(jacobian: Float[Array, "m n"], right: Float[Array, "m k"], independent: bool = False) -> Float[Array, "n k"]:
+    """Newton or Gauss-Newton steps for k right-hand sides; not finite where the matrix is singular.
+
+    With more rows than unknowns: of all rows in the least-squares sense, or of an independent choice of them.
+    """
+    m, n = jacobian.shape
+    if n == 0:
+        return jnp.zeros((0, right.shape[1]))
+    if m > n and independent:
+        rows = independent_columns(jacobian.T)
+        return eliminate(jacobian[rows], right[rows])[0]
+    if m == n:
+        return eliminate(jacobian, right)[0]
+    # By QR: normal equations would square the condition number, and close to a change point that is too much.
+    basis, inverse, _ = orthonormal(jacobian)
+    return inverse @ (basis.T @ right)
+
+
+def damped_step(
+    jacobian: Float[Array, "m n"], r: Float[Array, "m ..."], damping: Array | float
+) -> Float[Array, "n ..."]:
+    """Levenberg-Marquardt step: damping relative to the mean diagonal of the normal matrix."""
+    n = jacobian.shape[1]
+    normal = jacobian.T @ jacobian
+    weight = damping * jnp.trace(normal) / n
+    right = (jacobian.T @ r).reshape(n, -1)
+    return cholesky_solve(normal + (weight + limits(weight).tiny) * jnp.eye(n), right).reshape(n, *r.shape[1:])
+
+
+def _times(a: Array, x: Array) -> Array:
+    return jnp.sum(a * x[..., None, :], axis=-1)
+
+
+def solver(
+    jacobian: Float[Array, "m n"], independent: bool = False
+) -> Callable[[Float[Array, " m"]], Float[Array, " n"]]:
+    """Factorise once, to solve ``J x = b`` to working precision for several b, least squares if rows are redundant.
+
+    The solutions are differentiable to any order with respect to J and b, forward and reverse.
+
+    The matrix ``(m, n)``, ``m >= n``, has full column rank; `independent` rows may be chosen instead of least squares.
+    x is refined once.
+    """
+    m, n = jacobian.shape
+    if n == 0:
+        return lambda b: jnp.zeros(0)
+    if m > n and independent:
+        rows = independent_columns(lax.stop_gradient(jacobian).T)
+        inner = solver(jacobian[rows])
+        return lambda b: inner(b[rows])
+    fixed = lax.stop_gradient(jacobian)
+    if m == n:
+        inverse = eliminate(fixed, jnp.eye(n))[0]
+
+        def direct(_, y, trans=0):
+            matrix, back = (fixed.T, inverse.T) if trans else (fixed, inverse)
+            x = _times(back, y)
+            for _ in range(2):
+                x = x + _times(back, y - _times(matrix, x))
+            return x
+
+        return lambda b: lax.custom_linear_solve(
+            lambda x: _times(jacobian, x), b, direct, transpose_solve=lambda v, y: direct(v, y, 1)
+        )
+
+    # Least squares as the symmetric system [I J; Jᵀ 0] (y, x) = (b, 0), whose derivatives are exact.
+    basis, inverse, _ = orthonormal(fixed)
+
+    def augmented(pair):
+        y, x = pair
+        return y + _times(jacobian, x), _times(jacobian.T, y)
+
+    def both(b, c):
+        forward = _times(inverse.T, c)
+        inside = _times(basis.T, b)
+        x = _times(inverse, inside - forward)
+        return b + _times(basis, forward - inside), x
+
+    def least_squares(_, pair):
+        b, c = pair
+        y, x = both(b, c)
+        dy, dx = both(b - y - _times(fixed, x), c - _times(fixed.T, y))
+        return y + dy, x + dx
+
+    # Transposition asks that every part of the right-hand side depends on b, the zeros too.
+    return lambda b: lax.custom_linear_solve(
+        augmented, (b, jnp.zeros(n) + 0.0 * jnp.sum(b)), least_squares, symmetric=True
+    )[1]
+
+
+def conditioning(jacobian: Float[Array, "m n"]) -> Array:
+    """Estimate of the reciprocal condition number: smallest pivot over largest. Zero at a singular position."""
+    m, n = jacobian.shape
+    if n == 0:
+        return jnp.ones(())
+    pivots = eliminate(jacobian, jnp.zeros((n, 0)))[1] if m == n else orthonormal(jacobian)[2]
+    pivots = jnp.abs(pivots)
+    return jnp.min(pivots) / jnp.maximum(jnp.max(pivots), limits(pivots).tiny)
+
+
+def determinant(matrix: Float[Array, "n n"]) -> tuple[Array, Array]:
+    """Sign of the determinant of a matrix, and the logarithm of its size."""
+    _, pivots, sign = eliminate(matrix, jnp.zeros((matrix.shape[0], 0)))
+    return sign * jnp.prod(jnp.sign(pivots)), jnp.sum(logarithm(pivots))
+
+
+def logarithm(size: Array) -> Array:
+    """Logarithm of absolute values, finite at zero."""
+    return jnp.log(jnp.maximum(jnp.abs(size), limits(size).tiny))
+
+
+def well_posed(jacobian: Float[Array, "m n"], ok: Array) -> Float[Array, "m n"]:
+    """The matrix where `ok`, the identity elsewhere, so that failed lanes stay finite under differentiation."""
+    return jnp.where(ok, jacobian, jnp.eye(jacobian.shape[0], jacobian.shape[1]))

@@ -1,23 +1,34 @@
-"""Elimination on a known sparsity, planned once in NumPy and written out element by element.
+"""Elimination on a known sparsity: rows and pivots are chosen once in NumPy, the rest is written out by element.
 
-The plan is a sequence of diagonal blocks (the block-triangular form of the matrix) and, inside a block, an order of
-pivots: few multiplications and little fill (Markowitz), pivots that are not small where the matrix was looked at
-(threshold). Numbers are then eliminated as whole lanes: an element is an array of any shape, one value for each lane,
-and nothing but element-wise arithmetic happens, so that it fuses, maps and differentiates like arithmetic.
+Of the structure alone are chosen: rows, if some are redundant; diagonal blocks, the block-triangular form of the matrix
+(a row for every column, and the order in which blocks are solved); and, inside a block, an order of pivots with few
+multiplications and little fill (Markowitz), of which none is small where the matrix was looked at (threshold). Numbers
+are then eliminated as whole lanes: an element is an array of any shape, one value for each lane, and nothing but
+element-wise arithmetic happens, so that it fuses, maps and differentiates like arithmetic.
 
 No order of pivots is good in every lane: a pivot may vanish where the matrix is far from singular, and lanes pass by
 such places. It is then moved by what loses half of the digits, either way (Li and Demmel, 1998, static pivoting), and
 whether the matrix is regular is told by the largest that could have been the pivot in its stead.
 """
 
+import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.remembered import with_owner
+from jaxnc.system.equations import places
+from jaxnc.system.host_kinds import host_kind
+from jaxnc.system.structure import program
+from jaxnc.system.topology import Special, Topology
+
+_SMALL = 1e-3  # of the largest derivative of its row, in the drawing, where sweeps begin, or nearby
+_ENOUGH = 0.1  # of the largest row that is left: the first row that is as independent as this is taken
 _THRESHOLD = 0.1  # a pivot is at least this part of the largest element of its row
 _LOST = 1e-10  # of the largest element: smaller pivots where the matrix was looked at are not trusted
 _COMPARED = 150  # multiplications of a factorisation, at most, whose pivots are compared: it takes long to compile
@@ -26,44 +37,171 @@ _USUAL = 100.0  # a row times more may be taken from another: beyond, elements g
 Elements = Mapping[tuple[int, int], Any]
 
 
-class Block(NamedTuple):
-    """A diagonal block: pairs of row and column in the order they are eliminated, and the sign of that permutation."""
+def with_special(top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, rank: int) -> Topology:
+    """Return the topology with what is special about a design: rows that are redundant in it, slopes that hardly are.
 
-    rows: tuple[int, ...]
-    columns: tuple[int, ...]
-    sign: int
+    Rows and pivots are chosen by the structure alone, at a pose and with constants that are made up, and by these two
+    things. So a choice depends on nothing that was compiled before, and designs that differ in numbers only share it.
+
+    Args:
+        top: the structure.
+        jacobians: derivatives of all rows by all coordinates in poses of the design, every coordinate a length,
+            ``(poses, rows, N)``; the last pose has the largest rank.
+        rank: that rank.
+    """
+    size = np.abs(jacobians)
+    where = structural_slopes(top)
+    held = np.flatnonzero(where[:, top.unknown].any(axis=1))
+    free = np.zeros(where.shape[1], bool)
+    free[top.unknown] = True
+    small = where & free & (size <= _SMALL * size.max(axis=2, initial=0.0, keepdims=True)).any(axis=0)
+    rows = None
+    if rank < len(held):
+        rows = tuple(int(held[k]) for k in _independent_rows(jacobians[-1][np.ix_(held, top.unknown)], rank))
+    return dataclasses.replace(top, special=Special(rows, tuple((int(r), int(c)) for r, c in np.argwhere(small))))
+
+
+def structural_slopes(top: Topology) -> np.ndarray:
+    """Say which derivatives can differ from zero, ``(rows, N)``."""
+    row, column, nonzero = places(top)
+    out = np.zeros((len(top.rows), len(top.coordinates)), bool)
+    out[row[nonzero], column[nonzero]] = True
+    return out
+
+
+@with_owner
+def pivot_sizes(top: Topology) -> np.ndarray:
+    """Sizes of the derivatives ``(rows, N)`` to choose pivots by, from a made-up pose; tiny where the design's are."""
+    rng = np.random.default_rng(1)
+    q = rng.uniform(0.4, 1.6, len(top.coordinates)) * rng.choice([-1.0, 1.0], len(top.coordinates))
+    out = np.zeros((len(top.rows), len(q)))
+    for block, layout in zip(top.blocks, top.layout, strict=True):
+        constants = rng.uniform(0.4, 1.6, (len(block.kind.constants), block.count))
+        if program(block.kind, "residual", top.dim) is None or not block.kind.rows:
+            continue
+        read = host_kind(block.kind, top.dim)
+        with np.errstate(all="ignore"):
+            slopes = read.slopes([*q[layout.variables.T], *constants])
+        for (r, v), slope in zip(read.places, slopes, strict=True):
+            np.add.at(out, (layout.rows[:, r], layout.variables[:, v]), slope)
+    out, other = np.abs(out), rng.uniform(0.5, 1.0, out.shape)
+    out = np.where(structural_slopes(top), np.where(np.isfinite(out) & (out > 0), out, other), 0.0)
+    for r, c in top.special.small if top.special else ():
+        out[r, c] = 1e-300  # still a place where elimination may write
+    return out
+
+
+def _independent_rows(matrix: np.ndarray, rank: int) -> list[int]:
+    """Choose independent rows, the earliest that will do: in no ordinary design does rounding decide which."""
+    left, chosen = matrix.copy(), []
+    for _ in range(rank):
+        lengths = np.linalg.norm(left, axis=1)
+        k = int(np.argmax(lengths >= _ENOUGH * lengths.max()))
+        chosen.append(k)
+        way = left[k] / lengths[k]
+        left = left - np.outer(left @ way, way)
+        left[chosen] = 0.0
+    return sorted(chosen)
+
+
+def independent_coordinates(jacobian: np.ndarray, freedom: int, first: np.ndarray) -> list[int]:
+    """Choose coordinates (columns) that the others follow from.
+
+    The jacobian is that of the rows with respect to the unknowns, ``(m, n)``, every coordinate a length; `first` has
+    columns in the order in which they are preferred.
+    """
+    if not freedom:
+        return []
+    free = np.linalg.svd(jacobian)[2][jacobian.shape[1] - freedom :].T if jacobian.size else np.eye(jacobian.shape[1])
+    return [int(first[k]) for k in _independent_rows(free[first], freedom)]
+
+
+def match_rows(rows: Sequence[Sequence[int]], count: int) -> list[int]:
+    """Choose for each column a row of its own, of those that it has an entry in; -1 where there is none."""
+    owner, matched = [-1] * count, [-1] * len(rows)
+    for column in range(len(rows)):
+        # Augmenting path, breadth first: from the column over its rows to the columns that own them.
+        came: dict[int, int] = {}
+        queue = [column]
+        for at in queue:
+            free = -1
+            for row in rows[at]:
+                if row not in came:
+                    came[row] = at
+                    if owner[row] < 0:
+                        free = row
+                        break
+                    queue.append(owner[row])
+            if free >= 0:
+                while free >= 0:
+                    at = came[free]
+                    owner[free] = at
+                    matched[at], free = free, matched[at]
+                break
+    return matched
+
+
+def strong_components(leads: Sequence[Sequence[int]]) -> list[list[int]]:
+    """Strong components of a directed graph, each after all that it leads to (Tarjan, without recursion)."""
+    number, low = [-1] * len(leads), [0] * len(leads)
+    inside = [False] * len(leads)
+    waiting: list[int] = []
+    path: list[tuple[int, Iterator[int]]] = []
+    out: list[list[int]] = []
+    order = itertools.count()
+
+    def enter(node: int) -> None:
+        number[node] = low[node] = next(order)
+        waiting.append(node)
+        inside[node] = True
+        path.append((node, iter(leads[node])))
+
+    for root in range(len(leads)):
+        if number[root] < 0:
+            enter(root)
+        while path:
+            node, rest = path[-1]
+            for other in rest:
+                if number[other] < 0:
+                    enter(other)
+                    break
+                if inside[other]:
+                    low[node] = min(low[node], number[other])
+            else:
+                path.pop()
+                if path:
+                    parent = path[-1][0]
+                    low[parent] = min(low[parent], low[node])
+                if low[node] == number[node]:
+                    component = [node]
+                    while (other := waiting.pop()) != node:
+                        component.append(other)
+                    for other in component:
+                        inside[other] = False
+                    out.append(sorted(component))
+    return out
 
 
 @dataclass(frozen=True)
 class Elimination:
-    """A planned elimination of a square sparse matrix."""
+    """A planned elimination of a square sparse matrix that is one diagonal block."""
 
-    size: int  # number of rows and columns
-    blocks: tuple[Block, ...]  # the diagonal blocks in the order in which they can be solved
+    rows: tuple[int, ...]  # rows and columns in the order in which they are eliminated
+    columns: tuple[int, ...]
+    sign: int  # of that permutation
     cost: int  # multiplications of one factorisation
 
 
-def plan_elimination(sequence: Sequence[tuple[np.ndarray, np.ndarray]], sample: np.ndarray) -> Elimination:
-    """Choose the pivots.
+def plan_elimination(sample: np.ndarray) -> Elimination:
+    """Choose the pivots of a matrix: Markowitz with threshold pivoting, which eliminates the sample along with it.
 
-    `sequence` has rows and columns of the diagonal blocks in the order in which they can be solved; `sample` typical
-    sizes of the elements, ``(n, n)``, where structural zeros are zero.
+    The sample has typical sizes of the elements, ``(n, n)``; structural zeros are zero.
     """
-    blocks, cost = [], 0
-    for rows, columns in sequence:
-        block, spent = _pivots(np.asarray(rows), np.asarray(columns), sample)
-        blocks.append(block)
-        cost += spent
-    return Elimination(sample.shape[0], tuple(blocks), cost)
-
-
-def _pivots(rows: np.ndarray, columns: np.ndarray, sample: np.ndarray) -> tuple[Block, int]:
-    """Markowitz with threshold pivoting on one block, eliminating the sample along with the pattern."""
-    a = sample[np.ix_(rows, columns)].astype(float)
+    a = sample.astype(float)
     pattern = a != 0
-    n, cost = len(rows), 0
+    n, cost = len(a), 0
     left_r, left_c = list(range(n)), list(range(n))
-    order_r, order_c = [], []
+    rows, columns = [], []
     largest = np.abs(a).max(initial=0.0)
     for _ in range(n):
         best, chosen = None, None
@@ -95,10 +233,9 @@ def _pivots(rows: np.ndarray, columns: np.ndarray, sample: np.ndarray) -> tuple[
                     pattern[k, m] = True
                     cost += 1
             a[k, j] = 0.0
-        order_r.append(i)
-        order_c.append(j)
-    sign = _parity(order_r) * _parity(order_c)
-    return Block(tuple(int(rows[i]) for i in order_r), tuple(int(columns[j]) for j in order_c), sign), cost
+        rows.append(i)
+        columns.append(j)
+    return Elimination(tuple(rows), tuple(columns), _parity(rows) * _parity(columns), cost)
 
 
 def _parity(order: Sequence[int]) -> int:
@@ -114,8 +251,46 @@ def _parity(order: Sequence[int]) -> int:
     return sign
 
 
+class Pivots(NamedTuple):
+    """The pivots of a matrix."""
+
+    least: Any  # the smallest of what each could have been, its column where it is eliminated; zero where singular
+    most: Any  # the largest, of rows that have grown what they were before
+    grown: Any  # the largest, with all growth: rounding is a part of it
+
+
 @dataclass(frozen=True)
-class _Step:
+class Pair:
+    """An eliminated dense matrix of two rows, by Cramer's rule: no order of its pivots is good at every angle."""
+
+    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+    elements: tuple[Any, Any, Any, Any]
+    inverse: Any  # of the determinant
+    pivots: Pivots
+    determinant: Any
+
+    def solve(self, right: Sequence[Any]) -> list[Any]:
+        """Solve ``A x = b``; b is a sequence of elements by row, x by column."""
+        p, q, r, s = self.elements
+        b, d = (right[i] for i in self.rows)
+        return _scatter(self.columns, ((s * b - q * d) * self.inverse, (p * d - r * b) * self.inverse))
+
+    def solve_transposed(self, right: Sequence[Any]) -> list[Any]:
+        """Solve ``Aᵀ y = b``; b is by column, y by row."""
+        p, q, r, s = self.elements
+        b, d = (right[j] for j in self.columns)
+        return _scatter(self.rows, ((s * b - r * d) * self.inverse, (p * d - q * b) * self.inverse))
+
+
+def _scatter(places: Sequence[int], values: Sequence[Any]) -> list[Any]:
+    out: list[Any] = [None] * len(places)
+    for k, value in zip(places, values, strict=True):
+        out[k] = value
+    return out
+
+
+class _Step(NamedTuple):
     row: int
     column: int
     pivot: Any
@@ -124,133 +299,75 @@ class _Step:
 
 
 @dataclass(frozen=True)
-class _Pair:
-    """A dense diagonal block of two rows, by Cramer's rule: no order of its pivots is good at every angle."""
-
-    rows: tuple[int, int]
-    columns: tuple[int, int]
-    elements: tuple[Any, Any, Any, Any]
-    inverse: Any  # of the determinant
-
-    def solve(self, b: Sequence[Any]) -> tuple[Any, Any]:
-        p, q, r, s = self.elements
-        return (s * b[0] - q * b[1]) * self.inverse, (p * b[1] - r * b[0]) * self.inverse
-
-    def solve_transposed(self, b: Sequence[Any]) -> tuple[Any, Any]:
-        p, q, r, s = self.elements
-        return (s * b[0] - r * b[1]) * self.inverse, (p * b[1] - q * b[0]) * self.inverse
-
-
-class Pivots(NamedTuple):
-    """The pivots of a block."""
-
-    least: Any  # the smallest of what each could have been, its column where it is eliminated; zero where singular
-    most: Any  # the largest, of rows that have grown what they were before
-    grown: Any  # the largest, with all growth: rounding is a part of it
-
-
-@dataclass(frozen=True)
 class Factors:
-    """An eliminated matrix: solves with it and its transpose, its pivots, and the orientation of its blocks."""
+    """An eliminated matrix: solves with it and its transpose, its pivots, and its determinant."""
 
-    steps: tuple[tuple[_Step, ...] | _Pair, ...]
-    before: tuple[tuple[tuple[int, int, Any], ...], ...]  # per block: elements (row, column) left of the diagonal block
-    pivots: tuple[Pivots, ...]
-    determinants: tuple[Any, ...]
+    steps: tuple[_Step, ...]
+    pivots: Pivots
+    determinant: Any
 
     def solve(self, right: Sequence[Any]) -> list[Any]:
-        """Solution of ``A x = b``; b and x are sequences of elements by row and by column."""
+        """Solve ``A x = b``; b is a sequence of elements by row, x by column."""
         x: list[Any] = [None] * len(right)
-        for steps, before in zip(self.steps, self.before, strict=True):
-            rows = steps.rows if isinstance(steps, _Pair) else [step.row for step in steps]
-            b = {i: right[i] for i in rows}
-            for i, j, a in before:
-                b[i] = b[i] - a * x[j]
-            if isinstance(steps, _Pair):
-                x[steps.columns[0]], x[steps.columns[1]] = steps.solve([b[i] for i in rows])
-                continue
-            # Quotients are what XLA computes once, however many use them.
-            for step in steps:
-                quotient = b[step.row] / step.pivot
-                for i, element in step.below:
-                    b[i] = b[i] - element * quotient
-            for step in reversed(steps):
-                rest = b[step.row]
-                for j, a in step.right:
-                    rest = rest - a * x[j]
-                x[step.column] = rest / step.pivot
+        b = list(right)
+        # Quotients are what XLA computes once, however many use them.
+        for step in self.steps:
+            quotient = b[step.row] / step.pivot
+            for i, element in step.below:
+                b[i] = b[i] - element * quotient
+        for step in reversed(self.steps):
+            rest = b[step.row]
+            for j, a in step.right:
+                rest = rest - a * x[j]
+            x[step.column] = rest / step.pivot
         return x
 
     def solve_transposed(self, right: Sequence[Any]) -> list[Any]:
-        """Solution of ``Aᵀ y = b``; b is by column, y by row."""
-        b = list(right)
+        """Solve ``Aᵀ y = b``; b is by column, y by row."""
+        b, z = list(right), list(right)
         y: list[Any] = [None] * len(right)
-        for steps, before in zip(reversed(self.steps), reversed(self.before), strict=True):
-            if isinstance(steps, _Pair):
-                for i, value in zip(steps.rows, steps.solve_transposed([b[j] for j in steps.columns]), strict=True):
-                    y[i] = value
-                for i, j, a in before:
-                    b[j] = b[j] - a * y[i]
-                continue
-            z: dict[int, Any] = {}
-            for step in steps:
-                z[step.row] = b[step.column]
-                quotient = z[step.row] / step.pivot
-                for j, a in step.right:
-                    b[j] = b[j] - a * quotient
-            for step in reversed(steps):
-                rest = z[step.row]
-                for i, element in step.below:
-                    rest = rest - element * y[i]
-                y[step.row] = rest / step.pivot
-            for i, j, a in before:
-                b[j] = b[j] - a * y[i]
+        for step in self.steps:
+            z[step.row] = b[step.column]
+            quotient = z[step.row] / step.pivot
+            for j, a in step.right:
+                b[j] = b[j] - a * quotient
+        for step in reversed(self.steps):
+            rest = z[step.row]
+            for i, element in step.below:
+                rest = rest - element * y[i]
+            y[step.row] = rest / step.pivot
         return y
 
 
-def eliminate(plan: Elimination, elements: Elements, units: Sequence[Any] = (), smallest: float = 0.0) -> Factors:
-    """Eliminate a matrix whose elements are numbers or lanes; not finite if a block's last pivot vanishes.
+def eliminate(
+    plan: Elimination, elements: Elements, units: Sequence[Any] = (), smallest: float = 0.0
+) -> Pair | Factors:
+    """Eliminate a matrix whose elements are numbers or lanes; not finite if the last pivot vanishes.
 
-    Elements of each column are by `units` larger than those of others, as a rule; pivots that another one follows are
-    moved away from zero by the `smallest`.
+    Unless it is small enough to compare each pivot with what could have been one in its stead, a pose at which a pivot
+    vanishes by chance is not told from a singular one.
+
+    Args:
+        plan: the planned elimination.
+        elements: of the matrix, by row and column.
+        units: by which the elements of each column are larger than those of others, as a rule.
+        smallest: how far from zero pivots that another one follows are moved.
     """
-    units = units or (1.0,) * plan.size
-    steps, before, pivots, determinants = [], [], [], []
-    for block in plan.blocks:
-        inside = set(block.columns)
-        a = {(i, j): elements[i, j] for i in block.rows for j in block.columns if (i, j) in elements}
-        outside = tuple((i, j, e) for (i, j), e in elements.items() if i in block.rows and j not in inside)
-        before.append(outside)
-        if len(block.rows) == 2 and len(a) == 4:
-            (i, k), (j, m) = block.rows, block.columns
-            p, q, r, s = a[i, j], a[i, m], a[k, j], a[k, m]
-            determinant = p * s - q * r
-            steps.append(_Pair((i, k), (j, m), (p, q, r, s), 1.0 / determinant))
-            largest = jnp.maximum(jnp.abs(p), jnp.abs(r))
-            first, second = largest / units[j], jnp.abs(determinant / largest) / units[m]
-            pivots.append(Pivots(jnp.minimum(first, second), *(jnp.maximum(first, second),) * 2))
-        else:
-            made, seen = _eliminated(block, a, units, smallest, plan.cost <= _COMPARED)
-            steps.append(tuple(step for step, _ in made))
-            pivots.append(seen)
-            determinant = made[0][1]
-            for _, pivot in made[1:]:
-                determinant = determinant * pivot
-        determinants.append(determinant * block.sign)
-    return Factors(tuple(steps), tuple(before), tuple(pivots), tuple(determinants))
-
-
-def _eliminated(
-    block: Block, a: dict[tuple[int, int], Any], units: Sequence[Any], smallest: float, compared: bool
-) -> tuple[list[tuple[_Step, Any]], Pivots]:
-    """Eliminate one block: its steps, each with its pivot, and what the pivots are.
-
-    Unless they are `compared` with what could have been a pivot in their stead, a pose at which one vanishes by chance
-    is not told from a singular one.
-    """
-    made, left_r, left_c = [], list(block.rows), list(block.columns)
+    units = units or (1.0,) * len(plan.rows)
+    a = dict(elements)
+    if len(plan.rows) == 2 and len(a) == 4:
+        (i, k), (j, m) = plan.rows, plan.columns
+        p, q, r, s = a[i, j], a[i, m], a[k, j], a[k, m]
+        determinant = p * s - q * r
+        inverse = 1.0 / determinant
+        largest = jnp.maximum(jnp.abs(p), jnp.abs(r))
+        first, second = largest / units[j], jnp.abs(determinant / largest) / units[m]
+        pivots = Pivots(jnp.minimum(first, second), *(jnp.maximum(first, second),) * 2)
+        return Pair(plan.rows, plan.columns, (p, q, r, s), inverse, pivots, determinant * plan.sign)
+    compared = plan.cost <= _COMPARED
+    steps, left_r, left_c = [], list(plan.rows), list(plan.columns)
     sizes, natural, usual = [], [], None
-    for i, j in zip(block.rows, block.columns, strict=True):
+    for i, j in zip(plan.rows, plan.columns, strict=True):
         left_r.remove(i)
         left_c.remove(j)
         pivot, size = a[i, j], jnp.abs(a[i, j])
@@ -271,6 +388,8 @@ def _eliminated(
         if below and right and compared:
             now = largest <= _USUAL * jnp.abs(pivot)
             usual = now if usual is None else usual & now
-        made.append((_Step(i, j, pivot, column, right), pivot))
-    seen = (jnp.minimum, sizes), (jnp.maximum, natural), (jnp.maximum, sizes)
-    return made, Pivots(*(functools.reduce(f, x) for f, x in seen))
+        steps.append(_Step(i, j, pivot, column, right))
+    parts = (jnp.minimum, sizes), (jnp.maximum, natural), (jnp.maximum, sizes)
+    pivots = Pivots(*(functools.reduce(f, x) for f, x in parts))
+    determinant = functools.reduce(lambda x, y: x * y, [step.pivot for step in steps])
+    return Factors(tuple(steps), pivots, determinant * plan.sign)

@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 
 from jaxnc.remembered import with_owner
-from jaxnc.solvers.elimination import Elimination, Factors, Pivots, eliminate, plan_elimination
+from jaxnc.solvers.elimination import Factors, Pair, Pivots, eliminate, plan_elimination
 from jaxnc.solvers.plan import Plan, square_rows
 from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, guards, replace_constants
 from jaxnc.system.equations import Equations, pure_numbers
@@ -30,8 +30,8 @@ _ROUNDING = 100.0  # times the last digit of the largest number met in an elimin
 _FEW = 2  # blocks that may be computed into each other
 
 
-class Solved(NamedTuple):
-    """What became of the lanes."""
+class SolvedLanes(NamedTuple):
+    """Solved lanes and what is known of them."""
 
     x: list[Any]  # all coordinates, each a number or lanes
     determinants: tuple[Any, ...]  # of every block; its sign is the block's orientation
@@ -49,21 +49,20 @@ class _Block:
         self.columns = tuple(int(c) for c in plan.unknown[columns])
         self.rows = Rows(top, [int(plan.rows[r]) for r in rows], self.columns)
         self._pure = pure_numbers(top)[list(self.columns)]
-        local = np.arange(len(rows))
-        self.elimination: Elimination = plan_elimination([(local, local)], sample[np.ix_(rows, columns)])
+        self.elimination = plan_elimination(sample[np.ix_(rows, columns)])
 
     @property
     def closed(self) -> bool:
-        """Whether there is one solution of each orientation, which a formula gives without a guess."""
+        """True if a formula gives the one solution of each orientation without a guess."""
         return self.rows.form in ("affine", "round") and len(self.columns) <= FEW
 
     @property
     def guessed(self) -> bool:
-        """Whether it needs a guess: the turn of an angle, or where Newton is to begin."""
+        """True if the block needs a guess: the turn of an angle, or where Newton is to begin."""
         return self.rows.form in ("angle", "iterated")
 
-    def factors(self, eq: Equations, x: Lanes) -> Factors:
-        return self.eliminated(eq, self.rows.slopes(eq, x))
+    def factors(self, eq: Equations, x: Lanes) -> Pair | Factors:
+        return self.eliminate_slopes(eq, self.rows.slopes(eq, x))
 
     def solver(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Callable[[Sequence[Array]], Sequence[Any]]:
         """Return solves with the block's derivatives, which are lanes: exact, and differentiable to any order.
@@ -75,7 +74,7 @@ class _Block:
         if n <= FEW:
             matrix = [[slopes.get((r, c), 0.0) for c in range(n)] for r in range(n)]
             # Quotients are what XLA computes once, however many use them; so in reverse.
-            one = jnp.where(always(eq), 1.0, 2.0)
+            one = jnp.where(opaque_true(eq), 1.0, 2.0)
             return lambda right: cramer(matrix, [b / one for b in right])
         known = lax.stop_gradient(slopes)
 
@@ -89,7 +88,7 @@ class _Block:
         def solve(right: Sequence[Array], turned: bool) -> tuple[Array, ...]:
             def improve(_: Any, x: tuple[Array, ...]) -> tuple[Array, ...]:
                 rest = [b - d for b, d in zip(right, product(known, x, turned), strict=True)]
-                factors = self.eliminated(eq, known)
+                factors = self.eliminate_slopes(eq, known)
                 change = factors.solve_transposed(rest) if turned else factors.solve(rest)
                 return tuple(v + d for v, d in zip(x, change, strict=True))
 
@@ -107,8 +106,8 @@ class _Block:
 
         return solution
 
-    def eliminated(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Factors:
-        """The elimination of the block's derivatives. Coordinates that are no lengths count times the size."""
+    def eliminate_slopes(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Pair | Factors:
+        """Eliminate the block's derivatives. Coordinates that are no lengths count times the size."""
         units = [eq.length if pure else 1.0 for pure in self._pure]
         return eliminate(self.elimination, slopes, units, limits(eq.length).fine)
 
@@ -127,7 +126,7 @@ class Kernel:
         pairs = zip(top.blocks, top.layout, strict=True)
         rows = [r for block, layout in pairs if steep(block.kind, top.dim) for r in layout.rows.flat]
         self.steep = Rows(top, rows, [int(c) for c in plan.known])
-        self.jumps = jumping(plan)  # so that every step is looked at by its tangents
+        self.jumps = jumps_anywhere(plan)  # so that every step is looked at by its tangents
 
     @property
     def guessed(self) -> list[int]:
@@ -136,89 +135,89 @@ class Kernel:
 
     @property
     def closed(self) -> bool:
-        """Whether every block has a closed form, and no row jumps."""
+        """True if every block has a closed form, and no row jumps."""
         return not self.jumps and all(b.closed for b in self.blocks)
 
     def signs(self, eq: Equations, x: Lanes) -> tuple[Array, ...]:
-        """Orientation of every block at a pose."""
+        """Return the orientation of every block at a pose."""
         return tuple(jnp.sign(d) for d in self.determinants(eq, x))
 
     def determinants(self, eq: Equations, x: Lanes) -> tuple[Array, ...]:
-        """Determinant of every block at a pose."""
-        return tuple(b.factors(eq, x).determinants[0] for b in self.blocks)
+        """Return the determinant of every block at a pose."""
+        return tuple(b.factors(eq, x).determinant for b in self.blocks)
 
-    def solve(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> Solved:
+    def solve(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> SolvedLanes:
         """Solve all lanes.
 
         Known coordinates are at their values, the others where to begin; signs are the orientation wanted of each
         block.
         """
         x, iterated = self.positions(eq, x, signs)
-        return self.seen(eq, x, iterated)
+        return self.diagnose(eq, x, iterated)
 
-    def positions(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> tuple[list[Any], dict[int, Factors]]:
-        """All coordinates where they are solved, and the last eliminations of the blocks that took Newton."""
+    def positions(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> tuple[list[Any], dict[int, Pair | Factors]]:
+        """Solve for all coordinates; return them, and the last eliminations of the blocks that took Newton."""
         x = list(x)
-        iterated: dict[int, Factors] = {}
+        iterated: dict[int, Pair | Factors] = {}
         for k, (block, sign) in enumerate(zip(self.blocks, signs, strict=True)):
             if block.closed or block.rows.form == "angle":
                 y = block.rows.run_solution(TRACED)([*block.rows.given(x, eq), sign])
             else:
                 y, iterated[k] = self._iterate(block, eq, x)
             if len(self.blocks) > _FEW and k not in iterated:
-                y = apart(always(eq), lambda y: y, y)
+                y = fusion_barrier(opaque_true(eq), lambda y: y, y)
             for c, v in zip(block.columns, y, strict=True):
                 x[c] = v
         return x, iterated
 
-    def seen(self, eq: Equations, x: list[Any], iterated: dict[int, Factors] | None = None) -> Solved:
-        """What is to be said of poses."""
+    def diagnose(self, eq: Equations, x: list[Any], iterated: dict[int, Pair | Factors] | None = None) -> SolvedLanes:
+        """Find what is to be known of poses."""
         factors = [(iterated or {}).get(k) or block.factors(eq, x) for k, block in enumerate(self.blocks)]
-        found = tuple(f.determinants[0] for f in factors)
-        return Solved(x, found, *self._seen(eq, x, factors))
+        found = tuple(f.determinant for f in factors)
+        return SolvedLanes(x, found, *self._diagnose(eq, x, factors))
 
     def evaluate(self, eq: Equations, x: Lanes) -> tuple[Any, Any, Any, Any]:
-        """Largest residual, smallest over largest pivot, and whether upright and mirrored, of poses found elsewhere."""
-        return self._seen(eq, x, [block.factors(eq, x) for block in self.blocks])
+        """Return the largest residual, the conditioning, and whether upright and mirrored, of poses found elsewhere."""
+        return self._diagnose(eq, x, [block.factors(eq, x) for block in self.blocks])
 
-    def _seen(self, eq: Equations, x: Lanes, factors: Sequence[Factors]) -> tuple[Any, Any, Any, Any]:
-        pivots = [p for f in factors for p in f.pivots]
-        size = _reduced(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
+    def _diagnose(self, eq: Equations, x: Lanes, factors: Sequence[Pair | Factors]) -> tuple[Any, Any, Any, Any]:
+        pivots = [f.pivots for f in factors]
+        size = _reduce(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
         rows, bodies = (guard.values(eq, x) for guard in self.guards)
-        upright = _reduced(jnp.logical_and, [g > 0.0 for g in (*rows, *bodies)] or [jnp.array(True)])
+        upright = _reduce(jnp.logical_and, [g > 0.0 for g in (*rows, *bodies)] or [jnp.array(True)])
         for slope in self.steep.slopes(eq, x).values():
             upright = upright & jnp.isfinite(slope)
-        mirrored = _reduced(jnp.logical_or, [g <= 0.0 for g in bodies] or [jnp.array(False)])
+        mirrored = _reduce(jnp.logical_or, [g <= 0.0 for g in bodies] or [jnp.array(False)])
         return size, smallest(pivots), upright, mirrored
 
     def _iterate(self, block: _Block, eq: Equations, x: list) -> tuple[Sequence[Any], Factors]:
-        """Newton on a block, in all lanes until the last has it."""
+        """Solve a block by Newton, in all lanes until the last has it."""
         columns, pure = block.columns, pure_numbers(self.plan.topology)
         shape = jnp.broadcast_shapes(*(jnp.shape(x[c]) for c in block.rows.needed), jnp.shape(eq.length))
-        one, go = jnp.ones(shape), always(eq)
+        one, go = jnp.ones(shape), opaque_true(eq)
 
-        def stepped(y):
+        def newton_step(y):
             at = list(x)
             for c, v in zip(columns, y, strict=True):
                 at[c] = v
             factors = block.factors(eq, at)
             step = factors.solve(block.rows.values(eq, at))
-            return [v * one for v in (*step, *factors.pivots[0], factors.determinants[0])]
+            return [v * one for v in (*step, *factors.pivots, factors.determinant)]
 
         def improve(state):
             i, y, *_ = state
-            *step, least, largest, grown, determinant = apart(go, stepped, y)
+            *step, least, largest, grown, determinant = fusion_barrier(go, newton_step, y)
             moved = [jnp.abs(d) / (1.0 if pure[c] else eq.length) for d, c in zip(step, columns, strict=True)]
             y = tuple(v - d for v, d in zip(y, step, strict=True))
             # One maximum over the lanes: XLA makes three kernels of each.
-            return i + 1, y, Pivots(least, largest, grown), determinant, jnp.max(_reduced(jnp.maximum, moved))
+            return i + 1, y, Pivots(least, largest, grown), determinant, jnp.max(_reduce(jnp.maximum, moved))
 
         start = tuple(jnp.broadcast_to(x[c], shape) for c in columns)
         state = (jnp.zeros((), int), start, Pivots(one, one, one), one, jnp.asarray(jnp.inf))
         most = 1 if block.rows.form == "affine" else _ITERATIONS
         fine = limits(eq.length).fine
         _, y, pivots, determinant, _ = lax.while_loop(lambda st: (st[0] < most) & (st[4] > fine), improve, state)
-        return y, Factors((), (), (pivots,), (determinant,))
+        return y, Factors((), pivots, determinant)
 
     def tangent(
         self,
@@ -228,7 +227,7 @@ class Kernel:
         constants_dot: Mapping[Place, Any] | None = None,
         ok: Array | None = None,
     ) -> list[Any | None]:
-        """How all coordinates change with the known ones (and with constants), lane by lane.
+        """Differentiate all coordinates by the known ones (and by constants), lane by lane.
 
         Changes are None where there is none; those of unknown coordinates are replaced. Where it is not `ok` the change
         is zero, and so are derivatives of it.
@@ -257,7 +256,7 @@ class Kernel:
             slopes = block.rows.slopes(eq, x)
             shape = jnp.broadcast_shapes(*map(jnp.shape, (*r_dot, *slopes.values())))
             if ok is not None:
-                unit = set(zip(block.elimination.blocks[0].rows, block.elimination.blocks[0].columns, strict=True))
+                unit = set(zip(block.elimination.rows, block.elimination.columns, strict=True))
                 slopes = {at: jnp.where(ok, e, 1.0 if at in unit else 0.0) for at, e in slopes.items()}
                 r_dot = [jnp.where(ok, r, 0.0) for r in r_dot]
             slopes = {at: jnp.broadcast_to(e, shape) for at, e in slopes.items()}
@@ -267,12 +266,42 @@ class Kernel:
         return x_dot
 
 
-def jumping(plan: Plan) -> bool:
-    """Whether rows may jump: of a kind of a user's own."""
+def on_branch(eq: Equations, found: SolvedLanes, signs: Sequence[Any] | Array, passing: Any = False) -> Array:
+    """Say which lanes are solved, regular, on the branch of the given orientation, and not met by a mirror image.
+
+    Poses that are only passed on the way (`passing`) may be ones at which a planned elimination loses its digits: of
+    32-bit numbers these are many.
+    """
+    ok = (
+        found.upright
+        & (found.size <= lane_tolerance(eq, found.x))
+        & (passing | (found.pivots > limits(eq.length).poor))
+    )
+    for a, b in zip(found.determinants, signs, strict=True):
+        ok = ok & (jnp.sign(a) == b)
+    return ok
+
+
+def lane_tolerance(eq: Equations, x: Sequence[Any]) -> Array:
+    """Largest residual of a pose that counts as a solution, lane by lane; as `newton.tolerance`."""
+    least, largest = limits(eq.length), jnp.zeros(())
+    for v, pure in zip(x, pure_numbers(eq.topology), strict=True):
+        largest = jnp.maximum(largest, eq.length * jnp.abs(v) if pure else jnp.abs(v))
+    return least.accept * eq.length + least.rounding * largest
+
+
+def length_of(plan: Plan, eq: Equations) -> Callable[[list[Array]], Array]:
+    """Return the function that measures a change of the unknown coordinates."""
+    pure = pure_numbers(plan.topology)[plan.unknown]
+    return lambda change: jnp.sqrt(sum((d * eq.length if p else d) ** 2 for d, p in zip(change, pure, strict=True)))
+
+
+def jumps_anywhere(plan: Plan) -> bool:
+    """Say whether rows may jump: of a kind of a user's own."""
     return any(jumps(block.kind, plan.topology.dim) for block in plan.topology.blocks if block.kind.rows)
 
 
-def apart(go: Array, f, *arguments):
+def fusion_barrier(go: Array, f, *arguments):
     """The same as ``f(*arguments)``, its results made before anything that uses them.
 
     XLA on a CPU would otherwise compute what several others use once for each of them, and so on upwards.
@@ -282,21 +311,21 @@ def apart(go: Array, f, *arguments):
     return lax.cond(go, f, lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes), *arguments)
 
 
-def always(eq: Equations) -> Array:
-    """True, which the compiler cannot know."""
+def opaque_true(eq: Equations) -> Array:
+    """Return true, which the compiler cannot know."""
     return jnp.all(eq.length > 0.0)
 
 
 def smallest(pivots: Sequence[Pivots]) -> Any:
-    """Smallest over largest pivot of all blocks, as far as it is not what rounding may have made of zero."""
+    """Return the smallest over the largest pivot of all blocks, zero where rounding may have made it of zero."""
     if not pivots:
         return jnp.ones(())
-    least = _reduced(jnp.minimum, [p.least for p in pivots])
-    most, grown = (_reduced(jnp.maximum, parts) for parts in ([p.most for p in pivots], [p.grown for p in pivots]))
+    least = _reduce(jnp.minimum, [p.least for p in pivots])
+    most, grown = (_reduce(jnp.maximum, parts) for parts in ([p.most for p in pivots], [p.grown for p in pivots]))
     return jnp.maximum(least - _ROUNDING * jnp.finfo(grown.dtype).eps * grown, 0.0) / most
 
 
-def _reduced(f, parts: Sequence[Any]) -> Any:
+def _reduce(f, parts: Sequence[Any]) -> Any:
     return functools.reduce(f, parts)
 
 

@@ -1,4 +1,8 @@
-"""Newton on the unknowns of a plan, and the implicit derivative of its solutions."""
+"""Newton on the unknowns of a plan in traced code, start poses, and the implicit derivative of solutions.
+
+A drawing that its dimensions are read off meets the constraints as it is, and most do. Others are assembled on the
+host, which is asked once for all designs that `jax.vmap` maps; thousands XLA assembles no slower.
+"""
 
 import functools
 from typing import Any
@@ -9,12 +13,15 @@ import numpy as np
 from jax import lax
 
 from jaxnc import autodiff
-from jaxnc.solvers import dense
+from jaxnc.compiling import jit
+from jaxnc.remembered import with_owner
+from jaxnc.solvers import dense, host
 from jaxnc.solvers.kernel import kernel, writes_out
-from jaxnc.solvers.mapped import in_chunks
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.rows import Place
+from jaxnc.solvers.traced import PIECE, Mapped, ask_host, ask_of_equations, in_chunks, in_lanes, short
 from jaxnc.system.equations import Equations, weights
+from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Coordinates
 
@@ -59,6 +66,124 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[
     start = (0, q, q, jnp.full((), jnp.inf), jnp.zeros((), bool))
     _, _, best, least, _ = lax.while_loop(more, improve, start)
     return best, least
+
+
+def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> host.Closest:
+    """Find a pose that meets the constraints, or comes closest to it, by Levenberg and Marquardt on a plan's unknowns.
+
+    Freedoms may be left: then the pose moves as little as possible. Known coordinates are at their values.
+    """
+    least = limits(q)
+    floor = 2.5 * least.floor * eq.length
+    weight = weights(eq)
+    inner = weight[plan.unknown]
+
+    def cost(r):
+        return jnp.sum(r * r)
+
+    def more(state):
+        i, _, r, _, damping, moved, _ = state
+        return (i < iterations) & (largest(r) > floor) & (damping < 1e8) & (moved > 2.5 * least.floor)
+
+    def improve(state):
+        # One evaluation per iteration: of the trial, kept if it is better.
+        i, q, r, slope, damping, _, trial = state
+        new, new_slope, _ = plan.linearise(eq, trial)
+        better = cost(new) < cost(r)
+        moved = jnp.sqrt(jnp.sum((weight * (trial - q)) ** 2)) / eq.length
+        q, r = jnp.where(better, trial, q), jnp.where(better, new, r)
+        slope = jnp.where(better, new_slope, slope)
+        weaker, stronger = jnp.maximum(0.1 * damping, least.damping), jnp.where(i == 0, damping, 10.0 * damping)
+        damping = jnp.where(better, weaker, stronger)
+        dx = dense.damped_step(slope / inner, r, damping) / inner
+        dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
+        return i + 1, q, r, slope, damping, jnp.where(better & (i > 0), moved, 1.0), plan.move(q, -dx)
+
+    m, n = len(plan.rows), len(plan.unknown)
+    start = (0, q, jnp.full(m, jnp.inf), jnp.zeros((m, n)), jnp.asarray(1e-2), jnp.ones(()), q)
+    _, q, r, slope, *_ = lax.while_loop(more, improve, start)
+    return host.Closest(q, largest(r), slope / inner)
+
+
+def traced_start(plan: Plan, eq: Equations, nudge: Array | np.ndarray, repair: bool) -> host.Closest:
+    """Assemble from the drawing moved by `nudge`, ``(N,)``, in traced code; differentiated nowhere.
+
+    The host is asked for what does not fit as it is drawn, without `repair` only for large systems. Nothing is driven
+    in the plan.
+    """
+    if plan.large or not repair or not host.ready(plan):
+        return _assemble(plan, eq, nudge)
+    eq, q = lax.stop_gradient((eq, eq.home + nudge))
+    pose, gap = _assembler(plan, True)(eq, q[None])
+    return host.Closest(pose[0], gap[0], None)
+
+
+@functools.partial(jit, static_argnums=0)
+def _assemble(plan: Plan, eq: Equations, nudge: Array | np.ndarray) -> host.Closest:
+    eq, nudge = lax.stop_gradient((eq, nudge))
+    if not len(plan.rows):
+        return host.Closest(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(plan.unknown))))
+    if plan.large:
+        answer = functools.partial(_assemble_large, plan)
+        found = ask_of_equations("assembled a drawing", answer, (len(eq.home) + 1,), eq, nudge)
+        return host.Closest(found[:-1], found[-1], jnp.zeros(0))
+    return closest(plan, eq, eq.home + nudge)
+
+
+def _assemble_large(plan: Plan, eq: HostEquations, nudge: np.ndarray) -> np.ndarray:
+    with np.errstate(all="ignore"):
+        q, gap, _ = host.closest(host.view_of(plan, eq), (eq.home + nudge)[:, None])
+    return np.append(q[:, 0], gap)
+
+
+@with_owner
+def _assembler(plan: Plan, shared: bool):
+    """Return the function of equations (of one design, if `shared`) and poses ``(L, N)`` that assembles these."""
+
+    # Compiled as one: NumPy arrays that it holds are then no arguments, which a loop of a line search would map.
+    @jax.jit
+    def inner(eq, q):
+        axes = None if shared else 0
+        if max(a.size for a in jax.tree.leaves((short(eq), q))) > PIECE:
+            found = jax.vmap(functools.partial(closest, plan), in_axes=(axes, 0))(eq, q)
+            return found.q, found.gap
+        gap = jax.vmap(lambda eq, q: jnp.max(jnp.abs(plan.residual(eq, q)), initial=0.0), in_axes=(axes, 0))(eq, q)
+        fits = gap <= 2.5 * limits(q).floor * eq.length
+        like = jax.ShapeDtypeStruct((q.shape[0], q.shape[1] + 1), q.dtype)
+
+        def assemble(state):
+            given = short(eq), state[1], fits
+            answer = functools.partial(_assemble_lanes, plan)
+            found = ask_host("assembled a drawing", like, answer, *given, given_up=_as_drawn)
+            return jnp.ones((), bool), found[:, :-1], found[:, -1]
+
+        # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
+        return lax.while_loop(lambda state: ~state[0], assemble, (jnp.all(fits), q, gap))[1:]
+
+    def shapes(eq, q):
+        return jax.ShapeDtypeStruct(q.shape, q.dtype), jax.ShapeDtypeStruct(q.shape[:1], q.dtype)
+
+    def mapped(size, which, eq, q):
+        of_one, eq, (flat,) = in_lanes(size, shared, which, eq, q)
+        found = jax.tree.map(lambda a: a.reshape(size, -1, *a.shape[1:]), _assembler(plan, of_one)(eq, flat))
+        return found, (True, True)
+
+    return Mapped(inner, shapes, mapped)
+
+
+def _assemble_lanes(plan: Plan, eq: Any, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
+    """Assemble the poses that do not fit: each with its largest residual behind it, ``(L, N + 1)``."""
+    open_ = np.flatnonzero(~fits)
+    view = host.HostView(plan, from_jax(eq)).taken(open_)
+    with np.errstate(all="ignore"):
+        found = host.closest(view, q[open_].T)
+    out = _as_drawn(eq, q, fits)
+    out[open_] = np.concatenate([found.q, found.gap[None]]).T
+    return out
+
+
+def _as_drawn(eq: Any, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
+    return np.concatenate([q, np.zeros((len(q), 1), q.dtype)], axis=1)
 
 
 def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array, ok: Array | None = None) -> Coordinates:
@@ -114,18 +239,18 @@ def _start_change(static: tuple[Plan, tuple[int, ...]], q: Coordinates, args: tu
 
 
 def _least(jacobian: Array, damping: float, times: int) -> Array:
-    """The pseudoinverse ``(n, m)`` of a matrix whose rows may be redundant."""
+    """Return the pseudoinverse ``(n, m)`` of a matrix whose rows may be redundant."""
     every = jnp.eye(len(jacobian))
     normal = jacobian @ jacobian.T
     normal = normal + damping * jnp.trace(normal) / len(normal) * every
-    back = jacobian.T @ lax.custom_linear_solve(lambda x: normal @ x, every, _factorised(normal), symmetric=True)
+    back = jacobian.T @ lax.custom_linear_solve(lambda x: normal @ x, every, _cholesky_of(normal), symmetric=True)
     first = back
     for _ in range(times):  # what damping leaves of a change, little as it is, is taken up once more
         back = back + first @ (every - jacobian @ back)
     return back
 
 
-def _factorised(matrix: Array):
+def _cholesky_of(matrix: Array):
     return lambda _, right: dense.cholesky_solve(lax.stop_gradient(matrix), right)
 
 
@@ -196,9 +321,9 @@ def implicit(
     known_dot: Array,
     ok: Array | None = None,
 ) -> Coordinates:
-    """Change of a solution ``(N,)`` with the equations and the known coordinates; zero where it is none."""
-    ok = solved(plan, eq, q) if ok is None else ok
-    at = regular(eq, q, ok)
+    """Differentiate a solution ``(N,)`` by the equations and the known coordinates; zero where it is none."""
+    ok = is_regular_solution(plan, eq, q) if ok is None else ok
+    at = masked_pose(eq, q, ok)
     if plan.square and writes_out(plan):
         change: list[Any] = [None] * at.shape[0]
         for k, c in enumerate(plan.known):
@@ -219,8 +344,8 @@ def implicit(
     return plan.join(-dx, jnp.where(ok, known_dot, 0.0), jnp.where(ok, eq_dot.home[plan.fixed], 0.0))
 
 
-def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:
-    """Whether a pose is a solution at which derivatives exist; carries no derivative itself."""
+def is_regular_solution(plan: Plan, eq: Equations, q: Coordinates) -> Array:
+    """Say whether a pose is a solution at which derivatives exist; carries no derivative itself."""
     eq, q = lax.stop_gradient((eq, q))
     if plan.square and writes_out(plan):
         size, pivots, _, _ = kernel(plan).evaluate(eq, [q[c] for c in range(q.shape[0])])
@@ -229,6 +354,6 @@ def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     return (largest(r) <= tolerance(eq, q)) & (plan.conditioning(eq, jacobian) > limits(q).singular)
 
 
-def regular(eq: Equations, q: Coordinates, ok: Array) -> Coordinates:
-    """The pose where `ok`, the drawing elsewhere: derivatives of failed poses are masked, and must be finite first."""
+def masked_pose(eq: Equations, q: Coordinates, ok: Array) -> Coordinates:
+    """Return the pose where `ok`, the drawing elsewhere: what is masked in derivatives must be finite first."""
     return jnp.where(ok, q, lax.stop_gradient(eq.home))

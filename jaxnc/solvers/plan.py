@@ -3,24 +3,28 @@
 A plan is static: it belongs to a structure and the coordinates that are driven and held, and is made once for them.
 """
 
+import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxnc.errors import InputError, WrongCount, nearest
 from jaxnc.remembered import with_owner
-from jaxnc.solvers import linear
-from jaxnc.solvers.blocks import matching, strong_components
-from jaxnc.solvers.pattern import pattern
-from jaxnc.solvers.special import sizes
+from jaxnc.solvers import dense
+from jaxnc.solvers.elimination import match_rows, pivot_sizes, strong_components
+from jaxnc.solvers.sparse_matrix import Columns, Factoriser, Pattern, pattern
 from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
 from jaxnc.system.topology import INDEX, Topology
-from jaxnc.types import Array, Coordinates
+from jaxnc.types import Array, Coordinates, Float
+
+LU = 48  # unknowns of a dense plan beyond which the host solves it by sparse LU: about as many as are written out
+TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +51,7 @@ class Plan:
 
     @property
     def square(self) -> bool:
-        """Whether there are as many rows as unknowns."""
+        """True if there are as many rows as unknowns."""
         return len(self.rows) == len(self.unknown)
 
     @property
@@ -66,7 +70,7 @@ class Plan:
 
     @property
     def large(self) -> bool:
-        """Whether its Jacobian is kept sparse; see `jaxnc.solvers.large`."""
+        """True if the Jacobian is kept sparse; see `LargePlan`."""
         return self.topology.large
 
     def join(self, unknown: Array, known: Array, fixed: Array) -> Coordinates:
@@ -89,38 +93,26 @@ class Plan:
         n = len(self.unknown)
         return self.residual(eq, q), both[:, :n], both[:, n:]
 
-    def blank(self) -> Array:
-        """A Jacobian of zeros."""
-        return jnp.zeros((len(self.rows), len(self.unknown)))
-
-    def as_lengths(self, jacobian: Array, inner: Array) -> Array:
-        """The Jacobian with respect to coordinates as lengths, by their weights ``(n,)``."""
-        return jacobian / inner
-
-    def damped_step(self, jacobian: Array, inner: Array, r: Array, damping: Array) -> Array:
-        """Levenberg-Marquardt step of the unknowns, made with coordinates as lengths by their weights ``(n,)``."""
-        return linear.damped_step(jacobian / inner, r, damping) / inner
-
     def solver(self, jacobian: Array, ok: Array) -> Callable[[Array], Array]:
-        """Exact solves with derivatives, see `linear.solver`; of a harmless matrix where the pose is not `ok`."""
-        return linear.solver(linear.well_posed(jacobian, ok), self.independent)
+        """Exact solves with derivatives, see `dense.solver`; of a harmless matrix where the pose is not `ok`."""
+        return dense.solver(dense.well_posed(jacobian, ok), self.independent)
 
     def relative(self, jacobian: Array, other: Array) -> Array:
         """det(other ᵀ · jacobian) as a part of det(other ᵀ · other)."""
-        sign, size = linear.determinant(other.T @ jacobian)
-        return sign * jnp.exp(size - linear.determinant(other.T @ other)[1])
+        sign, size = dense.determinant(other.T @ jacobian)
+        return sign * jnp.exp(size - dense.determinant(other.T @ other)[1])
 
     def steps(self, eq: Equations, jacobian: Array, right: Array) -> Array:
         """Newton or Gauss-Newton steps of the unknowns for right-hand sides ``(m, k)``; coordinates as lengths."""
         weight = weights(eq)[self.unknown]
-        return linear.steps(jacobian / weight, right, self.independent) / weight[:, None]
+        return dense.steps(jacobian / weight, right, self.independent) / weight[:, None]
 
     def conditioning(self, eq: Equations, jacobian: Array) -> Array:
         """Estimate of the reciprocal condition number, angles measured as lengths; zero at a singular position."""
-        return linear.conditioning(jacobian / weights(eq)[self.unknown])
+        return dense.conditioning(jacobian / weights(eq)[self.unknown])
 
     def alike(self, jacobian: Array, other: Array) -> Array:
-        """Whether two poses of one branch can have these Jacobians: no fold lies between them.
+        """Say whether two poses of one branch can have these Jacobians: no fold lies between them.
 
         With as many rows as unknowns the signs of the diagonal blocks' determinants tell. With more, the columns of the
         one, seen in the other's, keep their orientation, as long as the poses are not far apart.
@@ -141,14 +133,119 @@ class Plan:
             if rows.shape[1] <= 2:
                 one = sub[:, 0, 0]
                 both = one if rows.shape[1] == 1 else one * sub[:, 1, 1] - sub[:, 0, 1] * sub[:, 1, 0]
-                sign, size = jnp.sign(both), linear.logarithm(both)
+                sign, size = jnp.sign(both), dense.logarithm(both)
             elif len(sub) > 1:
-                sign, size = jax.vmap(linear.determinant)(sub)
+                sign, size = jax.vmap(dense.determinant)(sub)
             else:
-                sign, size = (a[None] for a in linear.determinant(sub[0]))
+                sign, size = (a[None] for a in dense.determinant(sub[0]))
             signs.append(sign)
             sizes.append(size)
         return jnp.concatenate(signs), jnp.concatenate(sizes)
+
+
+@dataclass(frozen=True, eq=False)
+class LargePlan(Plan):
+    """A plan with a sparse Jacobian; the methods are those of `Plan`, a Jacobian is a vector ``(nnz,)``."""
+
+    pattern: Pattern | None = None  # where the non-zeros are
+    # Place in them of a number in every column, no two in one row; empty if no inputs are given.
+    matched: np.ndarray | None = None
+
+    @property
+    def numbers(self) -> Pattern:
+        """The pattern, which every large plan has."""
+        assert self.pattern is not None
+        return self.pattern
+
+    @functools.cached_property
+    def lu(self) -> Factoriser:
+        """The factorisation of the square Jacobian itself."""
+        p = self.numbers
+        return Factoriser(p.shape[1], p.rows, p.columns, self.sequence)
+
+    @functools.cached_property
+    def augmented(self) -> Factoriser:
+        """The factorisation of [I J; Jᵀ -λ], unknowns behind the rows."""
+        p, (m, n) = self.numbers, self.numbers.shape
+        rows = np.concatenate([np.arange(m), p.rows, m + p.columns, m + np.arange(n)])
+        columns = np.concatenate([np.arange(m), m + p.columns, p.rows, m + np.arange(n)])
+        return Factoriser(m + n, rows, columns)
+
+    @property
+    def stored(self) -> int:
+        """Numbers kept for one factorisation of the Jacobian, itself included."""
+        factors = self.lu if self.square else self.augmented
+        return self.numbers.count + factors.stored
+
+    def linearise(self, eq: Equations, q: Coordinates) -> tuple[Array, Array, Columns]:
+        """Rows ``(m,)``, the non-zeros of their derivatives ``(nnz,)``, and the columns of known coordinates."""
+        data, known = self.numbers.numbers(entries(eq, q))
+        return self.residual(eq, q), data, known
+
+    def symmetric(self, data: Any, damping: Any = 0.0, other: Any = None) -> Any:
+        """The numbers of the augmented matrix, for JAX or for NumPy, with another Jacobian in place of the Jᵀ."""
+        (m, n), numeric = self.numbers.shape, np if isinstance(data, np.ndarray) else jnp
+        below = data if other is None else other
+        return numeric.concatenate([np.ones(m), data, below, np.full(n, -1.0) * damping])
+
+    def conditioning(self, eq: Equations, jacobian: Array) -> Array:
+        """Smallest pivot over the largest, angles measured as lengths; zero at a singular position."""
+        if not len(self.unknown):
+            return jnp.ones(())
+        data = jacobian / weights(eq)[self.unknown][self.numbers.columns]
+        factors = (self.lu, data) if self.square else (self.augmented, self.symmetric(data))
+        pivots = factors[0].evaluate(factors[1])[0][-len(self.unknown) :]
+        return jnp.min(pivots) / jnp.maximum(jnp.max(pivots), 1e-300)
+
+    def orientation(self, jacobian: Array) -> tuple[Array, Array]:
+        """See `Plan.orientation`; the determinants' sizes are not told."""
+        if not self.square or not len(self.unknown):
+            return jnp.ones(1), jnp.zeros(1)
+        signs = self.lu.evaluate(jacobian)[1]
+        return signs, jnp.zeros_like(signs)
+
+    def relative(self, jacobian: Array, other: Array) -> Array:
+        """Sign of det(other ᵀ · jacobian), 0 if singular."""
+        signs = self.augmented.evaluate(self.symmetric(jacobian, 0.0, other))[1]
+        return (-1.0) ** self.numbers.shape[1] * signs[0]
+
+    def solver(self, jacobian: Array, ok: Array) -> Callable[[Float[Array, " m"]], Float[Array, " n"]]:
+        """See `Plan.solver`: exact solves with derivatives; one factorisation forward, one transposed in reverse."""
+        m, n = self.numbers.shape
+        if n == 0:
+            return lambda b: jnp.zeros(0)
+        assert self.matched is not None
+        spare = np.zeros(self.numbers.count)
+        spare[self.matched] = 1.0
+        jacobian = jnp.where(ok, jacobian, spare)
+        fixed = lax.stop_gradient(jacobian)
+        times, back = self.numbers.times, self.numbers.times_transposed
+        if not self.square:
+            matrix = self.symmetric(fixed)
+
+            def symmetric(pair):
+                y, x = pair
+                return y + times(jacobian, x), back(jacobian, y)
+
+            def least_squares(_, pair):
+                right = jnp.concatenate(pair)
+                both = self.augmented.solve(matrix, right[:, None])[:, 0]
+                rest = right - jnp.concatenate([both[:m] + times(fixed, both[m:]), back(fixed, both[:m])])
+                both = both + self.augmented.solve(matrix, rest[:, None])[:, 0]
+                return both[:m], both[m:]
+
+            return lambda b: lax.custom_linear_solve(
+                symmetric, (b, jnp.zeros(n) + 0.0 * jnp.sum(b)), least_squares, symmetric=True
+            )[1]
+
+        def direct(_, y, trans=False):
+            product = back if trans else times
+            x = self.lu.solve(fixed, y[:, None], trans)[:, 0]
+            return x + self.lu.solve(fixed, (y - product(fixed, x))[:, None], trans)[:, 0]
+
+        return lambda b: lax.custom_linear_solve(
+            lambda x: times(jacobian, x), b, direct, transpose_solve=lambda v, y: direct(v, y, True)
+        )
 
 
 @with_owner
@@ -175,17 +272,17 @@ def plan(
         InputError: an unknown name, a name given twice, too few or too many inputs, or inputs that leave a
             coordinate undetermined.
     """
-    known = _known(topology, driven, held)
+    known = _find_known(topology, driven, held)
     if freedom is not None:
         _check_count(topology, driven, held, sum(not topology.fixed[i] for i in known), freedom)
     try:
         count = len(driven)
         return _plan(topology.structure, tuple(known[:count]), tuple(known[count:]), freedom is not None, independent)
-    except _Refused as error:
+    except _Undetermined as error:
         raise InputError(error.say(topology, driven)) from None
 
 
-class _Refused(InputError):
+class _Undetermined(InputError):
     """Inputs that a structure cannot be solved with; `say` tells it of a topology and the names of its inputs."""
 
     def __init__(self, say: Callable[[Topology, tuple[str, ...]], str]):
@@ -219,14 +316,14 @@ def _plan(
     r, c = r[inner], c[inner]
     sequence, matched = (), None
     if determined:
-        matched = _matching(r, c, (len(rows), len(unknown)), unknown)
+        matched = _match_rows(r, c, (len(rows), len(unknown)), unknown)
         if len(rows) == len(unknown):
             sequence = _triangular_blocks(matched, r, c, len(unknown))
     rest = fixed.copy()
     rest[known] = False
     order = np.concatenate([unknown, at_known, np.flatnonzero(rest)])
     inverse = np.argsort(order)
-    blocks = _by_size(sequence)
+    blocks = _group_by_size(sequence)
     ground = np.flatnonzero(rest)
     at_known, unknown, ground, inverse, rows = (a.astype(INDEX) for a in (at_known, unknown, ground, inverse, rows))
     parts = (topology, driven, held, at_known, unknown, ground, inverse, rows, gathers, sequence, blocks, independent)
@@ -234,19 +331,17 @@ def _plan(
         return Plan(*parts)
     if independent and len(rows) > len(unknown):
         more = len(rows) - len(unknown)
-        raise _Refused(
+        raise _Undetermined(
             lambda top, _: (
                 f"{top.name!r} has {more} more rows than unknowns and is kept sparse; independent rows are "
                 f"chosen for dense matrices only: leave redundancy= at 'least squares', or compile(sparse=False)"
             )
         )
-    from jaxnc.solvers.large import LargePlan
-
     return LargePlan(*parts, numbers, None if matched is None else numbers.place(matched, np.arange(len(unknown))))
 
 
 class Square(NamedTuple):
-    """As many rows as unknowns: the diagonal blocks of their block-triangular form, and typical derivatives."""
+    """Rows that determine all unknowns: the diagonal blocks of their block-triangular form, and typical slopes."""
 
     # Rows (places in the plan's) and columns (places in its unknowns) of every block, in the order in which they can be
     # solved.
@@ -260,21 +355,21 @@ def square_rows(plan: Plan) -> Square:
     The choice serves as long as it stays regular, which is for the caller to check, with all rows.
     """
     top, n = plan.topology, len(plan.unknown)
-    sample = sizes(top)[np.ix_(plan.rows, plan.unknown)]
+    sample = pivot_sizes(top)[np.ix_(plan.rows, plan.unknown)]
     if plan.square:
         return Square(plan.sequence, sample)
     own = top.special.rows if top.special else None
     chosen = np.arange(len(plan.rows)) if own is None else np.flatnonzero(np.isin(plan.rows, own))
     if len(chosen) != n:  # not a design that was compiled: any that determine the unknowns
         r, c = np.nonzero(sample)
-        chosen = np.sort(_matching(r, c, (len(plan.rows), n), plan.unknown))
+        chosen = np.sort(_match_rows(r, c, (len(plan.rows), n), plan.unknown))
     r, c = np.nonzero(sample[chosen])
-    matched = _matching(r, c, (n, n), plan.unknown)
+    matched = _match_rows(r, c, (n, n), plan.unknown)
     sequence = tuple((chosen[rows], columns) for rows, columns in _triangular_blocks(matched, r, c, n))
     return Square(sequence, sample)
 
 
-def _known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...]) -> list[int]:
+def _find_known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...]) -> list[int]:
     known = []
     for name in (*driven, *held):
         if name not in topology.position:
@@ -326,12 +421,12 @@ def _gathers(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, 
     return tuple(out)
 
 
-def _matching(r: np.ndarray, c: np.ndarray, shape: tuple[int, int], unknown: np.ndarray) -> np.ndarray:
+def _match_rows(r: np.ndarray, c: np.ndarray, shape: tuple[int, int], unknown: np.ndarray) -> np.ndarray:
     """A row for every unknown; if there is none for some, the inputs do not determine them."""
     columns: list[list[int]] = [[] for _ in range(shape[1])]
     for row, column in sorted(zip(r.tolist(), c.tolist(), strict=True)):
         columns[column].append(row)
-    matched = np.array(matching(columns, shape[0]), dtype=int)
+    matched = np.array(match_rows(columns, shape[0]), dtype=int)
     lost = [int(unknown[k]) for k in np.flatnonzero(matched < 0)]
     if lost:
 
@@ -342,7 +437,7 @@ def _matching(r: np.ndarray, c: np.ndarray, shape: tuple[int, int], unknown: np.
                 f"other inputs are tied to each other; choose other inputs"
             )
 
-        raise _Refused(say)
+        raise _Undetermined(say)
     return matched
 
 
@@ -359,7 +454,7 @@ def _triangular_blocks(matched: np.ndarray, r: np.ndarray, c: np.ndarray, n: int
     return tuple((matched[k], np.array(k)) for k in strong_components(leads))
 
 
-def _by_size(sequence: tuple) -> tuple:
+def _group_by_size(sequence: tuple) -> tuple:
     sizes: dict[int, list] = {}
     for rows, columns in sequence:
         sizes.setdefault(len(columns), []).append((rows, columns))
@@ -369,12 +464,28 @@ def _by_size(sequence: tuple) -> tuple:
     )
 
 
-_TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
-
-
-def unwound(angles: Any, turns: Any) -> Any:
-    """Angles less whole turns, of NumPy or JAX: exact to rounding of what is left, however many turns there are.
+def unwind(angles: Any, turns: Any) -> Any:
+    """Take whole turns off angles, of NumPy or JAX: exact to rounding of what is left, however many turns there are.
 
     One product with 2π would be rounded at the size of the angle: after a thousand turns, 4e-13 were lost.
     """
-    return (angles - turns * _TURN[0]) - turns * _TURN[1]
+    return (angles - turns * TURN[0]) - turns * TURN[1]
+
+
+def by_lu(plan: Plan) -> bool:
+    """Say whether the host solves a plan by sparse LU."""
+    return plan.large or (len(plan.unknown) > LU and len(plan.sequence) > 0)
+
+
+@with_owner
+def sparse(plan: Plan) -> LargePlan:
+    """Return the plan with a sparse Jacobian."""
+    if isinstance(plan, LargePlan):
+        return plan
+    row, column, nonzero = places(plan.topology)
+    m, n, known = len(plan.rows), len(plan.unknown), len(plan.known)
+    new_row = np.full(len(plan.topology.rows), -1)
+    new_row[plan.rows] = np.arange(m)
+    where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (plan.inverse[column] < n + known))
+    numbers = pattern(where, new_row[row[where]], plan.inverse[column[where]], (m, n), len(row))
+    return LargePlan(**{field.name: getattr(plan, field.name) for field in fields(Plan)}, pattern=numbers)

@@ -36,7 +36,7 @@ class PoseBatch(NamedTuple):
 
     @property
     def answered(self) -> AnyArray:
-        """Whether there is nothing more to find out of a pose."""
+        """True where there is nothing more to find out of a pose."""
         return self.good if self.ended is None else self.good | self.ended
 
     def known_of(self, values: AnyArray) -> tuple[AnyArray, ...]:

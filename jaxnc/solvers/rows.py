@@ -17,6 +17,7 @@ from jaxnc.constraints import Kind
 from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.reading import Builder, Number, Program, function, partials, polynomials, rate
 from jaxnc.remembered import with_owner
+from jaxnc.solvers.plan import TURN
 from jaxnc.system.structure import arrays, pattern, program
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
@@ -28,7 +29,6 @@ Instance = tuple[int, int]
 Place = tuple[int, int, int]
 """A constant of an instance: its block in the topology, the instance's number there, and its own."""
 FEW = 3  # columns of a block whose linear equations are solved by determinants
-_TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
 
 
 class _Traced:
@@ -44,7 +44,7 @@ TRACED = _Traced()
 
 
 class Numbers(NamedTuple):
-    """What equations tell rows of their design; `Equations` and `HostEquations` have these fields too."""
+    """The numbers of a design that rows need; `Equations` and `HostEquations` have these fields too."""
 
     constants: Sequence[Any]  # of each block ``(instances, constants, *lanes)``
     scales: Sequence[Any]  # of each block's rows ``(instances, rows, *lanes)``; they make rows lengths
@@ -98,7 +98,7 @@ class Functions:
 
     @property
     def readable(self) -> bool:
-        """Whether the program has all that is wanted; else some kinds are functions for JAX alone."""
+        """True if the program has all that is wanted; else some kinds are functions for JAX alone."""
         return not self._foreign
 
     @property
@@ -128,16 +128,16 @@ class Functions:
         for place, value in zip(self._places, self.run(xp)(self.given(x, numbers)), strict=True):
             out[place] = value
         for at, outputs in self._foreign.items():
-            found = self._called(at, numbers, [x[v] for v in self._variables[at]])
+            found = self._call_kind(at, numbers, [x[v] for v in self._variables[at]])
             for k, place in outputs:
                 out[place] = found[k]
         return out
 
-    def _called(self, at: Instance, numbers: Any, local: Sequence[Any]) -> tuple[Any, ...]:
+    def _call_kind(self, at: Instance, numbers: Any, local: Sequence[Any]) -> tuple[Any, ...]:
         """Evaluate the function of an instance that no program has."""
         (b, i), kind = at, self.top.blocks[at[0]].kind
         constants = [entry(numbers.constants[b], i, k) for k in range(len(kind.constants))]
-        found = _evaluated(kind, getattr(kind, self._which), self.top.dim, *map(jnp.asarray, (*local, *constants)))
+        found = _evaluate_kind(kind, getattr(kind, self._which), self.top.dim, *map(jnp.asarray, (*local, *constants)))
         if not self._scaled:
             return found
         return tuple(r * entry(numbers.scales[b], i, k) for k, r in enumerate(found))
@@ -158,8 +158,8 @@ class Rows(Functions):
         wanted: dict[Instance, list[tuple[int, int]]] = {}
         for b, layout in enumerate(top.layout):
             for i, own in enumerate(layout.rows.tolist()):
-                if some := [(k, place[r]) for k, r in enumerate(own) if r in place]:
-                    wanted[b, i] = some
+                if mine := [(k, place[r]) for k, r in enumerate(own) if r in place]:
+                    wanted[b, i] = mine
         super().__init__(top, wanted, "residual", columns, scaled=True)
 
     def slopes(self, numbers: Any, x: Lanes, xp: Any = TRACED) -> dict[tuple[int, int], Any]:
@@ -175,7 +175,7 @@ class Rows(Functions):
                     continue
 
                 def along(value: Any, at: Instance = at, v: int = v, local: list = local) -> tuple[Any, ...]:
-                    return self._called(at, numbers, [*local[:v], value, *local[v + 1 :]])
+                    return self._call_kind(at, numbers, [*local[:v], value, *local[v + 1 :]])
 
                 changes = jax.jvp(along, (jnp.asarray(local[v]),), (jnp.ones_like(local[v]),))[1]
                 for k, place in wanted:
@@ -225,7 +225,7 @@ class Rows(Functions):
             return "iterated"
         if self._in_sines is not None:
             return "angle"
-        bent = self._bent
+        bent = self._squares
         if bent is None:
             return "iterated"
         if not any(bent):
@@ -233,7 +233,7 @@ class Rows(Functions):
         return "round" if n <= FEW and all(not s or (len(s) == n and _is_round(s)) for s in bent) else "iterated"
 
     @functools.cached_property
-    def _bent(self) -> list[dict] | None:
+    def _squares(self) -> list[dict] | None:
         """Squares of the columns in each row and their coefficients; None if a row has a higher power."""
         terms = [p.terms for p in polynomials(self.program, range(len(self.columns)))]
         if any(t is None or max(map(len, t), default=0) > 2 for t in terms):
@@ -275,23 +275,23 @@ class Rows(Functions):
         b = Builder(self.program.inputs + 1)
         x, sign = [Number(b, at) for at in b.first[: len(self.columns)]], Number(b, b.first[-1])
         if self.form == "angle":
-            found = [self._angle(b, x[0], sign)]
+            found = [self._write_angle(b, x[0], sign)]
         else:
-            rows, slopes = self._linearised(b)
+            rows, slopes = self._write_slopes(b)
             if self.form == "affine":
                 found = [v - d for v, d in zip(x, cramer(slopes, rows), strict=True)]
             else:
-                found = [v + d for v, d in zip(x, self._round(b, rows, slopes, sign), strict=True)]
+                found = [v + d for v, d in zip(x, self._write_round(b, rows, slopes, sign), strict=True)]
         return b.program([_node(b, v) for v in found])
 
     @functools.cached_property
     def run_step(self) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
         """Newton's step of few columns by Cramer's rule, as a function of NumPy's lanes."""
         b = Builder(self.program.inputs)
-        rows, slopes = self._linearised(b)
+        rows, slopes = self._write_slopes(b)
         return function(b.program([_node(b, v) for v in cramer(slopes, rows)]))
 
-    def _linearised(self, b: Builder) -> tuple[list[Any], list[list[Any]]]:
+    def _write_slopes(self, b: Builder) -> tuple[list[Any], list[list[Any]]]:
         """Write the rows and all their derivatives, structural zeros as numbers."""
         at = b.append(self.program, b.first)
         rows = [Number(b, at[k]) for k in self.program.outputs]
@@ -301,13 +301,13 @@ class Rows(Functions):
             slopes[r][c] = Number(b, at[k])
         return rows, slopes
 
-    def _round(self, b: Builder, rows: list[Any], slopes: list[list[Any]], sign: Any) -> list[Any]:
+    def _write_round(self, b: Builder, rows: list[Any], slopes: list[list[Any]], sign: Any) -> list[Any]:
         """Meet circles, spheres, lines and planes: one round row is kept, what is left of the others is affine.
 
         They meet in a line through the foot of the perpendicular; on it the round row is a quadratic equation. The
         derivative along the line is there the determinant, so that its sign chooses the root.
         """
-        n, bends = len(rows), self._bends(b)
+        n, bends = len(rows), self._write_bends(b)
         base = next(r for r in range(n) if bends[r] is not None)
         value, slope, bend, side = rows[base], slopes[base], bends[base], sign
         if (n - 1 - base) % 2:
@@ -333,7 +333,7 @@ class Rows(Functions):
         t = (side * root - rise) / twice
         return [f + t * d for f, d in zip(foot, along, strict=True)]
 
-    def _bends(self, b: Builder) -> list[Any]:
+    def _write_bends(self, b: Builder) -> list[Any]:
         """Write the second derivatives of the rows by the first column; None of a row that has none."""
         second, at = partials(self.partials, (0,))
         nodes = b.append(second, b.first)
@@ -344,7 +344,7 @@ class Rows(Functions):
                 found[row] = Number(b, nodes[second.outputs[k]])
         return found
 
-    def _angle(self, b: Builder, start: Any, sign: Any) -> Any:
+    def _write_angle(self, b: Builder, start: Any, sign: Any) -> Any:
         """Solve ``rest + x cos φ + y sin φ = 0``, its derivative of a sign, for the angle nearest to the start."""
         made = self._in_sines
         assert made is not None
@@ -358,7 +358,7 @@ class Rows(Functions):
         off = sign * (x * x + y * y - rest * rest).apply("max", 0.0).apply("sqrt")
         angle = Number(b, b.op("atan2", _node(b, -(rest * y) - off * x), _node(b, off * y - rest * x)))
         turns = ((start - angle) / (2.0 * np.pi)).apply("round")
-        return angle + turns * _TURN[0] + turns * _TURN[1]
+        return angle + turns * TURN[0] + turns * TURN[1]
 
 
 def _node(b: Builder, value: Any) -> int:
@@ -443,7 +443,7 @@ def _guard_count(kind: Kind, dim: int) -> int:
         return len(found.outputs)
     number = jax.ShapeDtypeStruct((), jnp.result_type(float))
     count = (kind.points + kind.vectors) * dim + kind.scalars + len(kind.constants)
-    return len(jax.eval_shape(functools.partial(_evaluated, kind, kind.guard, dim), *[number] * count))
+    return len(jax.eval_shape(functools.partial(_evaluate_kind, kind, kind.guard, dim), *[number] * count))
 
 
 def replace_constants(numbers: Any, constants: Mapping[Place, Any]) -> Numbers:
@@ -468,7 +468,7 @@ def entry(numbers: Any, *at: int) -> Any:
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2), inline=True)
-def _evaluated(kind: Kind, f: Callable, dim: int, *numbers: Array) -> tuple[Array, ...]:
+def _evaluate_kind(kind: Kind, f: Callable, dim: int, *numbers: Array) -> tuple[Array, ...]:
     """Evaluate a function of a kind for JAX, of an instance's variables and constants, or of lanes of them."""
 
     def one(*x: Array) -> tuple[Array, ...]:
@@ -480,7 +480,7 @@ def _evaluated(kind: Kind, f: Callable, dim: int, *numbers: Array) -> tuple[Arra
     return one(*numbers)
 
 
-def some(lanes: Array) -> Array:
-    """Whether any of the lanes is true: as a product of vectors, which is a call and no kernel, and soon compiled."""
+def any_lane(lanes: Array) -> Array:
+    """Say whether any lane is true, by a product of vectors, which is a call and no kernel, and soon compiled."""
     flat = lanes.reshape(-1).astype(np.float32)
     return jnp.dot(flat, np.ones(len(flat), np.float32)) > 0.0

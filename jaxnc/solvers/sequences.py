@@ -1,7 +1,7 @@
 """Poses of many designs, where every block of the kernel has a closed form: many poses of each at a time.
 
 A closed form needs no guess, only the side that it is on. Poses can therefore be solved side by side, and whether they
-are on one branch is seen from them afterwards, by the same checks as in continuation (`jaxnc.solvers.continuation`).
+are on one branch is diagnose from them afterwards, by the same checks as in continuation (`jaxnc.solvers.fill`).
 """
 
 from collections.abc import Callable, Sequence
@@ -13,11 +13,10 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers.branch import LEADING, SHORT, STEP, TURNING, steady
-from jaxnc.solvers.continuation import on_branch
-from jaxnc.solvers.kernel import Kernel, Solved, always, apart
+from jaxnc.solvers.kernel import Kernel, SolvedLanes, fusion_barrier, on_branch, opaque_true
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
-from jaxnc.solvers.rows import some
+from jaxnc.solvers.rows import any_lane
 from jaxnc.types import Array
 
 _LANES = 2304  # poses at a time: they stay in the cache
@@ -51,13 +50,13 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
         short = goal[:1] + SHORT * (goal[min(1, total - 1)] - goal[:1])
         before = jnp.concatenate([short, goal[:-1]])
         rest = before[:, None] + between[:, None, None] * (goal - before)[:, None]
-        lead = _filled_up(home, jnp.concatenate([home + parts[:, None, None] * (goal[0] - home), short]), span)
+        lead = _fill_up(home, jnp.concatenate([home + parts[:, None, None] * (goal[0] - home), short]), span)
         return lead, rest.reshape(-1, *goal.shape[1:]), None
 
     def judge(b, marks, kept, trail, _):
         if b is None:
-            return np.arange(len(kept))[-total * len(between) :, None] < _reached(core.plan, marks, kept)
-        return _followed(core.plan, marks, kept, trail)
+            return np.arange(len(kept))[-total * len(between) :, None] < _count_reached(core.plan, marks, kept)
+        return _judge_block(core.plan, marks, kept, trail)
 
     return _in_blocks(core, equations, q, values, len(parts) + 1, len(between), path, lambda trail: trail, judge)
 
@@ -75,7 +74,7 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
     def path(home: Array, goal: Array, span: int | None):
         most = jnp.max(goal[:, None] * np.array([1.0, -1.0])[:, None, None], axis=0)
         ends = jnp.maximum(most[0], home), jnp.minimum(-most[1], home)
-        lines = [_filled_up(home, home + parts[:, None, None] * (end - home), span) for end in ends]
+        lines = [_fill_up(home, home + parts[:, None, None] * (end - home), span) for end in ends]
         # One after the other; where all are solved at once by turns, so that they lie side by side as they are.
         both = jnp.concatenate(lines) if span else jnp.stack(lines, axis=1).reshape(-1, *home.shape)
         return both, goal, (home[0], ends[0][0], ends[1][0], len(lines[0]))
@@ -84,14 +83,14 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
         (home, high, low, line), place = about, marks[-len(core.plan.known)]
         if b is None:  # both lines and all goals
             on = 2 * line
-            lines, seen = (a[..., :on, :].reshape(*a.shape[:-2], line, 2 * a.shape[-1]) for a in (marks, kept))
-            counts = _reached(core.plan, lines, seen).reshape(2, -1)
+            lines, right = (a[..., :on, :].reshape(*a.shape[:-2], line, 2 * a.shape[-1]) for a in (marks, kept))
+            counts = _count_reached(core.plan, lines, right).reshape(2, -1)
             place, kept = place[on:], kept[on:]
         else:
             trail, begin, counts = state
             blocks = line // len(place)  # of each line
             trail = jax.tree.map(lambda a, c: jnp.where(b % blocks == 0, c, a), trail, begin)
-            good, trail = _followed(core.plan, marks, kept, trail)
+            good, trail = _judge_block(core.plan, marks, kept, trail)
             counts = counts.at[b // blocks].add(jnp.sum(good, axis=0), mode="drop")
         up = place >= home
         way = jnp.where(up, high, low) - home
@@ -106,8 +105,8 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
     return _in_blocks(core, equations, q, near, 2 * len(parts), 1, path, begin, judge)
 
 
-def _filled_up(home: Array, way: Array, span: int | None) -> Array:
-    """Steps that begin at home, so many times that there are whole blocks; of no length twice (see `_reached`)."""
+def _fill_up(home: Array, way: Array, span: int | None) -> Array:
+    """Put steps of no length in front: up to whole blocks, or two of them (see `_count_reached`)."""
     return jnp.concatenate([jnp.broadcast_to(home, (-len(way) % span if span else 2, *home.shape)), way])
 
 
@@ -148,9 +147,9 @@ def _in_blocks(
     blocks, span = -(-total // rows), rows * steps
     filled = blocks * rows
 
-    def begun(start, designs):
+    def begin_some(start, designs):
         eq, x = equations(start + jnp.arange(designs)), lax.dynamic_slice_in_dim(q, start, designs).T
-        facing = apart(always(eq), lambda x: _apiece(core.determinants(eq, list(x)), (designs,)), x)
+        facing = fusion_barrier(opaque_true(eq), lambda x: _broadcast(core.determinants(eq, list(x)), (designs,)), x)
         home = x[core.plan.known]
         marks = *facing, *home
         signs, none = (jax.tree.map(f, of) for f, of in ((jnp.sign, facing), (jnp.zeros_like, marks)))
@@ -158,9 +157,9 @@ def _in_blocks(
         return eq, x, signs, home, goal, _Trail(marks, none, jnp.ones(designs, bool))
 
     if whole:
-        eq, x, signs, home, goal, _ = begun(0, count)
+        eq, x, signs, home, goal, _ = begin_some(0, count)
         lead, rest, about = path(home, goal, None)
-        made, marks, kept = _solved(core, eq, x, signs, jnp.concatenate([lead, rest]), True)
+        made, marks, kept = _solve_steps(core, eq, x, signs, jnp.concatenate([lead, rest]), True)
         good = judge(None, marks, kept, None, about)[steps - 1 :: steps].T
         made = made[:, len(lead) + steps - 1 :: steps].swapaxes(1, 2)
         return PoseBatch(tuple(made[:-2]), made[-2], made[-1], good)
@@ -168,14 +167,14 @@ def _in_blocks(
     def chunk(j, made):
         # The last chunk overlaps the one before.
         start = jnp.minimum(j * designs, count - designs)
-        eq, x, signs, home, goal, trail = begun(start, designs)
+        eq, x, signs, home, goal, trail = begin_some(start, designs)
         goal = jnp.concatenate([goal, jnp.broadcast_to(goal[-1:], (filled - total, *goal.shape[1:]))])
         lead, rest, about = path(home, goal, span)
         before, u = len(lead) // span, jnp.concatenate([lead, rest])
 
         def block(b, state):
             made, state = state
-            new, marks, kept = _solved(core, eq, x, signs, lax.dynamic_slice_in_dim(u, b * span, span), False)
+            new, marks, kept = _solve_steps(core, eq, x, signs, lax.dynamic_slice_in_dim(u, b * span, span), False)
             good, state = judge(b, marks, kept, state, about)
             # What the steps before write is written over.
             place = start, jnp.maximum(b - before, 0) * rows
@@ -190,16 +189,16 @@ def _in_blocks(
     return PoseBatch(tuple(y), size, pivots, good)
 
 
-def _apiece(numbers: Sequence[Any], lanes: tuple[int, ...]) -> tuple[Array, ...]:
+def _broadcast(numbers: Sequence[Any], lanes: tuple[int, ...]) -> tuple[Array, ...]:
     return tuple(jnp.broadcast_to(jnp.asarray(v, float), lanes) for v in numbers)
 
 
-def _stacked(numbers: Sequence[Any], lanes: tuple[int, ...]) -> Array:
-    return jnp.stack(_apiece(numbers, lanes))
+def _stack(numbers: Sequence[Any], lanes: tuple[int, ...]) -> Array:
+    return jnp.stack(_broadcast(numbers, lanes))
 
 
-def _solved(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: bool) -> tuple[Any, Any, Array]:
-    """Poses at known coordinates.
+def _solve_steps(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: bool) -> tuple[Any, Any, Array]:
+    """Solve for poses at known coordinates.
 
     Args:
         core: blocks that all have a closed form.
@@ -214,10 +213,10 @@ def _solved(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: bool)
         Unknown coordinates, largest residual and conditioning, each ``(steps, designs)``; the marks (see `_Trail`);
         and which poses are right by themselves, ``(steps, designs)``.
     """
-    go, lanes, facing = always(eq), u.shape[2], len(signs)
+    go, lanes, facing = opaque_true(eq), u.shape[2], len(signs)
     known, unknown = ([int(c) for c in which] for which in (core.plan.known, core.plan.unknown))
 
-    def placed(x, u, y=()):
+    def place(x, u, y=()):
         at = list(x)
         for c, v in (*zip(known, u, strict=True), *zip(unknown, y, strict=False)):
             at[c] = v
@@ -228,31 +227,31 @@ def _solved(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: bool)
         return jnp.broadcast_to(on_branch(eq, found, signs), shape)
 
     def each(u):
-        found = core.solve(eq, placed(x, u), signs)
-        told = apart(go, lambda: _apiece((*found.determinants, found.size, found.pivots), (lanes,)))
-        kept = apart(go, lambda: right(found, told, (lanes,)))
-        return (*_apiece([found.x[c] for c in unknown], (lanes,)), *told[facing:]), (*told[:facing], *u), kept
+        found = core.solve(eq, place(x, u), signs)
+        told = fusion_barrier(go, lambda: _broadcast((*found.determinants, found.size, found.pivots), (lanes,)))
+        kept = fusion_barrier(go, lambda: right(found, told, (lanes,)))
+        return (*_broadcast([found.x[c] for c in unknown], (lanes,)), *told[facing:]), (*told[:facing], *u), kept
 
     def positions(x, signs, u):
-        at = core.positions(eq, placed(x, u), signs)[0]
-        return _stacked([at[c] for c in unknown], u.shape[1:])
+        at = core.positions(eq, place(x, u), signs)[0]
+        return _stack([at[c] for c in unknown], u.shape[1:])
 
-    def seen(x, u, y):
-        found = core.seen(eq, placed(x, u, y))
-        return _stacked((*found.determinants, found.size, found.pivots, found.upright), u.shape[1:])
+    def diagnose(x, u, y):
+        found = core.diagnose(eq, place(x, u, y))
+        return _stack((*found.determinants, found.size, found.pivots, found.upright), u.shape[1:])
 
     if not tabled:
         return jax.vmap(each)(u)
     u = u.swapaxes(0, 1)
     # What goes into several results is made first, of few arrays: each is a kernel of its own.
-    y = apart(go, positions, x, signs, u)
-    told = apart(go, seen, x, u, y)
-    kept = right(Solved(placed(x, u, y), (), None, None, told[-1] > 0.0, False), told, u.shape[1:])
+    y = fusion_barrier(go, positions, x, signs, u)
+    told = fusion_barrier(go, diagnose, x, u, y)
+    kept = right(SolvedLanes(place(x, u, y), (), None, None, told[-1] > 0.0, False), told, u.shape[1:])
     return jnp.concatenate([y, told[-3:-1]]), jnp.concatenate([told[:facing], u]), kept
 
 
-def _reached(plan: Plan, marks: Array, kept: Array) -> Array:
-    """How many steps keep to the branch before the first that does not, ``(designs,)``.
+def _count_reached(plan: Plan, marks: Array, kept: Array) -> Array:
+    """Count the steps that keep to the branch before the first that does not, ``(designs,)``.
 
     The `marks` after every step (see `_Trail`) are ``(marks, steps, designs)``; the first two are the pose where they
     begin, so that what was before a step is a slice, and no array that a kernel has to put together. `kept` says
@@ -260,13 +259,13 @@ def _reached(plan: Plan, marks: Array, kept: Array) -> Array:
     """
     changes = marks[:, 1:] - marks[:, :-1]
     last = _last_change(plan, changes, changes[:, :-1], changes[:, 0])[:, :-1]
-    ok = _regular(plan, marks[:, 2:], marks[:, 1:-1], changes[:, 1:], last) & kept[2:]
+    ok = _is_regular(plan, marks[:, 2:], marks[:, 1:-1], changes[:, 1:], last) & kept[2:]
     order = np.arange(2, len(kept), dtype=np.int32)[:, None]
     return jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0)
 
 
-def _followed(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
-    """Which steps of a block keep to the branch, none of a sequence after the first that does not.
+def _judge_block(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
+    """Say which steps of a block keep to the branch, none of a sequence after the first that does not.
 
     The `marks` are those after every step, each ``(steps, designs)``; `kept` says whether every pose is right by
     itself.
@@ -278,26 +277,26 @@ def _followed(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Array
     now = before(marks, trail.marks)
     changes = jax.tree.map(jnp.subtract, marks, now)
     last = _last_change(plan, changes, before(changes, trail.change), trail.change)
-    ok = kept & _regular(plan, marks, now, changes, before(last, trail.change))
+    ok = kept & _is_regular(plan, marks, now, changes, before(last, trail.change))
     order = np.arange(len(kept), dtype=np.int32)[:, None]
     good = trail.alive & (order < jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0))
     marks, last = (jax.tree.map(lambda a: a[-1], of) for of in (marks, last))
     return good, _Trail(marks, last, good[-1])
 
 
-def _product(plan: Plan, a: Any, b: Any) -> Any:
-    """Of two changes of marks, as far as they are known coordinates."""
+def _known_product(plan: Plan, a: Any, b: Any) -> Any:
+    """Multiply two changes of marks, as far as they are known coordinates."""
     facing = len(a) - len(plan.known)
     return sum((v * w for v, w in zip(a[facing:], b[facing:], strict=True)), jnp.zeros(a[0].shape))
 
 
 def _last_change(plan: Plan, changes: Any, earlier: Any, first: Any) -> Any:
-    """After every step how marks changed in the last one that went anywhere: one that goes nowhere tells nothing.
+    """Return how marks changed in the last step that went anywhere, up to every step; others tell nothing.
 
     `changes` are those of the steps, each ``(steps, designs)``; `earlier` those before some or all of the last of them,
     and `first` the last one before all of them.
     """
-    moves = _product(plan, changes, changes) > 0.0
+    moves = _known_product(plan, changes, changes) > 0.0
 
     def skipping():
         def step(last, new):
@@ -310,14 +309,14 @@ def _last_change(plan: Plan, changes: Any, earlier: Any, first: Any) -> Any:
         return jnp.moveaxis(last, 0, 1) if table else last
 
     count = len(earlier[-1])
-    rests = some((_product(plan, earlier, earlier) > 0.0) & ~moves[-count:])
+    rests = any_lane((_known_product(plan, earlier, earlier) > 0.0) & ~moves[-count:])
     return lax.cond(rests, skipping, lambda: changes)
 
 
-def _regular(plan: Plan, marks: Any, now: Any, changes: Any, earlier: Any) -> Array:
-    """Whether steps from marks `now` by changes are short and meet no crossing, the ones before being known."""
-    length = _product(plan, earlier, earlier)
-    share = _product(plan, earlier, changes) / jnp.where(length > 0.0, length, 1.0)
+def _is_regular(plan: Plan, marks: Any, now: Any, changes: Any, earlier: Any) -> Array:
+    """Say whether steps from marks `now` by changes are short and meet no crossing, the ones before being known."""
+    length = _known_product(plan, earlier, earlier)
+    share = _known_product(plan, earlier, changes) / jnp.where(length > 0.0, length, 1.0)
     facing = len(marks) - len(plan.known)
     ok = steady(marks[:facing], now[:facing], earlier[:facing], share)
     for k in plan.angles:

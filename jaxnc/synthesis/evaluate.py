@@ -213,7 +213,7 @@ class _Designs:
         self.drawn, eq = _derive_designs(problem, z, changes), derive(problem.system)
         self.length, self.scales = float(eq.length), _row_scales(problem)
         self.steps: Lockstep = lockstep(self.view)
-        self.start = self.steps.assembled(self.drawn, self.scales, self.length)
+        self.start = self.steps.assemble(self.drawn, self.scales, self.length)
         # Of all inputs only the first is driven, the others are held.
         self.home = self.start[self.view.known[0]]
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.asking import numbers
 from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
@@ -20,6 +19,7 @@ from jaxnc.synthesis.statement import complete, set_up, turn_of
 from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
 from jaxnc.system.system import System
 from jaxnc.types import Array
+from jaxnc.validate import as_array
 
 
 @functools.cache
@@ -87,7 +87,7 @@ class FunctionGeneration(Problem):
             InputError: unknown names, numbers that are not finite, tables of different length.
         """
         what = "FunctionGeneration"
-        values = numbers(values, f"{what}: values")
+        values = as_array(values, f"{what}: values")
         count = values.size
         if count < 3:
             raise InputError(f"{what}: {count} values of the input; give at least 3")

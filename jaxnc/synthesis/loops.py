@@ -87,7 +87,7 @@ def loop_sines(motion: Motion) -> Array:
         slopes, size = block.rows.slopes(eq, x), jnp.ones(lanes)
         for row in range(len(block.columns)):
             size = size * jnp.sqrt(sum(s * s for (r, _), s in slopes.items() if r == row))
-        out.append(jnp.abs(block.eliminated(eq, slopes).determinants[0]) / size)
+        out.append(jnp.abs(block.eliminate_slopes(eq, slopes).determinant) / size)
     return jnp.stack([jnp.broadcast_to(o, lanes) for o in out], axis=1) if out else jnp.ones((*lanes, 1))
 
 

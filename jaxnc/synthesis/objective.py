@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.asking import ask, function_name, numbers, real
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
@@ -27,6 +26,7 @@ from jaxnc.synthesis.statement import complete, set_up, turn_of
 from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
 from jaxnc.system.system import System
 from jaxnc.types import Array
+from jaxnc.validate import as_array, as_real, call_user, function_name
 
 
 @public
@@ -75,7 +75,7 @@ class Objective(Problem):
             InputError: unknown names, a function that returns nothing finite for the starting idea.
         """
         what = "Objective"
-        values = numbers(values, f"{what}: values")
+        values = as_array(values, f"{what}: values")
         if not values.size:
             raise InputError(f"{what}: values is empty; give those of the input at which the residuals are taken")
         table = as_sequence(values, values.size, f"{what}: values")
@@ -232,8 +232,8 @@ class Loss(Problem):
                 f"{self.name}: the function takes {'a system and a key: give one' if self.random else 'no key'}"
             )
         given, takes = ((system, key), "system, key") if self.random else ((system,), "system")
-        found = ask(self.function, self.name, takes, *given)
-        value = real(found, f"{self.name}: the function", "one number")
+        found = call_user(self.function, self.name, takes, *given)
+        value = as_real(found, f"{self.name}: the function", "one number")
         if value.shape != ():
             raise InputError(
                 f"{self.name}: the function must return one number, and it returned an array of shape {value.shape}: "

@@ -6,10 +6,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxnc.asking import ask, real
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import whole
 from jaxnc.types import Array
+from jaxnc.validate import as_real, call_user
 
 _SAME = 1e-9  # of the target's extent: points that are so near to each other are one
 
@@ -99,7 +99,9 @@ def check_radians(values: np.ndarray, what: str, turn: float, remedy: str) -> No
 
 def call_on_motion(function: Callable[[Any], Any], what: str, motion: Any) -> Array:
     """Call a user's function with a motion; the numbers that it returns, as an array."""
-    return real(ask(function, what, "motion", motion), what, "a number or an array of numbers, built by jax.numpy")
+    return as_real(
+        call_user(function, what, "motion", motion), what, "a number or an array of numbers, built by jax.numpy"
+    )
 
 
 def as_names(values: Any, what: str) -> list[str]:

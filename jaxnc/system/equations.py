@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device, refuse_fork
 from jaxnc.constraints import Kind
@@ -30,6 +29,7 @@ from jaxnc.system.structure import pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
 from jaxnc.types import Array, Coordinates, Float, Inputs
+from jaxnc.validate import as_shape
 
 
 @record
@@ -276,11 +276,11 @@ def _at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tu
             raise InputError("equations know no names: give inputs together with the system itself")
         return system, q
     top = system.topology
-    q = jnp.asarray(shaped(q, "the coordinates q", len(top.coordinates), dtype=system.dtype))
+    q = jnp.asarray(as_shape(q, "the coordinates q", len(top.coordinates), dtype=system.dtype))
     for name, value in (inputs or {}).items():
         if name not in top.position:
             raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
-        q = q.at[top.position[name]].set(shaped(value, f"input {name!r}"))
+        q = q.at[top.position[name]].set(as_shape(value, f"input {name!r}"))
     return derived(system, differentiate_scales=True), q
 
 

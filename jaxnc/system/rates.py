@@ -5,12 +5,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxnc.asking import ask, listed
 from jaxnc.errors import InputError
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import Block, Topology
 from jaxnc.types import Array, Coordinates, Float
+from jaxnc.validate import as_scalars, call_user
 
 
 def refuse_rates(top: Topology, what: str, remedy: str) -> None:
@@ -61,7 +61,9 @@ def _rows(top: Topology, block: Block, x: Array, dx: Array, c: Array) -> Array:
         def parts(y):
             return y[:a].reshape(kind.points, dim), y[a:b].reshape(kind.vectors, dim), y[b:]
 
-        found = listed(ask(kind.rate, what, "p, v, s, dp, dv, ds, c", *parts(x), *parts(dx), c), what, len(kind.rows))
+        found = as_scalars(
+            call_user(kind.rate, what, "p, v, s, dp, dv, ds, c", *parts(x), *parts(dx), c), what, len(kind.rows)
+        )
         return jnp.stack([jnp.asarray(r, float) for r in found])
 
     return jax.vmap(one)(x, dx, c)

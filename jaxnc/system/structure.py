@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.asking import ask, listed
 from jaxnc.constraints import Kind
 from jaxnc.constraints.small import Small
 from jaxnc.constraints.trigonometry import by_name
 from jaxnc.errors import InputError
 from jaxnc.reading import Node, Number, OutOfRange, Polynomial, Program, Unreadable, polynomials, trace, write
 from jaxnc.system.precision import WIDE, numbers
+from jaxnc.validate import as_scalars, call_user
 
 Pairs = tuple[tuple[int, int], ...]
 
@@ -60,8 +60,8 @@ def _read(kind: Kind, which: str, dim: int) -> Program | None:
 
     def called(p: Any, v: Any, s: Any, c: Any) -> Sequence[Any]:
         if single:
-            return listed((ask(f, what, "p, v, c", p, v, c),), what)
-        rows = listed(ask(f, what, "p, v, s, c", p, v, s, c), what, many)
+            return as_scalars((call_user(f, what, "p, v, c", p, v, c),), what)
+        rows = as_scalars(call_user(f, what, "p, v, s, c", p, v, s, c), what, many)
         if which == "residual" and any(map(_true_or_false, rows)):
             raise InputError(
                 f"{what} returned true or false, of which nothing is known but that: return a number instead that "

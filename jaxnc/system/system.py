@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc import asking
+from jaxnc import validate
 from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.constraints import UNIT
-from jaxnc.errors import InputError, JaxncError, nearest, traced
+from jaxnc.errors import InputError, JaxncError, is_traced, nearest
 from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
 from jaxnc.system.identity import Quantity
@@ -140,8 +140,8 @@ class System(Drawn):
                 own[i] = _alike(own[i], value, name)
                 continue
             want = leaves[leaf].shape[1:]
-            if not isinstance(value, Tracer) and not traced(value):
-                asking.numbers(value, f"design variable {name!r}", leaves[leaf].dtype)
+            if not isinstance(value, Tracer) and not is_traced(value):
+                validate.as_array(value, f"design variable {name!r}", leaves[leaf].dtype)
             if np.shape(value) != want:
                 raise InputError(f"design variable {name!r} has shape {want}, got {np.shape(value)}")
             positive = leaf == "dimensions" and self.topology.given[i].quantity is Quantity.LENGTH

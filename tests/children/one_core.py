@@ -5,7 +5,7 @@ import os
 import jax
 import numpy as np
 
-from jaxnc.solvers.lu import Factoriser
+from jaxnc.solvers.sparse_matrix import Factoriser
 
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # before JAX counts them, which it does when it first computes
 jax.config.update("jax_enable_x64", True)

@@ -9,7 +9,7 @@ import numpy as np
 import shape_check  # before the library: it puts the hook in
 
 import jaxnc as nc
-from jaxnc.solvers import dense, linear
+from jaxnc.solvers import dense
 from jaxnc.system.equations import equations, jacobian, residual
 
 jax.config.update("jax_enable_x64", True)
@@ -44,13 +44,13 @@ fall.energy, nc.dynamics.momentum(fall), nc.dynamics.centre_of_mass(fall)
 
 # Linear algebra, by itself and mapped.
 a = jnp.array([[2.0, 0.3], [0.1, 1.0]])
-for f in (dense.singular_values, linear.conditioning, linear.determinant):
+for f in (dense.singular_values, dense.conditioning, dense.determinant):
     f(a), jax.vmap(f)(jnp.stack([a, 2 * a]))
-linear.steps(a, jnp.ones((2, 1)))
+dense.steps(a, jnp.ones((2, 1)))
 
 refused = ""
 try:
-    linear.steps(a, jnp.ones((3, 1)))
+    dense.steps(a, jnp.ones((3, 1)))
 except jaxtyping.TypeCheckError as error:
     refused = str(error)
 print(json.dumps([sorted(shape_check.seen), refused]))

@@ -1,13 +1,13 @@
 """The solve path on the host: NumPy on lanes, nothing compiled."""
 
-from jaxnc.solvers.host.assembly import Closest as Closest
-from jaxnc.solvers.host.assembly import closest as closest
-from jaxnc.solvers.host.follow import corrected as corrected
+from jaxnc.solvers.host.newton import Closest as Closest
+from jaxnc.solvers.host.newton import changes as changes
+from jaxnc.solvers.host.newton import closest as closest
+from jaxnc.solvers.host.newton import correct_poses as correct_poses
+from jaxnc.solvers.host.newton import rates as rates
+from jaxnc.solvers.host.newton import unabsorbed_changes as unabsorbed_changes
 from jaxnc.solvers.host.poses import scattered as scattered
 from jaxnc.solvers.host.poses import sequences as sequences
-from jaxnc.solvers.host.rates import changes as changes
-from jaxnc.solvers.host.rates import rates as rates
-from jaxnc.solvers.host.rates import taken_up as taken_up
 from jaxnc.solvers.host.sparse import view_of as view_of
 from jaxnc.solvers.host.view import HostView as HostView
-from jaxnc.solvers.host.written import ready as ready
+from jaxnc.solvers.plan_program import ready as ready

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxnc.solvers.host.matrices import least_squares
 from jaxnc.solvers.host.view import HostView
-from jaxnc.solvers.host.written import slopes
+from jaxnc.solvers.plan_program import slope_program
 
 LONGEST = 60.0  # sizes of the mechanism: a longer curve is taken for unbounded
 _MOST = 20000  # steps
@@ -50,9 +50,9 @@ def first_tangent(view: HostView, q: np.ndarray) -> np.ndarray:
     return np.linalg.svd(view.matrices(q[:, None])[0][0] / view.inner, full_matrices=True)[2][-1]
 
 
-def _bordered(view: HostView, q: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows ``(m, lanes)``; Jacobians in weighted unknowns, each bordered by a direction, ``(lanes, m + 1, n)``."""
-    program = slopes(view.plan)
+def _bordered_matrix(view: HostView, q: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows ``(m, lanes)``, and weighted Jacobians with a direction as last row, ``(lanes, m + 1, n)``."""
+    program = slope_program(view.plan)
     if program is None:
         r, inner = view.residual(q), view.matrices(q)[0]
     else:  # at a single pose by far the faster: a curve is thousands of them, one after the other
@@ -62,16 +62,16 @@ def _bordered(view: HostView, q: np.ndarray, along: np.ndarray) -> tuple[np.ndar
     return r, np.concatenate([inner / view.inner, along.T[:, None]], axis=1)
 
 
-def _onwards(matrix: np.ndarray) -> np.ndarray:
-    """What a bordered matrix maps to its border alone, ``(lanes, n)``: the tangent, not of unit length."""
+def _tangent_of(matrix: np.ndarray) -> np.ndarray:
+    """Return the tangent ``(lanes, n)``, not of unit length: a bordered matrix maps it to its border alone."""
     right = np.zeros((len(matrix), matrix.shape[1], 1))
     right[:, -1] = 1.0
     x = least_squares(matrix, right)
     return (x + least_squares(matrix, right - matrix @ x))[:, :, 0]
 
 
-def correct(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> Corrected:
-    """One step of arc length in every lane: predict along the tangent, correct across it.
+def step_along(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> Corrected:
+    """Go one step of arc length in every lane: predict along the tangent, correct across it.
 
     Nothing is driven (one freedom is left). Poses are on the curve, ``(N, lanes)``, tangents in weighted unknowns,
     ``(n, lanes)``, steps ``(lanes,)``.
@@ -82,7 +82,7 @@ def correct(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> Corr
     guess, best, size = x[at], x, np.full(len(h), np.inf)
     floor = 0.5 * view.least.floor * view.eq.length
     for i in range(_NEWTON + 1):
-        r, matrix = _bordered(view, x, t)
+        r, matrix = _bordered_matrix(view, x, t)
         new = np.max(np.abs(r), axis=0, initial=0.0)
         better = new < size
         gained = new < 0.5 * size  # less is rounding, once the pose is a solution
@@ -94,13 +94,13 @@ def correct(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> Corr
         dx = least_squares(matrix, right.T[:, :, None])[:, :, 0].T
         x = x.copy()
         x[at] -= np.where(np.isfinite(dx).all(axis=0), dx, 0.0) / w
-    tangent = _onwards(there).T
+    tangent = _tangent_of(there).T
     moved = np.sqrt(np.sum((w * (best[at] - guess)) ** 2, axis=0))
     return Corrected(best, tangent / np.sqrt(np.sum(tangent * tangent, axis=0)), size, moved)
 
 
 def _step(view: HostView, q: np.ndarray, t: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, float, float]:
-    found = correct(view, q[:, None], t[:, None], np.array([h]))
+    found = step_along(view, q[:, None], t[:, None], np.array([h]))
     return found.q[:, 0], found.t[:, 0], float(found.size[0]), float(found.moved[0])
 
 
@@ -112,8 +112,8 @@ def turning_point(view: HostView, place: int, q: np.ndarray, t: np.ndarray) -> t
     """
     at, length, x = view.plan.unknown, view.eq.length, q.copy()
     for i in range(_TURNING + 1):
-        r, matrix = _bordered(view, x[:, None], t[:, None])
-        y = _onwards(matrix)[0]
+        r, matrix = _bordered_matrix(view, x[:, None], t[:, None])
+        y = _tangent_of(matrix)[0]
         size = float(np.sqrt(y @ y))
         right = np.append(r[:, 0], length * y[place] / size)
         left = float(np.max(np.abs(right)))
@@ -170,7 +170,7 @@ def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float
             if ((v > high + 1e-12 or v < low - 1e-12) and len(curve.s) > 1) or (v < low - 1e-9 or v > high + 1e-9):
                 _land(view, curve, within[0], high if v > high else low, (u, v), h)
                 break
-        gap = _apart(view, x, curve.q[0])
+        gap = _distance(view, x, curve.q[0])
         if leaving and gap < 1.5 * h and _close(view, curve, h):
             return curve
         leaving = leaving or bool(gap > 3 * h)
@@ -182,7 +182,7 @@ def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float
     return curve
 
 
-def _apart(view: HostView, q: np.ndarray, other: np.ndarray) -> float:
+def _distance(view: HostView, q: np.ndarray, other: np.ndarray) -> float:
     """How far the places and directions of two poses are from each other, a length; angles count turns, and do not."""
     places = len(q) - len(view.plan.topology.scalars)
     return float(np.linalg.norm((view.weights[:, 0] * (q - other))[:places]))
@@ -214,7 +214,7 @@ def _close(view: HostView, curve: Curve, h: float) -> bool:
     if not 0 <= reach <= 1.2 * h:
         return False
     y, new, *_ = _step(view, q, t, reach)
-    if _apart(view, y, curve.q[0]) >= 1e-3 * size or new @ curve.t[0] <= 0.9:
+    if _distance(view, y, curve.q[0]) >= 1e-3 * size or new @ curve.t[0] <= 0.9:
         return False
     curve.add(y, new, reach)
     curve.closed = True

@@ -11,16 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnc.solvers import branch
-from jaxnc.solvers.host.matrices import Near
-from jaxnc.solvers.host.rates import rates
+from jaxnc.solvers.host.newton import SLOW, correct_poses, rates
 from jaxnc.solvers.host.view import Evaluation, HostView, largest
 from jaxnc.system.precision import farthest
 
 _BEFORE = 1e-3  # of the mechanism's size: how far from a crossing its pose is read off the branch
-_NEWTON = 8  # steps from a predicted pose, of which two are usual
 _CORRECTIONS = 6  # of Newton, before a step is given up
-_SHORT = 1e-3  # of the size: after such a correction, its matrices do for the next
-_SLOW = 0.5  # of a correction: so short the next one of Newton's must be, or it leads nowhere
 _SQUARED = 1e-4  # of the size: a shorter correction may be the last, if the one before says so
 _LEAVING = 1e-3  # of the smallest step: so short a one may lead away from a limit that was touched
 _LONGER = 100.0  # times the way before: on such a one nothing is known of it
@@ -104,7 +100,7 @@ class _Lanes:
             np.zeros((blocks, count)),
         )
         self.level, self.leapt = np.ones((blocks, count)), np.zeros(count, bool)
-        self.greatest = _drawn(view, start, blocks)
+        self.greatest = _drawn_sizes(view, start, blocks)
         self.reference = np.zeros((*(view.shape if view.redundant else (0,)), count))
 
     def keep(self, which: np.ndarray) -> None:
@@ -113,8 +109,8 @@ class _Lanes:
             setattr(self, name, getattr(self, name)[..., which])
 
 
-def _drawn(view: HostView, start: np.ndarray, blocks: int) -> np.ndarray:
-    """Logarithms of the determinants of lanes' designs as they are drawn, ``(blocks, lanes)``.
+def _drawn_sizes(view: HostView, start: np.ndarray, blocks: int) -> np.ndarray:
+    """Return logarithms of the determinants of lanes' designs as they are drawn, ``(blocks, lanes)``.
 
     What is small beside them is small wherever a way begins, and whatever other lanes meet. Where all begin as drawn
     they are found on the way.
@@ -127,7 +123,7 @@ def _drawn(view: HostView, start: np.ndarray, blocks: int) -> np.ndarray:
 
 
 def _corners(origin: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Behind each value of sequences, how far the next way leads on, and whether it leads aside, ``(T, lanes)``.
+    """Find how far the way behind each value of sequences leads on, and whether it leads aside, ``(T, lanes)``.
 
     So does one behind a way that is so short that it tells nothing.
     """
@@ -164,7 +160,7 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
         np.zeros(count, bool),
     )
     most, counts = _PER_POSE * total + _MOST, np.full(count, total) if counts is None else counts
-    values, counts, asked = _shortened(view, start, values, counts, most)
+    values, counts, asked = _cut_off(view, start, values, counts, most)
     lanes = _Lanes(view, start, values, counts)
     for _ in range(most):
         if not len(lanes.which):
@@ -180,7 +176,7 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
     return out
 
 
-def _shortened(
+def _cut_off(
     view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cut sequences of inputs ``(T, known, lanes)`` off where they go farther than can be followed.
@@ -210,7 +206,7 @@ def _shortened(
 
 
 def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
-    """One evaluation in every lane: its trial is accepted, given up or corrected. Which lanes are over with it."""
+    """Evaluate once in every lane: its trial is accepted, given up or corrected. Return which lanes are over."""
     least, weight, length = view.least, view.weights, view.eq.length
     seen, part = view.evaluate(st.q), st.reach - st.s
     finite = np.isfinite(seen.step).all(axis=0) & np.isfinite(seen.slopes).all(axis=(0, 1))
@@ -225,7 +221,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     converged = finite & (met | squared)
     moved = np.array(st.q)
     moved[view.plan.unknown] -= np.where(finite, seen.step, 0.0)
-    hopeless = (st.corrections >= _CORRECTIONS) | ((st.corrections > 0) & (correction > _SLOW * st.corrected))
+    hopeless = (st.corrections >= _CORRECTIONS) | ((st.corrections > 0) & (correction > SLOW * st.corrected))
     stopped = converged | ~finite | hopeless
     st.corrections, st.corrected = st.corrections + 1, correction
     if not stopped.any():
@@ -260,11 +256,11 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     near = (1.0 - st.s < least.touch) & (st.h > least.whole) & (st.h * speed > least.crossing * length)
     ended = bad & ~leap & (fresh | (~near & (st.h < least.smallest * np.where(leaving, _LEAVING, 1.0))))
     if good.any():
-        chosen = _chosen(good)
+        chosen = _chooser(good)
         rise = (ratio - 1.0) / ratio / part
         st.rise = chosen(np.where(np.isfinite(rise) & ~edge, rise, 0.0), st.rise)
         st.usual = np.where(good & fresh & (st.s == 0.0), after, st.usual)
-        st.curve, st.twist = (np.where(edge, 0.0, x) for x in _bent(st, base, new_slope, part, good & ~fresh))
+        st.curve, st.twist = (np.where(edge, 0.0, x) for x in _bend(st, base, new_slope, part, good & ~fresh))
         st.back, st.level = chosen(part, st.back), np.where(good & ~fresh, np.minimum(level, 1.0), st.level)
         st.s, st.base = chosen(st.reach, st.s), chosen(base, st.base)
         st.slope, st.slopes = chosen(new_slope, st.slope), chosen(seen.slopes, st.slopes)
@@ -274,13 +270,13 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
             st.signs, st.sizes = chosen(seen.signs, st.signs), chosen(seen.sizes, st.sizes)
             st.greatest = np.maximum(st.greatest, np.where(good, seen.sizes, -np.inf))
     st.leapt = ~good & (leap | st.leapt)
-    over, back = _arrivals(view, st, out, good, ended & ~fresh, ended, speed, over_it)
+    over, back = _arrive(view, st, out, good, ended & ~fresh, ended, speed, over_it)
 
-    chosen = _chosen(stopped)
+    chosen = _chooser(stopped)
     reach = st.s + np.minimum(np.minimum(st.h, 1.0), branch.longest(view.plan, st.way))
     reach = np.where(reach >= 1.0 - least.whole, 1.0, reach)
     st.reach = chosen(np.where(back, 0.0, reach), st.reach)
-    predicted = _predicted(view, st)
+    predicted = _predict(view, st)
     if back.any():
         predicted = np.where(back, st.base, predicted)
     st.q, st.guess = chosen(predicted, moved), chosen(predicted, st.guess)
@@ -288,31 +284,31 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
 
 
 def _corner(w: np.ndarray, move: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """How far moves are from such as go along one tangent first and along the other then, ``(lanes,)``."""
+    """Measure how far moves are from such as go along one tangent first and along the other then, ``(lanes,)``."""
     turn, rest = w * (after - before), w * (move - before)
     square = np.sum(turn * turn, axis=0)
     share = np.clip(np.sum(turn * rest, axis=0) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
     return np.sqrt(np.sum((rest - share * turn) ** 2, axis=0))
 
 
-def _chosen(lanes: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """What takes one array in these lanes and another in the others."""
+def _chooser(lanes: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Make the function that takes one array in these lanes and another in the others."""
     return (lambda here, _: here) if lanes.all() else (lambda here, there: np.where(lanes, here, there))
 
 
-def _bent(
+def _bend(
     st: _Lanes, base: np.ndarray, slope: np.ndarray, part: np.ndarray, good: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How the way bends at a new pose: by the cubic through it and the last one, with the tangents of both."""
-    p, chosen = np.where(good, part, 1.0), _chosen(good)
+    """Find how the way bends at a new pose, by the cubic through it and the last one with the tangents of both."""
+    p, chosen = np.where(good, part, 1.0), _chooser(good)
     chord = (base - st.base) / p
     both = slope + st.slope
     curve, twist = (both + slope - 3.0 * chord) / p, (both - 2.0 * chord) / (p * p)
     return chosen(curve, st.curve), chosen(twist, st.twist)
 
 
-def _predicted(view: HostView, st: _Lanes) -> np.ndarray:
-    """Poses where the trials are: by the cubic behind, or by a parabola where the last step was far shorter."""
+def _predict(view: HostView, st: _Lanes) -> np.ndarray:
+    """Predict poses where the trials are, by the cubic behind, or by a parabola where the last step was far shorter."""
     known = np.where(st.reach == 1.0, st.way_end, st.origin + st.reach * st.way)
     a = st.reach - st.s
     cubic = a <= _FARTHER * st.back
@@ -321,7 +317,7 @@ def _predicted(view: HostView, st: _Lanes) -> np.ndarray:
     return view.joined(predicted[view.plan.unknown], known, st.base)
 
 
-def _arrivals(
+def _arrive(
     view: HostView,
     st: _Lanes,
     out: Followed,
@@ -331,7 +327,7 @@ def _arrivals(
     speed: np.ndarray,
     over_it: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What becomes of lanes that have arrived, or can go no further: which are over, and which turn back."""
+    """Send lanes on that have arrived or can go no further; return which are over, and which turn back."""
     least, weight, length = view.least, view.weights, view.eq.length
     arrived = good & (st.s >= 1.0)
     touched = stopped & ((1.0 - st.s < least.touch) | (1.0 - st.s <= 4.0 * over_it))
@@ -346,7 +342,7 @@ def _arrivals(
     if crossed.any():
         before = (_BEFORE * length / speed)[crossed]
         at = st.base[:, crossed], st.slopes[:, :, crossed], way[:, crossed], (1.0 - st.s)[crossed]
-        st.base[:, crossed] = _met(view.taken(crossed), *at, before, aim[:, crossed])
+        st.base[:, crossed] = _crossing_poses(view.taken(crossed), *at, before, aim[:, crossed])
     at_end, following = st.target >= st.final, np.minimum(st.target + 1, st.final)
     onward, aside = st.onward[st.target, lane], st.aside[st.target, lane]
     # A limit may be touched, not passed: it goes on afresh, only if the way turns back. A crossing is passed.
@@ -356,7 +352,7 @@ def _arrivals(
     over = (visited & at_end) | (ended & ~back & ~through)
     _write(st, out, visited, over, touched & ~crossed, crossed)
     if onwards.any():
-        chosen, straight = _chosen(onwards), arrived & ~aside
+        chosen, straight = _chooser(onwards), arrived & ~aside
         st.origin = chosen(np.where(back, st.base[view.plan.known], aim), st.origin)
         st.way_end, st.target = chosen(st.values[following, :, lane].T, aim), chosen(following, st.target)
         st.way, st.s = chosen(st.way_end - st.origin, way), np.where(onwards, 0.0, st.s)
@@ -373,7 +369,7 @@ def _arrivals(
 
 
 def _level(view: HostView, st: _Lanes, seen: Evaluation) -> tuple[np.ndarray, np.ndarray]:
-    """Sizes of determinants relative to the largest that a lane has met, and to those at the last pose."""
+    """Return sizes of determinants relative to the largest that a lane has met, and to those at the last pose."""
     if seen.matrix is not None:
         ratio = view.relative(np.moveaxis(seen.matrix, -1, 0), np.moveaxis(st.reference, -1, 0))[None]
         return np.abs(ratio) * st.level, ratio
@@ -393,7 +389,7 @@ def _write(st: _Lanes, out: Followed, visited, over, limit, crossed) -> None:
         out.last[:, st.which[over]] = st.base[:, over]
 
 
-def _met(
+def _crossing_poses(
     view: HostView,
     q: np.ndarray,
     slopes: np.ndarray,
@@ -402,10 +398,10 @@ def _met(
     before: np.ndarray,
     aim: np.ndarray,
 ) -> np.ndarray:
-    """Poses where branches cross, by Taylor's series from a little before them, where poses are well determined."""
+    """Find poses where branches cross, by Taylor's series from a little before, where poses are well determined."""
     begin = q - (before - rest) * _along(view, slopes, way)
     begin[view.plan.known] = aim - before * way
-    begin = corrected(view, begin)
+    begin = correct_poses(view, begin)
     still = np.zeros_like(way)
     terms = rates(view, begin, [way, still, still])
     out = begin + sum(before**k / math.factorial(k) * term for k, term in enumerate(terms, start=1))
@@ -413,65 +409,8 @@ def _met(
     return out
 
 
-def corrected(view: HostView, q: np.ndarray, close: Near | None = None) -> np.ndarray:
-    """Newton in all lanes until its steps are rounding; by the inverses of what is `near` as long as these do."""
-    if q.shape[1] > view.at_once:
-        some = np.array_split(np.arange(q.shape[1]), -(-q.shape[1] // view.at_once))
-        return np.concatenate([corrected(view.taken(which), q[:, which]) for which in some], axis=1)
-    if q.shape[1] == 1 and view.written is not None:
-        found = view.written.corrected(view.eq, q, view.unknown_weights, view.least.fine, _NEWTON)
-        if found is not None:
-            return found
-    if close is None:
-        return _newton(view, q)
-    at, before, done, inverse = np.array(q), None, np.zeros(q.shape[1], bool), close.interpolated
-    for _ in range(_NEWTON):
-        step = (inverse @ view.residual(at).T[:, :, None])[:, :, 0].T
-        at[view.plan.unknown] -= step / view.unknown_weights
-        if done.all():  # that was the last one, to rounding
-            break
-        size = largest(step) / view.eq.length
-        if before is not None:  # an error shrinks by one factor in every step
-            done |= size * size <= 0.1 * view.least.accept * before
-            if not np.any(done | (size <= _SLOW * before)):
-                break
-        before = size
-    rest = np.flatnonzero(~done)
-    if len(rest):
-        at[:, rest] = _newton(view.taken(rest), q[:, rest])
-    return at
-
-
-def _newton(view: HostView, q: np.ndarray) -> np.ndarray:
-    """The same; short corrections go by the matrices of the one before."""
-    unknown, at, going = view.plan.unknown, np.array(q), np.arange(q.shape[1])
-    out, solve, before = at, None, np.zeros(0)
-    for _ in range(_NEWTON):
-        if view.written is not None:
-            step = view.newton(at)[1]
-        else:
-            again = solve is not None
-            solve = solve or view.solver(at)
-            step = solve(view.residual(at))
-        step = np.where(np.isfinite(step), step, 0.0)
-        at[unknown] -= step
-        if at is not out:
-            out[:, going] = at
-        size = largest(step * view.unknown_weights) / view.eq.length
-        # With old matrices an error shrinks by one factor in every step, with its own by ever smaller ones.
-        on = size > view.least.fine
-        if view.written is None and again:
-            on = size * size > 0.1 * view.least.accept * before
-        if not on.any():
-            break
-        before = size
-        if solve is None or size.max() > _SHORT:
-            view, going, at, before, solve = view.taken(on), going[on], at[:, on], size[on], None
-    return out
-
-
 def _along(view: HostView, slopes: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Change of all coordinates ``(N, lanes)`` along ways of the known ones ``(known, lanes)``."""
+    """Return the change of all coordinates ``(N, lanes)`` along ways of the known ones ``(known, lanes)``."""
     out = np.zeros((len(view.eq.home), way.shape[1]), slopes.dtype)
     out[view.plan.unknown] = np.sum(slopes * way[: slopes.shape[1]], axis=1)
     out[view.plan.known] = way

@@ -1,4 +1,4 @@
-"""Many designs of one mechanism along their own inputs, all at once in NumPy, and how their poses change with them.
+"""Designs of one mechanism along given values of their inputs, all at once in NumPy, and how their poses change.
 
 The diagonal blocks of a plan are solved one after the other: what has a closed form for all poses of all designs at
 once, the rest from pose to pose. Steps are as they are given; what leaves its branch on one of them is given up, and so
@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import branch
+from jaxnc.solvers.host.view import HostView, largest
 from jaxnc.solvers.plan import Plan, square_rows
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import FEW, Numbers, Rows, guards
@@ -22,12 +23,13 @@ from jaxnc.system.precision import limits
 
 _ITERATIONS = 12  # the most of Newton
 _ASSEMBLY = 60  # and of Levenberg and Marquardt on a drawing that does not fit its dimensions
+_AT_ONCE = 20_000  # poses on the ways of sequences; of more, following costs little
 
 Scales = Sequence[np.ndarray]
 
 
 def determinant(a: np.ndarray) -> np.ndarray:
-    """Determinants of matrices ``(k, k, *lanes)``."""
+    """Return determinants of matrices ``(k, k, *lanes)``."""
     if len(a) == 1:
         return a[0, 0]
     if len(a) == 2:
@@ -35,8 +37,8 @@ def determinant(a: np.ndarray) -> np.ndarray:
     return np.linalg.det(np.moveaxis(a, (0, 1), (-2, -1)))
 
 
-def _solved(a: np.ndarray, right: list[np.ndarray]) -> list[np.ndarray]:
-    """Solutions of ``(k, k, *lanes)`` for right sides that may have an axis more, first; not finite where singular."""
+def _solve(a: np.ndarray, right: list[np.ndarray]) -> list[np.ndarray]:
+    """Solve ``(k, k, *lanes)`` for right sides that may have an axis more, first; not finite where singular."""
     if len(a) == 1:
         return [right[0] / a[0, 0]]
     if len(a) == 2:
@@ -68,7 +70,7 @@ class Lockstep:
     def follow(
         self, drawn: Drawn, scales: Scales, length: float, start: np.ndarray, track: np.ndarray, sure: bool = False
     ) -> PoseBatch:
-        """Poses along values of the known coordinates.
+        """Solve for poses along values of the known coordinates.
 
         Args:
             drawn: the designs, an axis of theirs behind each number's own; changes are not looked at.
@@ -93,9 +95,9 @@ class Lockstep:
         with np.errstate(all="ignore"):
             for block in self.blocks:
                 if block.form == "iterated":
-                    good &= self._iterated(block, numbers, weights, length, q, share)
+                    good &= self._iterate(block, numbers, weights, length, q, share)
                 else:
-                    _closed(block, numbers, q)
+                    _solve_closed(block, numbers, q)
                 a = matrix(block, block.given(q, numbers), good.shape)
                 size = np.prod(np.sqrt(np.sum((a / weights[list(block.columns), None, None]) ** 2, axis=1)), axis=0)
                 value = determinant(a) / np.prod(weights[list(block.columns)])
@@ -125,15 +127,10 @@ class Lockstep:
         q = np.where(good, q, start[:, None])
         return PoseBatch(q, good=good, doubted=doubted)
 
-    def intersect(self, numbers: Any, q: np.ndarray) -> None:
-        """Put poses ``(N, steps, designs)`` in their places, if `closed`; all are on the sides of the first of them."""
-        for block in self.blocks:
-            _closed(block, numbers, q)
-
-    def _iterated(
+    def _iterate(
         self, block: Rows, numbers: Any, weights: np.ndarray, length: float, q: np.ndarray, share: np.ndarray
     ) -> np.ndarray:
-        """Newton from pose to pose, in all designs; whether each pose was found."""
+        """Solve a block by Newton from pose to pose, in all designs; say whether each pose was found."""
         columns, least = list(block.columns), limits(np.zeros(0))
         weight, good = weights[columns, None], np.zeros(q.shape[1:], bool)
         good[0], live = True, np.arange(q.shape[2])
@@ -148,7 +145,7 @@ class Lockstep:
             given = [*guess, *(q[c, s, live] for c in block.coordinates[len(columns) :]), *rest]
             far = np.full(len(live), np.inf)
             for _ in range(_ITERATIONS):
-                step = _newton(block, given, live.shape)
+                step = _newton_step(block, given, live.shape)
                 given[: len(columns)] = [x - d for x, d in zip(given, step, strict=False)]
                 far = functools.reduce(np.maximum, (np.abs(d) * w for d, w in zip(step, weight, strict=True)))
                 if not np.any(far > least.fine * length):  # what is not finite goes on no longer
@@ -167,8 +164,8 @@ class Lockstep:
             q[columns, s] = np.where(good[s], q[columns, s], q[columns, s - 1])
         return good
 
-    def assembled(self, drawn: Drawn, scales: Scales, length: float) -> np.ndarray:
-        """The pose of each design that is closest to its drawing, ``(N, designs)``; see `host.closest`."""
+    def assemble(self, drawn: Drawn, scales: Scales, length: float) -> np.ndarray:
+        """Find the pose of each design that is closest to its drawing, ``(N, designs)``; see `host.closest`."""
         q = drawn.home[..., 0].copy()
         part, least = self.everything, limits(np.zeros(0))
         numbers, columns = Numbers([c[..., 0] for c in drawn.constants], scales), list(part.columns)
@@ -204,7 +201,7 @@ class Lockstep:
         return q
 
     def changes(self, drawn: Drawn, q: np.ndarray, good: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """How poses change with designs and inputs, ``(N, changes, steps, designs)``, by the implicit rule; else zero.
+        """Differentiate poses by designs and inputs, ``(N, changes, steps, designs)``, by the implicit rule; else zero.
 
         The poses ``(N, steps, designs)`` are there where they are good, ``(steps, designs)``; changes of the known
         coordinates are ``(known, changes, steps, designs)``.
@@ -222,7 +219,7 @@ class Lockstep:
                 rows = block.run_changes([*given, *block.moving(out, moved)])
                 rows = [np.broadcast_to(r, out.shape[1:]) for r in rows]
                 a = matrix(block, given, q.shape[1:])
-                for c, change in zip(block.columns, _solved(a, rows), strict=True):
+                for c, change in zip(block.columns, _solve(a, rows), strict=True):
                     np.negative(change, out=out[c])
         out[~(good & np.isfinite(out))] = 0.0
         return out
@@ -236,16 +233,16 @@ def matrix(rows: Rows, given: list[Any], lanes: tuple[int, ...]) -> np.ndarray:
     return out
 
 
-def _newton(block: Rows, given: list[Any], lanes: tuple[int, ...]) -> list[np.ndarray]:
+def _newton_step(block: Rows, given: list[Any], lanes: tuple[int, ...]) -> list[np.ndarray]:
     """Find Newton's step of each column; not finite where the block is singular."""
     if len(block.columns) <= FEW:
         return list(block.run_step(given))
     rows = [np.broadcast_to(r, lanes) for r in block.run(np)(given)]
-    return _solved(matrix(block, given, lanes), rows)
+    return _solve(matrix(block, given, lanes), rows)
 
 
 def shares(track: np.ndarray) -> np.ndarray:
-    """How long each step is in terms of the one before, ``(steps - 1, designs)``; of the first one 0."""
+    """Measure each step in terms of the one before, ``(steps - 1, designs)``; of the first one 0."""
     ways = np.diff(track, axis=1)
     ahead, square = np.sum(ways[:, 1:] * ways[:, :-1], axis=0), np.sum(ways[:, :-1] ** 2, axis=0)
     share = ahead / np.where(square > 0.0, square, 1.0)
@@ -260,12 +257,12 @@ def steady(value: np.ndarray, share: np.ndarray) -> np.ndarray:
     return branch.steady([value[1:]], [value[:-1]], [rise], share)
 
 
-def _closed(block: Rows, numbers: Any, q: np.ndarray) -> None:
+def _solve_closed(block: Rows, numbers: Any, q: np.ndarray) -> None:
     """Solve a block with a closed form, in all poses, on the side that its first pose has."""
     columns, lanes = list(block.columns), q.shape[1:]
     given = block.given(q, numbers)
     if block.form == "affine":
-        q[columns] -= np.stack([np.broadcast_to(d, lanes) for d in _newton(block, given, lanes)])
+        q[columns] -= np.stack([np.broadcast_to(d, lanes) for d in _newton_step(block, given, lanes)])
         return
     first = matrix(block, block.given(q[:, :1], numbers), (1, lanes[1]))
     found = block.run_solution(np)([*given, np.sign(determinant(first))])
@@ -279,5 +276,92 @@ def _closed(block: Rows, numbers: Any, q: np.ndarray) -> None:
 
 @with_owner
 def lockstep(plan: Plan) -> Lockstep:
-    """A plan, made ready once."""
+    """Make a plan ready once."""
     return Lockstep(plan)
+
+
+def solve_at_once(
+    view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Solve sequences whose blocks all have closed forms, with all poses of a way at once.
+
+    As in traced code (`jaxnc.solvers.sequences`) a closed form needs no guess, only the side that it is on, and whether
+    poses are on one branch is seen from them afterwards. What cannot be told so is to be followed.
+
+    Args:
+        view: what is solved for.
+        start: poses to begin from, ``(N, D)``.
+        values: values of the known coordinates, ``(T, known, D)``.
+        counts: how many values each sequence has, ``(D,)``.
+
+    Returns:
+        Poses ``(N, T, D)``, and which sequences have all theirs on their branch, ``(D,)``.
+    """
+    total, _, many = values.shape
+    none = np.zeros((0, 0, many)), np.zeros(many, bool)
+    if view.program is None or start.dtype != np.float64 or not values.shape[1]:  # of a structure nothing moves
+        return none
+    core = lockstep(view.plan)
+    track, every = _track(start[view.plan.known], values)
+    if not core.closed or track.shape[1] * many > _AT_ONCE:
+        return none
+    q = np.repeat(start[:, None], track.shape[1], axis=1)
+    q[view.plan.known] = track
+    with np.errstate(all="ignore"):
+        for block in core.blocks:
+            _solve_closed(block, view.eq, q)
+        good = _on_branch(view, start, q, track)
+    last = track.shape[1] - 1 - every * (total - counts)
+    return q[:, -1 - every * (total - 1) :: every], (good | (np.arange(track.shape[1])[:, None] > last)).all(axis=0)
+
+
+def _track(home: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return known coordinates on the way to all values ``(known, steps, D)``, and how many steps lead to each."""
+    total, first = len(values), values[0]
+    every = -(-branch.TURNING // total) if total > 1 else 1
+    parts = branch.LEADING if total > 1 else branch.TURNING
+    parts = np.append(branch.SHORT, np.arange(1, parts + 1))[:, None, None] / parts
+    lead = [home[None], home + parts * (first - home)]
+    before = values[:-1]
+    if total > 1:
+        # Where the way turns a short step shows how determinants change; it is gone to and fro.
+        short = first + branch.SHORT * (values[1] - first)
+        lead += [short[None], first[None]]
+    between = np.arange(1, every + 1)[:, None, None] / every
+    rest = before[:, None] + between * (values[1:] - before)[:, None]
+    return np.moveaxis(np.concatenate([*lead, rest.reshape(len(before) * every, *home.shape)]), 0, 1), every
+
+
+def _on_branch(view: HostView, start: np.ndarray, q: np.ndarray, track: np.ndarray) -> np.ndarray:
+    """Say which poses ``(N, steps, D)`` are regular solutions and on one branch with those before, ``(steps, D)``."""
+    shape, plan = q.shape[1:], view.plan
+    lanes, each = q.reshape(len(q), -1), view.taken(np.tile(np.arange(shape[1]), shape[0]))
+    assert each.program is not None
+    rows, determinants, slopes = each.program.run(("residual", "determinants", "slopes"), each.eq, lanes)
+    # Where a slope is none, as of a cam that is upright, there is no derivative either: steps stop there.
+    good = (largest(rows) <= each.tolerance(lanes)) & each.upright(lanes) & np.isfinite(slopes).all(axis=0)
+    good = good.reshape(shape) & (largest(view.residual(start)) <= view.tolerance(start))
+    determinants = determinants.reshape(-1, *shape)
+    sizes = np.abs(determinants)
+    clear = sizes > branch.CLEAR * sizes.max(axis=1, keepdims=True)
+    clear &= np.sign(determinants) == np.sign(determinants[:, :1])
+    good &= clear.all(axis=0)
+    share = shares(track)
+    for value in determinants:
+        good[1:] &= steady(value, share)
+    good[1:] &= np.all(np.abs(np.diff(track[plan.angles], axis=1)) <= branch.STEP, axis=0)
+    good[1:] &= _smooth(view, q, track, slopes.reshape(len(plan.unknown), -1, *shape))
+    return good
+
+
+def _smooth(view: HostView, q: np.ndarray, track: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Say in which steps poses change as their slopes do, ``(steps - 1, D)``: a kind may jump, or have an edge."""
+    plan, way = view.plan, np.diff(track, axis=1)
+    unknown, known = (view.weights[at][:, None] for at in (plan.unknown, plan.known))
+    slopes = slopes * unknown[:, None]
+    before, after = (np.sum(x * way[: slopes.shape[1]], axis=1) for x in (slopes[:, :, :-1], slopes[:, :, 1:]))
+    still = np.sum((known * way) ** 2, axis=0)
+    lengths = sum(np.sqrt(np.sum(x * x, axis=0) + still) for x in (before, after))
+    kink = np.diff(q[plan.unknown], axis=1) * unknown - 0.5 * (before + after)
+    bend, kink = (np.sqrt(np.sum(x * x, axis=0)) for x in (after - before, kink))
+    return branch.smooth(bend, kink, lengths, view.least.close * view.eq.length)

@@ -39,7 +39,7 @@ class Near:
         return (self.weights @ four).reshape(-1, *self.inverse.shape[1:])[: len(self.nearest)]
 
     def proper(self, matrix: np.ndarray) -> np.ndarray:
-        """Which of all lanes' matrices differ from their neighbour's by less than could make that one singular."""
+        """Say which lanes' matrices differ from their neighbour's by less than could make that one singular."""
         apart = self.matrix[self.nearest]
         apart -= matrix
         reach = np.sum(self.inverse**2, axis=(1, 2))[self.nearest]
@@ -47,7 +47,7 @@ class Near:
 
 
 def near(q: np.ndarray, length: float, matrices: Callable[[np.ndarray], np.ndarray]) -> Near | None:
-    """Which lanes stand for others; None where they are too few for that.
+    """Choose lanes that stand for others; None where they are too few for that.
 
     The poses are in the order of a motion, coordinates as lengths, ``(N, lanes)``; `matrices` gives those of some of
     the lanes, ``(…, m, n)``.
@@ -72,7 +72,7 @@ def near(q: np.ndarray, length: float, matrices: Callable[[np.ndarray], np.ndarr
 
 
 class Inverses:
-    """What solves with the matrices of poses ``(lanes, m, n)``, refined.
+    """Solves with the matrices of poses ``(lanes, m, n)``, refined.
 
     `close` is what is known of the lanes between others, if anything.
     """
@@ -83,7 +83,7 @@ class Inverses:
             self._inverse = inverse_of(matrix)
             return
         self._inverse = close.interpolated
-        off = _off(matrix, self._inverse)
+        off = _error_of(matrix, self._inverse)
         poor = ~(off <= _ROUGH)
         if poor.any():
             self._inverse = np.array(self._inverse)
@@ -99,14 +99,14 @@ class Inverses:
         return x
 
 
-def _off(matrix: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """How far inverses are off, relative, ``(lanes,)``."""
+def _error_of(matrix: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Measure how far inverses are off, relative, ``(lanes,)``."""
     probe = np.cos(np.arange(matrix.shape[2], dtype=matrix.dtype))[:, None]  # in no direction that means anything
     return np.max(np.abs(inverse @ (matrix @ probe) - probe), axis=(1, 2), initial=0.0)
 
 
 def least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solutions ``(lanes, n, c)``, of all rows in the least-squares sense if they are more; not finite if singular."""
+    """Solve for ``(lanes, n, c)``, in the least-squares sense if there are more rows; not finite if singular."""
     if matrix.shape[1] > matrix.shape[2]:
         basis, triangle = np.linalg.qr(matrix)
         return solved(triangle, np.swapaxes(basis, 1, 2) @ right)
@@ -114,7 +114,7 @@ def least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def inverse_of(matrix: np.ndarray) -> np.ndarray:
-    """What right-hand sides are multiplied with, ``(lanes, n, m)``, to be refined once; not finite if singular.
+    """Return inverses ``(lanes, n, m)`` whose products are to be refined once; not finite if singular.
 
     Of more rows than unknowns it is that of the normal equations, in a third of the time of orthogonal columns, which
     are taken where one refinement would not make it good.
@@ -126,7 +126,7 @@ def inverse_of(matrix: np.ndarray) -> np.ndarray:
     back = np.swapaxes(matrix, 1, 2)
     normal = back @ matrix
     out = solved(normal, np.broadcast_to(unit, normal.shape)) @ back
-    poor = ~(_off(matrix, out) <= _HALF * np.finfo(matrix.dtype).eps ** 0.5)
+    poor = ~(_error_of(matrix, out) <= _HALF * np.finfo(matrix.dtype).eps ** 0.5)
     if poor.any():
         basis, triangle = np.linalg.qr(matrix[poor])
         out[poor] = solved(triangle, np.swapaxes(basis, 1, 2))
@@ -134,7 +134,7 @@ def inverse_of(matrix: np.ndarray) -> np.ndarray:
 
 
 def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solutions ``(lanes, n, c)``; not finite if singular."""
+    """Solve for right-hand sides ``(lanes, n, c)``; not finite if singular."""
     try:
         return np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:  # one of them is singular to the last bit

@@ -5,12 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxnc import memory
+from jaxnc.process import keep_memory
 from jaxnc.solvers import branch
-from jaxnc.solvers.host.closed import sure
-from jaxnc.solvers.host.follow import Followed, corrected, follow
+from jaxnc.solvers.host.follow import Followed, follow
+from jaxnc.solvers.host.lockstep import solve_at_once
+from jaxnc.solvers.host.newton import correct_poses
 from jaxnc.solvers.host.view import HostView, largest
-from jaxnc.solvers.plan import unwound
+from jaxnc.solvers.plan import unwind
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.system.precision import farthest
 
@@ -22,7 +23,7 @@ _SKIPPED = 2.0  # turns in one step: of more, whole ones are left out
 
 
 def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> PoseBatch:
-    """Poses of sequences of input values, each in order along one branch; all sequences in lockstep.
+    """Solve for sequences of input values, each in order along one branch; all sequences in lockstep.
 
     Poses to begin from are ``(N, D)``, values ``(T, known, D)``; each sequence has as many as `counts` says, at least
     one.
@@ -32,18 +33,18 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
         not reached none is, and beyond its last value they are as there.
     """
     total, _, many = values.shape
-    winding = _whole_turns(view, start, values)
+    winding = _skip_turns(view, start, values)
     if winding is not None:
         near = values.copy()
-        near[:, 0] = unwound(values[:, 0], winding.turns)
-        return _rewound(sequences(view, start, near, counts), winding, values[:, 0], view.plan.driven[0])
+        near[:, 0] = unwind(values[:, 0], winding.turns)
+        return _rewind(sequences(view, start, near, counts), winding, values[:, 0], view.plan.driven[0])
     place, given = np.arange(total)[:, None], np.full(many, total) if counts is None else counts
     # A value that is there twice in succession has one pose.
     new = np.any(values[1:] != values[:-1], axis=1) & (place[1:] < given)
     at = np.concatenate([np.zeros((1, many), int), np.cumsum(new, axis=0)])
     distinct = at[-1] + 1
     if np.any(distinct < total):
-        values = values[_in_front(np.concatenate([np.ones((1, many), bool), new])), :, np.arange(many)]
+        values = values[_to_front(np.concatenate([np.ones((1, many), bool), new])), :, np.arange(many)]
         values = np.moveaxis(values, 1, 2)
     found = _Found(view, start, values[: np.max(distinct)], distinct)
     found.find()
@@ -52,14 +53,14 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
 
 
 def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> PoseBatch:
-    """Poses of independent input values, each on the straight way from a start pose.
+    """Solve for independent input values, each on the straight way from a start pose.
 
     Poses to begin from are ``(N, D)``, values ``(L, known)``; `which` start pose each has is ``(L,)``.
     """
     known = start[view.plan.known]
     moving = np.flatnonzero(np.any(known[:, which] != values.T, axis=1))
     if len(moving) <= 1 and len(values) > _EACH * start.shape[1]:
-        return _on_lines(view, start, values, which, int(moving[0]) if len(moving) else 0)
+        return _along_lines(view, start, values, which, int(moving[0]) if len(moving) else 0)
     if len(values) > view.at_once:
         parts = [scattered(view, start, values[at], which[at]) for at in _groups(np.arange(len(values)), view)]
         return parts[0].each(lambda *x: np.concatenate(x, axis=-1), *parts[1:])
@@ -69,8 +70,8 @@ def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
     return found.poses()
 
 
-def _on_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray, moving: int) -> PoseBatch:
-    """The values below a start in falling order, and those above it in rising order, as two sequences of each."""
+def _along_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray, moving: int) -> PoseBatch:
+    """Solve for values below a start in falling order, and those above it in rising order, as two sequences of each."""
     way = values[:, moving] - start[view.plan.known[moving], which]
     line = 2 * which + (way >= 0.0)
     order = np.lexsort((np.abs(way), line))
@@ -93,7 +94,7 @@ class _Winding(NamedTuple):
     change: np.ndarray  # of all coordinates in one turn: whole turns of angles, (N, lanes)
 
 
-def _whole_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Winding | None:
+def _skip_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Winding | None:
     """Find whole turns of the one input that can be left out of sequences of its values ``(T, known, lanes)``.
 
     They are those of an angle that nothing else depends on, where a turn leads back to the pose that it began from. A
@@ -129,7 +130,7 @@ def _whole_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Wind
     return _Winding(turns, whole)
 
 
-def _rewound(found: PoseBatch, winding: _Winding, values: np.ndarray, driven: int) -> PoseBatch:
+def _rewind(found: PoseBatch, winding: _Winding, values: np.ndarray, driven: int) -> PoseBatch:
     """Put the turns that were left out into poses again, ``(N, D T)``; `values` are what was asked for, ``(T, D)``."""
     total, many = values.shape
     reached = found.good.reshape(many, total).T
@@ -161,8 +162,8 @@ class _Found:
         self.first, self.owner = np.arange(many) * self.total, np.repeat(np.arange(many), self.total)
         self.values = values.transpose(1, 2, 0).reshape(known, many * self.total)
         lanes = many * self.total
-        if view.written is None and lanes * math.prod(view.shape) >= _LARGE:
-            memory.keep()
+        if view.program is None and lanes * math.prod(view.shape) >= _LARGE:
+            keep_memory()
         self.q = np.repeat(start, self.total, axis=1)
         self.slopes = np.zeros((n, driven, lanes), start.dtype)
         self.good, self.limit, self.crossed, self.settled = (np.zeros(lanes, bool) for _ in range(4))
@@ -170,7 +171,7 @@ class _Found:
 
     def find(self) -> None:
         """Find all of them that there are: whole sequences at once where these are sure, the others in order."""
-        q, right = sure(self.view, self.start, self.ordered, self.counts)
+        q, right = solve_at_once(self.view, self.start, self.ordered, self.counts)
         if not right.any():
             self._follow()
             return
@@ -190,8 +191,8 @@ class _Found:
             self.last[:, rest], self.exhausted[rest] = others.last, others.exhausted
 
     def _follow(self) -> None:
-        marks = _anchors(self.view, self.ordered, self.counts)
-        at, counts, every = _in_front(marks), np.sum(marks, axis=0), np.arange(len(self.counts))
+        marks = _choose_anchors(self.view, self.ordered, self.counts)
+        at, counts, every = _to_front(marks), np.sum(marks, axis=0), np.arange(len(self.counts))
         seen = follow(self.view, self.start, np.moveaxis(self.ordered[at, :, every], 1, 2), counts)
         reached, start = seen.reached, self.start
         self._take(at, seen, every)
@@ -214,14 +215,14 @@ class _Found:
         self.good = (np.cumsum(~good, axis=1) == 0).reshape(-1)  # a branch is followed in order
 
     def _take(self, place: np.ndarray, seen: Followed, which: np.ndarray) -> None:
-        """Poses ``(T, lanes)`` that some sequences were followed to."""
+        """Take over poses ``(T, lanes)`` that some sequences were followed to."""
         t, lane = np.nonzero(np.arange(len(place))[:, None] < seen.reached)
         at = self.first[which[lane]] + place[t, lane]
         self.q[:, at], self.slopes[:, :, at] = seen.poses[t, :, lane].T, np.moveaxis(seen.slopes[t, :, :, lane], 0, 2)
         self.good[at], self.limit[at], self.crossed[at] = True, seen.limit[t, lane], seen.crossed[t, lane]
 
     def _between(self, marks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lanes between anchors that were reached, the anchor before each, and the one behind.
+        """Return lanes between anchors that were reached, the anchor before each, and the one behind.
 
         Where it helps that lanes are in order, regular anchors are among them, each before and behind itself.
         """
@@ -233,7 +234,7 @@ class _Found:
         return tuple(self.first[which] + x for x in (t, left[t, which], right[t, which]))
 
     def _fill(self, place: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
-        """Poses of lanes between two neighbours that are known."""
+        """Fill in poses of lanes between two neighbours that are known."""
         if not len(place):
             return
         if len(place) > self.view.at_once:
@@ -256,7 +257,7 @@ class _Found:
         guess = guess + np.sum((s * slopes[0] + t * slopes[1]) * aside, axis=1)
         begin = view.joined(guess, u, a)
         close = view.near(begin)
-        q = corrected(view, begin, close)
+        q = correct_poses(view, begin, close)
         good = largest(view.residual(q)) <= view.tolerance(q)
         good &= view.upright(q)
         far, off = view.norm(view.weights, b - a), view.norm(view.weights, q - begin)
@@ -297,7 +298,7 @@ class _Found:
         self._take(place - self.first[owner], seen, owner)
 
     def poses(self) -> PoseBatch:
-        """What was found, looked at; where a pose was not found, the last one is looked at once.
+        """Check what was found; where a pose was not found, the last one on the branch is checked.
 
         Regular poses have one more step of Newton: those that were followed to met a tolerance, not rounding.
         """
@@ -336,17 +337,17 @@ class _Found:
 
 
 def _groups(lanes: np.ndarray, view: HostView) -> list[np.ndarray]:
-    """Lanes in as many groups as a view solves one after the other; none of none."""
+    """Split lanes into as many groups as a view solves one after the other; none of none."""
     return np.array_split(lanes, -(-len(lanes) // view.at_once)) if len(lanes) else []
 
 
-def _in_front(marks: np.ndarray) -> np.ndarray:
-    """Places of the marks ``(T, D)`` in front of everything else, down to as many as one of the columns has."""
+def _to_front(marks: np.ndarray) -> np.ndarray:
+    """Put places of the marks ``(T, D)`` in front of everything else, down to as many as one of the columns has."""
     return np.argsort(~marks, axis=0, kind="stable")[: np.max(np.sum(marks, axis=0))]
 
 
-def _anchors(view: HostView, values: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Which poses of sequences are followed to: as many as a way is long, and where it turns; ``(T, D)``."""
+def _choose_anchors(view: HostView, values: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Mark poses of sequences that are followed to, as many as a way is long, and where it turns; ``(T, D)``."""
     total, known, many = values.shape
     place, final = np.arange(total)[:, None], counts - 1
     valid = place <= final

@@ -8,9 +8,8 @@ import numpy as np
 
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.host.view import HostView, largest
-from jaxnc.solvers.large import LargePlan, by_lu, sparse
-from jaxnc.solvers.lu import SMALL
-from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.plan import LargePlan, Plan, by_lu, sparse
+from jaxnc.solvers.sparse_matrix import SMALL
 from jaxnc.system.host import HostEquations
 
 if TYPE_CHECKING:
@@ -49,8 +48,8 @@ def blocks_of_two(plan: LargePlan) -> np.ndarray | None:
     return places
 
 
-def filled(matrix: np.ndarray) -> np.ndarray:
-    """Numbers ``(lanes, nnz)`` with a zero and a one behind them, lanes last."""
+def _pad(matrix: np.ndarray) -> np.ndarray:
+    """Put a zero and a one behind the numbers ``(lanes, nnz)``, lanes last."""
     lanes, dtype = len(matrix), matrix.dtype
     return np.concatenate([matrix.T, np.zeros((1, lanes), dtype), np.ones((1, lanes), dtype)])
 
@@ -91,7 +90,7 @@ def solve_levels(plan: LargePlan, matrix: np.ndarray, right: np.ndarray) -> np.n
     It takes as many steps as a chain is long, but each of them for all lanes.
     """
     (m, n), (lanes, _, count) = plan.numbers.shape, right.shape
-    numbers = filled(matrix)[:, None]
+    numbers = _pad(matrix)[:, None]
     rest, x = np.zeros((m + 1, count, lanes), matrix.dtype), np.zeros((n + 1, count, lanes), matrix.dtype)
     rest[:m] = np.moveaxis(right, 0, 2)
     for level in levels(plan):
@@ -106,7 +105,7 @@ def solve_levels(plan: LargePlan, matrix: np.ndarray, right: np.ndarray) -> np.n
 
 
 class SparseView(HostView):
-    """What is solved for, where that is much; where `HostView` has matrices, this has ``(lanes, nnz)``.
+    """A view of many unknowns; where `HostView` has matrices, this has ``(lanes, nnz)``.
 
     Steps of a large system are measured by the coordinate that moves most: among thousands of loops one that jumps does
     not show in a sum. Where coordinates are as large as a long chain, not its bars, their rounding is the chain's.
@@ -144,37 +143,37 @@ class SparseView(HostView):
         return matrix / inner[..., self.plan.numbers.columns]
 
     def damped(self, slope: np.ndarray, rows: np.ndarray, damping: np.ndarray) -> np.ndarray:
-        """As `HostView.damped`."""
+        """See `HostView.damped`."""
         (m, n), plan = self.plan.numbers.shape, self.plan
         out = np.empty((len(slope), n))
         for k, data in enumerate(slope):
             amount = damping[k] * np.sum(data * data) / n + self.least.tiny
             right = np.concatenate([rows[:, k], np.zeros(n)])[:, None]
-            out[k] = plan.augmented.solved_by(plan.augmented.factorise(plan.symmetric(data, amount)), right)[m:, 0]
+            out[k] = plan.augmented.solve_by(plan.augmented.factorise(plan.symmetric(data, amount)), right)[m:, 0]
         return out
 
-    def _factors(self, matrix: np.ndarray) -> "Iterator[tuple[np.ndarray, SuperLU | None]]":
-        """What turns each lane's unknowns into lengths, and factors of its matrix."""
+    def _factorise_each(self, matrix: np.ndarray) -> "Iterator[tuple[np.ndarray, SuperLU | None]]":
+        """Yield what turns each lane's unknowns into lengths, and factors of its matrix."""
         plan, lengths = self.plan, matrix if self.plan.square else self.lengths(matrix)
         for k, data in enumerate(lengths if len(plan.unknown) else ()):
             inner = self.inner if self.inner.ndim == 1 else self.inner[k, 0]
             yield inner, plan.lu.factorise(data) if plan.square else plan.augmented.factorise(plan.symmetric(data))
 
-    def _solved(self, inner: np.ndarray, factors: "SuperLU | None", right: np.ndarray) -> np.ndarray:
-        """Steps of one lane's unknowns for right-hand sides ``(m, c)``."""
+    def _solve_lane(self, inner: np.ndarray, factors: "SuperLU | None", right: np.ndarray) -> np.ndarray:
+        """Solve in one lane for right-hand sides ``(m, c)``."""
         plan, (m, n) = self.plan, self.plan.numbers.shape
         if plan.square:
-            return plan.lu.solved_by(factors, right)
+            return plan.lu.solve_by(factors, right)
         padded = np.concatenate([right, np.zeros((n, right.shape[1]))])
-        return plan.augmented.solved_by(factors, padded)[m:] / inner[:, None]
+        return plan.augmented.solve_by(factors, padded)[m:] / inner[:, None]
 
     def solve(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """As `HostView.solve`."""
+        """See `HostView.solve`."""
         if self._side_by_side(len(matrix)):
             return solve_levels(self.plan, matrix, right)
         x = np.empty((len(matrix), len(self.plan.unknown), right.shape[2]), matrix.dtype)
-        for k, (inner, factors) in enumerate(self._factors(matrix)):
-            x[k] = self._solved(inner, factors, right[k])
+        for k, (inner, factors) in enumerate(self._factorise_each(matrix)):
+            x[k] = self._solve_lane(inner, factors, right[k])
         return x
 
     def _single(self, q: np.ndarray) -> None:
@@ -182,28 +181,28 @@ class SparseView(HostView):
 
     @property
     def refines(self) -> bool:
-        """Not: `solver` has the factors alone."""
+        """No: `solver` has the factors alone."""
         return False
 
     @property
     def ordered(self) -> bool:
-        """Not: inverses are not sparse."""
+        """No: inverses are not sparse."""
         return False
 
     def _side_by_side(self, lanes: int) -> bool:
-        """Whether all lanes level by level take less time than one after the other by LU."""
+        """Say whether all lanes level by level take less time than one after the other by LU."""
         if self._pairs is None:
             return False
         return lanes * (_FACTORISED + len(self.plan.unknown)) > _LEVEL * len(levels(self.plan))
 
     def factorised(self, matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `HostView.factorised`; in a large system, sizes of determinants of small blocks only, others are one."""
+        """See `HostView.factorised`; in a large system, sizes of determinants of small blocks only, others are one."""
         if self._pairs is not None or not self.plan.sequence:
             return self.solve(matrix, right), *self._orientation(matrix)
         x, found = np.empty((len(matrix), len(self.plan.unknown), right.shape[2]), matrix.dtype), []
-        for k, (inner, factors) in enumerate(self._factors(matrix)):
-            x[k] = self._solved(inner, factors, right[k])
-            found.append(self._facing(factors))
+        for k, (inner, factors) in enumerate(self._factorise_each(matrix)):
+            x[k] = self._solve_lane(inner, factors, right[k])
+            found.append(self._block_signs(factors))
         signs, sizes = np.array(found).swapaxes(0, 1)
         return x, signs, sizes
 
@@ -211,25 +210,27 @@ class SparseView(HostView):
         if not self.plan.sequence:
             return np.ones((len(matrix), 0)), np.zeros((len(matrix), 0))
         if self._pairs is None:
-            signs, sizes = np.array([self._facing(factors) for _, factors in self._factors(matrix)]).swapaxes(0, 1)
+            signs, sizes = np.array(
+                [self._block_signs(factors) for _, factors in self._factorise_each(matrix)]
+            ).swapaxes(0, 1)
             return signs, sizes
-        (a, b), (c, d) = filled(matrix)[self._pairs]
+        (a, b), (c, d) = _pad(matrix)[self._pairs]
         determinants = (a * d - b * c).T
         return np.sign(determinants), np.log(np.maximum(np.abs(determinants), self.least.tiny))
 
-    def _facing(self, factors: "SuperLU | None") -> tuple[np.ndarray, np.ndarray]:
-        """Signs and logarithms of the diagonal blocks' determinants in one lane."""
+    def _block_signs(self, factors: "SuperLU | None") -> tuple[np.ndarray, np.ndarray]:
+        """Return signs and logarithms of the diagonal blocks' determinants in one lane."""
         pivots, signs = self.plan.lu.pivots(factors)
         logarithms = np.log(np.maximum(pivots, self.least.tiny))
-        small, block_of = _small(self.plan)
+        small, block_of = _small_blocks(self.plan)
         return signs, np.where(small, np.bincount(block_of, logarithms, len(small)), 0.0)
 
     def solver(self, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """As `HostView.solver`."""
+        """See `HostView.solver`."""
         if self._side_by_side(q.shape[1]):
             matrix = self.matrices(q)[0]
             return lambda right: solve_levels(self.plan, matrix, right.T[:, :, None])[:, :, 0].T
-        each = [functools.partial(self._solved, *factors) for factors in self._factors(self.matrices(q)[0])]
+        each = [functools.partial(self._solve_lane, *factors) for factors in self._factorise_each(self.matrices(q)[0])]
 
         def one_by_one(right: np.ndarray) -> np.ndarray:
             columns = [solve(right[:, k, None])[:, 0] for k, solve in enumerate(each)]
@@ -238,20 +239,20 @@ class SparseView(HostView):
         return one_by_one
 
     def polished(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `HostView.polished`; the conditioning is the smallest pivot over the largest."""
+        """See `HostView.polished`; the conditioning is the smallest pivot over the largest."""
         n, lanes = len(self.plan.unknown), q.shape[1]
         r, matrix = self.residual(q), self.matrices(q)[0]
         if self._pairs is not None:
             step = self.solve(matrix, r.T[:, :, None])[:, :, 0].T
             return r, step, self._ratio(_pivots(self.lengths(matrix), self._pairs))
         step, found = np.zeros((n, lanes), q.dtype), np.ones(lanes, q.dtype)
-        for k, (inner, factors) in enumerate(self._factors(matrix)):
-            step[:, k] = self._solved(inner, factors, r[:, k, None])[:, 0]
+        for k, (inner, factors) in enumerate(self._factorise_each(matrix)):
+            step[:, k] = self._solve_lane(inner, factors, r[:, k, None])[:, 0]
             found[k] = self._ratio(self._pivots(inner, factors)[None])[0]
         return r, step, found
 
     def conditioning(self, q: np.ndarray) -> np.ndarray:
-        """As `HostView.conditioning`: smallest pivot over the largest."""
+        """See `HostView.conditioning`: smallest pivot over the largest."""
         return self.polished(q)[2]
 
     def _pivots(self, inner: np.ndarray, factors: "SuperLU | None") -> np.ndarray:
@@ -260,11 +261,11 @@ class SparseView(HostView):
         return plan.lu.pivots(factors)[0] / inner if plan.square else plan.augmented.pivots(factors)[0][m:]
 
     def relative(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """As `facing`: of hundreds of unknowns a determinant's size says nothing."""
+        """See `facing`: of hundreds of unknowns a determinant's size says nothing."""
         return self.facing(matrix, other)
 
     def facing(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """As `HostView.facing`; zero if singular."""
+        """See `HostView.facing`; zero if singular."""
         plan, out = self.plan, np.empty(len(matrix))
         for k, (one, two) in enumerate(zip(matrix, other, strict=True)):
             factors = plan.augmented.factorise(plan.symmetric(one, 0.0, two))
@@ -274,7 +275,7 @@ class SparseView(HostView):
 
 def _pivots(matrix: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Pivots ``(lanes, 2 blocks)`` of diagonal blocks of one or two."""
-    (a, b), (c, d) = filled(matrix)[pairs]
+    (a, b), (c, d) = _pad(matrix)[pairs]
     first = np.maximum(np.abs(a), np.abs(c))
     second = np.abs(a * d - b * c) / np.where(first > 0.0, first, 1.0)
     # What fills up a block of one is no pivot of the mechanism's.
@@ -282,7 +283,7 @@ def _pivots(matrix: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 @with_owner
-def _small(plan: LargePlan) -> tuple[np.ndarray, np.ndarray]:
+def _small_blocks(plan: LargePlan) -> tuple[np.ndarray, np.ndarray]:
     """Of which diagonal blocks determinants' sizes are told, and the block of each unknown."""
     block_of = np.zeros(len(plan.unknown), int)
     for k, (_, columns) in enumerate(plan.sequence):
@@ -291,5 +292,5 @@ def _small(plan: LargePlan) -> tuple[np.ndarray, np.ndarray]:
 
 
 def view_of(plan: Plan, eq: HostEquations) -> HostView:
-    """What is solved for: with matrices as they are, or by sparse LU where there is much."""
+    """Make the view of a plan: with dense matrices, or by sparse LU where there are many unknowns."""
     return SparseView(sparse(plan), eq) if by_lu(plan) else HostView(plan, eq)

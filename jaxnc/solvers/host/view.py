@@ -11,8 +11,8 @@ import numpy as np
 
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.host.matrices import Inverses, Near, least_squares, near, solved
-from jaxnc.solvers.host.written import Written, slopes, written
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.plan_program import PlanProgram, plan_program, slope_program
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import limits
 
@@ -52,7 +52,7 @@ class HostView:
     """
 
     def __init__(self, plan: Plan, eq: HostEquations):
-        self.plan, self.eq, self.written = plan, eq, written(plan)
+        self.plan, self.eq, self.program = plan, eq, plan_program(plan)
         self.least, self.shape, self.at_once = limits(eq.home), (len(plan.rows), len(plan.unknown)), sys.maxsize
         weights = eq.weights
         self.weights = weights if weights.ndim == 2 else weights[:, None]
@@ -67,8 +67,8 @@ class HostView:
 
     def residual(self, q: np.ndarray) -> np.ndarray:
         """Rows that are solved for, ``(m, lanes)``."""
-        if self.written is not None:
-            return self.written.run(("residual",), self.eq, q)[0]
+        if self.program is not None:
+            return self.program.run(("residual",), self.eq, q)[0]
         return self.eq.residual(q)[self.plan.rows]
 
     def norm(self, weight: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -86,45 +86,45 @@ class HostView:
 
     def upright(self, q: np.ndarray) -> np.ndarray:
         """Whether nothing is met by a mirror image, ``(lanes,)``."""
-        program = self.written or self._single(q)
+        program = self.program or self._single(q)
         if program is None:
             return self.eq.guards(q)[0]
         if not program.parts["guards"]:
             return np.ones(q.shape[1], bool)
         return np.logical_and.reduce(program.run(("guards",), self.eq, q)[0] > 0.0)
 
-    def _single(self, q: np.ndarray) -> Written | None:
+    def _single(self, q: np.ndarray) -> PlanProgram | None:
         """The rows and their slopes as a program, for a single pose: by far the faster."""
-        return slopes(self.plan) if q.shape[1] == 1 and self.eq.designs is None else None
+        return slope_program(self.plan) if q.shape[1] == 1 and self.eq.designs is None else None
 
     def looked_at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The largest of all residuals, and whether nothing is met by a mirror image, and a body is, ``(lanes,)``."""
-        if self.written is not None and self.written.whole:
-            r, guards = self.written.run(("residual", "guards"), self.eq, q)
+        if self.program is not None and self.program.whole:
+            r, guards = self.program.run(("residual", "guards"), self.eq, q)
             return largest(r), np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
         return largest(self.eq.residual(q)), *self.eq.guards(q)
 
     def told(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """What `looked_at` says, the `orientation` and the `conditioning`."""
-        if self.written is not None and self.written.whole:
+        if self.program is not None and self.program.whole:
             parts = "residual", "guards", "determinants", "entries"
-            r, guards, determinants, entries = self.written.run(parts, self.eq, q)
+            r, guards, determinants, entries = self.program.run(parts, self.eq, q)
             upright, none = np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
             return largest(r), upright, none, np.sign(determinants), self._ratio(self._lengths(entries))
         return *self.looked_at(q), self.orientation(q), self.conditioning(q)
 
     def newton(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The rows, and how far a step of Newton would move the unknowns back; see `Evaluation`."""
-        if self.written is not None:
-            r, step = self.written.run(("residual", "step"), self.eq, q)
+        if self.program is not None:
+            r, step = self.program.run(("residual", "step"), self.eq, q)
             return r, step
         r = self.residual(q)
         return r, self.solve(self.matrices(q)[0], r.T[:, :, None])[:, :, 0].T
 
     def polished(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The rows, the step of Newton, and the conditioning."""
-        if self.written is not None:
-            r, step, entries = self.written.run(("residual", "step", "entries"), self.eq, q)
+        if self.program is not None:
+            r, step, entries = self.program.run(("residual", "step", "entries"), self.eq, q)
             return r, step, self._ratio(self._lengths(entries))
         r, matrix = self.residual(q), self.matrices(q)[0]
         if not matrix.shape[2]:
@@ -141,8 +141,8 @@ class HostView:
     def evaluate(self, q: np.ndarray) -> Evaluation:
         """Evaluate poses ``(N, lanes)``."""
         driven, n = len(self.plan.driven), len(self.plan.unknown)
-        if self.written is not None:
-            found = self.written.run(("residual", "step", "slopes", "determinants"), self.eq, q)
+        if self.program is not None:
+            found = self.program.run(("residual", "step", "slopes", "determinants"), self.eq, q)
             r, step, slopes, determinants = found
             sizes = np.log(np.maximum(np.abs(determinants), self.least.tiny))
             return Evaluation(r, step, slopes.reshape(n, driven, q.shape[1]), np.sign(determinants), sizes)
@@ -161,8 +161,8 @@ class HostView:
 
     def solver(self, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """What maps rows ``(m, lanes)`` to changes of the unknowns ``(n, lanes)`` that make them, at poses."""
-        if self.written is not None:
-            inner, eq = self.written, self.eq
+        if self.program is not None:
+            inner, eq = self.program, self.eq
             return lambda right: inner.run(("solved",), eq, q, right)[0]
         found = _surveyed.get(self)
         if found is not None and np.array_equal(q, found[0]):
@@ -176,7 +176,7 @@ class HostView:
     @property
     def refines(self) -> bool:
         """Whether what `solver` says is refined already."""
-        return self.written is None
+        return self.program is None
 
     def near(self, q: np.ndarray) -> Near | None:
         """What some poses in the order of a motion say of the others; None where each by itself is quicker."""
@@ -188,20 +188,20 @@ class HostView:
     @property
     def ordered(self) -> bool:
         """Whether it helps that lanes come in the order of a motion: where matrices have to be inverted."""
-        return self.written is None and self.eq.designs is None and len(self.plan.unknown) > 0
+        return self.program is None and self.eq.designs is None and len(self.plan.unknown) > 0
 
     def orientation(self, q: np.ndarray) -> np.ndarray:
         """Signs of the diagonal blocks' determinants, ``(blocks, lanes)``."""
-        if self.written is not None:
-            return np.sign(self.written.run(("determinants",), self.eq, q)[0])
+        if self.program is not None:
+            return np.sign(self.program.run(("determinants",), self.eq, q)[0])
         return self._orientation(self.matrices(q)[0])[0].T
 
     def conditioning(self, q: np.ndarray) -> np.ndarray:
         """Estimate of the reciprocal condition number, coordinates as lengths; zero at a singular position."""
         if not len(self.plan.unknown):
             return np.ones(q.shape[1], q.dtype)
-        if self.written is not None:
-            return self._ratio(self._lengths(self.written.run(("entries",), self.eq, q)[0]))
+        if self.program is not None:
+            return self._ratio(self._lengths(self.program.run(("entries",), self.eq, q)[0]))
         return self._normal(self._scaled(q))[1]
 
     def _normal(self, scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -224,10 +224,10 @@ class HostView:
     def _lengths(self, entries: np.ndarray) -> np.ndarray:
         """Lengths of the columns ``(lanes, n)`` each made orthogonal to those before it (modified Gram-Schmidt).
 
-        The entries are those of the matrix, as `Written.places` has them, ``(entries, lanes)``.
+        The entries are those of the matrix, as `PlanProgram.places` has them, ``(entries, lanes)``.
         """
         n, lanes = len(self.plan.unknown), entries.shape[1]
-        rows, columns = self.written.places if self.written else np.zeros((2, 0), int)
+        rows, columns = self.program.places if self.program else np.zeros((2, 0), int)
         entries = entries / self.unknown_weights[columns]
         if lanes == 1:
             found = _lengths_of_one(n, rows.tolist(), columns.tolist(), entries[:, 0].tolist())

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from jaxnc.asking import ask, shaped
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import one_number
@@ -16,6 +15,7 @@ from jaxnc.kinematics.position import sweep
 from jaxnc.synthesis.exact.linkage import FourBar, wrap_angle
 from jaxnc.system.system import System
 from jaxnc.types import Any, ArrayLike, Float
+from jaxnc.validate import as_shape, call_user
 
 POSES = 121
 """Poses of the range at which the structural error is looked at."""
@@ -274,7 +274,7 @@ def function_four_bars(
 
 def _call_function(function: Callable[[np.ndarray], Any], x: np.ndarray, what: str) -> np.ndarray:
     """Values of the user's function, one for each of its arguments."""
-    return shaped(ask(function, f"{what}: function", "x", x), f"{what}: what its function returns", *x.shape)
+    return as_shape(call_user(function, f"{what}: function", "x", x), f"{what}: what its function returns", *x.shape)
 
 
 # -- solutions: (K1, K2, K3, φ0, ψ0) -----------------------------------------------------------------------------------

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.asking import numbers
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import positive
@@ -22,6 +21,7 @@ from jaxnc.solvers.assembly import derive, settle
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Float, Inputs
+from jaxnc.validate import as_array
 
 DISTRIBUTIONS = ("normal", "uniform")
 
@@ -119,7 +119,7 @@ def _width(what: str, name: str, value: Any, count: int) -> np.ndarray:
 def _covariance(what: str, covariance: ArrayLike, names: list[str], distribution: str) -> np.ndarray:
     if distribution != "normal":
         raise InputError(f"{what}: covariance= is for distribution='normal'; leave it out for {distribution!r}")
-    matrix = numbers(covariance, f"{what}: covariance")
+    matrix = as_array(covariance, f"{what}: covariance")
     if matrix.shape != (len(names), len(names)):
         raise InputError(
             f"{what}: covariance has shape {matrix.shape}; the {len(names)} components {', '.join(names)} need "

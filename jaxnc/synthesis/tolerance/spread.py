@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import jax
 import numpy as np
 
-from jaxnc.asking import numbers
 from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.inputs import whole
@@ -17,6 +16,7 @@ from jaxnc.synthesis.validate import as_seed
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
+from jaxnc.validate import as_array
 
 _MOST = 5  # dimensions named for each output
 
@@ -197,7 +197,7 @@ def tolerance(
     """
     samples = whole(samples, "tolerance: samples, of which percentiles need a thousand,", 2)
     as_seed("tolerance", key)
-    levels = tuple(np.atleast_1d(numbers(percentiles, "tolerance: percentiles")).tolist())
+    levels = tuple(np.atleast_1d(as_array(percentiles, "tolerance: percentiles")).tolist())
     if not levels or np.ndim(levels) > 1 or not np.all(np.diff([0.0, *levels, 100.0]) >= 0.0):
         raise InputError(f"tolerance: percentiles = {levels} must increase between 0 and 100")
     vary = read_variation("tolerance", system, tolerances, distribution, covariance, sigmas)

@@ -17,8 +17,8 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.reading import Builder, Program, Unreadable, rate, write
 from jaxnc.reading.javascript import FUNCTIONS, javascript
 from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.linearised import given, linearised
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.plan_program import count_numbers, write_rows
 from jaxnc.system.design import Step, design, run_steps
 from jaxnc.system.frames import marker_program
 from jaxnc.system.host import HostEquations, from_jax
@@ -88,8 +88,8 @@ def _readable(kind: Any, dim: int) -> bool:
 def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
     """Write functions of coordinates q and numbers c, by their heads; each fills the array that it is given last."""
     n = len(top.coordinates)
-    b = Builder(n + given(top))
-    found = linearised(view, b)
+    b = Builder(n + count_numbers(top))
+    found = write_rows(view, b)
     driven = len(view.driven)
 
     def name(k: int) -> str:
@@ -115,7 +115,7 @@ def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
 
 def _second(top: Topology, view: Plan) -> str:
     """Write second time derivatives of the rows where the unknowns have velocities and no accelerations."""
-    n, numbers = len(top.coordinates), given(top)
+    n, numbers = len(top.coordinates), count_numbers(top)
     b = Builder(3 * n + numbers)
     row_of = {int(r): k for k, r in enumerate(view.rows)}
     moving, driven = {*view.unknown.tolist(), *view.driven}, set(view.driven)

@@ -1,4 +1,4 @@
-"""What a user gives: functions, and what they return, and numbers. What is wrong with one is said by what it is for."""
+"""Validation of what a user gives: functions, what they return, and numbers. Errors name what each is for."""
 
 import os
 import traceback
@@ -23,8 +23,8 @@ _NO_NUMBER_YET = (
 )
 
 
-def ask(f: Callable[..., Any], what: str, takes: str, *args: Any) -> Any:
-    """What a user's function returns for some arguments; its own errors pass through.
+def call_user(f: Callable[..., Any], what: str, takes: str, *args: Any) -> Any:
+    """Call a user's function with some arguments; its own errors pass through.
 
     `what` is its use, named as the user did, and `takes` its arguments, for messages.
     """
@@ -44,8 +44,8 @@ def ask(f: Callable[..., Any], what: str, takes: str, *args: Any) -> Any:
         raise InputError(f"{what}: {function_name(f)} must take ({takes}); {error}") from None
 
 
-def real(found: Any, what: str, returns: str, shape: Sequence[int] | None = None) -> Array:
-    """What a user's function has returned, as an array of real numbers.
+def as_real(found: Any, what: str, returns: str, shape: Sequence[int] | None = None) -> Array:
+    """Return what a user's function has returned as an array of real numbers.
 
     `what` is its use, named as the user did, and `returns` what it should, for messages.
     """
@@ -59,7 +59,7 @@ def real(found: Any, what: str, returns: str, shape: Sequence[int] | None = None
             f"how much, such as b - a in place of a <= b"
         )
     if array is None or not jnp.issubdtype(array.dtype, np.number):
-        raise InputError(f"{what} must return {returns}; it returned {_shown(found)}")
+        raise InputError(f"{what} must return {returns}; it returned {_describe(found)}")
     if jnp.iscomplexobj(array):
         raise InputError(f"{what} must return {returns}; it returned complex ones: take jnp.real, jnp.abs or jnp.angle")
     if shape is not None and array.shape != tuple(shape):
@@ -68,19 +68,19 @@ def real(found: Any, what: str, returns: str, shape: Sequence[int] | None = None
     return jnp.asarray(array, float)
 
 
-def listed(found: Any, what: str, count: int | None = None, drawn: bool = False) -> tuple[Any, ...]:
-    """What a user's function has returned, as a tuple of single numbers.
+def as_scalars(found: Any, what: str, count: int | None = None, drawn: bool = False) -> tuple[Any, ...]:
+    """Return what a user's function has returned as a tuple of single numbers.
 
     `what` is its use, named as the user did; `drawn` says whether None may be one of the numbers.
     """
     wanted = f"a list of {'numbers' if count is None else count}" if count != 1 else "a list of one number, such as [x]"
     sequence = hasattr(found, "__getitem__") and hasattr(found, "__len__") and getattr(found, "shape", None) != ()
     if not sequence or isinstance(found, str | Mapping):  # a generator is empty when it is asked again
-        raise InputError(f"{what} must return {wanted}; it returned {_shown(found)}")
+        raise InputError(f"{what} must return {wanted}; it returned {_describe(found)}")
     parts = tuple(found)
     for i, part in enumerate(parts):
         if isinstance(part, str) or (part is None and not drawn) or getattr(part, "shape", ()) != ():
-            raise InputError(f"{what} must return {wanted}; number {i} of what it returned is {_shown(part)}")
+            raise InputError(f"{what} must return {wanted}; number {i} of what it returned is {_describe(part)}")
         if isinstance(part, complex) or getattr(getattr(part, "dtype", None), "kind", "") == "c":
             raise InputError(
                 f"{what} must return real numbers; number {i} is complex: take jnp.real, jnp.abs or jnp.angle"
@@ -90,8 +90,8 @@ def listed(found: Any, what: str, count: int | None = None, drawn: bool = False)
     return parts
 
 
-def numbers(value: Any, what: str, dtype: Any = float) -> np.ndarray:
-    """A number, list or array that a user has given, as an array; what NumPy would only make numbers of is refused.
+def as_array(value: Any, what: str, dtype: Any = float) -> np.ndarray:
+    """Return a number, list or array that a user has given as an array; refuse what NumPy would only make numbers of.
 
     Args:
         value: what was given; not traced.
@@ -109,11 +109,11 @@ def numbers(value: Any, what: str, dtype: Any = float) -> np.ndarray:
             raise TypeError
         return given.astype(dtype, copy=False)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{what} must be a number or an array of numbers, got {_given(value)}") from None
+        raise InputError(f"{what} must be a number or an array of numbers, got {_repeat(value)}") from None
 
 
-def _given(value: Any) -> str:
-    """What is no number, as far as an error repeats it."""
+def _repeat(value: Any) -> str:
+    """Write what is no number, as far as an error repeats it."""
     try:
         told = repr(value)
     except Exception:  # a number of too many digits, or an object of the user's that cannot say what it is
@@ -121,8 +121,8 @@ def _given(value: Any) -> str:
     return told if len(told) <= _TOLD else told[:_TOLD] + "…"
 
 
-def shaped(value: Any, what: str, *shape: Any, dtype: Any = float) -> Any:
-    """Numbers of a shape that a user has given, as an array; traced ones as they are.
+def as_shape(value: Any, what: str, *shape: Any, dtype: Any = float) -> Any:
+    """Return numbers of a shape that a user has given as an array; traced ones as they are.
 
     Args:
         value: what was given.
@@ -136,7 +136,7 @@ def shaped(value: Any, what: str, *shape: Any, dtype: Any = float) -> Any:
     found = value if isinstance(value, jax.Array) and value.dtype == dtype else None
     if found is None:
         traced = isinstance(value, Tracer)
-        found = jnp.asarray(value, dtype) if traced else numbers(value, what, dtype)
+        found = jnp.asarray(value, dtype) if traced else as_array(value, what, dtype)
     free = bool(shape) and shape[0] is Ellipsis
     wanted = shape[1:] if free else shape
     last = found.shape[len(found.shape) - len(wanted) :] if free else found.shape
@@ -146,8 +146,8 @@ def shaped(value: Any, what: str, *shape: Any, dtype: Any = float) -> Any:
     return found
 
 
-def _shown(found: Any) -> str:
-    """What a function has returned, as messages show it."""
+def _describe(found: Any) -> str:
+    """Describe what a function has returned, as messages show it."""
     if isinstance(found, jax.Array | np.ndarray):
         return f"an array of shape {found.shape}"
     text = repr(found)
@@ -156,7 +156,7 @@ def _shown(found: Any) -> str:
 
 
 def function_name(f: Callable[..., Any]) -> str:
-    """A function, as messages call it."""
+    """Name a function as messages call it."""
     inner = getattr(f, "func", f)  # of a functools.partial
     name = getattr(inner, "__name__", type(inner).__name__)
     return "the lambda" if name == "<lambda>" else f"{name}()"

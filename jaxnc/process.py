@@ -1,0 +1,51 @@
+"""Settings of the whole process that matter for speed; each is made once, when the first work of its kind is met."""
+
+import ctypes
+import functools
+import importlib
+import os
+from typing import Literal
+
+_TRIM, _PAD, _MMAP = -1, -2, -3  # options of mallopt(3)
+_BLOCK = 2**28  # bytes: larger blocks are the system's, as before
+_KEPT = 2**29  # bytes that are kept at most, at the end of the heap
+_HEAP = 2**26  # bytes of a heap of a thread: one is given back only if more than this is free beside it
+_SET = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_TOP_PAD_"
+_single: set[str] = set()  # libraries on one thread, by file: each is set once only
+
+
+@functools.cache
+def one_thread(library: Literal["numpy", "scipy"]) -> None:
+    """Let a library's BLAS work on one thread, whatever the environment says; later calls cost nothing.
+
+    OpenBLAS wakes a thread for every core at matrices of a hundred rows, and they wait for each other actively: where
+    cores are shared, a factorisation takes up to a hundred times as long. What XLA calls of LAPACK on a CPU is SciPy's,
+    from the middle of a compiled program, so the number is set for the process. Whoever wants threads for large
+    matrices of their own sets them afterwards, as with ``threadpoolctl.threadpool_limits``, and that stays.
+    """
+    from threadpoolctl import ThreadpoolController  # takes as long as a hundred small factorisations
+
+    importlib.import_module(f"{library}.linalg")  # it loads its BLAS no sooner
+    for blas in ThreadpoolController().select(user_api="blas").lib_controllers:
+        if blas.filepath not in _single:
+            _single.add(blas.filepath)
+            blas.set_num_threads(1)
+
+
+@functools.cache
+def keep_memory() -> bool:
+    """Keep the memory that arrays of a large batch give back for those of the next; return whether it is kept.
+
+    glibc returns large blocks to the system at once and has to ask for them again, and the first touch of every page
+    then is an interrupt: of a million four-bars that is up to half of the time, of some hundred poses of a suspension
+    in NumPy a third. Threads have heaps of their own, which are given back as soon as they are empty: of a batch on two
+    devices that was another third. Whoever sets the limits in the environment (``MALLOC_TRIM_THRESHOLD_``,
+    ``MALLOC_MMAP_THRESHOLD_``, ``MALLOC_TOP_PAD_``, ``GLIBC_TUNABLES``) has them as they are set there.
+    """
+    if any(name in os.environ for name in _SET) or "malloc" in os.environ.get("GLIBC_TUNABLES", ""):
+        return False
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError, TypeError):  # another C library: musl, macOS, Windows
+        return False
+    return all([mallopt(_MMAP, _BLOCK), mallopt(_TRIM, _KEPT), mallopt(_PAD, _HEAP)])

@@ -1,0 +1,220 @@
+"""What traced code does that JAX has no words for: mapped axes as lanes, lanes in chunks, questions to the host.
+
+A function that is `Mapped` has a program of its own where it is mapped. Compiled code asks the host by `ask_host`: a
+question is made of arrays, and so is its answer, of shapes that are known beforehand.
+"""
+
+import _thread
+import dataclasses
+import functools
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.core import ShapedArray
+from jax.extend.core import Primitive
+from jax.interpreters import batching, mlir
+
+from jaxnc.errors import InputError, JaxncError
+from jaxnc.system.equations import Equations
+from jaxnc.system.host import from_jax
+from jaxnc.system.precision import numbers
+from jaxnc.system.structure import program
+from jaxnc.types import Array
+
+_AFTERWARDS = 0.05  # seconds after which an interrupted program has returned
+PIECE = 12_000
+"""Numbers that are handed over in one array, 96 KB.
+
+What is larger than 100 KB JAX copies in a thread of the pool that the call itself waits in: on a machine with one core
+it would wait for ever.
+"""
+_PIECES = 32  # of one array, at most: each takes its time to compile
+
+
+class Mapped:
+    """A function of pytrees of arrays with another program for a batch of them; it is not differentiated.
+
+    As by `jax.custom_batching.custom_vmap`, but the program for what is not mapped is traced only where it is compiled:
+    under `jax.vmap` the other one is all that is wanted, and tracing takes as long as a third of compiling. The numbers
+    that it makes are as wide as the first that it is given.
+
+    Args:
+        function: the program.
+        shapes: what it returns for such arguments, arrays by `jax.ShapeDtypeStruct`.
+        rule: the program for a batch: of its size, of a pytree for each argument that says which arrays have the batch
+            as their first axis, and of the arguments. Returns the result and which of its arrays have it.
+    """
+
+    def __init__(self, function: Callable[..., Any], shapes: Callable[..., Any], rule: Callable[..., tuple[Any, Any]]):
+        self.function, self.shapes, self.rule = function, shapes, rule
+
+    def __call__(self, *args: Any) -> Any:
+        """Call it with pytrees of arrays."""
+        arrays, structure = jax.tree.flatten(args)
+        result = jax.tree.structure(self.shapes(*args))
+        return jax.tree.unflatten(result, _MAPPED.bind(*arrays, of=self, structure=structure))
+
+
+def _call_leaves(arrays: Sequence[Array], of: Mapped, structure: Any) -> list[Array]:
+    return jax.tree.leaves(of.function(*jax.tree.unflatten(structure, arrays)))
+
+
+# JAX remembers what was traced: another program with the same function in it does not trace it once more.
+_call_once = jax.jit(_call_leaves, static_argnums=(1, 2))
+
+
+def _run(*arrays: Array, of: Mapped, structure: Any, call: Callable[..., list[Array]] = _call_leaves) -> list[Array]:
+    like = next(a for a in arrays if jnp.issubdtype(a.dtype, jnp.inexact))
+    with numbers(like):  # what was said of them around the call is over where this is compiled
+        return call(arrays, of, structure)
+
+
+def _shapes(*avals: Any, of: Mapped, structure: Any) -> list[ShapedArray]:
+    found = jax.tree.leaves(of.shapes(*jax.tree.unflatten(structure, avals)))
+    return [ShapedArray(a.shape, a.dtype) for a in found]
+
+
+def _batched(arrays: Sequence[Array], axes: Sequence, of: Mapped, structure: Any) -> tuple[list, list]:
+    has = [axis is not None for axis in axes]  # None: not mapped
+    size = next(a.shape[axis] for a, axis, b in zip(arrays, axes, has, strict=True) if b)
+    first = [jnp.moveaxis(a, axis, 0) if axis else a for a, axis in zip(arrays, axes, strict=True)]
+    found, which = of.rule(size, jax.tree.unflatten(structure, has), *jax.tree.unflatten(structure, first))
+    return jax.tree.leaves(found), [0 if b else None for b in jax.tree.leaves(which)]
+
+
+_MAPPED = Primitive("mapped")
+_MAPPED.multiple_results = True
+_MAPPED.def_impl(_run)
+_MAPPED.def_abstract_eval(_shapes)
+batching.primitive_batchers[_MAPPED] = _batched
+mlir.register_lowering(_MAPPED, mlir.lower_fun(functools.partial(_run, call=_call_once), multiple_results=True))
+
+
+def in_lanes(
+    size: int, shared: bool, which: Sequence[Any], eq: Any, *lanes: Array
+) -> tuple[bool, Any, tuple[Array, ...]]:
+    """Put a batch of functions of a design and of lanes ``(L, ...)`` into lanes ``(size L, ...)`` of one function.
+
+    Arguments are those of a `Mapped` rule, `shared` whether the design is one for all lanes. Returned is whether it
+    still is, the design, or one for each lane, and the lanes.
+    """
+    in_eq, *others = which
+    of_one = shared and not any(jax.tree.leaves(in_eq))
+
+    def wide(a: Array, has: bool) -> Array:
+        return a if has else jnp.broadcast_to(a, (size, *a.shape))
+
+    every = [wide(a, has) for a, has in zip(lanes, others, strict=True)]
+    count = every[0].shape[1]
+
+    def full(a: Array, has: bool) -> Array:
+        a = wide(a, has)
+        a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
+        return a.reshape(size * count, *a.shape[2:])
+
+    eq = eq if of_one else jax.tree.map(full, eq, in_eq)
+    return of_one, eq, tuple(a.reshape(size * count, *a.shape[2:]) for a in every)
+
+
+def in_chunks(f: Callable, chunk: int, *arguments: Any) -> Any:
+    """Apply a function whose arguments and results have lanes as their first axis to a chunk of them at a time.
+
+    What a chunk needs stays in the cache, and few lanes wait for the slowest. Up to twice as many as a `chunk` go at
+    once.
+    """
+    count = jax.tree.leaves(arguments)[0].shape[0]
+    if count <= 2 * chunk:
+        return f(*arguments)
+    size = next((k for k in range(chunk, chunk // 2, -1) if count % k == 0), chunk)
+    if count % size:
+        # The last chunk is filled up with its last lane, so that there is one shape to compile.
+        fill = -count % size
+        arguments = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[-1:], fill, axis=0)]), arguments)
+    # No axis is left to be found out: arrays without numbers, such as the inputs of a structure, do not tell.
+    pieces = jax.tree.map(lambda x: x.reshape(x.shape[0] // size, size, *x.shape[1:]), arguments)
+    out = lax.map(lambda some: f(*some), pieces)
+    return jax.tree.map(lambda x: x.reshape(x.shape[0] * size, *x.shape[2:])[:count], out)
+
+
+def ask_host(
+    doing: str,
+    like: Any,
+    f: Callable[..., Any],
+    *given: Any,
+    given_up: Callable[..., Any],
+    remedy: str = "; repair=False does without it",
+) -> Any:
+    """Put a question to the host from traced code; mapped, questions go one by one.
+
+    Args:
+        doing: what the host does, for messages.
+        like: what it answers, arrays by `jax.ShapeDtypeStruct`.
+        f: the answer, a function of what is given as NumPy arrays. It runs inside of compiled code and may not call
+            JAX; nor may `given_up`.
+        given: pytrees of arrays; equations are made `short` before.
+        given_up: the answer where the user has interrupted it, a function of the same.
+        remedy: what else the user may do, for messages.
+    """
+    leaves, structure = jax.tree.flatten(given)
+    shapes, counts = [jnp.shape(a) for a in leaves], [min(-(-jnp.size(a) // PIECE), _PIECES) for a in leaves]
+    pieces = []
+    for leaf, count in zip(leaves, counts, strict=True):
+        pieces += jnp.array_split(jnp.reshape(leaf, -1), count) if count > 1 else [leaf]
+
+    def answer(*pieces: Any) -> Any:
+        rest, arrays = iter(pieces), []
+        for shape, count in zip(shapes, counts, strict=True):
+            parts = [np.asarray(next(rest)) for _ in range(max(count, 1))]
+            arrays.append(parts[0] if len(parts) == 1 else np.concatenate(parts).reshape(shape))
+        question = jax.tree.unflatten(structure, arrays)
+        try:
+            return f(*question)
+        except KeyboardInterrupt:
+            # Compiled code would make an error of its own of it. It is raised again when that has returned.
+            later = threading.Timer(_AFTERWARDS, _thread.interrupt_main)
+            later.daemon = True
+            later.start()
+            return given_up(*question)
+        except Exception as error:
+            raise JaxncError(f"the host failed while it {doing} ({type(error).__name__}: {error}){remedy}") from error
+
+    return jax.pure_callback(answer, like, *pieces, vmap_method="sequential")
+
+
+def short(eq: Equations) -> Equations:
+    """Return the equations without the coefficients that the host makes itself."""
+    none = (None,) * len(eq.linear)
+    return dataclasses.replace(eq, linear=none, quadratic=none)
+
+
+def ask_of_equations(
+    doing: str, f: Callable[..., np.ndarray], shape: tuple[int, ...], eq: Equations, *arrays: Array
+) -> Array:
+    """Put a question about equations that only the host can answer, as of a large system; see `ask_host`.
+
+    `f` takes `HostEquations` and NumPy arrays, and returns one of the shape. The equations are of one design, or of
+    many by a first axis.
+    """
+    top = eq.topology
+    for kind in dict.fromkeys(block.kind for block in top.blocks):
+        for which in ("residual", "guard"):
+            if getattr(kind, which) is not None and program(kind, which, top.dim) is None:
+                raise InputError(
+                    f"constraint kind {kind.name!r} cannot be read as a straight line of NumPy's operations, and large "
+                    f"systems are solved by NumPy: outside of jit, vmap and grad that works; in them compile the "
+                    f"mechanism with compile(sparse=False), or write the kind without loops and jax.numpy.linalg"
+                )
+
+    def answer(eq: Any, *given: np.ndarray) -> np.ndarray:
+        return np.asarray(f(from_jax(eq), *given), eq.home.dtype)
+
+    def nothing(eq: Any, *_: np.ndarray) -> np.ndarray:
+        return np.full(shape, np.nan, eq.home.dtype)
+
+    like = jax.ShapeDtypeStruct(shape, eq.home.dtype)
+    return ask_host(doing, like, answer, short(eq), *arrays, given_up=nothing, remedy="")
