@@ -53,7 +53,7 @@ def test_the_program_of_a_plan_is_its_dense_algebra(name):
         right = np.random.default_rng(3).uniform(-1.0, 1.0, here.residual.shape)
         solved, wanted = view.solver(at)(right), dense.solver(at)(right)
         np.testing.assert_allclose(solved, wanted, atol=1e-11 * max(1.0, np.abs(wanted).max()))
-        for x, y in zip(view.polished(at), dense.polished(at), strict=True):
+        for x, y in zip(view.polish(at), dense.polish(at), strict=True):
             np.testing.assert_allclose(x, y, atol=1e-8 * max(1.0, np.abs(y).max()))
 
 
@@ -68,7 +68,7 @@ def test_one_pose_is_what_many_are(name):
     assert right.sum() > 4
     np.testing.assert_allclose(alone[:, right], lanes[:, right], atol=1e-12 * float(view.eq.length))
     for k in np.flatnonzero(right):
-        size, upright, mirrored = view.looked_at(lanes[:, [k]])
+        size, upright, mirrored = view.check(lanes[:, [k]])
         np.testing.assert_allclose(
             size, np.abs(view.eq.residual(lanes[:, [k]])).max(), atol=1e-14 * float(view.eq.length)
         )
@@ -103,7 +103,7 @@ def test_conditioning_of_more_rows_than_unknowns_is_that_of_orthogonal_columns()
     scaled = view.matrices(q)[0] / view.inner
     triangle = np.abs(np.diagonal(np.linalg.qr(scaled)[1], axis1=1, axis2=2))
     with np.errstate(all="ignore"):
-        found, (r, step, other) = view.conditioning(q), view.polished(q)
+        found, (r, step, other) = view.conditioning(q), view.polish(q)
     np.testing.assert_allclose(found, triangle.min(axis=1) / triangle.max(axis=1), rtol=1e-8, atol=1e-12)
     np.testing.assert_array_equal(found, other)
     for k in (0, 1):

@@ -146,7 +146,7 @@ def sequences(
         # The nearest turn may be closed, and the one that the drawing is on open.
         again = np.flatnonzero(~found.good[::total] & turns.any(axis=1))
         if len(again):
-            other = host.sequences(inner.taken(again), begin[:, again], known[..., again], total - first[again])
+            other = host.sequences(inner.select(again), begin[:, again], known[..., again], total - first[again])
             found.put((..., (again[:, None] * total + place).reshape(-1)), other)
         way = inner.weights[view.known] * np.diff(np.concatenate([turned[view.known][None], known]), axis=0)
         longest = np.abs(way).max(axis=1, initial=0.0).T * inner.least.smallest
@@ -191,7 +191,7 @@ def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray
         inner, begin = _begun(view, eq, start)
         begin[view.known[: values.shape[1]]] = values.T
         q = host.correct_poses(inner, begin)
-        size, *upright, signs, conditioning = inner.told(q)
+        size, *upright, signs, conditioning = inner.diagnose(q)
         moved = inner.weights * (q - begin)
         good = (size <= inner.tolerance(q)) & upright[0]
         good &= np.sqrt(np.einsum("nl,nl->l", moved, moved)) <= _NEAR * eq.length
@@ -200,7 +200,7 @@ def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray
         if not good.all():
             far = np.flatnonzero(~good)
             q[:, far] = host.correct_poses(inner, host.closest(inner, begin[:, far]).q)
-            size, *upright, _, conditioning = inner.told(q)
+            size, *upright, _, conditioning = inner.diagnose(q)
             good = (size <= inner.tolerance(q)) & upright[0]
         none = np.zeros(len(good), bool)
         found = PoseBatch(q, size, conditioning, good, limit=none, crossed=none, mirrored=upright[1])
@@ -305,7 +305,7 @@ def _status(
     singular = found.good & (found.limit | found.crossed | (found.conditioning <= view.least.singular))
     status = np.where(singular, int(Status.SINGULAR), status)
     if any(block.kind.mirror for block in view.plan.topology.blocks):
-        fits = found.size <= view.taken(which).tolerance(found.q)
+        fits = found.size <= view.select(which).tolerance(found.q)
         mirrored = (status != 0) & fits & found.mirrored
         if start is not None:
             mirrored |= view.eq.guards(start)[1][which]

@@ -406,7 +406,7 @@ def _led(x: Any, shape: tuple[int, ...], own: int = 1) -> Any:
 @functools.partial(jit, static_argnums=0)
 def _alike(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
     wanted = view.linearise(eq, branch)[1]
-    return jax.vmap(lambda x: view.alike(view.linearise(eq, x)[1], wanted))(q)
+    return jax.vmap(lambda x: view.same_branch(view.linearise(eq, x)[1], wanted))(q)
 
 
 def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> Motion:

@@ -174,7 +174,7 @@ def _assembler(plan: Plan, shared: bool):
 def _assemble_lanes(plan: Plan, eq: Any, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
     """Assemble the poses that do not fit: each with its largest residual behind it, ``(L, N + 1)``."""
     open_ = np.flatnonzero(~fits)
-    view = host.HostView(plan, from_jax(eq)).taken(open_)
+    view = host.HostView(plan, from_jax(eq)).select(open_)
     with np.errstate(all="ignore"):
         found = host.closest(view, q[open_].T)
     out = _as_drawn(eq, q, fits)

@@ -111,7 +111,7 @@ class Plan:
         """Estimate of the reciprocal condition number, angles measured as lengths; zero at a singular position."""
         return dense.conditioning(jacobian / weights(eq)[self.unknown])
 
-    def alike(self, jacobian: Array, other: Array) -> Array:
+    def same_branch(self, jacobian: Array, other: Array) -> Array:
         """Say whether two poses of one branch can have these Jacobians: no fold lies between them.
 
         With as many rows as unknowns the signs of the diagonal blocks' determinants tell. With more, the columns of the
@@ -125,7 +125,7 @@ class Plan:
         """Signs of the diagonal blocks' determinants, which a branch keeps, and logarithms of their sizes.
 
         Both are ``(1 + blocks,)``; the first tells nothing. Where there are more rows than unknowns it is the only one;
-        see `alike`.
+        see `same_branch`.
         """
         signs, sizes = [jnp.ones(1)], [jnp.zeros(1)]
         for rows, columns in self.blocks:

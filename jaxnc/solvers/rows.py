@@ -163,7 +163,7 @@ class Rows(Functions):
         super().__init__(top, wanted, "residual", columns, scaled=True)
 
     def slopes(self, numbers: Any, x: Lanes, xp: Any = TRACED) -> dict[tuple[int, int], Any]:
-        """Derivatives by the columns that can differ from zero, by row and place of the column."""
+        """Differentiate by the columns: slopes that can differ from zero, by row and place of the column."""
         found = dict(zip(self.places, self.run_slopes(xp)(self.given(x, numbers)), strict=True))
         column = {c: k for k, c in enumerate(self.columns)}
         for at, outputs in self._foreign.items():

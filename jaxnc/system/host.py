@@ -47,7 +47,7 @@ class HostEquations:
         one = [(self.home, 1), (self.length, 0), (self.markers, 2), (self.misfit, 0)]
         return [*one, *((x, 2) for x in (*self.constants, *self.scales))]
 
-    def taken(self, which: np.ndarray) -> "HostEquations":
+    def select(self, which: np.ndarray) -> "HostEquations":
         """The same with other lanes: places of theirs among these, or which of these; one shared design stays."""
         if self.designs is None:
             return self

@@ -170,7 +170,7 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
         over = _step(view, lanes, out)
         if over.any():
             lanes.keep(~over)
-            view = view.taken(~over)
+            view = view.select(~over)
     out.exhausted[lanes.which] = True
     out.last[:, lanes.which] = lanes.base
     return out
@@ -314,7 +314,7 @@ def _predict(view: HostView, st: _Lanes) -> np.ndarray:
     cubic = a <= _FARTHER * st.back
     curve, twist = np.where(cubic, st.curve, st.curve - 1.5 * st.back * st.twist), np.where(cubic, st.twist, 0.0)
     predicted = st.base + a * (st.slope + a * (curve + a * twist))
-    return view.joined(predicted[view.plan.unknown], known, st.base)
+    return view.join(predicted[view.plan.unknown], known, st.base)
 
 
 def _arrive(
@@ -342,7 +342,7 @@ def _arrive(
     if crossed.any():
         before = (_BEFORE * length / speed)[crossed]
         at = st.base[:, crossed], st.slopes[:, :, crossed], way[:, crossed], (1.0 - st.s)[crossed]
-        st.base[:, crossed] = _crossing_poses(view.taken(crossed), *at, before, aim[:, crossed])
+        st.base[:, crossed] = _crossing_poses(view.select(crossed), *at, before, aim[:, crossed])
     at_end, following = st.target >= st.final, np.minimum(st.target + 1, st.final)
     onward, aside = st.onward[st.target, lane], st.aside[st.target, lane]
     # A limit may be touched, not passed: it goes on afresh, only if the way turns back. A crossing is passed.

@@ -335,7 +335,7 @@ def _track(home: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, int]:
 def _on_branch(view: HostView, start: np.ndarray, q: np.ndarray, track: np.ndarray) -> np.ndarray:
     """Say which poses ``(N, steps, D)`` are regular solutions and on one branch with those before, ``(steps, D)``."""
     shape, plan = q.shape[1:], view.plan
-    lanes, each = q.reshape(len(q), -1), view.taken(np.tile(np.arange(shape[1]), shape[0]))
+    lanes, each = q.reshape(len(q), -1), view.select(np.tile(np.arange(shape[1]), shape[0]))
     assert each.program is not None
     rows, determinants, slopes = each.program.run(("residual", "determinants", "slopes"), each.eq, lanes)
     # Where a slope is none, as of a cam that is upright, there is no derivative either: steps stop there.

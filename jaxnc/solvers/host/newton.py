@@ -40,7 +40,7 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
     rows, trial, going = np.zeros((len(plan.rows), lanes), q.dtype), np.array(q), np.arange(lanes)
     damping, cost, moved = np.full(lanes, 1e-2), np.full(lanes, np.inf), np.ones(lanes)
     for i in range(iterations):
-        here = view.taken(going)
+        here = view.select(going)
         new = here.residual(trial)
         size = np.einsum("ml,ml->l", new, new)
         better = size < cost[going]
@@ -50,7 +50,7 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
         moved[going] = 1.0
         at, trial = going[better], trial[:, better]
         if len(at):
-            here = view.taken(at)
+            here = view.select(at)
             if i:
                 change = here.weights * (trial - q[:, at])
                 moved[at] = np.sqrt(np.einsum("nl,nl->l", change, change)) / length[at]
@@ -60,8 +60,10 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
         going = going[on & np.isfinite(cost[going])]
         if not len(going):
             break
-        here = view.taken(going)
-        step = here.damped(slope[going], rows[:, going], damping[going]) / here.inner.reshape(-1, len(plan.unknown))
+        here = view.select(going)
+        step = here.damped_step(slope[going], rows[:, going], damping[going]) / here.inner.reshape(
+            -1, len(plan.unknown)
+        )
         trial = q[:, going]
         trial[plan.unknown] -= np.where(np.isfinite(step).all(axis=1), step.T, 0.0)
     return Closest(q, gap, slope)
@@ -71,7 +73,7 @@ def correct_poses(view: HostView, q: np.ndarray, close: Near | None = None) -> n
     """Correct poses by Newton until its steps are rounding; by the inverses of what is `near` as long as these do."""
     if q.shape[1] > view.at_once:
         some = np.array_split(np.arange(q.shape[1]), -(-q.shape[1] // view.at_once))
-        return np.concatenate([correct_poses(view.taken(which), q[:, which]) for which in some], axis=1)
+        return np.concatenate([correct_poses(view.select(which), q[:, which]) for which in some], axis=1)
     if q.shape[1] == 1 and view.program is not None:
         found = view.program.correct(view.eq, q, view.unknown_weights, view.least.fine, ITERATIONS)
         if found is not None:
@@ -92,7 +94,7 @@ def correct_poses(view: HostView, q: np.ndarray, close: Near | None = None) -> n
         before = size
     rest = np.flatnonzero(~done)
     if len(rest):
-        at[:, rest] = _newton(view.taken(rest), q[:, rest])
+        at[:, rest] = _newton(view.select(rest), q[:, rest])
     return at
 
 
@@ -120,7 +122,7 @@ def _newton(view: HostView, q: np.ndarray) -> np.ndarray:
             break
         before = size
         if solve is None or size.max() > _SHORT:
-            view, going, at, before, solve = view.taken(on), going[on], at[:, on], size[on], None
+            view, going, at, before, solve = view.select(on), going[on], at[:, on], size[on], None
     return out
 
 

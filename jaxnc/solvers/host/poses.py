@@ -64,7 +64,7 @@ def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
     if len(values) > view.at_once:
         parts = [scattered(view, start, values[at], which[at]) for at in _groups(np.arange(len(values)), view)]
         return parts[0].each(lambda *x: np.concatenate(x, axis=-1), *parts[1:])
-    view, start = view.taken(which), start[:, which]
+    view, start = view.select(which), start[:, which]
     found = _Found(view, start, values.T[None], np.ones(len(values), int))
     found.find()
     return found.poses()
@@ -81,7 +81,7 @@ def _along_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: n
     longest = int(np.max(counts, initial=1))
     lines = values[order[first]].T[None].repeat(longest, axis=0)
     lines[place, moving, at] = values[order, moving]
-    found = sequences(view.taken(used // 2), start[:, used // 2], lines, counts)
+    found = sequences(view.select(used // 2), start[:, used // 2], lines, counts)
     back = np.empty(len(order), int)
     back[order] = at * longest + place
     return found.each(lambda x: x[..., back])
@@ -115,7 +115,7 @@ def _skip_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Windi
     begin = start[:, lanes]
     target = begin[plan.known]
     target[0] += _TURN
-    inner = view.taken(lanes)
+    inner = view.select(lanes)
     seen = follow(inner, begin, target[None])
     moved = seen.poses[0] - begin
     angles = np.append(np.zeros(first, bool), top.angles)
@@ -182,7 +182,7 @@ class _Found:
         self.last[:, right] = q[:, self.counts[right] - 1, right]
         rest = np.flatnonzero(~right)
         if len(rest):
-            others = _Found(self.view.taken(rest), self.start[:, rest], self.ordered[:, :, rest], self.counts[rest])
+            others = _Found(self.view.select(rest), self.start[:, rest], self.ordered[:, :, rest], self.counts[rest])
             others._follow()
             lanes = np.flatnonzero(~right[self.owner])
             self.q[:, lanes], self.good[lanes] = others.q, others.good
@@ -205,7 +205,7 @@ class _Found:
             place = before[ended] + 1 + np.arange(np.max((aim - before)[ended]))[:, None]
             rest = self.ordered[np.minimum(place, self.total - 1), :, ended]
             begin = np.where(reached[ended] > 0, self.q[:, self.first[ended] + before[ended]], start[:, ended])
-            more = follow(self.view.taken(ended), begin, np.moveaxis(rest, 1, 2), (aim - before)[ended])
+            more = follow(self.view.select(ended), begin, np.moveaxis(rest, 1, 2), (aim - before)[ended])
             self._take(place, more, ended)
             self.last[:, ended], self.exhausted[ended] = more.last, more.exhausted
         kept = np.cumsum(marks, axis=0) <= reached
@@ -229,7 +229,7 @@ class _Found:
         place = np.arange(self.total)[:, None]
         left = np.maximum.accumulate(np.where(marks, place, -1), axis=0)
         right = np.minimum.accumulate(np.where(marks, place, self.total)[::-1], axis=0)[::-1]
-        again = (~(self.crossed | self.limit)).reshape(-1, self.total).T if self.view.ordered else ~marks
+        again = (~(self.crossed | self.limit)).reshape(-1, self.total).T if self.view.wants_order else ~marks
         which, t = np.nonzero(((again | ~marks) & (left >= 0) & (right < self.total)).T)
         return tuple(self.first[which] + x for x in (t, left[t, which], right[t, which]))
 
@@ -241,7 +241,7 @@ class _Found:
             for some in _groups(np.arange(len(place)), self.view):
                 self._fill(place[some], left[some], right[some])
             return
-        view, plan = self.view.taken(self.owner[place]), self.view.plan
+        view, plan = self.view.select(self.owner[place]), self.view.plan
         a, b = self.q[:, left], self.q[:, right]
         u, v, w = (self.values[:, x] for x in (place, left, right))
         way = w - v
@@ -255,7 +255,7 @@ class _Found:
         # What lies aside of the way between the neighbours goes by their tangents.
         aside = (u - v - t * way)[:driven]
         guess = guess + np.sum((s * slopes[0] + t * slopes[1]) * aside, axis=1)
-        begin = view.joined(guess, u, a)
+        begin = view.join(guess, u, a)
         close = view.near(begin)
         q = correct_poses(view, begin, close)
         good = largest(view.residual(q)) <= view.tolerance(q)
@@ -265,9 +265,9 @@ class _Found:
         ends, back = np.unique(np.concatenate([left, right]), return_inverse=True)
         before, behind = np.split(back, 2)
         if close is None:
-            good &= view.alike(q, self.q[:, ends], before, behind)
+            good &= view.same_branch(q, self.q[:, ends], before, behind)
         else:
-            alike, self.conditioning[place] = view.surveyed(q, self.q[:, ends], before, behind, close)
+            alike, self.conditioning[place] = view.survey(q, self.q[:, ends], before, behind, close)
             good &= alike
         good &= ~self.crossed[left] & ~self.crossed[right]
         self.q[:, place] = np.where(good, q, self.q[:, place])
@@ -294,7 +294,7 @@ class _Found:
         place[np.arange(len(wrong)) - begins[run], run] = wrong
         owner, base = self.owner[wrong[begins]], base[begins]
         begin = np.where(base < self.first[owner], self.start[:, owner], self.q[:, base])
-        seen = follow(self.view.taken(owner), begin, np.moveaxis(self.values[:, place], 1, 0), counts)
+        seen = follow(self.view.select(owner), begin, np.moveaxis(self.values[:, place], 1, 0), counts)
         self._take(place - self.first[owner], seen, owner)
 
     def poses(self) -> PoseBatch:
@@ -308,8 +308,8 @@ class _Found:
         owner = np.concatenate([self.owner, np.arange(len(self.counts))])
         conditioning = np.concatenate([self.conditioning, np.zeros(len(self.counts), q.dtype)])
         for some in _groups(regular, self.view):
-            view, at = self.view.taken(owner[some]), q[:, some]
-            r, step, conditioning[some] = view.polished(at)
+            view, at = self.view.select(owner[some]), q[:, some]
+            r, step, conditioning[some] = view.polish(at)
             new = np.array(at)
             new[view.plan.unknown] -= np.where(np.isfinite(step), step, 0.0)
             before, after = largest(r), largest(view.residual(new))
@@ -317,10 +317,10 @@ class _Found:
         ended = np.flatnonzero(~self.good.reshape(-1, self.total).all(axis=1))
         ends = np.concatenate([rest, len(self.owner) + ended])
         if len(ends):
-            conditioning[ends] = self.view.taken(owner[ends]).conditioning(q[:, ends])
+            conditioning[ends] = self.view.select(owner[ends]).conditioning(q[:, ends])
         size, upright, mirrored = np.zeros_like(conditioning), np.zeros(len(owner), bool), np.zeros(len(owner), bool)
         for some in _groups(np.concatenate([good, ends[len(rest) :]]), self.view):
-            size[some], upright[some], mirrored[some] = self.view.taken(owner[some]).looked_at(q[:, some])
+            size[some], upright[some], mirrored[some] = self.view.select(owner[some]).check(q[:, some])
         at = np.where(self.good, np.arange(len(self.owner)), len(self.owner) + self.owner)
         given_up = ~self.good & self.exhausted[self.owner]
         return PoseBatch(

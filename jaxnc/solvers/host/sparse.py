@@ -33,7 +33,7 @@ class Level(NamedTuple):
 
 @with_owner
 def blocks_of_two(plan: LargePlan) -> np.ndarray | None:
-    """Places of the diagonal blocks' numbers, ``(2, 2, blocks)``; None if one is larger than two.
+    """Find places of the diagonal blocks' numbers, ``(2, 2, blocks)``; None if one is larger than two.
 
     Blocks of one are filled up with a zero and a one, which stand behind the numbers.
     """
@@ -56,7 +56,7 @@ def _pad(matrix: np.ndarray) -> np.ndarray:
 
 @with_owner
 def levels(plan: LargePlan) -> tuple[Level, ...]:
-    """The levels of a plan that has `blocks_of_two`."""
+    """Sort the blocks of a plan that has `blocks_of_two` into levels."""
     p, own = plan.numbers, blocks_of_two(plan)
     assert own is not None
     (m, n), count = p.shape, len(plan.sequence)
@@ -120,15 +120,15 @@ class SparseView(HostView):
         self._pairs = blocks_of_two(plan)
 
     def norm(self, weight: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Lengths ``(lanes,)`` of changes of coordinates; in a large system of the one that moves most."""
+        """Measure changes of coordinates, ``(lanes,)``; in a large system by the one that moves most."""
         return largest(weight * change) if self.plan.large else super().norm(weight, change)
 
     def extent(self, q: np.ndarray) -> np.ndarray:
-        """How large coordinates are, whose rounding is not the mechanism's."""
+        """Return how large coordinates are, whose rounding is not the mechanism's."""
         return largest(q) if self.plan.large else super().extent(q)
 
     def matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Non-zeros of the derivatives by unknown coordinates ``(lanes, nnz)``, and all of those by known ones."""
+        """Return non-zeros of the derivatives by unknown coordinates ``(lanes, nnz)``, and those by known ones."""
         p, found = self.plan.numbers, self.eq.entries(q)
         padded = np.concatenate([found, np.zeros((1, q.shape[1]), q.dtype)])
         data = sum((padded[g] for g in p.gathers[1:]), padded[p.gathers[0]])
@@ -142,8 +142,8 @@ class SparseView(HostView):
         inner = self.inner if self.inner.ndim == 1 else self.inner[:, 0]
         return matrix / inner[..., self.plan.numbers.columns]
 
-    def damped(self, slope: np.ndarray, rows: np.ndarray, damping: np.ndarray) -> np.ndarray:
-        """See `HostView.damped`."""
+    def damped_step(self, slope: np.ndarray, rows: np.ndarray, damping: np.ndarray) -> np.ndarray:
+        """See `HostView.damped_step`."""
         (m, n), plan = self.plan.numbers.shape, self.plan
         out = np.empty((len(slope), n))
         for k, data in enumerate(slope):
@@ -177,7 +177,7 @@ class SparseView(HostView):
         return x
 
     def _single(self, q: np.ndarray) -> None:
-        """None: its matrices are not sparse."""
+        """Return None: the program's matrices are not sparse."""
 
     @property
     def refines(self) -> bool:
@@ -185,7 +185,7 @@ class SparseView(HostView):
         return False
 
     @property
-    def ordered(self) -> bool:
+    def wants_order(self) -> bool:
         """No: inverses are not sparse."""
         return False
 
@@ -195,8 +195,8 @@ class SparseView(HostView):
             return False
         return lanes * (_FACTORISED + len(self.plan.unknown)) > _LEVEL * len(levels(self.plan))
 
-    def factorised(self, matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `HostView.factorised`; in a large system, sizes of determinants of small blocks only, others are one."""
+    def factorise(self, matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See `HostView.factorise`; in a large system, sizes of determinants of small blocks only, others are one."""
         if self._pairs is not None or not self.plan.sequence:
             return self.solve(matrix, right), *self._orientation(matrix)
         x, found = np.empty((len(matrix), len(self.plan.unknown), right.shape[2]), matrix.dtype), []
@@ -238,8 +238,8 @@ class SparseView(HostView):
 
         return one_by_one
 
-    def polished(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `HostView.polished`; the conditioning is the smallest pivot over the largest."""
+    def polish(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See `HostView.polish`; the conditioning is the smallest pivot over the largest."""
         n, lanes = len(self.plan.unknown), q.shape[1]
         r, matrix = self.residual(q), self.matrices(q)[0]
         if self._pairs is not None:
@@ -253,19 +253,19 @@ class SparseView(HostView):
 
     def conditioning(self, q: np.ndarray) -> np.ndarray:
         """See `HostView.conditioning`: smallest pivot over the largest."""
-        return self.polished(q)[2]
+        return self.polish(q)[2]
 
     def _pivots(self, inner: np.ndarray, factors: "SuperLU | None") -> np.ndarray:
-        """Pivots of one lane, coordinates as lengths."""
+        """Return pivots of one lane, coordinates as lengths."""
         plan, m = self.plan, self.plan.numbers.shape[0]
         return plan.lu.pivots(factors)[0] / inner if plan.square else plan.augmented.pivots(factors)[0][m:]
 
     def relative(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """See `facing`: of hundreds of unknowns a determinant's size says nothing."""
-        return self.facing(matrix, other)
+        """See `orientation_sign`: of hundreds of unknowns a determinant's size says nothing."""
+        return self.orientation_sign(matrix, other)
 
-    def facing(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """See `HostView.facing`; zero if singular."""
+    def orientation_sign(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """See `HostView.orientation_sign`; zero if singular."""
         plan, out = self.plan, np.empty(len(matrix))
         for k, (one, two) in enumerate(zip(matrix, other, strict=True)):
             factors = plan.augmented.factorise(plan.symmetric(one, 0.0, two))
@@ -274,7 +274,7 @@ class SparseView(HostView):
 
 
 def _pivots(matrix: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Pivots ``(lanes, 2 blocks)`` of diagonal blocks of one or two."""
+    """Return pivots ``(lanes, 2 blocks)`` of diagonal blocks of one or two."""
     (a, b), (c, d) = _pad(matrix)[pairs]
     first = np.maximum(np.abs(a), np.abs(c))
     second = np.abs(a * d - b * c) / np.where(first > 0.0, first, 1.0)
@@ -284,7 +284,7 @@ def _pivots(matrix: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 @with_owner
 def _small_blocks(plan: LargePlan) -> tuple[np.ndarray, np.ndarray]:
-    """Of which diagonal blocks determinants' sizes are told, and the block of each unknown."""
+    """Say of which diagonal blocks determinants' sizes are told, and find the block of each unknown."""
     block_of = np.zeros(len(plan.unknown), int)
     for k, (_, columns) in enumerate(plan.sequence):
         block_of[columns] = k

@@ -21,7 +21,7 @@ _REGULAR = 1e-3  # of the largest pivot: where all are larger, normal equations 
 
 
 class Evaluation(NamedTuple):
-    """What is known of poses; lanes are the last axis."""
+    """Poses evaluated; lanes are the last axis."""
 
     residual: np.ndarray  # rows that are solved for, (m, lanes)
     # how far Newton, or Gauss and Newton, would move the unknowns back, (n, lanes); not finite if singular
@@ -35,7 +35,7 @@ class Evaluation(NamedTuple):
 
 
 class HostView:
-    """What is solved for, with the numbers of one design, or of a design for each lane.
+    """A view of what is solved for, with the numbers of one design, or of a design for each lane.
 
     Poses are ``(N, lanes)``, rows ``(m, lanes)``; matrices have their lanes first, as NumPy's linear algebra wants it.
 
@@ -61,31 +61,31 @@ class HostView:
         self._outer = self.inner[..., None] if weights.ndim == 1 else np.swapaxes(self.inner, 1, 2)
         self.redundant = len(plan.rows) > len(plan.unknown)
 
-    def taken(self, which: np.ndarray) -> "HostView":
-        """The same for other lanes, given by places among these or a mask; one design that all lanes share stays."""
-        return self if self.eq.designs is None else type(self)(self.plan, self.eq.taken(which))
+    def select(self, which: np.ndarray) -> "HostView":
+        """Return the view of other lanes, given by places or a mask; one design that all lanes share stays."""
+        return self if self.eq.designs is None else type(self)(self.plan, self.eq.select(which))
 
     def residual(self, q: np.ndarray) -> np.ndarray:
-        """Rows that are solved for, ``(m, lanes)``."""
+        """Evaluate the rows that are solved for, ``(m, lanes)``."""
         if self.program is not None:
             return self.program.run(("residual",), self.eq, q)[0]
         return self.eq.residual(q)[self.plan.rows]
 
     def norm(self, weight: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Lengths ``(lanes,)`` of changes of coordinates ``(c, lanes)`` by their weights."""
+        """Measure changes of coordinates ``(c, lanes)`` by their weights, ``(lanes,)``."""
         y = change * weight
         return np.sqrt(np.einsum("nl,nl->l", y, y))
 
     def extent(self, q: np.ndarray) -> np.ndarray:
-        """How large coordinates may be, ``(lanes,)``, beside the mechanism's size."""
+        """Return how large coordinates may be, ``(lanes,)``, beside the mechanism's size."""
         return np.zeros(q.shape[1])
 
     def tolerance(self, q: np.ndarray) -> np.ndarray:
-        """Largest residual of a pose that counts as a solution, ``(lanes,)``."""
+        """Return the largest residual of a pose that counts as a solution, ``(lanes,)``."""
         return self.least.accept * self.eq.length + self.least.rounding * largest(self.weights * q)
 
     def upright(self, q: np.ndarray) -> np.ndarray:
-        """Whether nothing is met by a mirror image, ``(lanes,)``."""
+        """Say whether nothing is met by a mirror image, ``(lanes,)``."""
         program = self.program or self._single(q)
         if program is None:
             return self.eq.guards(q)[0]
@@ -94,35 +94,35 @@ class HostView:
         return np.logical_and.reduce(program.run(("guards",), self.eq, q)[0] > 0.0)
 
     def _single(self, q: np.ndarray) -> PlanProgram | None:
-        """The rows and their slopes as a program, for a single pose: by far the faster."""
+        """Return the rows and their slopes as a program, for a single pose: by far the faster."""
         return slope_program(self.plan) if q.shape[1] == 1 and self.eq.designs is None else None
 
-    def looked_at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The largest of all residuals, and whether nothing is met by a mirror image, and a body is, ``(lanes,)``."""
+    def check(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the largest residual, and whether nothing is met by a mirror image, and a body is, ``(lanes,)``."""
         if self.program is not None and self.program.whole:
             r, guards = self.program.run(("residual", "guards"), self.eq, q)
             return largest(r), np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
         return largest(self.eq.residual(q)), *self.eq.guards(q)
 
-    def told(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What `looked_at` says, the `orientation` and the `conditioning`."""
+    def diagnose(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return what `check` does, the `orientation` and the `conditioning`."""
         if self.program is not None and self.program.whole:
             parts = "residual", "guards", "determinants", "entries"
             r, guards, determinants, entries = self.program.run(parts, self.eq, q)
             upright, none = np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
             return largest(r), upright, none, np.sign(determinants), self._ratio(self._lengths(entries))
-        return *self.looked_at(q), self.orientation(q), self.conditioning(q)
+        return *self.check(q), self.orientation(q), self.conditioning(q)
 
     def newton(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rows, and how far a step of Newton would move the unknowns back; see `Evaluation`."""
+        """Return the rows, and how far a step of Newton would move the unknowns back; see `Evaluation`."""
         if self.program is not None:
             r, step = self.program.run(("residual", "step"), self.eq, q)
             return r, step
         r = self.residual(q)
         return r, self.solve(self.matrices(q)[0], r.T[:, :, None])[:, :, 0].T
 
-    def polished(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The rows, the step of Newton, and the conditioning."""
+    def polish(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the rows, the step of Newton, and the conditioning."""
         if self.program is not None:
             r, step, entries = self.program.run(("residual", "step", "entries"), self.eq, q)
             return r, step, self._ratio(self._lengths(entries))
@@ -155,16 +155,16 @@ class HostView:
             matrix, by_known = np.zeros((1, len(r), n), q.dtype), np.zeros((1, len(r), driven), q.dtype)
             matrix[0, *program.places], by_known[0, *program.driven] = entries[:, 0], by_driven[:, 0]
         right = np.concatenate([r.T[:, :, None], by_known], axis=2)
-        x, signs, sizes = self.factorised(matrix, right)
+        x, signs, sizes = self.factorise(matrix, right)
         kept = np.moveaxis(matrix, 0, -1) if self.redundant else None
         return Evaluation(r, x[:, :, 0].T, -x[:, :, 1:].transpose(1, 2, 0), signs.T, sizes.T, kept)
 
     def solver(self, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """What maps rows ``(m, lanes)`` to changes of the unknowns ``(n, lanes)`` that make them, at poses."""
+        """Make the function that maps rows ``(m, lanes)`` to changes of the unknowns ``(n, lanes)`` that make them."""
         if self.program is not None:
             inner, eq = self.program, self.eq
             return lambda right: inner.run(("solved",), eq, q, right)[0]
-        found = _surveyed.get(self)
+        found = _surveys.get(self)
         if found is not None and np.array_equal(q, found[0]):
             _, matrix, close = found
         else:
@@ -175,29 +175,29 @@ class HostView:
 
     @property
     def refines(self) -> bool:
-        """Whether what `solver` says is refined already."""
+        """True if what `solver` returns is refined already."""
         return self.program is None
 
     def near(self, q: np.ndarray) -> Near | None:
-        """What some poses in the order of a motion say of the others; None where each by itself is quicker."""
+        """Find what some poses in the order of a motion say of the others; None where each by itself is quicker."""
         return self._near(q, lambda at: self._scaled(q[:, at]))
 
     def _near(self, q: np.ndarray, matrices: Callable[[np.ndarray], np.ndarray]) -> Near | None:
-        return near(self.weights * q, self.eq.length, matrices) if self.ordered else None
+        return near(self.weights * q, self.eq.length, matrices) if self.wants_order else None
 
     @property
-    def ordered(self) -> bool:
-        """Whether it helps that lanes come in the order of a motion: where matrices have to be inverted."""
+    def wants_order(self) -> bool:
+        """True if it helps that lanes come in the order of a motion: where matrices have to be inverted."""
         return self.program is None and self.eq.designs is None and len(self.plan.unknown) > 0
 
     def orientation(self, q: np.ndarray) -> np.ndarray:
-        """Signs of the diagonal blocks' determinants, ``(blocks, lanes)``."""
+        """Return signs of the diagonal blocks' determinants, ``(blocks, lanes)``."""
         if self.program is not None:
             return np.sign(self.program.run(("determinants",), self.eq, q)[0])
         return self._orientation(self.matrices(q)[0])[0].T
 
     def conditioning(self, q: np.ndarray) -> np.ndarray:
-        """Estimate of the reciprocal condition number, coordinates as lengths; zero at a singular position."""
+        """Estimate the reciprocal condition number, coordinates as lengths; zero at a singular position."""
         if not len(self.plan.unknown):
             return np.ones(q.shape[1], q.dtype)
         if self.program is not None:
@@ -205,7 +205,7 @@ class HostView:
         return self._normal(self._scaled(q))[1]
 
     def _normal(self, scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Matrices of the normal equations ``(lanes, n, n)``, the conditioning, and whether these are sound.
+        """Return matrices of the normal equations ``(lanes, n, n)``, the conditioning, and whether these are sound.
 
         Their triangular factor is that of orthogonal columns, which take five times as long, to half the digits: where
         these would not do, or numbers have 32 bits, columns are made orthogonal.
@@ -222,7 +222,7 @@ class HostView:
         return normal, found, sound
 
     def _lengths(self, entries: np.ndarray) -> np.ndarray:
-        """Lengths of the columns ``(lanes, n)`` each made orthogonal to those before it (modified Gram-Schmidt).
+        """Measure the columns ``(lanes, n)``, each made orthogonal to those before it (modified Gram-Schmidt).
 
         The entries are those of the matrix, as `PlanProgram.places` has them, ``(entries, lanes)``.
         """
@@ -249,7 +249,7 @@ class HostView:
         return np.where(np.isfinite(found), found, 0.0)
 
     def matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the rows by unknown ``(lanes, m, n)`` and by known coordinates ``(lanes, m, k)``."""
+        """Differentiate the rows by unknown ``(lanes, m, n)`` and by known coordinates ``(lanes, m, k)``."""
         plan, entries, lanes = self.plan, self.eq.entries(q), q.shape[1]
         m, n, width = len(plan.rows), len(plan.unknown), len(plan.unknown) + len(plan.known)
         flat = np.zeros((m * width, lanes), q.dtype)
@@ -259,27 +259,27 @@ class HostView:
         return np.ascontiguousarray(both[:, :, :n]), both[:, :, n:]
 
     def _scaled(self, q: np.ndarray) -> np.ndarray:
-        """Derivatives of the rows by the unknowns as lengths, ``(lanes, m, n)``."""
+        """Differentiate the rows by the unknowns as lengths, ``(lanes, m, n)``."""
         matrix = self.matrices(q)[0]
         matrix /= self.inner
         return matrix
 
     def solve(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Newton or Gauss-Newton steps ``(lanes, n, c)``, coordinates as lengths; not finite where singular."""
+        """Solve for Newton or Gauss-Newton steps ``(lanes, n, c)``, coordinates as lengths; not finite if singular."""
         if not matrix.shape[2]:
             return np.zeros((len(matrix), 0, right.shape[2]), matrix.dtype)
         return least_squares(matrix / self.inner, right) / self._outer
 
-    def factorised(self, matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What `solve` says, and signs and logarithms of the diagonal blocks' determinants, ``(lanes, blocks)``."""
+    def factorise(self, matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what `solve` does, and signs and logarithms of the blocks' determinants, ``(lanes, blocks)``."""
         return self.solve(matrix, right), *self._orientation(matrix)
 
     def lengths(self, matrix: np.ndarray) -> np.ndarray:
-        """Jacobians with respect to coordinates as lengths."""
+        """Return Jacobians with respect to coordinates as lengths."""
         return matrix / self.inner
 
-    def damped(self, slope: np.ndarray, rows: np.ndarray, damping: np.ndarray) -> np.ndarray:
-        """Steps of Levenberg and Marquardt, coordinates as lengths, ``(lanes, n)``.
+    def damped_step(self, slope: np.ndarray, rows: np.ndarray, damping: np.ndarray) -> np.ndarray:
+        """Return steps of Levenberg and Marquardt, coordinates as lengths, ``(lanes, n)``.
 
         The slope is as `lengths` gives it; damping is relative to the mean square of the columns, ``(lanes,)``.
         """
@@ -291,7 +291,7 @@ class HostView:
         return least_squares(normal, back @ rows.T[:, :, None])[:, :, 0]
 
     def _orientation(self, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Signs and logarithms of the diagonal blocks' determinants, ``(lanes, blocks)``."""
+        """Return signs and logarithms of the diagonal blocks' determinants, ``(lanes, blocks)``."""
         signs, sizes = [np.zeros((len(matrix), 0))], [np.zeros((len(matrix), 0))]
         for rows, columns in self.plan.blocks if self.plan.square else ():
             sign, size = np.linalg.slogdet(matrix[:, rows[:, :, None], columns[:, None, :]])
@@ -299,73 +299,73 @@ class HostView:
             sizes.append(np.maximum(size, np.log(self.least.tiny)))
         return np.concatenate(signs, axis=1), np.concatenate(sizes, axis=1)
 
-    def facing(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Signs of det(otherᵀ · matrix), ``(lanes,)``: positive on the same branch."""
+    def orientation_sign(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Return signs of det(otherᵀ · matrix), ``(lanes,)``: positive on the same branch."""
         return np.linalg.slogdet(np.swapaxes(other, 1, 2) @ matrix)[0]
 
     def relative(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """det(otherᵀ · matrix) as a part of det(otherᵀ · other), ``(lanes,)``: positive on the same branch."""
+        """Return det(otherᵀ · matrix) as a part of det(otherᵀ · other), ``(lanes,)``: positive on the same branch."""
         back = np.swapaxes(other, 1, 2)
         sign, size = np.linalg.slogdet(back @ matrix)
         return sign * np.exp(size - np.linalg.slogdet(back @ other)[1])
 
-    def alike(self, q: np.ndarray, ends: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Whether poses ``(N, lanes)`` and both that they lie between have one orientation.
+    def same_branch(self, q: np.ndarray, ends: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Say whether poses ``(N, lanes)`` and both that they lie between have one orientation.
 
         Then no singular position lies between. The others are ``(N, ends)``, and for each lane the place of the one and
         of the other; with as many designs as there are lanes, lanes of one design have ends of their own.
         """
         which = np.empty(ends.shape[1], int)
         which[left] = which[right] = np.arange(len(left))
-        around = self.taken(which)
+        around = self.select(which)
         if not self.redundant:
             signs, at = self.orientation(q), around.orientation(ends)
             return ((signs == at[:, left]) & (signs == at[:, right])).all(axis=0)
-        return self._alike(self.matrices(q)[0], around.matrices(ends)[0], left, right)
+        return self._same_branch(self.matrices(q)[0], around.matrices(ends)[0], left, right)
 
-    def _alike(self, matrix: np.ndarray, ends: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """The same by matrices."""
+    def _same_branch(self, matrix: np.ndarray, ends: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Say `same_branch` by matrices."""
         pairs, which = np.unique(left * len(ends) + right, return_inverse=True)
         before, behind = np.divmod(pairs, len(ends))
-        return self._same(ends[behind], ends[before])[which] & self._same(matrix, ends[left])
+        return self._same_orientation(ends[behind], ends[before])[which] & self._same_orientation(matrix, ends[left])
 
-    def _same(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Whether matrices have one orientation, ``(lanes,)``."""
+    def _same_orientation(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Say whether matrices have one orientation, ``(lanes,)``."""
         if self.redundant:
-            return self.facing(matrix, other) > 0
+            return self.orientation_sign(matrix, other) > 0
         return (self._orientation(matrix)[0] == self._orientation(other)[0]).all(axis=1)
 
-    def surveyed(
+    def survey(
         self, q: np.ndarray, ends: np.ndarray, left: np.ndarray, right: np.ndarray, close: Near
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What `alike` says of poses in the order of a motion, by what is `near`, and their conditioning.
+        """Say `same_branch` of poses in the order of a motion, by what is `near`, and find their conditioning.
 
         A pose may be an end itself: then both are itself, and nothing is asked of it. What is found on the way
         does for `solver` too.
         """
         matrix, at, which = self._scaled(q), close.at, close.nearest
-        _surveyed[self] = q, matrix, close
+        _surveys[self] = q, matrix, close
         around = self._scaled(ends)
-        kept = self._alike(close.matrix, around, left[at], right[at])[which] & close.proper(matrix)
+        kept = self._same_branch(close.matrix, around, left[at], right[at])[which] & close.proper(matrix)
         kept &= (left <= right[at][which]) & (left[at][which] <= right)
         rest = np.flatnonzero(~kept)
         if len(rest):
-            kept[rest] = self._alike(matrix[rest], around, left[rest], right[rest])
+            kept[rest] = self._same_branch(matrix[rest], around, left[rest], right[rest])
         return kept | (left == right), self._normal(matrix)[1]
 
-    def joined(self, unknown: np.ndarray, known: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Poses with other unknown ``(n, lanes)`` and known ``(k, lanes)`` coordinates."""
+    def join(self, unknown: np.ndarray, known: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Put other unknown ``(n, lanes)`` and known ``(k, lanes)`` coordinates into poses."""
         out = q.copy() if q.shape[1] == known.shape[1] else np.repeat(q, known.shape[1], axis=1)
         out[self.plan.unknown], out[self.plan.known] = unknown, known
         return out
 
 
-# Of views, the poses that were `surveyed` last, their matrices, and what is near: `solver` is often asked for the same.
-_surveyed: weakref.WeakKeyDictionary[HostView, tuple[np.ndarray, np.ndarray, Near]] = weakref.WeakKeyDictionary()
+# Of views, the poses that were surveyed last, their matrices, and what is near: `solver` is often asked for the same.
+_surveys: weakref.WeakKeyDictionary[HostView, tuple[np.ndarray, np.ndarray, Near]] = weakref.WeakKeyDictionary()
 
 
 def _lengths_of_one(n: int, rows: list[int], columns: list[int], entries: list[float]) -> list[float]:
-    """The same of one matrix, in plain numbers: to the last bit, which NumPy would sum in another order."""
+    """Measure the columns of one matrix in plain numbers: to the last bit, which NumPy would sum in another order."""
     a, out = [[0.0] * n for _ in range(n)], []
     for r, c, entry in zip(rows, columns, entries, strict=True):
         a[c][r] = entry
@@ -387,13 +387,13 @@ def _lengths_of_one(n: int, rows: list[int], columns: list[int], entries: list[f
 
 
 def largest(x: np.ndarray) -> np.ndarray:
-    """The largest size in each lane, ``(lanes,)``."""
+    """Return the largest size in each lane, ``(lanes,)``."""
     return np.maximum.reduce(np.abs(x), axis=0, initial=0.0)
 
 
 @with_owner
 def _scatter(plan: Plan) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Where entries stand in a plan's matrix of unknown and known columns: places in it, and which entries."""
+    """Find where entries stand in a plan's matrix of unknown and known columns: places in it, and which entries."""
     pad = sum(layout.rows.size * layout.variables.shape[1] for layout in plan.topology.layout)
     out = []
     for g in plan.gathers:
