@@ -10,7 +10,7 @@ import jaxnc as nc
 from jaxnc.constraints import Kind, RateKind
 from jaxnc.forces import ForceKind
 
-NO_NUMBER = r"the lambda \(test_asking.py, line \d+\) needs a number where JAX has none yet.* jax.numpy"
+NO_NUMBER = r"the lambda \(test_validate.py, line \d+\) needs a number where JAX has none yet.* jax.numpy"
 IDEA = nc.library.four_bar()
 SYSTEM = IDEA.compile()
 TIMES = np.linspace(0.0, 0.1, 3)

@@ -152,7 +152,8 @@ class _Routes:
 
         def walk(j, state):
             first = jnp.clip((j - self.tabled) * block, 0, given - block)  # the last block overlaps the one before
-            return _Walk(self, j, first).run(*state)
+            made, rows, store = state
+            return _Walk(self, j, first, rows).run(made, rows, store)
 
         store = jnp.zeros((sum(count or 1 for count in self.counts), block))
         state = jnp.zeros((n + 4, given)), jnp.zeros((n + len(self.outset) + 1, block if self.tabled else 0)), store
@@ -313,8 +314,9 @@ class _Walk:
     Most lanes are there in the first turn, chunk by chunk. The others are kept in a store, and go on together.
     """
 
-    def __init__(self, routes: _Routes, j: Array, first: Array):
-        self.routes, self.first, self.at_table = routes, first, (j == 0) & routes.tabled
+    def __init__(self, routes: _Routes, j: Array, first: Array, table: Array):
+        self.routes, self.first, self.table = routes, first, table
+        self.at_table = (j == 0) & routes.tabled
         chunks = -(-routes.size // routes.width), -(-routes.block // routes.width)
         self.count = jnp.where(self.at_table, *chunks)
 
@@ -363,7 +365,7 @@ class _Walk:
             goal = lax.dynamic_slice_in_dim(routes.goals, self.first + at, routes.width, 1)
             if not routes.tabled:
                 return routes.begin(goal)
-            return lax.cond(at_table, routes.begin_table, routes.try_at_once, goal, at, rows)
+            return lax.cond(at_table, routes.begin_table, routes.try_at_once, goal, at, self.table)
 
         ways = lax.cond(turn == 0, set_out, self._go_on, at, going, store)
         most = jnp.where(turn == 0, 2, _MOST)
