@@ -14,7 +14,7 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 import jaxnc as nc  # noqa: E402 (after the switch)
-from jaxnc.solvers.assembly import derive, hosted  # noqa: E402
+from jaxnc.solvers.assembly import derive, to_host  # noqa: E402
 from jaxnc.solvers.host import view_of  # noqa: E402
 from jaxnc.solvers.plan import LargePlan, plan  # noqa: E402
 
@@ -35,7 +35,7 @@ def best(f, *arguments, seconds=2.0):
 
 def step_time(system):
     """Seconds of a step, from poses a little off the solution; whether five of them converge."""
-    eq, rng = hosted(derive(system)), np.random.default_rng(1)
+    eq, rng = to_host(derive(system)), np.random.default_rng(1)
     view = view_of(plan(system.topology, ("phi",), (), 1), eq)
     starts = np.repeat(eq.home[:, None], 16, axis=1)
     starts[view.plan.unknown] += 1e-3 * rng.standard_normal((len(view.plan.unknown), 16))

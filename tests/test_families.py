@@ -13,7 +13,7 @@ import jaxnc as nc
 from jaxnc.cli import main
 from jaxnc.errors import InputError
 from jaxnc.families import Chain, accelerations, mass_matrix, simulate
-from jaxnc.solvers.assembly import derive, hosted, sample_poses
+from jaxnc.solvers.assembly import derive, sample_poses, to_host
 from jaxnc.system.equations import residual
 
 ROUNDING = 1e-12  # poses of size one, by maps of a few operations and solves to the last digits
@@ -106,13 +106,13 @@ def test_same_motion_in_every_family():
     assert found.converged.all()
     q = f.to_natural(found)
     np.testing.assert_allclose(q[:, 4:10], closed_form(PSI), atol=ROUNDING)
-    assert np.abs(hosted(derive(f.natural)).residual(np.asarray(q).T)).max() < ROUNDING
+    assert np.abs(to_host(derive(f.natural)).residual(np.asarray(q).T)).max() < ROUNDING
     np.testing.assert_allclose(f.from_natural(q), found.q[:, f.topology.unknown], atol=ROUNDING)
     np.testing.assert_allclose(f.motion(found)["3"], closed_form(PSI)[:, 4:], atol=ROUNDING)
     # The poses meet the equations of the others too, and come back from their variables.
     for family in ("reference", "natural"):
         g = formulation(family)
-        z, eq = g.from_natural(q), hosted(derive(g.system))
+        z, eq = g.from_natural(q), to_host(derive(g.system))
         whole = np.repeat(eq.home[:, None], len(z), axis=1)
         whole[g.topology.unknown] = np.asarray(z).T
         assert np.abs(eq.residual(whole)).max() < ROUNDING
@@ -313,7 +313,7 @@ def fits(m: nc.Mechanism, family: str, **options) -> nc.families.Formulation:
     """As many freedoms as in natural coordinates, and their poses, here and a little further, are poses here."""
     f = nc.formulate(m, family, **options)
     assert f.g == f.natural.degrees_of_freedom
-    eq = hosted(derive(f.system))
+    eq = to_host(derive(f.system))
     for sample in sample_poses(f.natural):
         z, whole = f.from_natural(sample.q), np.array(eq.home)
         whole[f.topology.unknown] = z

@@ -10,7 +10,7 @@ import jaxnc as nc
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.reading import Builder, function
-from jaxnc.solvers.assembly import derive, hosted, settle
+from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.solvers.host import HostView, correct_poses, matrices
 
 MECHANISMS = {
@@ -29,7 +29,7 @@ def both_ways(name):
     system = make().compile()
     names = tuple(n for n in names if n in system.topology.coordinates) or system.topology.scalars[:1]
     eq = derive(system)
-    view, dense = (HostView(make_plan(system, names, hold), hosted(eq)) for _ in range(2))
+    view, dense = (HostView(make_plan(system, names, hold), to_host(eq)) for _ in range(2))
     dense.program = None
     q = np.asarray(settle(eq, np.zeros(eq.home.shape)).q)
     moved = 0.02 * float(eq.length) * np.random.default_rng(2).uniform(-1.0, 1.0, (len(q), 7))
@@ -94,7 +94,7 @@ def test_more_rows_than_unknowns_are_solved_by_normal_equations_where_these_do(s
 def test_conditioning_of_more_rows_than_unknowns_is_that_of_orthogonal_columns():
     system = nc.library.bennett().compile()
     eq = derive(system)
-    view = HostView(make_plan(system, ("phi",), ()), hosted(eq))
+    view = HostView(make_plan(system, ("phi",), ()), to_host(eq))
     assert view.redundant
     q = np.asarray(settle(eq, np.zeros(eq.home.shape)).q)[:, None] + np.zeros(3)
     unknown = view.plan.unknown
@@ -188,7 +188,7 @@ def test_the_pose_nearest_to_a_guess_is_that_of_the_compiled_solver():
         assert isinstance(found.poses, np.ndarray) and bool(found.converged.all())
     other = nc.solve_position(system, {"phi": 1.1}, start={"C": mirrored})
     np.testing.assert_allclose(other["C"], mirrored, atol=1e-12)
-    near = on_host.nearest(make_plan(system, ("phi",), ()), hosted(derive(system)), start.q[None], np.array([[1.1]]))
+    near = on_host.nearest(make_plan(system, ("phi",), ()), to_host(derive(system)), start.q[None], np.array([[1.1]]))
     np.testing.assert_allclose(near.q[0], start.q, atol=1e-13)
 
 

@@ -12,7 +12,7 @@ from jaxnc.io.stream import _drawn
 from jaxnc.io.tables import load_npz
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.solvers import host
-from jaxnc.solvers.assembly import derive, hosted
+from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.viz.draft import draft
 
 T = np.linspace(0.0, 0.1, 3)
@@ -49,14 +49,14 @@ def test_a_kind_of_a_users_own_may_be_called_as_one_of_the_librarys():
 def test_nothing_is_written_to_what_is_given():
     """Beside what is remembered with an owner, which is worked out from it alone (`jaxnc.remembered`)."""
     system = four_bar_mechanism().compile()
-    eq = hosted(derive(system))
+    eq = to_host(derive(system))
     plan = make_plan(system, ("phi",), ())
     view = host.view_of(plan, eq)
     things = system, system.topology, system.parameters, plan, view
     kept = lambda: [{k: v for k, v in vars(x).items() if k != "_remembered"} for x in things]  # noqa: E731
     before = kept()
     values = np.linspace(0.7, 5.0, 60)
-    found = host.sequences(view, eq.home[:, None], values[:, None, None])
+    found = host.solve_sequences(view, eq.home[:, None], values[:, None, None])
     host.rates(view, found.q, [np.ones((1, 60))])
     nc.sweep(system, {"phi": values}, rates={"phi": 1.0})
     jax.jit(lambda s, u: nc.sweep(s, {"phi": u})["P"])(system, jnp.asarray(values))

@@ -13,7 +13,7 @@ from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.kinematics import on_host
 from jaxnc.library import generic_mechanism, jansen_leg, macpherson
 from jaxnc.solvers import fill
-from jaxnc.solvers.assembly import derive, hosted, settle
+from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.solvers.elimination import eliminate, plan_elimination
 from jaxnc.solvers.kernel import kernel, smallest
 from jaxnc.solvers.plan import plan
@@ -123,7 +123,7 @@ def test_regular_poses_are_all_solved_side_by_side(name):
     found = jax.jit(lambda u: fill.from_table(view, eq, q, u))(values)
     assert np.all(found.good) and np.min(found.conditioning) > 1e-6
     with np.errstate(all="ignore"):
-        host = on_host.scattered(view, hosted(eq), np.asarray(q)[None], values[::40], np.zeros(15, int))
+        host = on_host.scattered(view, to_host(eq), np.asarray(q)[None], values[::40], np.zeros(15, int))
     assert not host.status.any()
     at = np.stack(found.q, axis=1)[::40]
     np.testing.assert_allclose(at, host.q[:, view.unknown], atol=1e-12 * float(eq.length))

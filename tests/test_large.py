@@ -16,7 +16,7 @@ import jaxnc as nc
 from jaxnc import library
 from jaxnc.kinematics import on_host
 from jaxnc.solvers import host
-from jaxnc.solvers.assembly import derive, hosted, settle
+from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.solvers.host import HostView, view_of
 from jaxnc.solvers.host.sparse import SparseView
 from jaxnc.solvers.plan import LargePlan, Plan, plan
@@ -178,7 +178,7 @@ def test_many_poses_level_by_level_are_those_of_dense_matrices(name):
     """All lanes side by side, where blocks have one or two unknowns; one lane goes by LU."""
     mechanism = library.CATALOGUE[name]()
     dense, sparse = mechanism.compile(False), mechanism.compile(True)
-    eq, phi = hosted(derive(sparse)), mechanism.model.run.inputs["phi"]
+    eq, phi = to_host(derive(sparse)), mechanism.model.run.inputs["phi"]
     view = view_of(plan(sparse.topology, ("phi",), (), 1), eq)
     matrix, _ = view.matrices(np.repeat(eq.home[:, None], 61, axis=1))
     right = np.random.default_rng(2).standard_normal((61, len(view.plan.rows), 2))
@@ -193,12 +193,12 @@ def test_many_poses_level_by_level_are_those_of_dense_matrices(name):
 def test_what_is_too_much_to_write_out_is_solved_by_lu_on_the_host():
     """Fewer unknowns than of a large system, more than 48: the same poses and ends of branches as by whole matrices."""
     system = library.four_bar_chain(30, last=1.3).compile()
-    view, eq = plan(system.topology, ("phi",), (), 1), hosted(derive(system))
+    view, eq = plan(system.topology, ("phi",), (), 1), to_host(derive(system))
     assert not view.large and isinstance(view_of(view, eq), SparseView) and on_host.few(view, "continuation", 60)
     start, phi = np.asarray(settle(derive(system), np.zeros(len(eq.home))).q), np.linspace(1.0, -0.4, 60)
     with np.errstate(all="ignore"):
         one, other = (
-            host.sequences(v, start[:, None], phi[:, None, None]) for v in (view_of(view, eq), HostView(view, eq))
+            host.solve_sequences(v, start[:, None], phi[:, None, None]) for v in (view_of(view, eq), HostView(view, eq))
         )
     assert one.good.tolist() == other.good.tolist() and 30 < one.good.sum() < 60
     assert np.max(np.abs(one.q - other.q)[:, one.good]) <= 10 * SAME

@@ -5,7 +5,7 @@ import pytest
 from printed import COMPARED, COUNTS, GROUPS, VARIED, Group, Place, at_rest
 
 import jaxnc as nc
-from jaxnc.solvers.assembly import derive, hosted
+from jaxnc.solvers.assembly import derive, to_host
 
 
 def derivatives(rows, place: Place, columns: np.ndarray) -> np.ndarray:
@@ -34,7 +34,7 @@ def test_the_printed_equations_and_ours_admit_the_same_motions(name):
     system = group.mechanism.compile()
     top, drawn = system.topology, at_rest(system)
     rows = [*group.rows.values(), *group.more]
-    here = hosted(derive(system))
+    here = to_host(derive(system))
     size = float(here.length)
     for q in group.poses(group.mechanism, system):
         place = Place(top.position, q, drawn)

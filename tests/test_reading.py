@@ -10,7 +10,7 @@ import jaxnc as nc
 from jaxnc.constraints import CATALOGUE, Kind
 from jaxnc.constraints.trigonometry import by_name
 from jaxnc.reading import Number, Unreadable, function, partials, polynomials, rate, trace, write
-from jaxnc.solvers.assembly import derive, hosted
+from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.system import structure
 from jaxnc.system.equations import entries, equations, guards, residual
 from jaxnc.system.host_kinds import host_kind
@@ -259,7 +259,7 @@ def test_what_cannot_be_read_is_evaluated_by_jax():
 def test_equations_on_the_host_are_those_of_jax(mechanism):
     system = mechanism().compile()
     told, there = derive(system), jax.jit(equations)(system)
-    here = hosted(told)
+    here = to_host(told)
     for a, b in zip(jax.tree.leaves(told), jax.tree.leaves(there), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-12 * max(1.0, float(np.max(np.abs(b), initial=0.0))))
     q = here.home + 0.01 * here.length * RNG.uniform(-1.0, 1.0, len(here.home))

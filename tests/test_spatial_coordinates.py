@@ -10,7 +10,7 @@ import pytest
 from rigs import turn
 
 import jaxnc as nc
-from jaxnc.solvers.assembly import derive, hosted
+from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.system.assemble import assemble
 from jaxnc.system.equations import guards
 
@@ -140,7 +140,7 @@ def test_every_form_holds_through_turns_and_zero():
     for name, (declared, *_) in distances.items():
         m.distance(name, *declared)
     system = assemble(m)
-    top, eq, inner = system.topology, derive(system), hosted(derive(system))
+    top, eq, inner = system.topology, derive(system), to_host(derive(system))
     look = jax.jit(lambda q: guards(eq, q)[0], compiler_options=QUICK)
     values = {**angles, **distances, "phi": (None, PHI, RATE), "s": (None, S, SLIDE)}
     place, speed, _ = carried(K)

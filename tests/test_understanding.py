@@ -11,7 +11,7 @@ from mechanisms import four_bar, slider_crank, turn
 import jaxnc as nc
 from jaxnc.reporting.checked import count, oddities
 from jaxnc.reporting.verdict import Verdict
-from jaxnc.solvers.assembly import derive, hosted
+from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.system import expansion, host_kinds
 
 
@@ -243,7 +243,7 @@ def test_printing():
 def test_derivatives_by_dimensions_of_kinds_that_cannot_be_read(monkeypatch):
     """Through JAX they are what they are read as."""
     system = slider_crank(False)
-    eq = hosted(derive(system))
+    eq = to_host(derive(system))
     where = [(b, 0, k) for b, block in enumerate(eq.topology.blocks) for k in range(len(block.kind.constants))]
     slots = [*where, 0]
     rng = np.random.default_rng(5)

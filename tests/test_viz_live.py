@@ -20,7 +20,7 @@ from jaxnc.io.drives import sweep_arguments
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reading import Builder, function
 from jaxnc.reading.javascript import FUNCTIONS, javascript
-from jaxnc.solvers.assembly import derive, hosted
+from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.solvers.branch import page_numbers
 from jaxnc.viz.pages import page
 from jaxnc.viz.pages.content import write_piece
@@ -159,7 +159,7 @@ def test_what_a_changed_drawing_says_is_what_the_library_reads_off_it(name):
     changed |= {name: vectors[k] for k, name in enumerate(top.vectors)}
     changed |= {m.name: markers[k] for k, m in enumerate(top.markers)}
     changed |= {top.dimensions[k]: d for k, d in enumerate(dimensions)}
-    eq = hosted(derive(system.replace(changed)))
+    eq = to_host(derive(system.replace(changed)))
     out = np.array([float(v) for v in function(found.program)([*eq.home, *markers.reshape(-1), *dimensions])])
     constants, scalars, coefficients, read = np.split(out, np.cumsum(found.outputs)[:-1])
     scale = float(eq.length)

@@ -8,7 +8,7 @@ from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.inertia import body_inertia
 from jaxnc.errors import InputError
-from jaxnc.solvers.assembly import hosted, rank_of
+from jaxnc.solvers.assembly import rank_of, to_host
 from jaxnc.system.rates import coefficients
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
@@ -19,7 +19,7 @@ _NONE = 1e-13  # of the largest inertia of an admissible motion: below, it has n
 def check_inertia(flow: Flow, q: Array) -> None:
     """Refuse a mechanism of which some admissible motion has no inertia, so that its acceleration is not determined."""
     _possible(flow)
-    u, (j, _), weight = flow.view.unknown, _columns(flow, q), hosted(flow.dyn.eq).weights
+    u, (j, _), weight = flow.view.unknown, _columns(flow, q), to_host(flow.dyn.eq).weights
     mass = np.asarray(flow.dyn.mass)[np.ix_(u, u)] / np.outer(weight[u], weight[u])
     _, null = rank_of(j)
     if not len(null):
@@ -86,7 +86,7 @@ def _masses(flow: Flow) -> dict[str, float]:
 
 def _columns(flow: Flow, q: Array) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the rows by the unknown and by the driven coordinates, every coordinate a length."""
-    view, eq, at = flow.view, hosted(flow.dyn.eq), np.asarray(q)
+    view, eq, at = flow.view, to_host(flow.dyn.eq), np.asarray(q)
     j = eq.jacobian(at[:, None])[0][view.rows]
     if flow.dyn.topology.rates:
         j = np.concatenate([j, np.asarray(_rates(flow.dyn.topology, flow.dyn.rates, at))])

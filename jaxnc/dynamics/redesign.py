@@ -12,7 +12,7 @@ from jaxnc.dynamics import inertia
 from jaxnc.dynamics.adjoint import Law
 from jaxnc.dynamics.extended import shown, spans
 from jaxnc.dynamics.model import force_constants, force_formula
-from jaxnc.solvers.assembly import free_plan, hosted
+from jaxnc.solvers.assembly import free_plan, to_host
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.design import Drawn, carry_design, unit_formula
@@ -87,7 +87,7 @@ class Carried:
 
     def pose(self, view: Plan, q: np.ndarray) -> np.ndarray:
         """Changes of a pose ``(N, changes + known)``, by the parameters and then by the known coordinates of a plan."""
-        host, home = HostView(view, hosted(self.eq)), self.drawn.home
+        host, home = HostView(view, to_host(self.eq)), self.drawn.home
         count, more = self.count, len(view.known)
         at = np.zeros((len(q), 1, 1 + count + more))
         at[:, 0, 0] = q
@@ -105,7 +105,7 @@ class Carried:
         if self.top is not top:  # hidden vectors follow from what is moved
             drawn, x = self._carry(top, self.given["vectors"]), q[shown(top)]
             eq = equations(System(top, self.parameters.in_numpy()))
-        host, at = hosted(eq) if eq is self.eq else from_jax(eq), drawn.home.copy()
+        host, at = to_host(eq) if eq is self.eq else from_jax(eq), drawn.home.copy()
         at[:, 0] = x
         put = np.isin(view.unknown, still)
         at[view.unknown[put], 1:] = 0.0

@@ -19,7 +19,7 @@ from jaxnc.kinematics.redesign import flattened, parts_of, redrawn
 from jaxnc.kinematics.suspension import NUMBERS, asked_by, suspension
 from jaxnc.kinematics.wheel import in_one_pose, tangents, tells, within_pose
 from jaxnc.solvers import host
-from jaxnc.solvers.assembly import derive, hosted
+from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.design import carry_design
 from jaxnc.system.on_lanes import carrying, reading
@@ -63,7 +63,7 @@ class DesignDerivatives:
 
     def __init__(self, view: Plan, motion: Motion, at: np.ndarray):
         self.motion, self.at, self.count = motion, at, len(at)
-        self.view = host.HostView(view, hosted(derive(motion.system)))
+        self.view = host.HostView(view, to_host(derive(motion.system)))
         flat = np.asarray(flattened(motion.system))
         changes = np.zeros((len(flat), len(at)))
         changes[at, np.arange(len(at))] = 1.0

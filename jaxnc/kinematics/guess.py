@@ -21,7 +21,7 @@ from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
-from jaxnc.solvers.assembly import hosted
+from jaxnc.solvers.assembly import to_host
 from jaxnc.solvers.host import view_of
 from jaxnc.solvers.newton import closest
 from jaxnc.solvers.plan import Plan, plan
@@ -145,7 +145,7 @@ def _missing(top: Topology, sure: tuple[int, ...], given: tuple[int, ...]) -> _M
 def _completed_on_host(
     top: Topology, sure: tuple[int, ...], given: tuple[int, ...], eq: Equations, q: np.ndarray
 ) -> np.ndarray:
-    return _complete(top, sure, given, hosted(eq), q)
+    return _complete(top, sure, given, to_host(eq), q)
 
 
 def _complete(

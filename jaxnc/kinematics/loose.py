@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.solvers.assembly import derive, evaluate, free_plan, hosted, rank_of, sample_poses, settle
+from jaxnc.solvers.assembly import derive, evaluate, free_plan, rank_of, sample_poses, settle, to_host
 from jaxnc.solvers.plan import plan
 from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.precision import widened
@@ -29,7 +29,7 @@ def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
     eq = derive(system)
     q, *_ = settle(eq, np.zeros(len(top.coordinates)))
     view = plan(top, tuple(driven))
-    weight = hosted(eq).weights
+    weight = to_host(eq).weights
     _, null = rank_of(np.asarray(evaluate(eq, q)[1])[np.ix_(view.rows, view.unknown)] / weight[view.unknown])
     found = []
     for body in top.bodies:

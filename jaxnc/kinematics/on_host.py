@@ -12,7 +12,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.solvers import host
-from jaxnc.solvers.assembly import hosted
+from jaxnc.solvers.assembly import to_host
 from jaxnc.solvers.plan import Plan, by_lu, unwind
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
@@ -85,7 +85,7 @@ def _seconds(view: Plan, method: str, count: int) -> float:
 
 def analyse(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]) -> PoseBatch:
     """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.analysis.analyse`."""
-    known, start, values = hosted(eq), np.asarray(q0), np.asarray(values)
+    known, start, values = to_host(eq), np.asarray(q0), np.asarray(values)
     inner = host.view_of(view, known) if orders else None
     if method == "guess":
         found = nearest(view, known, start, values)
@@ -142,11 +142,11 @@ def sequences(
         turns = np.where(first[:, None] > 0, 0.0, _turns(view, begin, values[:, 0]))
         turned = np.array(begin)
         turned[view.known[: turns.shape[1]]] += 2 * np.pi * turns.T
-        found = host.sequences(inner, turned, known, total - first)
+        found = host.solve_sequences(inner, turned, known, total - first)
         # The nearest turn may be closed, and the one that the drawing is on open.
         again = np.flatnonzero(~found.good[::total] & turns.any(axis=1))
         if len(again):
-            other = host.sequences(inner.select(again), begin[:, again], known[..., again], total - first[again])
+            other = host.solve_sequences(inner.select(again), begin[:, again], known[..., again], total - first[again])
             found.put((..., (again[:, None] * total + place).reshape(-1)), other)
         way = inner.weights[view.known] * np.diff(np.concatenate([turned[view.known][None], known]), axis=0)
         longest = np.abs(way).max(axis=1, initial=0.0).T * inner.least.smallest
@@ -169,11 +169,11 @@ def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarr
         known = np.concatenate([values, _held(view, begin, 1)[0][:, which].T], axis=1)
         turns = np.zeros_like(known)
         turns[:, : values.shape[1]] = _turns(view, begin[:, which], values)
-        found = host.scattered(inner, begin, unwind(known, turns), which)
+        found = host.solve_scattered(inner, begin, unwind(known, turns), which)
         # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
         again = np.flatnonzero(~found.good & turns.any(axis=1))
         if len(again):
-            other = host.scattered(inner, begin, known[again], which[again])
+            other = host.solve_scattered(inner, begin, known[again], which[again])
             turns[again] = 0.0
             found.put((..., again), other)
         found.q[view.known] = np.where(found.good, known.T, found.q[view.known] + 2 * np.pi * turns.T)
@@ -225,7 +225,7 @@ def _held(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
 
 def begun(view: Plan, eq: Equations, start: Any) -> int:
     """What a start pose is: zero where branches can be followed from it, else the status of all poses."""
-    inner, begin = _begun(view, hosted(eq), np.asarray(start)[None])
+    inner, begin = _begun(view, to_host(eq), np.asarray(start)[None])
     assembled = _largest(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
     status = 0 if assembled else int(Status.DID_NOT_ASSEMBLE)
     if any(block.kind.mirror for block in view.topology.blocks) and inner.eq.guards(begin)[1][0]:

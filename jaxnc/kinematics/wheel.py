@@ -18,7 +18,7 @@ from jaxnc.kinematics.rates import rates
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis
 from jaxnc.kinematics.wheel_parts import What
 from jaxnc.solvers import host
-from jaxnc.solvers.assembly import derive, hosted
+from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.frames import along, marker_place, spins
@@ -395,7 +395,7 @@ def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> Any:
     flat, good = np.asarray(q), np.asarray(good)
     out = np.zeros((order, *flat.shape), flat.dtype)
     if good.any():
-        inner = host.view_of(view, hosted(derive(motion.system)))
+        inner = host.view_of(view, to_host(derive(motion.system)))
         lanes = [np.repeat(x[:, None], good.sum(), axis=1) for x in orders]
         with np.errstate(all="ignore"):
             out[:, good] = np.stack(host.rates(inner, flat[good].T, lanes)).transpose(0, 2, 1)

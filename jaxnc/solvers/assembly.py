@@ -14,6 +14,7 @@ from jaxnc.remembered import by_identity
 from jaxnc.solvers import host
 from jaxnc.solvers.elimination import independent_coordinates, with_special
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.sparse_matrix import RANK
 from jaxnc.system.equations import Equations, derived, jacobian, places, pure_numbers, residual
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits
@@ -21,7 +22,6 @@ from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 
-_RANK = 3e-7  # of the largest singular value: at a double root poses are known to 1e-8 only
 _NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked for
 
 
@@ -39,7 +39,7 @@ _derived = by_identity(derived)
 
 
 @by_identity
-def hosted(eq: Equations) -> HostEquations:
+def to_host(eq: Equations) -> HostEquations:
     """Return the equations of one design on the host, from those for JAX (not traced); made once."""
     return from_jax(eq)
 
@@ -68,7 +68,7 @@ def _start(eq: Equations) -> host.Closest:
 
 
 def _assemble_on_host(eq: Equations, nudge: np.ndarray) -> host.Closest:
-    inner, view = hosted(eq), free_plan(eq.topology)
+    inner, view = to_host(eq), free_plan(eq.topology)
     with np.errstate(all="ignore"):
         begin = (inner.home + nudge).astype(inner.dtype)[:, None]
         q, gap, jacobian = host.closest(host.view_of(view, inner), begin)
@@ -82,7 +82,7 @@ def evaluate(eq: Equations, q: Coordinates | np.ndarray) -> tuple[Array, Array]:
     """
     if _is_traced(eq, q):
         return _evaluate(eq, q)
-    inner, x = hosted(eq), np.asarray(q)[:, None]
+    inner, x = to_host(eq), np.asarray(q)[:, None]
     with np.errstate(all="ignore"):
         jacobian = np.zeros((0, 0)) if eq.topology.large else inner.jacobian(x)[0]
         return on_device((inner.residual(x)[:, 0], jacobian))
@@ -119,7 +119,7 @@ def rank_of(matrix: np.ndarray) -> tuple[int, np.ndarray]:
     if not matrix.size:
         return 0, np.eye(matrix.shape[1])
     _, values, right = np.linalg.svd(matrix)
-    rank = int(np.sum(values > _RANK * max(values[0], 1e-300)))
+    rank = int(np.sum(values > RANK * max(values[0], 1e-300)))
     return rank, right[rank:]
 
 
@@ -163,9 +163,9 @@ def _sparse_sample(view: Plan, q: Coordinates, gap: float, numbers: np.ndarray) 
 
 def _free_direction(matrix: Any, mix: np.ndarray) -> np.ndarray:
     """A direction that a sparse Jacobian does not stretch, its largest part one."""
-    from jaxnc.solvers.sparse_matrix import projected
+    from jaxnc.solvers.sparse_matrix import null_part
 
-    way = projected(matrix, mix)
+    way = null_part(matrix, mix)
     return way / max(np.abs(way).max(initial=0.0), 1e-300)
 
 
@@ -175,7 +175,7 @@ def _missing_poses(eq: Equations, view: Plan, weight: np.ndarray, closest: Sampl
     Where none comes closer the rows are dependent, or there would be a way to come closer: what their rank is there
     says nothing of the mechanism. Rows that contradict each other leave no pose to be found farther off.
     """
-    inner, here = hosted(eq), np.asarray(closest.q, float)
+    inner, here = to_host(eq), np.asarray(closest.q, float)
     null, rng = rank_of(closest.jacobian)[1], np.random.default_rng(5)
     target = 1.5 * inner.residual(here[:, None])[view.rows, 0]
     out: list[Sample] = []
@@ -196,7 +196,7 @@ def _missing_poses(eq: Equations, view: Plan, weight: np.ndarray, closest: Sampl
 
 def _check_finite(system: System) -> None:
     """Refuse a drawing in which the numbers of a constraint, or its derivatives by what moves, are not finite."""
-    top, inner = system.topology, hosted(derive(system))
+    top, inner = system.topology, to_host(derive(system))
     q, moving = inner.home[:, None], np.zeros(len(top.coordinates), bool)
     moving[top.unknown] = True
     with np.errstate(all="ignore"):

@@ -1,7 +1,7 @@
 """What counts as the same branch: every number of that test, for NumPy, for XLA and for the script of a page.
 
-Steps of the host are judged by `accepted` and `edged`; poses that are solved side by side by `steady` and `smooth`, in
-both libraries. A page checks fewer things, in shorter steps, with what `page_numbers` hands to its script.
+Steps of the host are judged by `is_accepted` and `is_edge`; poses that are solved side by side by `steady` and
+`smooth`, in both libraries. A page checks fewer things, in shorter steps, with what `page_numbers` hands to its script.
 """
 
 from collections.abc import Callable, Sequence
@@ -62,7 +62,7 @@ class Step(NamedTuple):
     fresh: np.ndarray  # whether it has no length: a pose where a way begins
 
 
-def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
+def is_accepted(step: Step, least: Limits, length: float) -> np.ndarray:
     """Say whether a converged step stays on its branch.
 
     Its correction is small beside it and so is the change of the tangent, which comes gradually, not in a kink behind a
@@ -77,7 +77,7 @@ def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
     return close & even & (step.fresh | ((_keeps_signs(step) | _is_short(step, least, length)) & regular))
 
 
-def edged(step: Step, least: Limits, length: float, corner: Callable[[], np.ndarray]) -> np.ndarray:
+def is_edge(step: Step, least: Limits, length: float, corner: Callable[[], np.ndarray]) -> np.ndarray:
     """Say whether a step that is not accepted goes over an edge of the constraints themselves, such as that of a cam.
 
     A motion turns there and is continuous: the shortest of steps ends where the one tangent leads, and behind some

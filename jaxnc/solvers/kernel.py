@@ -161,7 +161,7 @@ class Kernel:
         iterated: dict[int, Pair | Factors] = {}
         for k, (block, sign) in enumerate(zip(self.blocks, signs, strict=True)):
             if block.closed or block.rows.form == "angle":
-                y = block.rows.run_solution(TRACED)([*block.rows.given(x, eq), sign])
+                y = block.rows.run_solution(TRACED)([*block.rows.collect(x, eq), sign])
             else:
                 y, iterated[k] = self._iterate(block, eq, x)
             if len(self.blocks) > _FEW and k not in iterated:

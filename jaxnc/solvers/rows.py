@@ -111,8 +111,8 @@ class Functions:
         """Constants that the functions depend on."""
         return [(b, i, k) for b, i in self._variables for k in range(len(self.top.blocks[b].kind.constants))]
 
-    def given(self, x: Lanes, numbers: Any) -> list[Any]:
-        """Inputs of the program, from coordinates and `Numbers`."""
+    def collect(self, x: Lanes, numbers: Any) -> list[Any]:
+        """Collect inputs of the program, from coordinates and `Numbers`."""
         constants = (entry(numbers.constants[b], i, k) for b, i, k in self.constants)
         scales = (entry(numbers.scales[b], i, k) for b, i, k in self.scales)
         return [*(x[c] for c in self.coordinates), *constants, *scales]
@@ -125,7 +125,7 @@ class Functions:
     def values(self, numbers: Any, x: Lanes, xp: Any = TRACED) -> list[Any]:
         """Evaluate the functions."""
         out: list[Any] = [None] * self.count
-        for place, value in zip(self._places, self.run(xp)(self.given(x, numbers)), strict=True):
+        for place, value in zip(self._places, self.run(xp)(self.collect(x, numbers)), strict=True):
             out[place] = value
         for at, outputs in self._foreign.items():
             found = self._call_kind(at, numbers, [x[v] for v in self._variables[at]])
@@ -164,7 +164,7 @@ class Rows(Functions):
 
     def slopes(self, numbers: Any, x: Lanes, xp: Any = TRACED) -> dict[tuple[int, int], Any]:
         """Differentiate by the columns: slopes that can differ from zero, by row and place of the column."""
-        found = dict(zip(self.places, self.run_slopes(xp)(self.given(x, numbers)), strict=True))
+        found = dict(zip(self.places, self.run_slopes(xp)(self.collect(x, numbers)), strict=True))
         column = {c: k for k, c in enumerate(self.columns)}
         for at, outputs in self._foreign.items():
             variables, structure = self._variables[at], pattern(self.top.blocks[at[0]].kind, self.top.dim)

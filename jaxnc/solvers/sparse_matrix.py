@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import SuperLU
 
 SMALL = 4  # columns of a diagonal block that are eliminated in the order in which the block has them
-RANK = 3e-7  # of the largest singular value, as for dense matrices: at a double root poses are known to 1e-8 only
+RANK = 3e-7  # of the largest singular value, sparse or dense: at a double root poses are known to 1e-8 only
 _KEPT = 2  # factorisations
 _WIDE = 4.0  # times the non-zeros: so much padding is cheaper than adding up one by one
 _DOUBT = 10.0  # times smaller or larger than the threshold: too close to decide
@@ -373,7 +373,7 @@ def dependencies(matrix: "csc_matrix") -> np.ndarray:
     return _nullity(matrix.T.tocsc()).basis
 
 
-def projected(matrix: "csc_matrix", direction: np.ndarray) -> np.ndarray:
+def null_part(matrix: "csc_matrix", direction: np.ndarray) -> np.ndarray:
     """Return the part of a direction ``(columns,)`` that a matrix does not see."""
     import scipy.sparse as sp
     from scipy.sparse.linalg import splu

@@ -197,7 +197,7 @@ def meeting_sines(problem: Problem, x: np.ndarray, motion: Motion) -> np.ndarray
     with np.errstate(all="ignore"):
         for block in lockstep(_view(problem)).blocks:
             if block.form != "affine":
-                a = matrix(block, block.given(q, numbers), q.shape[1:])
+                a = matrix(block, block.collect(q, numbers), q.shape[1:])
                 size = np.prod(np.sqrt(np.sum(a * a, axis=1)), axis=0)
                 out.append((np.abs(determinant(a)) / size)[:, 0])
     return np.stack(out, axis=1) if out else np.ones((q.shape[1], 1))

@@ -234,11 +234,11 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     corrected, bend = view.norm(weight, base - st.guess), part * view.norm(weight, new_slope - st.slope)
     kink = view.norm(weight, base - st.base - 0.5 * part * (new_slope + st.slope))
     trial = branch.Step(part, part * speed, corrected, bend, part * after, kink, ratio, level, part * st.rise, fresh)
-    good = converged & branch.accepted(trial, least, length)
+    good = converged & branch.is_accepted(trial, least, length)
     edge = converged & ~good
     if edge.any():
         move, tangents = base - st.base, (part * st.slope, part * new_slope)
-        edge &= branch.edged(trial, least, length, lambda: _corner(weight, move, *tangents))
+        edge &= branch.is_edge(trial, least, length, lambda: _corner(weight, move, *tangents))
         good |= edge
     if good.any():
         good &= view.upright(base)

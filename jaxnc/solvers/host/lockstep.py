@@ -98,7 +98,7 @@ class Lockstep:
                     good &= self._iterate(block, numbers, weights, length, q, share)
                 else:
                     _solve_closed(block, numbers, q)
-                a = matrix(block, block.given(q, numbers), good.shape)
+                a = matrix(block, block.collect(q, numbers), good.shape)
                 size = np.prod(np.sqrt(np.sum((a / weights[list(block.columns), None, None]) ** 2, axis=1)), axis=0)
                 value = determinant(a) / np.prod(weights[list(block.columns)])
                 determinants.append(value)
@@ -136,7 +136,7 @@ class Lockstep:
         good[0], live = True, np.arange(q.shape[2])
         # Only constants of designs have lanes; scales are numbers.
         first = len(block.coordinates)
-        rest = [np.broadcast_to(v, live.shape) for v in block.given(q[:, 0], numbers)[first:]]
+        rest = [np.broadcast_to(v, live.shape) for v in block.collect(q[:, 0], numbers)[first:]]
         for s in range(1, q.shape[1]):
             before = q[columns, s - 1][:, live]
             guess = before
@@ -175,7 +175,7 @@ class Lockstep:
         trial, slopes, r = q.copy(), np.zeros((q.shape[1], part.count, n)), np.zeros((q.shape[1], part.count))
         with np.errstate(all="ignore"):
             for turn in range(_ASSEMBLY):
-                given = part.given(trial, numbers)
+                given = part.collect(trial, numbers)
                 rows = [np.broadcast_to(row, q.shape[1:]) for row in part.run(np)(given)]
                 new = np.stack(rows or [np.zeros(q.shape[1])])
                 size = np.sum(new * new, axis=0)
@@ -215,7 +215,7 @@ class Lockstep:
         moved = [np.ascontiguousarray(np.moveaxis(c[..., 1:], -1, 2))[:, :, :, None] for c in drawn.constants]
         with np.errstate(all="ignore"):
             for block in self.blocks:
-                given = block.given(q, numbers)
+                given = block.collect(q, numbers)
                 rows = block.run_changes([*given, *block.moving(out, moved)])
                 rows = [np.broadcast_to(r, out.shape[1:]) for r in rows]
                 a = matrix(block, given, q.shape[1:])
@@ -260,11 +260,11 @@ def steady(value: np.ndarray, share: np.ndarray) -> np.ndarray:
 def _solve_closed(block: Rows, numbers: Any, q: np.ndarray) -> None:
     """Solve a block with a closed form, in all poses, on the side that its first pose has."""
     columns, lanes = list(block.columns), q.shape[1:]
-    given = block.given(q, numbers)
+    given = block.collect(q, numbers)
     if block.form == "affine":
         q[columns] -= np.stack([np.broadcast_to(d, lanes) for d in _newton_step(block, given, lanes)])
         return
-    first = matrix(block, block.given(q[:, :1], numbers), (1, lanes[1]))
+    first = matrix(block, block.collect(q[:, :1], numbers), (1, lanes[1]))
     found = block.run_solution(np)([*given, np.sign(determinant(first))])
     if block.form == "angle":  # its turns are counted along the way
         turns = np.diff(np.concatenate([q[columns[0], :1], np.broadcast_to(found[0], lanes)]), axis=0)

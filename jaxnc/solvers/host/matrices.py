@@ -109,8 +109,8 @@ def least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve for ``(lanes, n, c)``, in the least-squares sense if there are more rows; not finite if singular."""
     if matrix.shape[1] > matrix.shape[2]:
         basis, triangle = np.linalg.qr(matrix)
-        return solved(triangle, np.swapaxes(basis, 1, 2) @ right)
-    return solved(matrix, right)
+        return solve_exactly(triangle, np.swapaxes(basis, 1, 2) @ right)
+    return solve_exactly(matrix, right)
 
 
 def inverse_of(matrix: np.ndarray) -> np.ndarray:
@@ -122,18 +122,18 @@ def inverse_of(matrix: np.ndarray) -> np.ndarray:
     m, n = matrix.shape[1:]
     unit = np.eye(n, dtype=matrix.dtype)
     if m == n:
-        return solved(matrix, np.broadcast_to(unit, matrix.shape))
+        return solve_exactly(matrix, np.broadcast_to(unit, matrix.shape))
     back = np.swapaxes(matrix, 1, 2)
     normal = back @ matrix
-    out = solved(normal, np.broadcast_to(unit, normal.shape)) @ back
+    out = solve_exactly(normal, np.broadcast_to(unit, normal.shape)) @ back
     poor = ~(_error_of(matrix, out) <= _HALF * np.finfo(matrix.dtype).eps ** 0.5)
     if poor.any():
         basis, triangle = np.linalg.qr(matrix[poor])
-        out[poor] = solved(triangle, np.swapaxes(basis, 1, 2))
+        out[poor] = solve_exactly(triangle, np.swapaxes(basis, 1, 2))
     return out
 
 
-def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+def solve_exactly(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve for right-hand sides ``(lanes, n, c)``; not finite if singular."""
     try:
         return np.linalg.solve(matrix, right)

@@ -22,7 +22,9 @@ _TURN = 2.0 * np.pi
 _SKIPPED = 2.0  # turns in one step: of more, whole ones are left out
 
 
-def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> PoseBatch:
+def solve_sequences(
+    view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None
+) -> PoseBatch:
     """Solve for sequences of input values, each in order along one branch; all sequences in lockstep.
 
     Poses to begin from are ``(N, D)``, values ``(T, known, D)``; each sequence has as many as `counts` says, at least
@@ -37,7 +39,7 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
     if winding is not None:
         near = values.copy()
         near[:, 0] = unwind(values[:, 0], winding.turns)
-        return _rewind(sequences(view, start, near, counts), winding, values[:, 0], view.plan.driven[0])
+        return _rewind(solve_sequences(view, start, near, counts), winding, values[:, 0], view.plan.driven[0])
     place, given = np.arange(total)[:, None], np.full(many, total) if counts is None else counts
     # A value that is there twice in succession has one pose.
     new = np.any(values[1:] != values[:-1], axis=1) & (place[1:] < given)
@@ -52,7 +54,7 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
     return found.poses().each(lambda x: x[..., back])
 
 
-def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> PoseBatch:
+def solve_scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> PoseBatch:
     """Solve for independent input values, each on the straight way from a start pose.
 
     Poses to begin from are ``(N, D)``, values ``(L, known)``; `which` start pose each has is ``(L,)``.
@@ -62,7 +64,7 @@ def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
     if len(moving) <= 1 and len(values) > _EACH * start.shape[1]:
         return _along_lines(view, start, values, which, int(moving[0]) if len(moving) else 0)
     if len(values) > view.at_once:
-        parts = [scattered(view, start, values[at], which[at]) for at in _groups(np.arange(len(values)), view)]
+        parts = [solve_scattered(view, start, values[at], which[at]) for at in _groups(np.arange(len(values)), view)]
         return parts[0].each(lambda *x: np.concatenate(x, axis=-1), *parts[1:])
     view, start = view.select(which), start[:, which]
     found = _Found(view, start, values.T[None], np.ones(len(values), int))
@@ -81,7 +83,7 @@ def _along_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: n
     longest = int(np.max(counts, initial=1))
     lines = values[order[first]].T[None].repeat(longest, axis=0)
     lines[place, moving, at] = values[order, moving]
-    found = sequences(view.select(used // 2), start[:, used // 2], lines, counts)
+    found = solve_sequences(view.select(used // 2), start[:, used // 2], lines, counts)
     back = np.empty(len(order), int)
     back[order] = at * longest + place
     return found.each(lambda x: x[..., back])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnc.remembered import with_owner
-from jaxnc.solvers.host.matrices import Inverses, Near, least_squares, near, solved
+from jaxnc.solvers.host.matrices import Inverses, Near, least_squares, near, solve_exactly
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.plan_program import PlanProgram, plan_program, slope_program
 from jaxnc.system.host import HostEquations
@@ -132,9 +132,9 @@ class HostView:
         scaled, right = matrix / self.inner, r.T[:, :, None]
         normal, conditioning, sound = self._normal(scaled)
         if not self.redundant:
-            step = solved(scaled, right)
+            step = solve_exactly(scaled, right)
         else:
-            step = solved(normal, np.swapaxes(scaled, 1, 2) @ right)
+            step = solve_exactly(normal, np.swapaxes(scaled, 1, 2) @ right)
             step[~sound] = least_squares(scaled[~sound], right[~sound])
         return r, (step / self._outer)[:, :, 0].T, conditioning
 
