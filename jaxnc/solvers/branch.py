@@ -40,6 +40,11 @@ PAGE_TURN = 0.7  # radians of a page's first step: it sees less of a branch than
 PAGE_SHORTEST = 1e-8  # of the way: where a page's steps are shorter, the branch ends
 
 
+def parts_of_way(steps: int) -> np.ndarray:
+    """Return where equal steps on a way end, with a short one in front that shows how determinants change."""
+    return np.append(SHORT, np.arange(1, steps + 1)) / steps
+
+
 def page_numbers() -> dict[str, float]:
     """Return the numbers by which the script of a page tells branches apart, by their names in the script."""
     least = limits(np.zeros(0))

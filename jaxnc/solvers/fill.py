@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.branch import EXTRAPOLATED, FIRST, LEADING, SHARP, SHORT, STEP, TURNING, smooth, steady
+from jaxnc.solvers.branch import EXTRAPOLATED, FIRST, LEADING, SHARP, SHORT, STEP, TURNING, parts_of_way, smooth, steady
 from jaxnc.solvers.kernel import (
     Kernel,
     fusion_barrier,
@@ -334,8 +334,7 @@ def _parts_of_ways(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
     """Parts of the way to each value after every step, ``(T, most)``, and how many steps there are."""
     between = max(1, -(-TURNING // total))
     even = np.arange(1, between + 1) / between
-    shortened = np.append(SHORT / between, even)
-    first = np.append(SHORT, np.arange(1, LEADING + 1)) / LEADING
+    shortened, first = parts_of_way(between), parts_of_way(LEADING)
     # Where the way turns (from the start to the first value; anywhere with several inputs) a short step comes first.
     ways = [first, *(shortened if driven > 1 or k == 1 else even for k in range(1, total))]
     parts = np.ones((total, max(len(w) for w in ways)))

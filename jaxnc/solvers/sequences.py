@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.branch import LEADING, SHORT, STEP, TURNING, steady
+from jaxnc.solvers.branch import LEADING, SHORT, STEP, TURNING, parts_of_way, steady
 from jaxnc.solvers.kernel import Kernel, SolvedLanes, fusion_barrier, on_branch, opaque_true
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
@@ -42,8 +42,8 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
     many = -(-TURNING // total) if total > 1 else 1
     between = np.arange(1, many + 1) / many
     if driven > 1 and total > 1:
-        between = np.append(SHORT / many, between)
-    parts = np.append(SHORT, np.arange(1, LEADING + 1)) / LEADING
+        between = parts_of_way(many)
+    parts = parts_of_way(LEADING)
 
     def path(home: Array, goal: Array, span: int | None):
         # Where the way turns a short step shows in which direction determinants change; it is gone to and fro.
@@ -69,7 +69,7 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
 
     Known coordinates are counted from the turn nearest to the start pose, ``(D, B, k)``; otherwise as `in_sequences`.
     """
-    parts = np.append(SHORT, np.arange(1, _LINE + 1)) / _LINE
+    parts = parts_of_way(_LINE)
 
     def path(home: Array, goal: Array, span: int | None):
         most = jnp.max(goal[:, None] * np.array([1.0, -1.0])[:, None, None], axis=0)

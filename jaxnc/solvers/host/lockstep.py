@@ -319,8 +319,7 @@ def _track(home: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, int]:
     """Return known coordinates on the way to all values ``(known, steps, D)``, and how many steps lead to each."""
     total, first = len(values), values[0]
     every = -(-branch.TURNING // total) if total > 1 else 1
-    parts = branch.LEADING if total > 1 else branch.TURNING
-    parts = np.append(branch.SHORT, np.arange(1, parts + 1))[:, None, None] / parts
+    parts = branch.parts_of_way(branch.LEADING if total > 1 else branch.TURNING)[:, None, None]
     lead = [home[None], home + parts * (first - home)]
     before = values[:-1]
     if total > 1:
