@@ -125,7 +125,7 @@ def test_inverses_of_some_poses_do_for_their_neighbours(name, digits, monkeypatc
     monkeypatch.setattr(matrices, "inverse_of", inverse)
     found = nc.sweep(system, {driven: angles}, rates={driven: 1.0})
     assert sum(inverted) < 300  # for poses, judgement and rates; one by one they are a thousand
-    monkeypatch.setattr(HostView, "ordered", False)
+    monkeypatch.setattr(HostView, "wants_order", False)
     wanted = nc.sweep(system, {driven: angles}, rates={driven: 1.0})
     good = np.asarray(wanted.status) == 0
     assert good.sum() > 40
