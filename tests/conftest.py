@@ -29,10 +29,10 @@ import jax
 import pytest
 from jax._src.interpreters import mlir
 
-from jaxnc.process import keep_memory
+from jaxnc import process
 
 jax.config.update("jax_enable_x64", True)
-keep_memory()  # what is compiled takes and gives back megabytes all the time
+process.keep_memory()  # what is compiled takes and gives back megabytes all the time
 # Small programs too: there are thousands, most of them asked for by every worker, and reading takes half as long.
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 gc.disable()  # while tests are collected: nothing is garbage then

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc import process
 from jaxnc.system import topology
 
 CHILD = """
@@ -58,7 +59,7 @@ def test_memory_is_touched_once(blocks, environment, kept, monkeypatch):
 @pytest.mark.parametrize("count, times", [(400, 0), (20_001, 1)])  # so many that no other test has traced them
 def test_large_batches_ask_for_it(count, times, monkeypatch):
     asked = []
-    monkeypatch.setattr(memory, "keep", lambda: asked.append(True))
+    monkeypatch.setattr(process, "keep_memory", lambda: asked.append(True))
     system = nc.library.four_bar().compile()
     jax.jit(lambda u: nc.sweep(system, {"phi": u})["C"]).lower(np.linspace(0.0, 6.0, count))
     assert len(asked) == times

@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc import process
 from jaxnc.compiling import jit
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.analysis import places
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.rates import rates_of_batch, with_held
 from jaxnc.kinematics.solved import VERY_MANY, given_up, quick
-from jaxnc.process import keep_memory
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
@@ -40,7 +40,7 @@ def analyse(
     begin[view.fixed] = np.asarray(eq.home)[view.fixed]
     very_many = size >= VERY_MANY  # a faster kernel pays for a longer compilation
     if very_many:
-        keep_memory()
+        process.keep_memory()
     solve = _compiled_well if very_many else _compiled_soon
     found, all_good, rest = solve(view, method, eq, begin, begun, values)
     if size > count:

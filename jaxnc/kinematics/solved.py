@@ -13,8 +13,8 @@ import numpy as np
 from jax import lax
 from jax.core import Tracer
 
+from jaxnc import process
 from jaxnc.kinematics import on_host
-from jaxnc.process import keep_memory
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import fill, host
 from jaxnc.solvers.fill import in_order, one_by_one
@@ -65,7 +65,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         if plan.large:  # all the host's
             return _followed_large(plan, method, eq, q, values[..., : len(plan.driven)])
         if values.shape[0] * values.shape[1] >= VERY_MANY:
-            keep_memory()
+            process.keep_memory()
         one = shared and len(values) == 1
         if repair and one and _sooner_on_host(plan, method, values.shape[1]):
             return _by_host(plan, method, eq, q, values)

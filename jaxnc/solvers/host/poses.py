@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxnc.process import keep_memory
+from jaxnc import process
 from jaxnc.solvers import branch
 from jaxnc.solvers.host.follow import Followed, follow
 from jaxnc.solvers.host.lockstep import solve_at_once
@@ -165,7 +165,7 @@ class _Found:
         self.values = values.transpose(1, 2, 0).reshape(known, many * self.total)
         lanes = many * self.total
         if view.program is None and lanes * math.prod(view.shape) >= _LARGE:
-            keep_memory()
+            process.keep_memory()
         self.q = np.repeat(start, self.total, axis=1)
         self.slopes = np.zeros((n, driven, lanes), start.dtype)
         self.good, self.limit, self.crossed, self.settled = (np.zeros(lanes, bool) for _ in range(4))
