@@ -1,6 +1,6 @@
 """The start pose: the drawing, moved as little as it takes to meet the constraints."""
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +13,8 @@ from jaxnc.process import one_thread
 from jaxnc.remembered import by_identity
 from jaxnc.solvers import host
 from jaxnc.solvers.elimination import independent_coordinates, with_special
-from jaxnc.solvers.plan import Plan, plan
-from jaxnc.solvers.sparse_matrix import RANK
+from jaxnc.solvers.plan import LargePlan, Plan, plan
+from jaxnc.solvers.sparse_matrix import RANK, Nullity, matrix_of, null_directions, null_part, shape_of
 from jaxnc.system.equations import Equations, derived, jacobian, places, pure_numbers, residual
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits
@@ -26,7 +26,7 @@ _NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked
 
 
 def free_plan(topology: Topology) -> Plan:
-    """The plan with nothing driven: every coordinate that is not fixed may move."""
+    """Make the plan with nothing driven: every coordinate that is not fixed may move."""
     return plan(topology, (), ())
 
 
@@ -76,7 +76,7 @@ def _assemble_on_host(eq: Equations, nudge: np.ndarray) -> host.Closest:
 
 
 def evaluate(eq: Equations, q: Coordinates | np.ndarray) -> tuple[Array, Array]:
-    """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose.
+    """Evaluate all rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose.
 
     The Jacobian is empty for a large mechanism, whose matrices are kept sparse.
     """
@@ -111,11 +111,11 @@ class Sample(NamedTuple):
     gap: float  # its largest residual
     jacobian: Any  # its free Jacobian, every coordinate a length; of a large system a sparse matrix
     rank: int
-    null: Any = None  # of a large system, what the Jacobian misses: `jaxnc.solvers.sparse_matrix.Nullity`
+    null: Nullity | None = None  # of a large system, what the Jacobian misses
 
 
 def rank_of(matrix: np.ndarray) -> tuple[int, np.ndarray]:
-    """Numerical rank of a matrix and a basis of its null space, row by row."""
+    """Find the numerical rank of a matrix and a basis of its null space, row by row."""
     if not matrix.size:
         return 0, np.eye(matrix.shape[1])
     _, values, right = np.linalg.svd(matrix)
@@ -124,7 +124,7 @@ def rank_of(matrix: np.ndarray) -> tuple[int, np.ndarray]:
 
 
 def sample_poses(system: System, count: int = 2) -> list[Sample]:
-    """The assembled drawing and, unless it cannot move, poses nearby, in case the drawing is a special one."""
+    """Assemble the drawing and, unless it cannot move, poses nearby, in case the drawing is a special one."""
     view = free_plan(system.topology)
     eq = derive(system)
     nudge, n = np.zeros(len(system.topology.coordinates)), len(view.unknown)
@@ -134,7 +134,7 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
     for step in range(count):
         q, gap, matrix = settle(eq, nudge)
         matrix = np.asarray(matrix)
-        if view.large:
+        if isinstance(view, LargePlan):
             out.append(_sparse_sample(view, q, float(gap), matrix))
             null = np.zeros((n, 0))
         else:
@@ -144,33 +144,28 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
             break
         mix = np.random.default_rng(7 + step).uniform(0.5, 1.0, len(null))
         far = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length)
-        nudge[view.unknown] = (
-            far * _free_direction(out[-1].jacobian, mix) if view.large else far * mix @ null
-        ) / weight
+        way = far * _free_direction(out[-1].jacobian, mix) if view.large else far * mix @ null
+        nudge[view.unknown] = way / weight
     if not view.large and not meets(eq, out[0].q, out[0].gap):
         out += _missing_poses(eq, view, weight, out[0])
     return out
 
 
-def _sparse_sample(view: Plan, q: Coordinates, gap: float, numbers: np.ndarray) -> Sample:
-    from jaxnc.solvers.sparse_matrix import matrix_of, null_directions, shape_of
-
-    pattern = cast(Any, view).numbers
+def _sparse_sample(view: LargePlan, q: Coordinates, gap: float, numbers: np.ndarray) -> Sample:
+    pattern = view.numbers
     matrix = matrix_of(numbers, pattern.rows, pattern.columns, pattern.shape)
     null = null_directions(matrix)
     return Sample(q, gap, matrix, min(shape_of(matrix)) - null.count, null)
 
 
 def _free_direction(matrix: Any, mix: np.ndarray) -> np.ndarray:
-    """A direction that a sparse Jacobian does not stretch, its largest part one."""
-    from jaxnc.solvers.sparse_matrix import null_part
-
+    """Find a direction that a sparse Jacobian does not stretch, its largest part one."""
     way = null_part(matrix, mix)
     return way / max(np.abs(way).max(initial=0.0), 1e-300)
 
 
 def _missing_poses(eq: Equations, view: Plan, weight: np.ndarray, closest: Sample) -> list[Sample]:
-    """Poses that miss the constraints as the closest one does, by half as much again; none where there is no such.
+    """Find poses that miss the constraints as the closest one does, by half as much again; none where there is no such.
 
     Where none comes closer the rows are dependent, or there would be a way to come closer: what their rank is there
     says nothing of the mechanism. Rows that contradict each other leave no pose to be found farther off.
@@ -219,7 +214,7 @@ def _check_finite(system: System) -> None:
 
 
 def _freedoms_of_large(system: System, best: Sample) -> int:
-    if not best.null.sure:
+    if best.null is not None and not best.null.sure:
         smallest = ", ".join(f"{value:.1e}" for value in best.null.smallest[:4])
         raise MechanismError(
             f"{system.name!r}: its degrees of freedom cannot be told; the smallest singular values of its constraints, "
