@@ -168,7 +168,7 @@ def _groups_of(sizes: tuple[int, ...], args: Sequence) -> list[Sequence]:
 
 
 @promoted
-def _evaluate(*args: Array, rules: Rules, what: Hashable, back: bool, sizes: tuple[int, ...], axes: tuple) -> list:
+def _run_rule(*args: Array, rules: Rules, what: Hashable, back: bool, sizes: tuple[int, ...], axes: tuple) -> list:
     program = rules.cotangent if back else rules.tangent
 
     def one(args: Arrays) -> list:
@@ -179,7 +179,7 @@ def _evaluate(*args: Array, rules: Rules, what: Hashable, back: bool, sizes: tup
             return list(program(what, x, rest, value, other, first))
 
         for way in ways:
-            along = functools.partial(_along, along, way)
+            along = functools.partial(_along_changes, along, way)
         return along(x)
 
     for mapped in axes:
@@ -187,7 +187,7 @@ def _evaluate(*args: Array, rules: Rules, what: Hashable, back: bool, sizes: tup
     return one(list(args))
 
 
-def _along(f: Callable, way: Arrays, x: Arrays) -> list:
+def _along_changes(f: Callable, way: Arrays, x: Arrays) -> list:
     return jax.jvp(f, (x,), (way,))[1]
 
 
@@ -229,9 +229,9 @@ def _derived_transpose(cotangents: Sequence, *args: Any, back: bool, sizes: tupl
 
 _DERIVATIVE = Primitive("derivative")
 _DERIVATIVE.multiple_results = True
-_DERIVATIVE.def_impl(_evaluate)
+_DERIVATIVE.def_impl(_run_rule)
 _DERIVATIVE.def_abstract_eval(_derived_shapes)
 ad.primitive_jvps[_DERIVATIVE] = _derived_change
 ad.primitive_transposes[_DERIVATIVE] = _derived_transpose
 batching.primitive_batchers[_DERIVATIVE] = _derived_batch
-mlir.register_lowering(_DERIVATIVE, mlir.lower_fun(_evaluate, multiple_results=True))
+mlir.register_lowering(_DERIVATIVE, mlir.lower_fun(_run_rule, multiple_results=True))

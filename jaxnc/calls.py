@@ -335,13 +335,13 @@ def _is_list(value: Any, args: tuple, fixed: bool) -> bool:
     return all(_fits(x, args[0]) for x in entries)
 
 
-def _words(kind: Any) -> str:
+def _kind_in_words(kind: Any) -> str:
     """A kind of argument, as messages call it."""
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Annotated:
-        return _words(args[0])
+        return _kind_in_words(args[0])
     if origin in (typing.Union, types.UnionType):
-        return " or ".join(dict.fromkeys(_words(x) for x in args))
+        return " or ".join(dict.fromkeys(_kind_in_words(x) for x in args))
     if origin is typing.Literal:
         return " or ".join(map(repr, args))
     kind = origin or kind
@@ -367,4 +367,4 @@ def _words(kind: Any) -> str:
 
 def _many(kind: Any) -> str:
     """Several of a kind."""
-    return {str: "names", float: "numbers", int: "whole numbers"}.get(kind) or _words(kind).removeprefix("a ")
+    return {str: "names", float: "numbers", int: "whole numbers"}.get(kind) or _kind_in_words(kind).removeprefix("a ")

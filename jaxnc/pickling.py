@@ -74,14 +74,14 @@ def _call(make: Callable, arguments: tuple, options: dict) -> Any:
     return make(*arguments, **options)
 
 
-def by_name(module: str, records: Iterable[Remade]) -> None:
+def register_by_name(module: str, records: Iterable[Remade]) -> None:
     """Have records that a module makes when it is imported pickled by their names, which differ within a class."""
     for record in records:
         key = module, type(record), record.name
-        _NAMED[key], _AGAIN[id(record)] = record, (record, _find, key)
+        _NAMED[key], _AGAIN[id(record)] = record, (record, _find_record, key)
 
 
-def _find(module: str, kind: type, name: str) -> Remade:
+def _find_record(module: str, kind: type, name: str) -> Remade:
     importlib.import_module(module)
     return _NAMED[module, kind, name]
 
@@ -103,7 +103,7 @@ def functions_of(record: Any) -> Iterator[tuple[str, Callable]]:
                 yield name, one
 
 
-def _describe(function: Callable) -> str:
+def _describe_function(function: Callable) -> str:
     name = getattr(function, "__qualname__", None)
     if name is None:
         return f"a {type(function).__name__} that holds what no other process can find"

@@ -37,10 +37,10 @@ def _equal_records(self: Any, other: Any) -> bool:
     if type(self) is not type(other):
         return NotImplemented
     (a, one), (b, two) = jax.tree.flatten(self), jax.tree.flatten(other)
-    return one == two and all(_alike(x, y) for x, y in zip(a, b, strict=True))
+    return one == two and all(_same_leaf(x, y) for x, y in zip(a, b, strict=True))
 
 
-def _alike(x: Any, y: Any) -> bool:
+def _same_leaf(x: Any, y: Any) -> bool:
     same = np.shape(x) == np.shape(y) and getattr(x, "dtype", type(x)) == getattr(y, "dtype", type(y))
     return same and bool(np.all(np.asarray(x) == np.asarray(y)))
 
@@ -50,7 +50,7 @@ def _write_record(self: Any) -> str:
     return f"{type(self).__name__}({', '.join(f'{name}={_short(value)}' for name, value in values)})"
 
 
-def _short(value: Any) -> str:
+def _shorten(value: Any) -> str:
     """Write a value as text, arrays by their type and shape."""
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"{value.dtype}[{','.join(map(str, value.shape))}]"

@@ -146,7 +146,7 @@ def as_shape(value: Any, what: str, *shape: Any, dtype: Any = float) -> Any:
     return found
 
 
-def _describe(found: Any) -> str:
+def _describe_result(found: Any) -> str:
     """Describe what a function has returned, as messages show it."""
     if isinstance(found, jax.Array | np.ndarray):
         return f"an array of shape {found.shape}"

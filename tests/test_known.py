@@ -57,7 +57,7 @@ def test_nothing_is_written_to_what_is_given():
     before = kept()
     values = np.linspace(0.7, 5.0, 60)
     found = host.solve_sequences(view, eq.home[:, None], values[:, None, None])
-    host.rates(view, found.q, [np.ones((1, 60))])
+    host.pose_rates(view, found.q, [np.ones((1, 60))])
     nc.sweep(system, {"phi": values}, rates={"phi": 1.0})
     jax.jit(lambda s, u: nc.sweep(s, {"phi": u})["P"])(system, jnp.asarray(values))
     nc.travel(system, "phi")

@@ -14,7 +14,7 @@ from jaxnc.kinematics import on_host
 from jaxnc.library import generic_mechanism, jansen_leg, macpherson
 from jaxnc.solvers import fill
 from jaxnc.solvers.assembly import derive, settle, to_host
-from jaxnc.solvers.elimination import eliminate, plan_elimination
+from jaxnc.solvers.elimination import eliminate_block, plan_elimination
 from jaxnc.solvers.kernel import kernel, smallest
 from jaxnc.solvers.plan import plan
 from jaxnc.system.equations import jacobian, residual
@@ -39,7 +39,7 @@ def test_planned_elimination_solves_both_ways(n):
     matrix = matrix[RNG.permutation(n)][:, RNG.permutation(n)]
     recipe = plan_elimination(np.abs(matrix))
     lanes = {(int(i), int(j)): matrix[i, j] * np.array([1.0, -2.0]) for i, j in np.argwhere(matrix)}
-    factors = eliminate(recipe, lanes)
+    factors = eliminate_block(recipe, lanes)
     b = RNG.normal(size=n)
     for solve, a in ((factors.solve, matrix), (factors.solve_transposed, matrix.T)):
         x = np.array(solve([np.full(2, v) for v in b]))
@@ -62,7 +62,7 @@ def test_a_pivot_may_vanish_where_the_matrix_does_not(dtype):
     matrix[6:, last] = np.einsum("k,lkj->lj", rng.normal(size=n - 1), np.delete(matrix[6:], last, axis=1))
     matrix, b = (matrix * np.array(units)).astype(dtype), rng.normal(size=(n, lanes)).astype(dtype)
     least, digits = limits(b), np.finfo(dtype).eps
-    factors = eliminate(recipe, {(i, j): matrix[:, i, j] for i in range(n) for j in range(n)}, units, least.fine)
+    factors = eliminate_block(recipe, {(i, j): matrix[:, i, j] for i in range(n) for j in range(n)}, units, least.fine)
     x = np.array(factors.solve(list(b)))
     for _ in range(3):  # refined, as by Newton
         x = x + np.array(factors.solve(list(b - np.einsum("lij,jl->il", matrix, x))))

@@ -15,11 +15,11 @@ def test_arrays_have_the_shapes_that_signatures_say():
     assert {
         "jaxnc.dynamics.energy.energy",
         "jaxnc.kinematics.rates.rates",
-        "jaxnc.solvers.dense.steps",
+        "jaxnc.solvers.dense.newton_steps",
         "jaxnc.solvers.plan.Plan.linearise",
         "jaxnc.system.equations.residual",
         "jaxnc.system.equations.jacobian",
         "jaxnc.system.shape.redraw",
     } <= set(seen)
     assert len(seen) >= 35, "few functions were asked: does the hook still reach them?"
-    assert "dense.steps" in refused and "right" in refused, "a right-hand side of another length was let through"
+    assert "dense.newton_steps" in refused and "right" in refused, "a right-hand side of another length was let through"

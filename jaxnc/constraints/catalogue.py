@@ -12,7 +12,7 @@ from jaxnc.constraints import (
     spatial_joints,
 )
 from jaxnc.constraints.kind import Kind
-from jaxnc.pickling import by_name
+from jaxnc.pickling import register_by_name
 
 
 def _all(make, count: int):
@@ -77,4 +77,4 @@ CATALOGUE: dict[str, Kind] = {
         ),
     )
 }
-by_name(__name__, CATALOGUE.values())
+register_by_name(__name__, CATALOGUE.values())

@@ -12,7 +12,7 @@ from jaxnc.calls import public
 from jaxnc.constraints.directions import cross3, triple
 from jaxnc.constraints.elementary import ratio, stacked
 from jaxnc.constraints.kind import Kind, RowFunction, cross, dot, norm
-from jaxnc.pickling import Remade, by_name
+from jaxnc.pickling import Remade, register_by_name
 
 
 @public
@@ -125,4 +125,4 @@ ROLLING_DISC = RateKind(
 
 RATES: dict[str, RateKind] = {kind.name: kind for kind in (SKATE, ROLLING_DISC)}
 """Every kind of constraint on velocities that the library knows, by name."""
-by_name(__name__, RATES.values())
+register_by_name(__name__, RATES.values())

@@ -31,7 +31,7 @@ from jaxnc.dynamics.runge_kutta import METHODS, State, noted
 from jaxnc.dynamics.runs import Run, Start
 from jaxnc.dynamics.ways import moving
 from jaxnc.internals import evaluate_at_once
-from jaxnc.solvers.newton import attach
+from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import numbers as numbers_as
@@ -156,7 +156,7 @@ def _attached(asked: Asked, flow: Flow, system: System, state: Any, at: Array) -
         return state
     eq, at = flow.dyn.eq, jax.lax.stop_gradient(at)
     if isinstance(origin, Plan):
-        return attach(origin, at, eq, jnp.stack([jnp.asarray(x, float) for x in state.values()]))
+        return attach_pose(origin, at, eq, jnp.stack([jnp.asarray(x, float) for x in state.values()]))
     return lift(asked.topology, as_drawn(system, runs.lower(asked.topology, at), state))
 
 

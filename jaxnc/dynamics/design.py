@@ -11,7 +11,7 @@ from jaxnc.dynamics import redesign
 from jaxnc.dynamics.adjoint import Law
 from jaxnc.dynamics.asked import Asked
 from jaxnc.solvers.plan import Plan
-from jaxnc.solvers.traced import PIECE, ask_host, short
+from jaxnc.solvers.traced import PIECE, ask_host, shorten_equations
 from jaxnc.system.equations import Equations
 from jaxnc.system.system import Parameters
 from jaxnc.types import Array, Float
@@ -62,7 +62,7 @@ def asked_back(
     known = len(origin.known) if isinstance(origin, Plan) else 0
     par = tuple(getattr(parameters, name) for name in _GEOMETRY)
     law = tuple(getattr(law_bar, name) for name in redesign.DERIVED)
-    given = (par, short(eq), at, jnp.zeros(0) if origin is None else pose_bar, law)
+    given = (par, shorten_equations(eq), at, jnp.zeros(0) if origin is None else pose_bar, law)
     if max(x.size for x in jax.tree.leaves(given)) > PIECE:
         return None
     shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), given)

@@ -9,7 +9,7 @@ from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families.bodies import Part
 from jaxnc.families.program import Arm, Frame, Linear, Place, Turn, scaled
 from jaxnc.families.scribe import Scribe, fixed
-from jaxnc.pickling import by_name
+from jaxnc.pickling import register_by_name
 
 PROJECTION = Kind(
     "projection",
@@ -28,7 +28,7 @@ EQUAL = Kind(
     scalars=2,
     source="(9)",
 )
-by_name(__name__, (PROJECTION, EQUAL))
+register_by_name(__name__, (PROJECTION, EQUAL))
 
 
 def drawn_angle(home: np.ndarray, ends: tuple[int, ...]) -> float:

@@ -1,7 +1,7 @@
 """Kinds of rows that are the families' own, besides those of the catalogue written over places."""
 
 from jaxnc.constraints.kind import Kind, dot
-from jaxnc.pickling import by_name, factory
+from jaxnc.pickling import factory, register_by_name
 
 PAIR = Kind(
     "parallel in two rows",
@@ -67,4 +67,4 @@ def _at(axis: int) -> Kind:
 AT = tuple(map(_at, range(3)))
 HELD = tuple(map(_held, range(3)))
 COORDINATE = {vector: tuple(_coordinate(axis, vector) for axis in range(3)) for vector in (False, True)}
-by_name(__name__, (PAIR, SAME_TURN))
+register_by_name(__name__, (PAIR, SAME_TURN))

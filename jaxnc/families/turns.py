@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from jaxnc.constraints.kind import Kind, dot
 from jaxnc.constraints.trigonometry import cos, sin
-from jaxnc.pickling import by_name
+from jaxnc.pickling import register_by_name
 from jaxnc.system.frames import quaternions
 
 PARAMETERS = {
@@ -131,6 +131,6 @@ ORTHONORMAL = Kind(
     source="the rows of a rotation matrix are unit vectors at right angles",
 )
 
-by_name(__name__, (NORM, DIRECTION, ORTHONORMAL))
+register_by_name(__name__, (NORM, DIRECTION, ORTHONORMAL))
 
 NORMALISED = {"euler parameters": NORM, "rotation matrix": ORTHONORMAL}

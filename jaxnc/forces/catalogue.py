@@ -2,7 +2,7 @@
 
 from jaxnc.forces import loads, springs
 from jaxnc.forces.kind import ForceKind
-from jaxnc.pickling import by_name
+from jaxnc.pickling import register_by_name
 
 CATALOGUE: dict[str, ForceKind] = {
     kind.name: kind
@@ -19,4 +19,4 @@ CATALOGUE: dict[str, ForceKind] = {
         loads.COUPLE,
     )
 }
-by_name(__name__, CATALOGUE.values())
+register_by_name(__name__, CATALOGUE.values())

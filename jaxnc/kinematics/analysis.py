@@ -12,7 +12,7 @@ from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.kinematics.rates import rates_in_lanes, with_held
 from jaxnc.kinematics.solved import apiece, nearest_large, solved
-from jaxnc.solvers.newton import attach, attach_lanes, closest, largest, newton, tolerance
+from jaxnc.solvers.newton import attach_lanes, attach_pose, closest_pose, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.traced import in_chunks
@@ -52,7 +52,7 @@ def analyse(
 
     def near(start, u):
         q = view.join(start[view.unknown], u, frozen.home[view.fixed])
-        q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
+        q = newton(view, frozen, closest_pose(view, frozen, q).q, 8)[0]
         rows, bodies = guards(frozen, q)
         size, pivots = largest(residual(frozen, q)), view.conditioning(frozen, view.linearise(frozen, q)[1])
         fits, mirrored = size <= tolerance(frozen, q), jnp.any(bodies <= 0.0)
@@ -65,7 +65,7 @@ def analyse(
 
     poses, status, size, pivots = in_chunks(jax.vmap(near), _CHUNK, begin, targets)
     # A pose that was not asked for has no derivative: it is handed on as a constant.
-    q = jnp.where((status == 0)[:, None], jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known), poses)
+    q = jnp.where((status == 0)[:, None], jax.vmap(lambda x, u: attach_pose(view, x, eq, u))(poses, known), poses)
     rates = rates_in_lanes(view, eq, q, with_held(view, orders), status == 0) if orders else ()
     return PoseBatch(q, size, pivots, status=status, rates=rates)
 
@@ -93,7 +93,7 @@ def in_columns(
         q = jnp.broadcast_to(begin, (len(values), len(begin)))
         for columns, numbers in ((view.unknown, found.q), (view.known, inputs)):
             q = q.at[:, columns].set(numbers) if len(columns) else q
-        new = jax.vmap(lambda x, u, ok: attach(view, x, eq, u, ok))(q, known, good)
+        new = jax.vmap(lambda x, u, ok: attach_pose(view, x, eq, u, ok))(q, known, good)
         poses = jnp.where(good[:, None], new, q)
     rates = ()
     if orders:
@@ -112,7 +112,7 @@ def _large(view: Plan, method: str, eq: Equations, q0: Array, values: Array, ord
     else:
         found = solved(view, method, True, frozen, begin, targets)
     good = found.status == int(Status.CONVERGED)
-    attached = lax.map(lambda lane: attach(view, lane[0], eq, lane[1]), (found.q, known))
+    attached = lax.map(lambda lane: attach_pose(view, lane[0], eq, lane[1]), (found.q, known))
     q, rates = jnp.where(good[:, None], attached, found.q), ()
     if orders:
         rates = lax.map(lambda lane: tuple(rates_of(view, eq, *lane)), (q, with_held(view, orders), good))

@@ -25,7 +25,7 @@ from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, meets
 from jaxnc.solvers.host import HostView
-from jaxnc.solvers.host.curve import LONGEST, Curve, first_tangent, step_along, trace, turning_point
+from jaxnc.solvers.host.curve import LONGEST, TracedCurve, first_tangent, step_along, trace_curve, turning_point
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.system.host import from_jax
@@ -142,10 +142,10 @@ def travel(
     index = system.topology.position[name]
     place = int(np.flatnonzero(view.plan.unknown == index)[0])
     t = first_tangent(view, q)
-    forward = trace(view, q, t)
+    forward = trace_curve(view, q, t)
     pieces = [(forward, 1.0)]
     if not forward.closed:
-        pieces.append((trace(view, q, -t), -1.0))
+        pieces.append((trace_curve(view, q, -t), -1.0))
     met: list[tuple[float, str]] = []
     poses: list[np.ndarray] = []
     limits = {"maximum": np.inf, "minimum": -np.inf}
@@ -258,7 +258,7 @@ def circuit(
         t = first_tangent(view, q)
         if t[np.flatnonzero(view.plan.unknown == index)[0]] * (np.sign(last - first) or 1.0) < 0:
             t = -t
-        nodes = trace(view, q, t, (index, min(first, last), max(first, last)))
+        nodes = trace_curve(view, q, t, (index, min(first, last), max(first, last)))
     s = np.array(nodes.s)
     wanted = np.linspace(s[0], s[-1], poses)
     at = np.clip(np.searchsorted(s, wanted, side="right") - 1, 0, len(s) - 1)
@@ -274,15 +274,15 @@ def _range(between: Any) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _whole(view: HostView, q: np.ndarray) -> Curve:
+def _whole(view: HostView, q: np.ndarray) -> TracedCurve:
     """All of the curve through a pose; one that does not close, from one end to the other."""
     t = first_tangent(view, q)
-    ahead = trace(view, q, t)
+    ahead = trace_curve(view, q, t)
     if ahead.closed:
         return ahead
-    behind = trace(view, q, -t)
+    behind = trace_curve(view, q, -t)
     turned = [-t for t in behind.t[:0:-1]]
-    return Curve(behind.q[:0:-1] + ahead.q, turned + ahead.t, [-s for s in behind.s[:0:-1]] + ahead.s)
+    return TracedCurve(behind.q[:0:-1] + ahead.q, turned + ahead.t, [-s for s in behind.s[:0:-1]] + ahead.s)
 
 
 def _prepare(system: System, names, hold, start) -> tuple[HostView, np.ndarray]:

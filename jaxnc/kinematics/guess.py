@@ -23,7 +23,7 @@ from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import to_host
 from jaxnc.solvers.host import view_of
-from jaxnc.solvers.newton import closest
+from jaxnc.solvers.newton import closest_pose
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.traced import ask_of_equations
 from jaxnc.system.equations import Equations, guards, measured, weights
@@ -212,8 +212,8 @@ def _completed(
     def tried(x, off):
         """An assembly: first what is missing beside what was given, then all of it."""
         start = with_measures(x.at[points].add(off * eq.length / weight[points]))
-        local = with_measures(closest(beside, eq, start, _ITERATIONS).q)
-        found = closest(whole, eq, jnp.where(upright(local), local, start), _ITERATIONS)
+        local = with_measures(closest_pose(beside, eq, start, _ITERATIONS).q)
+        found = closest_pose(whole, eq, jnp.where(upright(local), local, start), _ITERATIONS)
         good = upright(found.q) & (found.gap <= limits(x).close * eq.length)
         away = (weight * (found.q - x) / eq.length) ** 2
         score = jnp.sum(away[nearly]) + _FROM_DRAWING * jnp.sum(away[points])

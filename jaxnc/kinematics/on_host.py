@@ -101,7 +101,7 @@ def analyse(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders
         rates = tuple(np.zeros_like(found.q) for _ in orders)
         if good.any():
             with np.errstate(all="ignore"):
-                terms = host.rates(inner, found.q[good].T, given)
+                terms = host.pose_rates(inner, found.q[good].T, given)
             for out, term in zip(rates, terms, strict=True):
                 out[good] = term.T
     return found._replace(rates=rates)

@@ -13,7 +13,7 @@ from jaxnc.compiling import on_device
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.newton import attach
+from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import plan
 from jaxnc.system.system import Parameters, System
 from jaxnc.types import Array
@@ -51,7 +51,7 @@ def attached(motion: Motion, system: System, asked: Array) -> Motion:
     motion = jax.lax.stop_gradient(motion)
     view = plan(system.topology, motion.driven, motion.held, system.degrees_of_freedom)
     eq, known = derive(system), jnp.concatenate([asked, motion.q[:, view.known[len(view.driven) :]]], axis=1)
-    q = jax.lax.map(lambda a: attach(view, a[0], eq, a[1]), (motion.q, known))
+    q = jax.lax.map(lambda a: attach_pose(view, a[0], eq, a[1]), (motion.q, known))
     q = jnp.where((motion.status == 0)[:, None], q, motion.q)
     return dataclasses.replace(motion, system=system, poses=q, asked=asked)
 

@@ -1,7 +1,7 @@
 """Poses in traced code: solved side by side by XLA, and repaired on the host where that cannot answer for them.
 
 Whatever `jax.vmap` maps becomes lanes here, so that the host is asked once for all lanes, and only if one needs it.
-None of this is differentiated: derivatives are given to its results (see `jaxnc.solvers.newton.attach`).
+None of this is differentiated: derivatives are given to its results (see `jaxnc.solvers.newton.attach_pose`).
 """
 
 import functools
@@ -23,7 +23,7 @@ from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan, by_lu
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import any_lane
-from jaxnc.solvers.traced import Mapped, ask_host, ask_of_equations, in_lanes, short
+from jaxnc.solvers.traced import Mapped, ask_host, ask_of_equations, in_lanes, shorten_equations
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
 from jaxnc.system.host import HostEquations
@@ -59,7 +59,7 @@ def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, value
 def _solver(plan: Plan, method: str, repair: bool, shared: bool):
     """The function of equations (of one design, if `shared`), start poses ``(S, N)`` and values ``(S, T, k)``."""
     hosted = not writes_out(plan)
-    repair = hosted or (repair and host.ready(plan))
+    repair = hosted or (repair and host.read_kinds(plan))
 
     def solve(eq, q, begun, values):
         if plan.large:  # all the host's
@@ -130,7 +130,7 @@ def _side_by_side(plan: Plan, method: str, count: int) -> bool:
 def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> PoseBatch:
     """All poses of one design, ``(1, T)``, from the host."""
     asked, good = values[..., : len(plan.driven)], jnp.zeros(values.shape[:2], bool)
-    return _answer(plan, _ask(plan, method, short(eq), q, None, asked, good))
+    return _answer(plan, _ask(plan, method, shorten_equations(eq), q, None, asked, good))
 
 
 def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun: Array, values: Array) -> PoseBatch:
@@ -206,7 +206,7 @@ def _mended(
     Of many sequences those that are wanted are handed over, some at a time, each as a row of numbers: few operations
     compile soon.
     """
-    asked, eq, last = values[..., : len(plan.driven)], short(eq), None
+    asked, eq, last = values[..., : len(plan.driven)], shorten_equations(eq), None
     if method != "lanes":  # the last pose of each sequence before the first that was not found
         place = jnp.maximum(jnp.sum(good, axis=1) - 1, 0)[:, None, None]
         last = jnp.take_along_axis(table[:, : len(plan.unknown) + len(plan.known)], place, axis=2)[:, :, 0]

@@ -398,7 +398,7 @@ def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> Any:
         inner = host.view_of(view, to_host(derive(motion.system)))
         lanes = [np.repeat(x[:, None], good.sum(), axis=1) for x in orders]
         with np.errstate(all="ignore"):
-            out[:, good] = np.stack(host.rates(inner, flat[good].T, lanes)).transpose(0, 2, 1)
+            out[:, good] = np.stack(host.pose_rates(inner, flat[good].T, lanes)).transpose(0, 2, 1)
     return out.reshape(order, *motion.q.shape)
 
 

@@ -62,15 +62,15 @@ def _terms(op: str, value: int | None, of: Sequence[Polynomial]) -> dict[tuple[i
     if any(p.terms is None for p in of):
         return None
     if op in ("add", "sub"):
-        return _sum(of[0].terms, of[1].terms, -1.0 if op == "sub" else 1.0)
+        return _add_polynomials(of[0].terms, of[1].terms, -1.0 if op == "sub" else 1.0)
     if op == "neg":
-        return _sum({}, of[0].terms, -1.0)
+        return _add_polynomials({}, of[0].terms, -1.0)
     if op == "mul":
-        return _product(of[0].terms, of[1].terms)
+        return _multiply(of[0].terms, of[1].terms)
     if op == "power" and value is not None and 0 < value <= _HIGHEST:
         out = of[0].terms
         for _ in range(value - 1):
-            out = None if out is None else _product(out, of[0].terms)
+            out = None if out is None else _multiply(out, of[0].terms)
         return out
     if op == "div" and not of[1].depends:
         below = of[1].terms
@@ -80,11 +80,11 @@ def _terms(op: str, value: int | None, of: Sequence[Polynomial]) -> dict[tuple[i
             return None
         (names, factor), inverse = only, {}
         inverse[tuple(~n for n in names)] = 1.0 / factor
-        return _product(of[0].terms, {(): inverse})
+        return _multiply(of[0].terms, {(): inverse})
     return None
 
 
-def _sum(a, b, factor: float) -> dict[tuple[int, ...], Coefficient]:
+def _add_polynomials(a, b, factor: float) -> dict[tuple[int, ...], Coefficient]:
     out = {m: dict(c) for m, c in a.items()}
     for m, c in b.items():
         mine = out.setdefault(m, {})
@@ -97,7 +97,7 @@ def _sum(a, b, factor: float) -> dict[tuple[int, ...], Coefficient]:
     return out
 
 
-def _product(a, b) -> dict[tuple[int, ...], Coefficient] | None:
+def _multiply(a, b) -> dict[tuple[int, ...], Coefficient] | None:
     if len(a) * len(b) > _MOST:
         return None
     out: dict[tuple[int, ...], Coefficient] = {}
@@ -107,5 +107,5 @@ def _product(a, b) -> dict[tuple[int, ...], Coefficient] | None:
             for p, x in c.items():
                 for q, y in d.items():
                     product[tuple(sorted((*p, *q)))] += x * y
-            out = _sum(out, {tuple(sorted((*m, *n))): product}, 1.0)
+            out = _add_polynomials(out, {tuple(sorted((*m, *n))): product}, 1.0)
     return out

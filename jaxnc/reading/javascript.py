@@ -36,7 +36,7 @@ def javascript(program: Program, given: Callable[[int], str], into: Callable[[in
     uses = Counter(i for node in program.nodes for i in node.of) + Counter(program.outputs)
     text: list[tuple[str, int]] = []  # of each node, and how strongly it is bound
     named: list[str] = []
-    names = _names()
+    names = _short_names()
 
     def bracket(i: int, least: int) -> str:
         shown, strength = text[i]
@@ -47,7 +47,7 @@ def javascript(program: Program, given: Callable[[int], str], into: Callable[[in
         if op == "input":
             term = given(value)
         elif op == "number":
-            term = _literal(value[1])
+            term = _script_literal(value[1])
         elif op in _BINARY:
             sign, strength = _BINARY[op]
             term = f"{bracket(of[0], strength)}{sign}{bracket(of[1], strength + 1)}"
@@ -75,7 +75,7 @@ def javascript(program: Program, given: Callable[[int], str], into: Callable[[in
     return ";".join(lines)
 
 
-def _names() -> Iterator[str]:
+def _short_names() -> Iterator[str]:
     """Yield short names that begin with a capital letter, and are none of the language's."""
     for size in itertools.count(1):
         for first in string.ascii_uppercase:
@@ -85,7 +85,7 @@ def _names() -> Iterator[str]:
                     yield name
 
 
-def _literal(value: float | bool) -> str:
+def _script_literal(value: float | bool) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if not math.isfinite(value):

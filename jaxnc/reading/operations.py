@@ -27,7 +27,7 @@ class OutOfRange(IndexError):
     """An index beyond an array, which JAX would move to the array's end in silence."""
 
 
-def evaluate(eqn: Any, values: Sequence[Any]) -> list[Any]:
+def evaluate_equation(eqn: Any, values: Sequence[Any]) -> list[Any]:
     """Results of an equation whose arguments are known, as JAX has them."""
     with jax.ensure_compile_time_eval():
         out = eqn.primitive.bind(*values, **eqn.params)
@@ -37,7 +37,7 @@ def evaluate(eqn: Any, values: Sequence[Any]) -> list[Any]:
 # A reading takes the reader, the equation and the nodes of its arguments, and says where the results are.
 
 
-def _power(r: "Reader", x: Nodes, power: int) -> Nodes:
+def _integer_power(r: "Reader", x: Nodes, power: int) -> Nodes:
     if power in (0, 1):
         return x if power else np.broadcast_to(r.numbers(1.0), x.shape)
     return r.each("power", x, value=power)
@@ -53,10 +53,10 @@ def _pow(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
         raise Unreadable("pow of integers")
     x, powers = np.broadcast_arrays(x, powers)
     each = zip(x.reshape(-1), powers.reshape(-1).tolist(), strict=True)
-    return np.array([int(_power(r, i[None], n)[0]) for i, n in each], dtype=int).reshape(x.shape)
+    return np.array([int(_integer_power(r, i[None], n)[0]) for i, n in each], dtype=int).reshape(x.shape)
 
 
-def _round(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+def _round_number(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
     if int(eqn.params["rounding_method"]) == 1:  # to the nearest even number
         return r.each("round", x)
     size = r.each("abs", x)
@@ -98,7 +98,7 @@ def _branches(r: "Reader", eqn: Any, index: Nodes, *x: Nodes) -> list[Nodes]:
     return [_by_number(r, index, cases) for cases in zip(*found, strict=True)]
 
 
-def _along(x: Nodes, axes: Sequence[int]) -> tuple[list[list[int]], list[int]]:
+def _rows_along(x: Nodes, axes: Sequence[int]) -> tuple[list[list[int]], list[int]]:
     """Rows along axes that go away, and the shape of what is left."""
     rest = [k for k in range(x.ndim) if k not in axes]
     left = [x.shape[k] for k in rest]
@@ -109,7 +109,7 @@ def _reduction(op: str) -> Callable[..., Nodes]:
     def read(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
         if not x.size:
             raise Unreadable(f"{op} of nothing")
-        rows, left = _along(x, eqn.params["axes"])
+        rows, left = _rows_along(x, eqn.params["axes"])
         return np.array([functools.reduce(functools.partial(r.b.op, op), row) for row in rows], dtype=int).reshape(left)
 
     return read
@@ -130,7 +130,7 @@ def _extreme(op: str) -> Callable[..., Nodes]:
     """The first place of the largest number, or of the smallest."""
 
     def read(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
-        rows, left = _along(x, eqn.params["axes"])
+        rows, left = _rows_along(x, eqn.params["axes"])
         out = []
         for best, *rest in rows:
             place = r.b.number(0)
@@ -158,7 +158,7 @@ def _sort(r: "Reader", eqn: Any, *x: Nodes) -> list[Nodes]:
     return [np.moveaxis(np.stack(a), 0, axis) if a else b for a, b in zip(out, x, strict=True)]
 
 
-def _product(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
+def _dot_general(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
     (cx, cy), (bx, by) = eqn.params["dimension_numbers"]
     free_x = [k for k in range(x.ndim) if k not in (*cx, *bx)]
     free_y = [k for k in range(y.ndim) if k not in (*cy, *by)]
@@ -175,7 +175,7 @@ def _product(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
     return np.array(out, dtype=int).reshape(shape)
 
 
-def _broadcast(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+def _broadcast_array(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
     shape = [1] * len(eqn.params["shape"])
     for k, d in enumerate(eqn.params["broadcast_dimensions"]):
         shape[d] = x.shape[k]
@@ -225,7 +225,7 @@ def _dynamic_update(x: Nodes, update: Nodes, *start: np.ndarray, **_: Any) -> No
     return out
 
 
-def _pad(x: Nodes, value: Nodes, **params: Any) -> Nodes:
+def _pad_array(x: Nodes, value: Nodes, **params: Any) -> Nodes:
     """With numbers before, after and between; fewer than none are cut off."""
     shape, where = [], []
     for n, (low, high, between) in zip(x.shape, params["padding_config"], strict=True):
@@ -241,7 +241,7 @@ _MOVES: dict[str, Callable[..., Nodes]] = {
     "gather": _gather,
     "dynamic_slice": _dynamic_slice,
     "dynamic_update_slice": _dynamic_update,
-    "pad": _pad,
+    "pad": _pad_array,
 }
 """Done by NumPy: JAX would compile a program for each."""
 
@@ -262,7 +262,7 @@ def _movement(*arrays: int) -> Callable[..., Nodes]:
                     raise OutOfRange(f"index {start} in an array of {width}")
         promised = params.get("mode") == jax.lax.GatherScatterMode.PROMISE_IN_BOUNDS
         move = _MOVES.get(eqn.primitive.name)
-        out = move(*given, **params) if move else np.asarray(evaluate(eqn, given)[0])
+        out = move(*given, **params) if move else np.asarray(evaluate_equation(eqn, given)[0])
         out = out.astype(int)
         if (out < 0).any():  # beyond the array
             if promised:
@@ -309,10 +309,10 @@ READINGS: dict[str, tuple[str, str | Callable[..., Any]]] = {
     **_by_name("b", "and or not xor"),
     "square": ("fi", lambda r, eqn, x: r.each("mul", x, x)),
     "rsqrt": ("f", lambda r, eqn, x: r.each("div", r.numbers(1.0), r.each("sqrt", x))),
-    "integer_pow": ("f", lambda r, eqn, x: _power(r, x, int(eqn.params["y"]))),
+    "integer_pow": ("f", lambda r, eqn, x: _integer_power(r, x, int(eqn.params["y"]))),
     "pow": ("fi", _pow),
     "clamp": ("fi", lambda r, eqn, least, x, most: r.each("min", r.each("max", x, least), most)),
-    "round": ("f", _round),
+    "round": ("f", _round_number),
     "convert_element_type": ("fib", _convert),
     "select_n": ("fib", _select),
     "cond": ("fib", _branches),
@@ -323,11 +323,11 @@ READINGS: dict[str, tuple[str, str | Callable[..., Any]]] = {
     "argmax": ("fib", _extreme("gt")),
     "argmin": ("fib", _extreme("lt")),
     "sort": ("fib", _sort),
-    "dot_general": ("fi", _product),
+    "dot_general": ("fi", _dot_general),
     "scatter-add": ("fi", _scatter_add),
     "scatter_add": ("fi", _scatter_add),
     # what only moves numbers
-    "broadcast_in_dim": ("fib", _broadcast),
+    "broadcast_in_dim": ("fib", _broadcast_array),
     **dict.fromkeys(("reshape", "squeeze"), ("fib", lambda r, eqn, x: x.reshape(eqn.outvars[0].aval.shape))),
     **dict.fromkeys(("copy", "copy_p", "optimization_barrier", "pvary"), ("fib", lambda r, eqn, *x: x)),
     "transpose": ("fib", lambda r, eqn, x: x.transpose(eqn.params["permutation"])),

@@ -85,13 +85,13 @@ def function(program: Program, xp: Any = np) -> Callable[[Sequence[Any]], tuple[
         if op == "input":
             text = f"x[{value}]"
         elif op == "number":
-            text = _literal(value[1])
+            text = _python_literal(value[1])
         elif op in _BINARY:
             text = f"{a[0]} {_BINARY[op]} {a[1]}"
         elif op == "neg":
             text = f"-{a[0]}"
         elif op == "power":
-            text = _power(a[0], value)
+            text = _power_text(a[0], value)
         elif op == "float":
             text = f"where({a[0]}, 1.0, 0.0)"
         else:
@@ -105,11 +105,11 @@ def function(program: Program, xp: Any = np) -> Callable[[Sequence[Any]], tuple[
     return space["run"]
 
 
-def _literal(value: Any) -> str:
+def _python_literal(value: Any) -> str:
     return f"({value!r})"
 
 
-def _power(a: str, power: int) -> str:
+def _power_text(a: str, power: int) -> str:
     if power == 2:
         return f"{a} * {a}"
     return f"{a} ** {float(power) if power < 0 else power!r}"

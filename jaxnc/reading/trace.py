@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxnc.reading.operations import CALLED, READINGS, RULED, Nodes, Unreadable, evaluate
+from jaxnc.reading.operations import CALLED, READINGS, RULED, Nodes, Unreadable, evaluate_equation
 from jaxnc.reading.program import Builder, Program
 
 _UNREAD = "unread"
@@ -81,9 +81,9 @@ class Reader:
     def _equation(self, eqn: Any, x: list[Nodes]) -> list[Nodes]:
         name = eqn.primitive.name
         if name in CALLED:
-            return self.read(*_open(eqn.params[CALLED[name]]), x)
+            return self.read(*_open_jaxpr(eqn.params[CALLED[name]]), x)
         if name in RULED and (self._values_only or self._known_inputs(eqn, x) is not None):
-            return self.read(*_open(eqn.params[RULED[name]]), x)
+            return self.read(*_open_jaxpr(eqn.params[RULED[name]]), x)
         if name == "stop_gradient" and self._values_only:
             return x
         types, read = READINGS.get(name, ("", ""))
@@ -100,9 +100,9 @@ class Reader:
         """Return results of an equation that is not read: known if it depends on no input."""
         known = self._known_inputs(eqn, x)
         if known is not None and all(isinstance(v.aval.dtype, np.dtype) for v in eqn.outvars):  # not random keys
-            return [self.numbers(y) for y in evaluate(eqn, known)]
-        for inner in _inside(eqn.params.values()):  # whose indices are looked at all the same
-            self.read(*_open(inner), [self._unread(why, v) for v in _open(inner)[0].invars])
+            return [self.numbers(y) for y in evaluate_equation(eqn, known)]
+        for inner in _inner_jaxprs(eqn.params.values()):  # whose indices are looked at all the same
+            self.read(*_open_jaxpr(inner), [self._unread(why, v) for v in _open_jaxpr(inner)[0].invars])
         return [self._unread(why, v) for v in eqn.outvars]
 
     def _known_inputs(self, eqn: Any, x: list[Nodes]) -> list[np.ndarray] | None:
@@ -153,7 +153,7 @@ class Reader:
         return found
 
 
-def _corners(f: Callable[[Any, Any], Any]) -> Callable[..., tuple[float, float]]:
+def _bounds_at_corners(f: Callable[[Any, Any], Any]) -> Callable[..., tuple[float, float]]:
     def bounds(x: tuple[float, float], y: tuple[float, float]) -> tuple[float, float]:
         ends = [f(a, b) for a in x for b in y]
         return min(ends), max(ends)
@@ -167,24 +167,24 @@ _BOUNDS: dict[str, Callable[..., tuple[float, float]]] = {
     "neg": lambda x: (-x[1], -x[0]),
     "abs": lambda x: (0, max(-x[0], x[1])),
     "select": lambda x, y: (min(x[0], y[0]), max(x[1], y[1])),
-    "add": _corners(lambda x, y: x + y),
-    "sub": _corners(lambda x, y: x - y),
-    "mul": _corners(lambda x, y: x * y),
-    "max": _corners(max),
-    "min": _corners(min),
+    "add": _bounds_at_corners(lambda x, y: x + y),
+    "sub": _bounds_at_corners(lambda x, y: x - y),
+    "mul": _bounds_at_corners(lambda x, y: x * y),
+    "max": _bounds_at_corners(max),
+    "min": _bounds_at_corners(min),
 }
 """Bounds of an operation's result from those of what it takes."""
 
 
-def _inside(values: Iterable[Any]) -> Iterator[Any]:
+def _inner_jaxprs(values: Iterable[Any]) -> Iterator[Any]:
     """Yield the jaxprs that an equation has among its parameters."""
     for value in values:
         if isinstance(value, tuple | list):
-            yield from _inside(value)
+            yield from _inner_jaxprs(value)
         elif hasattr(value, "eqns"):
             yield value
 
 
-def _open(inner: Any) -> tuple[Any, Sequence[Any]]:
+def _open_jaxpr(inner: Any) -> tuple[Any, Sequence[Any]]:
     """Return a jaxpr and its constants."""
     return getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())

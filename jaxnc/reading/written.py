@@ -46,7 +46,7 @@ class Number:
     def apply(self, op: str, *others: Any, value: Any = None) -> "Number":
         """Apply an operation to the number and others, by the name that programs have for it."""
         b = self._builder
-        at = (self._at, *(_place(b, x) for x in others))
+        at = (self._at, *(_node_of(b, x) for x in others))
         first, *rest = (_truth(b, i) for i in at)
         fits = first and rest[0] == rest[1] if op == "select" else {first, *rest} == {op in _LOGICAL}
         if not fits:  # for which JAX has rules of its own
@@ -57,7 +57,7 @@ class Number:
         if not isinstance(other, Number | _PLAIN):
             return NotImplemented
         if turned:
-            return Number(self._builder, _place(self._builder, other)).apply(op, self)
+            return Number(self._builder, _node_of(self._builder, other)).apply(op, self)
         return self.apply(op, other)
 
     __add__, __radd__ = _operator("add"), _operator("add", True)
@@ -96,7 +96,7 @@ def _truth(builder: Builder, at: int) -> bool:
     return op in _TRUTHS or (op == "number" and isinstance(value[1], bool))
 
 
-def _place(builder: Builder, value: Any) -> int:
+def _node_of(builder: Builder, value: Any) -> int:
     if isinstance(value, Number):
         return value._at
     if not isinstance(value, _PLAIN):
@@ -108,12 +108,12 @@ def write(f: Callable[..., Any], count: int) -> Program:
     """Write the program of a function of plain numbers that gets by with arithmetic; a TypeError for what does not."""
     b = Builder(count)
     found = f(*(Number(b, at) for at in b.first))
-    return b.program([_place(b, x) for x in _flat(found)])
+    return b.program([_node_of(b, x) for x in _flatten(found)])
 
 
-def _flat(x: Any) -> Iterator[Any]:
+def _flatten(x: Any) -> Iterator[Any]:
     if hasattr(x, "__iter__"):
         for y in x:
-            yield from _flat(y)
+            yield from _flatten(y)
     else:
         yield x

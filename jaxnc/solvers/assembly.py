@@ -58,12 +58,12 @@ def settle(eq: Equations, nudge: Array | np.ndarray, repair: bool = True) -> hos
 
         return traced_start(free_plan(eq.topology), eq, nudge, repair)
     if isinstance(nudge, np.ndarray) and not nudge.any():
-        return _start(eq)
+        return _start_of(eq)
     return _assemble_on_host(eq, np.asarray(nudge))
 
 
 @by_identity
-def _start(eq: Equations) -> host.Closest:
+def _start_of(eq: Equations) -> host.Closest:
     return _assemble_on_host(eq, np.zeros(eq.home.shape, eq.home.dtype))
 
 
@@ -81,7 +81,7 @@ def evaluate(eq: Equations, q: Coordinates | np.ndarray) -> tuple[Array, Array]:
     The Jacobian is empty for a large mechanism, whose matrices are kept sparse.
     """
     if _is_traced(eq, q):
-        return _evaluate(eq, q)
+        return _evaluate_traced(eq, q)
     inner, x = to_host(eq), np.asarray(q)[:, None]
     with np.errstate(all="ignore"):
         jacobian = np.zeros((0, 0)) if eq.topology.large else inner.jacobian(x)[0]
@@ -89,7 +89,7 @@ def evaluate(eq: Equations, q: Coordinates | np.ndarray) -> tuple[Array, Array]:
 
 
 @jit
-def _evaluate(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
+def _evaluate_traced(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
     if eq.topology.large:
         return residual(eq, q), jnp.zeros((0, 0))
     return residual(eq, q), jacobian(eq, q)

@@ -52,7 +52,7 @@ def page_numbers() -> dict[str, float]:
     return {**lengths, "SHARP": SHARP, "FIRST": FIRST, "TURN": PAGE_TURN, "SHORTEST": PAGE_SHORTEST}
 
 
-class Step(NamedTuple):
+class TrialStep(NamedTuple):
     """A trial step; all ``(lanes,)``, those about determinants ``(blocks, lanes)``."""
 
     part: np.ndarray  # the part of the way that it makes
@@ -67,7 +67,7 @@ class Step(NamedTuple):
     fresh: np.ndarray  # whether it has no length: a pose where a way begins
 
 
-def is_accepted(step: Step, least: Limits, length: float) -> np.ndarray:
+def is_accepted(step: TrialStep, least: Limits, length: float) -> np.ndarray:
     """Say whether a converged step stays on its branch.
 
     Its correction is small beside it and so is the change of the tangent, which comes gradually, not in a kink behind a
@@ -82,7 +82,7 @@ def is_accepted(step: Step, least: Limits, length: float) -> np.ndarray:
     return close & even & (step.fresh | ((_keeps_signs(step) | _is_short(step, least, length)) & regular))
 
 
-def is_edge(step: Step, least: Limits, length: float, corner: Callable[[], np.ndarray]) -> np.ndarray:
+def is_edge(step: TrialStep, least: Limits, length: float, corner: Callable[[], np.ndarray]) -> np.ndarray:
     """Say whether a step that is not accepted goes over an edge of the constraints themselves, such as that of a cam.
 
     A motion turns there and is continuous: the shortest of steps ends where the one tangent leads, and behind some
@@ -96,11 +96,11 @@ def is_edge(step: Step, least: Limits, length: float, corner: Callable[[], np.nd
     return maybe
 
 
-def _keeps_signs(step: Step) -> np.ndarray:
+def _keeps_signs(step: TrialStep) -> np.ndarray:
     return np.all((step.ratio >= 0.0) & (1.0 + step.rise >= REBOUND * step.ratio), axis=0)
 
 
-def _is_short(step: Step, least: Limits, length: float) -> np.ndarray:
+def _is_short(step: TrialStep, least: Limits, length: float) -> np.ndarray:
     return (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
 
 
@@ -127,7 +127,7 @@ def steady(new: Sequence[Any] | Any, now: Sequence[Any] | Any, rise: Sequence[An
     return ok
 
 
-def next_step(step: Step, least: Limits, length: float) -> np.ndarray:
+def next_step(step: TrialStep, least: Limits, length: float) -> np.ndarray:
     """The part of the way after which the tangent will have changed by what it may, going by the last step.
 
     Towards a fold the pose changes as the root of what is left of the way. Its speed says how much that is, and where

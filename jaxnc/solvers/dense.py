@@ -49,7 +49,7 @@ def _with_batch(batched: Callable | None = None) -> Callable[[F], F]:
     return decorate
 
 
-def _entry(x: Array, at: Array, axis: int) -> Array:
+def _masked_line(x: Array, at: Array, axis: int) -> Array:
     """Take a row (column) by a mask, which vectorises over a batch where a gather would not."""
     return jnp.sum(jnp.where(at[:, None] if axis == 0 else at[None], x, 0.0), axis=axis)
 
@@ -60,9 +60,9 @@ def _eliminate_batched(matrix: Array, right: Array) -> tuple[Array, Array, Array
 
     def step(k, state):
         a, pivots, sign = state
-        column = _entry(a, columns == k, 1)
+        column = _masked_line(a, columns == k, 1)
         best = jnp.argmax(jnp.where(rows >= k, jnp.abs(column), -1.0))
-        row, other = _entry(a, rows == best, 0), _entry(a, rows == k, 0)
+        row, other = _masked_line(a, rows == best, 0), _masked_line(a, rows == k, 0)
         a = jnp.where((rows == best)[:, None], other, a)
         a = jnp.where((rows == k)[:, None], row, a)
         column = jnp.where(rows == best, jnp.sum(jnp.where(rows == k, column, 0.0)), column)
@@ -99,7 +99,7 @@ def _orthonormal_batched(matrix: Array) -> tuple[Array, Array, Array]:
 
     def step(k, state):
         q, sizes = state
-        v = _entry(whole, columns == k, 1)
+        v = _masked_line(whole, columns == k, 1)
         for _ in range(2):
             v = v - jnp.sum(q * jnp.sum(q[:m] * v[:m, None], axis=0)[None], axis=1)
         size = jnp.sqrt(jnp.sum(v[:m] * v[:m]))
@@ -126,10 +126,10 @@ def _cholesky_batched(matrix: Array, right: Array) -> Array:
 
     def step(k, state):
         a, pivots = state
-        row = _entry(a, rows == k, 0)
+        row = _masked_line(a, rows == k, 0)
         pivot = jnp.sum(jnp.where(columns == k, row, 0.0))
         pivot = jnp.where(pivot > 0, pivot, jnp.nan)
-        factor = jnp.where(rows == k, 0.0, _entry(a, columns == k, 1) / pivot)
+        factor = jnp.where(rows == k, 0.0, _masked_line(a, columns == k, 1) / pivot)
         return a - factor[:, None] * row[None], jnp.where(rows == k, pivot, pivots)
 
     a, pivots = lax.fori_loop(0, n, step, (jnp.concatenate([matrix, right], axis=1), jnp.zeros(n)))
@@ -152,7 +152,7 @@ def independent_columns(matrix: Float[Array, "n m"]) -> Int[Array, " n"]:
     def step(k, state):
         a, left, chosen = state
         best = jnp.argmax(jnp.where(left, jnp.sum(a * a, axis=0), -1.0))
-        v = _entry(a, columns == best, 1)
+        v = _masked_line(a, columns == best, 1)
         size = jnp.sqrt(jnp.sum(v * v))
         v = v / jnp.where(size > 0, size, 1.0)
         a = a - v[:, None] * jnp.sum(v[:, None] * a, axis=0)[None]
@@ -178,8 +178,10 @@ def symmetric_eigen(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Fl
 # -- linear systems -----------------------------------------------------------------------------------------------
 
 
-def steps(jacobian: Float[Array, "m n"], right: Float[Array, "m k"], independent: bool = False) -> Float[Array, "n k"]:
-    """Newton or Gauss-Newton steps for k right-hand sides; not finite where the matrix is singular.
+def newton_steps(
+    jacobian: Float[Array, "m n"], right: Float[Array, "m k"], independent: bool = False
+) -> Float[Array, "n k"]:
+    """Solve for Newton or Gauss-Newton steps with k right-hand sides; not finite where the matrix is singular.
 
     With more rows than unknowns: of all rows in the least-squares sense, or of an independent choice of them.
     """
@@ -207,7 +209,7 @@ def damped_step(
     return cholesky_solve(normal + (weight + limits(weight).tiny) * jnp.eye(n), right).reshape(n, *r.shape[1:])
 
 
-def _times(a: Array, x: Array) -> Array:
+def _times_vector(a: Array, x: Array) -> Array:
     return jnp.sum(a * x[..., None, :], axis=-1)
 
 
@@ -234,13 +236,13 @@ def solver(
 
         def direct(_, y, trans=0):
             matrix, back = (fixed.T, inverse.T) if trans else (fixed, inverse)
-            x = _times(back, y)
+            x = _times_vector(back, y)
             for _ in range(2):
-                x = x + _times(back, y - _times(matrix, x))
+                x = x + _times_vector(back, y - _times_vector(matrix, x))
             return x
 
         return lambda b: lax.custom_linear_solve(
-            lambda x: _times(jacobian, x), b, direct, transpose_solve=lambda v, y: direct(v, y, 1)
+            lambda x: _times_vector(jacobian, x), b, direct, transpose_solve=lambda v, y: direct(v, y, 1)
         )
 
     # Least squares as the symmetric system [I J; Jᵀ 0] (y, x) = (b, 0), whose derivatives are exact.
@@ -248,18 +250,18 @@ def solver(
 
     def augmented(pair):
         y, x = pair
-        return y + _times(jacobian, x), _times(jacobian.T, y)
+        return y + _times_vector(jacobian, x), _times_vector(jacobian.T, y)
 
     def both(b, c):
-        forward = _times(inverse.T, c)
-        inside = _times(basis.T, b)
-        x = _times(inverse, inside - forward)
-        return b + _times(basis, forward - inside), x
+        forward = _times_vector(inverse.T, c)
+        inside = _times_vector(basis.T, b)
+        x = _times_vector(inverse, inside - forward)
+        return b + _times_vector(basis, forward - inside), x
 
     def least_squares(_, pair):
         b, c = pair
         y, x = both(b, c)
-        dy, dx = both(b - y - _times(fixed, x), c - _times(fixed.T, y))
+        dy, dx = both(b - y - _times_vector(fixed, x), c - _times_vector(fixed.T, y))
         return y + dy, x + dx
 
     # Transposition asks that every part of the right-hand side depends on b, the zeros too.

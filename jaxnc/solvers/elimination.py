@@ -260,7 +260,7 @@ class Pivots(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Pair:
+class EliminatedPair:
     """An eliminated dense matrix of two rows, by Cramer's rule: no order of its pivots is good at every angle."""
 
     rows: tuple[int, ...]
@@ -274,16 +274,16 @@ class Pair:
         """Solve ``A x = b``; b is a sequence of elements by row, x by column."""
         p, q, r, s = self.elements
         b, d = (right[i] for i in self.rows)
-        return _scatter(self.columns, ((s * b - q * d) * self.inverse, (p * d - r * b) * self.inverse))
+        return _put_at(self.columns, ((s * b - q * d) * self.inverse, (p * d - r * b) * self.inverse))
 
     def solve_transposed(self, right: Sequence[Any]) -> list[Any]:
         """Solve ``Aᵀ y = b``; b is by column, y by row."""
         p, q, r, s = self.elements
         b, d = (right[j] for j in self.columns)
-        return _scatter(self.rows, ((s * b - r * d) * self.inverse, (p * d - q * b) * self.inverse))
+        return _put_at(self.rows, ((s * b - r * d) * self.inverse, (p * d - q * b) * self.inverse))
 
 
-def _scatter(places: Sequence[int], values: Sequence[Any]) -> list[Any]:
+def _put_at(places: Sequence[int], values: Sequence[Any]) -> list[Any]:
     out: list[Any] = [None] * len(places)
     for k, value in zip(places, values, strict=True):
         out[k] = value
@@ -339,9 +339,12 @@ class Factors:
         return y
 
 
-def eliminate(
+Eliminated = EliminatedPair | Factors
+
+
+def eliminate_block(
     plan: Elimination, elements: Elements, units: Sequence[Any] = (), smallest: float = 0.0
-) -> Pair | Factors:
+) -> Eliminated:
     """Eliminate a matrix whose elements are numbers or lanes; not finite if the last pivot vanishes.
 
     Unless it is small enough to compare each pivot with what could have been one in its stead, a pose at which a pivot
@@ -363,7 +366,7 @@ def eliminate(
         largest = jnp.maximum(jnp.abs(p), jnp.abs(r))
         first, second = largest / units[j], jnp.abs(determinant / largest) / units[m]
         pivots = Pivots(jnp.minimum(first, second), *(jnp.maximum(first, second),) * 2)
-        return Pair(plan.rows, plan.columns, (p, q, r, s), inverse, pivots, determinant * plan.sign)
+        return EliminatedPair(plan.rows, plan.columns, (p, q, r, s), inverse, pivots, determinant * plan.sign)
     compared = plan.cost <= _COMPARED
     steps, left_r, left_c = [], list(plan.rows), list(plan.columns)
     sizes, natural, usual = [], [], None

@@ -34,7 +34,7 @@ from jaxnc.solvers.plan import Plan, unwind
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.sequences import in_sequences, scattered_around
 from jaxnc.solvers.traced import in_chunks
-from jaxnc.solvers.ways import follow, interpolate
+from jaxnc.solvers.ways import follow_ways, interpolate
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
@@ -126,7 +126,7 @@ def _equations_of(eq: Equations, shared: bool) -> Callable[[Array], Equations]:
 # -- one input of one design, from a table of poses ------------------------------------------------------------------
 
 
-class _Table(NamedTuple):
+class _PoseTable(NamedTuple):
     """Points of the table on their way: poses and determinants now and before, and which are on the branch."""
 
     now: tuple[Array, ...]
@@ -155,7 +155,7 @@ def from_table(
     """
     core, (given, k) = kernel(plan), values.shape
     if k > 1:
-        return follow(plan, eq, q, values)
+        return follow_ways(plan, eq, q, values)
     driven, unknown = int(plan.known[0]), [int(c) for c in plan.unknown]
     guessed = [unknown.index(c) for c in core.guessed]
     start = [q[c] for c in range(q.shape[0])]
@@ -178,7 +178,7 @@ def from_table(
         u = lax.dynamic_slice_in_dim(column, j * width, width)
         return unwind(u, jnp.round((u - origin) / (2 * jnp.pi))) if turning else u
 
-    low, high = _range(lanes, chunks, origin, width)
+    low, high = _input_range(lanes, chunks, origin, width)
     rounds, dense = jnp.asarray(float(_ROUNDS)), True
     if 0 in plan.angles:
         turned = jnp.maximum(high - origin, origin - low)
@@ -232,7 +232,7 @@ def from_table(
 
         count = jnp.where(i < rounds, 1, chunks)
         made, y, facing, good = lax.fori_loop(0, count, chunk, (made, table.now, table.facing, table.alive))
-        table = _move(table, y, facing, good, _ratio(i), i, norm, eq)
+        table = _move_table(table, y, facing, good, _ratio(i), i, norm, eq)
         # Before the lanes: whether the points go all their way again.
         again = (i == rounds - 1.0) & (rounds < most) & ~jnp.all(table.alive)
         table = lax.cond(again, lambda: begin, lambda: table)
@@ -243,7 +243,7 @@ def from_table(
     # Of different numbers, as XLA makes one array of equal ones, and then copies it for each to be written to.
     blank = (*(jnp.full(total, float(i)) for i in range(len(unknown) + 2)), jnp.zeros(total, bool))
     # The points of the table go their way round by round; in a last round come the lanes, chunk by chunk.
-    begin = _Table(still, still, facing, facing, jnp.ones(width, bool))
+    begin = _PoseTable(still, still, facing, facing, jnp.ones(width, bool))
     first = jnp.zeros((), int), jnp.asarray(rounds, q.dtype)
     most = _MORE * first[1]
     made = lax.while_loop(lambda state: state[0] <= state[1], round_, (*first, begin, blank))[-1]
@@ -256,13 +256,13 @@ def _ratio(i: Array) -> Array:
     return jnp.asarray([0.0, (1.0 - SHORT) / SHORT, 1.0 / (1.0 - SHORT), 1.0])[jnp.minimum(i, 3).astype(int)]
 
 
-def _extrapolate(table: _Table, ratio: Array) -> list[Array]:
+def _extrapolate(table: _PoseTable, ratio: Array) -> list[Array]:
     """Extrapolate where the points of a table are to be after a step."""
     return [a + ratio * (a - b) for a, b in zip(table.now, table.before, strict=True)]
 
 
-def _move(
-    table: _Table,
+def _move_table(
+    table: _PoseTable,
     y: tuple,
     facing: tuple,
     good: Array,
@@ -270,7 +270,7 @@ def _move(
     i: Array,
     norm: Callable,
     eq: Equations,
-) -> _Table:
+) -> _PoseTable:
     """Return the table after a step, with the points that are where they were going, or at first not far, alive."""
     step = norm([a - b for a, b in zip(y, table.now, strict=True)])
     off = norm([a - b for a, b in zip(y, _extrapolate(table, ratio), strict=True)])
@@ -279,10 +279,10 @@ def _move(
     )
     rise = [a - b for a, b in zip(table.facing, table.faced, strict=True)]
     close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio, step.shape))
-    return _Table(y, table.now, facing, table.facing, good & close)
+    return _PoseTable(y, table.now, facing, table.facing, good & close)
 
 
-def _range(lanes: Callable, chunks: int, origin: Array, chunk: int) -> tuple[Array, Array]:
+def _input_range(lanes: Callable, chunks: int, origin: Array, chunk: int) -> tuple[Array, Array]:
     """Smallest and largest input, the start pose's among them. Chunk by chunk, which is much quicker."""
 
     def wider(j, bounds):
@@ -297,7 +297,7 @@ def _range(lanes: Callable, chunks: int, origin: Array, chunk: int) -> tuple[Arr
 # -- other designs, in a fixed number of steps -----------------------------------------------------------------------
 
 
-class State(NamedTuple):
+class LaneState(NamedTuple):
     """Where the lanes are."""
 
     x: tuple[Array, ...]  # coordinates that are not fixed, unknown ones first, each (lanes,)
@@ -343,16 +343,18 @@ def _parts_of_ways(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
     return parts, np.array([len(w) for w in ways])
 
 
-def beginning(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int, ...]) -> State:
+def beginning(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int, ...]) -> LaneState:
     """Put lanes at a pose, all coordinates each a number or lanes."""
     none, moving = jnp.zeros(lanes), [int(c) for c in (*kernel.plan.unknown, *kernel.plan.known)]
     determinants = tuple(jnp.broadcast_to(d, lanes) for d in kernel.determinants(eq, x))
     at = tuple(jnp.broadcast_to(x[c], lanes) for c in moving)
     still = (none,) * len(determinants), (none,) * len(kernel.plan.known)
-    return State(at, jnp.ones(lanes, bool), none, none, determinants, *still)
+    return LaneState(at, jnp.ones(lanes, bool), none, none, determinants, *still)
 
 
-def stepper(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any]) -> Callable[[State, Array], State]:
+def stepper(
+    kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any]
+) -> Callable[[LaneState, Array], LaneState]:
     """Make the function that takes lanes a step, to the next values of the known coordinates ``(k, lanes)``."""
     plan = kernel.plan
     pure = pure_numbers(plan.topology)
@@ -413,6 +415,6 @@ def stepper(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any
         rise = tuple(jnp.where(moves, a, b) for a, b in zip(rise, old.rise, strict=True))
         way = tuple(jnp.where(moves, d, w) for d, w in zip(ahead, old.way, strict=True))
         size, pivots = (jnp.broadcast_to(v, lanes) for v in (found.size, found.pivots))
-        return State(y, good, size, pivots, determinants, rise, way)
+        return LaneState(y, good, size, pivots, determinants, rise, way)
 
     return step

@@ -15,9 +15,9 @@ import numpy as np
 from jax import lax
 
 from jaxnc.remembered import with_owner
-from jaxnc.solvers.elimination import Factors, Pair, Pivots, eliminate, plan_elimination
+from jaxnc.solvers.elimination import Eliminated, Factors, Pivots, eliminate_block, plan_elimination
 from jaxnc.solvers.plan import Plan, square_rows
-from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, guards, replace_constants
+from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, guard_functions, replace_constants
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
@@ -61,7 +61,7 @@ class _Block:
         """True if the block needs a guess: the turn of an angle, or where Newton is to begin."""
         return self.rows.form in ("angle", "iterated")
 
-    def factors(self, eq: Equations, x: Lanes) -> Pair | Factors:
+    def factors(self, eq: Equations, x: Lanes) -> Eliminated:
         return self.eliminate_slopes(eq, self.rows.slopes(eq, x))
 
     def solver(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Callable[[Sequence[Array]], Sequence[Any]]:
@@ -106,10 +106,10 @@ class _Block:
 
         return solution
 
-    def eliminate_slopes(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Pair | Factors:
+    def eliminate_slopes(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Eliminated:
         """Eliminate the block's derivatives. Coordinates that are no lengths count times the size."""
         units = [eq.length if pure else 1.0 for pure in self._pure]
-        return eliminate(self.elimination, slopes, units, limits(eq.length).fine)
+        return eliminate_block(self.elimination, slopes, units, limits(eq.length).fine)
 
 
 class Kernel:
@@ -121,7 +121,7 @@ class Kernel:
         chosen = square_rows(plan)
         self.blocks = [_Block(plan, rows, columns, chosen.sample) for rows, columns in chosen.sequence]
         self.everything = Rows(top, range(len(top.rows)))
-        self.guards = [guards(top, bodies) for bodies in (False, True)]
+        self.guards = [guard_functions(top, bodies) for bodies in (False, True)]
         # What has no finite derivative with respect to an input is met, and yet no pose to go on from.
         pairs = zip(top.blocks, top.layout, strict=True)
         rows = [r for block, layout in pairs if steep(block.kind, top.dim) for r in layout.rows.flat]
@@ -155,10 +155,10 @@ class Kernel:
         x, iterated = self.positions(eq, x, signs)
         return self.diagnose(eq, x, iterated)
 
-    def positions(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> tuple[list[Any], dict[int, Pair | Factors]]:
+    def positions(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> tuple[list[Any], dict[int, Eliminated]]:
         """Solve for all coordinates; return them, and the last eliminations of the blocks that took Newton."""
         x = list(x)
-        iterated: dict[int, Pair | Factors] = {}
+        iterated: dict[int, Eliminated] = {}
         for k, (block, sign) in enumerate(zip(self.blocks, signs, strict=True)):
             if block.closed or block.rows.form == "angle":
                 y = block.rows.run_solution(TRACED)([*block.rows.collect(x, eq), sign])
@@ -170,7 +170,7 @@ class Kernel:
                 x[c] = v
         return x, iterated
 
-    def diagnose(self, eq: Equations, x: list[Any], iterated: dict[int, Pair | Factors] | None = None) -> SolvedLanes:
+    def diagnose(self, eq: Equations, x: list[Any], iterated: dict[int, Eliminated] | None = None) -> SolvedLanes:
         """Find what is to be known of poses."""
         factors = [(iterated or {}).get(k) or block.factors(eq, x) for k, block in enumerate(self.blocks)]
         found = tuple(f.determinant for f in factors)
@@ -180,7 +180,7 @@ class Kernel:
         """Return the largest residual, the conditioning, and whether upright and mirrored, of poses found elsewhere."""
         return self._diagnose(eq, x, [block.factors(eq, x) for block in self.blocks])
 
-    def _diagnose(self, eq: Equations, x: Lanes, factors: Sequence[Pair | Factors]) -> tuple[Any, Any, Any, Any]:
+    def _diagnose(self, eq: Equations, x: Lanes, factors: Sequence[Eliminated]) -> tuple[Any, Any, Any, Any]:
         pivots = [f.pivots for f in factors]
         size = _reduce(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
         rows, bodies = (guard.values(eq, x) for guard in self.guards)

@@ -19,7 +19,7 @@ from jaxnc.solvers import dense, host
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.rows import Place
-from jaxnc.solvers.traced import PIECE, Mapped, ask_host, ask_of_equations, in_chunks, in_lanes, short
+from jaxnc.solvers.traced import PIECE, Mapped, ask_host, ask_of_equations, in_chunks, in_lanes, shorten_equations
 from jaxnc.system.equations import Equations, weights
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits, numbers
@@ -68,7 +68,7 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[
     return best, least
 
 
-def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> host.Closest:
+def closest_pose(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> host.Closest:
     """Find a pose that meets the constraints, or comes closest to it, by Levenberg and Marquardt on a plan's unknowns.
 
     Freedoms may be left: then the pose moves as little as possible. Known coordinates are at their values.
@@ -111,7 +111,7 @@ def traced_start(plan: Plan, eq: Equations, nudge: Array | np.ndarray, repair: b
     The host is asked for what does not fit as it is drawn, without `repair` only for large systems. Nothing is driven
     in the plan.
     """
-    if plan.large or not repair or not host.ready(plan):
+    if plan.large or not repair or not host.read_kinds(plan):
         return _assemble(plan, eq, nudge)
     eq, q = lax.stop_gradient((eq, eq.home + nudge))
     pose, gap = _assembler(plan, True)(eq, q[None])
@@ -127,7 +127,7 @@ def _assemble(plan: Plan, eq: Equations, nudge: Array | np.ndarray) -> host.Clos
         answer = functools.partial(_assemble_large, plan)
         found = ask_of_equations("assembled a drawing", answer, (len(eq.home) + 1,), eq, nudge)
         return host.Closest(found[:-1], found[-1], jnp.zeros(0))
-    return closest(plan, eq, eq.home + nudge)
+    return closest_pose(plan, eq, eq.home + nudge)
 
 
 def _assemble_large(plan: Plan, eq: HostEquations, nudge: np.ndarray) -> np.ndarray:
@@ -144,15 +144,15 @@ def _assembler(plan: Plan, shared: bool):
     @jax.jit
     def inner(eq, q):
         axes = None if shared else 0
-        if max(a.size for a in jax.tree.leaves((short(eq), q))) > PIECE:
-            found = jax.vmap(functools.partial(closest, plan), in_axes=(axes, 0))(eq, q)
+        if max(a.size for a in jax.tree.leaves((shorten_equations(eq), q))) > PIECE:
+            found = jax.vmap(functools.partial(closest_pose, plan), in_axes=(axes, 0))(eq, q)
             return found.q, found.gap
         gap = jax.vmap(lambda eq, q: jnp.max(jnp.abs(plan.residual(eq, q)), initial=0.0), in_axes=(axes, 0))(eq, q)
         fits = gap <= 2.5 * limits(q).floor * eq.length
         like = jax.ShapeDtypeStruct((q.shape[0], q.shape[1] + 1), q.dtype)
 
         def assemble(state):
-            given = short(eq), state[1], fits
+            given = shorten_equations(eq), state[1], fits
             answer = functools.partial(_assemble_lanes, plan)
             found = ask_host("assembled a drawing", like, answer, *given, given_up=_as_drawn)
             return jnp.ones((), bool), found[:, :-1], found[:, -1]
@@ -186,7 +186,7 @@ def _as_drawn(eq: Any, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
     return np.concatenate([q, np.zeros((len(q), 1), q.dtype)], axis=1)
 
 
-def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array, ok: Array | None = None) -> Coordinates:
+def attach_pose(plan: Plan, q: Coordinates, eq: Equations, known: Array, ok: Array | None = None) -> Coordinates:
     """Give a solution its derivatives by the implicit function theorem; the value passes through unchanged.
 
     Args:
@@ -233,12 +233,12 @@ def _start_change(static: tuple[Plan, tuple[int, ...]], q: Coordinates, args: tu
         jacobian = plan.linearise(eq, at)[1] / inner
         _, left = jax.jvp(plan.residual, (eq, at), (eq_dot, moved))
         if put.any():
-            step = _least(jnp.where(put, 0.0, jacobian), _BESIDE, 2) @ left
+            step = _pseudoinverse(jnp.where(put, 0.0, jacobian), _BESIDE, 2) @ left
             moved, left = plan.move(moved, -step / inner), left - jacobian @ step
-        return plan.move(moved, -(_least(jacobian, _DAMPING, 1) @ left) / inner)
+        return plan.move(moved, -(_pseudoinverse(jacobian, _DAMPING, 1) @ left) / inner)
 
 
-def _least(jacobian: Array, damping: float, times: int) -> Array:
+def _pseudoinverse(jacobian: Array, damping: float, times: int) -> Array:
     """Return the pseudoinverse ``(n, m)`` of a matrix whose rows may be redundant."""
     every = jnp.eye(len(jacobian))
     normal = jacobian @ jacobian.T

@@ -17,7 +17,7 @@ from jaxnc.errors import InputError, WrongCount, nearest
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import match_rows, pivot_sizes, strong_components
-from jaxnc.solvers.sparse_matrix import Columns, Factoriser, Pattern, pattern
+from jaxnc.solvers.sparse_matrix import Factoriser, KnownColumns, Pattern, sparse_pattern
 from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
 from jaxnc.system.topology import INDEX, Topology
@@ -105,7 +105,7 @@ class Plan:
     def steps(self, eq: Equations, jacobian: Array, right: Array) -> Array:
         """Newton or Gauss-Newton steps of the unknowns for right-hand sides ``(m, k)``; coordinates as lengths."""
         weight = weights(eq)[self.unknown]
-        return dense.steps(jacobian / weight, right, self.independent) / weight[:, None]
+        return dense.newton_steps(jacobian / weight, right, self.independent) / weight[:, None]
 
     def conditioning(self, eq: Equations, jacobian: Array) -> Array:
         """Estimate of the reciprocal condition number, angles measured as lengths; zero at a singular position."""
@@ -177,7 +177,7 @@ class LargePlan(Plan):
         factors = self.lu if self.square else self.augmented
         return self.numbers.count + factors.stored
 
-    def linearise(self, eq: Equations, q: Coordinates) -> tuple[Array, Array, Columns]:
+    def linearise(self, eq: Equations, q: Coordinates) -> tuple[Array, Array, KnownColumns]:
         """Rows ``(m,)``, the non-zeros of their derivatives ``(nnz,)``, and the columns of known coordinates."""
         data, known = self.numbers.numbers(entries(eq, q))
         return self.residual(eq, q), data, known
@@ -309,7 +309,7 @@ def _plan(
     r, c = new_row[row[where]], new_column[column[where]]
     numbers, gathers = None, ()
     if topology.large:
-        numbers = pattern(where, r, c, (len(rows), len(unknown)), len(row))
+        numbers = sparse_pattern(where, r, c, (len(rows), len(unknown)), len(row))
     else:
         gathers = _gathers(where, r, c, (len(rows), len(unknown) + len(known)), len(row))
     inner = c < len(unknown)
@@ -487,5 +487,5 @@ def sparse(plan: Plan) -> LargePlan:
     new_row = np.full(len(plan.topology.rows), -1)
     new_row[plan.rows] = np.arange(m)
     where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (plan.inverse[column] < n + known))
-    numbers = pattern(where, new_row[row[where]], plan.inverse[column[where]], (m, n), len(row))
+    numbers = sparse_pattern(where, new_row[row[where]], plan.inverse[column[where]], (m, n), len(row))
     return LargePlan(**{field.name: getattr(plan, field.name) for field in fields(Plan)}, pattern=numbers)

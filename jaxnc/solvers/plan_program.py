@@ -13,7 +13,7 @@ import numpy as np
 from jaxnc.reading import Builder, Program, function
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import Plan
-from jaxnc.solvers.rows import Functions, Rows, guards
+from jaxnc.solvers.rows import Functions, Rows, guard_functions
 from jaxnc.system.host import HostEquations
 from jaxnc.system.host_kinds import host_kind, readable
 from jaxnc.system.topology import Topology
@@ -59,7 +59,7 @@ def write_rows(plan: Plan, b: Builder) -> PlanNodes:
         at = b.append(program, [b.first[k] for k in inputs])
         return [at[k] for k in program.outputs]
 
-    rows, guard = Rows(top, plan.rows.tolist(), columns), guards(top)
+    rows, guard = Rows(top, plan.rows.tolist(), columns), guard_functions(top)
     found = dict(zip(rows.places, append(rows, rows.partials), strict=True))
     return PlanNodes(
         append(rows, rows.program),
@@ -208,7 +208,7 @@ def slope_program(plan: Plan) -> PlanProgram | None:
 
 
 @with_owner
-def ready(plan: Plan) -> bool:
+def read_kinds(plan: Plan) -> bool:
     """Read all that the host needs of a plan's kinds, so that it touches no JAX later; say whether that is possible."""
     if not readable(plan.topology, ("residual", "guard")):
         return False

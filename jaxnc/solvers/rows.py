@@ -31,7 +31,7 @@ Place = tuple[int, int, int]
 FEW = 3  # columns of a block whose linear equations are solved by determinants
 
 
-class _Traced:
+class _TracedNumerics:
     """`jax.numpy` with sine and cosine in plain arithmetic, which XLA vectorises with what stands around them."""
 
     sin, cos = staticmethod(sin), staticmethod(cos)
@@ -40,10 +40,10 @@ class _Traced:
         return getattr(jnp, name)
 
 
-TRACED = _Traced()
+TRACED = _TracedNumerics()
 
 
-class Numbers(NamedTuple):
+class RowNumbers(NamedTuple):
     """The numbers of a design that rows need; `Equations` and `HostEquations` have these fields too."""
 
     constants: Sequence[Any]  # of each block ``(instances, constants, *lanes)``
@@ -323,12 +323,12 @@ class Rows(Functions):
             flat.append([bend * p - bends[r] * q for p, q in zip(slopes[r], slope, strict=True)])
             offsets.append(bend * rows[r] - bends[r] * value)
             side = side * bend.apply("sign")
-        along = _across(flat)
-        square = _product(along, along)
-        foot = _foot(flat, offsets, along, square)
+        along = _free_line(flat)
+        square = _scalar_product(along, along)
+        foot = _foot_step(flat, offsets, along, square)
         # value + slope · (foot + t along) + bend/2 |foot + t along|² = 0
-        rise, twice = _product(slope, along), bend * square
-        rest = value + _product(slope, foot) + 0.5 * bend * _product(foot, foot)
+        rise, twice = _scalar_product(slope, along), bend * square
+        rest = value + _scalar_product(slope, foot) + 0.5 * bend * _scalar_product(foot, foot)
         root = (rise * rise - 2.0 * twice * rest).apply("max", 0.0).apply("sqrt")
         t = (side * root - rise) / twice
         return [f + t * d for f, d in zip(foot, along, strict=True)]
@@ -370,7 +370,7 @@ def _is_round(squares: dict) -> bool:
     return all(m[0] == m[1] and c == first for m, c in squares.items())
 
 
-def _product(a: Sequence[Any], b: Sequence[Any]) -> Any:
+def _scalar_product(a: Sequence[Any], b: Sequence[Any]) -> Any:
     return functools.reduce(lambda x, y: x + y, [p * q for p, q in zip(a, b, strict=True)])
 
 
@@ -399,7 +399,7 @@ def _is_zero(element: Any) -> bool:
     return isinstance(element, float) and element == 0.0
 
 
-def _across(flat: list[list[Any]]) -> list[Any]:
+def _free_line(flat: list[list[Any]]) -> list[Any]:
     """Write the direction that all rows leave free: its product with a further row is the determinant with it last."""
     n = len(flat) + 1
     if n == 1:
@@ -408,22 +408,22 @@ def _across(flat: list[list[Any]]) -> list[Any]:
     return [-m if (n - 1 - c) % 2 else m for c, m in enumerate(cofactors)]
 
 
-def _foot(flat: list[list[Any]], offsets: list[Any], along: list[Any], square: Any) -> list[Any]:
+def _foot_step(flat: list[list[Any]], offsets: list[Any], along: list[Any], square: Any) -> list[Any]:
     """Write the shortest step to where all affine rows vanish."""
     if not flat:
         return [0.0]
     if len(flat) == 1:
         return [-(offsets[0] / square) * a for a in flat[0]]
-    first, second = _cross(flat[1], along), _cross(along, flat[0])
+    first, second = _cross_product(flat[1], along), _cross_product(along, flat[0])
     p, q = (-(offset / square) for offset in offsets)
     return [p * u + q * v for u, v in zip(first, second, strict=True)]
 
 
-def _cross(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+def _cross_product(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
-def guards(top: Topology, bodies: bool | None = None) -> Functions:
+def guard_functions(top: Topology, bodies: bool | None = None) -> Functions:
     """Quantities that are positive unless a row, or a body, is met by a mirror image; of `bodies` alone, or of rows."""
     wanted: dict[Instance, list[tuple[int, int]]] = {}
     count = 0
@@ -446,7 +446,7 @@ def _guard_count(kind: Kind, dim: int) -> int:
     return len(jax.eval_shape(functools.partial(_evaluate_kind, kind, kind.guard, dim), *[number] * count))
 
 
-def replace_constants(numbers: Any, constants: Mapping[Place, Any]) -> Numbers:
+def replace_constants(numbers: Any, constants: Mapping[Place, Any]) -> RowNumbers:
     """Put other constants in the places of some."""
     found = list(numbers.constants)
     for b in {b for b, _, _ in constants}:
@@ -455,7 +455,7 @@ def replace_constants(numbers: Any, constants: Mapping[Place, Any]) -> Numbers:
         for i, k in np.ndindex(instances, count):
             at = b, i, k
             found[b][i, k] = constants[at] if at in constants else entry(numbers.constants[b], i, k)
-    return Numbers(found, numbers.scales)
+    return RowNumbers(found, numbers.scales)
 
 
 def entry(numbers: Any, *at: int) -> Any:

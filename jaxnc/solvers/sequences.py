@@ -149,7 +149,7 @@ def _in_blocks(
 
     def begin_some(start, designs):
         eq, x = equations(start + jnp.arange(designs)), lax.dynamic_slice_in_dim(q, start, designs).T
-        facing = fusion_barrier(opaque_true(eq), lambda x: _broadcast(core.determinants(eq, list(x)), (designs,)), x)
+        facing = fusion_barrier(opaque_true(eq), lambda x: _to_lanes(core.determinants(eq, list(x)), (designs,)), x)
         home = x[core.plan.known]
         marks = *facing, *home
         signs, none = (jax.tree.map(f, of) for f, of in ((jnp.sign, facing), (jnp.zeros_like, marks)))
@@ -189,12 +189,12 @@ def _in_blocks(
     return PoseBatch(tuple(y), size, pivots, good)
 
 
-def _broadcast(numbers: Sequence[Any], lanes: tuple[int, ...]) -> tuple[Array, ...]:
+def _to_lanes(numbers: Sequence[Any], lanes: tuple[int, ...]) -> tuple[Array, ...]:
     return tuple(jnp.broadcast_to(jnp.asarray(v, float), lanes) for v in numbers)
 
 
 def _stack(numbers: Sequence[Any], lanes: tuple[int, ...]) -> Array:
-    return jnp.stack(_broadcast(numbers, lanes))
+    return jnp.stack(_to_lanes(numbers, lanes))
 
 
 def _solve_steps(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: bool) -> tuple[Any, Any, Array]:
@@ -228,9 +228,9 @@ def _solve_steps(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: 
 
     def each(u):
         found = core.solve(eq, place(x, u), signs)
-        told = fusion_barrier(go, lambda: _broadcast((*found.determinants, found.size, found.pivots), (lanes,)))
+        told = fusion_barrier(go, lambda: _to_lanes((*found.determinants, found.size, found.pivots), (lanes,)))
         kept = fusion_barrier(go, lambda: right(found, told, (lanes,)))
-        return (*_broadcast([found.x[c] for c in unknown], (lanes,)), *told[facing:]), (*told[:facing], *u), kept
+        return (*_to_lanes([found.x[c] for c in unknown], (lanes,)), *told[facing:]), (*told[:facing], *u), kept
 
     def positions(x, signs, u):
         at = core.positions(eq, place(x, u), signs)[0]

@@ -32,7 +32,7 @@ _MOST = 400  # directions that are looked at; a mechanism with so many freedoms 
 
 
 @record
-class Columns:
+class KnownColumns:
     """The derivatives with respect to the known coordinates; ``columns @ way`` is all that is done with them."""
 
     values: Float[Array, " e"]  # its entries, (e,)
@@ -63,12 +63,12 @@ class Pattern:
         """Numbers stored."""
         return len(self.rows)
 
-    def numbers(self, entries: Array) -> tuple[Array, Columns]:
+    def numbers(self, entries: Array) -> tuple[Array, KnownColumns]:
         """Return the non-zeros ``(nnz,)`` and the columns of the known coordinates, from the entries of constraints."""
         padded = jnp.concatenate([entries, jnp.zeros(1)])
         data = sum((padded[g] for g in self.gathers[1:]), padded[self.gathers[0]])
         where, rows, columns = self.known
-        return data, Columns(entries[where], rows, columns, self.shape[0])
+        return data, KnownColumns(entries[where], rows, columns, self.shape[0])
 
     def times(self, data: Array, x: Array) -> Array:
         """Multiply with a vector, ``(n,)`` to ``(m,)``; differentiable and transposable."""
@@ -90,7 +90,7 @@ class Pattern:
         return np.where(key[at] == wanted, at, self.count) if self.count else np.zeros(wanted.shape, int)
 
 
-def pattern(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, int], pad: int) -> Pattern:
+def sparse_pattern(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, int], pad: int) -> Pattern:
     """Compress a list of places in the entries; those named twice are added up.
 
     Columns from n on belong to known coordinates; `pad` is the index of the zero behind the entries.
@@ -108,10 +108,10 @@ def pattern(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, i
         gathers.append(index)
         left = np.delete(left, first)
     columns, rows = np.divmod(found, max(m, 1))
-    return Pattern(shape, rows, columns, tuple(gathers), known, _wide(rows, columns, m))
+    return Pattern(shape, rows, columns, tuple(gathers), known, _by_rows(rows, columns, m))
 
 
-def _wide(rows: np.ndarray, columns: np.ndarray, m: int) -> tuple[np.ndarray, np.ndarray] | None:
+def _by_rows(rows: np.ndarray, columns: np.ndarray, m: int) -> tuple[np.ndarray, np.ndarray] | None:
     lengths = np.bincount(rows, minlength=m)
     most = int(lengths.max(initial=0))
     if not len(rows) or most * m > _WIDE * len(rows):
@@ -322,7 +322,7 @@ def _damped_factors(matrix: "csc_matrix", size: float) -> "SuperLU":
 def _nullity(matrix: "csc_matrix") -> Nullity:
     """Find the directions that a matrix with as many rows as columns, or more, hardly stretches."""
     m, n = shape_of(matrix)
-    size, rng, width = _largest(matrix), np.random.default_rng(11), min(n, 8)
+    size, rng, width = _largest_singular_value(matrix), np.random.default_rng(11), min(n, 8)
     factors = _damped_factors(matrix, size)
     x = np.linalg.qr(rng.standard_normal((n, width)))[0]
     while True:
@@ -345,7 +345,7 @@ def _nullity(matrix: "csc_matrix") -> Nullity:
     return Nullity(count, x[:, ::-1][:, :count], sure, smallest)
 
 
-def _largest(matrix: "csc_matrix") -> float:
+def _largest_singular_value(matrix: "csc_matrix") -> float:
     """Estimate the largest singular value, to a per cent."""
     x = np.random.default_rng(2).standard_normal(shape_of(matrix)[1])
     size = 0.0
@@ -379,7 +379,7 @@ def null_part(matrix: "csc_matrix", direction: np.ndarray) -> np.ndarray:
     from scipy.sparse.linalg import splu
 
     m, n = shape_of(matrix)
-    size = max(_largest(matrix), 1e-300)
+    size = max(_largest_singular_value(matrix), 1e-300)
     whole = sp.bmat([[sp.identity(n), matrix.T / size], [matrix / size, -1e-14 * sp.identity(m)]], format="csc")
     factors = splu(whole, permc_spec="COLAMD", panel_size=1, relax=1)
     x = factors.solve(np.concatenate([direction, np.zeros(m)]))[:n]

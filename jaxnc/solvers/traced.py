@@ -68,7 +68,9 @@ def _call_leaves(arrays: Sequence[Array], of: Mapped, structure: Any) -> list[Ar
 _call_once = jax.jit(_call_leaves, static_argnums=(1, 2))
 
 
-def _run(*arrays: Array, of: Mapped, structure: Any, call: Callable[..., list[Array]] = _call_leaves) -> list[Array]:
+def _run_mapped(
+    *arrays: Array, of: Mapped, structure: Any, call: Callable[..., list[Array]] = _call_leaves
+) -> list[Array]:
     like = next(a for a in arrays if jnp.issubdtype(a.dtype, jnp.inexact))
     with numbers(like):  # what was said of them around the call is over where this is compiled
         return call(arrays, of, structure)
@@ -89,10 +91,10 @@ def _batched(arrays: Sequence[Array], axes: Sequence, of: Mapped, structure: Any
 
 _MAPPED = Primitive("mapped")
 _MAPPED.multiple_results = True
-_MAPPED.def_impl(_run)
+_MAPPED.def_impl(_run_mapped)
 _MAPPED.def_abstract_eval(_shapes)
 batching.primitive_batchers[_MAPPED] = _batched
-mlir.register_lowering(_MAPPED, mlir.lower_fun(functools.partial(_run, call=_call_once), multiple_results=True))
+mlir.register_lowering(_MAPPED, mlir.lower_fun(functools.partial(_run_mapped, call=_call_once), multiple_results=True))
 
 
 def in_lanes(
@@ -186,7 +188,7 @@ def ask_host(
     return jax.pure_callback(answer, like, *pieces, vmap_method="sequential")
 
 
-def short(eq: Equations) -> Equations:
+def shorten_equations(eq: Equations) -> Equations:
     """Return the equations without the coefficients that the host makes itself."""
     none = (None,) * len(eq.linear)
     return dataclasses.replace(eq, linear=none, quadratic=none)
@@ -217,4 +219,4 @@ def ask_of_equations(
         return np.full(shape, np.nan, eq.home.dtype)
 
     like = jax.ShapeDtypeStruct(shape, eq.home.dtype)
-    return ask_host(doing, like, answer, short(eq), *arrays, given_up=nothing, remedy="")
+    return ask_host(doing, like, answer, shorten_equations(eq), *arrays, given_up=nothing, remedy="")

@@ -94,7 +94,7 @@ class _Ways(NamedTuple):
         return self.now, self.told, self.at, self.ended.astype(self.at.dtype)
 
 
-def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"]) -> PoseBatch:
+def follow_ways(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"]) -> PoseBatch:
     """Follow every lane along the straight way from the start pose, in steps as long as its checks allow.
 
     Lanes that are not there yet are put together again and again, so that no others go along with them. If there are

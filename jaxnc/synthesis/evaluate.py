@@ -21,9 +21,9 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.redesign import attached, flattened
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.host import HostView
-from jaxnc.solvers.host.lockstep import Lockstep, determinant, lockstep, matrix
+from jaxnc.solvers.host.lockstep import Lockstep, lane_determinant, lockstep, matrix
 from jaxnc.solvers.plan import plan
-from jaxnc.solvers.rows import Numbers
+from jaxnc.solvers.rows import RowNumbers
 from jaxnc.status import Status
 from jaxnc.synthesis import loops
 from jaxnc.synthesis.problem import POSES, Problem, home_value, make_motion
@@ -192,14 +192,14 @@ def meeting_sines(problem: Problem, x: np.ndarray, motion: Motion) -> np.ndarray
     if not readable(problem.system.topology):
         return np.asarray(_compiled_sines(motion))
     designs = _derive_designs(problem, x[None, : len(problem.variables.names)], False)
-    numbers = Numbers([c[..., 0] for c in designs.constants], _row_scales(problem))
+    numbers = RowNumbers([c[..., 0] for c in designs.constants], _row_scales(problem))
     q, out = np.asarray(motion.poses).T[:, :, None], []
     with np.errstate(all="ignore"):
         for block in lockstep(_view(problem)).blocks:
             if block.form != "affine":
                 a = matrix(block, block.collect(q, numbers), q.shape[1:])
                 size = np.prod(np.sqrt(np.sum(a * a, axis=1)), axis=0)
-                out.append((np.abs(determinant(a)) / size)[:, 0])
+                out.append((np.abs(lane_determinant(a)) / size)[:, 0])
     return np.stack(out, axis=1) if out else np.ones((q.shape[1], 1))
 
 

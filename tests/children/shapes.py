@@ -46,11 +46,11 @@ fall.energy, nc.dynamics.momentum(fall), nc.dynamics.centre_of_mass(fall)
 a = jnp.array([[2.0, 0.3], [0.1, 1.0]])
 for f in (dense.singular_values, dense.conditioning, dense.determinant):
     f(a), jax.vmap(f)(jnp.stack([a, 2 * a]))
-dense.steps(a, jnp.ones((2, 1)))
+dense.newton_steps(a, jnp.ones((2, 1)))
 
 refused = ""
 try:
-    dense.steps(a, jnp.ones((3, 1)))
+    dense.newton_steps(a, jnp.ones((3, 1)))
 except jaxtyping.TypeCheckError as error:
     refused = str(error)
 print(json.dumps([sorted(shape_check.seen), refused]))

@@ -14,7 +14,7 @@ from jaxnc.io.robots.pose import across
 from jaxnc.io.robots.tree import Vec
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.checked import PUNCTUATION
-from jaxnc.pickling import by_name
+from jaxnc.pickling import register_by_name
 
 _PARALLEL = 1e-9  # sine of an angle below which axes are one direction
 _CLEAR = 0.2  # sine from which a direction is good to count an angle by
@@ -37,7 +37,7 @@ FOLLOWED = Kind(
     drawn=lambda p, v, s, c: (s[0], s[1], c[2], c[3], c[4], c[5], c[6]),
     source="MuJoCo, XML reference, equality/joint",
 )
-by_name(__name__, (FOLLOWED,))
+register_by_name(__name__, (FOLLOWED,))
 
 
 @dataclass

@@ -30,7 +30,7 @@ class Corrected(NamedTuple):
 
 
 @dataclass
-class Curve:
+class TracedCurve:
     """Nodes of a traced curve: poses, tangents and arc length; whether it closed."""
 
     q: list[np.ndarray] = field(default_factory=list)
@@ -99,7 +99,7 @@ def step_along(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> C
     return Corrected(best, tangent / np.sqrt(np.sum(tangent * tangent, axis=0)), size, moved)
 
 
-def _step(view: HostView, q: np.ndarray, t: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, float, float]:
+def _single_step(view: HostView, q: np.ndarray, t: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, float, float]:
     found = step_along(view, q[:, None], t[:, None], np.array([h]))
     return found.q[:, 0], found.t[:, 0], float(found.size[0]), float(found.moved[0])
 
@@ -120,7 +120,7 @@ def turning_point(view: HostView, place: int, q: np.ndarray, t: np.ndarray) -> t
         if i == _TURNING or not np.isfinite(left):
             break
         # M y = e, so M dy = -dM y: with it the change of the unit tangent y / |y|.
-        bent = _second(view, x, y)
+        bent = _bilinear_form(view, x, y)
         dy = -least_squares(matrix, np.concatenate([bent, np.zeros((1, len(at)))])[None])[0]
         change = (dy[place] - y[place] / size**2 * (y @ dy)) / size
         system = np.concatenate([matrix[0, :-1], length * change[None]])
@@ -133,7 +133,7 @@ def turning_point(view: HostView, place: int, q: np.ndarray, t: np.ndarray) -> t
     return x, left
 
 
-def _second(view: HostView, q: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _bilinear_form(view: HostView, q: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Derivatives of the rows along a direction y and each of the weighted unknowns, ``(m, n)``.
 
     A second time derivative at rest is the quadratic form whose bilinear form this is.
@@ -148,7 +148,9 @@ def _second(view: HostView, q: np.ndarray, y: np.ndarray) -> np.ndarray:
     return 0.25 * (rows[:, :n] - rows[:, n:])
 
 
-def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float, float] | None = None) -> Curve:
+def trace_curve(
+    view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float, float] | None = None
+) -> TracedCurve:
     """Follow a curve until it closes, leaves a range of one coordinate, or grows too long.
 
     Nothing is driven. The range is `within` an index, lower and upper limit.
@@ -156,10 +158,10 @@ def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float
     size = view.eq.length
     h, shortest = 0.02 * size, 1e-9 * size
     limit = float(view.tolerance(q[:, None])[0]) * 10
-    curve = Curve([q], [t], [0.0])
+    curve = TracedCurve([q], [t], [0.0])
     leaving = False
     for _ in range(_MOST):
-        x, new, r, moved = _step(view, q, t, h)
+        x, new, r, moved = _single_step(view, q, t, h)
         if not (r <= limit and moved <= 0.2 * h and t @ new > 0.97):
             h *= 0.5
             if h < shortest:
@@ -170,8 +172,8 @@ def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float
             if ((v > high + 1e-12 or v < low - 1e-12) and len(curve.s) > 1) or (v < low - 1e-9 or v > high + 1e-9):
                 _land(view, curve, within[0], high if v > high else low, (u, v), h)
                 break
-        gap = _distance(view, x, curve.q[0])
-        if leaving and gap < 1.5 * h and _close(view, curve, h):
+        gap = _pose_distance(view, x, curve.q[0])
+        if leaving and gap < 1.5 * h and _close_curve(view, curve, h):
             return curve
         leaving = leaving or bool(gap > 3 * h)
         q, t = x, new
@@ -182,26 +184,26 @@ def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float
     return curve
 
 
-def _distance(view: HostView, q: np.ndarray, other: np.ndarray) -> float:
+def _pose_distance(view: HostView, q: np.ndarray, other: np.ndarray) -> float:
     """How far the places and directions of two poses are from each other, a length; angles count turns, and do not."""
     places = len(q) - len(view.plan.topology.scalars)
     return float(np.linalg.norm((view.weights[:, 0] * (q - other))[:places]))
 
 
-def _land(view: HostView, curve: Curve, index: int, edge: float, values: tuple[float, float], h: float) -> None:
+def _land(view: HostView, curve: TracedCurve, index: int, edge: float, values: tuple[float, float], h: float) -> None:
     """End a curve on the edge of a coordinate's range; its values at the last node and after a step are given."""
     (u, v), (q, t), shortest = values, (curve.q[-1], curve.t[-1]), 1e-9 * view.eq.length
     reach = (edge - u) / (v - u) * h if v != u else 0.0
     for _ in range(6):  # secant steps
-        at = _step(view, q, t, reach)[0][index]
+        at = _single_step(view, q, t, reach)[0][index]
         slope = (at - u) / reach if reach > shortest else 0.0
         reach = reach + (edge - at) / slope if slope else reach
     if reach > shortest:
-        x, new, *_ = _step(view, q, t, reach)
+        x, new, *_ = _single_step(view, q, t, reach)
         curve.add(x, new, reach)
 
 
-def _close(view: HostView, curve: Curve, h: float) -> bool:
+def _close_curve(view: HostView, curve: TracedCurve, h: float) -> bool:
     """Land on the beginning of a curve exactly, if it goes through it; whether it does."""
     top, unknown, size = view.plan.topology, view.plan.unknown, view.eq.length
     q, t = curve.q[-1], curve.t[-1]
@@ -213,8 +215,8 @@ def _close(view: HostView, curve: Curve, h: float) -> bool:
     reach = float(back @ t)
     if not 0 <= reach <= 1.2 * h:
         return False
-    y, new, *_ = _step(view, q, t, reach)
-    if _distance(view, y, curve.q[0]) >= 1e-3 * size or new @ curve.t[0] <= 0.9:
+    y, new, *_ = _single_step(view, q, t, reach)
+    if _pose_distance(view, y, curve.q[0]) >= 1e-3 * size or new @ curve.t[0] <= 0.9:
         return False
     curve.add(y, new, reach)
     curve.closed = True

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnc.solvers import branch
-from jaxnc.solvers.host.newton import SLOW, correct_poses, rates
-from jaxnc.solvers.host.view import Evaluation, HostView, largest
+from jaxnc.solvers.host.newton import SLOW, correct_poses, pose_rates
+from jaxnc.solvers.host.view import HostView, PoseEvaluation, largest_of_lanes
 from jaxnc.system.precision import farthest
 
 _BEFORE = 1e-3  # of the mechanism's size: how far from a crossing its pose is read off the branch
@@ -89,7 +89,7 @@ class _Lanes:
         self.final = counts - 1
         self.origin, self.way_end = start[view.plan.known], values[0]
         self.way, self.back, self.corrected = self.way_end - self.origin, np.zeros(count), np.zeros(count)
-        self.onward, self.aside = _corners(self.origin, values)
+        self.onward, self.aside = _find_corners(self.origin, values)
         self.s, self.h, self.reach, self.usual = np.zeros(count), np.ones(count), np.zeros(count), np.zeros(count)
         self.q = self.guess = self.base = start
         self.slope, self.slopes = np.zeros_like(start), np.zeros((n, driven, count))
@@ -122,7 +122,7 @@ def _drawn_sizes(view: HostView, start: np.ndarray, blocks: int) -> np.ndarray:
     return np.repeat(np.where(np.isfinite(sizes), sizes, -np.inf), start.shape[1] // home.shape[1], axis=1)
 
 
-def _corners(origin: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_corners(origin: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Find how far the way behind each value of sequences leads on, and whether it leads aside, ``(T, lanes)``.
 
     So does one behind a way that is so short that it tells nothing.
@@ -167,7 +167,7 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
             beyond = out.reached > asked
             out.exhausted[beyond], out.reached[beyond] = True, asked[beyond]
             return out
-        over = _step(view, lanes, out)
+        over = _evaluate_step(view, lanes, out)
         if over.any():
             lanes.keep(~over)
             view = view.select(~over)
@@ -205,7 +205,7 @@ def _cut_off(
     return values, counts, asked
 
 
-def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
+def _evaluate_step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     """Evaluate once in every lane: its trial is accepted, given up or corrected. Return which lanes are over."""
     least, weight, length = view.least, view.weights, view.eq.length
     seen, part = view.evaluate(st.q), st.reach - st.s
@@ -214,7 +214,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     level, ratio = _level(view, st, seen)
     # Close to a singular position a small residual says little: the next correction has to be small too. Far from one
     # it is told by the last two, whose squares it goes by.
-    met = largest(seen.residual) <= view.tolerance(st.q)
+    met = largest_of_lanes(seen.residual) <= view.tolerance(st.q)
     met &= correction <= least.close * length
     squared = correction**3 <= min(1e2 * least.accept, 0.1 * _SQUARED) * length * st.corrected**2
     squared &= (correction <= _SQUARED * length) & (level >= branch.CLEAR).all(axis=0)
@@ -229,11 +229,13 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
         return stopped
 
     fresh, base = part == 0.0, np.where(met, st.q, moved)
-    new_slope = _along(view, seen.slopes, st.way)
+    new_slope = _change_along(view, seen.slopes, st.way)
     speed, after = view.norm(weight, st.slope), view.norm(weight, new_slope)
     corrected, bend = view.norm(weight, base - st.guess), part * view.norm(weight, new_slope - st.slope)
     kink = view.norm(weight, base - st.base - 0.5 * part * (new_slope + st.slope))
-    trial = branch.Step(part, part * speed, corrected, bend, part * after, kink, ratio, level, part * st.rise, fresh)
+    trial = branch.TrialStep(
+        part, part * speed, corrected, bend, part * after, kink, ratio, level, part * st.rise, fresh
+    )
     good = converged & branch.is_accepted(trial, least, length)
     edge = converged & ~good
     if edge.any():
@@ -350,13 +352,13 @@ def _arrive(
     through = crossed & ~at_end
     onwards = (arrived & ~at_end) | back | through
     over = (visited & at_end) | (ended & ~back & ~through)
-    _write(st, out, visited, over, touched & ~crossed, crossed)
+    _note_arrivals(st, out, visited, over, touched & ~crossed, crossed)
     if onwards.any():
         chosen, straight = _chooser(onwards), arrived & ~aside
         st.origin = chosen(np.where(back, st.base[view.plan.known], aim), st.origin)
         st.way_end, st.target = chosen(st.values[following, :, lane].T, aim), chosen(following, st.target)
         st.way, st.s = chosen(st.way_end - st.origin, way), np.where(onwards, 0.0, st.s)
-        st.slope, st.rise = chosen(_along(view, st.slopes, st.way), st.slope), chosen(st.rise * onward, st.rise)
+        st.slope, st.rise = chosen(_change_along(view, st.slopes, st.way), st.slope), chosen(st.rise * onward, st.rise)
         factor = np.where(onwards, np.where(straight, onward, 0.0), 1.0)
         st.curve, st.twist = st.curve * (factor * factor), st.twist * (factor * factor * factor)
         shorter = np.abs(np.where(straight & onwards & (onward != 0.0), onward, 1.0))
@@ -368,7 +370,7 @@ def _arrive(
     return over, back
 
 
-def _level(view: HostView, st: _Lanes, seen: Evaluation) -> tuple[np.ndarray, np.ndarray]:
+def _level(view: HostView, st: _Lanes, seen: PoseEvaluation) -> tuple[np.ndarray, np.ndarray]:
     """Return sizes of determinants relative to the largest that a lane has met, and to those at the last pose."""
     if seen.matrix is not None:
         ratio = view.relative(np.moveaxis(seen.matrix, -1, 0), np.moveaxis(st.reference, -1, 0))[None]
@@ -377,7 +379,7 @@ def _level(view: HostView, st: _Lanes, seen: Evaluation) -> tuple[np.ndarray, np
     return level, seen.signs * st.signs * np.exp(seen.sizes - st.sizes)
 
 
-def _write(st: _Lanes, out: Followed, visited, over, limit, crossed) -> None:
+def _note_arrivals(st: _Lanes, out: Followed, visited, over, limit, crossed) -> None:
     """Note the poses of targets that were reached, and where lanes ended."""
     if visited.any():
         lane, place = st.which[visited], st.target[visited]
@@ -399,17 +401,17 @@ def _crossing_poses(
     aim: np.ndarray,
 ) -> np.ndarray:
     """Find poses where branches cross, by Taylor's series from a little before, where poses are well determined."""
-    begin = q - (before - rest) * _along(view, slopes, way)
+    begin = q - (before - rest) * _change_along(view, slopes, way)
     begin[view.plan.known] = aim - before * way
     begin = correct_poses(view, begin)
     still = np.zeros_like(way)
-    terms = rates(view, begin, [way, still, still])
+    terms = pose_rates(view, begin, [way, still, still])
     out = begin + sum(before**k / math.factorial(k) * term for k, term in enumerate(terms, start=1))
     out[view.plan.known] = aim
     return out
 
 
-def _along(view: HostView, slopes: np.ndarray, way: np.ndarray) -> np.ndarray:
+def _change_along(view: HostView, slopes: np.ndarray, way: np.ndarray) -> np.ndarray:
     """Return the change of all coordinates ``(N, lanes)`` along ways of the known ones ``(known, lanes)``."""
     out = np.zeros((len(view.eq.home), way.shape[1]), slopes.dtype)
     out[view.plan.unknown] = np.sum(slopes * way[: slopes.shape[1]], axis=1)

@@ -13,10 +13,10 @@ import numpy as np
 
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import branch
-from jaxnc.solvers.host.view import HostView, largest
+from jaxnc.solvers.host.view import HostView, largest_of_lanes
 from jaxnc.solvers.plan import Plan, square_rows
 from jaxnc.solvers.pose_batch import PoseBatch
-from jaxnc.solvers.rows import FEW, Numbers, Rows, guards
+from jaxnc.solvers.rows import FEW, RowNumbers, Rows, guard_functions
 from jaxnc.system.design import Drawn
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.precision import limits
@@ -28,7 +28,7 @@ _AT_ONCE = 20_000  # poses on the ways of sequences; of more, following costs li
 Scales = Sequence[np.ndarray]
 
 
-def determinant(a: np.ndarray) -> np.ndarray:
+def lane_determinant(a: np.ndarray) -> np.ndarray:
     """Return determinants of matrices ``(k, k, *lanes)``."""
     if len(a) == 1:
         return a[0, 0]
@@ -37,12 +37,12 @@ def determinant(a: np.ndarray) -> np.ndarray:
     return np.linalg.det(np.moveaxis(a, (0, 1), (-2, -1)))
 
 
-def _solve(a: np.ndarray, right: list[np.ndarray]) -> list[np.ndarray]:
+def _solve_small(a: np.ndarray, right: list[np.ndarray]) -> list[np.ndarray]:
     """Solve ``(k, k, *lanes)`` for right sides that may have an axis more, first; not finite where singular."""
     if len(a) == 1:
         return [right[0] / a[0, 0]]
     if len(a) == 2:
-        inverse = 1.0 / determinant(a)
+        inverse = 1.0 / lane_determinant(a)
         p, q = right
         return [(a[1, 1] * p - a[0, 1] * q) * inverse, (a[0, 0] * q - a[1, 0] * p) * inverse]
     more = right[0].ndim > a.ndim - 2
@@ -64,7 +64,7 @@ class Lockstep:
             for rows, columns in square_rows(plan).sequence
         ]
         self.everything = Rows(top, range(len(top.rows)), np.flatnonzero(~np.array(top.fixed, dtype=bool)).tolist())
-        self.guards = [guards(top, bodies) for bodies in (False, True)]
+        self.guards = [guard_functions(top, bodies) for bodies in (False, True)]
         self.closed = all(block.form != "iterated" for block in self.blocks)
 
     def follow(
@@ -86,7 +86,7 @@ class Lockstep:
             for no other reason.
         """
         plan, least = self.plan, limits(np.zeros(0))
-        numbers = Numbers([c[..., 0] for c in drawn.constants], scales)
+        numbers = RowNumbers([c[..., 0] for c in drawn.constants], scales)
         q = np.repeat(start[:, None], track.shape[1], axis=1)
         q[plan.known] = track
         good = np.ones(track.shape[1:], bool)
@@ -100,13 +100,13 @@ class Lockstep:
                     _solve_closed(block, numbers, q)
                 a = matrix(block, block.collect(q, numbers), good.shape)
                 size = np.prod(np.sqrt(np.sum((a / weights[list(block.columns), None, None]) ** 2, axis=1)), axis=0)
-                value = determinant(a) / np.prod(weights[list(block.columns)])
+                value = lane_determinant(a) / np.prod(weights[list(block.columns)])
                 determinants.append(value)
                 good &= np.abs(value) > least.poor * size
             going = np.ones(share.shape, bool)
             for value in determinants:
                 good &= np.sign(value) == np.sign(value[0])
-                going &= sure | steady(value, share)
+                going &= sure | steady_steps(value, share)
             off = np.zeros(good.shape)
             for row in self.everything.values(numbers, q, np):
                 np.maximum(off, np.abs(row), out=off)
@@ -145,7 +145,7 @@ class Lockstep:
             given = [*guess, *(q[c, s, live] for c in block.coordinates[len(columns) :]), *rest]
             far = np.full(len(live), np.inf)
             for _ in range(_ITERATIONS):
-                step = _newton_step(block, given, live.shape)
+                step = _block_step(block, given, live.shape)
                 given[: len(columns)] = [x - d for x, d in zip(given, step, strict=False)]
                 far = functools.reduce(np.maximum, (np.abs(d) * w for d, w in zip(step, weight, strict=True)))
                 if not np.any(far > least.fine * length):  # what is not finite goes on no longer
@@ -168,7 +168,7 @@ class Lockstep:
         """Find the pose of each design that is closest to its drawing, ``(N, designs)``; see `host.closest`."""
         q = drawn.home[..., 0].copy()
         part, least = self.everything, limits(np.zeros(0))
-        numbers, columns = Numbers([c[..., 0] for c in drawn.constants], scales), list(part.columns)
+        numbers, columns = RowNumbers([c[..., 0] for c in drawn.constants], scales), list(part.columns)
         inner = np.where(pure_numbers(self.plan.topology), length, 1.0)[columns]
         n, floor = len(columns), 2.5 * least.floor * length
         damping, cost = np.full(q.shape[1], 1e-2), np.full(q.shape[1], np.inf)
@@ -211,7 +211,7 @@ class Lockstep:
         out[plan.fixed] = np.moveaxis(drawn.home[plan.fixed, :, 1:], -1, 1)[:, :, None]
         out[plan.known] = known
         scales = [np.ones((block.count, len(block.kind.rows))) for block in plan.topology.blocks]
-        numbers = Numbers([c[..., 0] for c in drawn.constants], scales)
+        numbers = RowNumbers([c[..., 0] for c in drawn.constants], scales)
         moved = [np.ascontiguousarray(np.moveaxis(c[..., 1:], -1, 2))[:, :, :, None] for c in drawn.constants]
         with np.errstate(all="ignore"):
             for block in self.blocks:
@@ -219,7 +219,7 @@ class Lockstep:
                 rows = block.run_changes([*given, *block.moving(out, moved)])
                 rows = [np.broadcast_to(r, out.shape[1:]) for r in rows]
                 a = matrix(block, given, q.shape[1:])
-                for c, change in zip(block.columns, _solve(a, rows), strict=True):
+                for c, change in zip(block.columns, _solve_small(a, rows), strict=True):
                     np.negative(change, out=out[c])
         out[~(good & np.isfinite(out))] = 0.0
         return out
@@ -233,12 +233,12 @@ def matrix(rows: Rows, given: list[Any], lanes: tuple[int, ...]) -> np.ndarray:
     return out
 
 
-def _newton_step(block: Rows, given: list[Any], lanes: tuple[int, ...]) -> list[np.ndarray]:
+def _block_step(block: Rows, given: list[Any], lanes: tuple[int, ...]) -> list[np.ndarray]:
     """Find Newton's step of each column; not finite where the block is singular."""
     if len(block.columns) <= FEW:
         return list(block.run_step(given))
     rows = [np.broadcast_to(r, lanes) for r in block.run(np)(given)]
-    return _solve(matrix(block, given, lanes), rows)
+    return _solve_small(matrix(block, given, lanes), rows)
 
 
 def shares(track: np.ndarray) -> np.ndarray:
@@ -251,7 +251,7 @@ def shares(track: np.ndarray) -> np.ndarray:
     ]
 
 
-def steady(value: np.ndarray, share: np.ndarray) -> np.ndarray:
+def steady_steps(value: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Say in which steps a determinant goes on as it did, ``(steps - 1, designs)``; see `branch.steady`."""
     rise = np.concatenate([np.zeros_like(value[:1]), np.diff(value, axis=0)])[: len(value) - 1]
     return branch.steady([value[1:]], [value[:-1]], [rise], share)
@@ -262,10 +262,10 @@ def _solve_closed(block: Rows, numbers: Any, q: np.ndarray) -> None:
     columns, lanes = list(block.columns), q.shape[1:]
     given = block.collect(q, numbers)
     if block.form == "affine":
-        q[columns] -= np.stack([np.broadcast_to(d, lanes) for d in _newton_step(block, given, lanes)])
+        q[columns] -= np.stack([np.broadcast_to(d, lanes) for d in _block_step(block, given, lanes)])
         return
     first = matrix(block, block.collect(q[:, :1], numbers), (1, lanes[1]))
-    found = block.run_solution(np)([*given, np.sign(determinant(first))])
+    found = block.run_solution(np)([*given, np.sign(lane_determinant(first))])
     if block.form == "angle":  # its turns are counted along the way
         turns = np.diff(np.concatenate([q[columns[0], :1], np.broadcast_to(found[0], lanes)]), axis=0)
         q[columns[0]] += np.cumsum(turns - 2 * np.pi * np.round(turns / (2 * np.pi)), axis=0)
@@ -338,8 +338,8 @@ def _on_branch(view: HostView, start: np.ndarray, q: np.ndarray, track: np.ndarr
     assert each.program is not None
     rows, determinants, slopes = each.program.run(("residual", "determinants", "slopes"), each.eq, lanes)
     # Where a slope is none, as of a cam that is upright, there is no derivative either: steps stop there.
-    good = (largest(rows) <= each.tolerance(lanes)) & each.upright(lanes) & np.isfinite(slopes).all(axis=0)
-    good = good.reshape(shape) & (largest(view.residual(start)) <= view.tolerance(start))
+    good = (largest_of_lanes(rows) <= each.tolerance(lanes)) & each.upright(lanes) & np.isfinite(slopes).all(axis=0)
+    good = good.reshape(shape) & (largest_of_lanes(view.residual(start)) <= view.tolerance(start))
     determinants = determinants.reshape(-1, *shape)
     sizes = np.abs(determinants)
     clear = sizes > branch.CLEAR * sizes.max(axis=1, keepdims=True)
@@ -347,13 +347,13 @@ def _on_branch(view: HostView, start: np.ndarray, q: np.ndarray, track: np.ndarr
     good &= clear.all(axis=0)
     share = shares(track)
     for value in determinants:
-        good[1:] &= steady(value, share)
+        good[1:] &= steady_steps(value, share)
     good[1:] &= np.all(np.abs(np.diff(track[plan.angles], axis=1)) <= branch.STEP, axis=0)
-    good[1:] &= _smooth(view, q, track, slopes.reshape(len(plan.unknown), -1, *shape))
+    good[1:] &= _follows_slopes(view, q, track, slopes.reshape(len(plan.unknown), -1, *shape))
     return good
 
 
-def _smooth(view: HostView, q: np.ndarray, track: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+def _follows_slopes(view: HostView, q: np.ndarray, track: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """Say in which steps poses change as their slopes do, ``(steps - 1, D)``: a kind may jump, or have an edge."""
     plan, way = view.plan, np.diff(track, axis=1)
     unknown, known = (view.weights[at][:, None] for at in (plan.unknown, plan.known))

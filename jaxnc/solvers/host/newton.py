@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxnc.solvers.host.matrices import Near
-from jaxnc.solvers.host.view import HostView, largest
+from jaxnc.solvers.host.view import HostView, largest_of_lanes
 from jaxnc.system.design import Drawn
 
 ITERATIONS = 8  # of Newton from a predicted pose, of which two are usual
@@ -54,7 +54,12 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
             if i:
                 change = here.weights * (trial - q[:, at])
                 moved[at] = np.sqrt(np.einsum("nl,nl->l", change, change)) / length[at]
-            q[:, at], cost[at], gap[at], rows[:, at] = trial, size[better], largest(new[:, better]), new[:, better]
+            q[:, at], cost[at], gap[at], rows[:, at] = (
+                trial,
+                size[better],
+                largest_of_lanes(new[:, better]),
+                new[:, better],
+            )
             slope[at] = here.lengths(here.matrices(trial)[0])
         on = (gap[going] > floor[going]) & (damping[going] < 1e8) & (moved[going] > 2.5 * least.floor)
         going = going[on & np.isfinite(cost[going])]
@@ -86,7 +91,7 @@ def correct_poses(view: HostView, q: np.ndarray, close: Near | None = None) -> n
         at[view.plan.unknown] -= step / view.unknown_weights
         if done.all():  # that was the last one, to rounding
             break
-        size = largest(step) / view.eq.length
+        size = largest_of_lanes(step) / view.eq.length
         if before is not None:  # an error shrinks by one factor in every step
             done |= size * size <= 0.1 * view.least.accept * before
             if not np.any(done | (size <= SLOW * before)):
@@ -113,7 +118,7 @@ def _newton(view: HostView, q: np.ndarray) -> np.ndarray:
         at[unknown] -= step
         if at is not out:
             out[:, going] = at
-        size = largest(step * view.unknown_weights) / view.eq.length
+        size = largest_of_lanes(step * view.unknown_weights) / view.eq.length
         # With old matrices an error shrinks by one factor in every step, with its own by ever smaller ones.
         on = size > view.least.fine
         if view.program is None and again:
@@ -126,7 +131,7 @@ def _newton(view: HostView, q: np.ndarray) -> np.ndarray:
     return out
 
 
-def rates(view: HostView, q: np.ndarray, known: Sequence[np.ndarray]) -> list[np.ndarray]:
+def pose_rates(view: HostView, q: np.ndarray, known: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Differentiate solved poses once, twice, …: all coordinates, each ``(N, lanes)``; not finite if singular.
 
     `known` are those of the known coordinates, each ``(known, lanes)``.

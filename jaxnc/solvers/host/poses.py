@@ -10,7 +10,7 @@ from jaxnc.solvers import branch
 from jaxnc.solvers.host.follow import Followed, follow
 from jaxnc.solvers.host.lockstep import solve_at_once
 from jaxnc.solvers.host.newton import correct_poses
-from jaxnc.solvers.host.view import HostView, largest
+from jaxnc.solvers.host.view import HostView, largest_of_lanes
 from jaxnc.solvers.plan import unwind
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.system.precision import farthest
@@ -260,7 +260,7 @@ class _Found:
         begin = view.join(guess, u, a)
         close = view.near(begin)
         q = correct_poses(view, begin, close)
-        good = largest(view.residual(q)) <= view.tolerance(q)
+        good = largest_of_lanes(view.residual(q)) <= view.tolerance(q)
         good &= view.upright(q)
         far, off = view.norm(view.weights, b - a), view.norm(view.weights, q - begin)
         good &= off <= branch.NEAR * far + view.least.close * view.eq.length
@@ -314,7 +314,7 @@ class _Found:
             r, step, conditioning[some] = view.polish(at)
             new = np.array(at)
             new[view.plan.unknown] -= np.where(np.isfinite(step), step, 0.0)
-            before, after = largest(r), largest(view.residual(new))
+            before, after = largest_of_lanes(r), largest_of_lanes(view.residual(new))
             q[:, some] = np.where(after < before, new, at)
         ended = np.flatnonzero(~self.good.reshape(-1, self.total).all(axis=1))
         ends = np.concatenate([rest, len(self.owner) + ended])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jaxnc.remembered import with_owner
-from jaxnc.solvers.host.view import HostView, largest
+from jaxnc.solvers.host.view import HostView, largest_of_lanes
 from jaxnc.solvers.plan import LargePlan, Plan, by_lu, sparse
 from jaxnc.solvers.sparse_matrix import SMALL
 from jaxnc.system.host import HostEquations
@@ -48,7 +48,7 @@ def blocks_of_two(plan: LargePlan) -> np.ndarray | None:
     return places
 
 
-def _pad(matrix: np.ndarray) -> np.ndarray:
+def _pad_numbers(matrix: np.ndarray) -> np.ndarray:
     """Put a zero and a one behind the numbers ``(lanes, nnz)``, lanes last."""
     lanes, dtype = len(matrix), matrix.dtype
     return np.concatenate([matrix.T, np.zeros((1, lanes), dtype), np.ones((1, lanes), dtype)])
@@ -90,7 +90,7 @@ def solve_levels(plan: LargePlan, matrix: np.ndarray, right: np.ndarray) -> np.n
     It takes as many steps as a chain is long, but each of them for all lanes.
     """
     (m, n), (lanes, _, count) = plan.numbers.shape, right.shape
-    numbers = _pad(matrix)[:, None]
+    numbers = _pad_numbers(matrix)[:, None]
     rest, x = np.zeros((m + 1, count, lanes), matrix.dtype), np.zeros((n + 1, count, lanes), matrix.dtype)
     rest[:m] = np.moveaxis(right, 0, 2)
     for level in levels(plan):
@@ -121,11 +121,11 @@ class SparseView(HostView):
 
     def norm(self, weight: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Measure changes of coordinates, ``(lanes,)``; in a large system by the one that moves most."""
-        return largest(weight * change) if self.plan.large else super().norm(weight, change)
+        return largest_of_lanes(weight * change) if self.plan.large else super().norm(weight, change)
 
     def extent(self, q: np.ndarray) -> np.ndarray:
         """Return how large coordinates are, whose rounding is not the mechanism's."""
-        return largest(q) if self.plan.large else super().extent(q)
+        return largest_of_lanes(q) if self.plan.large else super().extent(q)
 
     def matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return non-zeros of the derivatives by unknown coordinates ``(lanes, nnz)``, and those by known ones."""
@@ -214,7 +214,7 @@ class SparseView(HostView):
                 [self._block_signs(factors) for _, factors in self._factorise_each(matrix)]
             ).swapaxes(0, 1)
             return signs, sizes
-        (a, b), (c, d) = _pad(matrix)[self._pairs]
+        (a, b), (c, d) = _pad_numbers(matrix)[self._pairs]
         determinants = (a * d - b * c).T
         return np.sign(determinants), np.log(np.maximum(np.abs(determinants), self.least.tiny))
 
@@ -275,7 +275,7 @@ class SparseView(HostView):
 
 def _pivots(matrix: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Return pivots ``(lanes, 2 blocks)`` of diagonal blocks of one or two."""
-    (a, b), (c, d) = _pad(matrix)[pairs]
+    (a, b), (c, d) = _pad_numbers(matrix)[pairs]
     first = np.maximum(np.abs(a), np.abs(c))
     second = np.abs(a * d - b * c) / np.where(first > 0.0, first, 1.0)
     # What fills up a block of one is no pivot of the mechanism's.

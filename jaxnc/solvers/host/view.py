@@ -20,7 +20,7 @@ _AT_ONCE = 512  # lanes whose columns are made orthogonal together: as many matr
 _REGULAR = 1e-3  # of the largest pivot: where all are larger, normal equations lose no digit that anybody is told
 
 
-class Evaluation(NamedTuple):
+class PoseEvaluation(NamedTuple):
     """Poses evaluated; lanes are the last axis."""
 
     residual: np.ndarray  # rows that are solved for, (m, lanes)
@@ -82,7 +82,7 @@ class HostView:
 
     def tolerance(self, q: np.ndarray) -> np.ndarray:
         """Return the largest residual of a pose that counts as a solution, ``(lanes,)``."""
-        return self.least.accept * self.eq.length + self.least.rounding * largest(self.weights * q)
+        return self.least.accept * self.eq.length + self.least.rounding * largest_of_lanes(self.weights * q)
 
     def upright(self, q: np.ndarray) -> np.ndarray:
         """Say whether nothing is met by a mirror image, ``(lanes,)``."""
@@ -101,8 +101,8 @@ class HostView:
         """Return the largest residual, and whether nothing is met by a mirror image, and a body is, ``(lanes,)``."""
         if self.program is not None and self.program.whole:
             r, guards = self.program.run(("residual", "guards"), self.eq, q)
-            return largest(r), np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
-        return largest(self.eq.residual(q)), *self.eq.guards(q)
+            return largest_of_lanes(r), np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
+        return largest_of_lanes(self.eq.residual(q)), *self.eq.guards(q)
 
     def diagnose(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return what `check` does, the `orientation` and the `conditioning`."""
@@ -110,7 +110,7 @@ class HostView:
             parts = "residual", "guards", "determinants", "entries"
             r, guards, determinants, entries = self.program.run(parts, self.eq, q)
             upright, none = np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
-            return largest(r), upright, none, np.sign(determinants), self._ratio(self._lengths(entries))
+            return largest_of_lanes(r), upright, none, np.sign(determinants), self._ratio(self._lengths(entries))
         return *self.check(q), self.orientation(q), self.conditioning(q)
 
     def newton(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -138,14 +138,14 @@ class HostView:
             step[~sound] = least_squares(scaled[~sound], right[~sound])
         return r, (step / self._outer)[:, :, 0].T, conditioning
 
-    def evaluate(self, q: np.ndarray) -> Evaluation:
+    def evaluate(self, q: np.ndarray) -> PoseEvaluation:
         """Evaluate poses ``(N, lanes)``."""
         driven, n = len(self.plan.driven), len(self.plan.unknown)
         if self.program is not None:
             found = self.program.run(("residual", "step", "slopes", "determinants"), self.eq, q)
             r, step, slopes, determinants = found
             sizes = np.log(np.maximum(np.abs(determinants), self.least.tiny))
-            return Evaluation(r, step, slopes.reshape(n, driven, q.shape[1]), np.sign(determinants), sizes)
+            return PoseEvaluation(r, step, slopes.reshape(n, driven, q.shape[1]), np.sign(determinants), sizes)
         program = self._single(q)
         if program is None:
             r, (matrix, by_known) = self.residual(q), self.matrices(q)
@@ -157,7 +157,7 @@ class HostView:
         right = np.concatenate([r.T[:, :, None], by_known], axis=2)
         x, signs, sizes = self.factorise(matrix, right)
         kept = np.moveaxis(matrix, 0, -1) if self.redundant else None
-        return Evaluation(r, x[:, :, 0].T, -x[:, :, 1:].transpose(1, 2, 0), signs.T, sizes.T, kept)
+        return PoseEvaluation(r, x[:, :, 0].T, -x[:, :, 1:].transpose(1, 2, 0), signs.T, sizes.T, kept)
 
     def solver(self, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Make the function that maps rows ``(m, lanes)`` to changes of the unknowns ``(n, lanes)`` that make them."""
@@ -253,7 +253,7 @@ class HostView:
         plan, entries, lanes = self.plan, self.eq.entries(q), q.shape[1]
         m, n, width = len(plan.rows), len(plan.unknown), len(plan.unknown) + len(plan.known)
         flat = np.zeros((m * width, lanes), q.dtype)
-        for k, (place, entry) in enumerate(_scatter(plan)):
+        for k, (place, entry) in enumerate(_scatter_places(plan)):
             flat[place] = entries[entry] if not k else flat[place] + entries[entry]
         both = flat.reshape(m, width, lanes).transpose(2, 0, 1)
         return np.ascontiguousarray(both[:, :, :n]), both[:, :, n:]
@@ -386,13 +386,13 @@ def _lengths_of_one(n: int, rows: list[int], columns: list[int], entries: list[f
     return out
 
 
-def largest(x: np.ndarray) -> np.ndarray:
+def largest_of_lanes(x: np.ndarray) -> np.ndarray:
     """Return the largest size in each lane, ``(lanes,)``."""
     return np.maximum.reduce(np.abs(x), axis=0, initial=0.0)
 
 
 @with_owner
-def _scatter(plan: Plan) -> list[tuple[np.ndarray, np.ndarray]]:
+def _scatter_places(plan: Plan) -> list[tuple[np.ndarray, np.ndarray]]:
     """Find where entries stand in a plan's matrix of unknown and known columns: places in it, and which entries."""
     pad = sum(layout.rows.size * layout.variables.shape[1] for layout in plan.topology.layout)
     out = []
