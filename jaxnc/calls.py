@@ -170,7 +170,7 @@ def _wrong_call(f: Any, called: str, bound: int, args: tuple, options: dict) -> 
         for value in given[p.name] if each else (given[p.name],):
             if not _fits(value, kind) and not (value is None and p.default is None):
                 about = f" ({told[p.name]})" if p.name in told else ""
-                return f"{name}: {each}{p.name} must be {_words(kind)}{about}; got {brief(value)}"
+                return f"{name}: {each}{p.name} must be {_kind_in_words(kind)}{about}; got {brief(value)}"
     return None
 
 

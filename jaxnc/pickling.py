@@ -44,8 +44,9 @@ class Remade:
                 pickle.dumps(function)
             except (pickle.PicklingError, AttributeError, TypeError):
                 raise JaxncError(
-                    f"{self.noun} {self.name!r} cannot be pickled, because its {field} is {_describe(function)}: write "
-                    f"it with def at the top level of a module that the other process can import"
+                    f"{self.noun} {self.name!r} cannot be pickled, because its {field} is "
+                    f"{_describe_function(function)}: write it with def at the top level of a module that the other "
+                    f"process can import"
                 ) from None
         return copyreg.__newobj__, (type(self),), fields_of(self)  # pyright: ignore[reportAttributeAccessIssue]
 

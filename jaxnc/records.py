@@ -47,7 +47,7 @@ def _same_leaf(x: Any, y: Any) -> bool:
 
 def _write_record(self: Any) -> str:
     values = ((f.name, getattr(self, f.name)) for f in dataclasses.fields(self))
-    return f"{type(self).__name__}({', '.join(f'{name}={_short(value)}' for name, value in values)})"
+    return f"{type(self).__name__}({', '.join(f'{name}={_shorten(value)}' for name, value in values)})"
 
 
 def _shorten(value: Any) -> str:
@@ -55,5 +55,5 @@ def _shorten(value: Any) -> str:
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"{value.dtype}[{','.join(map(str, value.shape))}]"
     if type(value) is tuple:
-        return f"({', '.join(map(_short, value))}{',' * (len(value) == 1)})"
+        return f"({', '.join(map(_shorten, value))}{',' * (len(value) == 1)})"
     return repr(value)

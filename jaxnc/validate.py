@@ -59,7 +59,7 @@ def as_real(found: Any, what: str, returns: str, shape: Sequence[int] | None = N
             f"how much, such as b - a in place of a <= b"
         )
     if array is None or not jnp.issubdtype(array.dtype, np.number):
-        raise InputError(f"{what} must return {returns}; it returned {_describe(found)}")
+        raise InputError(f"{what} must return {returns}; it returned {_describe_result(found)}")
     if jnp.iscomplexobj(array):
         raise InputError(f"{what} must return {returns}; it returned complex ones: take jnp.real, jnp.abs or jnp.angle")
     if shape is not None and array.shape != tuple(shape):
@@ -76,11 +76,11 @@ def as_scalars(found: Any, what: str, count: int | None = None, drawn: bool = Fa
     wanted = f"a list of {'numbers' if count is None else count}" if count != 1 else "a list of one number, such as [x]"
     sequence = hasattr(found, "__getitem__") and hasattr(found, "__len__") and getattr(found, "shape", None) != ()
     if not sequence or isinstance(found, str | Mapping):  # a generator is empty when it is asked again
-        raise InputError(f"{what} must return {wanted}; it returned {_describe(found)}")
+        raise InputError(f"{what} must return {wanted}; it returned {_describe_result(found)}")
     parts = tuple(found)
     for i, part in enumerate(parts):
         if isinstance(part, str) or (part is None and not drawn) or getattr(part, "shape", ()) != ():
-            raise InputError(f"{what} must return {wanted}; number {i} of what it returned is {_describe(part)}")
+            raise InputError(f"{what} must return {wanted}; number {i} of what it returned is {_describe_result(part)}")
         if isinstance(part, complex) or getattr(getattr(part, "dtype", None), "kind", "") == "c":
             raise InputError(
                 f"{what} must return real numbers; number {i} is complex: take jnp.real, jnp.abs or jnp.angle"
