@@ -82,7 +82,7 @@ def rates_of_batch(plan: Plan, eq: Equations, q: Array, known: Sequence[Array], 
 
 def _written_out(plan: Plan, eq: Equations, q: Array, known: Sequence[Array], ok: Array) -> tuple[Array, ...]:
     core, lanes, go = kernel(plan), ok.shape, opaque_true(eq)
-    q = jax.vmap(functools.partial(regular, eq))(q, ok)
+    q = jax.vmap(functools.partial(masked_pose, eq))(q, ok)
     x = tuple(q[:, c] for c in range(q.shape[1]))
     inputs = [tuple(jnp.where(ok, o[:, k], 0.0) for k in range(len(plan.known))) for o in known]
 

@@ -58,7 +58,7 @@ def javascript(program: Program, given: Callable[[int], str], into: Callable[[in
         elif op == "power":
             term, strength = f"{bracket(of[0], _WHOLE)}**{abs(value)}", _POWER
             if value < 0:
-                term, strength = f"1/{written}", _TIMES
+                term, strength = f"1/{term}", _TIMES
         elif op == "float":
             term, strength = f"{bracket(of[0], _CHOICE + 1)}?1:0", _CHOICE
         elif op == "select":
@@ -67,7 +67,7 @@ def javascript(program: Program, given: Callable[[int], str], into: Callable[[in
             term = f"{_NAMED.get(op, op)}({','.join(text[i][0] for i in of)})"
         if uses[k] > 1 and op not in ("input", "number"):
             name = next(names)
-            named.append(f"{name}={written}")
+            named.append(f"{name}={term}")
             term, strength = name, _WHOLE
         text.append((term, strength))
     lines = [f"const {','.join(named)}"] if named else []

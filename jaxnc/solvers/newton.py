@@ -119,7 +119,7 @@ def traced_start(plan: Plan, eq: Equations, nudge: Array | np.ndarray, repair: b
 
 
 @functools.partial(jit, static_argnums=0)
-def _assemble(plan: Plan, eq: Equations, nudge: Array | np.ndarray) -> host.Closest:
+def _assemble(plan: Plan, eq: Equations, nudge: Any) -> host.Closest:
     eq, nudge = lax.stop_gradient((eq, nudge))
     if not len(plan.rows):
         return host.Closest(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(plan.unknown))))

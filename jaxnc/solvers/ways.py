@@ -6,7 +6,7 @@ ends on the way is told by the determinants, which fall to zero as the root of i
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -231,7 +231,7 @@ class _Routes:
 
     # -- a step --------------------------------------------------------------------------------------------------
 
-    def advance(self, state: tuple[Array, _Ways]) -> tuple[Array, _Ways]:
+    def advance(self, state: Any) -> Any:
         """Try the next step of some lanes: where it passes the checks it is made, elsewhere a shorter one is next."""
         i, ways = state
         trial = _Trial.of(ways)
@@ -258,7 +258,7 @@ class _Routes:
         return i + 1, jax.tree.map(lambda a, b: jnp.where(good, a, b), new, old)
 
     def _judge(
-        self, ways: _Ways, trial: "_Trial", guess: Array, y: tuple[Array, ...], facing: tuple[Array, ...], kept: Array
+        self, ways: _Ways, trial: "_Trial", guess: Array, y: Sequence[Array], facing: Any, kept: Array
     ) -> tuple[Array, ...]:
         """Say whether the step is made, how long the next one is after it and elsewhere, and what is left."""
         fresh, ahead = trial.fresh, trial.ahead
