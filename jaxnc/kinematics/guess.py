@@ -23,9 +23,7 @@ from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import to_host
 from jaxnc.solvers.host import view_of
-from jaxnc.solvers.newton import closest_pose
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.solvers.traced import ask_of_equations
 from jaxnc.system.equations import Equations, guards, measured, weights
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import limits
@@ -188,6 +186,10 @@ def _completed(
     top: Topology, sure: tuple[int, ...], given: tuple[int, ...], eq: Equations, q: Float[Array, "B N"]
 ) -> Array:
     """Poses of which only some coordinates are known, the sure ones exactly and others nearly, with all the rest."""
+    # with all that XLA needs, and the host does not
+    from jaxnc.solvers.newton import closest_pose
+    from jaxnc.solvers.traced import ask_of_equations
+
     eq, first = jax.lax.stop_gradient(eq), len(top.coordinates) - len(top.scalars)
     scalars, points, nearly, moved, beside, whole = _missing(top, sure, given)
     angles = np.array(top.angles, bool)[scalars - first]
