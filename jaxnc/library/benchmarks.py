@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from jaxnc.library.overconstrained import bricard as _bricard
+from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
@@ -134,7 +134,7 @@ def bricard() -> Mechanism:
 
     Source: IFToMM benchmark A04.
     """
-    m = _bricard(1.0)
+    m = CATALOGUE["bricard"](1.0)
     for k in range(1, 6):
         m.mass(f"link{k}", 1.0, shape="box", size=(1.0, 0.1, 0.1))
     return _ready(m, 10.0, gravity=(0.0, -_EARTH, 0.0))
