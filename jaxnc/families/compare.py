@@ -18,8 +18,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.families.formulate import FAMILIES, formulate
-from jaxnc.families.formulation import Formulation
-from jaxnc.families.natural import carried_along
+from jaxnc.families.formulation import Formulation, measure_all
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, evaluate
@@ -196,7 +195,7 @@ def _starts(natural: System, home: np.ndarray, seed: int) -> np.ndarray:
             q = home.copy()
             q[free] += np.where(free < first, size, 1.0) * spread * rng.normal(size=len(free)) / np.sqrt(top.dim)
             out.append(q)
-    return np.asarray(carried_along(natural, np.array(out)))
+    return np.asarray(measure_all(natural, np.array(out)))
 
 
 def _evaluate(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formulation:

@@ -1,7 +1,10 @@
-"""`formulate`: one mechanism in any family of coordinates."""
+"""`Formulation`: a mechanism in one family of coordinates, with the maps to natural ones and back."""
 
+import dataclasses
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -9,7 +12,6 @@ from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, brief
-from jaxnc.families.natural import measured
 from jaxnc.families.planner import Atlas, Variable
 from jaxnc.families.program import Numbers
 from jaxnc.families.shapes import values
@@ -18,6 +20,7 @@ from jaxnc.records import record, static
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.equations import Equations as Numbered
+from jaxnc.system.equations import measured
 from jaxnc.system.frames import along, over
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -92,7 +95,7 @@ class Formulation:
         """The same for another design of the compiled mechanism. Nothing recompiles."""
         if not isinstance(natural, System) or natural.topology != self.natural.topology:
             raise InputError(f"{self.natural.name!r}: of() takes a design of the same compiled mechanism")
-        return Formulation(natural, self.family, self.topology, self.listed, self.atlas, self.freedom, self.independent)
+        return dataclasses.replace(self, natural=natural)
 
     # -- maps ---------------------------------------------------------------------------------------------------
 
@@ -118,7 +121,7 @@ class Formulation:
         top, par = self.natural.topology, self.natural.parameters
         if self.atlas is None:
             q = eq.home.at[np.array([top.position[v.name] for v in self.listed], int)].set(z)
-            return measured(top, eq, q, [n for n in top.scalars if n not in self.variables])
+            return measure_scalars(top, eq, q, [n for n in top.scalars if n not in self.variables])
         at = self.atlas
         drawing = design_numbers(top, par, 1)[design(top).drawing]
         first = top.dim * len(top.points)
@@ -131,7 +134,7 @@ class Formulation:
         spread += [x for arm in at.directions for x in numbers.arm(arm)]
         scalars = [jnp.zeros(()) if s is None else numbers.scalar(s) for s in at.scalars]
         q = jnp.stack([jnp.asarray(x) for x in (*spread, *scalars)])
-        return measured(top, eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
+        return measure_scalars(top, eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
 
     def from_natural(self, q: Any, continuous: bool = True) -> Array:
         """Coordinates of the family from natural ones, exact and differentiable.
@@ -238,3 +241,15 @@ def _poses(formulation: Formulation, eq: Numbered, z: Array) -> Array:
 @jit
 def _readings(formulation: Formulation, eq: Numbered, q: Array) -> Array:
     return over(lambda x: formulation._read(eq, x), q)
+
+
+def measure_all(system: System, q: np.ndarray) -> Array:
+    """Poses ``(B, N)`` with their angles and distances measured anew from their points."""
+    top, eq = system.topology, derive(system)
+    return jit(jax.vmap(lambda x: measure_scalars(top, eq, x, top.scalars)))(q)
+
+
+def measure_scalars(top: Topology, eq: Numbered, q: Array, names: Sequence[str]) -> Array:
+    """A pose ``(N,)`` with some of its angles and distances measured from its points."""
+    at = np.array([top.position[n] for n in names], int)
+    return q.at[at].set(measured(top, eq.constants, q)[at - len(top.coordinates)]) if names else q

@@ -22,8 +22,8 @@ from jaxnc.dynamics.model import Dynamics, dynamics, forces
 from jaxnc.dynamics.runge_kutta import State, on_constraints, step
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError
+from jaxnc.families.formulate import Independent
 from jaxnc.families.formulation import Formulation
-from jaxnc.families.independent import Independent
 from jaxnc.kinematics.inputs import array, finite, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record

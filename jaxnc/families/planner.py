@@ -1,37 +1,38 @@
 """What every family has in common: variables, rows over places, and the system they are compiled to."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jaxnc.constraints import COINCIDENT, COINCIDENT_IN_SPACE
 from jaxnc.constraints.kind import Kind
 from jaxnc.errors import InputError, nearest
-from jaxnc.families.between import Between
-from jaxnc.families.bodies import Origin, Parts
-from jaxnc.families.joined import Joined, closures
-from jaxnc.families.planar import EQUAL, drawn_angle, segment
+from jaxnc.families.bodies import Joined, Origin, Part, Parts, apart, closures
 from jaxnc.families.program import (
+    AT,
+    COORDINATE,
+    DIRECTION,
+    EQUAL,
+    HELD,
+    NORMALISED,
+    PAIR,
     Arm,
     Frame,
     Linear,
     Measured,
-    Oriented,
     Place,
     Program,
-    Reading,
+    Scribe,
     Turn,
     Vector,
     composed,
+    fixed,
     scaled,
     silent,
     variable,
 )
-from jaxnc.families.rows import AT, COORDINATE, HELD, PAIR
-from jaxnc.families.scribe import Scribe, fixed
-from jaxnc.families.shapes import Recipe
-from jaxnc.families.turns import DIRECTION
+from jaxnc.families.shapes import ANGLES, HOME, PARAMETERS, Between, Reading, Recipe, Segments
 from jaxnc.solvers.assembly import derive, with_degrees_of_freedom
 from jaxnc.system.assembler import Instance, grouped
 from jaxnc.system.identity import Owner, Thing
@@ -73,14 +74,18 @@ class Planner(ABC):
 
     family = ""
 
-    def __init__(self, parts: Parts, natural: System, keep: tuple[str, ...] = ()):
+    def __init__(
+        self, parts: Parts, natural: System, keep: tuple[str, ...] = (), orientation: str = "euler parameters"
+    ):
         self.parts, self.a, self.natural, self.keep = parts, parts.a, natural, keep
+        self.orientation = orientation
         home = np.asarray(derive(natural).home)
         self.drawn = {name: float(home[natural.topology.position[name]]) for name in natural.topology.scalars}
         self.variables: dict[str, Variable] = {}
         self.readings: dict[str, Instance] = {}
         self.angles: dict[str, float] = {}
         self.rows: list[Instance] = []
+        self.held: set[int] = set()  # points in part fixed, whose free coordinates are variables
         for name in keep:
             if name not in self.a.scalars and self.component(name) is None:
                 raise InputError(
@@ -115,8 +120,94 @@ class Planner(ABC):
         """A point of a part."""
 
     @abstractmethod
+    def place_parts(self, points: Joined, vectors: Joined) -> None:
+        """Note the variables of all parts, and join the points and vectors that the parts share by them."""
+
+    def met(self, data: Instance) -> bool:
+        """Whether a row of a joint need not be written, or is written otherwise than over points and vectors."""
+        return False
+
     def plan(self) -> None:
         """Write variables and rows."""
+        points, vectors = apart(self.parts.of_point), apart(self.parts.of_vector)
+        self.place_parts(points, vectors)
+        for name in self.keep:
+            self.kept(name)
+        self.share(points, vectors)
+        self.hold()
+        for data in self.a.instances:
+            if data.kind.measure is None and data.kind.rows and not self.rigid(data) and not self.met(data):
+                self.compose(data)
+
+    # -- parts by a point and their orientation -----------------------------------------------------------------
+
+    def names(self, k: int) -> tuple[str, ...]:
+        """Names of the coordinates of a part's reference point, and of what says how it is turned."""
+        part, dim = self.parts.parts[k], self.parts.dim
+        names = tuple(f"{part.name}.{x}" for x in "xyz"[:dim])
+        if part.turns == "no":
+            return names
+        if dim == 2:
+            return (*names, part.angle or f"{part.name}.psi")
+        return (*names, *(self.bar(k) if part.turns == "bar" else self.parameters(part.name)))
+
+    def parameters(self, owner: str) -> tuple[str, ...]:
+        """Names of orientation parameters."""
+        return tuple(f"{owner}.{x}" for x in PARAMETERS[self.orientation])
+
+    def free_frame(self, scribe: Scribe, k: int) -> Frame:
+        """The frame of a part by its reference point and its orientation."""
+        found, dim = [scribe.s(name) for name in self.names(k)], self.parts.dim
+        how = "angle" if dim == 2 else self.orientation
+        turn = Turn(how, tuple(found[dim:])) if self.parts.parts[k].turns == "fully" else None
+        return Frame((Arm(None, tuple(found[:dim])),), turn)
+
+    def free(self, k: int, point: str, what: str) -> None:
+        """Note the variables of a part by its reference point and its orientation, and the rows that normalise these.
+
+        Args:
+            k: the part.
+            point: what its reference point is called in words.
+            what: what the part is called.
+        """
+        part, dim, names = self.parts.parts[k], self.parts.dim, self.names(k)
+        if not part.points:
+            for i, name in enumerate(names):  # a unit vector of no body
+                reading = Reading(Recipe("unit", (), (0,)), i)
+                self.add_variable(name, f"component of {part.name}", reading, (), part.vectors, pure=True)
+            return
+        origin, mean = part.origin, "mean" if dim == 2 else "mean in space"
+        at = tuple(range(len(origin.points))), tuple(range(len(origin.vectors)))
+        for i, name in enumerate(names[:dim]):
+            reading = Reading(Recipe(mean, *at, origin.how), i)
+            self.add_variable(name, f"{'xyz'[i]} of {point}", reading, origin.points, origin.vectors)
+        if part.turns == "bar":
+            self.direct(k)
+        elif part.turns == "fully" and dim == 2:
+            reading = Reading(Recipe("direction", (0, 1)))
+            self.add_variable(names[2], f"angle of {what}", reading, part.axis, angle=True)
+            self.angles[names[2]] = drawn_angle(self.a.home, part.axis)
+        elif part.turns == "fully":
+            scribe = Scribe()
+            between = Between(self.orientation, 0, (), self.segments(scribe, k), ())
+            self.orient(names[3:], between, scribe, f"{self.orientation} of {what}", part.owner)
+
+    def segments(self, scribe: Scribe, k: int) -> Segments:
+        """The segments of a part's frame, in the numbers of an instance; none for the ground."""
+        if k == 0:
+            return ()
+        return tuple(scribe.at(s) if len(s) == 2 else (~scribe.v(~s[0]),) for s in self.parts.parts[k].segments)
+
+    def orient(self, names: tuple[str, ...], between: Between, scribe: Scribe, meaning: str, owner: Owner) -> None:
+        """Note orientation parameters, and write the rows that normalise them; angles need none."""
+        how, points = self.orientation, tuple(p for p, _ in scribe.points)
+        for i, name in enumerate(names):
+            reading = replace(between, part=i)
+            self.add_variable(name, meaning, reading, points, tuple(scribe.vectors), how in ANGLES, True)
+            self.angles[name] = HOME[how][i]
+        if how in NORMALISED:
+            scribe = Scribe()
+            self.write(NORMALISED[how], (owner,), scribe, scalars=tuple(scribe.s(n) for n in names))
 
     def direction(self, scribe: Scribe, k: int, vector: int) -> Arm | Vector:
         """A unit vector of a part."""
@@ -154,13 +245,6 @@ class Planner(ABC):
             self.add_variable(name, f"direction of body {part.name}", reading, points, vectors, pure=True)
         self.write(DIRECTION, (part.owner,), scribe, scalars=tuple(map(scribe.s, self.bar(k))))
 
-    def lone(self, k: int) -> None:
-        """Note the components of a unit vector that is of no body."""
-        part = self.parts.parts[k]
-        for i, x in enumerate("xyz"):
-            reading = Reading(Recipe("unit", (), (0,)), i)
-            self.add_variable(f"{part.name}.{x}", f"component of {part.name}", reading, (), part.vectors, pure=True)
-
     def along(self, scribe: Scribe, k: int, vector: int) -> Arm:
         """A unit vector of a bar: its direction, or against it."""
         part = self.parts.parts[k]
@@ -182,7 +266,7 @@ class Planner(ABC):
         self,
         name: str,
         meaning: str,
-        reading: Reading | Oriented | Between,
+        reading: Reading | Between,
         points: tuple[int, ...],
         vectors: tuple[int, ...] = (),
         angle: bool = False,
@@ -207,11 +291,6 @@ class Planner(ABC):
             dict(data.lengths), dict(data.given),
         )  # fmt: skip
 
-    def angle_of(self, a: int, b: int) -> float:
-        """Angle of a drawn segment in the plane."""
-        d = self.a.home[b] - self.a.home[a]
-        return float(np.arctan2(d[1], d[0]))
-
     def estimate(self, scribe: Scribe, value: Linear) -> float:
         """About what a sum of angles is in the drawing."""
         out = 0.0
@@ -235,7 +314,32 @@ class Planner(ABC):
         part, turn = self.parts.parts[k], self.frame(scribe, k).turn
         if turn is None or part.turns == "no":
             return None
-        return segment(scribe, part, ends, self.axis(k), turn.of[0])
+        return self.segment_angle(scribe, part, ends, self.axis(k), turn.of[0])
+
+    def segment_angle(
+        self, scribe: Scribe, part: Part, ends: tuple[int, int], axis: tuple[int, int], angle: Linear
+    ) -> Linear:
+        """The angle of a segment of a part whose axis has an angle."""
+        if ends == axis:
+            return angle
+        if ends == axis[::-1]:
+            return angle + fixed(-np.pi)
+        (turn,) = scribe.c("between", scribe.at((*axis, *ends), part))
+        return angle + turn
+
+    def local(
+        self, scribe: Scribe, part: Part, point: int, axis: tuple[int, int], origin: Origin
+    ) -> tuple[Linear, ...]:
+        """Components of a point in the frame of a planar part with an axis."""
+        if not origin.how:
+            if origin.points == (point,):
+                return (), ()
+            middle = set(origin.points) == set(axis)
+            if point in axis and (middle or (origin.points[0] in axis and len(origin.points) == 1)):
+                (length,) = scribe.c("length", scribe.at(axis, part))
+                return scaled(length, (1.0 if point == axis[1] else -1.0) * (0.5 if middle else 1.0)), ()
+        along, across = scribe.c("local", scribe.at((point, *axis, *origin.points), part), (), origin.how)
+        return along, across
 
     def axis(self, k: int) -> tuple[int, int]:
         """The two points whose direction is a planar part's angle."""
@@ -251,8 +355,8 @@ class Planner(ABC):
             constants = []
             for c in kind.constants:
                 i, j = (int(p) for p in data.lengths[c])
-                constants.append(scribe.c("length", tuple(_both(scribe, p, self.a) for p in (i, j)))[0])
-            places, directions = self.carried(scribe, data)
+                constants.append(scribe.c("length", tuple(self._pair_redrawn(scribe, p) for p in (i, j)))[0])
+            places, directions = self.carry(scribe, data)
             return Measured(kind, places, directions, tuple(constants))
         if self.parts.dim == 3:
             return None
@@ -269,7 +373,7 @@ class Planner(ABC):
         m = self.a.model
         return name in m.angles or any(getattr(j, "angle", None) == name for j in m.joints.values())
 
-    def carried(self, scribe: Scribe, data: Instance) -> tuple[tuple[Place, ...], tuple]:
+    def carry(self, scribe: Scribe, data: Instance) -> tuple[tuple[Place, ...], tuple]:
         """The points and vectors of a natural constraint, each on the part that carries it."""
         holders = self.parts.best(data.points)
         places = tuple(self.place(scribe, k, p) for k, p in zip(holders, data.points, strict=True))
@@ -296,7 +400,7 @@ class Planner(ABC):
         own: tuple[int, ...] = ()
         own_vectors: tuple[int, ...] = ()
         if data is not None and (kind.constants or measured):
-            own = tuple(_pair(scribe, p, d) for p, d in zip(data.points, data.drawn, strict=True))
+            own = tuple(scribe.pair(p, d) for p, d in zip(data.points, data.drawn, strict=True))
             own_vectors = tuple(scribe.v(v) for v in data.vectors)
         program = Program(kind, places, directions, scalars, tuple(scribe.recipes), own, own_vectors)
         made = composed(program, len(scribe.points), len(scribe.vectors), len(scribe.scalars), measured)
@@ -311,7 +415,7 @@ class Planner(ABC):
     def compose(self, data: Instance, name: str | None = None) -> None:
         """Write a natural constraint over places; of a user's coordinate that is a variable, its equation."""
         scribe = Scribe()
-        places, directions = self.carried(scribe, data)
+        places, directions = self.carry(scribe, data)
         scalars = []
         for i in data.scalars:
             if i >= self.a.first_scalar:
@@ -337,7 +441,10 @@ class Planner(ABC):
         if name in self.variables:
             return
         if name not in self.a.scalars:
-            self.spotted(name)
+            point, axis = self.spot(name)
+            scribe = Scribe()
+            place = self.place(scribe, self.parts.best((point,))[0], point)
+            self.write(AT[axis], (Owner(Thing.POINT, point),), scribe, (place,), (scribe.s(name),))
             return
         angle = self._turning(name)
         self.variables[name] = Variable(name, f"the {'angle' if angle else 'distance'} {name}", angle, angle)
@@ -345,16 +452,22 @@ class Planner(ABC):
         self.angles[name] = self.drawn[name]
         self.compose(data, name)
 
-    def spotted(self, name: str) -> None:
-        """Make a coordinate of a point a variable."""
+    def spot(self, name: str) -> tuple[int, int]:
+        """Note a coordinate of a point as a variable: the point, and the axis."""
         found = self.component(name)
         assert found is not None
-        point, axis = found
-        reading = Reading(Recipe("mean" if self.parts.dim == 2 else "mean in space", (0,)), axis)
-        self.add_variable(name, f"coordinate {name}", reading, (point,))
-        scribe = Scribe()
-        place = self.place(scribe, self.parts.best((point,))[0], point)
-        self.write(AT[axis], (Owner(Thing.POINT, point),), scribe, (place,), (scribe.s(name),))
+        reading = Reading(Recipe("mean" if self.parts.dim == 2 else "mean in space", (0,)), found[1])
+        self.add_variable(name, f"coordinate {name}", reading, found[:1])
+        return found
+
+    def choose(self, family: str) -> None:
+        """Note the kept coordinates alone, without rows: everything else follows from the position problem."""
+        self.family = family
+        for name in self.keep:
+            if name in self.a.scalars:
+                self.own(name, f"the coordinate {name}")
+            else:
+                self.spot(name)
 
     def coincide(self, first: int, second: int, point: int) -> None:
         """Write that a point is the same on two parts."""
@@ -407,10 +520,10 @@ class Planner(ABC):
         arms = (Arm(turn, tuple(across[:3])), Arm(turn, tuple(across[3:])))
         self.write(PAIR, (owner,), scribe, directions=(one, *arms))
 
-    def hold(self, but: frozenset[int] = frozenset()) -> None:
-        """Write the coordinates of points that do not change, but for some points."""
+    def hold(self) -> None:
+        """Write the coordinates of points that do not change, but for those that variables hold."""
         for p, axes in enumerate(self.a.fixed):
-            if axes.all() or p in but:
+            if axes.all() or p in self.held:
                 continue
             for axis in np.flatnonzero(axes):
                 scribe = Scribe()
@@ -480,17 +593,17 @@ class Planner(ABC):
         )
         return with_degrees_of_freedom(System(topology, self.natural.parameters))
 
+    def _pair_redrawn(self, scribe: Scribe, drawn: int) -> int:
+        """A place in the drawing or in a redrawn shape, and the point that it is of."""
+        for places in self.a.redrawn.values():
+            for point, where in places.items():
+                if where == drawn:
+                    return scribe.pair(point, drawn)
+        return scribe.pair(drawn, drawn)
 
-def _pair(scribe: Scribe, point: int, drawn: int) -> int:
-    if (point, drawn) not in scribe.points:
-        scribe.points.append((point, drawn))
-    return scribe.points.index((point, drawn))
 
-
-def _both(scribe: Scribe, drawn: int, a) -> int:
-    """A place in the drawing or in a redrawn shape, and the point that it is of."""
-    for places in a.redrawn.values():
-        for point, where in places.items():
-            if where == drawn:
-                return _pair(scribe, point, drawn)
-    return _pair(scribe, drawn, drawn)
+def drawn_angle(home: np.ndarray, ends: tuple[int, ...]) -> float:
+    """The drawn angle of a segment from the x axis, or from another segment, as the recipes read it."""
+    spans = [home[b] - home[a] for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    d, w = (np.array([1.0, 0.0]), spans[0]) if len(spans) == 1 else spans
+    return float(np.arctan2(d[0] * w[1] - d[1] * w[0], d @ w))

@@ -15,16 +15,14 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.constraints import Kind
+from jaxnc.constraints.kind import Kind, dot
 from jaxnc.constraints.small import Small
 from jaxnc.constraints.symbols import Expression
 from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families import shapes
-from jaxnc.families.between import Between
-from jaxnc.families.shapes import Recipe
-from jaxnc.families.turns import HOME, parameters, turned
-from jaxnc.pickling import factory
-from jaxnc.system.frames import body_axes
+from jaxnc.families.bodies import Part
+from jaxnc.families.shapes import Between, Reading, Recipe, turned
+from jaxnc.pickling import factory, listed
 
 Linear = tuple[tuple[float, str, int], ...]
 """A sum ``factor · what[index]``: ``"s"`` a variable, ``"c"`` a constant, ``"1"`` one, ``"x"``, ``"y"``, ``"z"`` a
@@ -262,43 +260,8 @@ def composed(program: Program, points: int, vectors: int, scalars: int, measured
     )
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What a variable is in a pose of the natural coordinates: one of the values of a recipe."""
-
-    recipe: Recipe
-    part: int = 0
-
-    def __call__(self, p: Any, v: Any, c: Any) -> Any:
-        """The variable's value."""
-        return shapes.values(self.recipe, p, v)[self.part]
-
-
-@dataclass(frozen=True)
-class Oriented:
-    """An orientation parameter of a body in a pose of the natural coordinates, from the segments of its frame."""
-
-    how: str  # which parameters
-    part: int  # which of them
-    segments: tuple[tuple[int, ...], ...]  # pairs of points (i, j), or vectors (~k,), of the instance
-
-    @property
-    def home(self) -> float:
-        """Its value in the drawing."""
-        return HOME[self.how][self.part]
-
-    def drawn(self, p: Any, v: Any) -> Any:
-        """The frame as drawn, row by row."""
-        return tuple(body_axes(self.segments, p, v).reshape(-1))
-
-    def __call__(self, p: Any, v: Any, c: Any) -> Any:
-        """The parameter's value."""
-        frame = jnp.stack(list(c)).reshape(3, 3)
-        return parameters(self.how, body_axes(self.segments, p, v).T @ frame)[self.part]
-
-
 @factory
-def variable(reading: "Reading | Oriented | Between", points: int, vectors: int) -> Kind:
+def variable(reading: Reading | Between, points: int, vectors: int) -> Kind:
     """A kind without rows, that says what a variable is in the drawing.
 
     What is counted from the drawing is known there, and nothing of it need be compiled.
@@ -329,3 +292,174 @@ def silent(kind: Kind) -> Kind:
 
 def _nothing(p, v, s, c):
     return ()
+
+
+class Scribe:
+    """Collects the points, vectors, variables and readings of one instance."""
+
+    def __init__(self):
+        self.points: list[tuple[int, int]] = []  # pairs (point, where it is read)
+        self.vectors: list[int] = []  # unit vectors
+        self.scalars: list[str] = []  # names of variables
+        self.recipes: list[Recipe] = []  # readings of constants
+        self.frames: dict[int, Frame] = {}  # frames of parts that are made
+
+    def p(self, point: int, part: Part | None = None) -> int:
+        """A point as drawn, or of the (redrawn) shape of a part."""
+        return self.pair(point, part.drawn.get(point, point) if part else point)
+
+    def pair(self, point: int, drawn: int) -> int:
+        """A point, and where in the drawing it is read."""
+        return _place(self.points, (point, drawn))
+
+    def at(self, points: tuple[int, ...], part: Part | None = None) -> tuple[int, ...]:
+        """Several points."""
+        return tuple(self.p(p, part) for p in points)
+
+    def v(self, vector: int) -> int:
+        """A unit vector."""
+        return _place(self.vectors, vector)
+
+    def s(self, name: str, factor: float = 1.0) -> Linear:
+        """A variable."""
+        return ((factor, "s", _place(self.scalars, name)),)
+
+    def c(self, how: str, points: tuple[int, ...], vectors: tuple[int, ...] = (), extra: tuple = ()) -> list[Linear]:
+        """Constants read off the drawing."""
+        recipe = Recipe(how, points, vectors, extra)
+        before = sum(r.count for r in self.recipes[: _place(self.recipes, recipe)])
+        return [((1.0, "c", before + k),) for k in range(recipe.count)]
+
+
+def _place(found: list, item) -> int:
+    if item not in found:
+        found.append(item)
+    return found.index(item)
+
+
+def fixed(value: float) -> Linear:
+    """A number."""
+    return ((value, "1", 0),) if value else ()
+
+
+# -- kinds of rows that are the families' own -------------------------------------------------------------------
+
+PROJECTION = Kind(
+    "projection",
+    lambda p, v, s, c: ((p[0][0] - p[1][0]) * cos(s[0]) + (p[0][1] - p[1][1]) * sin(s[0]) - s[1],),
+    rows=("distance",),
+    points=2,
+    scalars=2,
+    source="(10): the projection of a vector on a direction of a body is constant",
+)
+
+EQUAL = Kind(
+    "equal",
+    lambda p, v, s, c: (s[0] - s[1],),
+    rows=("angle",),
+    powers=(0,),
+    scalars=2,
+    source="(9)",
+)
+
+PAIR = Kind(
+    "parallel in two rows",
+    lambda p, v, s, c: (
+        v[0][0] * v[1][0] + v[0][1] * v[1][1] + v[0][2] * v[1][2],
+        v[0][0] * v[2][0] + v[0][1] * v[2][1] + v[0][2] * v[2][2],
+    ),
+    rows=("across 1", "across 2"),
+    powers=(0, 0),
+    vectors=3,
+    source="§4.2.2: a direction of one body stays across two directions of the other",
+)
+
+
+SAME_TURN = Kind(
+    "same orientation",
+    lambda p, v, s, c: (dot(v[1], v[5]), dot(v[2], v[3]), dot(v[0], v[4])),
+    rows=("about x", "about y", "about z"),
+    powers=(0, 0, 0),
+    vectors=6,
+    # Half turns and the cyclic third of a turn meet the rows too; their matrices have a trace below one.
+    guard=lambda p, v, s, c: (dot(v[0], v[3]) + dot(v[1], v[4]) + dot(v[2], v[5]) - 1.0,),
+    source="the paper: a loop that is closed by six equations, three of them about its orientation",
+)
+
+
+@factory
+def _held(axis: int) -> Kind:
+    return Kind(
+        f"held {'xyz'[axis]}",
+        lambda p, v, s, c: (p[0][axis] - p[1][axis],),
+        rows=("xyz"[axis],),
+        points=2,
+        source="a coordinate of a point that does not change",
+    )
+
+
+@factory
+def _coordinate(axis: int, vector: bool) -> Kind:
+    return Kind(
+        f"coordinate {'xyz'[axis]}",
+        lambda p, v, s, c: (),
+        rows=(),
+        powers=(),
+        points=int(not vector),
+        vectors=int(vector),
+        measure=lambda p, v, c: (v if vector else p)[0][axis],
+    )
+
+
+@factory
+def _at(axis: int) -> Kind:
+    return Kind(
+        f"at {'xyz'[axis]}",
+        lambda p, v, s, c: (p[0][axis] - s[0],),
+        rows=("xyz"[axis],),
+        points=1,
+        scalars=1,
+        source="a coordinate of a point as a variable",
+    )
+
+
+AT = tuple(map(_at, range(3)))
+HELD = tuple(map(_held, range(3)))
+COORDINATE = {vector: tuple(_coordinate(axis, vector) for axis in range(3)) for vector in (False, True)}
+
+NORM = Kind(
+    "Euler parameters",
+    lambda p, v, s, c: (s[0] * s[0] + s[1] * s[1] + s[2] * s[2] + s[3] * s[3] - 1.0,),
+    rows=("unit length",),
+    powers=(0,),
+    scalars=4,
+    source="normalisation of Euler parameters",
+)
+
+DIRECTION = Kind(
+    "direction of a bar",
+    lambda p, v, s, c: (s[0] * s[0] + s[1] * s[1] + s[2] * s[2] - 1.0,),
+    rows=("unit length",),
+    powers=(0,),
+    scalars=3,
+    source="§4: a unit vector",
+)
+
+
+def _orthonormal(p, v, s, c):
+    rows = [s[0:3], s[3:6], s[6:9]]
+    return tuple(dot(rows[i], rows[j]) - (1.0 if i == j else 0.0) for i in range(3) for j in range(i + 1))
+
+
+ORTHONORMAL = Kind(
+    "rotation matrix",
+    _orthonormal,
+    rows=("xx", "yx", "yy", "zx", "zy", "zz"),
+    powers=(0,) * 6,
+    scalars=9,
+    source="the rows of a rotation matrix are unit vectors at right angles",
+)
+
+NORMALISED = {"euler parameters": NORM, "rotation matrix": ORTHONORMAL}
+
+listed(__name__, (PROJECTION, EQUAL, PAIR, SAME_TURN, NORM, DIRECTION, ORTHONORMAL))

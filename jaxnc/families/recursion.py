@@ -20,12 +20,10 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.families.bodies import Parts
-from jaxnc.families.formulate import planned, relative
+from jaxnc.families.formulate import compile_family, plan_relative
 from jaxnc.families.formulation import Formulation
-from jaxnc.families.relative import Relative
-from jaxnc.families.scribe import Scribe
-from jaxnc.families.spatial import SpatialRelative
-from jaxnc.families.spatial_graph import drawn
+from jaxnc.families.program import Scribe
+from jaxnc.families.relative import Relative, SpatialRelative
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.solvers import dense
@@ -60,8 +58,8 @@ class Chain:
 
     def __init__(self, mechanism: Mechanism):
         natural = mechanism.compile()
-        planner = relative(Parts(mechanism), natural)
-        self.formulation: Formulation = planned(planner, natural, "relative")
+        planner = plan_relative(Parts(mechanism), natural)
+        self.formulation: Formulation = compile_family(planner, natural, "relative")
         if self.formulation.r:
             raise InputError(
                 f"{natural.name!r} has loops: {self.formulation.r} equations in relative coordinates; the recursion is "
@@ -71,7 +69,6 @@ class Chain:
         if m.forces or m.masses or m.friction:
             name = next(iter((*m.forces, *m.masses, *m.friction)))
             raise InputError(f"{name!r}: the recursion knows bodies and gravity only; give other efforts as tau=")
-        assert isinstance(planner, Relative | SpatialRelative)
         self.joints: list[Joint] = []
         self.axes: list[np.ndarray] = []
         self.points: list[np.ndarray] = []
@@ -100,7 +97,7 @@ class Chain:
         self.slides.append(slides)
         self.last[k] = len(self.joints) - 1
 
-    def _plane(self, planner: Any, k: int) -> None:
+    def _plane(self, planner: Relative, k: int) -> None:
         hung, home = planner.hung[k], planner.a.home
         edge, before = hung.edge, self.last[hung.parent]
         self.last[k] = before
@@ -125,7 +122,7 @@ class Chain:
             sign = -1.0 if hung.backwards else 1.0
             self._add(k, self.last[k], hung.angle, np.array([0.0, 0.0, 1.0]), home[edge.point], False, sign)
 
-    def _space(self, planner: Any, k: int) -> None:
+    def _space(self, planner: SpatialRelative, k: int) -> None:
         hung, home = planner.hung[k], planner.a.home
         edge, (mine, other) = hung.edge, hung.sides
         self.last[k] = self.last[hung.parent]
@@ -134,12 +131,12 @@ class Chain:
                 f"{planner.a.text(edge.owner)!r} has Euler parameters, which are not independent; the recursion "
                 f"takes revolute, prismatic, cylindrical and universal joints"
             )
-        axis = drawn(planner.parts, edge.axes[mine])
+        axis = planner.parts.drawn(edge.axes[mine])
         if hung.distance:
             sign = float(next(f for f, what, _ in planner.displacement(Scribe(), hung) if what == "s"))
             self._add(k, self.last[k], hung.distance, axis, home[edge.at[mine]], True, sign)
         for i, name in enumerate(hung.angles):
-            about = axis if i == 0 else drawn(planner.parts, edge.axes[other])
+            about = axis if i == 0 else planner.parts.drawn(edge.axes[other])
             sign = 1.0
             if edge.how != "universal":
                 sign = float(next(f for f, what, _ in planner.rotation(Scribe(), hung) if what == "s"))

@@ -1,9 +1,15 @@
-"""Numbers that are read off drawn points and vectors: shapes of bodies, and what variables are in a pose.
+"""Numbers that are read off points and vectors: shapes of bodies, rotations, and what variables are in a pose.
 
 A recipe is static; its points and vectors are places in those of one instance. The values are pure JAX and have finite
 derivatives.
+
+Rotations in space are counted from the drawing. Euler angles (z, x', z'') are singular where the second one is zero;
+their axes are laid so that it is π/2 in the drawing. Bryant angles (x, y', z'') are singular where the second is ±π/2,
+and are zero in the drawing. Euler parameters and the matrix itself are singular nowhere, and have rows of their own
+that normalise them.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +18,11 @@ import jax.numpy as jnp
 from jaxnc.constraints.directions import about, unit
 from jaxnc.constraints.elementary import ratio
 from jaxnc.constraints.kind import cross, dot, norm
+from jaxnc.constraints.trigonometry import cos, sin
+from jaxnc.system.frames import body_axes, quaternions
+
+Segments = tuple[tuple[int, ...], ...]
+"""Directions of a part in the numbers of an instance: two points each, or a vector (~k,)."""
 
 
 @dataclass(frozen=True)
@@ -205,3 +216,164 @@ _HOW = {
     "unit": (_unit, ("x", "y", "z")),
     "across": (_across, ("x1", "y1", "z1", "x2", "y2", "z2")),
 }
+
+
+PARAMETERS = {
+    "euler parameters": ("e0", "e1", "e2", "e3"),
+    "euler angles": ("precession", "nutation", "spin"),
+    "bryant angles": ("roll", "pitch", "yaw"),
+    "rotation matrix": ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"),
+}
+"""Orientation parameters by their family's name, with the names of the variables."""
+
+HOME = {
+    "euler parameters": (1.0, 0.0, 0.0, 0.0),
+    "euler angles": (0.0, 0.5 * math.pi, 0.0),
+    "bryant angles": (0.0, 0.0, 0.0),
+    "rotation matrix": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+}
+"""Their values in the drawing."""
+
+ANGLES = ("euler angles", "bryant angles")
+
+
+def turned(how: str, of: list, axis: list) -> tuple[tuple, ...]:
+    """Rows of a rotation matrix.
+
+    `how` is ``"about"`` an axis, by an angle; one of `PARAMETERS`; or ``"times"``, no rotation but a stretch. The axis
+    is a unit vector.
+    """
+    if how == "about":
+        co, si = cos(of[0]), sin(of[0])
+        x, y, z = axis
+        t = 1.0 - co
+        return (
+            (co + t * x * x, t * x * y - si * z, t * x * z + si * y),
+            (t * x * y + si * z, co + t * y * y, t * y * z - si * x),
+            (t * x * z - si * y, t * y * z + si * x, co + t * z * z),
+        )
+    if how == "times":
+        (d,) = of
+        return (d, 0.0, 0.0), (0.0, d, 0.0), (0.0, 0.0, d)
+    if how == "euler parameters":
+        a, b, c, d = of
+        return (
+            (a * a + b * b - c * c - d * d, 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)),
+            (2.0 * (b * c + a * d), a * a - b * b + c * c - d * d, 2.0 * (c * d - a * b)),
+            (2.0 * (b * d - a * c), 2.0 * (c * d + a * b), a * a - b * b - c * c + d * d),
+        )
+    if how == "rotation matrix":
+        return tuple(tuple(of[3 * i : 3 * i + 3]) for i in range(3))
+    (a, b, c), (f, g, h) = (cos(x) for x in of), (sin(x) for x in of)
+    if how == "bryant angles":
+        return (
+            (b * c, -(b * h), g),
+            (a * h + f * g * c, a * c - f * g * h, -(f * b)),
+            (f * h - a * g * c, f * c + a * g * h, a * b),
+        )
+    # z, x', z'', and then a quarter turn back about x: the drawing is at (0, π/2, 0).
+    return (
+        (a * c - f * b * h, -(f * g), -(a * h) - f * b * c),
+        (f * c + a * b * h, a * g, a * b * c - f * h),
+        (g * h, -b, g * c),
+    )
+
+
+def parameters(how: str, r: Any) -> tuple[Any, ...]:
+    """The parameters of a rotation matrix ``(3, 3)``; of Euler parameters those with a positive first one."""
+    if how == "euler parameters":
+        return tuple(quaternions(r))
+    if how == "rotation matrix":
+        return tuple(r.reshape(-1))
+    if how == "bryant angles":
+        return _atan2(-r[1, 2], r[2, 2]), _atan2(r[0, 2], _hypot(r[0, 0], r[0, 1])), _atan2(-r[0, 1], r[0, 0])
+    return _atan2(-r[0, 1], r[1, 1]), _atan2(_hypot(r[2, 0], r[2, 2]), -r[2, 1]), _atan2(r[2, 0], r[2, 2])
+
+
+def _atan2(y, x):
+    safe = (x != 0) | (y != 0)
+    return jnp.arctan2(jnp.where(safe, y, 0.0), jnp.where(safe, x, 1.0))
+
+
+def _hypot(x, y):
+    square = x * x + y * y
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A variable in a pose of the natural coordinates: one of the values of a recipe."""
+
+    recipe: Recipe
+    part: int = 0
+
+    def __call__(self, p: Any, v: Any, c: Any) -> Any:
+        """The variable's value."""
+        return values(self.recipe, p, v)[self.part]
+
+
+@dataclass(frozen=True)
+class Between:
+    """A variable of a joint between two parts in space, from the frames of both.
+
+    In the drawing it is zero; of orientation parameters, which a body against the ground may have too, no rotation.
+    """
+
+    how: str  # "about" an axis, "universal", "slide", or the name of orientation parameters
+    part: int  # which of several
+    parent: Segments  # the segments of the part before it, in the instance's numbers; none for the ground
+    child: Segments  # those of the part
+    axes: Segments  # the joint's axis on the first, and on the second: two points, or a vector (~k,)
+    at: tuple[int, ...] = ()  # the joint's point on each, if it has one
+
+    @property
+    def home(self) -> float:
+        """Its value in the drawing."""
+        return HOME[self.how][self.part] if self.how in HOME else 0.0
+
+    def drawn(self, p: Any, v: Any) -> Any:
+        """Both frames, the axes and the distance, as drawn."""
+        frames = [_frame(x, p, v).reshape(-1) for x in (self.parent, self.child)]
+        axes = [_direction(x, p, v) for x in self.axes] or [jnp.zeros(3)] * 2
+        shift = p[self.at[1]] - p[self.at[0]] if self.at else jnp.zeros(3)
+        return tuple(jnp.concatenate([*frames, *axes, shift]))
+
+    def __call__(self, p: Any, v: Any, c: Any) -> Any:
+        """The variable's value."""
+        c = jnp.stack(list(c))
+        parent, child = (
+            _frame(x, p, v).T @ c[9 * k : 9 * k + 9].reshape(3, 3) for k, x in enumerate((self.parent, self.child))
+        )
+        turn, a, b = parent.T @ child, c[18:21], c[21:24]
+        if self.how in PARAMETERS:
+            return parameters(self.how, turn)[self.part]
+        if self.how == "slide":
+            return jnp.dot(parent.T @ (p[self.at[1]] - p[self.at[0]]) - c[24:27], a)
+        if self.how == "about":
+            return _turned(turn, a)
+        first = angle(*about(a, b, turn @ b))
+        if self.part == 0:
+            return first
+        # The rest of the rotation, after the first one is taken back, is about the second arm.
+        return _turned(_rotation(a, -first) @ turn, b)
+
+
+def _frame(segments: Segments, p: Any, v: Any) -> Any:
+    return body_axes(segments, p, v) if segments else jnp.eye(3)
+
+
+def _direction(line: tuple[int, ...], p: Any, v: Any) -> Any:
+    return unit(p[line[1]] - p[line[0]] if len(line) == 2 else v[~line[0]])
+
+
+def _turned(turn: Any, axis: Any) -> Any:
+    """Angle of a rotation about a known axis."""
+    axial = 0.5 * jnp.stack([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    return angle(0.5 * (jnp.trace(turn) - 1.0), jnp.dot(axial, axis))
+
+
+def _rotation(axis: Any, turn: Any) -> Any:
+    x, y, z = axis
+    skew = jnp.array([[0.0, 0.0, 0.0]] * 3).at[0, 1].set(-z).at[0, 2].set(y).at[1, 2].set(-x)
+    skew = skew - skew.T
+    return jnp.eye(3) + jnp.sin(turn) * skew + (1.0 - jnp.cos(turn)) * (skew @ skew)
