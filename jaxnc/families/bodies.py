@@ -69,7 +69,7 @@ class Part:
         self.origin = self.origin if self.origin.points else Origin(self.points)
 
     def holds(self, points: Iterable[int], vectors: Iterable[int] = ()) -> bool:
-        """Whether all of these are of the part."""
+        """Say whether all of these are of the part."""
         return set(points) <= set(self.points) and set(vectors) <= set(self.vectors)
 
 
@@ -83,7 +83,7 @@ class Parts:
         self.a: Assembler = forms(mechanism)
         self.a.system()
         self.parts: list[Part] = [self._ground()]
-        groups = self._merged()
+        groups = self._merge()
         for members in groups:
             self.parts.append(self._part(members))
         held = {p for part in self.parts for p in part.points}
@@ -124,7 +124,7 @@ class Parts:
         return Part("ground", points, vectors)
 
     def _rigid(self, points: set[int], vectors: set[int]) -> bool:
-        """Whether two parts that share this cannot move against each other."""
+        """Say whether two parts that share this cannot move against each other."""
         if not points:
             return False
         if self.dim == 2:
@@ -134,7 +134,7 @@ class Parts:
         units = [d / np.linalg.norm(d) for d in spans if np.linalg.norm(d) > 0]
         return any(np.linalg.norm(np.cross(d, e)) > _ALONG for d, e in combinations(units, 2))
 
-    def _merged(self) -> list[list[str]]:
+    def _merge(self) -> list[list[str]]:
         """Bodies by part, in order; those that are the ground become part of it."""
         specs = {b.name: b for b in self.a.bodies if self.dim == 3 or len(b.points) > 1}
         members: dict[str, tuple[set[int], set[int]]] = {n: (set(b.points), set(b.vectors)) for n, b in specs.items()}
@@ -225,7 +225,7 @@ class Parts:
             return (), (self.a.vector_index[name],)
         return self.a.pair((at or "", direction) if isinstance(direction, str) else direction), ()
 
-    def drawn(self, line: Line) -> np.ndarray:
+    def unit_along(self, line: Line) -> np.ndarray:
         """A direction as drawn, a unit vector."""
         points, vectors = line
         d = self.a.vectors[vectors[0]] if vectors else self.a.home[points[1]] - self.a.home[points[0]]
@@ -266,7 +266,7 @@ def join(group: dict[int, int], first: int, second: int) -> None:
 
 
 def closures(joined: Joined) -> list[tuple[int, int, int]]:
-    """What parts still have to share: ``(item, part, part)``."""
+    """List the items that parts still have to share, ``(item, part, part)``."""
     out = []
     for item, group in joined.items():
         group = dict(group)
@@ -501,7 +501,7 @@ def _name_spatial(parts: Parts, edge: SpatialEdge) -> None:
     pair = {edge.first, edge.second}
 
     def parallel(line: Line) -> bool:
-        return bool(np.linalg.norm(np.cross(parts.drawn(line), parts.drawn(edge.axes[0]))) < _ALONG)
+        return bool(np.linalg.norm(np.cross(parts.unit_along(line), parts.unit_along(edge.axes[0]))) < _ALONG)
 
     if edge.how in ("revolute", "cylindrical"):
         for name, angle in parts.model.angles.items():

@@ -90,7 +90,7 @@ class Comparison:
 
     def __str__(self) -> str:
         table = [[title for title, _ in _COLUMNS]]
-        table += [[_shown(getattr(row, key)) for _, key in _COLUMNS] for row in self.families]
+        table += [[_show_cell(getattr(row, key)) for _, key in _COLUMNS] for row in self.families]
         widths = [max(len(line[k]) for line in table) for k in range(len(_COLUMNS))]
         lines = ["  ".join(f"{cell:>{w}}" if k else f"{cell:{w}}" for k, (cell, w) in enumerate(
             zip(line, widths, strict=True))).rstrip() for line in table]  # fmt: skip
@@ -127,7 +127,7 @@ class Comparison:
         return json.dumps(whole, indent=2, ensure_ascii=False)
 
 
-def _shown(value: Any) -> str:
+def _show_cell(value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, tuple):

@@ -13,14 +13,13 @@ import copy
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Parts
-from jaxnc.families.formulation import Formulation
+from jaxnc.families.formulation import Formulation, measure_all
 from jaxnc.families.planner import Planner, Variable
 from jaxnc.families.reference import Reference
 from jaxnc.families.relative import Relative, SpatialRelative
@@ -35,7 +34,6 @@ from jaxnc.mechanism.place import Place as Spot
 from jaxnc.records import record as recorded
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations, measured
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -173,30 +171,27 @@ def _without_scalars(mechanism: Mechanism, keep: tuple[str, ...]) -> Mechanism:
     for name in keep:
         if name not in mechanism.scalar_names:
             raise InputError(f"keep={name!r}: {m.name!r} has no angle or distance of that name")
-    gone = {*m.angles, *m.distances} - set(keep)
-
-    def refuse(what: str, names: list[str]) -> None:
-        raise InputError(
-            f"{what} is an equation between {' and '.join(names)}, and natural coordinates have no angles and "
-            f"distances; use family='mixed', or keep={names!r}"
-        )
-
+    gone = set(mechanism.scalar_names) - set(keep)
+    used: list[tuple[str, Sequence[str]]] = []
     for name, joint in m.joints.items():
-        if isinstance(joint, record.Gear | record.BevelGear) and set(joint.angles) & gone:
-            refuse(f"the gear pair {name!r}", list(joint.angles))
-        if isinstance(joint, record.Rolling | record.Screw):
-            made = [joint.angle, joint.distance]
-            if not set(made) <= set(keep):
-                refuse(f"the {type(joint).__name__.lower()} joint {name!r}", made)
-        if isinstance(joint, record.RackAndPinion) and {joint.angle, joint.distance} & gone:
-            refuse(f"the rack and pinion {name!r}", [joint.angle, joint.distance])
-    for name, relation in m.relations.items():
-        if set(relation.terms) & gone:
-            refuse(f"the relation {name!r}", [s for s in relation.terms if s in gone])
-    for what, table in (("constraint", m.constraints), ("force", m.forces)):
-        for name, data in table.items():
-            if set(data.scalars) & gone:
-                refuse(f"the {what} {name!r}", [s for s in data.scalars if s in gone])
+        if isinstance(joint, record.Gear | record.BevelGear):
+            used.append((f"the gear pair {name!r}", joint.angles))
+        elif isinstance(joint, record.Rolling | record.Screw | record.RackAndPinion):
+            noun = (
+                "rack and pinion"
+                if isinstance(joint, record.RackAndPinion)
+                else f"{joint.__class__.__name__.lower()} joint"
+            )
+            used.append((f"the {noun} {name!r}", (joint.angle, joint.distance)))
+    used += [(f"the relation {n!r}", [s for s in x.terms if s in gone]) for n, x in m.relations.items()]
+    for noun, table in (("constraint", m.constraints), ("force", m.forces)):
+        used += [(f"the {noun} {n!r}", [s for s in x.scalars if s in gone]) for n, x in table.items()]
+    for what, names in used:
+        if gone & set(names):
+            raise InputError(
+                f"{what} is an equation between {' and '.join(names)}, and natural coordinates have no angles and "
+                f"distances; use family='mixed', or keep={list(names)!r}"
+            )
     other = copy.copy(mechanism)
     other.model = copy.deepcopy(m)
     other.model.angles = {n: a for n, a in m.angles.items() if n not in gone}
@@ -251,11 +246,11 @@ class Independent(Formulation):
         found = _Poses(home, len(top.coordinates) - len(top.scalars))
         while found.starts < starts if starts else not found.stable:
             spread = _SPREADS[found.starts // lanes % len(_SPREADS)]
-            begun = _rigid_starts(eq, home, lanes, rng, spread)
+            begun = _rigid_starts(system, home, lanes, rng, spread)
             one = analyse(view, "guess", eq, jnp.array(begun), asked, ())
             count = lanes if starts is None else min(lanes, starts - found.starts)
             found.add(*(np.asarray(a)[:count] for a in (one.q, one.status, one.size, one.conditioning)))
-        q, status, residual, conditioning = found.listed()
+        q, status, residual, conditioning = found.sort()
         return Motion(
             system, tuple(values), (), jnp.array(q), (), jnp.broadcast_to(asked[0], (len(q), len(values))),
             jnp.array(status), jnp.array(residual), jnp.array(conditioning),
@@ -294,23 +289,23 @@ class _Poses:
 
     @property
     def stable(self) -> bool:
-        """Whether many more starts than the last new pose took brought none, and every pose came several times."""
+        """True if many more starts than the last new pose took brought none, and every pose came several times."""
         quiet = self.starts >= max(_LEAST, _QUIET * self.newest) and bool((self.seen >= _SEEN).all())
         return quiet or self.starts >= _MOST
 
-    def listed(self) -> tuple[np.ndarray, ...]:
+    def sort(self) -> tuple[np.ndarray, ...]:
         """Coordinates, statuses, residuals and conditionings, those of the pose nearest to the drawing first."""
         away = np.abs(self.known[0][:, : self.spread] - self.home[: self.spread]).sum(axis=1)
         return tuple(a[np.argsort(away, kind="stable")] for a in self.known)
 
 
-def _rigid_starts(eq: Equations, home: np.ndarray, starts: int, rng: np.random.Generator, spread: float) -> np.ndarray:
+def _rigid_starts(system: System, home: np.ndarray, starts: int, rng: np.random.Generator, spread: float) -> np.ndarray:
     """Poses ``(starts, N)`` in which every body is as long and wide as it is, turned and placed at random.
 
     A body that shares a point with the ground, or with a body before it, hangs on that point; others lie in a box that
     is `spread` times as wide as the drawing's.
     """
-    top = eq.topology
+    top = system.topology
     dim, count = top.dim, len(top.points)
     points = home[: count * dim].reshape(count, dim)
     vectors = home[count * dim : count * dim + len(top.vectors) * dim].reshape(len(top.vectors), dim)
@@ -342,12 +337,8 @@ def _rigid_starts(eq: Equations, home: np.ndarray, starts: int, rng: np.random.G
     thrown = np.concatenate([p.reshape(starts, -1), v.reshape(starts, -1)], axis=1)
     out[:, : thrown.shape[1]] = np.where(fixed[: thrown.shape[1]], home[: thrown.shape[1]], thrown)
     if top.scalars:
-        out[:, thrown.shape[1] :] = _measures(eq, out)
+        out = np.asarray(measure_all(system, out))
     return out
-
-
-def _measures(eq: Equations, q: np.ndarray) -> np.ndarray:
-    return np.asarray(jax.vmap(lambda x: measured(eq.topology, eq.constants, x))(jnp.asarray(q)))
 
 
 def _rotations(rng: np.random.Generator, count: int, dim: int) -> np.ndarray:

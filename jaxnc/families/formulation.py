@@ -12,7 +12,7 @@ from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, brief
-from jaxnc.families.planner import Atlas, Variable
+from jaxnc.families.planner import Atlas, Variable, fit_parameters
 from jaxnc.families.program import Numbers
 from jaxnc.families.shapes import values
 from jaxnc.kinematics.motion import Motion
@@ -60,7 +60,8 @@ class Formulation:
     @property
     def system(self) -> System:
         """The compiled system of this family."""
-        return System(self.topology, self.natural.parameters, self.freedom, self.independent)
+        parameters = fit_parameters(self.natural.parameters, self.topology)
+        return System(self.topology, parameters, self.freedom, self.independent)
 
     @property
     def variables(self) -> dict[str, str]:
@@ -88,11 +89,11 @@ class Formulation:
         return len(self.topology.rows)
 
     def replace(self, *values: Any, **more: Any) -> "Formulation":
-        """The same for another design; see `System.replace`."""
+        """Take another design; see `System.replace`."""
         return self.of(self.natural.replace(*values, **more))
 
     def of(self, natural: System) -> "Formulation":
-        """The same for another design of the compiled mechanism. Nothing recompiles."""
+        """Take another design of the compiled mechanism. Nothing recompiles."""
         if not isinstance(natural, System) or natural.topology != self.natural.topology:
             raise InputError(f"{self.natural.name!r}: of() takes a design of the same compiled mechanism")
         return dataclasses.replace(self, natural=natural)

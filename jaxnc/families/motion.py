@@ -49,7 +49,7 @@ def mass_matrix(formulation: Formulation, z: Any) -> Array:
         InputError: nothing has a mass, or a closed chain in independent coordinates.
     """
     _check(formulation)
-    return _mass(formulation, _known(formulation), jnp.asarray(shaped(z, "the variables z", formulation.n)))
+    return _mass(formulation, _derive_known(formulation), jnp.asarray(shaped(z, "the variables z", formulation.n)))
 
 
 @public
@@ -71,7 +71,7 @@ def accelerations(formulation: Formulation, z: Any, dz: Any, t: float = 0.0) -> 
     _check(formulation)
     n = formulation.n
     z, dz = (jnp.asarray(shaped(x, what, n)) for x, what in ((z, "the variables z"), (dz, "their rates dz")))
-    return _accelerations(formulation, _known(formulation), jnp.asarray(shaped(t, "time t")), z, dz)
+    return _accelerations(formulation, _derive_known(formulation), jnp.asarray(shaped(t, "time t")), z, dz)
 
 
 @public
@@ -111,7 +111,7 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
     for what, x in (("z", z), ("dz", dz)):
         finite(x, what)
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
-    qs, vs, accs, gaps = _integrate(formulation, _known(formulation), jnp.array(times), z, dz, count)
+    qs, vs, accs, gaps = _integrate(formulation, _derive_known(formulation), jnp.array(times), z, dz, count)
     bad = np.flatnonzero(~np.isfinite(np.asarray(gaps)) | (np.asarray(gaps) > 1.0))
     if len(bad):
         raise AssemblyError(
@@ -138,18 +138,18 @@ def _check(formulation: Formulation) -> None:
 
 @record
 class _Known:
-    """What of a design does not depend on the pose: derived once, by programs that others need too."""
+    """The numbers of a design that do not depend on the pose: derived once, by programs that others need too."""
 
     dyn: Dynamics
     natural: Equations
     own: Equations
 
 
-def _known(f: Formulation) -> _Known:
+def _derive_known(f: Formulation) -> _Known:
     return _Known(dynamics(extended(f.natural)), derive(f.natural), derive(f.system))
 
 
-def _lifted(f: Formulation, known: _Known, z: Array) -> Array:
+def _lift(f: Formulation, known: _Known, z: Array) -> Array:
     """Coordinates of the dynamics, with hidden vectors."""
     return lift(f.natural.topology, f.place(known.natural, z))
 
@@ -161,7 +161,7 @@ def _second(function, x: Array, v: Array) -> Array:
 
 @jit
 def _mass(f: Formulation, known: _Known, z: Array) -> Array:
-    j = jax.jacfwd(lambda x: _lifted(f, known, x))(z)
+    j = jax.jacfwd(lambda x: _lift(f, known, x))(z)
     return j.T @ known.dyn.mass @ j
 
 
@@ -188,10 +188,10 @@ class _Family:
         return q, v
 
     def answer(self, what: Any, t: Any, q: Array, v: Array) -> Answer:
-        """As `jaxnc.dynamics.flow.Flow.answer`: one system of equations with other right-hand sides."""
+        """Answer as `jaxnc.dynamics.flow.Flow.answer` does: one system of equations with other right-hand sides."""
         z, dz = q, v
         f, known, dyn = self.formulation, self.known, self.known.dyn
-        lift_z, rows_z = functools.partial(_lifted, f, known), functools.partial(_rows, f, known)
+        lift_z, rows_z = functools.partial(_lift, f, known), functools.partial(_rows, f, known)
         q, v = jax.jvp(lift_z, (z,), (dz,))
         j, slope = jax.jacfwd(lift_z)(z), jax.jacfwd(rows_z)(z)
         mass, rows, rates = j.T @ dyn.mass @ j, rows_z(z), slope @ dz

@@ -26,17 +26,17 @@ from jaxnc.families.program import (
     Scribe,
     Turn,
     Vector,
-    composed,
+    compose_kind,
     fixed,
-    scaled,
-    silent,
-    variable,
+    scale,
+    silence,
+    variable_kind,
 )
 from jaxnc.families.shapes import ANGLES, HOME, PARAMETERS, Between, Reading, Recipe, Segments
 from jaxnc.solvers.assembly import derive, with_degrees_of_freedom
 from jaxnc.system.assembler import Instance, grouped
 from jaxnc.system.identity import Owner, Thing
-from jaxnc.system.system import System
+from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 
 
@@ -85,6 +85,7 @@ class Planner(ABC):
         self.readings: dict[str, Instance] = {}
         self.angles: dict[str, float] = {}
         self.rows: list[Instance] = []
+        self.used: set[Owner] = set()  # joints whose rows the variables meet
         self.held: set[int] = set()  # points in part fixed, whose free coordinates are variables
         for name in keep:
             if name not in self.a.scalars and self.component(name) is None:
@@ -115,24 +116,40 @@ class Planner(ABC):
     def _frame(self, scribe: Scribe, k: int) -> Frame:
         """The frame of a part that is not the ground."""
 
-    @abstractmethod
+    def origin_of(self, k: int) -> Origin:
+        """The origin of a part's frame."""
+        return self.parts.parts[k].origin
+
     def place(self, scribe: Scribe, k: int, point: int) -> Place:
         """A point of a part."""
+        if k == 0:
+            i = scribe.p(point)
+            return (Arm(None, tuple(((1.0, x, i),) for x in "xyz"[: self.parts.dim])),)
+        part, frame, origin = self.parts.parts[k], self.frame(scribe, k), self.origin_of(k)
+        if part.turns == "no" or origin.points == (point,):
+            return frame.origin
+        if self.parts.dim == 2:
+            return (*frame.origin, Arm(frame.turn, self.local(scribe, part, point, self.axis(k), origin)))
+        if part.turns == "bar":
+            return (*frame.origin, *self.out(scribe, k, point, origin))
+        vectors = tuple(scribe.v(v) for v in origin.vectors)
+        at = tuple(scribe.c("from", scribe.at((point, *origin.points), part), vectors, origin.how))
+        return (*frame.origin, Arm(frame.turn, at))
 
     @abstractmethod
     def place_parts(self, points: Joined, vectors: Joined) -> None:
         """Note the variables of all parts, and join the points and vectors that the parts share by them."""
 
     def met(self, data: Instance) -> bool:
-        """Whether a row of a joint need not be written, or is written otherwise than over points and vectors."""
-        return False
+        """Say that the variables of a joint meet a row, or write it otherwise than over points and vectors."""
+        return not self.used.isdisjoint(data.owners)
 
     def plan(self) -> None:
         """Write variables and rows."""
         points, vectors = apart(self.parts.of_point), apart(self.parts.of_vector)
         self.place_parts(points, vectors)
         for name in self.keep:
-            self.kept(name)
+            self.keep_variable(name)
         self.share(points, vectors)
         self.hold()
         for data in self.a.instances:
@@ -257,11 +274,6 @@ class Planner(ABC):
 
     # -- tools --------------------------------------------------------------------------------------------------
 
-    def ground(self, scribe: Scribe, point: int) -> Place:
-        """A point where it is drawn."""
-        i = scribe.p(point)
-        return (Arm(None, tuple(((1.0, x, i),) for x in "xyz"[: self.parts.dim])),)
-
     def add_variable(
         self,
         name: str,
@@ -277,17 +289,17 @@ class Planner(ABC):
             raise InputError(f"two variables would be called {name!r}; rename the body or point of that name")
         counted = None if isinstance(reading, Reading) else (reading, points, vectors)
         self.variables[name] = Variable(name, meaning, angle, pure or angle, counted)
-        kind = variable(reading, len(points), len(vectors))
+        kind = variable_kind(reading, len(points), len(vectors))
         at, along = ((), ()) if counted else (points, vectors)
         self.readings[name] = Instance(kind, at, (name,), (), at, along)  # pyright: ignore[reportArgumentType]
 
     def own(self, name: str, meaning: str) -> None:
         """Note a user's coordinate as a variable that needs no equation."""
-        angle, data = self._turning(name), self.a.measured[name]
+        angle, data = self.is_angle(name), self.a.measured[name]
         self.variables[name] = Variable(name, meaning, angle, angle)
         self.angles[name] = self.drawn[name]
         self.readings[name] = Instance(
-            silent(data.kind), data.points, (name,), data.owners, data.drawn, data.vectors,  # pyright: ignore[reportArgumentType]
+            silence(data.kind), data.points, (name,), data.owners, data.drawn, data.vectors,  # pyright: ignore[reportArgumentType]
             dict(data.lengths), dict(data.given),
         )  # fmt: skip
 
@@ -332,12 +344,10 @@ class Planner(ABC):
     ) -> tuple[Linear, ...]:
         """Components of a point in the frame of a planar part with an axis."""
         if not origin.how:
-            if origin.points == (point,):
-                return (), ()
             middle = set(origin.points) == set(axis)
             if point in axis and (middle or (origin.points[0] in axis and len(origin.points) == 1)):
                 (length,) = scribe.c("length", scribe.at(axis, part))
-                return scaled(length, (1.0 if point == axis[1] else -1.0) * (0.5 if middle else 1.0)), ()
+                return scale(length, (1.0 if point == axis[1] else -1.0) * (0.5 if middle else 1.0)), ()
         along, across = scribe.c("local", scribe.at((point, *axis, *origin.points), part), (), origin.how)
         return along, across
 
@@ -350,7 +360,7 @@ class Planner(ABC):
         if name in self.variables:
             return scribe.s(name)
         data = self.a.measured[name]
-        if name in self.a.model.distances or not self._turning(name):
+        if name in self.a.model.distances or not self.is_angle(name):
             kind = data.kind
             constants = []
             for c in kind.constants:
@@ -365,11 +375,12 @@ class Planner(ABC):
         start = () if len(ends) == 2 else self.angle(scribe, (ends[0], ends[1]))
         if to is None or start is None:
             return None
-        value = to + scaled(start, -1.0)
+        value = to + scale(start, -1.0)
         turns = round((self.drawn[name] - self.estimate(scribe, value)) / (2 * np.pi))
         return value + fixed(2 * np.pi * turns)
 
-    def _turning(self, name: str) -> bool:
+    def is_angle(self, name: str) -> bool:
+        """Say whether a user's coordinate is an angle."""
         m = self.a.model
         return name in m.angles or any(getattr(j, "angle", None) == name for j in m.joints.values())
 
@@ -403,7 +414,7 @@ class Planner(ABC):
             own = tuple(scribe.pair(p, d) for p, d in zip(data.points, data.drawn, strict=True))
             own_vectors = tuple(scribe.v(v) for v in data.vectors)
         program = Program(kind, places, directions, scalars, tuple(scribe.recipes), own, own_vectors)
-        made = composed(program, len(scribe.points), len(scribe.vectors), len(scribe.scalars), measured)
+        made = compose_kind(program, len(scribe.points), len(scribe.vectors), len(scribe.scalars), measured)
         points, drawn = (tuple(x[i] for x in scribe.points) for i in (0, 1))
         row = Instance(made, points, tuple(scribe.scalars), owners, drawn, tuple(scribe.vectors))  # pyright: ignore[reportArgumentType]
         if data is not None:
@@ -422,7 +433,7 @@ class Planner(ABC):
                 own = self.a.scalars[i - self.a.first_scalar]
                 found = scribe.s(own) if own == name else self.scalar(scribe, own)
                 if found is None:
-                    self.kept(own)
+                    self.keep_variable(own)
                     found = scribe.s(own)
                 scalars.append(found)
                 continue
@@ -436,7 +447,7 @@ class Planner(ABC):
                 scalars.append(Measured(COORDINATE[False][axis], (place,)))
         self.write(data.kind, data.owners, scribe, places, tuple(scalars), directions, data, name is not None)
 
-    def kept(self, name: str) -> None:
+    def keep_variable(self, name: str) -> None:
         """Make a user's coordinate a variable, with the equation that defines it."""
         if name in self.variables:
             return
@@ -446,7 +457,7 @@ class Planner(ABC):
             place = self.place(scribe, self.parts.best((point,))[0], point)
             self.write(AT[axis], (Owner(Thing.POINT, point),), scribe, (place,), (scribe.s(name),))
             return
-        angle = self._turning(name)
+        angle = self.is_angle(name)
         self.variables[name] = Variable(name, f"the {'angle' if angle else 'distance'} {name}", angle, angle)
         data = self.a.measured[name]
         self.angles[name] = self.drawn[name]
@@ -528,10 +539,10 @@ class Planner(ABC):
             for axis in np.flatnonzero(axes):
                 scribe = Scribe()
                 place = self.place(scribe, self.parts.best((p,))[0], p)
-                self.write(HELD[axis], (Owner(Thing.POINT, p),), scribe, (place, self.ground(scribe, p)))
+                self.write(HELD[axis], (Owner(Thing.POINT, p),), scribe, (place, self.place(scribe, 0, p)))
 
     def rigid(self, data: Instance) -> bool:
-        """Whether a natural constraint holds because its points are of one part, or concerns no variable."""
+        """Say whether a natural constraint holds because its points are of one part, or concerns no variable."""
         return not data.scalars and self.parts.holder(data.points, data.vectors) is not None
 
     # -- out ----------------------------------------------------------------------------------------------------
@@ -591,7 +602,7 @@ class Planner(ABC):
             angle_unit=top.angle_unit,
             sparse=top.sparse,
         )
-        return with_degrees_of_freedom(System(topology, self.natural.parameters))
+        return with_degrees_of_freedom(System(topology, fit_parameters(self.natural.parameters, topology)))
 
     def _pair_redrawn(self, scribe: Scribe, drawn: int) -> int:
         """A place in the drawing or in a redrawn shape, and the point that it is of."""
@@ -607,3 +618,10 @@ def drawn_angle(home: np.ndarray, ends: tuple[int, ...]) -> float:
     spans = [home[b] - home[a] for a, b in zip(ends[::2], ends[1::2], strict=True)]
     d, w = (np.array([1.0, 0.0]), spans[0]) if len(spans) == 1 else spans
     return float(np.arctan2(d[0] * w[1] - d[1] * w[0], d @ w))
+
+
+def fit_parameters(parameters: Parameters, topology: Topology) -> Parameters:
+    """The parameters of a mechanism for the system of a family, which may have no markers."""
+    if len(parameters.markers) == len(topology.markers):
+        return parameters
+    return replace(parameters, markers=parameters.markers[:0])

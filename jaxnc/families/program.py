@@ -21,7 +21,7 @@ from jaxnc.constraints.symbols import Expression
 from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families import shapes
 from jaxnc.families.bodies import Part
-from jaxnc.families.shapes import Between, Reading, Recipe, turned
+from jaxnc.families.shapes import Between, Reading, Recipe, rotation_rows
 from jaxnc.pickling import factory, listed
 
 Linear = tuple[tuple[float, str, int], ...]
@@ -76,7 +76,7 @@ class Measured:
     constants: tuple[Linear, ...] = ()
 
 
-def scaled(value: Linear, factor: float) -> Linear:
+def scale(value: Linear, factor: float) -> Linear:
     """A linear form times a number."""
     return tuple((factor * f, what, i) for f, what, i in value)
 
@@ -109,7 +109,7 @@ class Numbers:
                 co, si = cos(of[0]), sin(of[0])
                 found = ((co, -si), (si, co))
             else:
-                found = turned(turn.how, of, axis)
+                found = rotation_rows(turn.how, of, axis)
             if turn.before is not None:
                 first = self.turn(turn.before)
                 found = tuple(tuple(_sum(r[k] * found[k][j] for k in range(3)) for j in range(3)) for r in first)
@@ -129,37 +129,29 @@ class Numbers:
     def place(self, place: Place) -> list[Any]:
         """Coordinates of a point."""
         parts = [self.arm(arm) for arm in place]
-        return [_filled(_sum(x for x in column if x is not None), self) for column in zip(*parts, strict=True)]
+        return [_fill_zero(_sum(x for x in column if x is not None), self) for column in zip(*parts, strict=True)]
 
     def scalar(self, scalar: "Linear | Measured") -> Any:
         """A linear form, or a measure."""
         if not isinstance(scalar, Measured):
-            return _filled(self.linear(scalar), self)
+            return _fill_zero(self.linear(scalar), self)
         assert scalar.kind.measure is not None
         p, v = self.together([self.place(x) for x in scalar.places], [self.arm(d) for d in scalar.directions])
         return scalar.kind.measure(p, v, [self.linear(c) for c in scalar.constants])  # pyright: ignore[reportArgumentType]
 
     def together(self, places: Sequence[list], directions: Sequence[list]) -> tuple[Any, Any]:
         """Points and vectors in the form in which a kind takes them."""
-        return self._stack(places), self._stack([[_filled(x, self) for x in d] for d in directions])
+        return self.gather(places), self.gather([[_fill_zero(x, self) for x in d] for d in directions])
 
-    def _stack(self, rows: Sequence[list]) -> Any:
-        if not rows:
-            return Small(())
-        first = rows[0][0]
-        if isinstance(self.s, Small) or isinstance(first, Expression):
-            return Small(Small(row) for row in rows)
+    def gather(self, values: Sequence[Any]) -> Any:
+        """Numbers, or rows of numbers, in the form in which a kind takes them."""
+        nested = bool(values) and isinstance(values[0], list)
+        first = values[0][0] if nested else values[0] if values else None
+        if not values or isinstance(self.s, Small) or isinstance(first, Expression):
+            return Small(map(Small, values) if nested else values)
         if isinstance(first, float):
-            return np.array(rows)
-        return jnp.stack([jnp.stack([jnp.asarray(x) for x in row]) for row in rows])
-
-    def scalars(self, values: Sequence[Any]) -> Any:
-        """Scalars in the form in which a kind takes them."""
-        if not values:
-            return Small(())
-        if isinstance(self.s, Small) or isinstance(values[0], Expression):
-            return Small(values)
-        return np.array(values) if isinstance(values[0], float) else jnp.stack([jnp.asarray(x) for x in values])
+            return np.array(values)
+        return jnp.stack([self.gather(x) if nested else jnp.asarray(x) for x in values])
 
 
 def _sum(values) -> Any:
@@ -169,7 +161,7 @@ def _sum(values) -> Any:
     return out
 
 
-def _filled(value: Any, numbers: Numbers) -> Any:
+def _fill_zero(value: Any, numbers: Numbers) -> Any:
     """Zero, of the type that is calculated with, for what has no pieces."""
     if value is not None:
         return value
@@ -209,7 +201,7 @@ class Program:
         points, vectors = numbers.together(
             [numbers.place(x) for x in self.places], [numbers.arm(d) for d in self.directions]
         )
-        return points, vectors, numbers.scalars([numbers.scalar(x) for x in self.scalars])
+        return points, vectors, numbers.gather([numbers.scalar(x) for x in self.scalars])
 
     def __call__(self, p: Any, v: Any, s: Any, c: Any) -> Any:
         """The rows."""
@@ -226,7 +218,7 @@ class Program:
         if self.kind.drawn is None or not self.kind.constants:
             return constants
         given = Numbers(p, v, s, constants)
-        scalars = given.scalars([given.scalar(x) for x in self.scalars]) if self.scalars else s
+        scalars = given.gather([given.scalar(x) for x in self.scalars]) if self.scalars else s
         own = self.kind.drawn(
             p[jnp.array(self.own, int)], v[jnp.array(self.own_vectors, int)], scalars, c[self.first :]
         )
@@ -239,7 +231,7 @@ class Program:
 
 
 @factory
-def composed(program: Program, points: int, vectors: int, scalars: int, measured: bool) -> Kind:
+def compose_kind(program: Program, points: int, vectors: int, scalars: int, measured: bool) -> Kind:
     """The kind of a program: the same rows, of a family's variables."""
     kind = program.kind
     names = tuple(f"{name} {k}" for k, r in enumerate(program.recipes) for name in r.names)
@@ -261,7 +253,7 @@ def composed(program: Program, points: int, vectors: int, scalars: int, measured
 
 
 @factory
-def variable(reading: Reading | Between, points: int, vectors: int) -> Kind:
+def variable_kind(reading: Reading | Between, points: int, vectors: int) -> Kind:
     """A kind without rows, that says what a variable is in the drawing.
 
     What is counted from the drawing is known there, and nothing of it need be compiled.
@@ -285,7 +277,7 @@ def _known(value: float):
 
 
 @factory
-def silent(kind: Kind) -> Kind:
+def silence(kind: Kind) -> Kind:
     """A kind that measures, and writes no row."""
     return dataclasses.replace(kind, name=f"{kind.name}, measured", residual=_nothing, rows=(), powers=(), guard=None)
 

@@ -9,7 +9,7 @@ from jaxnc.dynamics.inertia import body_inertia
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Joined, Origin, Part, Parts
 from jaxnc.families.planner import Planner
-from jaxnc.families.program import EQUAL, PROJECTION, Arm, Frame, Place, Scribe, fixed
+from jaxnc.families.program import EQUAL, PROJECTION, Frame, Scribe, fixed
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.place import Place as Spot
 from jaxnc.solvers.assembly import derive
@@ -42,22 +42,6 @@ class Reference(Planner):
 
     def _frame(self, scribe: Scribe, k: int) -> Frame:
         return self.free_frame(scribe, k)
-
-    def place(self, scribe: Scribe, k: int, point: int) -> Place:
-        """A point of a part."""
-        if k == 0:
-            return self.ground(scribe, point)
-        part, frame = self.parts.parts[k], self.frame(scribe, k)
-        if part.turns == "no":
-            return frame.origin
-        if self.parts.dim == 2:
-            return (*frame.origin, Arm(frame.turn, self.local(scribe, part, point, part.axis, part.origin)))
-        if part.turns == "bar":
-            return (*frame.origin, *self.out(scribe, k, point, part.origin))
-        origin = part.origin
-        vectors = tuple(scribe.v(v) for v in origin.vectors)
-        at = tuple(scribe.c("from", scribe.at((point, *origin.points), part), vectors, origin.how))
-        return (*frame.origin, Arm(frame.turn, at))
 
     def place_parts(self, points: Joined, vectors: Joined) -> None:
         """Note the variables of every part, and the rows that normalise its orientation."""

@@ -25,17 +25,16 @@ from jaxnc.families.bodies import (
     spatial_edges,
 )
 from jaxnc.families.planner import Planner, drawn_angle
-from jaxnc.families.program import SAME_TURN, Arm, Frame, Linear, Place, Scribe, Turn, fixed, scaled
+from jaxnc.families.program import SAME_TURN, Arm, Frame, Linear, Place, Scribe, Turn, fixed, scale
 from jaxnc.families.shapes import Between, Reading, Recipe
 from jaxnc.mechanism import model as record
 from jaxnc.system.assembler import Instance
-from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
 
 
 @dataclass
 class HungInPlane:
-    """How a part in the plane hangs on the one before it."""
+    """The place of a part in the tree of a planar mechanism: the joint that it hangs on."""
 
     edge: PlanarEdge  # the joint
     parent: int  # the part before it
@@ -56,7 +55,6 @@ class Relative(Planner):
     def __init__(self, parts: Parts, natural: System, keep: tuple[str, ...] = ()):
         super().__init__(parts, natural, keep)
         self.hung: dict[int, HungInPlane] = {}
-        self.used: set[Owner] = set()  # joints whose rows the variables meet
 
     # -- places -------------------------------------------------------------------------------------------------
 
@@ -65,7 +63,7 @@ class Relative(Planner):
         return self.hung[k].axis
 
     def sliding(self, k: int) -> bool:
-        """Whether a part's frame is turned to the line that it slides along."""
+        """Say whether a part's frame is turned to the line that it slides along."""
         hung = self.hung[k]
         return hung.edge.how == "prismatic" and k == hung.edge.second
 
@@ -80,18 +78,18 @@ class Relative(Planner):
             return self.segment_angle(scribe, self.parts.parts[k], ends, edge.on, turn.of[0] + kept)
         return super().angle(scribe, ends, k)
 
+    def origin_of(self, k: int) -> Origin:
+        """The origin of a part's frame."""
+        return Origin(self.hung[k].origin)
+
     def place(self, scribe: Scribe, k: int, point: int) -> Place:
         """A point of a part."""
-        if k == 0:
-            return self.ground(scribe, point)
-        part, hung, frame = self.parts.parts[k], self.hung[k], self.frame(scribe, k)
-        if hung.origin == (point,):
-            return frame.origin
-        if self.sliding(k):
-            edge = hung.edge
-            at = (*scribe.at((point, *hung.origin, *edge.on), part), *scribe.at((*edge.line, *edge.on)))
-            return (*frame.origin, Arm(frame.turn, tuple(scribe.c("sliding", at))))
-        return (*frame.origin, Arm(frame.turn, self.local(scribe, part, point, hung.axis, Origin(hung.origin))))
+        if k == 0 or not self.sliding(k) or self.hung[k].origin == (point,):
+            return super().place(scribe, k, point)
+        frame, edge = self.frame(scribe, k), self.hung[k].edge
+        shape = scribe.at((point, *self.hung[k].origin, *edge.on), self.parts.parts[k])
+        at = scribe.c("sliding", (*shape, *scribe.at((*edge.line, *edge.on))))
+        return (*frame.origin, Arm(frame.turn, tuple(at)))
 
     def _frame(self, scribe: Scribe, k: int) -> Frame:
         hung = self.hung[k]
@@ -102,24 +100,24 @@ class Relative(Planner):
             still = ((1.0, "xy"[self._free(edge.point) ^ 1], scribe.p(edge.point)),)
             both = (scribe.s(hung.distance), still)
             at: Place = (Arm(None, both if self._free(edge.point) == 0 else both[::-1]),)
-            return Frame(at, self._turned(scribe, hung))
+            return Frame(at, self._turn_by_joint(scribe, hung))
         if edge.how == "revolute":
-            return Frame(self.place(scribe, hung.parent, edge.point), self._turned(scribe, hung))
+            return Frame(self.place(scribe, hung.parent, edge.point), self._turn_by_joint(scribe, hung))
         s = scribe.s(hung.distance)
         if k == edge.second:  # along the parent's line
             line = self._turn(self.angle(scribe, edge.line, hung.parent))
             at = (*self.place(scribe, hung.parent, edge.start), Arm(line, (s, ())))
-            return Frame(at, line if edge.how == "prismatic" else self._turned(scribe, hung))
+            return Frame(at, line if edge.how == "prismatic" else self._turn_by_joint(scribe, hung))
         if edge.how == "prismatic":
             (kept,) = scribe.c("between", scribe.at((*edge.line, *edge.on)))
             on = self.angle(scribe, edge.on, hung.parent)
             assert on is not None
-            turn = self._turn(on + scaled(kept, -1.0))
+            turn = self._turn(on + scale(kept, -1.0))
         else:
-            turn = self._turned(scribe, hung)
-        return Frame((*self.place(scribe, hung.parent, edge.point), Arm(turn, (scaled(s, -1.0), ()))), turn)
+            turn = self._turn_by_joint(scribe, hung)
+        return Frame((*self.place(scribe, hung.parent, edge.point), Arm(turn, (scale(s, -1.0), ()))), turn)
 
-    def _turned(self, scribe: Scribe, hung: HungInPlane) -> Turn | None:
+    def _turn_by_joint(self, scribe: Scribe, hung: HungInPlane) -> Turn | None:
         """The rotation of a part by its joint's angle."""
         if not hung.angle:
             return None
@@ -130,7 +128,7 @@ class Relative(Planner):
             turn = self.frame(scribe, hung.parent).turn
             before = () if turn is None else turn.of[0]
         assert before is not None
-        return self._turn(before + scaled(phi, -1.0 if hung.backwards else 1.0))
+        return self._turn(before + scale(phi, -1.0 if hung.backwards else 1.0))
 
     @staticmethod
     def _turn(angle: Linear | None) -> Turn:
@@ -147,7 +145,7 @@ class Relative(Planner):
         """Hang every part, along a spanning tree of the joints."""
 
         def lacking(edge: PlanarEdge) -> int:
-            """How many variables of a joint the user has not named."""
+            """The number of variables of a joint that the user has not named."""
             return edge.freedoms - bool(edge.angle) - bool(edge.distance)
 
         def free(k: int) -> PlanarEdge:
@@ -163,10 +161,6 @@ class Relative(Planner):
                 self.held.add(edge.point)
             elif edge.how in ("prismatic", "slot"):
                 self.used.add(edge.owner)
-
-    def met(self, data: Instance) -> bool:
-        """Whether the variables of a joint meet a row."""
-        return not self.used.isdisjoint(data.owners)
 
     def hang(self, edge: PlanarEdge, parent: int, child: int) -> None:
         """Hang a part on the one before it, and note the joint's variables."""
@@ -238,7 +232,7 @@ class Relative(Planner):
 
 @dataclass
 class HungInSpace:
-    """How a part in space hangs on the one before it."""
+    """The place of a part in the tree of a spatial mechanism: the joint that it hangs on."""
 
     edge: SpatialEdge  # the joint
     parent: int  # the part before it
@@ -248,7 +242,7 @@ class HungInSpace:
 
     @property
     def sides(self) -> tuple[int, int]:
-        """Which side of the joint is the parent's, and which is the part's."""
+        """The side of the joint that is the parent's, and the part's."""
         return (0, 1) if self.parent == self.edge.first else (1, 0)
 
 
@@ -269,24 +263,13 @@ class SpatialRelative(Planner):
         super().__init__(parts, natural, keep, orientation)
         self.closed = closed
         self.hung: dict[int, HungInSpace] = {}
-        self.used: set[Owner] = set()  # joints whose rows the variables meet
 
     # -- places -------------------------------------------------------------------------------------------------
 
-    def place(self, scribe: Scribe, k: int, point: int) -> Place:
-        """A point of a part."""
-        if k == 0:
-            return self.ground(scribe, point)
-        part, frame, hung = self.parts.parts[k], self.frame(scribe, k), self.hung[k]
-        if part.turns == "no":
-            return frame.origin
-        origin = hung.edge.at[hung.sides[1]]
-        if point == origin and hung.edge.how != "free":
-            return frame.origin
-        rest = part.points if hung.edge.how == "free" else (origin,)
-        if part.turns == "bar":
-            return (*frame.origin, *self.out(scribe, k, point, Origin(rest)))
-        return (*frame.origin, Arm(frame.turn, tuple(scribe.c("from", scribe.at((point, *rest), part)))))
+    def origin_of(self, k: int) -> Origin:
+        """The origin of a part's frame: its point of the joint that it hangs on, or the middle of its points."""
+        hung = self.hung[k]
+        return self.parts.parts[k].origin if hung.edge.how == "free" else Origin((hung.edge.at[hung.sides[1]],))
 
     def along_axis(self, scribe: Scribe, k: int, line: Line) -> tuple[Linear, ...]:
         """Components of a joint's axis, a direction of a part, as drawn."""
@@ -335,7 +318,7 @@ class SpatialRelative(Planner):
         sign = self.side(about, hung)
         if start is None:
             # Counted from the drawing, by a direction of one of the two about an axis of the ground.
-            return scaled(phi, sign if hung.parent == 0 else -sign)
+            return scale(phi, sign if hung.parent == 0 else -sign)
         child = hung.edge.second if hung.parent == hung.edge.first else hung.edge.first
         if not self.parts.parts[child].holds(*to) or self.parts.parts[hung.parent].holds(*to):
             sign = -sign
@@ -343,7 +326,7 @@ class SpatialRelative(Planner):
         points = tuple(i for line in lines for i in scribe.at(line[0]))
         vectors = tuple(scribe.v(v) for line in lines for v in line[1])
         (before,) = scribe.c("about", points, vectors, tuple(int(bool(line[1])) for line in lines))
-        return scaled(phi + scaled(before, -1.0), sign)
+        return scale(phi + scale(before, -1.0), sign)
 
     def angle_ends(self, hung: HungInSpace, name: str) -> tuple[Line, Line | None, Line]:
         """Axis, start and end of a user's angle, or of a screw's."""
@@ -357,11 +340,11 @@ class SpatialRelative(Planner):
         return hung.edge.axes[0], first, second
 
     def side(self, line: Line, hung: HungInSpace) -> float:
-        """Whether a direction is drawn along the joint's axis on the parent, or against it."""
-        return 1.0 if self.parts.drawn(line) @ self.parts.drawn(hung.edge.axes[hung.sides[0]]) > 0 else -1.0
+        """1 for a direction that is drawn along the joint's axis on the parent, -1 for one against it."""
+        return 1.0 if self.parts.unit_along(line) @ self.parts.unit_along(hung.edge.axes[hung.sides[0]]) > 0 else -1.0
 
     def displacement(self, scribe: Scribe, hung: HungInSpace) -> Linear:
-        """How far the part has slid along the joint's axis on the parent, from the drawing."""
+        """The way that the part has slid along the joint's axis on the parent, from the drawing."""
         name = hung.distance
         s = scribe.s(name)
         if name not in self.a.scalars:
@@ -378,7 +361,7 @@ class SpatialRelative(Planner):
             sign = -sign
         points = scribe.at((start, to, *along[0]))
         (before,) = scribe.c("along", points, tuple(scribe.v(v) for v in along[1]))
-        return scaled(s + scaled(before, -1.0), sign)
+        return scale(s + scale(before, -1.0), sign)
 
     # -- variables and rows -------------------------------------------------------------------------------------
 
@@ -412,8 +395,8 @@ class SpatialRelative(Planner):
             self.close([e for e in found if not any(e is c for c in chosen)], points, vectors)
 
     def met(self, data: Instance) -> bool:
-        """Whether the variables of a joint meet a row: all rows of a joint in the tree but a screw's advance."""
-        return not self.used.isdisjoint(data.owners) and data.kind not in SCREW.values()
+        """Say whether the variables of a joint meet a row: all rows of a joint in the tree but a screw's advance."""
+        return super().met(data) and data.kind not in SCREW.values()
 
     def close(self, rest: list[SpatialEdge], points: Joined, vectors: Joined) -> None:
         """Hang a part on each joint that the tree left out as well, and write that it is in one place."""

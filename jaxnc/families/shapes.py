@@ -36,17 +36,17 @@ class Recipe:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what it gives."""
+        """The names of its values."""
         return _HOW[self.how][1]
 
     @property
     def count(self) -> int:
-        """How many numbers it gives."""
+        """The number of its values."""
         return len(self.names)
 
 
 def values(recipe: Recipe, p: Any, v: Any) -> tuple[Any, ...]:
-    """What a recipe reads, from points ``(points, dim)`` and vectors ``(vectors, 3)``."""
+    """Read a recipe, from points ``(points, dim)`` and vectors ``(vectors, 3)``."""
     return _HOW[recipe.how][0]([p[i] for i in recipe.points], [v[i] for i in recipe.vectors], recipe.extra)
 
 
@@ -121,12 +121,12 @@ def _normal(p, v, extra):
     The angle is in (-π/2, π/2], the distance from the origin that is made of the rest.
     """
     line, axis = p[1] - p[0], p[3] - p[2]
-    gamma, side = _folded(angle(dot(axis, line), cross(axis, line)))
+    gamma, side = _fold(angle(dot(axis, line), cross(axis, line)))
     n = side * jnp.stack([-line[1], line[0]]) * ratio(1.0, norm(line))
     return gamma, dot(n, p[0] - _origin(p[4:], v, extra))
 
 
-def _folded(turn):
+def _fold(turn):
     """An angle of a normal in (-π/2, π/2] from that of its line, and the side: +1 left of the line, -1 right."""
     full = turn + 0.5 * jnp.pi
     halves = jnp.ceil(full / jnp.pi - 0.5 - 1e-9)
@@ -142,7 +142,7 @@ def _prismatic(p, v, extra):
     """
     axis, on, line = p[1] - p[0], p[3] - p[2], p[5] - p[4]
     along = _back(on, p[7] - p[6], p[9] - p[8])
-    gamma, side = _folded(angle(dot(axis, along), cross(axis, along)))
+    gamma, side = _fold(angle(dot(axis, along), cross(axis, along)))
     mine, other = p[10 : 10 + extra[0]], p[10 + extra[0] :]
     n = side * jnp.stack([-along[1], along[0]])
     m = side * jnp.stack([-line[1], line[0]]) * ratio(1.0, norm(line))
@@ -156,7 +156,7 @@ def _along(p, v, extra):
 
 
 def _signed(p, v, extra):
-    """How far p[0] is along a bar, p[1] -> p[2] or the vector, from the origin made of the points after it."""
+    """The distance of p[0] along a bar, p[1] -> p[2] or the vector, from the origin made of the points after it."""
     u = unit(p[2] - p[1]) if extra[0] else unit(v[0])
     return (dot(u, p[0] - _origin(p[1 + extra[0] :], v if extra[0] else v[1:], extra[1:])),)
 
@@ -237,7 +237,7 @@ HOME = {
 ANGLES = ("euler angles", "bryant angles")
 
 
-def turned(how: str, of: list, axis: list) -> tuple[tuple, ...]:
+def rotation_rows(how: str, of: list, axis: list) -> tuple[tuple, ...]:
     """Rows of a rotation matrix.
 
     `how` is ``"about"`` an axis, by an angle; one of `PARAMETERS`; or ``"times"``, no rotation but a stretch. The axis
@@ -334,7 +334,7 @@ class Between:
     def drawn(self, p: Any, v: Any) -> Any:
         """Both frames, the axes and the distance, as drawn."""
         frames = [_frame(x, p, v).reshape(-1) for x in (self.parent, self.child)]
-        axes = [_direction(x, p, v) for x in self.axes] or [jnp.zeros(3)] * 2
+        axes = [_unit_along(x, p, v) for x in self.axes] or [jnp.zeros(3)] * 2
         shift = p[self.at[1]] - p[self.at[0]] if self.at else jnp.zeros(3)
         return tuple(jnp.concatenate([*frames, *axes, shift]))
 
@@ -350,30 +350,36 @@ class Between:
         if self.how == "slide":
             return jnp.dot(parent.T @ (p[self.at[1]] - p[self.at[0]]) - c[24:27], a)
         if self.how == "about":
-            return _turned(turn, a)
+            return _angle_about(turn, a)
         first = angle(*about(a, b, turn @ b))
         if self.part == 0:
             return first
         # The rest of the rotation, after the first one is taken back, is about the second arm.
-        return _turned(_rotation(a, -first) @ turn, b)
+        return _angle_about(rotation(a, -first) @ turn, b)
 
 
 def _frame(segments: Segments, p: Any, v: Any) -> Any:
     return body_axes(segments, p, v) if segments else jnp.eye(3)
 
 
-def _direction(line: tuple[int, ...], p: Any, v: Any) -> Any:
+def _unit_along(line: tuple[int, ...], p: Any, v: Any) -> Any:
     return unit(p[line[1]] - p[line[0]] if len(line) == 2 else v[~line[0]])
 
 
-def _turned(turn: Any, axis: Any) -> Any:
+def _angle_about(turn: Any, axis: Any) -> Any:
     """Angle of a rotation about a known axis."""
     axial = 0.5 * jnp.stack([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     return angle(0.5 * (jnp.trace(turn) - 1.0), jnp.dot(axial, axis))
 
 
-def _rotation(axis: Any, turn: Any) -> Any:
-    x, y, z = axis
-    skew = jnp.array([[0.0, 0.0, 0.0]] * 3).at[0, 1].set(-z).at[0, 2].set(y).at[1, 2].set(-x)
-    skew = skew - skew.T
-    return jnp.eye(3) + jnp.sin(turn) * skew + (1.0 - jnp.cos(turn)) * (skew @ skew)
+def skew_matrix(a: Any) -> Any:
+    """The matrix ``(3, 3)`` of the vector product with a vector from the left."""
+    x, y, z = a
+    half = jnp.array([[0.0, 0.0, 0.0]] * 3).at[0, 1].set(-z).at[0, 2].set(y).at[1, 2].set(-x)
+    return half - half.T
+
+
+def rotation(axis: Any, angle: Any) -> Any:
+    """The matrix ``(3, 3)`` of a rotation about a unit axis."""
+    skew = skew_matrix(axis)
+    return jnp.eye(3) + jnp.sin(angle) * skew + (1.0 - jnp.cos(angle)) * (skew @ skew)

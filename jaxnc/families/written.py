@@ -76,7 +76,7 @@ class Equations(tuple[Line, ...]):
 
     @property
     def trigonometric(self) -> int:
-        """How many sines and cosines are written."""
+        """The number of sines and cosines that are written."""
         return sum(line.expression.trigonometric for line in self if line.expression is not None)
 
 

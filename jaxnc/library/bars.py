@@ -9,12 +9,12 @@ from jaxnc.library.drawing import (
     TURN,
     Misfit,
     Point,
-    carried,
     drive,
     hardpoints,
     lay_out,
     lay_out_joints,
     meet,
+    place_along,
     polar,
     travel,
 )
@@ -67,7 +67,7 @@ def four_bar(
     points, local = ["B", "C"], {}
     m = lay_out("four-bar", "Four-bar linkage A-B-C-D, driven at its crank AB.", {"A": a, "D": d}, {"B": b, "C": c}, {})
     if coupler_point is not None:
-        points.append(m.point("P", carried(b, c, *coupler_point)))
+        points.append(m.point("P", place_along(b, c, *coupler_point)))
         local["P"] = coupler_point
     m.body("crank", ["A", "B"], lengths={("A", "B"): crank} if explicit else None)
     lengths = {("B", "C"): coupler} if explicit else None

@@ -95,29 +95,29 @@ def andrews() -> Mechanism:
     beta, theta, gamma, delta = -0.0617138900142764496358948458001, 0.0, 0.455279819163070380255912382449, 0.487364979543842550225598953530  # noqa: E501  # fmt: skip
     epsilon = 1.23054744454982119249735015568
 
-    def turned(angle: float, along: float, across: float) -> np.ndarray:
+    def turn(angle: float, along: float, across: float) -> np.ndarray:
         c, s = math.cos(angle), math.sin(angle)
         return np.array([along * c - across * s, along * s + across * c])
 
     a, b, c = np.array([-0.06934, -0.00227]), np.array([-0.03635, 0.03273]), np.array([0.014, 0.072])
-    f = turned(beta, 0.007, 0.0)
-    e = f - turned(beta + theta, 0.028, 0.0)
-    g = a + turned(delta, 0.04, 0.0)
+    f = turn(beta, 0.007, 0.0)
+    e = f - turn(beta + theta, 0.028, 0.0)
+    g = a + turn(delta, 0.04, 0.0)
     # Bodies BDE and AH are measured from an axis a quarter turn behind their angle.
-    h = a + turned(epsilon - math.pi / 2, 0.04, 0.0)
-    d = b + turned(gamma - math.pi / 2, 0.018, 0.02)
+    h = a + turn(epsilon - math.pi / 2, 0.04, 0.0)
+    d = b + turn(gamma - math.pi / 2, 0.018, 0.02)
     m = Mechanism("Andrews' squeezer", description="Seven bodies, one freedom, driven against a spring.")
     for name, at in {"O": (0.0, 0.0), "A": a, "B": b, "C": c}.items():
         m.ground(name, at)
     for name, at in {"F": f, "E": e, "G": g, "H": h, "D": d}.items():
         m.point(name, at)
-    m.body("K1", ["O", "F"], mass=0.04325, com=turned(beta, 0.00092, 0.0), inertia=2.194e-6)
+    m.body("K1", ["O", "F"], mass=0.04325, com=turn(beta, 0.00092, 0.0), inertia=2.194e-6)
     m.body("K2", ["F", "E"], mass=0.00365, com=f + 0.0115 / 0.028 * (e - f), inertia=4.410e-7)
-    m.body("K3", ["B", "E", "D"], mass=0.02373, com=b + turned(gamma - math.pi / 2, 0.01874, 0.01043), inertia=5.255e-6)
+    m.body("K3", ["B", "E", "D"], mass=0.02373, com=b + turn(gamma - math.pi / 2, 0.01874, 0.01043), inertia=5.255e-6)
     m.body("K4", ["G", "E"], mass=0.00706, com=g + (0.02 - 0.01421) / 0.02 * (e - g), inertia=5.667e-7)
-    m.body("K5", ["A", "G"], mass=0.07050, com=a + turned(delta, 0.02308, 0.00916), inertia=1.169e-5)
+    m.body("K5", ["A", "G"], mass=0.07050, com=a + turn(delta, 0.02308, 0.00916), inertia=1.169e-5)
     m.body("K6", ["H", "E"], mass=0.00706, com=h + (0.02 - 0.01421) / 0.02 * (e - h), inertia=5.667e-7)
-    m.body("K7", ["A", "H"], mass=0.05498, com=a + turned(epsilon - math.pi / 2, 0.01228, -0.00449), inertia=1.912e-5)
+    m.body("K7", ["A", "H"], mass=0.05498, com=a + turn(epsilon - math.pi / 2, 0.01228, -0.00449), inertia=1.912e-5)
     m.angle("beta", at="O", to="F")
     m.torque("motor", "beta", 0.033)
     m.spring("spring", "C", "D", stiffness=4530.0, free=0.07785)

@@ -65,7 +65,7 @@ def polar(origin: Point, length: float, angle: float) -> Point:
     return origin[0] + length * math.cos(angle), origin[1] + length * math.sin(angle)
 
 
-def carried(p: Point, q: Point, along: float, across: float) -> Point:
+def place_along(p: Point, q: Point, along: float, across: float) -> Point:
     """A point given in the frame of a segment: origin p, x axis towards q."""
     size = math.dist(p, q)
     x, y = (q[0] - p[0]) / size, (q[1] - p[1]) / size
@@ -258,7 +258,7 @@ def drive(m: Mechanism, outputs: Iterable[str], inputs: Mapping[str, tuple[float
 
 
 def travel(draw: Callable[[float], object], home: float = 0.0) -> tuple[float, float]:
-    """How far an input angle can go on the branch of the drawing.
+    """Find how far an input angle can go on the branch of the drawing.
 
     Args:
         draw: draws the mechanism at an angle, or raises.
@@ -294,7 +294,7 @@ def travel(draw: Callable[[float], object], home: float = 0.0) -> tuple[float, f
 
 
 def reach(follow: Callable[[float, float], float | None]) -> tuple[float, float]:
-    """How far a crank can go where the output has no closed form: from 0 to 2π, or its range less a little.
+    """Find how far a crank can go where the output has no closed form: from 0 to 2π, or its range less a little.
 
     `follow` gives the output at a crank angle, found from the output a step before; None at and beyond a dead point.
     Both are zero in the drawing, radians.

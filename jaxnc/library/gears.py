@@ -15,10 +15,10 @@ from jaxnc.library.drawing import (
     Z,
     across,
     apart,
-    carried,
     drive,
     hardpoints,
     lay_out,
+    place_along,
     polar,
     rotate,
     skew,
@@ -221,7 +221,7 @@ def generic_mechanism(
         )
     slope = math.asin(rise / reach) - math.atan2(radius, contact)
     p2, p6 = polar(p1, bar, slope), polar(p1, contact, slope)
-    p5 = carried(p6, p2, 0.0, radius)
+    p5 = place_along(p6, p2, 0.0, radius)
     p3, p4 = ((p5[0] + x, p5[1] + y) for x, y in (pivot, shoe))
     if math.dist(p2, p3) == 0:
         raise Misfit(f"pivot = {pivot} puts P3 on P2, so the link has no length; move it")

@@ -14,12 +14,12 @@ from jaxnc.library.drawing import (
     X,
     Z,
     as_numbers,
-    carried,
     drive,
     hardpoints,
     lay_out,
     lay_out_joints,
     meet,
+    place_along,
     polar,
     rotate,
     travel,
@@ -96,7 +96,7 @@ def pantograph(
         raise Misfit(f"ratio = {ratio:g} must be greater than 1 for A to lie between O and B")
     o, p = (0.0, 0.0), tracer
     a = meet(o, p, 1.0, arm1=arm1, arm2=arm2)
-    b = carried(o, a, ratio * arm1, 0.0)
+    b = place_along(o, a, ratio * arm1, 0.0)
     c = (b[0] + p[0] - a[0], b[1] + p[1] - a[1])
     m = lay_out(
         "pantograph",

@@ -139,7 +139,7 @@ def rscr(places: Mapping[str, Place] | None = None, crank_angle: bool = False) -
 
 
 def _rscr_reach(p: Mapping[str, Vector]) -> tuple[float, float]:
-    """How far the crank of an RSCR turns: point 1 keeps its distance e from the moving axis (3, v1)."""
+    """Find how far the crank of an RSCR turns: point 1 keeps its distance e from the moving axis (3, v1)."""
     along = p["2"] - p["1"]
     square = float(along @ along - (along @ p["v1"]) ** 2)
     if square <= 0:

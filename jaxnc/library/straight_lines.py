@@ -3,7 +3,7 @@
 import math
 
 from jaxnc.library.catalogue import Length, offer
-from jaxnc.library.drawing import Misfit, Point, carried, drive, lay_out, meet, polar, travel
+from jaxnc.library.drawing import Misfit, Point, drive, lay_out, meet, place_along, polar, travel
 from jaxnc.mechanism import Mechanism
 
 
@@ -75,7 +75,7 @@ def hoeken(
 
     b, c = draw(angle)
     said = "Hoeken's linkage: half a turn of the crank moves P nearly straight and evenly."
-    p = carried(b, c, coupler + extension, 0.0)
+    p = place_along(b, c, coupler + extension, 0.0)
     m = _four_bar("hoeken", said, (ground, 0.0), b, c, p, ("crank", "rocker"))
     m.angle("phi", at="A", to="B")
     return drive(m, ["P"], {"phi": travel(draw, angle)})
@@ -106,7 +106,7 @@ def roberts(ground: Length = 0.4, rocker: Length = 0.3, angle: float = 0.1) -> M
     behind = polar((ground, 0.0), -coupler, angle)
     b = meet((0.0, 0.0), behind, 1.0, **{"rocker A-B": rocker, "rocker D-C": rocker})
     c = polar(b, coupler, angle)
-    p = carried(b, c, 0.5 * coupler, -math.sqrt(rocker**2 - 0.25 * coupler**2))
+    p = place_along(b, c, 0.5 * coupler, -math.sqrt(rocker**2 - 0.25 * coupler**2))
     m = _four_bar("roberts", "Roberts's linkage: P goes nearly straight from A to D.", (ground, 0.0), b, c, p)
     m.angle("phi", to=("B", "C"))
     # P is at A when the triangle stands on A: the direction A-C plus half its apex angle is that of its axis.
@@ -143,7 +143,7 @@ def watt_straight_line(arm1: Length = 0.5, arm2: Length = 0.5, coupler: Length =
 
     b, c = draw(angle)
     said = "Watt's linkage: P goes nearly straight between two opposite arms."
-    m = _four_bar("watt straight line", said, d, b, c, carried(b, c, share * coupler, 0.0), ("arm1", "arm2"), a)
+    m = _four_bar("watt straight line", said, d, b, c, place_along(b, c, share * coupler, 0.0), ("arm1", "arm2"), a)
     m.angle("phi", at="A", to="B")
     return drive(m, ["P"], {"phi": travel(draw, angle)})
 
