@@ -17,6 +17,7 @@ from jaxnc.library.drawing import (
     place_along,
     polar,
     travel,
+    turn_crank,
 )
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
@@ -56,13 +57,8 @@ def four_bar(
     Source: source text, fig. 1 and 2; R. L. Norton, Design of Machinery, position analysis of the four-bar: the
     lengths of its example, in metres, whose crank at 40° has the coupler at 20.298° and the rocker at 57.325°.
     """
-    side = 1.0 if branch == "open" else -1.0
     a, d = (0.0, 0.0), (ground, 0.0)
-
-    def draw(phi: float) -> tuple[Point, Point]:
-        b = polar(a, crank, phi)
-        return b, meet(b, d, side, coupler=coupler, rocker=rocker)
-
+    draw = turn_crank(a, crank, d, 1.0 if branch == "open" else -1.0, coupler=coupler, rocker=rocker)
     b, c = draw(angle)
     points, local = ["B", "C"], {}
     m = lay_out("four-bar", "Four-bar linkage A-B-C-D, driven at its crank AB.", {"A": a, "D": d}, {"B": b, "C": c}, {})

@@ -95,6 +95,16 @@ def meet(p: Point, q: Point, side: float, /, **radii: float) -> Point:
     return p[0] + (along * x - across * y) / span, p[1] + (along * y + across * x) / span
 
 
+def turn_crank(a: Point, crank: float, d: Point, side: float, **radii: float) -> Callable[[float], tuple[Point, Point]]:
+    """A function of a crank's angle that draws its tip, and that of the dyad from it to the pivot `d`; see `meet`."""
+
+    def draw(phi: float) -> tuple[Point, Point]:
+        b = polar(a, crank, phi)
+        return b, meet(b, d, side, **radii)
+
+    return draw
+
+
 def reach_guide(pin: Point, bar: str, length: float, guide: str, height: float, side: float) -> Point:
     """The slider on a guide along x that a bar from a pin carries, to the right or to the left of the pin.
 

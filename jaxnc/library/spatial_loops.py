@@ -11,7 +11,6 @@ from jaxnc.library.drawing import (
     FLAT,
     TURN,
     Misfit,
-    Point,
     Vector,
     X,
     Y,
@@ -21,22 +20,21 @@ from jaxnc.library.drawing import (
     drive,
     hardpoints,
     lay_out,
-    meet,
     off_axis,
-    polar,
     reach,
     revolve,
     rotate,
     skew,
     travel,
+    turn_crank,
     unit,
 )
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
 
+_CRANK = {"A": (0.0, 0.0, 0.0), "vA": (0.0, 0.0, 1.0)}
 _RSCR = {
-    "A": (0.0, 0.0, 0.0),
-    "vA": (0.0, 0.0, 1.0),
+    **_CRANK,
     "1": (0.10, 0.0, 0.03),
     "2": (0.31, 0.11, 0.30),
     "v1": (0.36, 0.48, 0.80),
@@ -44,24 +42,10 @@ _RSCR = {
     "B": (0.32, 0.09, 0.13),
     "vB": (0.6, 0.0, 0.8),
 }
-_RSSR = {
-    "A": (0.0, 0.0, 0.0),
-    "vA": (0.0, 0.0, 1.0),
-    "1": (0.10, 0.0, 0.0),
-    "2": (0.30, 0.30, 0.15),
-    "B": (0.40, 0.05, 0.10),
-    "vB": (0.6, 0.0, 0.8),
-}
-_RSSP = {
-    "A": (0.0, 0.0, 0.0),
-    "vA": (0.0, 0.0, 1.0),
-    "1": (0.08, 0.0, 0.0),
-    "2": (0.35, 0.06, 0.10),
-    "v2": (0.8, 0.0, 0.6),
-}
+_RSSR = {**_CRANK, "1": (0.10, 0.0, 0.0), "2": (0.30, 0.30, 0.15), "B": (0.40, 0.05, 0.10), "vB": (0.6, 0.0, 0.8)}
+_RSSP = {**_CRANK, "1": (0.08, 0.0, 0.0), "2": (0.35, 0.06, 0.10), "v2": (0.8, 0.0, 0.6)}
 _RCCC = {
-    "A": (0.0, 0.0, 0.0),
-    "vA": (0.0, 0.0, 1.0),
+    **_CRANK,
     "B": (0.0, -0.08, 0.02),
     "vB": (0.5, 0.0, 0.75**0.5),
     "C": (0.20, 0.10, 0.15),
@@ -526,11 +510,7 @@ def four_bar_in_space(
 
     Source: source text, §4.2.2, (104)-(109); R. L. Norton, Design of Machinery (the default lengths, in metres).
     """
-
-    def draw(phi: float) -> tuple[Point, Point]:
-        b = polar((0.0, 0.0), crank, phi)
-        return b, meet(b, (ground, 0.0), 1.0, coupler=coupler, rocker=rocker)
-
+    draw = turn_crank((0.0, 0.0), crank, (ground, 0.0), 1.0, coupler=coupler, rocker=rocker)
     b, c = draw(angle)
     m = lay_out(
         "four-bar in space",

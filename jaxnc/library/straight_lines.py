@@ -3,7 +3,7 @@
 import math
 
 from jaxnc.library.catalogue import Length, offer
-from jaxnc.library.drawing import Misfit, Point, drive, lay_out, meet, place_along, polar, travel
+from jaxnc.library.drawing import Misfit, Point, drive, lay_out, meet, place_along, polar, travel, turn_crank
 from jaxnc.mechanism import Mechanism
 
 
@@ -68,11 +68,7 @@ def hoeken(
 
     Source: K. Hoecken; R. L. Norton, Design of Machinery, straight-line mechanisms.
     """
-
-    def draw(phi: float) -> tuple[Point, Point]:
-        b = polar((0.0, 0.0), crank, phi)
-        return b, meet(b, (ground, 0.0), 1.0, coupler=coupler, rocker=rocker)
-
+    draw = turn_crank((0.0, 0.0), crank, (ground, 0.0), 1.0, coupler=coupler, rocker=rocker)
     b, c = draw(angle)
     said = "Hoeken's linkage: half a turn of the crank moves P nearly straight and evenly."
     p = place_along(b, c, coupler + extension, 0.0)
@@ -136,11 +132,7 @@ def watt_straight_line(arm1: Length = 0.5, arm2: Length = 0.5, coupler: Length =
     """
     share = arm2 / (arm1 + arm2)
     a, d = (-arm1, share * coupler), (arm2, (share - 1.0) * coupler)
-
-    def draw(phi: float) -> tuple[Point, Point]:
-        b = polar(a, arm1, phi)
-        return b, meet(b, d, -1.0, coupler=coupler, arm2=arm2)
-
+    draw = turn_crank(a, arm1, d, -1.0, coupler=coupler, arm2=arm2)
     b, c = draw(angle)
     said = "Watt's linkage: P goes nearly straight between two opposite arms."
     m = _four_bar("watt straight line", said, d, b, c, place_along(b, c, share * coupler, 0.0), ("arm1", "arm2"), a)
