@@ -174,9 +174,9 @@ def compare(
         row = Row(family)
         rows.append(row)
         try:
-            made[family] = _evaluate(mechanism, row, names)
+            made[family] = _count_family(mechanism, row, names)
             if row.r or family != "independent":
-                _solve(mechanism, row, names, moved, starts)
+                _solve_family(mechanism, row, names, moved, starts)
         except JaxncError as error:
             row.note = str(error)
     return Comparison(natural.name, moved, rows, made)
@@ -198,7 +198,7 @@ def _starts(natural: System, home: np.ndarray, seed: int) -> np.ndarray:
     return np.asarray(measure_all(natural, np.array(out)))
 
 
-def _evaluate(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formulation:
+def _count_family(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formulation:
     """The counts of a family."""
     f = formulate(mechanism, row.family, keep=names if row.family == "independent" else ())
     row.n, row.r, row.g, row.rows = f.n, f.r, f.g, f.rows
@@ -211,7 +211,9 @@ def _evaluate(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formula
     return f
 
 
-def _solve(mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[str, float], starts: np.ndarray) -> None:
+def _solve_family(
+    mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[str, float], starts: np.ndarray
+) -> None:
     """The position problem of a family with the inputs kept."""
     known = mechanism.scalar_names if row.family == "natural" else names
     keep = tuple(n for n in names if n in known) if row.family in ("natural", "relative", "reference") else ()

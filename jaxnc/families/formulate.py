@@ -101,7 +101,9 @@ def formulate(
             f"coordinates writes; leave them out, or compile() and simulate() the mechanism"
         )
     if family in ("natural", "mixed"):
-        return _natural(mechanism, _without_scalars(mechanism, keep) if family == "natural" else mechanism, family)
+        return _formulate_natural(
+            mechanism, _without_scalars(mechanism, keep) if family == "natural" else mechanism, family
+        )
     system = mechanism.compile()
     parts = Parts(mechanism)
     if family == "reference":
@@ -110,7 +112,7 @@ def formulate(
         return compile_family(planner, system, family)
     if family == "relative":
         return compile_family(plan_relative(parts, system, keep, orientation, closed), system, family)
-    return _independent(mechanism, parts, system, keep)
+    return _formulate_independent(mechanism, parts, system, keep)
 
 
 def plan_relative(
@@ -133,7 +135,7 @@ def compile_family(planner: Planner, natural: System, family: str) -> Formulatio
     return Formulation(natural, family, system.topology, listed, atlas, system.degrees_of_freedom, system.independent)
 
 
-def _natural(mechanism: Mechanism, chosen: Mechanism, family: str) -> Formulation:
+def _formulate_natural(mechanism: Mechanism, chosen: Mechanism, family: str) -> Formulation:
     whole = mechanism.compile()
     system = whole if chosen is mechanism else chosen.compile()
     top = system.topology
@@ -147,7 +149,7 @@ def _natural(mechanism: Mechanism, chosen: Mechanism, family: str) -> Formulatio
     return Formulation(whole, family, top, tuple(listed), None, system.degrees_of_freedom, system.independent)
 
 
-def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tuple[str, ...]) -> Formulation:
+def _formulate_independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tuple[str, ...]) -> Formulation:
     if not keep:
         direct = plan_relative(parts, natural)
         if not direct.rows:
@@ -324,7 +326,7 @@ def _rigid_starts(system: System, home: np.ndarray, starts: int, rng: np.random.
         body = next((b for b in waiting if placed[list(b.points)].any()), waiting[0])
         waiting.remove(body)
         own, axes = list(body.points), list(body.vectors)
-        turn = _rotations(rng, starts, dim)
+        turn = _draw_rotations(rng, starts, dim)
         hung = [k for k in own if placed[k]][:1]
         if own:
             pivot, where = (points[hung[0]], p[:, hung[0]]) if hung else (points[own].mean(axis=0), p[:, own[0]])
@@ -341,7 +343,7 @@ def _rigid_starts(system: System, home: np.ndarray, starts: int, rng: np.random.
     return out
 
 
-def _rotations(rng: np.random.Generator, count: int, dim: int) -> np.ndarray:
+def _draw_rotations(rng: np.random.Generator, count: int, dim: int) -> np.ndarray:
     """Rotations ``(count, dim, dim)``, uniform over all of them."""
     q, r = np.linalg.qr(rng.normal(size=(count, dim, dim)))
     q = q * np.sign(np.diagonal(r, axis1=1, axis2=2))[:, None, :]

@@ -13,7 +13,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, brief
 from jaxnc.families.planner import Atlas, Variable, fit_parameters
-from jaxnc.families.program import Numbers
+from jaxnc.families.program import Evaluator
 from jaxnc.families.shapes import values
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
@@ -111,7 +111,7 @@ class Formulation:
         """
         z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else self._numbers(z, "to_natural(): z")
         self._check(z.shape, len(self.listed), "variables of the family")
-        return _poses(self, derive(self.natural), z)
+        return _place_poses(self, derive(self.natural), z)
 
     def pose(self, z: Array) -> Array:
         """`to_natural` of one pose, ``(n,)``."""
@@ -130,7 +130,7 @@ class Formulation:
         v = eq.home[first : first + top.dim * len(top.vectors)].reshape(-1, top.dim)
         p_drawn, v_drawn = drawing[np.array(at.drawn, int)], v[np.array(at.vectors, int)]
         c = [x for r in at.recipes for x in values(r, p_drawn, v_drawn)]
-        numbers = Numbers(p[np.array(at.points, int)], v_drawn, z[np.array(at.variables, int)], c)
+        numbers = Evaluator(p[np.array(at.points, int)], v_drawn, z[np.array(at.variables, int)], c)
         spread = [x for place in at.places for x in numbers.place(place)]
         spread += [x for arm in at.directions for x in numbers.arm(arm)]
         scalars = [jnp.zeros(()) if s is None else numbers.scalar(s) for s in at.scalars]
@@ -219,9 +219,9 @@ class Formulation:
         Returns:
             The equations, one for each row.
         """
-        from jaxnc.families.written import write
+        from jaxnc.families.written import write_equations
 
-        return write(self, numbers, names or {})
+        return write_equations(self, numbers, names or {})
 
     def __repr__(self) -> str:
         return (
@@ -235,7 +235,7 @@ class Formulation:
 
 
 @jit
-def _poses(formulation: Formulation, eq: Numbered, z: Array) -> Array:
+def _place_poses(formulation: Formulation, eq: Numbered, z: Array) -> Array:
     return over(lambda x: formulation.place(eq, x), z)
 
 

@@ -126,7 +126,7 @@ class Planner(ABC):
             i = scribe.p(point)
             return (Arm(None, tuple(((1.0, x, i),) for x in "xyz"[: self.parts.dim])),)
         part, frame, origin = self.parts.parts[k], self.frame(scribe, k), self.origin_of(k)
-        if part.turns == "no" or origin.points == (point,):
+        if part.turns == "no" or origin == Origin((point,)):
             return frame.origin
         if self.parts.dim == 2:
             return (*frame.origin, Arm(frame.turn, self.local(scribe, part, point, self.axis(k), origin)))

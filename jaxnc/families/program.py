@@ -81,7 +81,7 @@ def scale(value: Linear, factor: float) -> Linear:
     return tuple((factor * f, what, i) for f, what, i in value)
 
 
-class Numbers:
+class Evaluator:
     """Evaluates pieces, with the numbers of one instance."""
 
     def __init__(self, p: Any, v: Any, s: Any, c: Any):
@@ -93,7 +93,7 @@ class Numbers:
         out: Any = None
         for factor, what, i in value:
             if what == "1":
-                term = _pi(factor, self.s)
+                term = _in_pi(factor, self.s)
             else:
                 x = self.s[i] if what == "s" else self.c[i] if what == "c" else self.p[i]["xyz".index(what)]
                 term = x if factor == 1.0 else -x if factor == -1.0 else factor * x
@@ -112,7 +112,7 @@ class Numbers:
                 found = rotation_rows(turn.how, of, axis)
             if turn.before is not None:
                 first = self.turn(turn.before)
-                found = tuple(tuple(_sum(r[k] * found[k][j] for k in range(3)) for j in range(3)) for r in first)
+                found = tuple(tuple(_add_up(r[k] * found[k][j] for k in range(3)) for j in range(3)) for r in first)
             self.turns[turn] = found
         return self.turns[turn]
 
@@ -124,12 +124,12 @@ class Numbers:
         if arm.turn is None:
             return at
         rows = self.turn(arm.turn)
-        return [_sum(r[k] * x for k, x in enumerate(at) if x is not None) for r in rows]
+        return [_add_up(r[k] * x for k, x in enumerate(at) if x is not None) for r in rows]
 
     def place(self, place: Place) -> list[Any]:
         """Coordinates of a point."""
         parts = [self.arm(arm) for arm in place]
-        return [_fill_zero(_sum(x for x in column if x is not None), self) for column in zip(*parts, strict=True)]
+        return [_fill_zero(_add_up(x for x in column if x is not None), self) for column in zip(*parts, strict=True)]
 
     def scalar(self, scalar: "Linear | Measured") -> Any:
         """A linear form, or a measure."""
@@ -154,14 +154,14 @@ class Numbers:
         return jnp.stack([self.gather(x) if nested else jnp.asarray(x) for x in values])
 
 
-def _sum(values) -> Any:
+def _add_up(values) -> Any:
     out = None
     for x in values:
         out = x if out is None else out + x
     return out
 
 
-def _fill_zero(value: Any, numbers: Numbers) -> Any:
+def _fill_zero(value: Any, numbers: Evaluator) -> Any:
     """Zero, of the type that is calculated with, for what has no pieces."""
     if value is not None:
         return value
@@ -169,7 +169,7 @@ def _fill_zero(value: Any, numbers: Numbers) -> Any:
     return 0.0 * some
 
 
-def _pi(factor: float, s: Any) -> Any:
+def _in_pi(factor: float, s: Any) -> Any:
     """A fixed number; a multiple of π where symbols are written."""
     if len(s) and isinstance(s[0], Expression):
         from jaxnc.constraints.symbols import PI
@@ -197,7 +197,7 @@ class Program:
 
     def arguments(self, p: Any, v: Any, s: Any, c: Any) -> tuple[Any, Any, Any]:
         """The kind's points, vectors and scalars."""
-        numbers = Numbers(p, v, s, c)
+        numbers = Evaluator(p, v, s, c)
         points, vectors = numbers.together(
             [numbers.place(x) for x in self.places], [numbers.arm(d) for d in self.directions]
         )
@@ -217,7 +217,7 @@ class Program:
         constants = [x for r in self.recipes for x in shapes.values(r, p, v)]
         if self.kind.drawn is None or not self.kind.constants:
             return constants
-        given = Numbers(p, v, s, constants)
+        given = Evaluator(p, v, s, constants)
         scalars = given.gather([given.scalar(x) for x in self.scalars]) if self.scalars else s
         own = self.kind.drawn(
             p[jnp.array(self.own, int)], v[jnp.array(self.own_vectors, int)], scalars, c[self.first :]
@@ -261,28 +261,28 @@ def variable_kind(reading: Reading | Between, points: int, vectors: int) -> Kind
     counted = not isinstance(reading, Reading)
     return Kind(
         "variable, " + (f"counted from {reading.home:g}" if counted else f"{reading.recipe.how} {reading.part}"),
-        _nothing,
+        _no_rows,
         rows=(),
         powers=(),
         points=0 if counted else points,
         vectors=0 if counted else vectors,
         scalars=1,
-        measure=_known(reading.home) if counted else reading,
+        measure=_constant_measure(reading.home) if counted else reading,
     )
 
 
 @functools.cache
-def _known(value: float):
+def _constant_measure(value: float):
     return lambda p, v, c: jnp.asarray(value)
 
 
 @factory
 def silence(kind: Kind) -> Kind:
     """A kind that measures, and writes no row."""
-    return dataclasses.replace(kind, name=f"{kind.name}, measured", residual=_nothing, rows=(), powers=(), guard=None)
+    return dataclasses.replace(kind, name=f"{kind.name}, measured", residual=_no_rows, rows=(), powers=(), guard=None)
 
 
-def _nothing(p, v, s, c):
+def _no_rows(p, v, s, c):
     return ()
 
 
@@ -302,7 +302,7 @@ class Scribe:
 
     def pair(self, point: int, drawn: int) -> int:
         """A point, and where in the drawing it is read."""
-        return _place(self.points, (point, drawn))
+        return _index_of(self.points, (point, drawn))
 
     def at(self, points: tuple[int, ...], part: Part | None = None) -> tuple[int, ...]:
         """Several points."""
@@ -310,20 +310,20 @@ class Scribe:
 
     def v(self, vector: int) -> int:
         """A unit vector."""
-        return _place(self.vectors, vector)
+        return _index_of(self.vectors, vector)
 
     def s(self, name: str, factor: float = 1.0) -> Linear:
         """A variable."""
-        return ((factor, "s", _place(self.scalars, name)),)
+        return ((factor, "s", _index_of(self.scalars, name)),)
 
     def c(self, how: str, points: tuple[int, ...], vectors: tuple[int, ...] = (), extra: tuple = ()) -> list[Linear]:
         """Constants read off the drawing."""
         recipe = Recipe(how, points, vectors, extra)
-        before = sum(r.count for r in self.recipes[: _place(self.recipes, recipe)])
+        before = sum(r.count for r in self.recipes[: _index_of(self.recipes, recipe)])
         return [((1.0, "c", before + k),) for k in range(recipe.count)]
 
 
-def _place(found: list, item) -> int:
+def _index_of(found: list, item) -> int:
     if item not in found:
         found.append(item)
     return found.index(item)
@@ -380,7 +380,7 @@ SAME_TURN = Kind(
 
 
 @factory
-def _held(axis: int) -> Kind:
+def _held_kind(axis: int) -> Kind:
     return Kind(
         f"held {'xyz'[axis]}",
         lambda p, v, s, c: (p[0][axis] - p[1][axis],),
@@ -391,7 +391,7 @@ def _held(axis: int) -> Kind:
 
 
 @factory
-def _coordinate(axis: int, vector: bool) -> Kind:
+def _coordinate_kind(axis: int, vector: bool) -> Kind:
     return Kind(
         f"coordinate {'xyz'[axis]}",
         lambda p, v, s, c: (),
@@ -404,7 +404,7 @@ def _coordinate(axis: int, vector: bool) -> Kind:
 
 
 @factory
-def _at(axis: int) -> Kind:
+def _at_kind(axis: int) -> Kind:
     return Kind(
         f"at {'xyz'[axis]}",
         lambda p, v, s, c: (p[0][axis] - s[0],),
@@ -415,9 +415,9 @@ def _at(axis: int) -> Kind:
     )
 
 
-AT = tuple(map(_at, range(3)))
-HELD = tuple(map(_held, range(3)))
-COORDINATE = {vector: tuple(_coordinate(axis, vector) for axis in range(3)) for vector in (False, True)}
+AT = tuple(map(_at_kind, range(3)))
+HELD = tuple(map(_held_kind, range(3)))
+COORDINATE = {vector: tuple(_coordinate_kind(axis, vector) for axis in range(3)) for vector in (False, True)}
 
 NORM = Kind(
     "Euler parameters",

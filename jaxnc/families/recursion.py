@@ -33,7 +33,7 @@ from jaxnc.types import Array
 
 
 @dataclass(frozen=True)
-class Joint:
+class ChainJoint:
     """One screw of the chain."""
 
     link: int  # the link that it moves
@@ -73,7 +73,7 @@ class Chain:
         if m.forces or m.masses or m.friction:
             name = next(iter((*m.forces, *m.masses, *m.friction)))
             raise InputError(f"{name!r}: the recursion knows bodies and gravity only; give other efforts as tau=")
-        self.joints: list[Joint] = []
+        self.joints: list[ChainJoint] = []
         self.names = list(self.formulation.variables)
         self.last = {0: -1}
         for k in planner.hung:
@@ -95,7 +95,7 @@ class Chain:
                 self.inertias[k] = self.inertias.get(k, np.zeros((6, 6))) + _inertia(n, specs[n], at, m.dim)
 
     def _add(self, k: int, before: int, name: str, axis: np.ndarray, point: np.ndarray, slides: bool, sign: float):
-        self.joints.append(Joint(k, before, self.names.index(name), sign, _three(axis), _three(point), slides))
+        self.joints.append(ChainJoint(k, before, self.names.index(name), sign, _three(axis), _three(point), slides))
         self.last[k] = len(self.joints) - 1
 
     def _plane(self, planner: Relative, k: int) -> None:
@@ -188,13 +188,13 @@ class Chain:
             before = joint.before
             v, a = (velocity[before], acceleration[before]) if before >= 0 else (jnp.zeros(6), still)
             rate = screw * dz[joint.variable]
-            acceleration.append(a + screw * ddz[joint.variable] + _motion(v, rate))
+            acceleration.append(a + screw * ddz[joint.variable] + _cross_motion(v, rate))
             velocity.append(v + rate)
         forces = [jnp.zeros(6) for _ in self.joints]
         for link, inertia in self.inertias.items():
             k = self.last[link]
             carried = self._carry(places[k], inertia)
-            forces[k] = forces[k] + carried @ acceleration[k] + _force(velocity[k], carried @ velocity[k])
+            forces[k] = forces[k] + carried @ acceleration[k] + _cross_force(velocity[k], carried @ velocity[k])
         out = jnp.zeros(len(self.names))
         for k in reversed(range(len(self.joints))):
             out = out.at[self.joints[k].variable].add(jnp.dot(screws[k], forces[k]))
@@ -236,12 +236,12 @@ def _three(x: np.ndarray) -> np.ndarray:
     return np.concatenate([x, np.zeros(3 - len(x))])
 
 
-def _motion(v: Array, m: Array) -> Array:
+def _cross_motion(v: Array, m: Array) -> Array:
     """Rate of a motion vector that is carried along with a velocity."""
     return jnp.concatenate([jnp.cross(v[:3], m[:3]), jnp.cross(v[:3], m[3:]) + jnp.cross(v[3:], m[:3])])
 
 
-def _force(v: Array, f: Array) -> Array:
+def _cross_force(v: Array, f: Array) -> Array:
     """Rate of a force vector that is carried along with a velocity."""
     return jnp.concatenate([jnp.cross(v[:3], f[:3]) + jnp.cross(v[3:], f[3:]), jnp.cross(v[:3], f[3:])])
 

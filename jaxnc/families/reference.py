@@ -136,7 +136,7 @@ class Reference(Planner):
                 continue
             else:
                 drawn = {p: drawing[i] for p, i in part.drawn.items()}
-                at = _centre(natural, part, home, drawn)
+                at = _centre_of_mass(natural, part, home, drawn)
             if at is not None:
                 part.origin = self.origin(part, at, drawn)
 
@@ -186,7 +186,9 @@ class Reference(Planner):
         return Origin(points, tuple(~s[0] for s in segments if len(s) == 1), (forms, *map(float, factors)))
 
 
-def _centre(natural: System, part: Part, home: np.ndarray, drawn: Mapping[int, np.ndarray]) -> np.ndarray | None:
+def _centre_of_mass(
+    natural: System, part: Part, home: np.ndarray, drawn: Mapping[int, np.ndarray]
+) -> np.ndarray | None:
     """The centre of mass of a part's bodies as drawn; None without mass."""
     q, dim = home.copy(), natural.topology.dim
     for p, at in drawn.items():

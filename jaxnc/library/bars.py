@@ -9,6 +9,7 @@ from jaxnc.library.drawing import (
     TURN,
     Misfit,
     Point,
+    crank_travel,
     drive,
     hardpoints,
     lay_out,
@@ -16,7 +17,6 @@ from jaxnc.library.drawing import (
     meet,
     place_along,
     polar,
-    travel,
     turn_crank,
 )
 from jaxnc.mechanism import Mechanism
@@ -70,7 +70,7 @@ def four_bar(
     m.body("coupler", points, lengths=lengths, local=local if explicit else None)
     m.body("rocker", ["C", "D"], lengths={("C", "D"): rocker} if explicit else None)
     m.angle("phi", at="A", to="B")
-    return drive(m, ["P"] if local else ["C"], {"phi": travel(draw, angle)})
+    return drive(m, ["P"] if local else ["C"], {"phi": crank_travel(draw, angle)})
 
 
 @offer
@@ -211,7 +211,7 @@ def five_bar(
     """
     m, draw = _five_bar("five bar", (crank1, coupler1, coupler2, crank2, ground), (angle1, angle2), branch)
     m.model.description = "Five-bar linkage: two cranks place the joint C of the two couplers."
-    start, end = travel(lambda t: draw(angle1 + t, angle2 + 2.0 * t))
+    start, end = crank_travel(lambda t: draw(angle1 + t, angle2 + 2.0 * t))
     return drive(m, ["C"], {"phi": (angle1 + start, angle1 + end), "psi": (angle2 + 2.0 * start, angle2 + 2.0 * end)})
 
 
@@ -254,7 +254,7 @@ def geared_five_bar(
     m.model.description = "Five-bar linkage whose two cranks are geared together."
     m.gear("mesh", "phi", "psi", radii=(radius1, radius2))
     ratio = radius1 / radius2
-    start, end = travel(lambda t: draw(angle1 + t, angle2 - ratio * t))
+    start, end = crank_travel(lambda t: draw(angle1 + t, angle2 - ratio * t))
     return drive(m, ["C"], {"phi": (angle1 + start, angle1 + end)})
 
 

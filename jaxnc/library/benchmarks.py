@@ -35,7 +35,7 @@ def pendulum(length: float = 1.0, mass: float = 1.0) -> Mechanism:
     m.body("rod", ["O", "P"])
     m.point_mass("mass at P", "P", mass)
     m.angle("phi", at="O", to="P")
-    return _ready(m, 10.0)
+    return _prepare(m, 10.0)
 
 
 def double_pendulum(mass: float = 1.0, length: float = 1.0) -> Mechanism:
@@ -56,7 +56,7 @@ def double_pendulum(mass: float = 1.0, length: float = 1.0) -> Mechanism:
     m.body("second", ["P", "Q"], mass=mass)
     m.angle("alpha", at="O", to="P")
     m.angle("beta", at="P", to="Q")
-    return _ready(m, 10.0)
+    return _prepare(m, 10.0)
 
 
 def n_four_bar(loops: int = 2) -> Mechanism:
@@ -80,7 +80,7 @@ def n_four_bar(loops: int = 2) -> Mechanism:
         m.body(f"upright{k}", [f"A{k}", f"B{k}"], mass=1.0)
     for k in range(loops):
         m.body(f"beam{k}", [f"B{k}", f"B{k + 1}"], mass=1.0)
-    return _ready(m, 10.0, {"B0.x": 1.0})
+    return _prepare(m, 10.0, {"B0.x": 1.0})
 
 
 def andrews() -> Mechanism:
@@ -121,7 +121,7 @@ def andrews() -> Mechanism:
     m.angle("beta", at="O", to="F")
     m.torque("motor", "beta", 0.033)
     m.spring("spring", "C", "D", stiffness=4530.0, free=0.07785)
-    return _ready(m, 0.03, gravity=None)
+    return _prepare(m, 0.03, gravity=None)
 
 
 def bricard() -> Mechanism:
@@ -137,7 +137,7 @@ def bricard() -> Mechanism:
     m = CATALOGUE["bricard"](1.0)
     for k in range(1, 6):
         m.mass(f"link{k}", 1.0, shape="box", size=(1.0, 0.1, 0.1))
-    return _ready(m, 10.0, gravity=(0.0, -_EARTH, 0.0))
+    return _prepare(m, 10.0, gravity=(0.0, -_EARTH, 0.0))
 
 
 def flyball_governor(stiffness: float = 8e5, damping: float = 4e4) -> Mechanism:
@@ -179,7 +179,7 @@ def flyball_governor(stiffness: float = 8e5, damping: float = 4e4) -> Mechanism:
         m.point_mass(f"ball{side}", f"P{side}", 5.0)
         m.spring(f"strut{side}", f"M{side}", f"E{side}", stiffness=stiffness)
         m.damper(f"loss{side}", f"M{side}", f"E{side}", damping=damping)
-    return _ready(m, 10.0, {"h.x": -2 * math.pi}, (0.0, 0.0, -_EARTH))
+    return _prepare(m, 10.0, {"h.x": -2 * math.pi}, (0.0, 0.0, -_EARTH))
 
 
 def spatial_slider_crank() -> Mechanism:
@@ -216,7 +216,7 @@ def spatial_slider_crank() -> Mechanism:
     m.universal("cross", axes=("x", "k"))
     m.angle("phi", to=("A", "B"), about="x")
     m.distance("s", "O", "C", along="x")
-    return _ready(m, 5.0, {"phi": 6.0}, (0.0, 0.0, -_EARTH))
+    return _prepare(m, 5.0, {"phi": 6.0}, (0.0, 0.0, -_EARTH))
 
 
 def heavy_top() -> Mechanism:
@@ -241,10 +241,10 @@ def heavy_top() -> Mechanism:
     for name, at in (("C", (0, 1, 0)), ("u", (1, 0, 0))):
         for axis, value in zip("xyz", np.cross(w, at), strict=True):
             rates[f"{name}.{axis}"] = float(value)
-    return _ready(m, 2.0, rates, (0.0, 0.0, -_EARTH))
+    return _prepare(m, 2.0, rates, (0.0, 0.0, -_EARTH))
 
 
-def _ready(
+def _prepare(
     m: Mechanism,
     duration: float,
     rates: dict[str, float] | None = None,

@@ -128,14 +128,14 @@ def reach_guide(pin: Point, bar: str, length: float, guide: str, height: float, 
 # -- in space ---------------------------------------------------------------------------------------------------
 
 
-def unit(a: Vector) -> Vector:
+def unit_vector(a: Vector) -> Vector:
     """A vector divided by its length."""
     return a / np.linalg.norm(a)
 
 
-def across(a: Vector, axis: Vector) -> Vector:
+def across_axis(a: Vector, axis: Vector) -> Vector:
     """The unit vector along the part of `a` across a unit `axis`."""
-    return unit(a - (a @ axis) * axis)
+    return unit_vector(a - (a @ axis) * axis)
 
 
 def rotate(a: Vector, axis: Vector, angle: float) -> Vector:
@@ -144,7 +144,7 @@ def rotate(a: Vector, axis: Vector, angle: float) -> Vector:
     return along + math.cos(angle) * (a - along) + math.sin(angle) * np.cross(axis, a)
 
 
-def revolve(pivot: Vector, axis: Vector, point: Vector, angle: float) -> Vector:
+def revolve_point(pivot: Vector, axis: Vector, point: Vector, angle: float) -> Vector:
     """Turn a point about an axis through a pivot by an angle in radians."""
     return pivot + rotate(point - pivot, axis, angle)
 
@@ -184,11 +184,11 @@ def hardpoints(drawn: Places, places: Mapping[str, Any] | None) -> dict[str, Vec
         if name.startswith("v"):
             if not value.any():
                 raise Misfit(f"places[{name!r}] is a zero vector; give it a direction")
-            out[name] = unit(value)
+            out[name] = unit_vector(value)
     return out
 
 
-def apart(places: Mapping[str, Any], *pairs: tuple[str, str], body: str = "") -> None:
+def check_apart(places: Mapping[str, Any], *pairs: tuple[str, str], body: str = "") -> None:
     """Refuse points of one body that are drawn at the same place."""
     for p, q in pairs:
         if math.dist(places[p], places[q]) == 0.0:
@@ -196,9 +196,9 @@ def apart(places: Mapping[str, Any], *pairs: tuple[str, str], body: str = "") ->
             raise Misfit(f"{p!r} and {q!r}{where} are at the same place; move one of them")
 
 
-def off_axis(places: Mapping[str, Vector], point: str, pivot: str, axis: str) -> None:
+def check_off_axis(places: Mapping[str, Vector], point: str, pivot: str, axis: str) -> None:
     """Refuse a point on the axis about which it is to turn."""
-    apart(places, (pivot, point))
+    check_apart(places, (pivot, point))
     arm = places[point] - places[pivot]
     if np.linalg.norm(np.cross(arm, places[axis])) <= _IN_LINE * np.linalg.norm(arm):
         raise Misfit(
@@ -206,7 +206,7 @@ def off_axis(places: Mapping[str, Vector], point: str, pivot: str, axis: str) ->
         )
 
 
-def skew(first: str, a: Vector, second: str, b: Vector) -> None:
+def check_skew(first: str, a: Vector, second: str, b: Vector) -> None:
     """Refuse two directions that are parallel."""
     if np.linalg.norm(np.cross(a, b)) <= _IN_LINE * np.linalg.norm(a) * np.linalg.norm(b):
         raise Misfit(f"{first} and {second} are parallel; turn one of them")
@@ -255,7 +255,7 @@ def lay_out_joints(
 ) -> Mechanism:
     """Describe a mechanism by its joints, which are apart in each body; `ground` names those that do not move."""
     for body, names in bodies.items():
-        apart(places, *combinations(names.split(), 2), body=body)
+        check_apart(places, *combinations(names.split(), 2), body=body)
     on = {joint: at for joint, at in places.items() if joint in ground}
     return lay_out(name, description, on, {joint: at for joint, at in places.items() if joint not in on}, bodies)
 
@@ -267,7 +267,7 @@ def drive(m: Mechanism, outputs: Iterable[str], inputs: Mapping[str, tuple[float
     return m
 
 
-def travel(draw: Callable[[float], object], home: float = 0.0) -> tuple[float, float]:
+def crank_travel(draw: Callable[[float], object], home: float = 0.0) -> tuple[float, float]:
     """Find how far an input angle can go on the branch of the drawing.
 
     Args:

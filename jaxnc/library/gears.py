@@ -13,16 +13,16 @@ from jaxnc.library.drawing import (
     X,
     Y,
     Z,
-    across,
-    apart,
+    across_axis,
+    check_apart,
+    check_skew,
     drive,
     hardpoints,
     lay_out,
     place_along,
     polar,
     rotate,
-    skew,
-    unit,
+    unit_vector,
 )
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
@@ -332,11 +332,11 @@ def steering_column(
     (ISO 8855: x forward, y left, z up).
     """
     p = hardpoints(_STEERING, places)
-    apart(p, ("1", "2"))
+    check_apart(p, ("1", "2"))
     said = "Handwheel, two Cardan joints, pinion and rack of a car."
     m = _shafts("steering column", said, p, phase, ("column", "intermediate", "pinion"))
     m.ground("E", p["E"])
-    m.ground_vector("vA", across(p["v1"], unit(p["B"] - p["A"])))
+    m.ground_vector("vA", across_axis(p["v1"], unit_vector(p["B"] - p["A"])))
     m.ground_vector("vy", Y)
     for name in ("1", "2"):
         m.point(name, p[name], fixed="xz")
@@ -350,18 +350,18 @@ def steering_column(
 
 def _shafts(name: str, said: str, p: Mapping[str, Vector], phase: float, shafts: tuple[str, str, str]) -> Mechanism:
     """Lay out three shafts A-B, B-C, C-D on the ground and the two crosses between them, (186)-(196)."""
-    apart(p, ("A", "B"), ("B", "C"), ("C", "D"))
-    first, middle, last = (unit(p[end] - p[start]) for start, end in ("AB", "BC", "CD"))
+    check_apart(p, ("A", "B"), ("B", "C"), ("C", "D"))
+    first, middle, last = (unit_vector(p[end] - p[start]) for start, end in ("AB", "BC", "CD"))
     for names, a, b in (("A-B and B-C", first, middle), ("B-C and C-D", middle, last)):
         if a @ b <= 1e-6:
             raise Misfit(f"shafts {names} bend by 90° or more; a Cardan joint turns below that only")
-    skew("v1", p["v1"], "the shaft A-B", first)
-    v1 = across(p["v1"], first)
+    check_skew("v1", p["v1"], "the shaft A-B", first)
+    v1 = across_axis(p["v1"], first)
     if np.linalg.norm(np.cross(middle, v1)) < 1e-6:
         raise Misfit("v1 points along the shaft B-C; turn it about A-B")
-    v2 = unit(np.cross(middle, v1))
+    v2 = unit_vector(np.cross(middle, v1))
     v3 = rotate(v2, middle, phase)
-    pins = {"v1": v1, "v2": v2, "v3": v3, "v4": unit(np.cross(last, v3))}
+    pins = {"v1": v1, "v2": v2, "v3": v3, "v4": unit_vector(np.cross(last, v3))}
     bodies = dict(zip(shafts, ("A B v1", "B C v2 v3", "C D v4"), strict=True))
     m = lay_out(name, said, {n: p[n] for n in "ABCD"}, pins, bodies)
     m.universal("cross1", ("v1", "v2"))

@@ -14,6 +14,7 @@ from jaxnc.library.drawing import (
     X,
     Z,
     as_numbers,
+    crank_travel,
     drive,
     hardpoints,
     lay_out,
@@ -22,7 +23,6 @@ from jaxnc.library.drawing import (
     place_along,
     polar,
     rotate,
-    travel,
 )
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
@@ -174,7 +174,7 @@ def jansen_leg(
         | {"lower_rocker": "Z L", "tie": "V K", "foot": "K L F"},
     )
     leg.angle("phi", at="O", to="X")
-    return drive(leg, ["F"], {"phi": travel(draw, angle)})
+    return drive(leg, ["F"], {"phi": crank_travel(draw, angle)})
 
 
 _KLANN = {

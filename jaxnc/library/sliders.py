@@ -4,7 +4,7 @@ import math
 from typing import Literal
 
 from jaxnc.library.catalogue import Length, offer
-from jaxnc.library.drawing import TURN, Misfit, Point, drive, lay_out, polar, reach_guide, travel
+from jaxnc.library.drawing import TURN, Misfit, Point, crank_travel, drive, lay_out, polar, reach_guide
 from jaxnc.mechanism import Mechanism
 
 
@@ -62,7 +62,7 @@ def slider_crank(
         m.slot("guide", "C", ("G", "H"))
     m.body("slider", ["C"])
     m.angle("phi", at="A", to="B")
-    return drive(m, ["C.x"], {"phi": travel(draw, angle)})
+    return drive(m, ["C.x"], {"phi": crank_travel(draw, angle)})
 
 
 @offer
@@ -308,4 +308,4 @@ def _ram(
     m = lay_out(name, "", ground, draw(angle), bodies, {"R": "y"})
     m.slot("slot", "A", ("O4", "C"))
     m.angle("phi", at="O2", to="A")
-    return m, travel(draw, angle)
+    return m, crank_travel(draw, angle)

@@ -15,19 +15,19 @@ from jaxnc.library.drawing import (
     X,
     Y,
     Z,
-    apart,
+    check_apart,
+    check_off_axis,
+    check_skew,
     check_swing,
+    crank_travel,
     drive,
     hardpoints,
     lay_out,
-    off_axis,
     reach,
-    revolve,
+    revolve_point,
     rotate,
-    skew,
-    travel,
     turn_crank,
-    unit,
+    unit_vector,
 )
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
@@ -90,9 +90,9 @@ def rscr(places: Mapping[str, Place] | None = None, crank_angle: bool = False) -
     Source: source text, fig. 23 and 24, (76)-(87), with its names; erratum 2 on (81)-(83).
     """
     p = hardpoints(_RSCR, places)
-    off_axis(p, "1", "A", "vA")
-    apart(p, ("1", "2"), ("B", "3"))
-    skew("v1", p["v1"], "vB", p["vB"])
+    check_off_axis(p, "1", "A", "vA")
+    check_apart(p, ("1", "2"), ("B", "3"))
+    check_skew("v1", p["v1"], "vB", p["vB"])
     m = lay_out(
         "RSCR",
         "Crank and rocker joined by a ball joint and a cylindrical joint.",
@@ -118,7 +118,7 @@ def rscr(places: Mapping[str, Place] | None = None, crank_angle: bool = False) -
     low, high = start + cut, end - cut
     if turns[1] - turns[0] < TURN:
         low, high = max(low, turns[0]), min(high, turns[1])
-    first, last = (float(revolve(p["A"], p["vA"], p["1"], angle)[axis]) for angle in (low, high))
+    first, last = (float(revolve_point(p["A"], p["vA"], p["1"], angle)[axis]) for angle in (low, high))
     return drive(m, ["2", "3"], {f"1.{'xyz'[axis]}": (first, last)})
 
 
@@ -133,7 +133,7 @@ def _rscr_reach(p: Mapping[str, Vector]) -> tuple[float, float]:
 
     def follow(phi: float, psi: float) -> float | None:
         # In the rocker's frame the axis rests and point 1 turns back: its moment about it is a + b cos ψ + c sin ψ.
-        pin = revolve(p["A"], p["vA"], p["1"], phi) - p["B"]
+        pin = revolve_point(p["A"], p["vA"], p["1"], phi) - p["B"]
         along = (pin @ v_b) * v_b
         a, b, c = np.cross((along - arm, pin - along, np.cross(pin, v_b)), axis)
         aa, bb, cc, ab, ac, bc = (float(x @ y) for x, y in ((a, a), (b, b), (c, c), (a, b), (a, c), (b, c)))
@@ -174,9 +174,9 @@ def rssr(places: Mapping[str, Place] | None = None) -> Mechanism:
     Source: R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages (1964); source text, (77), (89).
     """
     p = hardpoints(_RSSR, places)
-    off_axis(p, "1", "A", "vA")
-    off_axis(p, "2", "B", "vB")
-    apart(p, ("1", "2"))
+    check_off_axis(p, "1", "A", "vA")
+    check_off_axis(p, "2", "B", "vB")
+    check_apart(p, ("1", "2"))
     closes = check_swing(p["B"], p["vB"], p["2"], math.dist(p["1"], p["2"]), "the bar 1-2")
     closes(p["1"])
     m = lay_out(
@@ -188,7 +188,7 @@ def rssr(places: Mapping[str, Place] | None = None) -> Mechanism:
     )
     m.angle("phi", at="A", to="1", about="vA")
     m.angle("psi", at="B", to="2", about="vB")
-    turns = travel(lambda phi: closes(revolve(p["A"], p["vA"], p["1"], phi)))
+    turns = crank_travel(lambda phi: closes(revolve_point(p["A"], p["vA"], p["1"], phi)))
     return drive(m, ["psi", "2"], {"phi": turns})
 
 
@@ -212,12 +212,12 @@ def rssp(places: Mapping[str, Place] | None = None) -> Mechanism:
     (147)-(149).
     """
     p = hardpoints(_RSSP, places)
-    off_axis(p, "1", "A", "vA")
-    apart(p, ("1", "2"))
+    check_off_axis(p, "1", "A", "vA")
+    check_apart(p, ("1", "2"))
     rod = math.dist(p["1"], p["2"])
 
     def closes(phi: float) -> None:
-        gap = revolve(p["A"], p["vA"], p["1"], phi) - p["2"]
+        gap = revolve_point(p["A"], p["vA"], p["1"], phi) - p["2"]
         off = np.linalg.norm(np.cross(gap, p["v2"]))
         if off >= rod * math.sqrt(1.0 - FLAT**2):
             raise Misfit("the rod 1-2 is across the guide, or too short to reach it; move its places")
@@ -233,7 +233,7 @@ def rssp(places: Mapping[str, Place] | None = None) -> Mechanism:
     m.slot("guide", "2", ("C", "v2"))
     m.angle("phi", at="A", to="1", about="vA")
     m.distance("s", "C", "2", along="v2")
-    return drive(m, ["s", "2"], {"phi": travel(closes)})
+    return drive(m, ["s", "2"], {"phi": crank_travel(closes)})
 
 
 @offer
@@ -260,8 +260,8 @@ def rccc(places: Mapping[str, Place] | None = None) -> Mechanism:
     """
     p = hardpoints(_RCCC, places)
     for a, b in ("AB", "BC", "CD", "DA"):
-        skew(f"v{a}", p[f"v{a}"], f"v{b}", p[f"v{b}"])
-        apart(p, (a, b))
+        check_skew(f"v{a}", p[f"v{a}"], f"v{b}", p[f"v{b}"])
+        check_apart(p, (a, b))
     # Directions turn like a spherical four-bar: the chord from vB to vC keeps its length.
     chord, names = math.dist(p["vB"], p["vC"]), "the spherical four-bar of its axes"
     closes = check_swing(np.zeros(3), p["vD"], p["vC"], chord, names)
@@ -279,7 +279,7 @@ def rccc(places: Mapping[str, Place] | None = None) -> Mechanism:
     m.angle("phi", to="vB", about="vA")
     m.angle("psi", to="vC", about="vD")
     m.distance("s", "D", "D3", along="vD")
-    turns = travel(lambda phi: closes(rotate(p["vB"], p["vA"], phi)))
+    turns = crank_travel(lambda phi: closes(rotate(p["vB"], p["vA"], phi)))
     return drive(m, ["psi", "s", "C3"], {"phi": turns})
 
 
@@ -345,7 +345,7 @@ def spherical_four_bar(
     m.marker("C", on="rocker", at=radius * v_c)
     m.angle("phi", start="vD", to="vB", about="vA")
     m.angle("psi", to="vC", about="vD")
-    return drive(m, ["psi", "C"], {"phi": travel(draw, angle)})
+    return drive(m, ["psi", "C"], {"phi": crank_travel(draw, angle)})
 
 
 @offer
@@ -520,7 +520,7 @@ def four_bar_in_space(
         _FOUR_BAR,
     )
     m.angle("phi", at="A", to="B", start=("A", "D"), about="vA")
-    return drive(m, ["C"], {"phi": travel(draw, angle)})
+    return drive(m, ["C"], {"phi": crank_travel(draw, angle)})
 
 
 _FOUR_BAR = {"crank": "A B vA vB", "coupler": "B C vB vC", "rocker": "C D vC vD"}
@@ -589,9 +589,9 @@ def general_body(
     Source: source text, §4.1.5, (116)-(127) with erratum 4.
     """
     p = hardpoints(_BODY, places)
-    apart(p, ("P1", "P2"))
-    axis = unit(p["P2"] - p["P1"])
-    off_axis({**p, "P1-P2": axis}, "P3", "P1", "P1-P2")
+    check_apart(p, ("P1", "P2"))
+    axis = unit_vector(p["P2"] - p["P1"])
+    check_off_axis({**p, "P1-P2": axis}, "P3", "P1", "P1-P2")
     if not isinstance(hinged, bool):
         raise Misfit(f"hinged must be True or False, got {hinged!r}")
     ground = {name: p[name] for name in ("P1", "P2")} if hinged else {}

@@ -3,7 +3,7 @@
 import math
 
 from jaxnc.library.catalogue import Length, offer
-from jaxnc.library.drawing import Misfit, Point, drive, lay_out, meet, place_along, polar, travel, turn_crank
+from jaxnc.library.drawing import Misfit, Point, crank_travel, drive, lay_out, meet, place_along, polar, turn_crank
 from jaxnc.mechanism import Mechanism
 
 
@@ -37,7 +37,7 @@ def chebyshev(ground: Length = 0.4, rocker: Length = 0.5, coupler: Length = 0.2,
     said = "Chebyshev's linkage: the midpoint of the coupler goes nearly straight."
     m = _four_bar("chebyshev", said, (ground, 0.0), b, c, (0.5 * (b[0] + c[0]), 0.5 * (b[1] + c[1])))
     m.angle("phi", to=("C", "B"))
-    return drive(m, ["P"], {"phi": travel(draw, angle)})
+    return drive(m, ["P"], {"phi": crank_travel(draw, angle)})
 
 
 @offer
@@ -74,7 +74,7 @@ def hoeken(
     p = place_along(b, c, coupler + extension, 0.0)
     m = _four_bar("hoeken", said, (ground, 0.0), b, c, p, ("crank", "rocker"))
     m.angle("phi", at="A", to="B")
-    return drive(m, ["P"], {"phi": travel(draw, angle)})
+    return drive(m, ["P"], {"phi": crank_travel(draw, angle)})
 
 
 @offer
@@ -137,7 +137,7 @@ def watt_straight_line(arm1: Length = 0.5, arm2: Length = 0.5, coupler: Length =
     said = "Watt's linkage: P goes nearly straight between two opposite arms."
     m = _four_bar("watt straight line", said, d, b, c, place_along(b, c, share * coupler, 0.0), ("arm1", "arm2"), a)
     m.angle("phi", at="A", to="B")
-    return drive(m, ["P"], {"phi": travel(draw, angle)})
+    return drive(m, ["P"], {"phi": crank_travel(draw, angle)})
 
 
 def _four_bar(
@@ -196,7 +196,7 @@ def peaucellier_lipkin(arm: Length = 0.5, side: Length = 0.2, crank: Length = 0.
     said = "Peaucellier's inversor: P draws an exact straight line."
     m = lay_out("peaucellier-lipkin", said, {"O": o, "G": g}, draw(angle), bodies)
     m.angle("phi", at="G", to="B")
-    return drive(m, ["P"], {"phi": travel(draw, angle)})
+    return drive(m, ["P"], {"phi": crank_travel(draw, angle)})
 
 
 @offer
@@ -260,4 +260,4 @@ def hart(
         {"crank": "G P", "long1": "A B O", "long2": "C D", "short1": "A D P", "short2": "C B Q"},
     )
     m.angle("phi", at="G", to="P")
-    return drive(m, ["Q"], {"phi": travel(draw, angle)})
+    return drive(m, ["Q"], {"phi": crank_travel(draw, angle)})

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxnc.kinematics.hardpoints import FIGURE_42
 from jaxnc.library.catalogue import Length, offer
-from jaxnc.library.drawing import Misfit, Vector, Z, across, apart, as_places, drive, lay_out
+from jaxnc.library.drawing import Misfit, Vector, Z, across_axis, as_places, check_apart, drive, lay_out
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
 
@@ -110,7 +110,7 @@ def macpherson(
     p = {number: at[name] for number, name in _NUMBERS.items() if number[0] != "v"}
     p |= {"v1": at["lower_front"] - at["lower_rear"], "v2": at["spindle"] - at["wheel_centre"]}
     p |= {name: place for name, place in given.items() if name in p}
-    apart(p, ("1", "2"), ("2", "3"), ("3", "8"), ("5", "10"), ("2", "5"))
+    check_apart(p, ("1", "2"), ("2", "3"), ("3", "8"), ("5", "10"), ("2", "5"))
     up = _up(p["v2"])
     p |= {name: p["3"] + part * (p["8"] - p["3"]) for name, part in _ROD.items()}
     p |= {"7": p["6"] + radius * up, "v3": np.cross(p["8"] - p["3"], p["v2"])}
@@ -125,7 +125,7 @@ def macpherson(
     m.body("wheel", ["6", "7"], vectors=["v2"])
     m.prismatic("damper", line=("3", "4"), on=("8", "9"), directions=("v2", "v3"), form=form)
     m.distance("s", "4", "9")
-    return _bump(m, p["6"], radius * up, "6", ["10.y", "7.x"], "s")
+    return _drive_bump(m, p["6"], radius * up, "6", ["10.y", "7.x"], "s")
 
 
 @offer
@@ -208,7 +208,7 @@ def _outboard(
         given, {**drawn, "rim": ()}, 3, "hardpoints"
     )
     for names in bodies.values():
-        apart(p, *combinations([name for name in names.split() if name in p], 2))
+        check_apart(p, *combinations([name for name in names.split() if name in p], 2))
     up = _up(p["spindle"] - p["wheel_centre"])
     p.setdefault("rim", p["wheel_centre"] + radius * up)
     last = ("rim", "damper_lower", "tie_inner")
@@ -216,10 +216,10 @@ def _outboard(
     fixed = {"tie_inner": "xz"}
     m = lay_out(f"{kind} suspension", said, {n: p[n] for n in ground}, moving, bodies, fixed, **_UNITS)
     m.distance("damper", "damper_lower", "damper_top")
-    return _bump(m, p["wheel_centre"], radius * up, "wheel_centre", ["tie_inner.y", "rim.x"], "damper")
+    return _drive_bump(m, p["wheel_centre"], radius * up, "wheel_centre", ["tie_inner.y", "rim.x"], "damper")
 
 
-def _bump(m: Mechanism, wheel: Vector, below: Vector, centre: str, hold: list[str], length: str) -> Mechanism:
+def _drive_bump(m: Mechanism, wheel: Vector, below: Vector, centre: str, hold: list[str], length: str) -> Mechanism:
     """Mark the contact, and store the default drive: the wheel centre down and up, rack and spin of the wheel held."""
     m.marker("contact", on="knuckle", at=wheel - below)
     height = float(wheel[2])
@@ -233,4 +233,4 @@ def _up(axis: Vector) -> Vector:
     size = float(np.linalg.norm(axis))
     if size == 0.0 or math.hypot(axis[0], axis[1]) <= 1e-6 * size:
         raise Misfit("the wheel's spin axis is drawn vertical or without length; draw it across the car")
-    return across(Z, axis / size)
+    return across_axis(Z, axis / size)
