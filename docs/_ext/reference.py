@@ -231,6 +231,7 @@ def signature(app: Sphinx, what: str, name: str, value: Any, options: Any, text:
             return said
         said = re.sub(r"~?[\w.]*\bArray \| ~?[\w.]*ndarray \|.*?complex", "~jax.typing.ArrayLike", said)
         said = said.replace("jaxlib._jax.Array", "~jax.Array").replace("~~", "~")
+        said = re.sub(r"~?[\w.]*\bAnnotated\[float, [^\]]*\]", "float", said)
         return re.sub(r"<[^<>]*>", "...", re.sub(r",? _\w+: [\w.]+ = \w+", "", said))
 
     if what == "class" and text and any(n not in names() for n in re.findall(r"~?(jaxnc[\w.]*)", text)):
