@@ -11,8 +11,8 @@ from independent.jets import Jet
 
 import jaxnc as nc
 from jaxnc.errors import InputError
-from jaxnc.kinematics.wheel_report import _turning, suspension_report
 from jaxnc.library.suspensions import double_wishbone, five_link, macpherson
+from jaxnc.vehicle.report import _turning, suspension_report
 from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial.scene import Solid
 from jaxnc.viz.spatial.sketch import sketch_space

@@ -9,9 +9,8 @@ import numpy as np
 from jaxnc.cli.analysis import Analysis
 from jaxnc.cli.progress import progress
 from jaxnc.errors import counted
+from jaxnc.kinematics.inputs import doubtful_size
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.sizes import doubtful_size
-from jaxnc.kinematics.wheel_report import SuspensionReport, aligned
 from jaxnc.reporting.outcome import (
     CROSSING,
     crossings,
@@ -25,6 +24,7 @@ from jaxnc.reporting.outcome import (
 from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Verdict
 from jaxnc.status import Status
+from jaxnc.vehicle.report import SuspensionReport, aligned
 
 _WAYS = {
     "sweep": "in order along the branch",

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.kinematics.analysis import analyse
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.traced import analyse
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, measured

@@ -1,4 +1,4 @@
-"""Inputs as the user gives them, checked and brought into one form."""
+"""Inputs as the user gives them, checked and brought into one form, and doubted where a unit looks wrong."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ from jax.core import Tracer
 from jaxnc.asking import numbers
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, WrongCount, brief, nearest
-from jaxnc.kinematics.loose import explain_lock, loose_motions
+from jaxnc.kinematics.freedoms import explain_lock, loose_motions
 from jaxnc.solvers.assembly import by_identity, derive, evaluate, meets, settle
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
@@ -27,6 +27,12 @@ from jaxnc.types import Array, Inputs
 _SMALL = 65_536  # numbers that are worth having on the host
 _COUNTED = 2**31 - 1  # poses, samples, steps: more are taken for a slip
 _FEW = 1000  # values that show how large steps are
+
+METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
+"""What the usual length units are in metres."""
+
+_MACHINE = (1e-3, 300.0)  # metres: watches to bucket-wheel excavators
+_SUSPENSION = (0.04, 8.0)  # metres: model cars to haul trucks
 
 
 def array(value: Any, what: str) -> Any:
@@ -267,6 +273,27 @@ def _like_degrees(value: Any) -> str:
     if abs(degrees - round(degrees)) < 1e-6:
         return ""
     return f"runs through {turns:.0f} turn{'s' * (round(turns) != 1)} in steps of {step:.3g} rad"
+
+
+def doubtful_size(system: System, suspension: bool = False) -> str:
+    """A sentence on a drawing whose size is absurd in its length unit, with the remedy; empty if nothing is suspect.
+
+    Its numbers are taken in the `length_unit` of its mechanism; a suspension of a vehicle leaves less room.
+    """
+    points, unit = system.parameters.points, system.topology.length_unit
+    if isinstance(points, Tracer) or np.ndim(points) != 2 or unit not in METRES or not len(points):
+        return ""
+    low, high = _SUSPENSION if suspension else _MACHINE
+    size = float(np.max(np.ptp(np.asarray(points), axis=0)))
+    metres = size * METRES[unit]
+    if size == 0.0 or low <= metres <= high:
+        return ""
+    noun = "suspension" if suspension else "mechanism"
+    fits = [u for u in ("mm", "m", "in", "cm") if u != unit and _SUSPENSION[0] <= size * METRES[u] <= _SUSPENSION[1]]
+    text = f"the drawing is {size:.3g} {unit} wide, which is hardly meant for a {noun}"
+    if not fits:
+        return f"{text}: check its numbers and its length unit, {unit!r}"
+    return f"{text}: its numbers look like {fits[0]}; set the length unit to {fits[0]!r} or convert the numbers"
 
 
 def _levels() -> int:

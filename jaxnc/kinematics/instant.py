@@ -1,10 +1,10 @@
-"""Motion at an instant: instant centres, centrodes, inflection circles, and curvature of paths.
+"""Motion at an instant: instant centres, screw axes and what they run along, inflection circles, curvature of paths.
 
 A body is seen from the ground or from another body. All is a function of positions, velocities and accelerations; what
 lies at infinity, or is not defined because nothing moves, is said by flags, and every number is finite.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,11 +12,14 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.compiling import on_device
+from jaxnc.constraints.elementary import ratio
 from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.motion import Motion
-from jaxnc.system.on_lanes import on_host
+from jaxnc.system.on_lanes import on_host, on_lanes
 from jaxnc.system.topology import BodyIndex
 from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from jaxnc.kinematics.motion import Motion
 
 GROUND = "ground"
 """What is no body, and no body may be called."""
@@ -92,6 +95,40 @@ class Centrodes(NamedTuple):
     finite: Array
 
 
+@public
+class ScrewAxis(NamedTuple):
+    """A body's velocity as a rotation about a line and a translation along it.
+
+    Attributes:
+        point: the point of the axis closest to the body's reference point, ``(..., 3)``; the reference point itself
+            where the body does not rotate.
+        direction: unit vector of the axis, along the angular velocity, ``(..., 3)``; along the velocity where the body
+            does not rotate, zero where it stands still.
+        rate: rotation about the axis, rad/s, ``(...,)``.
+        advance: velocity along the axis, length/s, ``(...,)``.
+        pitch: ``advance / rate``, a length per radian, ``(...,)``; infinite for a pure translation, 0 at rest.
+    """
+
+    point: Array
+    direction: Array
+    rate: Array
+    advance: Array
+    pitch: Array
+
+
+@public
+class Axodes(NamedTuple):
+    """The ruled surfaces that the instantaneous screw axis makes: the moving one rolls on the fixed one, and slides.
+
+    Attributes:
+        fixed: the axes on the ground or on the other body, as it lies in one pose, each ``(T, ...)``.
+        moving: the axes on the body, as it lies in that pose; there the two touch along a line.
+    """
+
+    fixed: ScrewAxis
+    moving: ScrewAxis
+
+
 class State(NamedTuple):
     """A body's reference point and its turning: positions and rates, and how large a rate is none."""
 
@@ -164,12 +201,37 @@ def instant_of(state: State) -> InstantMotion:
     )
 
 
-def settled(state: State) -> tuple[Any, Any, Any]:
-    """Place, velocity and angular velocity of a body in space, zero where they are no more than rounding."""
+def without_noise(state: State) -> tuple[Any, Any, Any]:
+    """Place, velocity and angular velocity of a body in space, rates set to zero where they are only rounding."""
     numeric, tiny = _of(state.velocity, state.spin), _least(state.velocity)
     turns = (_norm(state.spin) * state.size > tiny * state.speed)[..., None]
     moves = turns | (_norm(state.velocity) > tiny * state.speed)[..., None]
     return state.place, numeric.where(moves, state.velocity, 0.0), numeric.where(turns, state.spin, 0.0)
+
+
+def screw_axis(place: Array, velocity: Array, spin: Array) -> ScrewAxis:
+    """The screw of a rigid velocity field: of a point of the body, its velocity and spin, all ``(..., 3)``."""
+    if on_host(place, velocity, spin):
+        given: Any = place, velocity, spin
+        found: Any = on_lanes(_flat, (), np.concatenate(given, axis=-1))
+        return ScrewAxis(found[..., :3], found[..., 3:6], *np.moveaxis(found[..., 6:], -1, 0))
+    square = jnp.sum(spin * spin, axis=-1)
+    turning = square > 0
+    rate = jnp.where(turning, jnp.sqrt(jnp.where(turning, square, 1.0)), 0.0)
+    speed2 = jnp.sum(velocity * velocity, axis=-1)
+    moving = speed2 > 0
+    speed = jnp.where(moving, jnp.sqrt(jnp.where(moving, speed2, 1.0)), 0.0)
+    along = jnp.where(turning[..., None], spin, velocity)
+    direction = along * ratio(jnp.ones_like(rate), jnp.where(turning, rate, speed))[..., None]
+    advance = jnp.sum(velocity * direction, axis=-1)
+    offset = jnp.cross(spin, velocity) * ratio(jnp.ones_like(square), square)[..., None]
+    pitch = jnp.where(turning, ratio(advance, rate), jnp.where(moving, jnp.inf, 0.0))
+    return ScrewAxis(place + offset, direction, rate, advance, pitch)
+
+
+def _flat(motion: Array) -> Array:
+    """The axis as one row of numbers, from those of a point, its velocity and the angular velocity."""
+    return jnp.concatenate([jnp.atleast_1d(part) for part in screw_axis(*jnp.split(motion, 3))])
 
 
 def curvature_of(state: State) -> PathCurvature:
@@ -212,7 +274,7 @@ def seen_from(state: State, other: State) -> State:
 # -- of a motion ------------------------------------------------------------------------------------------------------
 
 
-def body_of(motion: Motion, body: str) -> BodyIndex:
+def body_of(motion: "Motion", body: str) -> BodyIndex:
     """A body by its name."""
     top = motion.system.topology
     names = [b.name for b in top.bodies]
@@ -221,7 +283,7 @@ def body_of(motion: Motion, body: str) -> BodyIndex:
     return top.bodies[names.index(body)]
 
 
-def state_of(motion: Motion, body: str | None = None, point: str | None = None) -> State:
+def state_of(motion: "Motion", body: str | None = None, point: str | None = None) -> State:
     """Position and rates of a body's reference point, its first one, and how it turns.
 
     If no body is named it is that of a point by itself; a point may stand for the reference point.
@@ -257,7 +319,7 @@ def state_of(motion: Motion, body: str | None = None, point: str | None = None) 
     return State(place, velocity, spin, acceleration, turning, speed, pull, size)
 
 
-def _fastest(motion: Motion, order: int) -> Any:
+def _fastest(motion: "Motion", order: int) -> Any:
     """The largest rate of any point, ``(...,)``, of which rounding in the others is a share."""
     top = motion.system.topology
     rate: Any = motion.rates[order - 1]
@@ -265,24 +327,24 @@ def _fastest(motion: Motion, order: int) -> Any:
     return _norm(rate[..., : len(top.points) * top.dim].reshape(*rate.shape[:-1], -1, top.dim)).max(axis=-1)
 
 
-def finished(found: Any) -> Any:
-    """What was found as JAX's arrays; nothing is compiled for those of NumPy."""
+def as_jax(found: Any) -> Any:
+    """Turn NumPy's arrays in a pytree into JAX's; nothing is compiled for them."""
     return jax.tree.map(lambda x: on_device(x) if isinstance(x, np.ndarray | np.generic) else x, found)
 
 
-def _planar(motion: Motion, what: str, instead: str) -> None:
+def _planar(motion: "Motion", what: str, instead: str) -> None:
     if motion.system.topology.dim != 2:
         raise InputError(f"{what} is for planar mechanisms; in space see {instead}")
 
 
-def relative_state(motion: Motion, body: str, relative_to: str) -> State:
+def relative_state(motion: "Motion", body: str, relative_to: str) -> State:
     """`state_of` a body as it is seen from the ground or another body."""
     state = state_of(motion, body)
     return state if relative_to == GROUND else seen_from(state, state_of(motion, relative_to))
 
 
 @public
-def instant_motion(motion: Motion, body: str, relative_to: str = GROUND) -> InstantMotion:
+def instant_motion(motion: "Motion", body: str, relative_to: str = GROUND) -> InstantMotion:
     """Instant centre, inflection circle and pole of accelerations of a planar body.
 
     Args:
@@ -300,11 +362,11 @@ def instant_motion(motion: Motion, body: str, relative_to: str = GROUND) -> Inst
         Hartenberg & Denavit, Kinematic Synthesis of Linkages, ch. 7; Bottema & Roth, Theoretical Kinematics, ch. VIII.
     """
     _planar(motion, "instant_motion()", "motion.screw_axis()")
-    return finished(instant_of(relative_state(motion, body, relative_to)))
+    return as_jax(instant_of(relative_state(motion, body, relative_to)))
 
 
 @public
-def instant_centres(motion: Motion) -> dict[tuple[str, str], InstantMotion]:
+def instant_centres(motion: "Motion") -> dict[tuple[str, str], InstantMotion]:
     """The instant centres of every pair of bodies, and of every body and the ground.
 
     Args:
@@ -324,11 +386,11 @@ def instant_centres(motion: Motion) -> dict[tuple[str, str], InstantMotion]:
     for k, other in enumerate(names):
         for name in names[k + 1 :]:
             found[name, other] = instant_of(seen_from(states[name], states[other]))
-    return finished(found)
+    return as_jax(found)
 
 
 @public
-def instant_centre(motion: Motion, body: str, relative_to: str = GROUND) -> Array:
+def instant_centre(motion: "Motion", body: str, relative_to: str = GROUND) -> Array:
     """Instant centre of rotation of a body, relative to the ground or to another body.
 
     Args:
@@ -345,11 +407,11 @@ def instant_centre(motion: Motion, body: str, relative_to: str = GROUND) -> Arra
     """
     _planar(motion, "instant_centre()", "motion.screw_axis()")
     found = instant_of(relative_state(motion, body, relative_to))
-    return finished(_of(*found[:2]).where(found.finite[..., None], found.centre, np.inf))
+    return as_jax(_of(*found[:2]).where(found.finite[..., None], found.centre, np.inf))
 
 
 @public
-def path_curvature(motion: Motion, point: str, relative_to: str = GROUND) -> PathCurvature:
+def path_curvature(motion: "Motion", point: str, relative_to: str = GROUND) -> PathCurvature:
     """Curvature of a point's path and its centre.
 
     Args:
@@ -367,10 +429,10 @@ def path_curvature(motion: Motion, point: str, relative_to: str = GROUND) -> Pat
     state = state_of(motion, point=point)
     if relative_to != GROUND:
         state = seen_from(state, state_of(motion, relative_to))
-    return finished(curvature_of(state))
+    return as_jax(curvature_of(state))
 
 
-def _lying(motion: Motion, body: str, places: Any, pose: int) -> Any:
+def _lay_places(motion: "Motion", body: str, places: Any, pose: int) -> Any:
     """Places ``(T, 2)`` that ride on a body, each in its own pose, as they lie in one pose."""
     found, points = body_of(motion, body), motion.system.topology.points
     a = _alike(motion[points[found.points[0]]], places)
@@ -389,7 +451,7 @@ def _alike(x: Any, like: Any) -> Any:
 
 
 @public
-def centrodes(motion: Motion, body: str, relative_to: str = GROUND, pose: int = 0) -> Centrodes:
+def centrodes(motion: "Motion", body: str, relative_to: str = GROUND, pose: int = 0) -> Centrodes:
     """Fixed and moving centrode of a body over a motion.
 
     Args:
@@ -407,12 +469,82 @@ def centrodes(motion: Motion, body: str, relative_to: str = GROUND, pose: int = 
     _planar(motion, "centrodes()", "axodes()")
     sequence(motion, "centrodes()")
     found = instant_of(relative_state(motion, body, relative_to))
-    fixed = found.centre if relative_to == GROUND else _lying(motion, relative_to, found.centre, pose)
-    return finished(Centrodes(fixed, _lying(motion, body, found.centre, pose), found.finite))
+    fixed = found.centre if relative_to == GROUND else _lay_places(motion, relative_to, found.centre, pose)
+    return as_jax(Centrodes(fixed, _lay_places(motion, body, found.centre, pose), found.finite))
 
 
-def sequence(motion: Motion, what: str) -> None:
+def relative_screw(motion: "Motion", body: str, relative_to: str) -> ScrewAxis:
+    """The screw of a body over the ground or over another body; see `jaxnc.kinematics.Motion.screw_axis`."""
+    if motion.system.topology.dim != 3:
+        raise InputError("screw_axis() is for spatial mechanisms; in the plane see jaxnc.instant_centre")
+    return as_jax(screw_axis(*without_noise(relative_state(motion, body, relative_to))))
+
+
+@public
+def axodes(motion: "Motion", body: str, relative_to: str = "ground", pose: int = 0) -> Axodes:
+    """Fixed and moving axode of a body over a motion in space.
+
+    Args:
+        motion: a sequence of poses with rates, of a spatial mechanism.
+        body: name of a body that knows its orientation.
+        relative_to: name of the body that it is seen from, or ``"ground"``.
+        pose: the pose in which the surfaces are shown; there they touch.
+
+    Returns:
+        See `Axodes`; where the body does not turn, the direction is that of its velocity, and its rate is zero.
+
+    Raises:
+        InputError: unknown body, one without an orientation, a planar mechanism, a motion without rates, or not one
+            sequence of poses.
+
+    Source:
+        Bottema & Roth, Theoretical Kinematics, ch. VI.
+    """
+    sequence(motion, "axodes()")
+    found = motion.screw_axis(body, relative_to)
+    fixed = found if relative_to == "ground" else _lay_axes(motion, relative_to, found, pose)
+    return as_jax(Axodes(fixed, _lay_axes(motion, body, found, pose)))
+
+
+def _lay_axes(motion: "Motion", body: str, axes: ScrewAxis, pose: int) -> ScrewAxis:
+    """Axes that ride on a body, each in its own pose, as they lie in one pose."""
+    given: list[Any] = [motion.position(body), motion.orientation(body), axes.point, axes.direction]
+    if on_host(np.zeros(()), given):
+        given = [np.asarray(x) for x in given]
+    place, turn, point, direction = given
+    back = turn[pose] @ turn.swapaxes(-1, -2)
+
+    def carried(x: Any) -> Any:
+        return (back @ x[..., None])[..., 0]
+
+    return axes._replace(point=place[pose] + carried(point - place), direction=carried(direction))
+
+
+def sequence(motion: "Motion", what: str) -> None:
     """Raise unless a motion is one sequence of poses."""
     if motion.status.ndim != 1 or motion.system.parameters.points.ndim != 2:
         shape = tuple(motion.status.shape)
         raise InputError(f"{what} wants one sequence of poses, (T,), as nc.sweep() gives it; these are {shape}")
+
+
+@public
+def transmission_angle(motion: "Motion", start: str, joint: str, end: str) -> Array:
+    """Transmission angle at a joint: the acute angle between the bars that meet there.
+
+    Args:
+        motion: the motion.
+        start: the far point of the coupler.
+        joint: the joint of coupler and driven bar.
+        end: the far point of the driven bar.
+
+    Returns:
+        Angle in 0 … π/2, radians, ``(...,)``.
+    """
+    places: list[Any] = [motion[start], motion[joint], motion[end]]
+    if on_host(motion.poses, places):
+        places = [np.asarray(x) for x in places]
+    a, b, c = places
+    d, w = a - b, c - b
+    cosine = abs((d * w).sum(axis=-1))
+    sine = abs(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0])
+    return as_jax(_of(sine).arctan2(sine, cosine))

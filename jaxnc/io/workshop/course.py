@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxnc.kinematics.host_solve import analyse
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.on_host import analyse
 from jaxnc.solvers.assembly import derive
 
 _GROWN = 2.0  # accelerations between two poses are at most so many times those at them

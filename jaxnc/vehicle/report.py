@@ -10,14 +10,11 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
-from jaxnc.kinematics.hardpoints import RACK, trade_names
-from jaxnc.kinematics.inputs import outside
+from jaxnc.kinematics.inputs import METRES, outside
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.sizes import METRES
-from jaxnc.kinematics.suspension import ATTITUDE, NUMBERS, asked_by, suspension
-from jaxnc.kinematics.wheel import wheel_numbers
-from jaxnc.kinematics.wheel_parts import What
 from jaxnc.solvers.assembly import derive
+from jaxnc.vehicle.hardpoints import RACK, trade_names
+from jaxnc.vehicle.suspension import ATTITUDE, NUMBERS, Layout, Options, resolve, suspension, wheel_numbers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -225,11 +222,11 @@ def suspension_report(
     if motion.status.ndim != 1 or len(motion.status) < 2:
         raise InputError("suspension_report: give a sweep, poses in a row over wheel travel or steering")
     found = suspension(motion, **options)
-    what, radius = asked_by(motion, options)
-    still = _drawn(motion)
-    static = wheel_numbers(still, what, NUMBERS, radius)
-    by, along, travels = _over(motion, what, still)
-    slopes = wheel_numbers(still, what, NUMBERS, radius, by=by)
+    given = Options(**options)
+    layout, still = resolve(motion, given), _as_drawn(motion)
+    static = wheel_numbers(still, layout, NUMBERS, given.radius)
+    by, along, travels = _over(motion, layout, still)
+    slopes = wheel_numbers(still, layout, NUMBERS, given.radius, by=by)
     per = float(_some(slopes, "wheel_travel")) if travels else 1.0
     known = found.length_unit in METRES
     mm, unit = (METRES[found.length_unit] * 1e3, "mm") if known else (1.0, found.length_unit)
@@ -247,11 +244,11 @@ def suspension_report(
         curves[name] = np.where(np.abs(values) < _NOTHING, 0.0, values)
         slope = float(_some(slopes, name)) / per * factor / mm
         slope, below = (slope, unit) if kind == "length" else (slope * metre, far)
-        label = _label(name, what.axle)
+        label = _label(name, layout.axle)
         drawn = float(_some(static, name)) * factor
         rows.append(_row(name, label, shown, drawn, slope, f"{shown or 1}/{below}", curves[name], along))
     if not travels:
-        turns = _turning(curves["steer"], along, float(_some(static, "track")) * mm, what.side, wheelbase, mm)
+        turns = _turning(curves["steer"], along, float(_some(static, "track")) * mm, layout.side, wheelbase, mm)
         curves |= turns
         for name, values in turns.items():
             shown = "%" if name == "ackermann" else "deg"
@@ -259,19 +256,19 @@ def suspension_report(
     called = f"rack travel, {by}" if by in RACK.values() else by
     return SuspensionReport(
         name=motion.system.name,
-        side=what.side,
-        axle=what.axle,
+        side=layout.side,
+        axle=layout.axle,
         over="wheel travel" if travels else called,
         unit=unit,
         along=along,
         curves=curves,
         rows=tuple(rows),
         hardpoints=_hardpoints(still, mm),
-        vehicle=_vehicle(static, what.axle, wheelbase, mass_height, (brake_share, drive_share)),
+        vehicle=_vehicle(static, layout.axle, wheelbase, mass_height, (brake_share, drive_share)),
     )
 
 
-def _drawn(motion: Motion) -> Motion:
+def _as_drawn(motion: Motion) -> Motion:
     """The mechanism as drawn, as a motion of one pose with the same inputs."""
     home: Any = np.asarray(derive(motion.system).home)
     asked: Any = np.array([home[motion.system.topology.position[name]] for name in motion.driven])
@@ -280,14 +277,14 @@ def _drawn(motion: Motion) -> Motion:
     return Motion(motion.system, motion.driven, motion.held, home, (), asked, right, zero, None)
 
 
-def _over(motion: Motion, what: What, still: Motion) -> tuple[str, np.ndarray, bool]:
+def _over(motion: Motion, layout: Layout, still: Motion) -> tuple[str, np.ndarray, bool]:
     """The input that moves, how far it is (or the wheel centre) from where it is drawn, and whether the wheel rises."""
     moving = [name for name in motion.driven if float(np.ptp(np.asarray(motion.inputs[name]))) > 0]
     if not moving:
         raise InputError("suspension_report: no input of this motion moves; sweep the wheel's height or the steering")
-    travels = what.bump in moving
-    by = what.bump if travels else moving[0]
-    look = f"{what.names.wheel_centre}.z" if travels else by
+    travels = layout.bump in moving
+    by = layout.bump if travels else moving[0]
+    look = f"{layout.names.wheel_centre}.z" if travels else by
     values = motion.inputs[by] if look == by else np.where(motion.converged, motion[look], np.nan)
     return by, np.asarray(values, float) - float(still[look]), travels
 

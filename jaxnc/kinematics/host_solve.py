@@ -1,4 +1,4 @@
-"""Analyses of few poses in NumPy: what `jaxnc.kinematics.analysis` does by XLA for many, with nothing compiled.
+"""Analyses of few poses in NumPy: what `jaxnc.kinematics.traced` does by XLA for many, with nothing compiled.
 
 `sequences` and `scattered` take many designs at once and touch no JAX, so that a callback may call them.
 """
@@ -85,7 +85,7 @@ def _seconds(view: Plan, method: str, count: int) -> float:
 
 
 def analyse(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]) -> PoseBatch:
-    """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.analysis.analyse`."""
+    """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.traced.analyse`."""
     known, start, values = hosted(eq), np.asarray(q0), np.asarray(values)
     inner = host.view_of(view, known) if orders else None
     if method == "guess":
@@ -275,7 +275,7 @@ def repair_lanes(
     return found
 
 
-def nothing(eq: Equations, orders: tuple[Any, ...]) -> PoseBatch:
+def no_poses(eq: Equations, orders: tuple[Any, ...]) -> PoseBatch:
     """What an analysis returns of no poses."""
     none = np.zeros((0, len(eq.home)), eq.home.dtype)
     rates = tuple(none for _ in orders)
