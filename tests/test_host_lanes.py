@@ -123,7 +123,7 @@ def asked(case: str, d: Designs, total: int, rng: np.random.Generator) -> np.nda
 def test_sequences_are_those_of_each_design(case):
     d, rng = designs(case), np.random.default_rng(5)
     values = asked(case, d, 31, rng)
-    found = host_solve.sequences(d.view, d.together, d.start, values)
+    found = host_solve.solve_sequences(d.view, d.together, d.start, values)
     alone = [host_solve.analyse(d.view, "continuation", *x, ()) for x in zip(d.each, d.start, values, strict=True)]
     for k, eq in enumerate(d.each):
         same(found.each(lambda x, k=k: x[k]), alone[k], float(eq.length))
@@ -131,7 +131,7 @@ def test_sequences_are_those_of_each_design(case):
     first = np.array([int(np.argmax(np.append(w.status != 0, True))) for w in alone])
     first = np.where(first < 31, first, rng.integers(0, 31, len(first)))
     start = np.where(first[:, None] > 0, found.q[np.arange(len(first)), first - 1], d.start)
-    rest = host_solve.sequences(d.view, d.together, start, values, first)
+    rest = host_solve.solve_sequences(d.view, d.together, start, values, first)
     for k, eq in enumerate(d.each):
         after = alone[k].each(lambda x, k=k: x[first[k] :])
         own = rest.each(lambda x, k=k: x[k, first[k] :])
@@ -143,12 +143,12 @@ def test_scattered_values_are_those_of_each_design(case):
     d, rng = designs(case), np.random.default_rng(6)
     values = asked(case, d, 13, rng)
     each, every = np.repeat(np.arange(len(d.each)), 13), rng.permutation(13 * len(d.each))
-    found = host_solve.scattered(d.view, d.together, d.start, values.reshape(-1, values.shape[2])[every], each[every])
+    found = host_solve.solve_lanes(d.view, d.together, d.start, values.reshape(-1, values.shape[2])[every], each[every])
     back = np.argsort(every).reshape(-1, 13)
     for k, eq in enumerate(d.each):
         wanted = host_solve.analyse(d.view, "lanes", eq, d.start[k], values[k], ())
         same(found.each(lambda x, k=k: x[back[k]]), wanted, float(eq.length))
-        one = host_solve.scattered(d.view, from_jax(eq), d.start[k : k + 1], values[k, :3], np.zeros(3, int))
+        one = host_solve.solve_lanes(d.view, from_jax(eq), d.start[k : k + 1], values[k, :3], np.zeros(3, int))
         same(found.each(lambda x, k=k: x[back[k, :3]]), one, float(eq.length))
 
 
@@ -198,9 +198,9 @@ def test_where_nothing_is_driven_the_drawing_is_the_pose():
 def test_what_is_solved_all_at_once_is_what_is_followed(case, monkeypatch):
     d = designs(case)
     values = asked(case, d, 31, np.random.default_rng(9))
-    found = host_solve.sequences(d.view, d.together, d.start, values)
+    found = host_solve.solve_sequences(d.view, d.together, d.start, values)
     monkeypatch.setattr(poses, "sure", lambda view, start, *_: (start, np.zeros(start.shape[1], bool)))
-    followed = host_solve.sequences(d.view, d.together, d.start, values)
+    followed = host_solve.solve_sequences(d.view, d.together, d.start, values)
     for k, eq in enumerate(d.each):
         same(*(batch.each(lambda x, k=k: x[k]) for batch in (found, followed)), float(eq.length))
 
@@ -223,11 +223,11 @@ def test_designs_that_are_mirrored_or_have_left_their_class_or_do_not_assemble()
     d.start[2, p : p + 3] -= 2 * normal * (q[p : p + 3] @ normal)
     d.start[3, p : p + 3] = np.nan
     values = np.stack([np.array([[0.2], [0.5], [0.9], [5.0], [0.3]])] * 4)
-    found = host_solve.sequences(d.view, d.together, d.start, values)
+    found = host_solve.solve_sequences(d.view, d.together, d.start, values)
     left, mirrored, lost = (int(x) for x in (STATUS.LEFT_CLASS, STATUS.MIRRORED, STATUS.DID_NOT_ASSEMBLE))
     ended = [0, 0, 0, int(STATUS.SINGULAR), int(STATUS.NOT_REACHED)]
     np.testing.assert_array_equal(found.status, [ended, [left] * 5, [mirrored] * 5, [lost] * 5])
-    each = host_solve.scattered(d.view, d.together, d.start, values[0, :4], np.arange(4))
+    each = host_solve.solve_lanes(d.view, d.together, d.start, values[0, :4], np.arange(4))
     np.testing.assert_array_equal(each.status, [0, left, mirrored, lost])
     assert np.isfinite(found.q[:3]).all() and np.isfinite(each.q[:3]).all()
 
@@ -237,8 +237,8 @@ def test_numbers_of_32_bits_are_calculated_with_32():
     lengths = [(0.4, 1.0, 0.9, 1.2), (0.5, 0.8, 0.9, 1.0), (1.0, 0.5, 0.7, 0.9)]
     d, wide = (Designs([four_bar(*x, 0.7, 1, base) for x in lengths], ("phi",)) for base in (like, plain()))
     values = np.stack([np.linspace(0.7, 5.7, 40)[:, None]] * 3)
-    found = host_solve.sequences(d.view, d.together, d.start, values)
-    exact = host_solve.sequences(wide.view, wide.together, wide.start, values)
+    found = host_solve.solve_sequences(d.view, d.together, d.start, values)
+    exact = host_solve.solve_sequences(wide.view, wide.together, wide.start, values)
     assert all(x.dtype == np.float32 for x in (found.q, found.size, found.conditioning))
     np.testing.assert_array_equal(found.status, exact.status)
     assert {0, 2, 4} == set(found.status.ravel().tolist())
@@ -265,8 +265,8 @@ def test_once_ready_nothing_of_jax_is_called():
     gc.disable()  # jax has a part in it
     sys.setprofile(seen)
     try:
-        found = host_solve.sequences(d.view, d.together, d.start, values)
-        host_solve.scattered(d.view, d.together, d.start, values.reshape(-1, 1), np.repeat(np.arange(3), 23))
+        found = host_solve.solve_sequences(d.view, d.together, d.start, values)
+        host_solve.solve_lanes(d.view, d.together, d.start, values.reshape(-1, 1), np.repeat(np.arange(3), 23))
     finally:
         sys.setprofile(None)
         gc.enable()
@@ -279,7 +279,7 @@ def test_what_cannot_be_read_is_not_ready():
     view = make_plan(system, ("P.x",), ())
     assert not host.ready(view)
     eq = derive(system)
-    found = host_solve.scattered(
+    found = host_solve.solve_lanes(
         view, from_jax(eq), np.asarray(eq.home)[None], np.array([[0.3], [0.8]]), np.zeros(2, int)
     )
     np.testing.assert_allclose(found.q[:, 1], [0.09, 0.64], atol=1e-12)  # through JAX it is found all the same

@@ -100,7 +100,7 @@ def test_what_fails_for_a_large_system_names_no_remedy_that_it_has_not(monkeypat
     def full(*_):
         raise MemoryError("unable to allocate 3 GiB")
 
-    monkeypatch.setattr(host_solve, "sequences", full)
+    monkeypatch.setattr(host_solve, "solve_sequences", full)
     with pytest.raises(Exception, match=r"followed poses of a large system \(MemoryError: unable to allocate 3 GiB\)"):
         jax.block_until_ready(jax.jit(lambda u: nc.sweep(system, {"phi": u}).q)(np.linspace(1.0, 1.2, 3)))
 

@@ -191,7 +191,7 @@ def travel(
 
 
 def _intervals(dead: list[tuple[float, str]], ahead: int, closed: bool, least: float) -> tuple[Interval, ...]:
-    """What lies between dead points, given as met: those ahead, then those behind the drawing, the nearest first."""
+    """List the intervals between dead points, given as met: those ahead, then those behind, the nearest first."""
 
     def between(points: Sequence[tuple[float, str]], drawn: bool) -> Interval:
         lower = [value for value, kind in points if kind == "minimum"]

@@ -31,7 +31,7 @@ from jaxnc.system.equations import Equations
 from jaxnc.system.frames import along, marker_place, spins
 from jaxnc.system.on_lanes import carrying, columns_on_lanes, needed_inputs, on_host, reading
 from jaxnc.system.precision import limits
-from jaxnc.system.system import Parameters, System
+from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
@@ -62,7 +62,8 @@ def with_geometry(system: System, flat: np.ndarray | Array) -> System:
     known = not isinstance(flat, Tracer)
     split: Any = np.split(np.asarray(flat), ends) if known else jnp.split(flat, ends)
     parts = [part.reshape(leaf.shape) for part, leaf in zip(split, leaves, strict=True)]
-    parameters = Parameters(*(on_device(parts) if known else parts), system.parameters.physical, system.parameters.own)
+    changed = dict(zip(_GEOMETRY, on_device(parts) if known else parts, strict=True))
+    parameters = dataclasses.replace(system.parameters, **changed)
     return dataclasses.replace(system, parameters=parameters)
 
 
@@ -100,7 +101,7 @@ def attach_poses(motion: Motion, system: System, asked: Array) -> Motion:
 
 
 class Pose(NamedTuple):
-    """One pose, with what is read off it; as a `Motion`, but of equations that may be traced."""
+    """A pose, with what is read off it; like a `Motion`, but of equations that may be traced."""
 
     topology: Topology  # the mechanism's
     markers: Array  # coefficients of its markers
@@ -154,7 +155,7 @@ class PoseReading(NamedTuple):
     names: tuple[tuple[str, int], ...] | None = None
     labels: Mapping[str, str] = {}  # what else points and vectors of the mechanism are called
 
-    def split(self, columns: Any, stack: Callable[[Any], Any]) -> dict[str, Any]:
+    def by_name(self, columns: Any, stack: Callable[[Any], Any]) -> dict[str, Any]:
         """Sort the numbers by name; `stack` puts those of one name into an array."""
         out, first = {}, 0
         for name, width in self.names or ():
@@ -191,15 +192,15 @@ def read_poses(motion: Motion, asked: PoseReading, by: str | None = None) -> dic
     change = []
     if by is not None:
         first, second = tangents(motion, {by: 1.0}, 2)
-        change = [first, *(_mixed(motion, by, second, name) for name in asked.inputs)]
+        change = [first, *(_mixed_slopes(motion, by, second, name) for name in asked.inputs)]
     eq: Any = derive(motion.system) if drawn else None
     home, markers = (eq.home, eq.markers) if drawn else (np.zeros(shapes[1]), np.zeros(shapes[2]))
     given = (home, markers, *asked.numbers)
     columns = columns_on_lanes(asked.function, fixed, [q, *slopes], [change] if change else [], given)
-    return asked.split(columns, functools.partial((np if hosted_poses else jnp).stack, axis=-1))
+    return asked.by_name(columns, functools.partial((np if hosted_poses else jnp).stack, axis=-1))
 
 
-def _mixed(motion: Motion, by: str, second: Any, name: str) -> Any:
+def _mixed_slopes(motion: Motion, by: str, second: Any, name: str) -> Any:
     """Second derivatives of all coordinates by two inputs, from those along the inputs and along their sum."""
     if name == by:
         return second
@@ -271,7 +272,7 @@ def name_outputs(found: Any) -> dict[str, Array]:
 
 @dataclasses.dataclass(frozen=True)
 class OutputSet:
-    """What is asked of a motion, as one function of it; equal ones are compiled once."""
+    """Outputs that are asked of a motion, as one function of it; equal ones are compiled once."""
 
     # Names of points, markers and coordinates, or functions of a motion, by label. A function without a label stands
     # alone, and what it returns is what the outputs are.
@@ -371,7 +372,7 @@ class DesignDerivatives:
                 out[label] = found
                 continue
             columns = np.moveaxis(found, -2, 0)
-            parts = asked.split(columns, functools.partial(np.stack, axis=-2))
+            parts = asked.by_name(columns, functools.partial(np.stack, axis=-2))
             out |= {f"{label}.{name}" if label else name: x for name, x in parts.items()}
         return out
 

@@ -75,7 +75,7 @@ class Remedy:
 @public
 @dataclass(frozen=True)
 class Diagnosis(Shown):
-    """Whether a mechanism assembles at its inputs, and if not why; ``str()`` is a report.
+    """A finding whether a mechanism assembles at its inputs, and if not why; ``str()`` is a report.
 
     Attributes:
         name: the mechanism.

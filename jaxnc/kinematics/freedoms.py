@@ -31,7 +31,7 @@ _LOCKING = (Thing.BODY, Thing.JOINT, Thing.RELATION, Thing.CONSTRAINT)
 
 @widened
 def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
-    """What can still move without anything else: bodies that spin about their own line, and what nothing holds.
+    """Name what can still move without anything else: bodies that spin about their own line, and what nothing holds.
 
     Returns:
         For each such body a phrase that names it and its line, and a coordinate that would hold it; also points and
@@ -77,22 +77,22 @@ def explain_lock(system: System) -> list[str]:
     owners = [set(top.row_owners[i]) for i in view.rows]
     things = sorted(o for o in top.owners if o.thing in _LOCKING)
 
-    def freed(without: set[Owner]) -> int:
+    def count_freed(without: set[Owner]) -> int:
         rest = sample.jacobian[[k for k, of in enumerate(owners) if not of or not of <= without]]
         return len(view.unknown) - (rank_of(rest)[0] if len(rest) else 0)
 
     # Of equals the one that was added last is the likely slip. Where several are too many, the last go first.
     without: list[Owner] = []
-    while not (unlocking := {o: n for o in things if o not in without and (n := freed({*without, o}))}):
+    while not (unlocking := {o: n for o in things if o not in without and (n := count_freed({*without, o}))}):
         if len(without) == len(things):
             return []
         without.append(next(o for o in reversed(things) if o not in without))
     least = min(unlocking.values())
     *others, last = [o for o, gained in unlocking.items() if gained == least]
     for o in list(without):
-        if freed({*without, last} - {o}):
+        if count_freed({*without, last} - {o}):
             without.remove(o)
-    least = freed({*without, last})
+    least = count_freed({*without, last})
     rest, out = ([f"{o.thing.noun} {top.called(o)!r}" for o in some] for some in (others, sorted([last, *without])))
     also = f" (or {', '.join(rest[:_LISTED])}{', …' if len(rest) > _LISTED else ''})" if others and not without else ""
     freedoms = f"{least} degree{'s' if least != 1 else ''} of freedom"
@@ -128,7 +128,7 @@ def undriven_freedoms(system: System) -> list[str]:
 
 
 def _spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | None:
-    """The velocity of all coordinates while one body turns about the line between the joints that hold it."""
+    """Find the velocity of all coordinates while one body turns about the line between the joints that hold it."""
     top = system.topology
     if top.dim != 3 or len(body.segments) < 2:
         return None
@@ -160,7 +160,7 @@ def _spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | 
 
 @dataclass(frozen=True)
 class JointTwists:
-    """One joint and its conditions on the velocities of all bodies."""
+    """A joint and its conditions on the velocities of all bodies."""
 
     name: str  # what it is called in reports
     rows: np.ndarray  # conditions, (conditions, velocities)
@@ -170,8 +170,8 @@ class JointTwists:
     axis: np.ndarray | None = None  # a direction of it, None where it has none
 
 
-def rank(matrix: np.ndarray) -> int:
-    """Numerical rank."""
+def matrix_rank(matrix: np.ndarray) -> int:
+    """Numerical rank of a matrix."""
     if not matrix.size:
         return 0
     values = np.linalg.svd(matrix, compute_uv=False)
@@ -202,17 +202,19 @@ class Freedoms:
         self.place = {item: first + 3 * k for k, item in enumerate(self.loose)}
         self.scalars = first + 3 * len(self.loose)
         self.count = self.scalars + len(top.scalars)
-        self.joints = [*self._shared(), *self._written()]
+        self.joints = [*self._shared_joints(), *self._written_joints()]
 
     @property
     def grubler(self) -> int:
         """Freedoms by Grübler's count: velocities of the bodies less the conditions of each joint by itself."""
-        return self.count - sum(rank(joint.rows) for joint in self.joints)
+        return self.count - sum(matrix_rank(joint.rows) for joint in self.joints)
 
     @property
     def excess(self) -> int:
         """How many conditions the joints put more than once."""
-        return sum(rank(joint.rows) for joint in self.joints) - rank(np.vstack([j.rows for j in self.joints]))
+        return sum(matrix_rank(joint.rows) for joint in self.joints) - matrix_rank(
+            np.vstack([j.rows for j in self.joints])
+        )
 
     # -- velocities ---------------------------------------------------------------------------------------------
 
@@ -237,7 +239,7 @@ class Freedoms:
 
     # -- joints -------------------------------------------------------------------------------------------------
 
-    def _shared(self) -> Iterator[JointTwists]:
+    def _shared_joints(self) -> Iterator[JointTwists]:
         """The joints that sharing makes, and what a bar does not know."""
         top = self.top
         for place, body in enumerate(self.moving):
@@ -288,7 +290,7 @@ class Freedoms:
         d = self.points[segment[1]] - self.points[segment[0]]
         return d / np.linalg.norm(d)
 
-    def _written(self) -> Iterator[JointTwists]:
+    def _written_joints(self) -> Iterator[JointTwists]:
         """The joints, coordinates and relations that rows are written for."""
         top = self.top
         matrix = np.asarray(evaluate(self.eq, self.q)[1])
@@ -306,9 +308,9 @@ class Freedoms:
                 groups.setdefault(others[0], []).append(row)
         noted = {j.owner: j for j in top.joints}
         for owner, rows in groups.items():
-            yield self._noted(owner, matrix[rows] @ motion / self.size, noted.get(owner))
+            yield self._written_joint(owner, matrix[rows] @ motion / self.size, noted.get(owner))
 
-    def _noted(self, owner: Owner, rows: np.ndarray, noted: JointIndex | None) -> JointTwists:
+    def _written_joint(self, owner: Owner, rows: np.ndarray, noted: JointIndex | None) -> JointTwists:
         """A written joint; with its two bodies where its conditions are on just two."""
         called = self.top.called(owner)
         name = called if noted is None else f"{noted.type} joint {called!r}"
@@ -331,19 +333,19 @@ class Freedoms:
         One sentence for each; empty if nothing is held twice or if no exchange of single joints helps.
         """
         joints = list(self.joints)
-        full = rank(np.vstack([j.rows for j in joints]))
+        full = matrix_rank(np.vstack([j.rows for j in joints]))
         changed: dict[int, tuple[str, int]] = {}
-        while (excess := sum(rank(j.rows) for j in joints) - full) > 0:
+        while (excess := sum(matrix_rank(j.rows) for j in joints) - full) > 0:
             best = None
             for k, joint in enumerate(joints):
                 if joint.bodies is None:
                     continue
                 for usual, kind, rows in self._freer(joint):
-                    gain = rank(joint.rows) - rank(rows)
+                    gain = matrix_rank(joint.rows) - matrix_rank(rows)
                     score = (usual, GROUND not in joint.bodies, gain, k)
                     if gain > excess or (best is not None and score <= best[0]):
                         continue
-                    if rank(np.vstack([rows, *(j.rows for i, j in enumerate(joints) if i != k)])) == full:
+                    if matrix_rank(np.vstack([rows, *(j.rows for i, j in enumerate(joints) if i != k)])) == full:
                         best = (score, k, kind, rows)
             if best is None:
                 break
@@ -365,14 +367,14 @@ class Freedoms:
             if body in self.first:
                 relative[:, self.first[body] : self.first[body] + 6] = sign * np.eye(6)
         rows = joint.rows @ np.linalg.pinv(relative)
-        held = rank(rows)
+        held = matrix_rank(rows)
         for usual, kind, twists in _joints_at(joint.point, joint.axis):
             allowed = np.array(twists)
             if len(allowed) > 6 - held:
                 # Whatever this joint allows must be allowed still.
                 _, _, right = np.linalg.svd(rows)
                 free = right[held:]
-                if rank(np.vstack([allowed, free])) == rank(allowed) == len(allowed):
+                if matrix_rank(np.vstack([allowed, free])) == matrix_rank(allowed) == len(allowed):
                     _, _, right = np.linalg.svd(allowed)
                     yield usual, kind, right[len(allowed) :] @ relative
 

@@ -127,7 +127,7 @@ def make_plan(system: System, driven: Sequence[str], hold: Sequence[str], redund
 
 
 def _notes(system: System, asked: tuple[str, ...]) -> list[str]:
-    """What there is to know of a system for which there are too few or too many inputs."""
+    """Say what there is to know of a system for which there are too few or too many inputs."""
     notes = loose_motions(system, asked) if len(asked) < system.degrees_of_freedom else explain_lock(system)
     eq = derive(system)
     q, gap, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
@@ -197,16 +197,16 @@ def in_radians(system: System, unit: str | None, *given: Any) -> tuple[Any, ...]
     def one(mapping: Any) -> Any:
         if not isinstance(mapping, Mapping):
             return mapping
-        return {n: _turned(n, x) if n in angles else x for n, x in mapping.items()}
+        return {n: _to_radians(n, x) if n in angles else x for n, x in mapping.items()}
 
     return tuple(one(mapping) for mapping in given)
 
 
-def _turned(name: str, value: Any) -> Any:
+def _to_radians(name: str, value: Any) -> Any:
     if callable(value):
         return _InRadians(value)
     if isinstance(value, tuple):
-        return tuple(_turned(name, x) for x in value)
+        return tuple(_to_radians(name, x) for x in value)
     return array(value, f"{name!r}") * (math.pi / 180.0)
 
 
@@ -252,7 +252,7 @@ def doubt_degrees(system: System, unit: str | None, *given: Any) -> None:
 
 
 def _like_degrees(value: Any) -> str:
-    """What makes numbers look like degrees; "" if they do not, or are no numbers."""
+    """Say what makes numbers look like degrees; "" if they do not, or are no numbers."""
     try:
         x = np.asarray(value)
         x = x.astype(float) if x.dtype.kind in "iuf" else np.zeros(0)
@@ -276,7 +276,7 @@ def _like_degrees(value: Any) -> str:
 
 
 def doubtful_size(system: System, suspension: bool = False) -> str:
-    """A sentence on a drawing whose size is absurd in its length unit, with the remedy; empty if nothing is suspect.
+    """Write a sentence on a drawing whose size is absurd in its length unit, with the remedy; empty if it is not.
 
     Its numbers are taken in the `length_unit` of its mechanism; a suspension of a vehicle leaves less room.
     """
@@ -297,7 +297,7 @@ def doubtful_size(system: System, suspension: bool = False) -> str:
 
 
 def _levels() -> int:
-    """How many calls lie between the caller and the user's own line."""
+    """Count the calls between the caller and the user's own line."""
     frame, levels = sys._getframe(1), 1
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("jaxnc."):
         frame, levels = frame.f_back, levels + 1

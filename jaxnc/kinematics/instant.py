@@ -12,9 +12,8 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.compiling import on_device
-from jaxnc.constraints.elementary import ratio
 from jaxnc.errors import InputError, nearest
-from jaxnc.system.on_lanes import on_host, on_lanes
+from jaxnc.system.on_lanes import on_host
 from jaxnc.system.topology import BodyIndex
 from jaxnc.types import Array
 
@@ -163,7 +162,7 @@ def quarter(x: Any) -> Any:
     return _of(x).stack([-x[..., 1], x[..., 0]], axis=-1)
 
 
-def crossed(spin: Any, arm: Any) -> Any:
+def cross_spin(spin: Any, arm: Any) -> Any:
     """Angular velocity × arm, of the plane or of space."""
     return spin[..., None] * quarter(arm) if arm.shape[-1] == 2 else _of(spin, arm).cross(spin, arm)
 
@@ -209,29 +208,18 @@ def without_noise(state: State) -> tuple[Any, Any, Any]:
     return state.place, numeric.where(moves, state.velocity, 0.0), numeric.where(turns, state.spin, 0.0)
 
 
-def screw_axis(place: Array, velocity: Array, spin: Array) -> ScrewAxis:
-    """The screw of a rigid velocity field: of a point of the body, its velocity and spin, all ``(..., 3)``."""
-    if on_host(place, velocity, spin):
-        given: Any = place, velocity, spin
-        found: Any = on_lanes(_flat, (), np.concatenate(given, axis=-1))
-        return ScrewAxis(found[..., :3], found[..., 3:6], *np.moveaxis(found[..., 6:], -1, 0))
-    square = jnp.sum(spin * spin, axis=-1)
-    turning = square > 0
-    rate = jnp.where(turning, jnp.sqrt(jnp.where(turning, square, 1.0)), 0.0)
-    speed2 = jnp.sum(velocity * velocity, axis=-1)
-    moving = speed2 > 0
-    speed = jnp.where(moving, jnp.sqrt(jnp.where(moving, speed2, 1.0)), 0.0)
-    along = jnp.where(turning[..., None], spin, velocity)
-    direction = along * ratio(jnp.ones_like(rate), jnp.where(turning, rate, speed))[..., None]
-    advance = jnp.sum(velocity * direction, axis=-1)
-    offset = jnp.cross(spin, velocity) * ratio(jnp.ones_like(square), square)[..., None]
-    pitch = jnp.where(turning, ratio(advance, rate), jnp.where(moving, jnp.inf, 0.0))
+def screw_axis(place: Any, velocity: Any, spin: Any) -> ScrewAxis:
+    """Find the screw of a rigid velocity field: of a point of the body, its velocity and spin, all ``(..., 3)``."""
+    numeric = _of(place, velocity, spin)
+    square, speed2 = (spin * spin).sum(axis=-1), (velocity * velocity).sum(axis=-1)
+    turning, moving = square > 0, speed2 > 0
+    rate, speed = _norm(spin), _norm(velocity)
+    along, size = numeric.where(turning[..., None], spin, velocity), numeric.where(turning, rate, speed)
+    direction = along * _over(numeric.ones_like(rate), size, size != 0)[..., None]
+    advance = (velocity * direction).sum(axis=-1)
+    offset = numeric.cross(spin, velocity) * _over(numeric.ones_like(square), square, turning)[..., None]
+    pitch = numeric.where(turning, _over(advance, rate, turning), numeric.where(moving, np.inf, 0.0))
     return ScrewAxis(place + offset, direction, rate, advance, pitch)
-
-
-def _flat(motion: Array) -> Array:
-    """The axis as one row of numbers, from those of a point, its velocity and the angular velocity."""
-    return jnp.concatenate([jnp.atleast_1d(part) for part in screw_axis(*jnp.split(motion, 3))])
 
 
 def curvature_of(state: State) -> PathCurvature:
@@ -256,17 +244,17 @@ def curvature_of(state: State) -> PathCurvature:
 def seen_from(state: State, other: State) -> State:
     """A body's state as it is seen from another body, in the axes of the ground."""
     arm, spin = state.place - other.place, other.spin
-    carried = crossed(spin, arm)
+    carried = cross_spin(spin, arm)
     velocity = state.velocity - other.velocity - carried
     speed = state.speed + other.speed + _norm(carried)
     relative = state.spin - spin
     if state.acceleration is None or other.acceleration is None:
         return State(state.place, velocity, relative, None, None, speed, None, state.size)
-    led = other.acceleration + crossed(other.turning, arm) + crossed(spin, carried)
-    coriolis = 2 * crossed(spin, velocity)
+    led = other.acceleration + cross_spin(other.turning, arm) + cross_spin(spin, carried)
+    coriolis = 2 * cross_spin(spin, velocity)
     turning = state.turning - other.turning
     if arm.shape[-1] == 3:
-        turning = turning - crossed(spin, state.spin)
+        turning = turning - cross_spin(spin, state.spin)
     pull = state.pull + other.pull + _norm(led) + _norm(coriolis)
     return State(state.place, velocity, relative, state.acceleration - led - coriolis, turning, speed, pull, state.size)
 
@@ -514,10 +502,10 @@ def _lay_axes(motion: "Motion", body: str, axes: ScrewAxis, pose: int) -> ScrewA
     place, turn, point, direction = given
     back = turn[pose] @ turn.swapaxes(-1, -2)
 
-    def carried(x: Any) -> Any:
+    def carry(x: Any) -> Any:
         return (back @ x[..., None])[..., 0]
 
-    return axes._replace(point=place[pose] + carried(point - place), direction=carried(direction))
+    return axes._replace(point=place[pose] + carry(point - place), direction=carry(direction))
 
 
 def sequence(motion: "Motion", what: str) -> None:

@@ -37,7 +37,7 @@ _PART = 1e-6  # of the largest share of a row in a dependency: less is rounding
 @public
 @dataclass(frozen=True)
 class Mobility(Shown):
-    """What a mechanism's constraints amount to; ``str()`` is a report.
+    """A count of what a mechanism's constraints amount to; ``str()`` is a report.
 
     Attributes:
         name: the mechanism.
@@ -98,11 +98,11 @@ class Mobility(Shown):
         ]
         if self.slips:
             lines.append(f"  {self.velocities} freedoms of velocity, by rows that positions do not see: "
-                         f"{_listed(self.slips)}")  # fmt: skip
+                         f"{_join_first(self.slips)}")  # fmt: skip
         if self.redundant:
             harmless = "" if self.overconstrained else ", whatever its dimensions"
-            lines.append(f"  redundant{harmless}: {_listed(self.redundant)}")
-            lines.append(f"  rows that depend on each other: {_listed(self.involved)}")
+            lines.append(f"  redundant{harmless}: {_join_first(self.redundant)}")
+            lines.append(f"  rows that depend on each other: {_join_first(self.involved)}")
         if self.overconstrained:
             general = len(self.redundant) - self.overconstrained
             lines.append(
@@ -124,7 +124,7 @@ class Mobility(Shown):
     __repr__ = __str__
 
 
-def _listed(names: tuple[str, ...], most: int = 12) -> str:
+def _join_first(names: tuple[str, ...], most: int = 12) -> str:
     return "; ".join(names[:most]) + (f"; … ({len(names)} in all)" if len(names) > most else "")
 
 
@@ -242,7 +242,7 @@ def _join_counts(noun: str, numbers: list[int]) -> str:
 
 
 def _slipping(system: System, eq: Equations, sample: Any) -> int:
-    """How many freedoms the rows on velocities take away in a pose."""
+    """Count the freedoms that the rows on velocities take away in a pose."""
     top = system.topology
     if not top.rates:
         return 0
@@ -258,7 +258,7 @@ def _rate_rows(system: System, q: Any) -> Any:
 
 
 def _special(system: System, rank: int, by_count: int) -> int:
-    """How many redundancies hold for these dimensions only: what the rank gains by a general change of the drawing.
+    """Count the redundancies of these dimensions only: what the rank gains by a general change of the drawing.
 
     Where that leaves no motion at all the rank cannot show them all; the count of joints then says how many there are.
     """
@@ -308,7 +308,7 @@ def _idle(matrix: Any) -> list[int]:
 
 
 def _dependent_sparse(matrix: Any) -> tuple[list[int], list[int]]:
-    """The same of a large mechanism, from the few combinations of rows that vanish."""
+    """Find dependent rows of a large mechanism, from the few combinations of rows that vanish."""
     from jaxnc.solvers.rank import dependencies
 
     left = dependencies(matrix)
@@ -323,7 +323,7 @@ def _dependent_sparse(matrix: Any) -> tuple[list[int], list[int]]:
 
 
 def _dependent(matrix: Any) -> tuple[list[int], list[int]]:
-    """Rows that depend on earlier ones, and all rows that take part in a dependency."""
+    """Find the rows that depend on earlier ones, and all rows that take part in a dependency."""
     if not isinstance(matrix, np.ndarray):
         return _dependent_sparse(matrix)
     if not matrix.size:
@@ -428,17 +428,17 @@ def grashof(system: System, crank: str, coupler: str, rocker: str) -> Grashof:
     sets = {b.name: set(b.points) for b in top.bodies}
     fixed = {i for i in range(len(top.points)) if all(top.fixed[i * top.dim : (i + 1) * top.dim])}
 
-    def shared(a: set[int], b: set[int], what: str) -> int:
+    def common_point(a: set[int], b: set[int], what: str) -> int:
         both = a & b
         if len(both) != 1:
             raise InputError(f"Grashof type: {what} must share exactly one point, they share {len(both)}")
         return both.pop()
 
     joints = [
-        shared(sets[crank], fixed, f"{crank!r} and the ground"),
-        shared(sets[crank], sets[coupler], f"{crank!r} and {coupler!r}"),
-        shared(sets[coupler], sets[rocker], f"{coupler!r} and {rocker!r}"),
-        shared(sets[rocker], fixed, f"{rocker!r} and the ground"),
+        common_point(sets[crank], fixed, f"{crank!r} and the ground"),
+        common_point(sets[crank], sets[coupler], f"{crank!r} and {coupler!r}"),
+        common_point(sets[coupler], sets[rocker], f"{coupler!r} and {rocker!r}"),
+        common_point(sets[rocker], fixed, f"{rocker!r} and the ground"),
     ]
     eq = derive(system)
     q = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q)

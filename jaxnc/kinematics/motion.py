@@ -56,14 +56,14 @@ class Columns:
     places: tuple[int, ...] = static()
 
     def column(self, coordinate: int) -> Array:
-        """One coordinate of all poses."""
+        """A coordinate of all poses."""
         if coordinate not in self.places:
             return jnp.broadcast_to(self._rest()[..., coordinate], self.driven.shape[:-1])
         k = self.places.index(coordinate)
         return self.lanes[k] if k < len(self.lanes) else self.driven[..., k - len(self.lanes)]
 
     def _rest(self) -> Float[Array, "... N"]:
-        """What does not change, to be broadcast to all poses."""
+        """The pose that holds what does not change, to be broadcast to all poses."""
         lead, more = self.rest.shape[:-1], self.driven.ndim - self.rest.ndim
         return self.rest.reshape(*lead, *[1] * more, self.rest.shape[-1]) if lead else self.rest
 
@@ -71,8 +71,8 @@ class Columns:
         """All coordinates of all poses."""
         return _put_together(self)
 
-    def reshaped(self, shape: tuple[int, ...]) -> "Columns":
-        """The same poses with other leading axes."""
+    def reshape(self, shape: tuple[int, ...]) -> "Columns":
+        """Give the poses other leading axes."""
         if shape == self.driven.shape[:-1]:
             return self
         lanes = tuple(x.reshape(shape) for x in self.lanes)
@@ -132,7 +132,7 @@ class Motion(Drawn):
         return self.poses.whole() if isinstance(self.poses, Columns) else as_jax(self.poses)
 
     @property
-    def _found(self) -> Any:
+    def _q(self) -> Any:
         """The poses as they were found, ``(..., N)``: NumPy's, if on the host."""
         return self.q if isinstance(self.poses, Columns) else self.poses
 
@@ -147,7 +147,7 @@ class Motion(Drawn):
         return {name: as_jax(self.asked[..., k]) for k, name in enumerate(self.driven)}
 
     def pose(self, index: Any) -> "Motion":
-        """One pose of a sweep, or a part of it: any index of the leading axes."""
+        """Take a pose of a sweep, or a part of it: any index of the leading axes."""
         if isinstance(index, int) and not -(count := (*self.status.shape, 0)[0]) <= index < count:
             raise InputError(f"pose({index}): this motion of {self.system.name!r} has {count or 'no axis of'} poses")
         arrays = (self.rates, self.asked, self.status, self.residual, self.conditioning, self.time)
@@ -186,7 +186,7 @@ class Motion(Drawn):
             found = self._columns(self.poses, name)
             if found is not None:
                 return found
-        x = self.rates[order - 1] if order else self._found
+        x = self.rates[order - 1] if order else self._q
         spread = (*top.points, *top.vectors)
         if name in spread:
             i = spread.index(name) * top.dim
@@ -197,7 +197,7 @@ class Motion(Drawn):
         markers = [m.name for m in top.markers]
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
             with numbers(self.system.parameters.points):
-                place = marker_along(derive(self.system), markers.index(point), self._found, self.rates[:order])
+                place = marker_along(derive(self.system), markers.index(point), self._q, self.rates[:order])
             return as_jax(place if not axis else place[..., "xyz".index(axis)])
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
 
@@ -217,7 +217,7 @@ class Motion(Drawn):
         """Positions of a point or marker, directions of a vector, or values of a coordinate."""
         return self._pick(0, name)
 
-    def _need(self, order: int, noun: str) -> None:
+    def _require(self, order: int, noun: str) -> None:
         if len(self.rates) < order:
             have = "no rates" if not self.rates else f"{len(self.rates)} time derivatives"
             extra = "pass rates={'" + (self.driven[0] if self.driven else "phi") + "': ...}"
@@ -225,7 +225,7 @@ class Motion(Drawn):
             raise InputError(f"this motion carries {have}, so it has no {noun}; {hint} when you make it")
 
     def _rate(self, order: int, noun: str, name: str) -> Array:
-        self._need(order, noun)
+        self._require(order, noun)
         return self._pick(order, name)
 
     def velocity(self, name: str) -> Array:
@@ -275,10 +275,10 @@ class Motion(Drawn):
         found, top = self._body(body), self.system.topology
         if top.dim == 3:
             with numbers(self.system.parameters.points):
-                return as_jax(turns(top, found.segments, derive(self.system).home, self._found))
+                return as_jax(turns(top, found.segments, derive(self.system).home, self._q))
         assert found.base is not None
         a, b = (2 * k for k in found.base)
-        x, numeric = self._found, cast(Any, np if isinstance(self._found, np.ndarray) else jnp)
+        x, numeric = self._q, cast(Any, np if isinstance(self._q, np.ndarray) else jnp)
         angle = numeric.arctan2(x[..., b + 1] - x[..., a + 1], x[..., b] - x[..., a])
         return as_jax(numeric.unwrap(angle, axis=-1) if angle.ndim else angle)
 
@@ -295,18 +295,18 @@ class Motion(Drawn):
 
     def angular_velocity(self, body: str) -> Array:
         """Angular velocity of a body, rad/s: anticlockwise ``(...,)``, in space in the ground's axes ``(..., 3)``."""
-        self._need(1, "angular velocity")
+        self._require(1, "angular velocity")
         return self._spin(body, 1)
 
     def angular_acceleration(self, body: str) -> Array:
         """Angular acceleration of a body, rad/s²; as `angular_velocity`."""
-        self._need(2, "angular acceleration")
+        self._require(2, "angular acceleration")
         return self._spin(body, 2)
 
     def _spin(self, body: str, order: int) -> Array:
         found = self._body(body)
         with numbers(self.system.parameters.points):
-            return as_jax(spins(self.system.topology, found.segments, self._found, self.rates[:order]))
+            return as_jax(spins(self.system.topology, found.segments, self._q, self.rates[:order]))
 
     def screw_axis(self, body: str, relative_to: str = "ground") -> "ScrewAxis":
         """The instantaneous screw axis of a body's motion, of a spatial mechanism; see `ScrewAxis`.
@@ -361,7 +361,7 @@ class Motion(Drawn):
         """Singular values of every pose's Jacobian with respect to the unknowns, largest first."""
         dense_only(self.system.topology, "singular_values()")
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
-        q: Any = self._found
+        q: Any = self._q
         flat = q.reshape(-1, q.shape[-1])
         with numbers(self.system.parameters.points):
             if on_host(q, self.system):

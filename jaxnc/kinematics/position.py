@@ -76,7 +76,7 @@ class _Question(NamedTuple):
             system=self.system,
             driven=top.named(self.view.driven),
             held=top.named(self.view.held),
-            poses=found.q.reshaped(shape) if isinstance(found.q, Columns) else _with_lead(found.q, shape),
+            poses=found.q.reshape(shape) if isinstance(found.q, Columns) else _with_lead(found.q, shape),
             rates=tuple(_with_lead(r, shape) for r in found.rates),
             asked=_with_lead(self.values, shape),
             status=_with_lead(found.status, shape, 0),
@@ -523,7 +523,7 @@ def start_poses(
     else:
         q = jnp.broadcast_to(jnp.asarray(q), (*shape, len(top.coordinates)))
 
-    def put(q: Any, columns: Any, value: Any) -> Any:
+    def assign(q: Any, columns: Any, value: Any) -> Any:
         if not few:
             return q.at[..., columns].set(value)
         q[..., columns] = value
@@ -531,11 +531,11 @@ def start_poses(
 
     sure = {top.position[name] for name in (*held, *(known or {}))}
     for name, value in (known or {}).items():
-        q = put(q, top.position[name], value)
+        q = assign(q, top.position[name], value)
     given = set(sure)
     for name, value in guess.items():
         columns, value = _entry(top, name, value, shape, what)
-        q = put(q, np.array(columns), value)
+        q = assign(q, np.array(columns), value)
         given.update(columns)
     flat, which = q.reshape(math.prod(shape), q.shape[-1]), (tuple(sorted(sure)), tuple(sorted(given)))
     if few:
@@ -650,7 +650,7 @@ def _complete_by_xla(
     def upright(x):
         return jnp.all(jnp.concatenate(guards(eq, x)) > 0.0)
 
-    def tried(x, off):
+    def assemble(x, off):
         """An assembly: first what is missing beside what was given, then all of it."""
         start = with_measures(x.at[points].add(off * eq.length / weight[points]))
         local = with_measures(closest(beside, eq, start, _ITERATIONS).q)
@@ -661,7 +661,7 @@ def _complete_by_xla(
         return found.q, jnp.where(good & jnp.isfinite(score), score, jnp.inf), local
 
     def one(x):
-        found, score, local = jax.lax.map(functools.partial(tried, x), jnp.asarray(moved))
+        found, score, local = jax.lax.map(functools.partial(assemble, x), jnp.asarray(moved))
         return jnp.where(jnp.isfinite(jnp.min(score)), found[jnp.argmin(score)], local[0])
 
     return jax.vmap(one)(q)

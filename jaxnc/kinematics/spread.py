@@ -74,10 +74,10 @@ def shard(f: Callable, devices: Devices = "all", in_axes: int | Sequence[int | N
             raise InputError(f"in_axes has {len(axes)} entries, but {len(arguments)} arguments were given")
         if not _length(axes, arguments):
             return f(*arguments)
-        return compiled(axes, *_placed(chosen, axes, arguments))
+        return run(axes, *_place(chosen, axes, arguments))
 
     @functools.partial(jax.jit, static_argnums=0)
-    def compiled(axes, *arguments):
+    def run(axes, *arguments):
         return _over(chosen, f, axes, arguments)
 
     return spread
@@ -97,7 +97,7 @@ def solve_on(
 
     Few poses come in one array, very many as `Columns`.
     """
-    return _compiled(devices, view, method, repair, *_placed(devices, _axes(method), (eq, q0, values, orders)))
+    return _solve(devices, view, method, repair, *_place(devices, _axes(method), (eq, q0, values, orders)))
 
 
 def _axes(method: str) -> tuple[int | None, ...]:
@@ -106,7 +106,7 @@ def _axes(method: str) -> tuple[int | None, ...]:
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2, 3))
-def _compiled(devices, view, method, repair, eq, q0, *lanes):
+def _solve(devices, view, method, repair, eq, q0, *lanes):
     from jaxnc.kinematics import traced  # with all that XLA needs, and the host does not
 
     whole, axes = functools.partial(traced.analyse, view, method, repair=repair), _axes(method)
@@ -180,7 +180,7 @@ def _length(axes: Sequence[int | None], arguments: Sequence[Any]) -> int:
     return shapes[0][1][0]
 
 
-def _placed(devices: Sequence[Device], axes: Sequence[int | None], arguments: Sequence[Any]) -> Sequence[Any]:
+def _place(devices: Sequence[Device], axes: Sequence[int | None], arguments: Sequence[Any]) -> Sequence[Any]:
     """The arguments, where they are known, brought to their devices wherever they were before."""
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
         return arguments

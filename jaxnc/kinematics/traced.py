@@ -156,12 +156,12 @@ def analyse_many(
     view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...], repair: bool = True
 ) -> PoseBatch:
     """Solve for many poses outside of traced code, and for their rates: arguments and result as of `analyse`."""
-    count, size = len(values), _padded(view, method, len(values))
+    count, size = len(values), _padded_size(view, method, len(values))
     if size > count:
         values = np.asarray(values)
         values = np.concatenate([values, np.broadcast_to(values[-1:], (size - count, values.shape[1]))])
     values = values if isinstance(values, jax.Array) else jnp.array(values)  # a copy that nobody else has
-    begun, begin = np.int32(host_solve.begun(view, eq, q0)), np.array(q0)
+    begun, begin = np.int32(host_solve.judge_start(view, eq, q0)), np.array(q0)
     begin[view.fixed] = np.asarray(eq.home)[view.fixed]
     very_many = size >= _VERY_MANY  # a faster kernel pays for a longer compilation
     if very_many:
@@ -185,7 +185,7 @@ def analyse_many(
     return PoseBatch(poses, found.size, found.conditioning, status=found.status, rates=rates)
 
 
-def _padded(view: Plan, method: str, count: int) -> int:
+def _padded_size(view: Plan, method: str, count: int) -> int:
     """Choose how many poses the program solves for: the last one is repeated.
 
     A program that is compiled already serves batches that are a third smaller, so that sweeps of any lengths need few
@@ -260,7 +260,7 @@ def solve_traced(
     The method is ``"continuation"`` (in order along one branch) or ``"lanes"`` (each from the start pose). What is not
     found is asked of the host, or without `repair` given up with `Status.TOO_FAR`.
     """
-    begun = _begun(plan, eq, q)
+    begun = _judge_start(plan, eq, q)
     return jax.tree.map(lambda a: a[0], _solver(plan, method, repair, True)(eq, q[None], begun[None], values[None]))
 
 
@@ -295,11 +295,11 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         if table.size <= _TABLE:  # kept as it is: few operations compile soon
             return _from_table(plan, lax.while_loop(lambda st: ~st[0], lambda st: mend(st[1]), (everything, table))[1])
 
-        def repaired(state):
+        def repair_all(state):
             done, table = mend(_to_table(state[1], q.dtype))
             return done, _from_table(plan, table)
 
-        return lax.while_loop(lambda state: ~state[0], repaired, (everything, found))[1]
+        return lax.while_loop(lambda state: ~state[0], repair_all, (everything, found))[1]
 
     def shapes(eq, q, begun, values):
         def like(*more, dtype=values.dtype) -> Any:
@@ -313,7 +313,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
             known = (like(),) * values.shape[-1]
         return PoseBatch(x, like(), like(), known=known, status=like(dtype=np.int32))
 
-    def mapped(size, which, eq, q, begun, values):
+    def map_lanes(size, which, eq, q, begun, values):
         of_one, eq, lanes = in_lanes(size, shared, which, eq, q, begun, values)
         if of_one and method == "lanes" and not any(which[1:3]) and len(q) == 1:  # more inputs of the same design
             lanes = q, begun, lanes[-1].reshape(1, -1, values.shape[-1])
@@ -321,7 +321,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         out = jax.tree.map(lambda a: a.reshape(size, *values.shape[-3:-1], *a.shape[2:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
-    return Mapped(solve, shapes, mapped)
+    return Mapped(solve, shapes, map_lanes)
 
 
 def _sooner_on_host(plan: Plan, method: str, count: int) -> bool:
@@ -369,11 +369,11 @@ def mark_unsolved(plan: Plan, method: str, q: Array, begun: Array, values: Array
     good, columns = filled.answered, (*filled.q, *filled.known_of(values))
     count = jnp.zeros((len(q), 1), int) if method == "lanes" else jnp.sum(good, axis=1, keepdims=True)
 
-    def held(a, c):
+    def keep_last(a, c):
         last = jnp.take_along_axis(a, jnp.maximum(count - 1, 0), axis=1)
         return jnp.where(good, a, jnp.where(count > 0, last, q[:, int(c), None]))
 
-    x = [held(a, c) for a, c in zip(columns, (*plan.unknown, *plan.known), strict=True)]
+    x = [keep_last(a, c) for a, c in zip(columns, (*plan.unknown, *plan.known), strict=True)]
     later = (jnp.arange(good.shape[1]) > count) & (method != "lanes")
     lost = jnp.where(later, int(Status.NOT_REACHED), int(Status.TOO_FAR))
     status = jnp.where(good, filled.status, jnp.where((begun == 0)[:, None], lost, begun[:, None])).astype(np.int32)
@@ -381,10 +381,10 @@ def mark_unsolved(plan: Plan, method: str, q: Array, begun: Array, values: Array
     return PoseBatch(tuple(x[:n]), filled.size, filled.conditioning, known=tuple(x[n:]), status=status)
 
 
-def _begun(plan: Plan, eq: Equations, q: Array) -> Array:
+def _judge_start(plan: Plan, eq: Equations, q: Array) -> Array:
     """Judge the start pose of a design: zero where branches can be followed from it, else the status of all poses."""
     if not any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, q))):
-        return jnp.asarray(host_solve.begun(plan, eq, q), np.int32)
+        return jnp.asarray(host_solve.judge_start(plan, eq, q), np.int32)
     if plan.large:
         return jnp.zeros((), np.int32)  # which the host finds by itself
     assembled = largest(plan.residual(eq, q)) <= 1e3 * tolerance(eq, q)
@@ -484,13 +484,13 @@ def _ask(plan: Plan, method: str, eq: Equations, q: Array, last: Array | None, a
     Start poses are ``(S, N)``, or one for all; `last` are unknown and known coordinates where it goes on, ``(S, n)``.
     """
     like = jax.ShapeDtypeStruct((len(asked), len(plan.unknown) + len(plan.known) + 3, asked.shape[1]), q.dtype)
-    answer, nothing = functools.partial(_follow, plan, method), functools.partial(_interrupted, like)
+    answer, nothing = functools.partial(_follow, plan, method), functools.partial(_give_up, like)
     return ask_host(
         "followed poses that compiled code had not found", like, answer, eq, q, last, asked, good, given_up=nothing
     )
 
 
-def _interrupted(like: Any, *_: Any) -> np.ndarray:
+def _give_up(like: Any, *_: Any) -> np.ndarray:
     """Answer `_ask` where the user has interrupted the host."""
     found = np.zeros(like.shape, like.dtype)
     found[:, -1] = int(Status.TOO_FAR)
@@ -523,12 +523,12 @@ def _ask_large(view: Plan, method: str, eq: Equations, q: Array, values: Float[A
 def _solve_large(view: Plan, method: str, eq: HostEquations, q: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Answer `_ask_large` on the host: poses, residuals, conditioning and statuses in one table."""
     if method == "guess":
-        found = host_solve.nearest(view, eq, q, values)
+        found = host_solve.solve_nearest(view, eq, q, values)
     elif method == "lanes":
         which = np.repeat(np.arange(len(q)), values.shape[1])
-        found = host_solve.scattered(view, eq, q, values.reshape(-1, values.shape[2]), which)
+        found = host_solve.solve_lanes(view, eq, q, values.reshape(-1, values.shape[2]), which)
     else:
-        found = host_solve.sequences(view, eq, q, values)
+        found = host_solve.solve_sequences(view, eq, q, values)
     table = np.concatenate([found.q, np.stack([found.size, found.conditioning, found.status], axis=-1)], axis=-1)
     return table.reshape(*values.shape[:-1], -1)
 

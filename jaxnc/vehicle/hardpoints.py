@@ -89,7 +89,7 @@ def usual(names: Iterable[str]) -> Names | None:
 
 
 def trade_names(names: Iterable[str], every: bool = False) -> dict[str, str]:
-    """What the trade calls the hardpoints among some names (LCA and UCA are the control arms, lower and upper).
+    """Find what the trade calls the hardpoints among some names (LCA and UCA: lower and upper control arm).
 
     Returns:
         By those of the names that have one; empty where this is no suspension with the usual names.
@@ -104,5 +104,5 @@ def trade_names(names: Iterable[str], every: bool = False) -> dict[str, str]:
 
 
 def number_names(names: Iterable[str]) -> dict[str, str]:
-    """What the trade calls the hardpoints that are called by the book's numbers, which say nothing by themselves."""
+    """Find what the trade calls the hardpoints that have the book's numbers, which say nothing by themselves."""
     return {name: trade for name, trade in trade_names(names).items() if name in FIGURE_42}

@@ -1,4 +1,4 @@
-"""What is looked at first in a suspension: static values, their gradients and their range over travel or steering."""
+"""Reports on suspensions: static values, their gradients, and their range over wheel travel or steering."""
 
 import json
 import math
@@ -65,7 +65,7 @@ SIGNS = (
 @public
 @dataclass(frozen=True)
 class SuspensionRow:
-    """One number of a suspension.
+    """A number of a suspension.
 
     Attributes:
         name, label, unit: its name in a `Suspension`, what the trade calls it, and its unit.
@@ -119,7 +119,7 @@ class SuspensionReport:
 
     @property
     def travels(self) -> bool:
-        """Whether it is told over wheel travel."""
+        """Say whether the numbers are told over wheel travel."""
         return self.over == "wheel travel"
 
     @property
@@ -140,7 +140,7 @@ class SuspensionReport:
         first += f"{low:.4g}{ends[0]} to {high:.4g}{ends[1]}"
         head = ["", "static", "gradient", "", "smallest", f"at [{self.unit}]", "largest", f"at [{self.unit}]"]
         table = [head, *(_cells(row) for row in self.rows)]
-        lines = [f"{first} {self.unit}", *aligned(table, left=(0, 3))]
+        lines = [f"{first} {self.unit}", *align_columns(table, left=(0, 3))]
         if failed := int(np.isnan(next(iter(self.curves.values()))).sum()):
             lines.append(f"  {failed} of {len(self.along)} poses were not found")
         lines += [f"  {name} {value:.4g} %" for name, value in self.vehicle.items()]
@@ -148,7 +148,7 @@ class SuspensionReport:
             return "\n".join(lines)
         if self.hardpoints:
             points = [[n, trade, *(f"{v + 0.0:.2f}" for v in at)] for n, (trade, at) in self.hardpoints.items()]
-            lines += aligned([["", f"hardpoints as drawn [{self.length}]", "x", "y", "z"], *points], left=(0, 1))
+            lines += align_columns([["", f"hardpoints as drawn [{self.length}]", "x", "y", "z"], *points], left=(0, 1))
         return "\n".join([*lines, *(f"  {line}" for line in SIGNS)])
 
     @property
@@ -377,7 +377,7 @@ def _cells(row: SuspensionRow) -> list[str]:
     return [row.label + unit, _number(row.static, digits), slope, row.gradient_unit, *ends, _number(row.largest_at, 1)]
 
 
-def aligned(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -> list[str]:
+def align_columns(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -> list[str]:
     """Rows with their columns aligned: names to the left, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [

@@ -1,4 +1,4 @@
-"""What suspension designers read off a motion: camber, toe, steering axis, track, motion ratio, roll centre."""
+"""Suspensions: camber, toe, steering axis, track, motion ratio, roll centre and the rest, read off a motion."""
 
 import dataclasses
 import warnings
