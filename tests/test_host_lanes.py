@@ -124,7 +124,9 @@ def test_sequences_are_those_of_each_design(case):
     d, rng = designs(case), np.random.default_rng(5)
     values = asked(case, d, 31, rng)
     found = host_solve.solve_sequences(d.view, d.together, d.start, values)
-    alone = [host_solve.analyse(d.view, "continuation", *x, ()) for x in zip(d.each, d.start, values, strict=True)]
+    alone = [
+        host_solve.analyse_on_host(d.view, "continuation", *x, ()) for x in zip(d.each, d.start, values, strict=True)
+    ]
     for k, eq in enumerate(d.each):
         same(found.each(lambda x, k=k: x[k]), alone[k], float(eq.length))
     # From a pose on: the last that was found before the first that was not.
@@ -146,7 +148,7 @@ def test_scattered_values_are_those_of_each_design(case):
     found = host_solve.solve_lanes(d.view, d.together, d.start, values.reshape(-1, values.shape[2])[every], each[every])
     back = np.argsort(every).reshape(-1, 13)
     for k, eq in enumerate(d.each):
-        wanted = host_solve.analyse(d.view, "lanes", eq, d.start[k], values[k], ())
+        wanted = host_solve.analyse_on_host(d.view, "lanes", eq, d.start[k], values[k], ())
         same(found.each(lambda x, k=k: x[back[k]]), wanted, float(eq.length))
         one = host_solve.solve_lanes(d.view, from_jax(eq), d.start[k : k + 1], values[k, :3], np.zeros(3, int))
         same(found.each(lambda x, k=k: x[back[k, :3]]), one, float(eq.length))
@@ -245,7 +247,7 @@ def test_numbers_of_32_bits_are_calculated_with_32():
     good = found.status == 0
     np.testing.assert_allclose(found.q[good], exact.q[good], atol=3e-5)
     for k, eq in enumerate(d.each):
-        status = host_solve.analyse(d.view, "continuation", eq, d.start[k], values[k], ()).status
+        status = host_solve.analyse_on_host(d.view, "continuation", eq, d.start[k], values[k], ()).status
         np.testing.assert_array_equal(found.status[k], status)
 
 

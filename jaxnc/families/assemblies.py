@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.traced import analyse
+from jaxnc.kinematics.traced import analyse_traced
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, measured
@@ -44,7 +44,7 @@ def assemblies(system: System, values: dict[str, float], starts: int | None, see
     while found.starts < starts if starts else not found.stable:
         spread = _SPREADS[found.starts // lanes % len(_SPREADS)]
         begun = _rigid_starts(eq, home, lanes, rng, spread)
-        one = analyse(view, "guess", eq, jnp.array(begun), asked, ())
+        one = analyse_traced(view, "guess", eq, jnp.array(begun), asked, ())
         count = lanes if starts is None else min(lanes, starts - found.starts)
         found.add(*(np.asarray(a)[:count] for a in (one.q, one.status, one.size, one.conditioning)))
     q, status, residual, conditioning = found.listed()

@@ -409,7 +409,7 @@ class DesignDerivatives:
         given = self.motion, jnp.asarray(self.at), jnp.zeros(self.count), jnp.asarray(self.motion.q), self.motion.rates
         shapes = jax.eval_shape(functools.partial(_outputs, output), *given)
         count = sum(int(np.prod(s.shape, dtype=int)) for s in jax.tree.leaves(shapes))
-        derivatives, values = _jacobian(output, count < self.count, *given, self._slopes())
+        derivatives, values = _output_jacobian(output, count < self.count, *given, self._slopes())
         return values, derivatives
 
     def _slopes(self) -> tuple[np.ndarray, ...]:
@@ -437,7 +437,7 @@ def _outputs(
 
 
 @functools.partial(jit, static_argnums=(0, 1))
-def _jacobian(
+def _output_jacobian(
     output: Callable[[Motion], Any],
     back: bool,
     motion: Motion,

@@ -46,7 +46,7 @@ def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
     _, null = rank_of(np.asarray(evaluate(eq, q)[1])[np.ix_(view.rows, view.unknown)] / weight[view.unknown])
     found = []
     for body in top.bodies:
-        spin = _spin(system, np.asarray(q), body)
+        spin = _own_spin(system, np.asarray(q), body)
         if spin is None:
             continue
         change, line = spin[0] * weight, spin[1]
@@ -127,7 +127,7 @@ def undriven_freedoms(system: System) -> list[str]:
     ]
 
 
-def _spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | None:
+def _own_spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | None:
     """Find the velocity of all coordinates while one body turns about the line between the joints that hold it."""
     top = system.topology
     if top.dim != 3 or len(body.segments) < 2:
@@ -230,7 +230,7 @@ class Freedoms:
             arm = self.points[item] if item >= 0 else self.vectors[~item]
             if item >= 0:
                 out[:, at : at + 3] = np.eye(3)
-            out[:, at + 3 : at + 6] = -_cross(arm)
+            out[:, at + 3 : at + 6] = -_cross_matrix(arm)
         return out
 
     def holder(self, item: int) -> int | None:
@@ -379,7 +379,7 @@ class Freedoms:
                     yield usual, kind, right[len(allowed) :] @ relative
 
 
-def _cross(a: np.ndarray) -> np.ndarray:
+def _cross_matrix(a: np.ndarray) -> np.ndarray:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 

@@ -37,7 +37,7 @@ _NEAR = 0.1  # of the size: a solution so near to a guess is the nearest
 _asked: weakref.WeakKeyDictionary[Plan, float] = weakref.WeakKeyDictionary()  # what batches were worth so far
 
 
-def suits(view: Plan, method: str, *given: Any) -> bool:
+def suits_host(view: Plan, method: str, *given: Any) -> bool:
     """Say whether the host finds poses: they are few, or of a large system, and nothing is traced.
 
     This is the one rule for what XLA compiles. It compiles a batch for which NumPy would take longer than a quarter of
@@ -52,26 +52,25 @@ def suits(view: Plan, method: str, *given: Any) -> bool:
     if any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
         return False
     count = len(given[0])
-    if not few(view, method, count):
+    if not is_few(view, method, count):
         return False
-    if count < _WORTH or method == "guess" or always(view, method):
+    if count < _WORTH or method == "guess" or is_only_hosts(view, method):
         return True
     _asked[view] = _asked.get(view, 0.0) + max(_seconds(view, method, count), _AGAIN)
     return _asked[view] <= _COMPILED * len(view.unknown)
 
 
-def few(view: Plan, method: str, count: int) -> bool:
-    """Say whether so many poses are few for the host; see `suits`."""
-    return always(view, method) or _seconds(view, method, count) <= _SECONDS
+def is_few(view: Plan, method: str, count: int) -> bool:
+    """Say whether so many poses are few for the host; see `suits_host`."""
+    return is_only_hosts(view, method) or _seconds(view, method, count) <= _SECONDS
 
 
-def always(view: Plan, method: str) -> bool:
+def is_only_hosts(view: Plan, method: str) -> bool:
     """Say whether poses are the host's however many there are."""
     if view.large or method == "guess" or not by_lu(view):
         return view.large
-    from jaxnc.solvers.batch import suits  # with all that XLA needs, and the host does not
 
-    return not suits(view)
+    return not suits_host(view)
 
 
 def _seconds(view: Plan, method: str, count: int) -> float:
@@ -84,8 +83,8 @@ def _seconds(view: Plan, method: str, count: int) -> float:
     return count * lane
 
 
-def analyse(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]) -> PoseBatch:
-    """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.traced.analyse`."""
+def analyse_on_host(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]) -> PoseBatch:
+    """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.traced.analyse_traced`."""
     known, start, values = hosted(eq), np.asarray(q0), np.asarray(values)
     inner = host.view_of(view, known) if orders else None
     if method == "guess":
@@ -139,8 +138,8 @@ def solve_sequences(
         fresh, begin = _grounded(view, eq, np.broadcast_to(start, (designs, start.shape[-1])))
         inner = inner or fresh
         known = np.concatenate([values.transpose(1, 2, 0), _held_values(view, begin, total)], axis=1)
-        assembled = _largest(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
-        turns = np.where(first[:, None] > 0, 0.0, _turns(view, begin, values[:, 0]))
+        assembled = _largest_row(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
+        turns = np.where(first[:, None] > 0, 0.0, _count_turns(view, begin, values[:, 0]))
         turned = np.array(begin)
         turned[view.known[: turns.shape[1]]] += 2 * np.pi * turns.T
         found = host.sequences(inner, turned, known, total - first)
@@ -169,7 +168,7 @@ def solve_lanes(view: Plan, eq: HostEquations, start: np.ndarray, values: np.nda
         values = np.asarray(values, inner.eq.dtype)
         known = np.concatenate([values, _held_values(view, begin, 1)[0][:, which].T], axis=1)
         turns = np.zeros_like(known)
-        turns[:, : values.shape[1]] = _turns(view, begin[:, which], values)
+        turns[:, : values.shape[1]] = _count_turns(view, begin[:, which], values)
         found = host.scattered(inner, begin, unwound(known, turns), which)
         # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
         again = np.flatnonzero(~found.good & turns.any(axis=1))
@@ -227,7 +226,7 @@ def _held_values(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
 def judge_start(view: Plan, eq: Equations, start: Any) -> int:
     """Judge a start pose: zero where branches can be followed from it, else the status of all poses."""
     inner, begin = _grounded(view, hosted(eq), np.asarray(start)[None])
-    assembled = _largest(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
+    assembled = _largest_row(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
     status = 0 if assembled else int(Status.DID_NOT_ASSEMBLE)
     if any(block.kind.mirror for block in view.topology.blocks) and inner.eq.guards(begin)[1][0]:
         status = int(Status.MIRRORED)
@@ -241,7 +240,7 @@ def repair_lanes(
 
     Args:
         view: what is solved for.
-        method: as of `analyse`.
+        method: as of `analyse_on_host`.
         eq: the equations for JAX, of arrays that are known; of one design, or designs first.
         start: poses to begin from ``(S, N)``, or one for all: the drawings; of a sequence in order the last pose that
             was found, if there is one.
@@ -282,7 +281,7 @@ def no_poses(eq: Equations, orders: tuple[Any, ...]) -> PoseBatch:
     return PoseBatch(none, none[:, 0], none[:, 0], status=np.zeros(0, np.int32), rates=rates)
 
 
-def _largest(r: np.ndarray) -> np.ndarray:
+def _largest_row(r: np.ndarray) -> np.ndarray:
     return np.max(np.abs(r), axis=0, initial=0.0)
 
 
@@ -315,7 +314,7 @@ def _status(
     return np.where(left[which] if left.ndim else left, int(Status.LEFT_CLASS), status) if left.any() else status
 
 
-def _turns(view: Plan, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
+def _count_turns(view: Plan, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
     """Count whole turns from poses ``(N, L)`` to driven coordinates ``(L, k)``; zero where turns are counted."""
     at = view.known[: len(view.driven)]
     told = view.periodic[: len(at)] & (np.abs(targets) <= farthest(q))

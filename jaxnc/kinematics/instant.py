@@ -128,7 +128,7 @@ class Axodes(NamedTuple):
     moving: ScrewAxis
 
 
-class State(NamedTuple):
+class BodyState(NamedTuple):
     """A body's reference point and its turning: positions and rates, and how large a rate is none."""
 
     place: Any  # (..., dim)
@@ -141,122 +141,124 @@ class State(NamedTuple):
     size: Any  # of the mechanism, a length, by which angles are measured
 
 
-def _of(*given: Any) -> Any:
+def _library_of(*given: Any) -> Any:
     return np if all(isinstance(x, np.ndarray | np.generic) for x in given if x is not None) else jnp
 
 
-def _norm(x: Any) -> Any:
+def _vector_norm(x: Any) -> Any:
     """Length of vectors, with a finite derivative at zero."""
-    numeric, square = _of(x), (x * x).sum(axis=-1)
+    numeric, square = _library_of(x), (x * x).sum(axis=-1)
     return numeric.where(square > 0, numeric.sqrt(numeric.where(square > 0, square, 1.0)), 0.0)
 
 
-def _over(a: Any, b: Any, sound: Any) -> Any:
+def _safe_ratio(a: Any, b: Any, sound: Any) -> Any:
     """``a / b``, zero where not `sound`."""
-    numeric = _of(a, b)
+    numeric = _library_of(a, b)
     return numeric.where(sound, a / numeric.where(sound, b, 1.0), 0.0)
 
 
 def quarter(x: Any) -> Any:
     """Vectors of the plane ``(..., 2)`` turned by a quarter, anticlockwise."""
-    return _of(x).stack([-x[..., 1], x[..., 0]], axis=-1)
+    return _library_of(x).stack([-x[..., 1], x[..., 0]], axis=-1)
 
 
 def cross_spin(spin: Any, arm: Any) -> Any:
     """Angular velocity × arm, of the plane or of space."""
-    return spin[..., None] * quarter(arm) if arm.shape[-1] == 2 else _of(spin, arm).cross(spin, arm)
+    return spin[..., None] * quarter(arm) if arm.shape[-1] == 2 else _library_of(spin, arm).cross(spin, arm)
 
 
-def _least(x: Any) -> float:
+def _rounding_share(x: Any) -> float:
     """Which share of rates is rounding."""
     return float(np.finfo(x.dtype).eps) ** _NOISE
 
 
-def instant_of(state: State) -> InstantMotion:
+def instant_of(state: BodyState) -> InstantMotion:
     """The motion of a planar body at an instant, from positions and rates."""
     p, velocity, spin, acceleration, turning, speed, pull, size = state
-    numeric, tiny = _of(p, velocity, spin), _least(velocity)
-    run, whirl = _norm(velocity), abs(spin) * size
+    numeric, tiny = _library_of(p, velocity, spin), _rounding_share(velocity)
+    run, whirl = _vector_norm(velocity), abs(spin) * size
     finite = whirl > tiny * speed
     moving = finite | (run > tiny * speed)
     spin = numeric.where(finite, spin, 0.0)
     across = quarter(velocity)
     running = run > tiny * speed
     sense = numeric.where(spin < 0, -1.0, 1.0)
-    direction = sense[..., None] * _over(across, run[..., None], running[..., None])
-    arm = _over(across, spin[..., None], finite[..., None])
+    direction = sense[..., None] * _safe_ratio(across, run[..., None], running[..., None])
+    arm = _safe_ratio(across, spin[..., None], finite[..., None])
     centre = p + arm
     if acceleration is None:
         return InstantMotion(centre, direction, spin, finite, moving)
     at_centre = acceleration + turning[..., None] * quarter(arm) - (spin * spin)[..., None] * arm
-    diameter = _over(at_centre, (spin * spin)[..., None], finite[..., None])
-    pole_velocity = _over(quarter(at_centre), spin[..., None], finite[..., None])
+    diameter = _safe_ratio(at_centre, (spin * spin)[..., None], finite[..., None])
+    pole_velocity = _safe_ratio(quarter(at_centre), spin[..., None], finite[..., None])
     accelerating = (spin * spin + abs(turning)) * size > tiny * pull
     square = spin**4 + turning**2
     lift = (spin * spin)[..., None] * acceleration + turning[..., None] * quarter(acceleration)
-    pole = p + _over(lift, square[..., None], (accelerating & (square > 0))[..., None])
+    pole = p + _safe_ratio(lift, square[..., None], (accelerating & (square > 0))[..., None])
     return InstantMotion(
         centre, direction, spin, finite, moving, turning, pole_velocity, diameter, pole, accelerating & (square > 0)
     )
 
 
-def without_noise(state: State) -> tuple[Any, Any, Any]:
+def without_noise(state: BodyState) -> tuple[Any, Any, Any]:
     """Place, velocity and angular velocity of a body in space, rates set to zero where they are only rounding."""
-    numeric, tiny = _of(state.velocity, state.spin), _least(state.velocity)
-    turns = (_norm(state.spin) * state.size > tiny * state.speed)[..., None]
-    moves = turns | (_norm(state.velocity) > tiny * state.speed)[..., None]
+    numeric, tiny = _library_of(state.velocity, state.spin), _rounding_share(state.velocity)
+    turns = (_vector_norm(state.spin) * state.size > tiny * state.speed)[..., None]
+    moves = turns | (_vector_norm(state.velocity) > tiny * state.speed)[..., None]
     return state.place, numeric.where(moves, state.velocity, 0.0), numeric.where(turns, state.spin, 0.0)
 
 
 def screw_axis(place: Any, velocity: Any, spin: Any) -> ScrewAxis:
     """Find the screw of a rigid velocity field: of a point of the body, its velocity and spin, all ``(..., 3)``."""
-    numeric = _of(place, velocity, spin)
+    numeric = _library_of(place, velocity, spin)
     square, speed2 = (spin * spin).sum(axis=-1), (velocity * velocity).sum(axis=-1)
     turning, moving = square > 0, speed2 > 0
-    rate, speed = _norm(spin), _norm(velocity)
+    rate, speed = _vector_norm(spin), _vector_norm(velocity)
     along, size = numeric.where(turning[..., None], spin, velocity), numeric.where(turning, rate, speed)
-    direction = along * _over(numeric.ones_like(rate), size, size != 0)[..., None]
+    direction = along * _safe_ratio(numeric.ones_like(rate), size, size != 0)[..., None]
     advance = (velocity * direction).sum(axis=-1)
-    offset = numeric.cross(spin, velocity) * _over(numeric.ones_like(square), square, turning)[..., None]
-    pitch = numeric.where(turning, _over(advance, rate, turning), numeric.where(moving, np.inf, 0.0))
+    offset = numeric.cross(spin, velocity) * _safe_ratio(numeric.ones_like(square), square, turning)[..., None]
+    pitch = numeric.where(turning, _safe_ratio(advance, rate, turning), numeric.where(moving, np.inf, 0.0))
     return ScrewAxis(place + offset, direction, rate, advance, pitch)
 
 
-def curvature_of(state: State) -> PathCurvature:
+def curvature_of(state: BodyState) -> PathCurvature:
     """How the path of a point bends, from its position, velocity and acceleration."""
     p, velocity, _, acceleration, _, speed, pull, size = state
-    numeric, tiny = _of(p, velocity, acceleration), _least(velocity)
-    run = _norm(velocity)
+    numeric, tiny = _library_of(p, velocity, acceleration), _rounding_share(velocity)
+    run = _vector_norm(velocity)
     moving = run > tiny * speed
-    tangent = _over(velocity, run[..., None], moving[..., None])
+    tangent = _safe_ratio(velocity, run[..., None], moving[..., None])
     across = acceleration - (acceleration * tangent).sum(axis=-1)[..., None] * tangent
-    bend = _over(across, (run * run)[..., None], moving[..., None])
-    size_of = _norm(bend)
+    bend = _safe_ratio(across, (run * run)[..., None], moving[..., None])
+    size_of = _vector_norm(bend)
     # What is left of an acceleration that has no part across the path is rounding.
     bent = moving & (size_of * run * run > tiny * pull) & (size_of * size > tiny)
-    centre = p + _over(bend, (size_of * size_of)[..., None], bent[..., None])
+    centre = p + _safe_ratio(bend, (size_of * size_of)[..., None], bent[..., None])
     curvature = numeric.where(bent, size_of, 0.0)
     if p.shape[-1] == 2:
         curvature = numeric.where((quarter(tangent) * bend).sum(axis=-1) < 0, -curvature, curvature)
     return PathCurvature(curvature, centre, tangent, bent, moving)
 
 
-def seen_from(state: State, other: State) -> State:
+def seen_from(state: BodyState, other: BodyState) -> BodyState:
     """A body's state as it is seen from another body, in the axes of the ground."""
     arm, spin = state.place - other.place, other.spin
     carried = cross_spin(spin, arm)
     velocity = state.velocity - other.velocity - carried
-    speed = state.speed + other.speed + _norm(carried)
+    speed = state.speed + other.speed + _vector_norm(carried)
     relative = state.spin - spin
     if state.acceleration is None or other.acceleration is None:
-        return State(state.place, velocity, relative, None, None, speed, None, state.size)
+        return BodyState(state.place, velocity, relative, None, None, speed, None, state.size)
     led = other.acceleration + cross_spin(other.turning, arm) + cross_spin(spin, carried)
     coriolis = 2 * cross_spin(spin, velocity)
     turning = state.turning - other.turning
     if arm.shape[-1] == 3:
         turning = turning - cross_spin(spin, state.spin)
-    pull = state.pull + other.pull + _norm(led) + _norm(coriolis)
-    return State(state.place, velocity, relative, state.acceleration - led - coriolis, turning, speed, pull, state.size)
+    pull = state.pull + other.pull + _vector_norm(led) + _vector_norm(coriolis)
+    return BodyState(
+        state.place, velocity, relative, state.acceleration - led - coriolis, turning, speed, pull, state.size
+    )
 
 
 # -- of a motion ------------------------------------------------------------------------------------------------------
@@ -271,7 +273,7 @@ def body_of(motion: "Motion", body: str) -> BodyIndex:
     return top.bodies[names.index(body)]
 
 
-def state_of(motion: "Motion", body: str | None = None, point: str | None = None) -> State:
+def state_of(motion: "Motion", body: str | None = None, point: str | None = None) -> BodyState:
     """Position and rates of a body's reference point, its first one, and how it turns.
 
     If no body is named it is that of a point by itself; a point may stand for the reference point.
@@ -295,16 +297,16 @@ def state_of(motion: "Motion", body: str | None = None, point: str | None = None
     zero = velocity if top.dim == 3 else velocity[..., 0]
     turn: Any = given[3:] if turns else (zero * 0.0, zero * 0.0 if second else None)
     spin, turning = turn
-    size = _norm(drawn.max(axis=-2) - drawn.min(axis=-2))
-    size = _of(size).where(size > 0, size, 1.0)
+    size = _vector_norm(drawn.max(axis=-2) - drawn.min(axis=-2))
+    size = _library_of(size).where(size > 0, size, 1.0)
     if size.ndim:  # of several designs, each with its own poses
         size = size.reshape(*size.shape, *[1] * (velocity.ndim - 1 - size.ndim))
-    whirl = abs(spin) if top.dim == 2 else _norm(spin)
+    whirl = abs(spin) if top.dim == 2 else _vector_norm(spin)
     speed, pull = _fastest(motion, 1) + whirl * size, None
     if second:
-        rise: Any = abs(turning) if top.dim == 2 else _norm(turning)
+        rise: Any = abs(turning) if top.dim == 2 else _vector_norm(turning)
         pull = _fastest(motion, 2) + (whirl * whirl + rise) * size
-    return State(place, velocity, spin, acceleration, turning, speed, pull, size)
+    return BodyState(place, velocity, spin, acceleration, turning, speed, pull, size)
 
 
 def _fastest(motion: "Motion", order: int) -> Any:
@@ -312,7 +314,7 @@ def _fastest(motion: "Motion", order: int) -> Any:
     top = motion.system.topology
     rate: Any = motion.rates[order - 1]
     rate = np.asarray(rate) if on_host(np.zeros(()), rate) else rate
-    return _norm(rate[..., : len(top.points) * top.dim].reshape(*rate.shape[:-1], -1, top.dim)).max(axis=-1)
+    return _vector_norm(rate[..., : len(top.points) * top.dim].reshape(*rate.shape[:-1], -1, top.dim)).max(axis=-1)
 
 
 def as_jax(found: Any) -> Any:
@@ -320,12 +322,12 @@ def as_jax(found: Any) -> Any:
     return jax.tree.map(lambda x: on_device(x) if isinstance(x, np.ndarray | np.generic) else x, found)
 
 
-def _planar(motion: "Motion", what: str, instead: str) -> None:
+def _require_plane(motion: "Motion", what: str, instead: str) -> None:
     if motion.system.topology.dim != 2:
         raise InputError(f"{what} is for planar mechanisms; in space see {instead}")
 
 
-def relative_state(motion: "Motion", body: str, relative_to: str) -> State:
+def relative_state(motion: "Motion", body: str, relative_to: str) -> BodyState:
     """`state_of` a body as it is seen from the ground or another body."""
     state = state_of(motion, body)
     return state if relative_to == GROUND else seen_from(state, state_of(motion, relative_to))
@@ -349,7 +351,7 @@ def instant_motion(motion: "Motion", body: str, relative_to: str = GROUND) -> In
     Source:
         Hartenberg & Denavit, Kinematic Synthesis of Linkages, ch. 7; Bottema & Roth, Theoretical Kinematics, ch. VIII.
     """
-    _planar(motion, "instant_motion()", "motion.screw_axis()")
+    _require_plane(motion, "instant_motion()", "motion.screw_axis()")
     return as_jax(instant_of(relative_state(motion, body, relative_to)))
 
 
@@ -367,7 +369,7 @@ def instant_centres(motion: "Motion") -> dict[tuple[str, str], InstantMotion]:
     Raises:
         InputError: a spatial mechanism, or a motion without rates.
     """
-    _planar(motion, "instant_centres()", "motion.screw_axis()")
+    _require_plane(motion, "instant_centres()", "motion.screw_axis()")
     names = [b.name for b in motion.system.topology.bodies]
     states = {name: state_of(motion, name) for name in names}
     found: dict[tuple[str, str], Any] = {(name, GROUND): instant_of(states[name]) for name in names}
@@ -393,9 +395,9 @@ def instant_centre(motion: "Motion", body: str, relative_to: str = GROUND) -> Ar
     Raises:
         InputError: unknown body, a spatial mechanism, or a motion without rates.
     """
-    _planar(motion, "instant_centre()", "motion.screw_axis()")
+    _require_plane(motion, "instant_centre()", "motion.screw_axis()")
     found = instant_of(relative_state(motion, body, relative_to))
-    return as_jax(_of(*found[:2]).where(found.finite[..., None], found.centre, np.inf))
+    return as_jax(_library_of(*found[:2]).where(found.finite[..., None], found.centre, np.inf))
 
 
 @public
@@ -423,18 +425,18 @@ def path_curvature(motion: "Motion", point: str, relative_to: str = GROUND) -> P
 def _lay_places(motion: "Motion", body: str, places: Any, pose: int) -> Any:
     """Places ``(T, 2)`` that ride on a body, each in its own pose, as they lie in one pose."""
     found, points = body_of(motion, body), motion.system.topology.points
-    a = _alike(motion[points[found.points[0]]], places)
+    a = _in_library_of(motion[points[found.points[0]]], places)
     w = places - a
     if found.base is None:
         return a[pose] + w
-    d = _alike(motion[points[found.base[1]]], places) - _alike(motion[points[found.base[0]]], places)
-    length = _norm(d)
-    e = _over(d, length[..., None], (length > 0)[..., None])
+    d = _in_library_of(motion[points[found.base[1]]], places) - _in_library_of(motion[points[found.base[0]]], places)
+    length = _vector_norm(d)
+    e = _safe_ratio(d, length[..., None], (length > 0)[..., None])
     along, across = (w * e).sum(axis=-1)[..., None], (w * quarter(e)).sum(axis=-1)[..., None]
     return a[pose] + along * e[pose] + across * quarter(e[pose])
 
 
-def _alike(x: Any, like: Any) -> Any:
+def _in_library_of(x: Any, like: Any) -> Any:
     return np.asarray(x) if isinstance(like, np.ndarray) else x
 
 
@@ -454,7 +456,7 @@ def centrodes(motion: "Motion", body: str, relative_to: str = GROUND, pose: int 
     Source:
         Hartenberg & Denavit, Kinematic Synthesis of Linkages, ch. 7.
     """
-    _planar(motion, "centrodes()", "axodes()")
+    _require_plane(motion, "centrodes()", "axodes()")
     sequence(motion, "centrodes()")
     found = instant_of(relative_state(motion, body, relative_to))
     fixed = found.centre if relative_to == GROUND else _lay_places(motion, relative_to, found.centre, pose)
@@ -535,4 +537,4 @@ def transmission_angle(motion: "Motion", start: str, joint: str, end: str) -> Ar
     d, w = a - b, c - b
     cosine = abs((d * w).sum(axis=-1))
     sine = abs(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0])
-    return as_jax(_of(sine).arctan2(sine, cosine))
+    return as_jax(_library_of(sine).arctan2(sine, cosine))

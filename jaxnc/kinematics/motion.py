@@ -69,7 +69,7 @@ class Columns:
 
     def whole(self) -> Float[Array, "... N"]:
         """All coordinates of all poses."""
-        return _put_together(self)
+        return _stack_all(self)
 
     def reshape(self, shape: tuple[int, ...]) -> "Columns":
         """Give the poses other leading axes."""
@@ -88,7 +88,7 @@ class Columns:
 
 
 @jit
-def _put_together(columns: Columns) -> Array:
+def _stack_all(columns: Columns) -> Array:
     return jnp.stack([columns.column(c) for c in range(columns.rest.shape[-1])], axis=-1)
 
 

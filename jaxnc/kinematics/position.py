@@ -138,7 +138,7 @@ def solve_position(
         InputError: unknown, too many or too few inputs, values that are not finite, devices that are not there.
         AssemblyError: no pose found, if `throw`.
     """
-    question, start = _state(system, inputs, hold, rates, accelerations, start, unit)
+    question, start = _check_call(system, inputs, hold, rates, accelerations, start, unit)
     view, shape = question.view, question.shape
     eq = derive(system)
     q0: Any = None  # an earlier pose needs no drawing
@@ -156,7 +156,7 @@ def solve_position(
         if isinstance(start, Mapping):
             begin = held_as_drawn(view, eq, q0, begin, start)
     chosen = None if devices is None else choose(devices)
-    found = solve_poses(view, "lanes" if start is None else "guess", eq, begin, flat, orders, repair, chosen)
+    found = _find_poses(view, "lanes" if start is None else "guess", eq, begin, flat, orders, repair, chosen)
     motion = question.answer(found)
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)
@@ -164,7 +164,7 @@ def solve_position(
         throw = shape == () and not isinstance(motion.status, Tracer)
     if throw:
         outside(motion.status, "throw=True")
-        _raise(view, eq, motion, start is not None)
+        _raise_failure(view, eq, motion, start is not None)
     return motion
 
 
@@ -213,13 +213,13 @@ def sweep(
         InputError: unknown, too many or too few inputs, no sequence, values that are not finite.
         AssemblyError: a pose failed, if `throw`.
     """
-    question, start = _state(system, inputs, hold, rates, accelerations, start, unit, redundancy, jerk)
+    question, start = _check_call(system, inputs, hold, rates, accelerations, start, unit, redundancy, jerk)
     if len(question.shape) != 1 or question.shape[0] == 0:
         raise InputError(
             f"a sweep needs a sequence of values for its inputs, shape (T,); got shape {question.shape}. "
             f"For one pose or other batches use solve_position"
         )
-    return _follow(question, start, repair, throw)
+    return _follow_inputs(question, start, repair, throw)
 
 
 @public
@@ -272,10 +272,10 @@ def motion(
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
     ]
-    return _follow(_Question(system, view, orders[0], tuple(orders[1:]), t), start, repair, throw)
+    return _follow_inputs(_Question(system, view, orders[0], tuple(orders[1:]), t), start, repair, throw)
 
 
-def _state(
+def _check_call(
     system: System,
     inputs: Inputs,
     hold: Sequence[str],
@@ -292,7 +292,7 @@ def _state(
     view = make_plan(system, named(inputs), hold, redundancy)
     names, values, shape = stack(inputs)
     check_parameters(system)
-    return _Question(system, view, values, _orders(names, shape, rates, accelerations, jerk)), start
+    return _Question(system, view, values, _rate_orders(names, shape, rates, accelerations, jerk)), start
 
 
 def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
@@ -331,7 +331,7 @@ def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
     return out
 
 
-def _orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]:
+def _rate_orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]:
     if rates is None:
         if accelerations is not None or jerk:
             raise InputError("accelerations and jerk follow from rates: give rates={...} as well")
@@ -341,13 +341,13 @@ def _orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]
     return (first, second, 0.0 * first) if jerk else (first, second)
 
 
-def _follow(question: _Question, start: Motion | Mapping[str, Any] | None, repair: bool, throw: bool) -> Motion:
+def _follow_inputs(question: _Question, start: Motion | Mapping[str, Any] | None, repair: bool, throw: bool) -> Motion:
     """Follow a sequence of inputs along one branch."""
     view, eq = question.view, derive(question.system)
     q0 = start_of(question.system, eq, start, repair=repair)
     if start is None:
         q0 = held_as_drawn(view, eq, q0, q0)
-    found = solve_poses(view, "continuation", eq, q0, question.values, question.orders, repair)
+    found = _find_poses(view, "continuation", eq, q0, question.values, question.orders, repair)
     motion = _check_rolling(question.answer(found))
     if throw:
         outside(motion.status, "throw=True")
@@ -373,7 +373,7 @@ def _check_rolling(motion: Motion) -> Motion:
     return motion
 
 
-def solve_poses(
+def _find_poses(
     view: Plan,
     method: str,
     eq: Equations,
@@ -383,7 +383,7 @@ def solve_poses(
     repair: bool = True,
     devices: tuple[Any, ...] | None = None,
 ) -> PoseBatch:
-    """Solve for poses and their rates where they are found soonest; arguments and result as of `traced.analyse`.
+    """Solve for poses and their rates where they are found soonest; arguments and result as of `traced.analyse_traced`.
 
     Few on the host, many by XLA; in traced code, and on `devices`, all by XLA, which asks the host for what it does not
     find.
@@ -393,17 +393,17 @@ def solve_poses(
     if devices is not None:
         return solve_on(devices, view, method, eq, q0, values, orders, repair)
     guess = method == "guess"
-    if (repair or view.large or guess) and host_solve.suits(view, method, values, orders, eq, q0):
-        return host_solve.analyse(view, method, eq, q0, values, orders)
+    if (repair or view.large or guess) and host_solve.suits_host(view, method, values, orders, eq, q0):
+        return host_solve.analyse_on_host(view, method, eq, q0, values, orders)
     from jaxnc.kinematics import traced  # with all that XLA needs, and the host does not
 
     if view.large or guess or any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, q0, values, orders))):
-        return traced.analyse(view, method, eq, q0, values, orders, repair)
+        return traced.analyse_traced(view, method, eq, q0, values, orders, repair)
     return traced.analyse_many(view, method, eq, q0, values, orders, repair)
 
 
 @functools.partial(jit, static_argnums=0)
-def _on_branch(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
+def _is_on_branch(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
     wanted = view.linearise(eq, branch)[1]
     return jax.vmap(lambda x: view.alike(view.linearise(eq, x)[1], wanted))(q)
 
@@ -412,12 +412,12 @@ def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> M
     if not isinstance(branch, Motion) or branch.q.ndim != 1:
         shape = f"a motion of shape {branch.status.shape}" if isinstance(branch, Motion) else repr(branch)
         raise InputError(f"branch= is one earlier pose, such as solve_position returns; got {shape}")
-    same = _on_branch(view, eq, motion.q.reshape(-1, motion.q.shape[-1]), branch.q).reshape(motion.status.shape)
+    same = _is_on_branch(view, eq, motion.q.reshape(-1, motion.q.shape[-1]), branch.q).reshape(motion.status.shape)
     status = jnp.where((motion.status == 0) & ~same, int(Status.BRANCH_JUMP), motion.status)
     return dataclasses.replace(motion, status=status)
 
 
-def _raise(view: Plan, eq: Equations, motion: Motion, start: bool) -> None:
+def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> None:
     """Raise for a single failed pose, saying how far the motion got and what is in the way."""
     status = np.asarray(motion.status)
     if status.shape:
@@ -534,7 +534,7 @@ def start_poses(
         q = assign(q, top.position[name], value)
     given = set(sure)
     for name, value in guess.items():
-        columns, value = _entry(top, name, value, shape, what)
+        columns, value = _guess_entry(top, name, value, shape, what)
         q = assign(q, np.array(columns), value)
         given.update(columns)
     flat, which = q.reshape(math.prod(shape), q.shape[-1]), (tuple(sorted(sure)), tuple(sorted(given)))
@@ -543,7 +543,7 @@ def start_poses(
     return _complete_by_xla(top.structure, *which, eq, flat).reshape(q.shape)
 
 
-def _entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], what: str) -> tuple[list[int], Array]:
+def _guess_entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], what: str) -> tuple[list[int], Array]:
     """Find the coordinates that a name of a guess stands for, and their values, ``(..., coordinates)``."""
     value = array(value, f"{what} of {name!r}")
     finite(value, f"{what} of {name!r}")

@@ -140,7 +140,7 @@ class Sensitivity(Shown):
             at = [k for k, u in enumerate(self.variable_units) if u == unit and self.exists[k]]
             if not at:
                 continue
-            factor, shown = _scale(self.units[name], unit, angle)
+            factor, shown = _unit_scale(self.units[name], unit, angle)
             part = block[:, at] * factor + 0.0  # no negative zeros
             size = np.abs(part).max(axis=0)
             order = np.argsort(-size, kind="stable")
@@ -343,7 +343,7 @@ def design_components(
 # -- words ----------------------------------------------------------------------------------------------------------
 
 
-def _scale(output: str, variable: str, angle: str) -> tuple[float, str]:
+def _unit_scale(output: str, variable: str, angle: str) -> tuple[float, str]:
     """Factor and label that show a derivative in the wanted unit of angle."""
     factor, above, below = 1.0, output or "1", variable or "1"
     if angle == "deg":

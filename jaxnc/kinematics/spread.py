@@ -72,13 +72,13 @@ def shard(f: Callable, devices: Devices = "all", in_axes: int | Sequence[int | N
         axes = tuple(in_axes) if isinstance(in_axes, Sequence) else (in_axes,) * len(arguments)
         if len(axes) != len(arguments):
             raise InputError(f"in_axes has {len(axes)} entries, but {len(arguments)} arguments were given")
-        if not _length(axes, arguments):
+        if not _batch_length(axes, arguments):
             return f(*arguments)
-        return run(axes, *_place(chosen, axes, arguments))
+        return run(axes, *_place_arguments(chosen, axes, arguments))
 
     @functools.partial(jax.jit, static_argnums=0)
     def run(axes, *arguments):
-        return _over(chosen, f, axes, arguments)
+        return _run_over(chosen, f, axes, arguments)
 
     return spread
 
@@ -93,40 +93,46 @@ def solve_on(
     orders: tuple[Array, ...],
     repair: bool,
 ) -> PoseBatch:
-    """Solve for poses with the lanes spread over devices; arguments and result as of `jaxnc.kinematics.traced.analyse`.
+    """Solve for poses with the lanes spread over devices; arguments and result as of `traced.analyse_traced`.
 
     Few poses come in one array, very many as `Columns`.
     """
-    return _solve(devices, view, method, repair, *_place(devices, _axes(method), (eq, q0, values, orders)))
+    return _solve_on_devices(
+        devices, view, method, repair, *_place_arguments(devices, _lane_axes(method), (eq, q0, values, orders))
+    )
 
 
-def _axes(method: str) -> tuple[int | None, ...]:
+def _lane_axes(method: str) -> tuple[int | None, ...]:
     """Mark what carries the lanes among the arguments of an analysis: values, their rates, and guesses."""
     return None, 0 if method == "guess" else None, 0, 0
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2, 3))
-def _solve(devices, view, method, repair, eq, q0, *lanes):
+def _solve_on_devices(devices, view, method, repair, eq, q0, *lanes):
     from jaxnc.kinematics import traced  # with all that XLA needs, and the host does not
 
-    whole, axes = functools.partial(traced.analyse, view, method, repair=repair), _axes(method)
+    axes = _lane_axes(method)
+
+    def solve(*arguments):
+        return traced.analyse_traced(view, method, *arguments, repair)
+
     if view.large or method == "guess" or not traced.is_columnar(view):
-        return _over(devices, whole, axes, (eq, q0, *lanes))
+        return _run_over(devices, solve, axes, (eq, q0, *lanes))
 
     def part(*arguments):
-        found = whole(*arguments)
+        found = solve(*arguments)
         return found._replace(q=(found.q.lanes, found.q.driven))
 
-    found = _over(devices, part, axes, (eq, q0, *lanes))
+    found = _run_over(devices, part, axes, (eq, q0, *lanes))
     poses = traced.columns_of(view, eq, q0, *found.q)
     return found._replace(q=poses if len(found.status) >= traced.batch.LEAST else poses.whole())
 
 
-def _over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], arguments: Sequence[Any]) -> Any:
+def _run_over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], arguments: Sequence[Any]) -> Any:
     """Run `f` on every device with its part of the batch; in traced code."""
     if jax.sharding.get_abstract_mesh().manual_axes:
         raise InputError("this is called inside of a function that is spread over devices already; leave devices= out")
-    count = _length(axes, arguments)
+    count = _batch_length(axes, arguments)
     each = -(-count // len(devices))
     lanes = np.minimum(np.arange(each * len(devices)), count - 1)
     if len(lanes) > count:
@@ -157,7 +163,7 @@ def _over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], ar
     return out
 
 
-def _length(axes: Sequence[int | None], arguments: Sequence[Any]) -> int:
+def _batch_length(axes: Sequence[int | None], arguments: Sequence[Any]) -> int:
     """Count the elements of the batch."""
     shapes = [
         (k, jnp.shape(leaf))
@@ -180,7 +186,7 @@ def _length(axes: Sequence[int | None], arguments: Sequence[Any]) -> int:
     return shapes[0][1][0]
 
 
-def _place(devices: Sequence[Device], axes: Sequence[int | None], arguments: Sequence[Any]) -> Sequence[Any]:
+def _place_arguments(devices: Sequence[Device], axes: Sequence[int | None], arguments: Sequence[Any]) -> Sequence[Any]:
     """The arguments, where they are known, brought to their devices wherever they were before."""
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
         return arguments

@@ -54,7 +54,7 @@ _sizes: weakref.WeakKeyDictionary[Plan, dict[str, set[int]]] = weakref.WeakKeyDi
 
 
 @functools.partial(jit, static_argnums=(0, 1, 6))
-def analyse(
+def analyse_traced(
     view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...], repair: bool = True
 ) -> PoseBatch:
     """Solve for poses and their rates; compiled once per plan, method and number of poses.
@@ -141,10 +141,10 @@ def columns_of(view: Plan, eq: Equations, q0: Array, x: tuple[Array, ...], drive
     """Make poses from their unknown and driven coordinates; the held ones are those of the start pose."""
     held = view.known[driven.shape[-1] :]
     rest = lax.stop_gradient(q0).at[view.fixed].set(eq.home[view.fixed]).at[held].set(q0[held])
-    return Columns(rest, x, driven, _places(view))
+    return Columns(rest, x, driven, _column_places(view))
 
 
-def _places(view: Plan) -> tuple[int, ...]:
+def _column_places(view: Plan) -> tuple[int, ...]:
     """Places of the coordinates that are columns: the unknown ones and the driven ones."""
     return tuple(int(c) for c in (*view.unknown, *view.known[: len(view.driven)]))
 
@@ -155,7 +155,7 @@ def _places(view: Plan) -> tuple[int, ...]:
 def analyse_many(
     view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...], repair: bool = True
 ) -> PoseBatch:
-    """Solve for many poses outside of traced code, and for their rates: arguments and result as of `analyse`."""
+    """Solve for many poses outside of traced code, and for their rates: arguments and result as of `analyse_traced`."""
     count, size = len(values), _padded_size(view, method, len(values))
     if size > count:
         values = np.asarray(values)
@@ -178,7 +178,7 @@ def analyse_many(
         else:
             found = _mark_rest(view, method, begin, begun, values, found)
         driven = jnp.stack(found.known[: len(view.driven)], axis=-1)
-    poses, rates = Columns(rest, found.q, driven, _places(view)), ()
+    poses, rates = Columns(rest, found.q, driven, _column_places(view)), ()
     if orders:
         good = found.status == int(Status.CONVERGED)
         rates = _batch_rates(view, eq, poses.whole(), with_held(view, orders), good)
@@ -234,7 +234,7 @@ def _repair_on_host(
     known = (*(filled.known or asked.T), *(np.full(len(asked), h) for h in held))
     old = np.stack([np.asarray(x) for x in (*filled.q, *known, filled.size, filled.conditioning, filled.status)])
     last = None if method == "lanes" else old[None, :-3, max(int(good.sum()) - 1, 0)]
-    new = _follow(view, method, eq, begin[None], last, asked[None], good[None])[0]
+    new = _follow_lanes(view, method, eq, begin[None], last, asked[None], good[None])[0]
     *x, size, conditioning, status = np.where(good, old, new)
     n = len(view.unknown)
     found = PoseBatch(tuple(x[:n]), size, conditioning, known=tuple(x[n:]), status=status.astype(np.int32))
@@ -277,7 +277,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
             memory.keep()
         one = shared and len(values) == 1
         if repair and one and _sooner_on_host(plan, method, values.shape[1]):
-            return _by_host(plan, method, eq, q, values)
+            return _solve_on_host(plan, method, eq, q, values)
         # Of other designs' poses by sparse LU each takes the host less time than a step takes XLA.
         if hosted or (repair and by_lu(plan) and not (one and _side_by_side(plan, method, values.shape[1]))):
             none = jnp.zeros(values.shape[:2], values.dtype)
@@ -328,7 +328,7 @@ def _sooner_on_host(plan: Plan, method: str, count: int) -> bool:
     """Say whether the host finds all poses of one design: few, of blocks that XLA takes long to compile."""
     blocks = kernel(plan).blocks if writes_out(plan) else []
     small = blocks and max(len(block.columns) for block in blocks) <= _SMALL
-    return not small and not _side_by_side(plan, method, count) and host_solve.few(plan, method, count)
+    return not small and not _side_by_side(plan, method, count) and host_solve.is_few(plan, method, count)
 
 
 def _side_by_side(plan: Plan, method: str, count: int) -> bool:
@@ -336,7 +336,7 @@ def _side_by_side(plan: Plan, method: str, count: int) -> bool:
     return batch.pays(plan, count) and (method == "lanes" or len(plan.driven) == 1)
 
 
-def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> PoseBatch:
+def _solve_on_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> PoseBatch:
     """Have the host solve for all poses of one design, ``(1, T)``."""
     asked, good = values[..., : len(plan.driven)], jnp.zeros(values.shape[:2], bool)
     return _from_table(plan, _ask(plan, method, short(eq), q, None, asked, good))
@@ -346,12 +346,12 @@ def solve_fixed_steps(
     plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun: Array, values: Array
 ) -> PoseBatch:
     """Solve for poses side by side, as far as they are found; `begun` are the statuses of the start poses."""
-    turns = _turns(plan, q, values)
+    turns = _whole_turns(plan, q, values)
     if method == "lanes":
         filled = one_by_one(plan, eq, shared, q, values, turns)
     else:
         home = q
-        for k in np.flatnonzero(_turning(plan)):  # by masks: what is put in its place is a kernel by itself
+        for k in np.flatnonzero(_driven_angles(plan)):  # by masks: what is put in its place is a kernel by itself
             home = jnp.where(np.arange(q.shape[1]) == plan.known[k], q + 2 * jnp.pi * turns[:, 0, k, None], home)
         filled = in_order(plan, eq, shared, home, values)
     far = jnp.any(jnp.abs(values[..., plan.angles]) > farthest(q), axis=-1)  # its turns are not told apart
@@ -394,16 +394,16 @@ def _judge_start(plan: Plan, eq: Equations, q: Array) -> Array:
     return jnp.where(eq.misfit <= limits(q).misfit, status, int(Status.LEFT_CLASS)).astype(np.int32)
 
 
-def _turns(plan: Plan, q: Array, values: Array) -> Array:
+def _whole_turns(plan: Plan, q: Array, values: Array) -> Array:
     """Count whole turns from start poses ``(S, N)`` to known coordinates ``(S, T, k)``; zero where they matter."""
-    turning = _turning(plan)
+    turning = _driven_angles(plan)
     if not turning.any():
         return jnp.zeros_like(values)
     told = turning & (jnp.abs(values) <= farthest(q))
     return jnp.where(told, jnp.round((values - q[:, None, plan.known]) / (2 * jnp.pi)), 0.0)
 
 
-def _turning(plan: Plan) -> np.ndarray:
+def _driven_angles(plan: Plan) -> np.ndarray:
     """Mark the known coordinates that are driven angles on whose turns nothing else depends."""
     turning = plan.periodic
     return turning & (np.arange(len(turning)) < len(plan.driven))
@@ -484,7 +484,7 @@ def _ask(plan: Plan, method: str, eq: Equations, q: Array, last: Array | None, a
     Start poses are ``(S, N)``, or one for all; `last` are unknown and known coordinates where it goes on, ``(S, n)``.
     """
     like = jax.ShapeDtypeStruct((len(asked), len(plan.unknown) + len(plan.known) + 3, asked.shape[1]), q.dtype)
-    answer, nothing = functools.partial(_follow, plan, method), functools.partial(_give_up, like)
+    answer, nothing = functools.partial(_follow_lanes, plan, method), functools.partial(_give_up, like)
     return ask_host(
         "followed poses that compiled code had not found", like, answer, eq, q, last, asked, good, given_up=nothing
     )
@@ -497,7 +497,7 @@ def _give_up(like: Any, *_: Any) -> np.ndarray:
     return found
 
 
-def _follow(plan: Plan, method: str, eq: Any, start: Any, last: Any, asked: Any, good: Any) -> np.ndarray:
+def _follow_lanes(plan: Plan, method: str, eq: Any, start: Any, last: Any, asked: Any, good: Any) -> np.ndarray:
     """Answer `_ask` on the host, inside of compiled code: nothing here may call JAX."""
     places = [*plan.unknown, *plan.known]
     if last is not None:
@@ -561,13 +561,13 @@ def pose_rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array]
 
         curve: Callable[[Array], Array] = along
         for _ in range(order):
-            curve = _derivative(curve)
+            curve = _by_time(curve)
         b = jnp.where(ok, curve(jnp.zeros(())), 0.0)
         found.append(plan.join(-solve(b), jnp.where(ok, known_rate, 0.0), still))
     return found
 
 
-def _derivative(f):
+def _by_time(f):
     return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
 
 

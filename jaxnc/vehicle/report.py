@@ -139,7 +139,7 @@ class SuspensionReport:
         first = f"{self.title}: {counted(len(self.along), 'pose')} over {self.over}, "
         first += f"{low:.4g}{ends[0]} to {high:.4g}{ends[1]}"
         head = ["", "static", "gradient", "", "smallest", f"at [{self.unit}]", "largest", f"at [{self.unit}]"]
-        table = [head, *(_cells(row) for row in self.rows)]
+        table = [head, *(_row_cells(row) for row in self.rows)]
         lines = [f"{first} {self.unit}", *align_columns(table, left=(0, 3))]
         if failed := int(np.isnan(next(iter(self.curves.values()))).sum()):
             lines.append(f"  {failed} of {len(self.along)} poses were not found")
@@ -159,7 +159,7 @@ class SuspensionReport:
     def data(self) -> dict[str, Any]:
         """All of it as dictionaries, lists and numbers; None where a number is not finite."""
         arrays = {"along": self.along.tolist(), "curves": {k: v.tolist() for k, v in self.curves.items()}}
-        return _plain(asdict(self) | arrays)
+        return _plain_data(asdict(self) | arrays)
 
     def to_json(self, path: "str | Path") -> "Path":
         """Write `data` to a file.
@@ -225,9 +225,9 @@ def suspension_report(
     given = Options(**options)
     layout, still = resolve(motion, given), _as_drawn(motion)
     static = wheel_numbers(still, layout, NUMBERS, given.radius)
-    by, along, travels = _over(motion, layout, still)
+    by, along, travels = _report_axis(motion, layout, still)
     slopes = wheel_numbers(still, layout, NUMBERS, given.radius, by=by)
-    per = float(_some(slopes, "wheel_travel")) if travels else 1.0
+    per = float(_known_number(slopes, "wheel_travel")) if travels else 1.0
     known = found.length_unit in METRES
     mm, unit = (METRES[found.length_unit] * 1e3, "mm") if known else (1.0, found.length_unit)
     far, metre = ("m", 1e3) if known else (unit, 1.0)
@@ -242,17 +242,19 @@ def suspension_report(
         factor, shown = {"angle": (180.0 / math.pi, "deg"), "length": (mm, unit)}.get(kind, (1.0, ""))
         values = np.where(good, np.asarray(getattr(found, name), float) * factor, np.nan)
         curves[name] = np.where(np.abs(values) < _NOTHING, 0.0, values)
-        slope = float(_some(slopes, name)) / per * factor / mm
+        slope = float(_known_number(slopes, name)) / per * factor / mm
         slope, below = (slope, unit) if kind == "length" else (slope * metre, far)
-        label = _label(name, layout.axle)
-        drawn = float(_some(static, name)) * factor
-        rows.append(_row(name, label, shown, drawn, slope, f"{shown or 1}/{below}", curves[name], along))
+        label = _number_label(name, layout.axle)
+        drawn = float(_known_number(static, name)) * factor
+        rows.append(_report_row(name, label, shown, drawn, slope, f"{shown or 1}/{below}", curves[name], along))
     if not travels:
-        turns = _turning(curves["steer"], along, float(_some(static, "track")) * mm, layout.side, wheelbase, mm)
+        turns = _turn_differences(
+            curves["steer"], along, float(_known_number(static, "track")) * mm, layout.side, wheelbase, mm
+        )
         curves |= turns
         for name, values in turns.items():
             shown = "%" if name == "ackermann" else "deg"
-            rows.append(_row(name, LABELS[name], shown, math.nan, math.nan, "", values, along))
+            rows.append(_report_row(name, LABELS[name], shown, math.nan, math.nan, "", values, along))
     called = f"rack travel, {by}" if by in RACK.values() else by
     return SuspensionReport(
         name=motion.system.name,
@@ -263,8 +265,8 @@ def suspension_report(
         along=along,
         curves=curves,
         rows=tuple(rows),
-        hardpoints=_hardpoints(still, mm),
-        vehicle=_vehicle(static, layout.axle, wheelbase, mass_height, (brake_share, drive_share)),
+        hardpoints=_drawn_hardpoints(still, mm),
+        vehicle=_anti_percentages(static, layout.axle, wheelbase, mass_height, (brake_share, drive_share)),
     )
 
 
@@ -277,7 +279,7 @@ def _as_drawn(motion: Motion) -> Motion:
     return Motion(motion.system, motion.driven, motion.held, home, (), asked, right, zero, None)
 
 
-def _over(motion: Motion, layout: Layout, still: Motion) -> tuple[str, np.ndarray, bool]:
+def _report_axis(motion: Motion, layout: Layout, still: Motion) -> tuple[str, np.ndarray, bool]:
     """The input that moves, how far it is (or the wheel centre) from where it is drawn, and whether the wheel rises."""
     moving = [name for name in motion.driven if float(np.ptp(np.asarray(motion.inputs[name]))) > 0]
     if not moving:
@@ -289,20 +291,20 @@ def _over(motion: Motion, layout: Layout, still: Motion) -> tuple[str, np.ndarra
     return by, np.asarray(values, float) - float(still[look]), travels
 
 
-def _some(found: Mapping[str, np.ndarray | None], name: str) -> np.ndarray:
+def _known_number(found: Mapping[str, np.ndarray | None], name: str) -> np.ndarray:
     values = found[name]
     assert values is not None
     return values
 
 
-def _label(name: str, axle: str) -> str:
+def _number_label(name: str, axle: str) -> str:
     if name in ("brake_support_angle", "drive_support_angle"):
         brake = name == "brake_support_angle"
         return f"{_SUPPORT[axle][not brake]}, {'braking' if brake else 'driving'}"
     return LABELS[name]
 
 
-def _row(
+def _report_row(
     name: str, label: str, unit: str, static: float, slope: float, per: str, values: np.ndarray, along: np.ndarray
 ) -> SuspensionRow:
     """A number with its range over the poses that were found."""
@@ -316,7 +318,7 @@ def _row(
     return SuspensionRow(name, label, unit, static, slope, per, low, at[0], high, at[1])
 
 
-def _turning(
+def _turn_differences(
     steer: np.ndarray, along: np.ndarray, track: float, side: str, wheelbase: float | None, mm: float
 ) -> dict[str, np.ndarray]:
     """How much more the inner wheel steers than the outer, its mirror image, where the sweep goes as far either way.
@@ -339,7 +341,7 @@ def _turning(
     return out
 
 
-def _vehicle(
+def _anti_percentages(
     static: Mapping[str, Any], axle: str, wheelbase: float | None, height: float | None, shares: tuple
 ) -> dict[str, float]:
     """Which part of the load transfer the suspension takes up in braking and driving, percent."""
@@ -354,7 +356,7 @@ def _vehicle(
     return out
 
 
-def _hardpoints(still: Motion, mm: float) -> dict[str, tuple[str, tuple[float, ...]]]:
+def _drawn_hardpoints(still: Motion, mm: float) -> dict[str, tuple[str, tuple[float, ...]]]:
     """Points with what the trade calls them, and where they are drawn."""
     trade = trade_names(still.names, every=True)
     top = still.system.topology
@@ -365,16 +367,23 @@ def _hardpoints(still: Motion, mm: float) -> dict[str, tuple[str, tuple[float, .
 # -- words ------------------------------------------------------------------------------------------------------------
 
 
-def _number(value: float, digits: int) -> str:
+def _format_number(value: float, digits: int) -> str:
     return f"{value + 0.0:.{digits}f}" if math.isfinite(value) else "-" if math.isnan(value) else f"{value}"
 
 
-def _cells(row: SuspensionRow) -> list[str]:
+def _row_cells(row: SuspensionRow) -> list[str]:
     digits = _DIGITS.get(row.unit, 2)
-    ends = [_number(v, d) for v, d in ((row.smallest, digits), (row.smallest_at, 1), (row.largest, digits))]
+    ends = [_format_number(v, d) for v, d in ((row.smallest, digits), (row.smallest_at, 1), (row.largest, digits))]
     unit = f" [{row.unit}]" if row.unit else ""
     slope = f"{row.gradient:.4g}" if math.isfinite(row.gradient) else "-"
-    return [row.label + unit, _number(row.static, digits), slope, row.gradient_unit, *ends, _number(row.largest_at, 1)]
+    return [
+        row.label + unit,
+        _format_number(row.static, digits),
+        slope,
+        row.gradient_unit,
+        *ends,
+        _format_number(row.largest_at, 1),
+    ]
 
 
 def align_columns(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -> list[str]:
@@ -389,9 +398,9 @@ def align_columns(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -
     ]
 
 
-def _plain(value: Any) -> Any:
+def _plain_data(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
+        return {k: _plain_data(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [_plain_data(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

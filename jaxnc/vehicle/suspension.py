@@ -27,31 +27,16 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _ROWS = 13  # of a printed table
-_BASIC_ANGLES = ("camber", "toe", "steer", "caster", "kingpin_inclination")
-_BASIC_LENGTHS = (
-    "scrub_radius",
-    "caster_trail",
-    "wheel_travel",
-    "half_track_change",
-    "wheelbase_change",
-    "roll_centre_height",
-    "spring_length",
-)
-_ANGLES = (*_BASIC_ANGLES, "brake_support_angle", "drive_support_angle")
+_ANGLES = ("camber", "toe", "steer", "caster", "kingpin_inclination", "brake_support_angle", "drive_support_angle")
 _LENGTHS = (
-    *_BASIC_LENGTHS,
-    "kingpin_offset",
-    "caster_offset",
-    "track",
-    "swing_arm_length",
-    "instant_centre_height",
-    "side_swing_arm_length",
-    "side_instant_centre_height",
+    *("scrub_radius", "caster_trail", "wheel_travel", "half_track_change", "wheelbase_change", "roll_centre_height"),
+    *("spring_length", "kingpin_offset", "caster_offset", "track", "swing_arm_length", "instant_centre_height"),
+    *("side_swing_arm_length", "side_instant_centre_height"),
 )
-_PRINTED = (*_BASIC_ANGLES, *_BASIC_LENGTHS, "motion_ratio")
+_PRINTED = (*_ANGLES[:5], *_LENGTHS[:7], "motion_ratio")
 NUMBERS = (*_ANGLES, *_LENGTHS, "motion_ratio", "contact")
 """Names of the numbers of a `Suspension`, the contact centre last."""
-ATTITUDE = {**{str(name): "angle" for name in _ANGLES}, **{str(name): "length" for name in _LENGTHS}}
+ATTITUDE = dict.fromkeys(_ANGLES, "angle") | dict.fromkeys(_LENGTHS, "length")
 """Names of the angles and lengths of a `Suspension`, and which of both each is."""
 
 
@@ -153,7 +138,7 @@ class Suspension(Shown):
             A table, one line a pose; poses that failed are marked.
         """
         outside(self, "table()")
-        header, columns = _table(self)
+        header, columns = _table_columns(self)
         good = np.asarray(self.converged).reshape(-1)
         at = range(len(good))
         if rows is not None and len(good) > rows:
@@ -179,7 +164,7 @@ class Suspension(Shown):
         outside(self, "to_csv()")
         from jaxnc.io.target import write
 
-        header, columns = _table(self, every=True)
+        header, columns = _table_columns(self, every=True)
         good = np.asarray(self.converged).reshape(-1)
         lines = [",".join(header)]
         lines += [",".join(f"{c[i]:.17g}" if good[i] else "" for c in columns) for i in range(len(good))]
@@ -197,7 +182,7 @@ class Suspension(Shown):
         return self.table(_ROWS) + note
 
 
-def _table(record: Suspension, every: bool = False) -> tuple[list[str], list[np.ndarray]]:
+def _table_columns(record: Suspension, every: bool = False) -> tuple[list[str], list[np.ndarray]]:
     """List headers and columns of a table, wheel travel first."""
     unit = record.length_unit
     factor, label = (METRES[unit] * 1e3, "mm") if unit in METRES else (1.0, unit)
@@ -268,7 +253,7 @@ def suspension(
 def _pose_reading(motion: Motion, **options: Any) -> PoseReading:
     """Say how NumPy reads a suspension with these options, for `jaxnc.sensitivity`."""
     given = Options(**options)
-    return _reading(resolve(motion, given), NUMBERS, given.radius)._replace(labels=trade_names(motion.names))
+    return _wheel_reading(resolve(motion, given), NUMBERS, given.radius)._replace(labels=trade_names(motion.names))
 
 
 vars(suspension)["pose_reading"] = _pose_reading
@@ -378,7 +363,7 @@ def resolve(motion: Motion, given: Options) -> Layout:
         screw = (carrier, given.steer)
     if doubt := doubtful_size(motion.system, suspension=True):
         warnings.warn(f"{top.name!r}: {doubt}", UserWarning, stacklevel=3)
-    layout = Layout(names, given.side, _bump(motion, given.bump, names.wheel_centre), screw, given.axle, carrier)
+    layout = Layout(names, given.side, _bump_input(motion, given.bump, names.wheel_centre), screw, given.axle, carrier)
     home: Any = derive(motion.system).home
     if not isinstance(motion.system.parameters.points, Tracer) and not isinstance(home, Tracer):
         still = dataclasses.replace(motion, poses=np.asarray(home), rates=(), time=None)
@@ -411,7 +396,7 @@ def _part_names(motion: Motion, given: Options) -> Names:
     return Names(*found)
 
 
-def _bump(motion: Motion, bump: str | None, wheel_centre: str) -> str:
+def _bump_input(motion: Motion, bump: str | None, wheel_centre: str) -> str:
     known = (*motion.driven, *motion.held)
     if bump is None:
         height = f"{wheel_centre}.z"
@@ -451,10 +436,10 @@ def wheel_numbers(
     The names are those of a `Suspension`. With an input in `by` the numbers' derivatives by it are told instead, the
     other inputs held.
     """
-    return dict.fromkeys(names) | read_poses(motion, _reading(layout, names, radius), by)
+    return dict.fromkeys(names) | read_poses(motion, _wheel_reading(layout, names, radius), by)
 
 
-def _reading(layout: Layout, names: tuple[str, ...], radius: Any) -> PoseReading:
+def _wheel_reading(layout: Layout, names: tuple[str, ...], radius: Any) -> PoseReading:
     told = tuple(name for name in names if layout.tells(name))
     own = np.nan if radius is None else radius if isinstance(radius, Tracer) else float(radius)
     return PoseReading(
@@ -507,11 +492,11 @@ class _Wheel(NamedTuple):
     @staticmethod
     def of(layout: Layout, pose: Pose, drawn: Pose, moved: dict[str, Pose], radius: Array | None) -> "_Wheel":
         """Find the wheel in a pose; its tyre's radius is read off the drawing if it is not given."""
-        names, line = layout.names, _line(pose, layout.names.spin_axis)
+        names, line = layout.names, _direction(pose, layout.names.spin_axis)
         if radius is None:
             assert names.contact is not None
-            radius = _length(drawn[names.contact] - drawn[names.wheel_centre])
-        axis = jnp.where(line[1] < 0, -1.0, 1.0) * line / _length(line)
+            radius = _vector_length(drawn[names.contact] - drawn[names.wheel_centre])
+        axis = jnp.where(line[1] < 0, -1.0, 1.0) * line / _vector_length(line)
         return _Wheel(layout, pose, drawn, moved, jnp.asarray(radius, float), pose[names.wheel_centre], line, axis)
 
     @property
@@ -531,9 +516,9 @@ class _Wheel(NamedTuple):
 
     def touch(self, centre: Array, line: Array) -> Array:
         """The contact centre, a function of the wheel's centre and spin axis."""
-        axis = line / _length(line)
+        axis = line / _vector_length(line)
         up = jnp.array([0.0, 0.0, 1.0]) - axis[2:] * axis
-        return centre - self.radius * up / _length(up)
+        return centre - self.radius * up / _vector_length(up)
 
     @property
     def contact(self) -> Array:
@@ -561,7 +546,7 @@ def _lean(wheel: _Wheel) -> dict[str, Array]:
 def _displacements(wheel: _Wheel) -> dict[str, Array]:
     """Places of the wheel's centre and of the contact centre, most of them from the drawn ones."""
     centre, names = wheel.drawn[wheel.layout.names.wheel_centre], wheel.layout.names
-    start = wheel.touch(centre, _line(wheel.drawn, names.spin_axis))
+    start = wheel.touch(centre, _direction(wheel.drawn, names.spin_axis))
     return {
         "wheel_travel": (wheel.centre - centre)[2],
         "wheelbase_change": wheel.forward * (wheel.centre - centre)[0],
@@ -579,7 +564,7 @@ def _steering(wheel: _Wheel) -> dict[str, Array]:
         base, way = screw.point, screw.direction
     else:
         assert layout.names.steering_axis is not None
-        base, way = wheel.pose[layout.names.steering_axis[0]], _line(wheel.pose, layout.names.steering_axis)
+        base, way = wheel.pose[layout.names.steering_axis[0]], _direction(wheel.pose, layout.names.steering_axis)
     way = jnp.where(way[2:] < 0, -1.0, 1.0) * way
     trace = jnp.stack([axis[1], -axis[0]]) / jnp.hypot(axis[0], axis[1])
 
@@ -606,21 +591,21 @@ def _spring(wheel: _Wheel) -> dict[str, Array]:
     if isinstance(spring, str):
         length, rate = wheel.pose[spring], wheel.rising.velocity(spring)
     else:
-        line = _line(wheel.pose, spring)
-        length, rate = jax.jvp(_length, (line,), (_line(wheel.rising, spring, rate=True),))
+        line = _direction(wheel.pose, spring)
+        length, rate = jax.jvp(_vector_length, (line,), (_direction(wheel.rising, spring, rate=True),))
     return {"spring_length": length, "motion_ratio": ratio(-rate, wheel.lift[2])}
 
 
 def _front_view(wheel: _Wheel) -> dict[str, Array]:
     """The roll centre, and the centre about which the wheel's disc turns about x as the wheel rises."""
-    line, turning = wheel.line, _line(wheel.rising, wheel.layout.names.spin_axis, rate=True)
+    line, turning = wheel.line, _direction(wheel.rising, wheel.layout.names.spin_axis, rate=True)
     path = jax.jvp(wheel.touch, (wheel.centre, line), (wheel.lift, turning))[1]  # of the contact centre
     tilt = jax.jvp(lambda d: jnp.arctan2(d[2], jnp.hypot(d[0], d[1])), (line,), (turning,))[1]
     rolling = jnp.where(line[1] < 0, -1.0, 1.0) * tilt * jnp.cos(wheel.steer)
     return {
         "roll_centre_height": wheel.contact[1] * ratio(path[1], path[2]),
-        "swing_arm_length": wheel.outward * _distance(path[2], rolling),
-        "instant_centre_height": _distance(path[1], rolling),
+        "swing_arm_length": wheel.outward * _centre_distance(path[2], rolling),
+        "instant_centre_height": _centre_distance(path[1], rolling),
     }
 
 
@@ -631,21 +616,21 @@ def _side_view(wheel: _Wheel) -> dict[str, Array]:
     locked = wheel.lift + jnp.cross(spin, wheel.contact - wheel.centre)
     return {
         "brake_support_angle": wheel.forward * jnp.arctan2(locked[0], locked[2]),
-        "side_swing_arm_length": -wheel.forward * _distance(locked[2], spin[1]),
-        "side_instant_centre_height": -_distance(locked[0], spin[1]),
+        "side_swing_arm_length": -wheel.forward * _centre_distance(locked[2], spin[1]),
+        "side_instant_centre_height": -_centre_distance(locked[0], spin[1]),
     }
 
 
-def _length(v: Array) -> Array:
+def _vector_length(v: Array) -> Array:
     return jnp.sqrt(jnp.sum(v * v, axis=-1))
 
 
-def _distance(velocity: Array, rate: Array) -> Array:
+def _centre_distance(velocity: Array, rate: Array) -> Array:
     """How far off a centre of rotation is; infinitely where nothing turns."""
     return jnp.where(rate == 0, jnp.inf, ratio(velocity, rate))
 
 
-def _line(pose: Pose, line: Line, rate: bool = False) -> Array:
+def _direction(pose: Pose, line: Line, rate: bool = False) -> Array:
     """A direction, or its time derivative."""
     read = pose.velocity if rate else pose.__getitem__
     if isinstance(line, str):
