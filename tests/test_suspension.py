@@ -17,7 +17,7 @@ from jaxnc.kinematics import design
 from jaxnc.kinematics.inputs import doubtful_size
 from jaxnc.library.overconstrained import bennett
 from jaxnc.library.suspensions import double_wishbone, macpherson
-from jaxnc.vehicle.suspension import attitude
+from jaxnc.vehicle.suspension import SIZES, attitude
 
 POSITION, VELOCITY, ACCELERATION = 1e-12, 1e-11, 1e-10  # of a metre and its rates; measured: 1e-14 at most
 ANGLE = 1e-12  # rad; measured: 2e-15
@@ -365,7 +365,7 @@ def test_millimetres_taken_for_metres_are_suspected(unit, factor, meant):
     motion = nc.solve_position(s, {"hub.z": factor * 310.0})
     with pytest.warns(UserWarning, match=f"hardly meant for a suspension.*look like {meant}"):
         nc.suspension(motion, wheel_centre="hub", spin_axis="axle", radius=factor * 300.0)
-    assert not doubtful_size(system("double_wishbone"), suspension=True)
+    assert not doubtful_size(system("double_wishbone"), "suspension", SIZES)
 
 
 @pytest.mark.parametrize("make", [macpherson, double_wishbone])

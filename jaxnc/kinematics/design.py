@@ -19,8 +19,8 @@ from jax.core import Tracer
 from jaxnc.asking import ask, function_name
 from jaxnc.compiling import jit, on_device
 from jaxnc.errors import InputError
-from jaxnc.kinematics.instant import ScrewAxis, screw_axis
-from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.instant import ScrewAxis, as_jax, screw_axis
+from jaxnc.kinematics.motion import Motion, coordinates_of
 from jaxnc.kinematics.traced import pose_rates
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, hosted
@@ -116,12 +116,9 @@ class Pose(NamedTuple):
         return self._pick(name, self.rates)
 
     def _pick(self, name: str, rates: tuple[Array, ...]) -> Array:
-        top, x = self.topology, rates[-1] if rates else self.q
-        if (*top.points, *top.vectors).count(name):
-            first = (*top.points, *top.vectors).index(name) * top.dim
-            return x[first : first + top.dim]
-        if name in top.position:
-            return x[top.position[name]]
+        top, at = self.topology, coordinates_of(self.topology, name)
+        if at is not None:
+            return (rates[-1] if rates else self.q)[at]
         name, _, axis = name.partition(".")
         number = [m.name for m in top.markers].index(name)
         place = along(lambda q: marker_place(top, number, q, self.markers), self.q, rates)
@@ -261,7 +258,7 @@ def name_outputs(found: Any) -> dict[str, Array]:
                 continue
             label = f"{name}.{sub}" if sub else str(name)
             try:
-                array = jnp.asarray(array)
+                array = jnp.asarray(as_jax(array))
             except (TypeError, ValueError, OverflowError):
                 raise InputError(f"sensitivity: output {label!r} must be numbers, got {type(array).__name__}") from None
             if not jnp.issubdtype(array.dtype, jnp.floating):

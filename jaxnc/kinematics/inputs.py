@@ -32,7 +32,7 @@ METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.304
 """What the usual length units are in metres."""
 
 _MACHINE = (1e-3, 300.0)  # metres: watches to bucket-wheel excavators
-_SUSPENSION = (0.04, 8.0)  # metres: model cars to haul trucks
+_USUAL = (0.04, 8.0)  # metres: sizes that a unit is proposed for
 
 
 def array(value: Any, what: str) -> Any:
@@ -275,21 +275,20 @@ def _like_degrees(value: Any) -> str:
     return f"runs through {turns:.0f} turn{'s' * (round(turns) != 1)} in steps of {step:.3g} rad"
 
 
-def doubtful_size(system: System, suspension: bool = False) -> str:
+def doubtful_size(system: System, noun: str = "mechanism", sizes: tuple[float, float] = _MACHINE) -> str:
     """Write a sentence on a drawing whose size is absurd in its length unit, with the remedy; empty if it is not.
 
-    Its numbers are taken in the `length_unit` of its mechanism; a suspension of a vehicle leaves less room.
+    Its numbers are taken in the `length_unit` of its mechanism. Sizes are the least and the largest, in metres, of what
+    the noun names.
     """
     points, unit = system.parameters.points, system.topology.length_unit
     if isinstance(points, Tracer) or np.ndim(points) != 2 or unit not in METRES or not len(points):
         return ""
-    low, high = _SUSPENSION if suspension else _MACHINE
     size = float(np.max(np.ptp(np.asarray(points), axis=0)))
     metres = size * METRES[unit]
-    if size == 0.0 or low <= metres <= high:
+    if size == 0.0 or sizes[0] <= metres <= sizes[1]:
         return ""
-    noun = "suspension" if suspension else "mechanism"
-    fits = [u for u in ("mm", "m", "in", "cm") if u != unit and _SUSPENSION[0] <= size * METRES[u] <= _SUSPENSION[1]]
+    fits = [u for u in ("mm", "m", "in", "cm") if u != unit and _USUAL[0] <= size * METRES[u] <= _USUAL[1]]
     text = f"the drawing is {size:.3g} {unit} wide, which is hardly meant for a {noun}"
     if not fits:
         return f"{text}: check its numbers and its length unit, {unit!r}"

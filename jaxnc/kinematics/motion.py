@@ -24,7 +24,7 @@ from jaxnc.system.host import from_jax
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.precision import numbers
 from jaxnc.system.system import System
-from jaxnc.system.topology import BodyIndex
+from jaxnc.system.topology import BodyIndex, Topology
 from jaxnc.types import Array, Coordinates, Float
 
 if TYPE_CHECKING:
@@ -85,6 +85,15 @@ class Columns:
         if rest.ndim > 1:
             rest = jnp.broadcast_to(self._rest(), (*self.driven.shape[:-1], rest.shape[-1]))[index]
         return Columns(rest, lanes, driven, self.places)
+
+
+def coordinates_of(top: Topology, name: str) -> slice | int | None:
+    """Find where a point, a vector or a single coordinate stands among all coordinates; None of other names."""
+    spread = (*top.points, *top.vectors)
+    if name in spread:
+        first = spread.index(name) * top.dim
+        return slice(first, first + top.dim)
+    return top.position.get(name)
 
 
 @jit
@@ -186,13 +195,8 @@ class Motion(Drawn):
             found = self._columns(self.poses, name)
             if found is not None:
                 return found
-        x = self.rates[order - 1] if order else self._q
-        spread = (*top.points, *top.vectors)
-        if name in spread:
-            i = spread.index(name) * top.dim
-            return as_jax(x[..., i : i + top.dim])
-        if name in top.position:
-            return as_jax(x[..., top.position[name]])
+        if (at := coordinates_of(top, name)) is not None:
+            return as_jax((self.rates[order - 1] if order else self._q)[..., at])
         point, _, axis = name.partition(".")
         markers = [m.name for m in top.markers]
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
@@ -209,9 +213,10 @@ class Motion(Drawn):
             every = [poses.column(c) for c in range(poses.rest.shape[-1])]
             with numbers(self.system.parameters.points):
                 return marker_in_lanes(derive(self.system), markers.index(name), every)
-        if name in (*top.points, *top.vectors):
-            return jnp.stack([poses.column(top.position[f"{name}.{axis}"]) for axis in "xyz"[: top.dim]], axis=-1)
-        return poses.column(top.position[name]) if name in top.position else None
+        at = coordinates_of(top, name)
+        if isinstance(at, slice):
+            return jnp.stack([poses.column(c) for c in range(at.start, at.stop)], axis=-1)
+        return None if at is None else poses.column(at)
 
     def __getitem__(self, name: str) -> Array:
         """Positions of a point or marker, directions of a vector, or values of a coordinate."""

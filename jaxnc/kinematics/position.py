@@ -30,7 +30,7 @@ from jaxnc.kinematics.inputs import (
     stack,
     worst_rows,
 )
-from jaxnc.kinematics.motion import Columns, Motion
+from jaxnc.kinematics.motion import Columns, Motion, coordinates_of
 from jaxnc.kinematics.spread import Devices, choose, solve_on
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
@@ -547,18 +547,18 @@ def _guess_entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], w
     """Find the coordinates that a name of a guess stands for, and their values, ``(..., coordinates)``."""
     value = array(value, f"{what} of {name!r}")
     finite(value, f"{what} of {name!r}")
-    places = (*top.points, *top.vectors)
-    batch = f", or {(*shape, '...')} of them".replace("'", "") if shape else ""
-    if name in places:
+    at, batch = coordinates_of(top, name), f", or {(*shape, '...')} of them".replace("'", "") if shape else ""
+    if isinstance(at, slice):
         if value.shape not in ((top.dim,), (*shape, top.dim)):
             raise InputError(f"{what} of {name!r} must be {top.dim} numbers{batch}, got shape {value.shape}")
-        first = places.index(name) * top.dim
-        return list(range(first, first + top.dim)), value
-    if name in top.position:
+        return list(range(at.start, at.stop)), value
+    if at is not None:
         if value.shape not in ((), shape):
             raise InputError(f"{what} of {name!r} must be one number{batch}, got shape {value.shape}")
-        return [top.position[name]], value[..., None]
-    raise InputError(f"{what}: no point or coordinate {name!r}; {nearest(name, (*places, *top.scalars))}")
+        return [at], value[..., None]
+    raise InputError(
+        f"{what}: no point or coordinate {name!r}; {nearest(name, (*top.points, *top.vectors, *top.scalars))}"
+    )
 
 
 def _few_known(top: Topology, given: Any, count: int) -> bool:

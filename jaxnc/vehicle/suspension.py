@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _ROWS = 13  # of a printed table
+SIZES = (0.04, 8.0)
+"""How wide a suspension may be, metres: of model cars to haul trucks."""
 _ANGLES = ("camber", "toe", "steer", "caster", "kingpin_inclination", "brake_support_angle", "drive_support_angle")
 _LENGTHS = (
     *("scrub_radius", "caster_trail", "wheel_travel", "half_track_change", "wheelbase_change", "roll_centre_height"),
@@ -361,7 +363,7 @@ def resolve(motion: Motion, given: Options) -> Layout:
                 f"suspension: {given.steer!r} is not an input of this motion; {nearest(given.steer, known)}"
             )
         screw = (carrier, given.steer)
-    if doubt := doubtful_size(motion.system, suspension=True):
+    if doubt := doubtful_size(motion.system, "suspension", SIZES):
         warnings.warn(f"{top.name!r}: {doubt}", UserWarning, stacklevel=3)
     layout = Layout(names, given.side, _bump_input(motion, given.bump, names.wheel_centre), screw, given.axle, carrier)
     home: Any = derive(motion.system).home
