@@ -368,7 +368,7 @@ class DesignDerivatives:
             if asked.names is None:
                 out[label] = found
                 continue
-            columns = np.moveaxis(found, -2, 0)
+            columns = np.moveaxis(found.reshape(*self.motion.status.shape, -1, self.count), -2, 0)
             parts = asked.by_name(columns, functools.partial(np.stack, axis=-2))
             out |= {f"{label}.{name}" if label else name: x for name, x in parts.items()}
         return out
