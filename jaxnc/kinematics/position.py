@@ -13,8 +13,9 @@ from jax.core import Tracer
 
 from jaxnc.asking import ask, real
 from jaxnc.calls import public
-from jaxnc.compiling import blame_callback, jit, outermost
+from jaxnc.compiling import blame_callback, jit
 from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.internals import outermost
 from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,

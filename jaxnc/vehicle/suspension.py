@@ -10,9 +10,10 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
-from jaxnc.compiling import on_device, outermost
+from jaxnc.compiling import on_device
 from jaxnc.constraints.elementary import ratio
 from jaxnc.errors import InputError, nearest
+from jaxnc.internals import outermost
 from jaxnc.kinematics.design import Pose, PoseReading, read_poses
 from jaxnc.kinematics.inputs import METRES, doubtful_size, one_number, outside
 from jaxnc.kinematics.motion import Motion
