@@ -69,8 +69,9 @@ def is_only_hosts(view: Plan, method: str) -> bool:
     """Say whether poses are the host's however many there are."""
     if view.large or method == "guess" or not by_lu(view):
         return view.large
+    from jaxnc.solvers.batch import suits  # with all that XLA needs, and the host does not
 
-    return not suits_host(view)
+    return not suits(view)
 
 
 def _seconds(view: Plan, method: str, count: int) -> float:

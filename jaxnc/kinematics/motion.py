@@ -71,7 +71,7 @@ class Columns:
         """All coordinates of all poses."""
         return _stack_all(self)
 
-    def reshape(self, shape: tuple[int, ...]) -> "Columns":
+    def with_axes(self, shape: tuple[int, ...]) -> "Columns":
         """Give the poses other leading axes."""
         if shape == self.driven.shape[:-1]:
             return self

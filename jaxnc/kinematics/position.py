@@ -77,7 +77,7 @@ class _Question(NamedTuple):
             system=self.system,
             driven=top.named(self.view.driven),
             held=top.named(self.view.held),
-            poses=found.q.reshape(shape) if isinstance(found.q, Columns) else _with_lead(found.q, shape),
+            poses=found.q.with_axes(shape) if isinstance(found.q, Columns) else _with_lead(found.q, shape),
             rates=tuple(_with_lead(r, shape) for r in found.rates),
             asked=_with_lead(self.values, shape),
             status=_with_lead(found.status, shape, 0),
