@@ -395,7 +395,7 @@ def _judge_start(plan: Plan, eq: Equations, q: Array) -> Array:
 
 
 def _whole_turns(plan: Plan, q: Array, values: Array) -> Array:
-    """Count whole turns from start poses ``(S, N)`` to known coordinates ``(S, T, k)``; zero where they matter."""
+    """Count whole turns from start poses ``(S, N)`` to known coordinates ``(S, T, k)``; zero where turns count."""
     turning = _driven_angles(plan)
     if not turning.any():
         return jnp.zeros_like(values)
