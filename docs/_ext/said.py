@@ -10,6 +10,7 @@ from jaxnc.mechanism import model as record
 PACKAGES = {  # pages of the reference, in this order
     "jaxnc": "What is used most: `import jaxnc as nc`.",
     "jaxnc.kinematics": "What motions and reports hold, and what is asked for less often.",
+    "jaxnc.vehicle": "Wheel suspensions: what is read off a motion, and reports.",
     "jaxnc.dynamics": "What simulations and reactions hold; masses, energies, momenta.",
     "jaxnc.synthesis": "Design: problems, conditions, searches, exact synthesis, tolerances.",
     "jaxnc.library": "Ready mechanisms.",

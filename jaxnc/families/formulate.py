@@ -24,10 +24,10 @@ from jaxnc.families.planner import Planner, Variable
 from jaxnc.families.reference import Reference
 from jaxnc.families.relative import Relative, SpatialRelative
 from jaxnc.families.shapes import PARAMETERS
-from jaxnc.kinematics.analysis import analyse
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.traced import analyse_traced
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.place import Place as Spot
@@ -249,7 +249,7 @@ class Independent(Formulation):
         while found.starts < starts if starts else not found.stable:
             spread = _SPREADS[found.starts // lanes % len(_SPREADS)]
             begun = _rigid_starts(system, home, lanes, rng, spread)
-            one = analyse(view, "guess", eq, jnp.array(begun), asked, ())
+            one = analyse_traced(view, "guess", eq, jnp.array(begun), asked, ())
             count = lanes if starts is None else min(lanes, starts - found.starts)
             found.add(*(np.asarray(a)[:count] for a in (one.q, one.status, one.size, one.conditioning)))
         q, status, residual, conditioning = found.sort()

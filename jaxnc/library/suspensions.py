@@ -11,11 +11,11 @@ from typing import Literal
 
 import numpy as np
 
-from jaxnc.kinematics.hardpoints import FIGURE_42
 from jaxnc.library.catalogue import Length, offer
 from jaxnc.library.drawing import Misfit, Vector, Z, across_axis, as_places, check_apart, drive, lay_out
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
+from jaxnc.vehicle.hardpoints import FIGURE_42
 
 _RADIUS = 310.0  # mm, of the loaded tyre
 _TRAVEL = 80.0  # mm, of the wheel centre up and down in the default drive

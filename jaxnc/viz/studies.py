@@ -20,8 +20,8 @@ from jaxnc.viz.style import BODIES, HEADING, LIGHT, LINES, NUMBERS, TEXT, axis_n
 
 if TYPE_CHECKING:
     from jaxnc.families.compare import Comparison
-    from jaxnc.kinematics.wheel_report import SuspensionReport, SuspensionRow
     from jaxnc.synthesis.tolerance.spread import Tolerance
+    from jaxnc.vehicle.report import SuspensionReport, SuspensionRow
 
 _BARS = 8  # dimensions shown
 _LETTERS = 8.5  # points, of a suspension's numbers

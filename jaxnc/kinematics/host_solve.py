@@ -1,6 +1,6 @@
-"""Analyses of few poses in NumPy: what `jaxnc.kinematics.analysis` does by XLA for many, with nothing compiled.
+"""Analyses of few poses in NumPy: what `jaxnc.kinematics.traced` does by XLA for many, with nothing compiled.
 
-`sequences` and `scattered` take many designs at once and touch no JAX, so that a callback may call them.
+`solve_sequences` and `solve_lanes` take many designs at once and touch no JAX, so that a callback may call them.
 """
 
 import functools
@@ -37,7 +37,7 @@ _NEAR = 0.1  # of the size: a solution so near to a guess is the nearest
 _asked: weakref.WeakKeyDictionary[Plan, float] = weakref.WeakKeyDictionary()  # what batches were worth so far
 
 
-def suits(view: Plan, method: str, *given: Any) -> bool:
+def suits_host(view: Plan, method: str, *given: Any) -> bool:
     """Say whether the host finds poses: they are few, or of a large system, and nothing is traced.
 
     This is the one rule for what XLA compiles. It compiles a batch for which NumPy would take longer than a quarter of
@@ -52,20 +52,20 @@ def suits(view: Plan, method: str, *given: Any) -> bool:
     if any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
         return False
     count = len(given[0])
-    if not few(view, method, count):
+    if not is_few(view, method, count):
         return False
-    if count < _WORTH or method == "guess" or always(view, method):
+    if count < _WORTH or method == "guess" or is_only_hosts(view, method):
         return True
     _asked[view] = _asked.get(view, 0.0) + max(_seconds(view, method, count), _AGAIN)
     return _asked[view] <= _COMPILED * len(view.unknown)
 
 
-def few(view: Plan, method: str, count: int) -> bool:
-    """Say whether so many poses are few for the host; see `suits`."""
-    return always(view, method) or _seconds(view, method, count) <= _SECONDS
+def is_few(view: Plan, method: str, count: int) -> bool:
+    """Say whether so many poses are few for the host; see `suits_host`."""
+    return is_only_hosts(view, method) or _seconds(view, method, count) <= _SECONDS
 
 
-def always(view: Plan, method: str) -> bool:
+def is_only_hosts(view: Plan, method: str) -> bool:
     """Say whether poses are the host's however many there are."""
     if view.large or method == "guess" or not by_lu(view):
         return view.large
@@ -84,16 +84,16 @@ def _seconds(view: Plan, method: str, count: int) -> float:
     return count * lane
 
 
-def analyse(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]) -> PoseBatch:
-    """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.analysis.analyse`."""
+def analyse_on_host(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]) -> PoseBatch:
+    """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.traced.analyse_traced`."""
     known, start, values = hosted(eq), np.asarray(q0), np.asarray(values)
     inner = host.view_of(view, known) if orders else None
     if method == "guess":
-        found = nearest(view, known, start, values)
+        found = solve_nearest(view, known, start, values)
     elif method == "lanes":
-        found = scattered(view, known, start[None], values, np.zeros(len(values), int))
+        found = solve_lanes(view, known, start[None], values, np.zeros(len(values), int))
     else:
-        found = sequences(view, known, start[None], values[None], inner=inner).each(lambda x: x[0])
+        found = solve_sequences(view, known, start[None], values[None], inner=inner).each(lambda x: x[0])
     rates: tuple[np.ndarray, ...] = ()
     if inner is not None:
         good = found.status == int(Status.CONVERGED)
@@ -108,7 +108,7 @@ def analyse(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders
     return found._replace(rates=rates)
 
 
-def sequences(
+def solve_sequences(
     view: Plan,
     eq: HostEquations,
     start: np.ndarray,
@@ -116,7 +116,7 @@ def sequences(
     first: np.ndarray | None = None,
     inner: host.HostView | None = None,
 ) -> PoseBatch:
-    """Poses of sequences of input values, each in order along its branch: many designs in lockstep, NumPy alone.
+    """Solve for poses of sequences of inputs, each in order along its branch: many designs in lockstep, NumPy alone.
 
     Args:
         view: what is solved for.
@@ -136,11 +136,11 @@ def sequences(
     each, place = np.arange(designs)[:, None], np.arange(total)
     values = values[each, np.minimum(place + first[:, None], total - 1)]
     with np.errstate(all="ignore"):
-        fresh, begin = _begun(view, eq, np.broadcast_to(start, (designs, start.shape[-1])))
+        fresh, begin = _grounded(view, eq, np.broadcast_to(start, (designs, start.shape[-1])))
         inner = inner or fresh
-        known = np.concatenate([values.transpose(1, 2, 0), _held(view, begin, total)], axis=1)
-        assembled = _largest(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
-        turns = np.where(first[:, None] > 0, 0.0, _turns(view, begin, values[:, 0]))
+        known = np.concatenate([values.transpose(1, 2, 0), _held_values(view, begin, total)], axis=1)
+        assembled = _largest_row(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
+        turns = np.where(first[:, None] > 0, 0.0, _count_turns(view, begin, values[:, 0]))
         turned = np.array(begin)
         turned[view.known[: turns.shape[1]]] += 2 * np.pi * turns.T
         found = host.sequences(inner, turned, known, total - first)
@@ -158,18 +158,18 @@ def sequences(
     return told.each(lambda x: x[back].reshape(designs, total, *x.shape[1:]))
 
 
-def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> PoseBatch:
+def solve_lanes(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> PoseBatch:
     """Poses ``(L, N)`` of independent inputs, each on the straight way from a start pose: NumPy alone.
 
     `which` is the start pose (and the design, where they are many) of each value, ``(L,)``; values are ``(L, k)``,
     start poses ``(D, N)``.
     """
     with np.errstate(all="ignore"):
-        inner, begin = _begun(view, eq, start)
+        inner, begin = _grounded(view, eq, start)
         values = np.asarray(values, inner.eq.dtype)
-        known = np.concatenate([values, _held(view, begin, 1)[0][:, which].T], axis=1)
+        known = np.concatenate([values, _held_values(view, begin, 1)[0][:, which].T], axis=1)
         turns = np.zeros_like(known)
-        turns[:, : values.shape[1]] = _turns(view, begin[:, which], values)
+        turns[:, : values.shape[1]] = _count_turns(view, begin[:, which], values)
         found = host.scattered(inner, begin, unwound(known, turns), which)
         # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
         again = np.flatnonzero(~found.good & turns.any(axis=1))
@@ -183,13 +183,13 @@ def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarr
     return PoseBatch(np.ascontiguousarray(found.q.T), found.size, found.conditioning, status=status)
 
 
-def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> PoseBatch:
+def solve_nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> PoseBatch:
     """Poses ``(T, N)``, each the nearest to a guess: Newton, and where that leads far, Levenberg-Marquardt.
 
     Guesses are ``(T, N)``, inputs ``(T, k)``.
     """
     with np.errstate(all="ignore"):
-        inner, begin = _begun(view, eq, start)
+        inner, begin = _grounded(view, eq, start)
         begin[view.known[: values.shape[1]]] = values.T
         q = host.corrected(inner, begin)
         size, *upright, signs, conditioning = inner.told(q)
@@ -210,24 +210,24 @@ def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray
     return PoseBatch(np.ascontiguousarray(q.T), size, conditioning, status=status)
 
 
-def _begun(view: Plan, eq: HostEquations, start: np.ndarray) -> tuple[host.HostView, np.ndarray]:
-    """What is solved for, and the start poses ``(N, D)`` on the ground of their designs."""
+def _grounded(view: Plan, eq: HostEquations, start: np.ndarray) -> tuple[host.HostView, np.ndarray]:
+    """Put start poses ``(N, D)`` on the ground of their designs; with them what is solved for."""
     begin = np.array(np.asarray(start).T, eq.dtype)
     home = eq.home[view.fixed]
     begin[view.fixed] = home if home.ndim == 2 else home[:, None]
     return host.view_of(view, eq), begin
 
 
-def _held(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
+def _held_values(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
     """Values of the held coordinates, ``(T, held, D)``."""
     held = begin[view.known[len(view.driven) :]]
     return np.broadcast_to(held, (total, *held.shape))
 
 
-def begun(view: Plan, eq: Equations, start: Any) -> int:
-    """What a start pose is: zero where branches can be followed from it, else the status of all poses."""
-    inner, begin = _begun(view, hosted(eq), np.asarray(start)[None])
-    assembled = _largest(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
+def judge_start(view: Plan, eq: Equations, start: Any) -> int:
+    """Judge a start pose: zero where branches can be followed from it, else the status of all poses."""
+    inner, begin = _grounded(view, hosted(eq), np.asarray(start)[None])
+    assembled = _largest_row(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
     status = 0 if assembled else int(Status.DID_NOT_ASSEMBLE)
     if any(block.kind.mirror for block in view.topology.blocks) and inner.eq.guards(begin)[1][0]:
         status = int(Status.MIRRORED)
@@ -241,7 +241,7 @@ def repair_lanes(
 
     Args:
         view: what is solved for.
-        method: as of `analyse`.
+        method: as of `analyse_on_host`.
         eq: the equations for JAX, of arrays that are known; of one design, or designs first.
         start: poses to begin from ``(S, N)``, or one for all: the drawings; of a sequence in order the last pose that
             was found, if there is one.
@@ -262,11 +262,11 @@ def repair_lanes(
     if method == "lanes":
         row, at = np.nonzero(wanted)
         owner = np.searchsorted(rows, row) if many else np.zeros(len(row), int)
-        new = scattered(view, equations, begin, values[row, at], owner)
+        new = solve_lanes(view, equations, begin, values[row, at], owner)
         found.put((row, at), new)
     elif len(rows):
         first = np.argmax(wanted[rows], axis=1)
-        new = sequences(view, equations, begin, values[rows], first)
+        new = solve_sequences(view, equations, begin, values[rows], first)
 
         def merge(x: np.ndarray, old: np.ndarray) -> np.ndarray:
             return np.where(wanted[rows].reshape(*x.shape[:2], *[1] * (x.ndim - 2)), x, old[rows])
@@ -275,19 +275,19 @@ def repair_lanes(
     return found
 
 
-def nothing(eq: Equations, orders: tuple[Any, ...]) -> PoseBatch:
-    """What an analysis returns of no poses."""
+def no_poses(eq: Equations, orders: tuple[Any, ...]) -> PoseBatch:
+    """Make the result of an analysis of no poses."""
     none = np.zeros((0, len(eq.home)), eq.home.dtype)
     rates = tuple(none for _ in orders)
     return PoseBatch(none, none[:, 0], none[:, 0], status=np.zeros(0, np.int32), rates=rates)
 
 
-def _largest(r: np.ndarray) -> np.ndarray:
+def _largest_row(r: np.ndarray) -> np.ndarray:
     return np.max(np.abs(r), axis=0, initial=0.0)
 
 
 def _lost_in_order(found: PoseBatch, assembled: np.ndarray, total: int) -> np.ndarray:
-    """What a pose of a sequence has if it is not on the branch: the first one why it ended, the others nothing."""
+    """Statuses of a sequence's poses that are not on the branch: of the first why it ended, of the others none."""
     good, limit, exhausted = (x.reshape(-1, total) for x in (found.good, found.limit, found.exhausted))
     lost = np.where(assembled[:, None], int(Status.NOT_REACHED), int(Status.DID_NOT_ASSEMBLE))
     lost = np.repeat(lost, total, axis=1)
@@ -315,8 +315,8 @@ def _status(
     return np.where(left[which] if left.ndim else left, int(Status.LEFT_CLASS), status) if left.any() else status
 
 
-def _turns(view: Plan, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Whole turns from poses ``(N, L)`` to driven coordinates ``(L, k)``; zero where turns are counted."""
+def _count_turns(view: Plan, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Count whole turns from poses ``(N, L)`` to driven coordinates ``(L, k)``; zero where turns are counted."""
     at = view.known[: len(view.driven)]
     told = view.periodic[: len(at)] & (np.abs(targets) <= farthest(q))
     return np.where(told, np.round((targets - q[at].T) / (2 * np.pi)), 0.0)

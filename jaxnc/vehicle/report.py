@@ -1,4 +1,4 @@
-"""What is looked at first in a suspension: static values, their gradients and their range over travel or steering."""
+"""Reports on suspensions: static values, their gradients, and their range over wheel travel or steering."""
 
 import json
 import math
@@ -10,14 +10,11 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
-from jaxnc.kinematics.hardpoints import RACK, trade_names
-from jaxnc.kinematics.inputs import outside
+from jaxnc.kinematics.inputs import METRES, outside
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.sizes import METRES
-from jaxnc.kinematics.suspension import ATTITUDE, NUMBERS, asked_by, suspension
-from jaxnc.kinematics.wheel import wheel_numbers
-from jaxnc.kinematics.wheel_parts import What
 from jaxnc.solvers.assembly import derive
+from jaxnc.vehicle.hardpoints import RACK, trade_names
+from jaxnc.vehicle.suspension import ATTITUDE, NUMBERS, Layout, Options, resolve, suspension, wheel_numbers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -68,7 +65,7 @@ SIGNS = (
 @public
 @dataclass(frozen=True)
 class SuspensionRow:
-    """One number of a suspension.
+    """A number of a suspension.
 
     Attributes:
         name, label, unit: its name in a `Suspension`, what the trade calls it, and its unit.
@@ -122,7 +119,7 @@ class SuspensionReport:
 
     @property
     def travels(self) -> bool:
-        """Whether it is told over wheel travel."""
+        """Say whether the numbers are told over wheel travel."""
         return self.over == "wheel travel"
 
     @property
@@ -142,8 +139,8 @@ class SuspensionReport:
         first = f"{self.title}: {counted(len(self.along), 'pose')} over {self.over}, "
         first += f"{low:.4g}{ends[0]} to {high:.4g}{ends[1]}"
         head = ["", "static", "gradient", "", "smallest", f"at [{self.unit}]", "largest", f"at [{self.unit}]"]
-        table = [head, *(_cells(row) for row in self.rows)]
-        lines = [f"{first} {self.unit}", *aligned(table, left=(0, 3))]
+        table = [head, *(_row_cells(row) for row in self.rows)]
+        lines = [f"{first} {self.unit}", *align_columns(table, left=(0, 3))]
         if failed := int(np.isnan(next(iter(self.curves.values()))).sum()):
             lines.append(f"  {failed} of {len(self.along)} poses were not found")
         lines += [f"  {name} {value:.4g} %" for name, value in self.vehicle.items()]
@@ -151,7 +148,7 @@ class SuspensionReport:
             return "\n".join(lines)
         if self.hardpoints:
             points = [[n, trade, *(f"{v + 0.0:.2f}" for v in at)] for n, (trade, at) in self.hardpoints.items()]
-            lines += aligned([["", f"hardpoints as drawn [{self.length}]", "x", "y", "z"], *points], left=(0, 1))
+            lines += align_columns([["", f"hardpoints as drawn [{self.length}]", "x", "y", "z"], *points], left=(0, 1))
         return "\n".join([*lines, *(f"  {line}" for line in SIGNS)])
 
     @property
@@ -162,7 +159,7 @@ class SuspensionReport:
     def data(self) -> dict[str, Any]:
         """All of it as dictionaries, lists and numbers; None where a number is not finite."""
         arrays = {"along": self.along.tolist(), "curves": {k: v.tolist() for k, v in self.curves.items()}}
-        return _plain(asdict(self) | arrays)
+        return _plain_data(asdict(self) | arrays)
 
     def to_json(self, path: "str | Path") -> "Path":
         """Write `data` to a file.
@@ -225,12 +222,12 @@ def suspension_report(
     if motion.status.ndim != 1 or len(motion.status) < 2:
         raise InputError("suspension_report: give a sweep, poses in a row over wheel travel or steering")
     found = suspension(motion, **options)
-    what, radius = asked_by(motion, options)
-    still = _drawn(motion)
-    static = wheel_numbers(still, what, NUMBERS, radius)
-    by, along, travels = _over(motion, what, still)
-    slopes = wheel_numbers(still, what, NUMBERS, radius, by=by)
-    per = float(_some(slopes, "wheel_travel")) if travels else 1.0
+    given = Options(**options)
+    layout, still = resolve(motion, given), _as_drawn(motion)
+    static = wheel_numbers(still, layout, NUMBERS, given.radius)
+    by, along, travels = _report_axis(motion, layout, still)
+    slopes = wheel_numbers(still, layout, NUMBERS, given.radius, by=by)
+    per = float(_known_number(slopes, "wheel_travel")) if travels else 1.0
     known = found.length_unit in METRES
     mm, unit = (METRES[found.length_unit] * 1e3, "mm") if known else (1.0, found.length_unit)
     far, metre = ("m", 1e3) if known else (unit, 1.0)
@@ -245,33 +242,35 @@ def suspension_report(
         factor, shown = {"angle": (180.0 / math.pi, "deg"), "length": (mm, unit)}.get(kind, (1.0, ""))
         values = np.where(good, np.asarray(getattr(found, name), float) * factor, np.nan)
         curves[name] = np.where(np.abs(values) < _NOTHING, 0.0, values)
-        slope = float(_some(slopes, name)) / per * factor / mm
+        slope = float(_known_number(slopes, name)) / per * factor / mm
         slope, below = (slope, unit) if kind == "length" else (slope * metre, far)
-        label = _label(name, what.axle)
-        drawn = float(_some(static, name)) * factor
-        rows.append(_row(name, label, shown, drawn, slope, f"{shown or 1}/{below}", curves[name], along))
+        label = _number_label(name, layout.axle)
+        drawn = float(_known_number(static, name)) * factor
+        rows.append(_report_row(name, label, shown, drawn, slope, f"{shown or 1}/{below}", curves[name], along))
     if not travels:
-        turns = _turning(curves["steer"], along, float(_some(static, "track")) * mm, what.side, wheelbase, mm)
+        turns = _turn_differences(
+            curves["steer"], along, float(_known_number(static, "track")) * mm, layout.side, wheelbase, mm
+        )
         curves |= turns
         for name, values in turns.items():
             shown = "%" if name == "ackermann" else "deg"
-            rows.append(_row(name, LABELS[name], shown, math.nan, math.nan, "", values, along))
+            rows.append(_report_row(name, LABELS[name], shown, math.nan, math.nan, "", values, along))
     called = f"rack travel, {by}" if by in RACK.values() else by
     return SuspensionReport(
         name=motion.system.name,
-        side=what.side,
-        axle=what.axle,
+        side=layout.side,
+        axle=layout.axle,
         over="wheel travel" if travels else called,
         unit=unit,
         along=along,
         curves=curves,
         rows=tuple(rows),
-        hardpoints=_hardpoints(still, mm),
-        vehicle=_vehicle(static, what.axle, wheelbase, mass_height, (brake_share, drive_share)),
+        hardpoints=_drawn_hardpoints(still, mm),
+        vehicle=_anti_percentages(static, layout.axle, wheelbase, mass_height, (brake_share, drive_share)),
     )
 
 
-def _drawn(motion: Motion) -> Motion:
+def _as_drawn(motion: Motion) -> Motion:
     """The mechanism as drawn, as a motion of one pose with the same inputs."""
     home: Any = np.asarray(derive(motion.system).home)
     asked: Any = np.array([home[motion.system.topology.position[name]] for name in motion.driven])
@@ -280,32 +279,32 @@ def _drawn(motion: Motion) -> Motion:
     return Motion(motion.system, motion.driven, motion.held, home, (), asked, right, zero, None)
 
 
-def _over(motion: Motion, what: What, still: Motion) -> tuple[str, np.ndarray, bool]:
+def _report_axis(motion: Motion, layout: Layout, still: Motion) -> tuple[str, np.ndarray, bool]:
     """The input that moves, how far it is (or the wheel centre) from where it is drawn, and whether the wheel rises."""
     moving = [name for name in motion.driven if float(np.ptp(np.asarray(motion.inputs[name]))) > 0]
     if not moving:
         raise InputError("suspension_report: no input of this motion moves; sweep the wheel's height or the steering")
-    travels = what.bump in moving
-    by = what.bump if travels else moving[0]
-    look = f"{what.names.wheel_centre}.z" if travels else by
+    travels = layout.bump in moving
+    by = layout.bump if travels else moving[0]
+    look = f"{layout.names.wheel_centre}.z" if travels else by
     values = motion.inputs[by] if look == by else np.where(motion.converged, motion[look], np.nan)
     return by, np.asarray(values, float) - float(still[look]), travels
 
 
-def _some(found: Mapping[str, np.ndarray | None], name: str) -> np.ndarray:
+def _known_number(found: Mapping[str, np.ndarray | None], name: str) -> np.ndarray:
     values = found[name]
     assert values is not None
     return values
 
 
-def _label(name: str, axle: str) -> str:
+def _number_label(name: str, axle: str) -> str:
     if name in ("brake_support_angle", "drive_support_angle"):
         brake = name == "brake_support_angle"
         return f"{_SUPPORT[axle][not brake]}, {'braking' if brake else 'driving'}"
     return LABELS[name]
 
 
-def _row(
+def _report_row(
     name: str, label: str, unit: str, static: float, slope: float, per: str, values: np.ndarray, along: np.ndarray
 ) -> SuspensionRow:
     """A number with its range over the poses that were found."""
@@ -319,7 +318,7 @@ def _row(
     return SuspensionRow(name, label, unit, static, slope, per, low, at[0], high, at[1])
 
 
-def _turning(
+def _turn_differences(
     steer: np.ndarray, along: np.ndarray, track: float, side: str, wheelbase: float | None, mm: float
 ) -> dict[str, np.ndarray]:
     """How much more the inner wheel steers than the outer, its mirror image, where the sweep goes as far either way.
@@ -342,7 +341,7 @@ def _turning(
     return out
 
 
-def _vehicle(
+def _anti_percentages(
     static: Mapping[str, Any], axle: str, wheelbase: float | None, height: float | None, shares: tuple
 ) -> dict[str, float]:
     """Which part of the load transfer the suspension takes up in braking and driving, percent."""
@@ -357,7 +356,7 @@ def _vehicle(
     return out
 
 
-def _hardpoints(still: Motion, mm: float) -> dict[str, tuple[str, tuple[float, ...]]]:
+def _drawn_hardpoints(still: Motion, mm: float) -> dict[str, tuple[str, tuple[float, ...]]]:
     """Points with what the trade calls them, and where they are drawn."""
     trade = trade_names(still.names, every=True)
     top = still.system.topology
@@ -368,19 +367,26 @@ def _hardpoints(still: Motion, mm: float) -> dict[str, tuple[str, tuple[float, .
 # -- words ------------------------------------------------------------------------------------------------------------
 
 
-def _number(value: float, digits: int) -> str:
+def _format_number(value: float, digits: int) -> str:
     return f"{value + 0.0:.{digits}f}" if math.isfinite(value) else "-" if math.isnan(value) else f"{value}"
 
 
-def _cells(row: SuspensionRow) -> list[str]:
+def _row_cells(row: SuspensionRow) -> list[str]:
     digits = _DIGITS.get(row.unit, 2)
-    ends = [_number(v, d) for v, d in ((row.smallest, digits), (row.smallest_at, 1), (row.largest, digits))]
+    ends = [_format_number(v, d) for v, d in ((row.smallest, digits), (row.smallest_at, 1), (row.largest, digits))]
     unit = f" [{row.unit}]" if row.unit else ""
     slope = f"{row.gradient:.4g}" if math.isfinite(row.gradient) else "-"
-    return [row.label + unit, _number(row.static, digits), slope, row.gradient_unit, *ends, _number(row.largest_at, 1)]
+    return [
+        row.label + unit,
+        _format_number(row.static, digits),
+        slope,
+        row.gradient_unit,
+        *ends,
+        _format_number(row.largest_at, 1),
+    ]
 
 
-def aligned(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -> list[str]:
+def align_columns(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -> list[str]:
     """Rows with their columns aligned: names to the left, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
@@ -392,9 +398,9 @@ def aligned(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -> list
     ]
 
 
-def _plain(value: Any) -> Any:
+def _plain_data(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
+        return {k: _plain_data(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [_plain_data(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

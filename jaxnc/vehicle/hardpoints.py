@@ -8,7 +8,7 @@ Line = str | tuple[str, str]
 
 
 class Names(NamedTuple):
-    """What the parts of a suspension are called."""
+    """Names of the parts of a suspension."""
 
     wheel_centre: Any = None  # a point or marker
     spin_axis: Any = None  # a `Line`
@@ -77,7 +77,7 @@ _BESIDE = {  # of figure 42, what is no hardpoint
 }
 
 
-def parts(line: Line) -> tuple[str, ...]:
+def names_in(line: Line) -> tuple[str, ...]:
     """The names in a direction."""
     return (line,) if isinstance(line, str) else tuple(line)
 
@@ -85,11 +85,11 @@ def parts(line: Line) -> tuple[str, ...]:
 def usual(names: Iterable[str]) -> Names | None:
     """The usual names of a suspension's parts among some names; None if the wheel's centre or axis is not there."""
     known = set(names)
-    return next((n for n in USUAL if known.issuperset((n.wheel_centre, *parts(n.spin_axis)))), None)
+    return next((n for n in USUAL if known.issuperset((n.wheel_centre, *names_in(n.spin_axis)))), None)
 
 
 def trade_names(names: Iterable[str], every: bool = False) -> dict[str, str]:
-    """What the trade calls the hardpoints among some names (LCA and UCA are the control arms, lower and upper).
+    """Find what the trade calls the hardpoints among some names (LCA and UCA: lower and upper control arm).
 
     Returns:
         By those of the names that have one; empty where this is no suspension with the usual names.
@@ -103,6 +103,6 @@ def trade_names(names: Iterable[str], every: bool = False) -> dict[str, str]:
     return {n: called for n, called in trade.items() if n in known and (every or called != n.replace("_", " "))}
 
 
-def numbered(names: Iterable[str]) -> dict[str, str]:
-    """The same for hardpoints that are called by the book's numbers, which say nothing by themselves."""
+def number_names(names: Iterable[str]) -> dict[str, str]:
+    """Find what the trade calls the hardpoints that have the book's numbers, which say nothing by themselves."""
     return {name: trade for name, trade in trade_names(names).items() if name in FIGURE_42}
