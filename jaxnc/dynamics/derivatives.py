@@ -29,7 +29,6 @@ from jaxnc.dynamics.initial import as_drawn, exact, pose_of, start_rates, still
 from jaxnc.dynamics.integrate import Control, Kept
 from jaxnc.dynamics.runge_kutta import METHODS, State, noted
 from jaxnc.dynamics.runs import Run, Start
-from jaxnc.dynamics.ways import moving
 from jaxnc.solvers.newton import attach
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
@@ -340,7 +339,7 @@ def _stepping(flow: Flow, method: str) -> tuple[Callable, Callable]:
     if has_friction(flow.dyn) or METHODS[method].implicit:
 
         def advance(parts, t, h, state):
-            return noted(moving(_with_parts(flow, parts).prepared(), None, method), method, True, t, h, state)[:2]
+            return noted(runs.moving(_with_parts(flow, parts).prepared(), None), method, True, t, h, state)[:2]
 
         return advance, lambda *x: advance(*x)[0]
 

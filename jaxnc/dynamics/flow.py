@@ -165,7 +165,6 @@ class Flow:
         q: Coordinates,
         v: Coordinates,
         extra: Array | None = None,
-        baumgarte: tuple[Any, Any] | None = None,
     ) -> Answer:
         """Solve for accelerations, or for the changes that bring a pose or rates back onto the constraints.
 
@@ -179,7 +178,6 @@ class Flow:
             q: pose.
             v: rates.
             extra: further generalised forces ``(N,)``.
-            baumgarte: stabilisation of accelerations ``(2α, β²)``, or None.
         """
         view, dyn, u = self.view, self.dyn, self.view.unknown
         r, j, known, slip, bent = self.rows(q, v)
@@ -194,8 +192,7 @@ class Flow:
             return (right if extra is None else right + extra)[u] / (weight * size)
 
         def bend() -> Array:
-            g = -bent - known @ driven()[view.known]
-            return g if baumgarte is None else g - baumgarte[0] * slip - baumgarte[1] * apart
+            return -bent - known @ driven()[view.known]
 
         f = pick(what, push, lambda: still[u], lambda: still[u])
         g = pick(what, bend, lambda: -apart, lambda: -slip)
@@ -206,15 +203,10 @@ class Flow:
         return Answer(base.at[u].set(x / weight), y * size, largest(r), largest(slip))
 
     def accelerate(
-        self,
-        t: Array | float,
-        q: Coordinates,
-        v: Coordinates,
-        extra: Array | None = None,
-        baumgarte: tuple[Any, Any] | None = None,
+        self, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
     ) -> tuple[Coordinates, Array]:
         """Accelerations ``(N,)`` and multipliers of the plan's rows and of those on velocities ``(m,)``."""
-        return self.answer(ACCELERATION, t, q, v, extra, baumgarte)[:2]
+        return self.answer(ACCELERATION, t, q, v, extra)[:2]
 
     def project_position(self, q: Coordinates, iterations: int = 2) -> Coordinates:
         """The nearest pose that meets the constraints, by the masses, from one close by."""

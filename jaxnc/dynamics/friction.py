@@ -18,6 +18,7 @@ from jaxnc.dynamics.flow import ACCELERATION, Answer, Flow
 from jaxnc.dynamics.model import Dynamics, forces
 from jaxnc.dynamics.moments import size as _size
 from jaxnc.dynamics.wrenches import Ledger, parts, row_forces
+from jaxnc.records import record
 from jaxnc.system.frames import spins, spread
 from jaxnc.system.identity import GROUND
 from jaxnc.system.loads import FrictionIndex
@@ -33,20 +34,39 @@ def has_friction(dyn: Dynamics) -> bool:
     return bool(dyn.topology.loads.friction)
 
 
-def settled(flow: Flow, t: Any, q: Array, v: Array, baumgarte: tuple[Any, Any] | None = None) -> Answer:
+def settled(flow: Flow, t: Any, q: Array, v: Array) -> Answer:
     """Accelerations and multipliers, with friction if there is any."""
     if not has_friction(flow.dyn):
-        return flow.answer(ACCELERATION, t, q, v, None, baumgarte)
+        return flow.answer(ACCELERATION, t, q, v)
 
     def settle(state, _):  # a loop, so that accelerations are compiled once
         total, _ = state
-        found = flow.answer(ACCELERATION, t, q, v, total, baumgarte)
+        found = flow.answer(ACCELERATION, t, q, v, total)
         rows = flow.all_rows(found.multipliers)
         return (friction_forces(flow.dyn, q, v, found.change, rows, total, t), found), None
 
     zero = jnp.zeros_like(q)
     start = zero, Answer(zero, flow.no_multipliers(), jnp.zeros(()), jnp.zeros(()))
     return lax.scan(settle, start, None, length=PASSES + 1)[0][1]
+
+
+@record
+class FrictionFlow:
+    """The motion of a design in which something rubs."""
+
+    flow: Flow
+
+    def impose(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
+        """Put the state where the drives have it, as `Flow.impose`."""
+        return self.flow.impose(t, q, v)
+
+    def answer(self, what: Any, t: Any, q: Array, v: Array) -> Answer:
+        """Solve as `Flow.answer`, for accelerations with friction."""
+        if isinstance(what, int):
+            return settled(self.flow, t, q, v) if what == ACCELERATION else self.flow.answer(what, t, q, v)
+        return lax.cond(
+            what == ACCELERATION, lambda: settled(self.flow, t, q, v), lambda: self.flow.answer(what, t, q, v)
+        )
 
 
 def friction_forces(

@@ -13,11 +13,10 @@ from jaxnc.compiling import filter_jit
 from jaxnc.dynamics import state as seen
 from jaxnc.dynamics.extended import lower
 from jaxnc.dynamics.flow import Flow
-from jaxnc.dynamics.friction import settled
+from jaxnc.dynamics.friction import FrictionFlow, has_friction, settled
 from jaxnc.dynamics.integrate import Control, Kept, equal_steps, integrate
 from jaxnc.dynamics.runge_kutta import METHODS, Moving, State, on_constraints, step
-from jaxnc.dynamics.steppers import STEPPERS
-from jaxnc.dynamics.ways import Other, moving
+from jaxnc.dynamics.steppers import alpha_step, start_alpha
 from jaxnc.dynamics.written import Fast
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
@@ -55,10 +54,15 @@ def begin(flow: Flow, start: Start) -> State:
 
 def written_out(flow: Flow, freedom: int, method: str) -> Fast | None:
     """The written-out form of a motion, for the methods that are quicker with it."""
-    size = len(flow.view.unknown) + len(flow.view.rows)
-    if method != "rk4" and (method in STEPPERS or method in ("null space", "baumgarte", "kvaerno5") or size > _SMALL):
-        return None
-    return Fast.of(flow, freedom)
+    small = len(flow.view.unknown) + len(flow.view.rows) <= _SMALL
+    return Fast.of(flow, freedom) if method == "rk4" or (method == "dopri8" and small) else None
+
+
+def moving(flow: Flow, fast: Fast | None) -> Moving:
+    """The motion that a method of Runge and Kutta integrates."""
+    if has_friction(flow.dyn):
+        return FrictionFlow(flow)
+    return flow if fast is None else fast
 
 
 def _taken_apart(state: State) -> State:
@@ -87,7 +91,7 @@ def controlled(
     The sign change of ``event(t, state, parameters)`` ends the motion.
     """
     flow = motion[0].prepared()
-    leaves, advance = stepping(moving(flow, motion[1], method), method)
+    leaves, advance = stepping(moving(flow, motion[1]), method)
     happens = None if event is None else happening(flow, event)
     kept, course = integrate(advance, method, happens, (leaves, parameters, control), t, begin(flow, start))
     smooth, status = told(top, flow, t, start, kept, event, parameters)
@@ -137,37 +141,24 @@ def equal(top: Topology, motion: tuple[Flow, Fast | None], method: str, t: Array
 
     Elements of what is written out are carried one by one: quicker in batches.
     """
-    flow, fast = motion[0].prepared(), motion[1]
-    way = moving(flow, fast, method)
-
-    plain = moving(flow, fast, "rk4")
-    elements = isinstance(plain, Fast)
+    flow = motion[0].prepared()
+    way = moving(flow, motion[1])
+    elements = isinstance(way, Fast)
     state = begin(flow, start)
-    first = on_constraints(plain, t[0], _taken_apart(state) if elements else state)
+    first = on_constraints(way, t[0], _taken_apart(state) if elements else state)
 
-    def whole(at, q, v) -> State:
-        return State(q, v, *settled(flow, at, q, v))
-
-    if method in STEPPERS:
-        starting, stepping = STEPPERS[method]
-        states = equal_steps(
-            lambda at, h, carry: stepping(flow, at, h, carry),
-            lambda at, carry: whole(at, carry.q, carry.v),
-            t, starting(flow, t[0], first.q, first.v), steps,
-        )  # fmt: skip
-    elif method in METHODS:
+    if method in METHODS:
         states = equal_steps(
             lambda at, h, state: step(way, method, True, at, h, state)[0], lambda at, state: state, t, first, steps
         )
         if elements:
             first, states = _put_together(first), _put_together(states)
     else:
-
-        def advance(at, h, state):
-            found = Other(flow, method, 0.5 / h)
-            return step(found, "rk4", method == "null space", at, h, state)[0]
-
-        states = equal_steps(advance, lambda at, state: whole(at, state.q, state.v), t, first, steps)
+        states = equal_steps(
+            lambda at, h, carry: alpha_step(flow, at, h, carry),
+            lambda at, carry: State(carry.q, carry.v, *settled(flow, at, carry.q, carry.v)),
+            t, start_alpha(flow, t[0], first.q, first.v), steps,
+        )  # fmt: skip
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, states)
     zero = jnp.zeros((), jnp.int32)
     kept = Kept(states, t, jnp.zeros(len(t)), jnp.zeros(len(t), jnp.int32))

@@ -36,8 +36,8 @@ from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
-ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
-FIXED = ("rk4", "baumgarte", "null space", "augmented lagrangian", "generalised alpha")
+ADAPTIVE = ("dopri8", "kvaerno5")
+FIXED = ("rk4", "generalised alpha")
 
 
 @public
@@ -68,8 +68,8 @@ def simulate(
             many coordinates as there are freedoms; places to start near to. The assembled drawing if not given. A
             simulation's last pose resumes it.
         rates: rates at the start by name, of coordinates, points or vectors; at rest if not given.
-        method: adaptive ``"dopri8"``, ``"dopri5"``, ``"tsit5"``, ``"kvaerno5"`` (implicit, stiff); of fixed step
-            ``"rk4"``, ``"baumgarte"``, ``"null space"``, ``"augmented lagrangian"``, ``"generalised alpha"``.
+        method: adaptive ``"dopri8"``, ``"kvaerno5"`` (implicit, for stiff forces); of fixed step ``"rk4"``,
+            ``"generalised alpha"`` (implicit, for stiff mechanisms).
         inputs: coordinates that follow functions of time; the forces that this takes are left to the constraints.
         step: longest step of a method of fixed step, s; one step between two times if not given.
         rtol: relative tolerance of an adaptive step.
@@ -223,13 +223,10 @@ def _check_fixed(system: System, method: str, event: Callable | None, t: Any, st
     """Refuse what methods of fixed step cannot do."""
     if event is not None:
         raise InputError(f"event= works with the adaptive methods, not with {method!r}; {', '.join(ADAPTIVE)}")
-    rubbing = ", ".join(repr(f.name) for f in system.topology.loads.friction)
-    if rubbing and method not in ("rk4", "baumgarte"):
-        raise InputError(
-            f"method={method!r} has no friction, and {rubbing} rubs; use 'rk4', 'baumgarte' or an adaptive method"
-        )
-    if method in steppers.STEPPERS:
-        remedy = "use 'rk4', 'null space', 'baumgarte' or an adaptive method"
+    if method == "generalised alpha":
+        remedy = "use 'rk4' or an adaptive method"
+        if rubbing := ", ".join(repr(f.name) for f in system.topology.loads.friction):
+            raise InputError(f"method={method!r} has no friction, and {rubbing} rubs; {remedy}")
         refuse_rates(system.topology, f"method={method!r} works with constraints on positions", remedy)
     if isinstance(t, Tracer) and step is not None:
         raise InputError("step= needs times that are known; inside jit give times as a constant")
