@@ -40,9 +40,7 @@ def test_an_event_ends_the_motion_where_it_changes_sign():
 
 def test_a_stop_turns_the_rod_back_and_keeps_its_energy():
     """Pressed in by x: I ω²/2 = k x²/2, less what the weight takes."""
-    run = nc.simulate(
-        rod(), np.linspace(0, 0.6, 121), state={"phi": -np.pi / 2}, rates={"phi": 3.0}, rtol=1e-9
-    )
+    run = nc.simulate(rod(), np.linspace(0, 0.6, 121), state={"phi": -np.pi / 2}, rates={"phi": 3.0}, rtol=1e-9)
     phi = np.asarray(run["phi"])
     wall = -np.pi / 2 + np.deg2rad(20)
     deep = np.sqrt((2 / 3 * 9.0 - 2 * G * (1 - np.cos(np.deg2rad(20)))) / 1e5)

@@ -1,4 +1,4 @@
-"""Mass matrices against rigid-body formulas written independently: energies, momenta, centres of mass, gradients."""
+"""Mass matrices against rigid-body formulas write_out independently: energies, momenta, centres of mass, gradients."""
 
 import jax
 import jax.monitoring
@@ -8,7 +8,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.dynamics.extended import extended
-from jaxnc.dynamics.inertia import mass_matrix
+from jaxnc.dynamics.mass import mass_matrix
 from jaxnc.dynamics.model import dynamics
 from jaxnc.dynamics.reactions import states_of
 from jaxnc.solvers.assembly import derive

@@ -231,9 +231,7 @@ def test_an_equilibrium_has_derivatives_of_every_order():
 def test_heavy_top_precesses_and_keeps_its_momenta():
     """Energy, the momentum about the vertical, and (for a symmetric top) the spin about its own axis."""
     m = benchmarks.heavy_top()
-    run = nc.simulate(
-        m.compile(), np.linspace(0, 0.2, 5), rates=m.model.simulate.rates, rtol=1e-9, atol=1e-10
-    )
+    run = nc.simulate(m.compile(), np.linspace(0, 0.2, 5), rates=m.model.simulate.rates, rtol=1e-9, atol=1e-10)
     assert float(run.drift) <= 1e-4 * 5435.7
     h = np.asarray(nc.dynamics.angular_momentum(run))
     assert np.abs(h[:, 2] - h[0, 2]).max() <= 1e-6 * np.abs(h).max()

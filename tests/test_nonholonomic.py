@@ -194,7 +194,10 @@ def test_a_sweep_goes_where_rolling_allows_it_and_velocities_are_checked():
 @pytest.mark.parametrize(
     ("ask", "says"),
     [
-        (lambda: nc.simulate(sleigh(), [0, 1], method="generalised alpha", step=0.1), ["generalised alpha", "'rk4'", "blade"]),
+        (
+            lambda: nc.simulate(sleigh(), [0, 1], method="generalised alpha", step=0.1),
+            ["generalised alpha", "'rk4'", "blade"],
+        ),
         (lambda: nc.equilibrium(sleigh()), ["equilibrium", "blade", "simulate"]),
         (lambda: nc.linearise(sleigh()), ["linearise", "blade", "simulate"]),
         (lambda: nc.formulate(sleigh_of(), "relative"), ["formulate", "blade"]),

@@ -1,7 +1,9 @@
-"""From time to time: steps of adapted or equal length between the times that are kept, and where an event ends them.
+"""From time to time: steps of adapted or equal length between the times that are kept, forward and in reverse.
 
 Every kept time is the end of a step, so that its state lies on the constraints and has its accelerations. Steps of no
-length take the start there, so that a program contains one step only.
+length take the start there, so that a program contains one step only. An event ends the motion where it happens.
+
+In reverse every interval is gone through again from what was kept at its start, and its steps are kept, some at a time.
 """
 
 from collections.abc import Callable
@@ -12,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.dynamics.runge_kutta import METHODS, State
+from jaxnc.dynamics.steps import METHODS, MotionState
 from jaxnc.status import Status
 from jaxnc.types import Array
 
@@ -24,11 +26,16 @@ START = 3
 
 ALL = np.iinfo(np.int32).max
 
-Advance = Callable[[Any, Array, Array, State], tuple[State, tuple[Any, Any]]]
-"""A step of a motion, ``(moving, t, h, state)``; where it ends, and its errors."""
+_KEPT = 512  # steps that are kept at a time, in reverse
 
-Event = Callable[[Any, Array, State], Array]
+Advance = Callable[..., Any]
+"""A step of a motion, ``(moving, t, h, state)``: its end, its errors, and what is needed to go back through it."""
+
+Event = Callable[[Any, Array, MotionState], Array]
 """A number ``(parameters, t, state)`` whose change of sign ends the motion."""
+
+Note = Callable[..., Any]
+"""A memory of steps ``(memory, number, t, h, state, *more)`` with one step more."""
 
 
 class Control(NamedTuple):
@@ -44,12 +51,27 @@ class Control(NamedTuple):
 class Course(NamedTuple):
     """An integration on its way."""
 
-    state: State  # where it is
+    state: MotionState  # where it is
     t: Array  # the time there
     h: Array  # the step that is wanted next
     made: tuple[Array, Array]  # steps made, and steps made in vain
     status: Array  # `jaxnc.Status`, zero while it goes on
     value: Array  # the event's function there
+
+    @classmethod
+    def begin(cls, state: MotionState, t: Array) -> "Course":
+        """Begin an integration at the first of some times."""
+        zero = jnp.zeros((), jnp.int32)
+        return cls(state, t[0], jnp.zeros(()), (zero, zero), zero, jnp.zeros(()))
+
+
+class History(NamedTuple):
+    """An integration at all kept times ``(T, …)``: what going back through it needs."""
+
+    state: MotionState
+    t: Array
+    h: Array
+    status: Array
 
 
 class _Bracket(NamedTuple):
@@ -63,16 +85,16 @@ class _Bracket(NamedTuple):
 
     @classmethod
     def none(cls) -> "_Bracket":
-        """No event in sight."""
+        """Return a bracket with no event in sight."""
         return cls(*(jnp.zeros(()) for _ in range(5)))
 
     def guess(self) -> Array:
-        """The next step to be tried."""
+        """Return the next step to be tried."""
         found = (self.low * self.at_high - self.high * self.at_low) / (self.at_high - self.at_low)
         return jnp.where((found > self.low) & (found < self.high), found, 0.5 * (self.low + self.high))
 
     def after(self, h: Array, value: Array, at_start: Array) -> "_Bracket":
-        """With what a step of length h has found (Illinois' rule)."""
+        """Return the bracket with what a step of length h has found (Illinois' rule)."""
         beyond = value * at_start <= 0.0
         first = self.high <= 0.0
         again_low, again_high = (self.last == self.low) & ~first, (self.last == self.high) & ~first
@@ -84,7 +106,7 @@ class _Bracket(NamedTuple):
 
 
 def _norm(errors: Any, old: Any, new: Any, control: Control) -> Array:
-    """Errors of poses and rates in parts of what is allowed, the larger one."""
+    """Measure errors of poses and rates in parts of what is allowed; return the larger one."""
 
     def part(e, a, b):
         return jnp.sqrt(jnp.mean((e / (control.atol + control.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b)))) ** 2))
@@ -92,8 +114,8 @@ def _norm(errors: Any, old: Any, new: Any, control: Control) -> Array:
     return jnp.maximum(*(part(*x) for x in zip(errors, old, new, strict=True)))
 
 
-def first_step(state: State, control: Control) -> Array:
-    """A hundredth of the time in which the state changes by its own size.
+def _first_step(state: MotionState, control: Control) -> Array:
+    """Choose a hundredth of the time in which the state changes by its own size.
 
     Source: E. Hairer, S. P. Nørsett, G. Wanner, Solving Ordinary Differential Equations I, II.4.
     """
@@ -103,38 +125,50 @@ def first_step(state: State, control: Control) -> Array:
     return jnp.where(control.first > 0.0, control.first, chosen)
 
 
-Told = Callable[..., Any]
+def _error_order(method: str) -> int:
+    """Return the order of a method's estimate of errors; 0 if it has none."""
+    return METHODS[method].order * bool(METHODS[method].error.any())
 
 
-def interval(
+def _intervals(t: Array) -> tuple[Array, Array, Array]:
+    """Return begins and ends of all intervals, the first of no length, and the steps of no length in each."""
+    return jnp.concatenate([t[:1], t[:-1]]), t, jnp.where(jnp.arange(len(t)) == 0, START, 0)
+
+
+def _march(
     advance: Advance,
-    order: int,
+    method: str,
     event: Event | None,
     arguments: tuple[Any, Any, Control],
     course: Course,
     ends: tuple[Array, Array],
     warm: Array,
     whole: tuple[Array, Array],
-    note: Told | None = None,
+    note: Note | None = None,
     memory: Any = (),
     until: Any = ALL,
 ) -> tuple[Course, Array, Any]:
-    """Steps from one kept time to the next.
+    """Step from one kept time to the next.
 
     Args:
         advance: a step.
-        order: of its estimate of errors.
-        event: what ends the motion.
+        method: the method's name: its steps are adapted if it estimates errors, else equal.
+        event: what ends the motion, if steps are adapted.
         arguments: the motion, the event's parameters, and how long steps are.
         course: where it begins.
         ends: the two times.
         warm: so many steps of no length are made instead.
         whole: first and last time of the whole motion.
-        note: is told the number of each step, its start, length and state, and what more `advance` says of it,
-            ``(memory, …)``; returns memory anew.
-        memory: what that keeps.
+        note: remembers each step.
+        memory: what `note` has remembered before.
         until: so many steps are made at most.
+
+    Returns:
+        The course at the end, how many steps were made, and the memory.
     """
+    adapted = _error_order(method)
+    if not adapted:
+        return _march_evenly(advance, arguments, course, ends, warm, note, memory, until)
     moving, parameters, control = arguments
     t0, t1 = ends
     span = jnp.abs(whole[1] - whole[0])
@@ -158,7 +192,7 @@ def interval(
         size = _norm(errors, (state.q, state.v), (new.q, new.v), control)
         size = lax.stop_gradient(jnp.where(jnp.isfinite(size), size, 1e30))
         good = (size < 1.0) | (warm > 0)
-        factor = jnp.clip(SAFE * jnp.maximum(size, 1e-30) ** (-1.0 / order), LEAST, MOST)
+        factor = jnp.clip(SAFE * jnp.maximum(size, 1e-30) ** (-1.0 / adapted), LEAST, MOST)
         # A step that was shortened to meet a time says little against the one that was wanted.
         wanted = jnp.where(
             good,
@@ -195,29 +229,25 @@ def interval(
     return course, count, memory
 
 
-def _evenly(
-    advance: Advance, arguments: tuple[Any, Any, Control], course: Course, ends: tuple[Array, Array], warm: Array
-) -> Course:
-    """As `interval`, by equal steps."""
+def _march_evenly(
+    advance: Advance, arguments: tuple[Any, Any, Control], course: Course, ends: tuple[Array, Array], warm: Array,
+    note: Note | None, memory: Any, until: Any,
+) -> tuple[Course, Array, Any]:  # fmt: skip
+    """Step as `_march`, by equal steps."""
     moving, _, control = arguments
     t0, t1 = ends
-    steps = jnp.where(t1 > t0, control.equal, 0).astype(course.made[0].dtype)
-    h = (t1 - t0) / control.equal
+    made, vain = course.made
+    h, wanted = (t1 - t0) / control.equal, jnp.where(t1 > t0, control.equal, 0)
+    count = jnp.minimum(jnp.where(warm > 0, warm, wanted), until).astype(made.dtype)
 
-    def once(k, state):
-        return advance(moving, t0 + k * h, h, state)[0]
+    def once(k, carry):
+        state, memory = carry
+        at = t0 + k * h
+        new, _, *more = advance(moving, at, h, state)
+        return new, memory if note is None else note(memory, k, at, h, state, *more)
 
-    state = lax.fori_loop(0, jnp.where(warm > 0, warm, steps), once, course.state)
-    return course._replace(state=state, t=t1, made=(course.made[0] + steps, course.made[1]))
-
-
-class Kept(NamedTuple):
-    """What is kept of an integration at all times ``(T, …)``: all that going back through it needs."""
-
-    state: State
-    t: Array
-    h: Array
-    status: Array
+    state, memory = lax.fori_loop(0, count, once, (course.state, memory))
+    return course._replace(state=state, t=t1, made=(made + wanted.astype(made.dtype), vain)), count, memory
 
 
 def integrate(
@@ -226,48 +256,121 @@ def integrate(
     event: Event | None,
     arguments: tuple[Any, Any, Control],
     t: Array,
-    state: State,
-) -> tuple[Kept, Course]:
-    """What had become of a motion at all times ``(T, …)``, and the course at its end."""
-    order, whole = order_of(method), (t[0], t[-1])
+    state: MotionState,
+) -> tuple[History, Course]:
+    """Move from the first of some times ``(T,)`` to the last.
+
+    Args:
+        advance: a step.
+        method: the method's name.
+        event: what ends the motion.
+        arguments: the motion, the event's parameters, and how long steps are.
+        t: the times that are kept.
+        state: the start, which need not lie on the constraints.
+
+    Returns:
+        The motion at all times, and the course at its end.
+    """
+    adapted, whole = _error_order(method), (t[0], t[-1])
 
     def between(course, xs):
         *ends, warm = xs
-        if order:
-            course, _, _ = interval(advance, order, event, arguments, course, tuple(ends), warm, whole)
-            begun = lax.stop_gradient(first_step(course.state, arguments[2]))
+        course, _, _ = _march(advance, method, event, arguments, course, tuple(ends), warm, whole)
+        if adapted:
+            begun = lax.stop_gradient(_first_step(course.state, arguments[2]))
             course = course._replace(h=jnp.where(course.h > 0.0, course.h, begun))
-        else:
-            course = _evenly(advance, arguments, course, tuple(ends), warm)
         if event is not None:
             first = event(arguments[1], course.t, course.state)
             course = course._replace(value=jnp.where(warm > 0, first, course.value))
-        return course, Kept(course.state, course.t, course.h, course.status)
+        return course, History(course.state, course.t, course.h, course.status)
 
-    course, kept = lax.scan(between, course_of(state, t), intervals(t))
-    return kept, course
-
-
-def order_of(method: str) -> int:
-    """Of a method's estimate of errors; 0 if it has none."""
-    return METHODS[method].order * bool(METHODS[method].error.any())
+    course, history = lax.scan(between, Course.begin(state, t), _intervals(t))
+    return history, course
 
 
-def course_of(state: State, t: Array) -> Course:
-    """An integration that is about to begin."""
-    zero = jnp.zeros((), jnp.int32)
-    return Course(state, t[0], jnp.zeros(()), (zero, zero), zero, jnp.zeros(()))
+def pull_back(
+    advance: Advance,
+    again: Callable,
+    method: str,
+    moving: Any,
+    control: Control,
+    t: Array,
+    start: MotionState,
+    history: History,
+    change: MotionState,
+) -> tuple[Any, MotionState, Array]:
+    """Go back through `integrate`: pull changes of the states back to the motion, the start and the times.
 
+    Args:
+        advance: a step.
+        again: the same step once more, ``(moving, t, h, state, *more)`` with what more `advance` has returned.
+        method: the method's name.
+        moving: the motion.
+        control: how long steps are.
+        t: the times that are kept.
+        start: the start.
+        history: what `integrate` has returned.
+        change: the changes of the states.
+    """
+    adapted, first = _error_order(method), Course.begin(start, t)
+    before = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b[:-1]]), start, history.state)
+    wanted = jnp.concatenate([jnp.zeros(1), history.h[:-1]])
+    going = jnp.concatenate([jnp.zeros(1, history.status.dtype), history.status[:-1]])
+    number = lambda x: jnp.zeros((_KEPT, *jnp.shape(x)), jnp.result_type(x))  # noqa: E731
+    returned = jax.eval_shape(advance, moving, t[0], t[0], start)[2:]
+    blank = jax.tree.map(number, (t[0], t[0], start, *(jax.tree.map(lambda x: jnp.zeros(x.shape), returned))))
 
-def intervals(t: Array) -> tuple[Array, Array, Array]:
-    """Where they begin and end, the first of no length, and how many steps of no length are made in each."""
-    return jnp.concatenate([t[:1], t[:-1]]), t, jnp.where(jnp.arange(len(t)) == 0, START, 0)
+    def note(memory, count, *step):
+        return jax.tree.map(lambda m, x: m.at[count % _KEPT].set(x), memory, step)
+
+    def between(carry, xs):
+        state_bar, moving_bar = carry
+        state, h, status, reached, (t0, t1, warm), more = xs
+        state_bar = jax.tree.map(jnp.add, state_bar, more)
+        course = first._replace(state=state, t=t0, h=h, status=status)
+        wide = jnp.where(reached > t0, reached - t0, 1.0)
+        ends, whole = (t0, reached if adapted else t1), (t[0], reached)
+
+        def back(carry):
+            count, low, memory, state_bar, moving_bar, (t0_bar, t1_bar) = carry
+            count = count - 1
+            at, h, state, *more = jax.tree.map(lambda m: m[count % _KEPT], memory)
+            _, pull = jax.vjp(lambda *x: again(*x, *more), moving, at, h, state)
+            # Behind where a motion failed nothing is asked for: it passes nothing on, however steep it was.
+            asked = jnp.any(jnp.stack([jnp.any(x != 0.0) for x in jax.tree.leaves(state_bar)]))
+            pulled = pull(state_bar)
+            more, t_bar, h_bar, state_bar = jax.tree.map(lambda x: jnp.where(asked, x, 0.0), pulled)
+            part, share = (at - t0) / wide, h / wide
+            t0_bar = t0_bar + (1.0 - part) * t_bar - share * h_bar
+            t1_bar = t1_bar + part * t_bar + share * h_bar
+            moving_bar = jax.tree.map(jnp.add, moving_bar, more)
+            return count, low, memory, state_bar, moving_bar, (t0_bar, t1_bar)
+
+        def some(carry):
+            high, state_bar, moving_bar, ends_bar = carry
+            asked = moving, (), control
+            _, count, memory = _march(advance, method, None, asked, course, ends, warm, whole, note, blank, high)
+            low = jnp.maximum(count - _KEPT, 0)
+            _, _, _, state_bar, moving_bar, ends_bar = lax.while_loop(
+                lambda c: c[0] > c[1], back, (count, low, memory, state_bar, moving_bar, ends_bar)
+            )
+            return low, state_bar, moving_bar, ends_bar
+
+        begin = (jnp.asarray(ALL, jnp.int32), state_bar, moving_bar, (jnp.zeros(()), jnp.zeros(())))
+        _, state_bar, moving_bar, ends_bar = lax.while_loop(lambda c: c[0] > 0, some, begin)
+        return (state_bar, moving_bar), ends_bar
+
+    nothing = jax.tree.map(jnp.zeros_like, (start, moving))
+    xs = before, wanted, going, history.t, _intervals(t), change
+    (start_bar, moving_bar), (t0_bar, t1_bar) = lax.scan(between, nothing, xs, reverse=True)
+    t_bar = t1_bar.at[:-1].add(t0_bar[1:]).at[0].add(t0_bar[0])
+    return moving_bar, start_bar, t_bar
 
 
 def equal_steps(
     advance: Callable[[Array, Array, Any], Any], seen: Callable[[Array, Any], Any], t: Array, carry: Any, steps: int
 ) -> Any:
-    """States at all times after the first by as many equal steps between two times, differentiable both ways.
+    """Return states at all times after the first by as many equal steps between two times, differentiable both ways.
 
     `advance` is a step ``(t, h, carry)``; `seen` what is kept of it, ``(t, carry)``.
     """

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jaxnc.dynamics.inertia import body_inertia
+from jaxnc.dynamics.mass import body_inertia
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Origin, Part, Parts
 from jaxnc.mechanism.place import Place
