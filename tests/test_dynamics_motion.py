@@ -42,6 +42,16 @@ def test_a_start_given_by_a_coordinate_is_at_rest():
     assert float(run["B"][0, 0]) == pytest.approx(0.3, abs=1e-12)
 
 
+def test_a_given_rate_is_met_beside_an_input():
+    """The end of a driven arm moves; what hangs there turns as it was told all the same."""
+    system = benchmarks.double_pendulum().compile()
+    how: dict = {"inputs": {"alpha": lambda t: 0.5 * t}, "method": "rk4", "step": 0.01}
+    run = nc.simulate(system, T[:2], rates={"beta": 1.0}, **how)
+    assert float(run.velocity("alpha")[0]) == pytest.approx(0.5, abs=1e-12)
+    assert float(run.velocity("beta")[0]) == pytest.approx(1.0, abs=1e-12)
+    assert float(run.correction[1]) <= 1e-12
+
+
 def central(f, system, name, index=()):
     value = np.asarray(system[name], float)
     ends = []

@@ -23,7 +23,7 @@ from jaxnc.dynamics.design import Origin, host_differentiates, join_parameters, 
 from jaxnc.dynamics.extended import is_concrete, lift, lift_rates, lower
 from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, Law, RowWeights, StageSolution, weigh_rows
 from jaxnc.dynamics.friction import has_friction
-from jaxnc.dynamics.integrate import Control, History, pull_back
+from jaxnc.dynamics.integrate import Control, History, Integration, pull_back
 from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.runs import (
     Run,
@@ -213,7 +213,7 @@ def run_known(spec: SimulationSpec, numbers: RunNumbers, flow: Flow | None = Non
     found = spec.strip(_flow(spec, numbers) if flow is None else flow)
     found = dataclasses.replace(found, drive_args=numbers.drive_args)
     pose = np.asarray(assemble_pose(spec.system(numbers.parameters), numbers.state, throw=False))
-    start = _start(spec, found, lift(top, pose), numbers.rates, _compiled_rates)
+    start = _start(spec, found, lift(top, pose), numbers.rates, t, _compiled_rates)
     form = choose_form(found, spec)
     if spec.steps and method != "rk4":
         run = run_equal(top, form, method, t, start, spec.steps)
@@ -222,11 +222,11 @@ def run_known(spec: SimulationSpec, numbers: RunNumbers, flow: Flow | None = Non
         control = Control(*map(np.asarray, numbers.control))
         run = run_marched(top, form, method, padded, start, control, spec.event, numbers.event)
 
-    def cut(tree: Any) -> Any:
+    def unpad(tree: Any) -> Any:
         return on_device(jax.tree.map(lambda x: np.asarray(x)[:count], tree))
 
-    smooth, other = (x | cut({k: v for k, v in x.items() if k not in _WHOLE}) for x in (run.smooth, run.other))
-    history = run.history if flow is not None or run.history is None else cut(run.history)
+    smooth, other = (x | unpad({k: v for k, v in x.items() if k not in _WHOLE}) for x in (run.smooth, run.other))
+    history = run.history if flow is not None or run.history is None else unpad(run.history)
     return Run(smooth, other, run.start, history)
 
 
@@ -235,7 +235,7 @@ def _run_traced(spec: SimulationSpec, numbers: RunNumbers) -> Run:
     flow, top = _flow(spec, numbers), spec.topology
     drawn = _is_drawn(numbers.state)
     pose = assemble_pose(spec.system(numbers.parameters), numbers.state) if drawn else numbers.state
-    start = _start(spec, flow, lift(top, pose), numbers.rates, _named_rates)
+    start = _start(spec, flow, lift(top, pose), numbers.rates, numbers.t, _named_rates)
     form = choose_form(flow, spec)
     if spec.steps:
         return run_equal(top, form, spec.method, numbers.t, start, spec.steps)
@@ -251,7 +251,7 @@ def _is_drawn(state: Any) -> bool:
     return state is None or isinstance(state, dict)
 
 
-def _start(spec: SimulationSpec, flow: Flow, q: Any, rates: Any, find_rates: Callable) -> Start:
+def _start(spec: SimulationSpec, flow: Flow, q: Any, rates: Any, t: Any, find_rates: Callable) -> Start:
     """Return the start at a pose with its hidden vectors.
 
     Rates by name are made consistent by `find_rates`, or on the host where it can; all else by the first steps.
@@ -263,15 +263,15 @@ def _start(spec: SimulationSpec, flow: Flow, q: Any, rates: Any, find_rates: Cal
         return Start(q, lift_rates(top, lower(top, q), rates), None, None)
     if isinstance(q, np.ndarray) and not flow.drives and not top.rates:
         return Start(q, rates_on_host(flow, q, (spec.places, rates)), spec.places, rates)
-    return Start(q, find_rates(flow, q, (spec.places, rates)), spec.places, rates)
+    return Start(q, find_rates(flow, q, (spec.places, rates), t[0]), spec.places, rates)
 
 
-def _named_rates(flow: Flow, q: Array, rates: Rates, settled: bool = True) -> Array:
-    """Find consistent rates from rates by name; `settled` as of `start_rates`, and the pose too."""
-    q, _ = flow.impose(flow.dyn.total * 0.0, q, q)
+def _named_rates(flow: Flow, q: Array, rates: Rates, t: Array, settled: bool = True) -> Array:
+    """Find consistent rates at a time from rates by name; `settled` as of `start_rates`, and the pose too."""
+    q, driven = flow.impose(t, q, jnp.zeros_like(q))
     if settled:
         q = flow.project_position(q, 3 if flow.drives else 2)
-    return start_rates(flow.dyn.topology, flow, q, rates, settled)[0]
+    return start_rates(flow.dyn.topology, flow, q, rates, settled, driven)[0]
 
 
 _compiled_rates = filter_jit(_named_rates)
@@ -281,7 +281,7 @@ _compiled_rates = filter_jit(_named_rates)
 
 
 def _tangent(question: _Question, x: Any, rest: Any, smooth: Any, other: Any, change: Any) -> list:
-    return _push_forward(question, list(x), list(rest), list(change))
+    return _push_forward(question, *map(list, (x, rest, change)))
 
 
 @functools.partial(jit, static_argnums=0)
@@ -294,7 +294,7 @@ def _cotangent(question: _Question, x: Any, rest: Any, smooth: Any, other: Any, 
     known = alone(x, rest, smooth, other, change) and is_concrete(numbers)
     if known and spec.method in METHODS and host_differentiates(spec.topology):
         return _pull_back_known(question, numbers, smooth, other, change)
-    return _pull_back_traced(question, list(x), list(rest), list(smooth), list(other), list(change))
+    return _pull_back_traced(question, *map(list, (x, rest, smooth, other, change)))
 
 
 @functools.partial(jit, static_argnums=0)
@@ -345,7 +345,7 @@ def _pull_back_beginning(question: _Question, x: list, rest: list, at: Array, ba
 
 @functools.lru_cache(maxsize=64)
 def _requested_pull_back(question: _Question) -> Callable[[list, list, Equations, Array, tuple], list]:
-    """Return `_pull_back_beginning` with the host's share; XLA's where it is mapped or differentiated."""
+    """Return `_pull_back_beginning` with the host's share; XLA's where it is map_request or differentiated."""
 
     @custom_vmap
     def request(x, rest, eq, at, bars):
@@ -357,7 +357,7 @@ def _requested_pull_back(question: _Question) -> Callable[[list, list, Equations
         return _collect_bars(question, numbers, found, bars, isinstance(origin, Plan))
 
     @request.def_vmap
-    def mapped(size, which, x, rest, eq, at, bars):
+    def map_request(size, which, x, rest, eq, at, bars):
         axes = jax.tree.map(lambda has: 0 if has else None, (which[0], which[1], which[3], which[4]))
         each = functools.partial(_pull_back_beginning, question)
         with numbers_as(at):
@@ -406,6 +406,7 @@ def _origin(spec: SimulationSpec, state: Any) -> Origin:
     return still_coordinates(top, state)
 
 
+@functools.partial(jit, static_argnums=0)
 def _pull_back_run(
     spec: SimulationSpec, flow: Flow, numbers: RunNumbers, smooth: Any, other: Any, change: Any
 ) -> tuple[list, Any, Any, Array, list]:
@@ -414,24 +415,16 @@ def _pull_back_run(
     `smooth` are the arrays of the run that are differentiated, `other` the rest. The change of the start is that of the
     pose with its hidden vectors, if it was assembled.
     """
-    pose = _start_and_history(smooth, other)[0] if _is_drawn(numbers.state) else numbers.state
-    given = pose, numbers.rates, numbers.t, numbers.event, numbers.control
-    return _pull_back_states(spec, _is_drawn(numbers.state), flow, given, smooth, other, change)
-
-
-@functools.partial(jit, static_argnums=(0, 1))
-def _pull_back_states(
-    spec: SimulationSpec, drawn: bool, flow: Flow, given: tuple, smooth: Any, other: Any, change: Any
-) -> tuple:
-    pose, rates, t, parameters, control = given
-    (_, history), (at_bar, history_bar) = _start_and_history(smooth, other), _start_and_history(change, other)
+    (at, history), (at_bar, history_bar) = _start_and_history(smooth, other), _start_and_history(change, other)
+    drawn, rates, t, parameters = _is_drawn(numbers.state), numbers.rates, numbers.t, numbers.event
+    pose = at if drawn else numbers.state
     fields_bar, top = jax.tree.unflatten(_SMOOTH, change[: _SMOOTH.num_leaves]), spec.topology
     moved = _parts(flow), pose, rates, t, _real(parameters)
 
     def beginning(parts, pose, rates, t, event):
         now = _with_parts(flow, parts)
         find_rates = functools.partial(_named_rates, settled=not drawn or bool(spec.drives))
-        start = _start(spec, now, pose if drawn else lift(top, pose), rates, find_rates)
+        start = _start(spec, now, pose if drawn else lift(top, pose), rates, t, find_rates)
         return start._replace(places=None), start.state(now)
 
     def ending(parts, start, t, event, states):
@@ -444,9 +437,8 @@ def _pull_back_states(
     parts_bar, start_bar, t_bar, event_bar, states_bar = finish(fields_bar)
     states_bar = jax.tree.map(jnp.add, states_bar, history_bar.state)
     advance, again = _replayed_steps(flow, spec.method)
-    more, first_bar, t_more = pull_back(
-        advance, again, spec.method, parts, control, t, first, history, states_bar
-    )  # fmt: skip
+    job = Integration(advance, spec.method, parts, numbers.control, t)
+    more, first_bar, t_more = pull_back(job, again, first, history, states_bar)
     found = back((start_bar._replace(q=start_bar.q + at_bar), first_bar))
     still = jax.tree.map(jnp.zeros_like, moved[1:3])
     return jax.tree.map(lambda *x: sum(x[1:], x[0]), found, (parts_bar, *still, t_bar, event_bar), (

@@ -140,11 +140,11 @@ def _evaluate(motion: Motion, order: int, f: Callable[..., Any], *more: Any) -> 
         q, v = (np.asarray(x).reshape(-1, len(system.topology.coordinates)) for x in states)
         dyn = jax.tree.map(np.asarray, dynamics(extended(system)))
         with np.errstate(all="ignore"):
-            out = on_device(f(dyn, *lift_states(system.topology, q, v), *map(np.asarray, more)))
-    else:
-        q = motion.q.reshape(-1, motion.q.shape[-1])
-        v = motion.rates[0].reshape(q.shape) if order else jnp.zeros_like(q)
-        out = _evaluate_traced(f, system, q, v, *more)
+            out = f(dyn, *lift_states(system.topology, q, v), *map(np.asarray, more))
+        return on_device(out.reshape(*lead, *out.shape[1:]))
+    q = motion.q.reshape(-1, motion.q.shape[-1])
+    v = motion.rates[0].reshape(q.shape) if order else jnp.zeros_like(q)
+    out = _evaluate_traced(f, system, q, v, *more)
     return out.reshape(*lead, *out.shape[1:])
 
 
@@ -198,12 +198,12 @@ class EnergyBalance:
         """Largest amount that one kind of energy has changed by since the start, J."""
         flows = self.inputs, self.loads, self.dissipated, self.friction
         changes = [*flows, self.kinetic - self.kinetic[0], self.potential - self.potential[0]]
-        return max(_largest(x) for x in changes)
+        return max(_largest_magnitude(x) for x in changes)
 
     @property
     def largest(self) -> float:
         """Largest error at any time, J."""
-        return _largest(self.error)
+        return _largest_magnitude(self.error)
 
     @property
     def relative(self) -> float:
@@ -243,18 +243,18 @@ def energy_balance(motion: Motion) -> EnergyBalance:
     if count > 1 and _exchanges(motion):
         fine, rough = _works(motion, count)
         work[:, :count] = fine
-        doubt = np.inf if _missed(motion, t[:count]) else _largest((fine - rough).sum(axis=0))
+        doubt = np.inf if _leaps(motion, t[:count]) else _largest_magnitude((fine - rough).sum(axis=0))
     stored = kinetic + potential
     error = work.sum(axis=0) - (stored - stored[0])
     inputs, loads, damped, rubbed = work
     return EnergyBalance(t, kinetic, potential, inputs, loads, 0.0 - damped, 0.0 - rubbed, error, doubt)
 
 
-def _largest(x: np.ndarray) -> float:
+def _largest_magnitude(x: np.ndarray) -> float:
     return float(np.nanmax(np.abs(x), initial=0.0)) if np.isfinite(x).any() else 0.0
 
 
-def _missed(motion: Motion, t: np.ndarray) -> bool:
+def _leaps(motion: Motion, t: np.ndarray) -> bool:
     """Tell whether points change their velocities between two times by more than their accelerations account for."""
     places = len(motion.system.topology.points) * motion.system.topology.dim
     v, a = (np.asarray(x)[: len(t), :places] for x in motion.rates[:2])

@@ -163,7 +163,7 @@ class _Constant:
         return 0.0 * t + self.value
 
 
-def _unbalanced(flow: Flow, q: Array, lam: Array) -> Array:
+def _residual_forces(flow: Flow, q: Array, lam: Array) -> Array:
     """Return what the forces and the rows together leave on the unknowns, ``(n,)``: zero in an equilibrium."""
     _, j, _ = flow.view.linearise(flow.dyn.eq, q)
     return -forces(flow.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[flow.view.unknown] + j.T @ lam
@@ -173,22 +173,22 @@ def _stiffness(flow: Flow, q: Array, lam: Array) -> Array:
     """Differentiate `_unbalanced` by the unknowns as lengths; symmetric where all forces have a potential."""
     u = flow.view.unknown
     weight = weights(flow.dyn.eq)[u]
-    return jax.jacfwd(lambda x: _unbalanced(flow, q.at[u].set(x), lam))(q[u]) / (weight[:, None] * weight[None])
+    return jax.jacfwd(lambda x: _residual_forces(flow, q.at[u].set(x), lam))(q[u]) / (weight[:, None] * weight[None])
 
 
-def _tangent(flow: Flow, q: Array, lam: Array) -> Array:
+def _symmetric_stiffness(flow: Flow, q: Array, lam: Array) -> Array:
     """Return the stiffness that a potential would have."""
     k = _stiffness(flow, q, lam)
     return 0.5 * (k + k.T)
 
 
-def _admitted(j: Array) -> Array:
+def _project_admissible(j: Array) -> Array:
     """Return the projection on the motions that rows ``(m, n)`` admit."""
     eye = jnp.eye(j.shape[1])
     return jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
 
 
-def _largest(k: Array) -> Array:
+def _largest_stiffness(k: Array) -> Array:
     """Return the largest stiffness, 1 where there is none at all."""
     size = largest(k)
     return jnp.where(size > 0, size, 1.0)
@@ -210,15 +210,15 @@ def _balanced_change(_: None, found: tuple[Array, Array], args: tuple, changes: 
     view, eq = flow.view, flow.dyn.eq
     q, lam = jnp.where(ok, found[0], eq.home), jnp.where(ok, found[1], 0.0)
 
-    def left(flow: Flow) -> tuple[Array, Array, Array]:
+    def imbalance(flow: Flow) -> tuple[Array, Array, Array]:
         at = q.at[view.fixed].set(flow.dyn.eq.home[view.fixed])
-        return at, _unbalanced(flow, at, lam), residual(flow.dyn.eq, at)[view.rows]
+        return at, _residual_forces(flow, at, lam), residual(flow.dyn.eq, at)[view.rows]
 
-    at, wrong, miss = (jnp.where(ok, x, 0.0) for x in jax.jvp(left, (flow,), changes[:1])[1])
+    at, wrong, miss = (jnp.where(ok, x, 0.0) for x in jax.jvp(imbalance, (flow,), changes[:1])[1])
     weight = weights(eq)[view.unknown]
     j, k = view.linearise(eq, q)[1] / weight, _stiffness(flow, q, lam)
-    spread = jax.lax.stop_gradient(_largest(k))
-    k, p = k / spread, _admitted(j)
+    spread = jax.lax.stop_gradient(_largest_stiffness(k))
+    k, p = k / spread, _project_admissible(j)
     still = _indifferent(*jax.lax.stop_gradient((0.5 * (k + k.T), p)))
     rows = saddle(jnp.eye(len(k)), j, True)
     dx = rows(jnp.zeros(len(k)), -miss)[0]
@@ -277,7 +277,8 @@ def _find(flow: Flow, q: Array, downhill: bool):
         j = j / weight
         free, lam = saddle(eye, j, True)(f, jnp.zeros(j.shape[0]))
         energy, slope = jax.value_and_grad(lambda x: potential(fixed.dyn, x))(q) if downhill else (jnp.zeros(()), q)
-        return _Place(f, free, lam, j, _tangent(fixed, q, lam), _admitted(j), energy, every + slope)
+        k = _symmetric_stiffness(fixed, q, lam)
+        return _Place(f, free, lam, j, k, _project_admissible(j), energy, every + slope)
 
     def more(state):
         i, *_, stop = state
@@ -294,7 +295,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
         shift = jnp.where(shift < 1e-8, 0.0, shift)
         stop = (i > 0) & ((largest(at.free) <= 1e-13 * size) | (far < 1e-15 * length) | (shift > 1e8))
         k, p = at.k, at.p
-        spread = _largest(k)
+        spread = _largest_stiffness(k)
         if downhill:
             # Newton on the admissible motions, every one of them taken as stiff as it is curved: downhill in any case.
             values, vectors = dense.symmetric_eigen(p @ k @ p)
@@ -314,7 +315,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     f, lam, k, p = at.f, at.lam, at.k, at.p
     left = largest(at.free)
     gap = largest(residual(fixed.dyn.eq, q)[view.rows])
-    spread = _largest(k)
+    spread = _largest_stiffness(k)
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
     rounding = jnp.maximum(_ROUND * 1e3 * jnp.maximum(largest(f), 1e-300), _PLACE * largest(k) * length)
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))

@@ -311,22 +311,22 @@ class Flow:
         gaps, still = jnp.concatenate([r, jnp.zeros(len(slip) - len(r))]), jnp.zeros_like(q)
         weight, size, inner = self.scale()
 
-        def driven() -> Array:
+        def drive() -> Array:
             return still.at[view.known].set(self.drive_values(jnp.asarray(t, float))[2])
 
         def push() -> Array:
-            right = forces(dyn, jnp.asarray(t, float), q, v) - dyn.mass @ driven()
+            right = forces(dyn, jnp.asarray(t, float), q, v) - dyn.mass @ drive()
             return (right if extra is None else right + extra)[u] / (weight * size)
 
         def bend() -> Array:
-            return -bent - known @ driven()[view.known]
+            return -bent - known @ drive()[view.known]
 
         f = select_stage(stage, push, lambda: still[u], lambda: still[u])
         g = select_stage(stage, bend, lambda: -gaps, lambda: -slip)
         if len(slip) > len(r):  # rows on velocities say nothing of where a pose belongs
             j = j.at[len(r) :].multiply(select_stage(stage, lambda: 1.0, lambda: 0.0, lambda: 1.0))
         x, y = saddle(inner, j / weight, self.redundant)(f, g)
-        base = select_stage(stage, driven, lambda: still, lambda: still)
+        base = select_stage(stage, drive, lambda: still, lambda: still)
         return StageSolution(base.at[u].set(x / weight), y * size, largest(r), largest(slip))
 
     def accelerate(

@@ -103,7 +103,7 @@ def frictions(
         if index.bodies is not None:
             rub = _pin if top.dim == 2 else _hinge
         elif index.point >= 0:
-            rub = _guided
+            rub = _guide
         else:
             rub = _slider if top.dim == 2 else _sleeve
         found.append(rub(now, index, numbers))
@@ -192,7 +192,7 @@ def _sleeve(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array,
     return rest.at[np.arange(3) + on[0] * 3].add(push), rest.at[np.arange(3) + start * 3].add(-push)
 
 
-def _guided(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array]:
+def _guide(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array]:
     """Rub at a point with a fixed coordinate, by what holds the coordinate."""
     dyn, top = now.dyn, now.dyn.topology
     at = np.arange(top.dim) + index.point * top.dim

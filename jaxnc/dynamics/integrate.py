@@ -48,6 +48,34 @@ class Control(NamedTuple):
     equal: Any  # so many equal steps between two times, by a method that estimates no errors
 
 
+class Integration(NamedTuple):
+    """A motion to be integrated, and the way to do it."""
+
+    advance: Advance
+    method: str  # its steps are adapted if it estimates errors, else equal
+    moving: Any  # the motion, as `advance` takes it
+    control: Control
+    t: Array  # the times that are kept, (T,)
+    event: Event | None = None  # of steps that are adapted
+    parameters: Any = ()  # of the event
+
+    @property
+    def order(self) -> int:
+        """Order of the method's estimate of errors; 0 if it has none."""
+        return METHODS[self.method].order * bool(METHODS[self.method].error.any())
+
+    @property
+    def intervals(self) -> tuple[Array, Array, Array]:
+        """Begins and ends of all intervals, the first of no length, and counts of the steps of no length in each."""
+        t = self.t
+        return jnp.concatenate([t[:1], t[:-1]]), t, jnp.where(jnp.arange(len(t)) == 0, START, 0)
+
+    def begin(self, state: MotionState) -> "Course":
+        """Begin at the first time."""
+        zero = jnp.zeros((), jnp.int32)
+        return Course(state, self.t[0], jnp.zeros(()), (zero, zero), zero, jnp.zeros(()))
+
+
 class Course(NamedTuple):
     """An integration on its way."""
 
@@ -57,12 +85,6 @@ class Course(NamedTuple):
     made: tuple[Array, Array]  # steps made, and steps made in vain
     status: Array  # `jaxnc.Status`, zero while it goes on
     value: Array  # the event's function there
-
-    @classmethod
-    def begin(cls, state: MotionState, t: Array) -> "Course":
-        """Begin an integration at the first of some times."""
-        zero = jnp.zeros((), jnp.int32)
-        return cls(state, t[0], jnp.zeros(()), (zero, zero), zero, jnp.zeros(()))
 
 
 class History(NamedTuple):
@@ -125,52 +147,18 @@ def _first_step(state: MotionState, control: Control) -> Array:
     return jnp.where(control.first > 0.0, control.first, chosen)
 
 
-def _error_order(method: str) -> int:
-    """Return the order of a method's estimate of errors; 0 if it has none."""
-    return METHODS[method].order * bool(METHODS[method].error.any())
-
-
-def _intervals(t: Array) -> tuple[Array, Array, Array]:
-    """Return begins and ends of all intervals, the first of no length, and the steps of no length in each."""
-    return jnp.concatenate([t[:1], t[:-1]]), t, jnp.where(jnp.arange(len(t)) == 0, START, 0)
-
-
 def _march(
-    advance: Advance,
-    method: str,
-    event: Event | None,
-    arguments: tuple[Any, Any, Control],
-    course: Course,
-    ends: tuple[Array, Array],
-    warm: Array,
-    whole: tuple[Array, Array],
-    note: Note | None = None,
-    memory: Any = (),
-    until: Any = ALL,
-) -> tuple[Course, Array, Any]:
-    """Step from one kept time to the next.
+    job: Integration, course: Course, ends: tuple[Array, Array], warm: Array, whole: tuple[Array, Array],
+    note: Note | None = None, memory: Any = (), until: Any = ALL,
+) -> tuple[Course, Array, Any]:  # fmt: skip
+    """Step from one kept time to the next; return the course there, the count of steps, and the memory of them.
 
-    Args:
-        advance: a step.
-        method: the method's name: its steps are adapted if it estimates errors, else equal.
-        event: what ends the motion, if steps are adapted.
-        arguments: the motion, the event's parameters, and how long steps are.
-        course: where it begins.
-        ends: the two times.
-        warm: so many steps of no length are made instead.
-        whole: first and last time of the whole motion.
-        note: remembers each step.
-        memory: what `note` has remembered before.
-        until: so many steps are made at most.
-
-    Returns:
-        The course at the end, how many steps were made, and the memory.
+    `warm` steps of no length are made instead, where it is not 0. `whole` are first and last time of the whole motion,
+    `note` remembers each step in a memory, and `until` is the most that are made.
     """
-    adapted = _error_order(method)
-    if not adapted:
-        return _march_evenly(advance, arguments, course, ends, warm, note, memory, until)
-    moving, parameters, control = arguments
-    t0, t1 = ends
+    if not job.order:
+        return _march_evenly(job, course, ends, warm, note, memory, until)
+    control, event, (t0, t1) = job.control, job.event, ends
     span = jnp.abs(whole[1] - whole[0])
 
     def more(carry):
@@ -188,11 +176,11 @@ def _march(
         # Steps keep their share of the interval where its ends are changed.
         wide = jnp.where(t1 > t0, t1 - t0, 1.0)
         h = jnp.where(warm > 0, 0.0, lax.stop_gradient(h / wide) * wide)
-        new, errors, *more = advance(moving, t, h, state)
+        new, errors, *more = job.advance(job.moving, t, h, state)
         size = _norm(errors, (state.q, state.v), (new.q, new.v), control)
         size = lax.stop_gradient(jnp.where(jnp.isfinite(size), size, 1e30))
         good = (size < 1.0) | (warm > 0)
-        factor = jnp.clip(SAFE * jnp.maximum(size, 1e-30) ** (-1.0 / adapted), LEAST, MOST)
+        factor = jnp.clip(SAFE * jnp.maximum(size, 1e-30) ** (-1.0 / job.order), LEAST, MOST)
         # A step that was shortened to meet a time says little against the one that was wanted.
         wanted = jnp.where(
             good,
@@ -202,7 +190,7 @@ def _march(
         wanted = jnp.where(warm > 0, course.h, lax.stop_gradient(wanted))
         status, value, there, taken = course.status, course.value, jnp.where(last, t1, t + h), good
         if event is not None:
-            value = event(parameters, there, new)
+            value = event(job.parameters, there, new)
             crossed = (value * course.value < 0.0) | ((value == 0.0) & (course.value != 0.0))
             looking = good & (warm == 0) & (crossed | (bracket.high > 0.0))
             met = looking & ((jnp.abs(h - bracket.last) <= 1e-14 * span) | (value == 0.0))
@@ -230,94 +218,56 @@ def _march(
 
 
 def _march_evenly(
-    advance: Advance, arguments: tuple[Any, Any, Control], course: Course, ends: tuple[Array, Array], warm: Array,
-    note: Note | None, memory: Any, until: Any,
-) -> tuple[Course, Array, Any]:  # fmt: skip
+    job: Integration, course: Course, ends: tuple[Array, Array], warm: Array, note: Note | None, memory: Any, until: Any
+) -> tuple[Course, Array, Any]:
     """Step as `_march`, by equal steps."""
-    moving, _, control = arguments
     t0, t1 = ends
     made, vain = course.made
-    h, wanted = (t1 - t0) / control.equal, jnp.where(t1 > t0, control.equal, 0)
+    h, wanted = (t1 - t0) / job.control.equal, jnp.where(t1 > t0, job.control.equal, 0)
     count = jnp.minimum(jnp.where(warm > 0, warm, wanted), until).astype(made.dtype)
 
     def once(k, carry):
         state, memory = carry
         at = t0 + k * h
-        new, _, *more = advance(moving, at, h, state)
+        new, _, *more = job.advance(job.moving, at, h, state)
         return new, memory if note is None else note(memory, k, at, h, state, *more)
 
     state, memory = lax.fori_loop(0, count, once, (course.state, memory))
     return course._replace(state=state, t=t1, made=(made + wanted.astype(made.dtype), vain)), count, memory
 
 
-def integrate(
-    advance: Advance,
-    method: str,
-    event: Event | None,
-    arguments: tuple[Any, Any, Control],
-    t: Array,
-    state: MotionState,
-) -> tuple[History, Course]:
-    """Move from the first of some times ``(T,)`` to the last.
-
-    Args:
-        advance: a step.
-        method: the method's name.
-        event: what ends the motion.
-        arguments: the motion, the event's parameters, and how long steps are.
-        t: the times that are kept.
-        state: the start, which need not lie on the constraints.
-
-    Returns:
-        The motion at all times, and the course at its end.
-    """
-    adapted, whole = _error_order(method), (t[0], t[-1])
+def integrate(job: Integration, state: MotionState) -> tuple[History, Course]:
+    """Move from a start, which need not lie on the constraints; return the motion at all times and its last course."""
+    whole = job.t[0], job.t[-1]
 
     def between(course, xs):
         *ends, warm = xs
-        course, _, _ = _march(advance, method, event, arguments, course, tuple(ends), warm, whole)
-        if adapted:
-            begun = lax.stop_gradient(_first_step(course.state, arguments[2]))
+        course, _, _ = _march(job, course, tuple(ends), warm, whole)
+        if job.order:
+            begun = lax.stop_gradient(_first_step(course.state, job.control))
             course = course._replace(h=jnp.where(course.h > 0.0, course.h, begun))
-        if event is not None:
-            first = event(arguments[1], course.t, course.state)
+        if job.event is not None:
+            first = job.event(job.parameters, course.t, course.state)
             course = course._replace(value=jnp.where(warm > 0, first, course.value))
         return course, History(course.state, course.t, course.h, course.status)
 
-    course, history = lax.scan(between, Course.begin(state, t), _intervals(t))
+    course, history = lax.scan(between, job.begin(state), job.intervals)
     return history, course
 
 
 def pull_back(
-    advance: Advance,
-    again: Callable,
-    method: str,
-    moving: Any,
-    control: Control,
-    t: Array,
-    start: MotionState,
-    history: History,
-    change: MotionState,
+    job: Integration, again: Callable, start: MotionState, history: History, change: MotionState
 ) -> tuple[Any, MotionState, Array]:
     """Go back through `integrate`: pull changes of the states back to the motion, the start and the times.
 
-    Args:
-        advance: a step.
-        again: the same step once more, ``(moving, t, h, state, *more)`` with what more `advance` has returned.
-        method: the method's name.
-        moving: the motion.
-        control: how long steps are.
-        t: the times that are kept.
-        start: the start.
-        history: what `integrate` has returned.
-        change: the changes of the states.
+    `again` is a step once more, ``(moving, t, h, state, *more)`` with what more `job.advance` has returned.
     """
-    adapted, first = _error_order(method), Course.begin(start, t)
+    moving, t, first = job.moving, job.t, job.begin(start)
     before = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b[:-1]]), start, history.state)
     wanted = jnp.concatenate([jnp.zeros(1), history.h[:-1]])
     going = jnp.concatenate([jnp.zeros(1, history.status.dtype), history.status[:-1]])
     number = lambda x: jnp.zeros((_KEPT, *jnp.shape(x)), jnp.result_type(x))  # noqa: E731
-    returned = jax.eval_shape(advance, moving, t[0], t[0], start)[2:]
+    returned = jax.eval_shape(job.advance, moving, t[0], t[0], start)[2:]
     blank = jax.tree.map(number, (t[0], t[0], start, *(jax.tree.map(lambda x: jnp.zeros(x.shape), returned))))
 
     def note(memory, count, *step):
@@ -329,7 +279,7 @@ def pull_back(
         state_bar = jax.tree.map(jnp.add, state_bar, more)
         course = first._replace(state=state, t=t0, h=h, status=status)
         wide = jnp.where(reached > t0, reached - t0, 1.0)
-        ends, whole = (t0, reached if adapted else t1), (t[0], reached)
+        ends, whole = (t0, reached if job.order else t1), (t[0], reached)
 
         def back(carry):
             count, low, memory, state_bar, moving_bar, (t0_bar, t1_bar) = carry
@@ -348,8 +298,7 @@ def pull_back(
 
         def some(carry):
             high, state_bar, moving_bar, ends_bar = carry
-            asked = moving, (), control
-            _, count, memory = _march(advance, method, None, asked, course, ends, warm, whole, note, blank, high)
+            _, count, memory = _march(job, course, ends, warm, whole, note, blank, high)
             low = jnp.maximum(count - _KEPT, 0)
             _, _, _, state_bar, moving_bar, ends_bar = lax.while_loop(
                 lambda c: c[0] > c[1], back, (count, low, memory, state_bar, moving_bar, ends_bar)
@@ -361,7 +310,7 @@ def pull_back(
         return (state_bar, moving_bar), ends_bar
 
     nothing = jax.tree.map(jnp.zeros_like, (start, moving))
-    xs = before, wanted, going, history.t, _intervals(t), change
+    xs = before, wanted, going, history.t, job.intervals, change
     (start_bar, moving_bar), (t0_bar, t1_bar) = lax.scan(between, nothing, xs, reverse=True)
     t_bar = t1_bar.at[:-1].add(t0_bar[1:]).at[0].add(t0_bar[0])
     return moving_bar, start_bar, t_bar

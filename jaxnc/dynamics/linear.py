@@ -89,7 +89,7 @@ class Linearisation:
 
     @property
     def stable(self) -> bool:
-        """Whether no eigenvalue has a positive real part."""
+        """True if no eigenvalue has a positive real part."""
         values = self.eigenvalues
         return bool(np.max(np.real(values), initial=-np.inf) <= 1e-9 * np.max(np.abs(values), initial=1e-300))
 
@@ -264,14 +264,14 @@ def _linearise(flow: Flow, view: Plan, q: Array, v: Array, at: list[int]):
     basis, turned, rows = _state_changes(flow, view, q, v)
     mass = basis.T @ flow.dyn.mass @ basis
 
-    def moved(q, v, efforts):
+    def accelerate(q, v, efforts):
         extra = jnp.zeros_like(v).at[np.array(at)].add(efforts) if at else None
         return flow.accelerate(jnp.zeros(()), q, v, extra)[0]
 
     zero, state = jnp.zeros_like(basis), (q, v, jnp.zeros(count))
     none = jnp.zeros((len(v), count))
     ways = jnp.block([basis, zero, none]), jnp.block([turned, basis, none]), jnp.eye(count, 2 * g + count, 2 * g)
-    whole, slopes = jax.vmap(lambda *way: jax.jvp(moved, state, way), in_axes=1, out_axes=(None, 1))(*ways)
+    whole, slopes = jax.vmap(lambda *way: jax.jvp(accelerate, state, way), in_axes=1, out_axes=(None, 1))(*ways)
     by_z, by_dz, by_efforts = jnp.split(slopes[known], (g, 2 * g), axis=1)
     a = jnp.block([[jnp.zeros((g, g)), jnp.eye(g)], [by_z, by_dz]])
     b = jnp.concatenate([jnp.zeros((g, count)), by_efforts])

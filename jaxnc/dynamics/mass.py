@@ -17,7 +17,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device
 from jaxnc.constraints.directions import unit
-from jaxnc.dynamics.extended import is_concrete
+from jaxnc.dynamics.extended import extended, is_concrete
 from jaxnc.solvers.assembly import by_identity
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.host_kinds import Formula
@@ -37,8 +37,10 @@ def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim 
 
     Returns:
         The mass matrix on all coordinates ``(N, N)``, kg (kg m² where coordinates are pure numbers); the first moments
-        ``(dim, N)``, so that ``moments @ q`` is total mass times centre of mass; the total mass.
+        ``(dim, N)``, so that ``moments @ q`` is total mass times centre of mass; the total mass. Where spatial bodies
+        have hidden vectors these are coordinates, too: see `jaxnc.dynamics.extended`.
     """
+    system = extended(system)
     if is_concrete(system):
         return on_device(sum_inertias(system.topology, inertias(system)))
     return _mass_matrix(system)
@@ -113,7 +115,7 @@ def group_inertias(
     out = []
     for group in top.loads.inertias:
         numbers = _gather_numbers(top.dim, group, points, drawing, vectors, physical)
-        evaluate = _evaluate_lanes if isinstance(points, np.ndarray) else _evaluate_traced
+        evaluate = _evaluate_lanes if isinstance(points, np.ndarray) else _trace_inertias
         out.append((inertia_coordinates(top, group), *evaluate(top.dim, group[0], numbers), numbers["mass"]))
     return out
 
@@ -133,7 +135,7 @@ def inertia_nodes(index: InertiaIndex) -> list[int]:
     return [index.origin, *(i for s in index.segments for i in s)]
 
 
-def _evaluate_traced(dim: int, one: InertiaIndex, numbers: dict) -> tuple[Array, Array]:
+def _trace_inertias(dim: int, one: InertiaIndex, numbers: dict) -> tuple[Array, Array]:
     """Return mass matrices and first moments of bodies of the form of `one`, in one mapped call."""
     made = _combinations(one)
     return jax.vmap(lambda x: _body_inertia(dim, one.shape, made, x))(numbers)
@@ -233,7 +235,7 @@ def _body_inertia(dim: int, shape: str, made: np.ndarray, x: dict[str, Array]) -
     else:
         axes = _axes(x["frame"])
         base = axes @ x["spans"].T
-        inverse = _inverse(base)
+        inverse = _invert(base)
         c = inverse @ com
         about = inverse @ (second + m * com[:, None] * com[None]) @ inverse.T
         j = jnp.concatenate(
@@ -258,7 +260,7 @@ def _axes(frame: Array) -> Array:
     return jnp.stack([first, second, jnp.cross(first, second)])
 
 
-def _inverse(a: Array) -> Array:
+def _invert(a: Array) -> Array:
     """Invert a matrix of three rows, or of one, by its cofactors."""
     if a.shape[0] == 1:
         return 1.0 / a

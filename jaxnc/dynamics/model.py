@@ -208,10 +208,10 @@ def drawn_parameters(kind: ForceKind, dim: int) -> tuple[Formula, list[bool]]:
     def read(y: Array) -> Array:
         return jnp.stack([jnp.zeros((), y.dtype) if c is None else jnp.asarray(c, y.dtype) for c in call(y)])
 
-    def said(y: Array) -> tuple[Any, ...]:
+    def say(y: Array) -> tuple[Any, ...]:
         return tuple(None if c is None else jnp.asarray(c, float) for c in call(y))
 
-    missing = [value is None for value in jax.eval_shape(said, jax.ShapeDtypeStruct((width,), float))]
+    missing = [value is None for value in jax.eval_shape(say, jax.ShapeDtypeStruct((width,), float))]
     try:
         return Formula(reading(read, (), ((width,),))[0]), missing
     except Unreadable:  # a user's kind, with an operation that the host does not know
@@ -277,11 +277,11 @@ def instance_force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Arr
     if loss := kind.dissipation:
         what, at = f"kind {kind.name!r}: dissipation=", _split(top.dim, kind, x)
 
-        def lost(dy: Array) -> Array:
+        def dissipate(dy: Array) -> Array:
             found = ask(loss, what, "p, v, s, dp, dv, ds, c", *at, *_split(top.dim, kind, dy), c)
             return real(found, what, "one number", ())
 
-        total = total - jax.grad(lost)(dx)
+        total = total - jax.grad(dissipate)(dx)
     if kind.force is not None:
         what, returns = f"kind {kind.name!r}: force=", "forces on its points, vectors and scalars, an array of each"
         at = *_split(top.dim, kind, x), *_split(top.dim, kind, dx)

@@ -48,7 +48,7 @@ from jaxnc.types import Array
 
 @public
 class Load(NamedTuple):
-    """What a spring, damper, stop, actuator, force or friction does.
+    """Value and power of a spring, damper, stop, actuator, force or friction.
 
     Attributes:
         value: of what acts between two points the tension, N ``(...,)``, positive where it draws them together; on an
@@ -70,41 +70,42 @@ def _load_by_name(top: Topology, found: Parts, v: Array, name: str, seen: np.nda
         hint = nearest(name, known) if known else "it has no springs, dampers, forces or frictions"
         raise InputError(f"{top.name!r} has no load {name!r}; {hint}")
     plain = top.names[owner.thing][owner.number]
+    blocks = [b for b, block in enumerate(top.loads.forces) if plain in block.names]
+    if owner.thing is not Thing.FRICTION and blocks:
+        return _load_of_kind(top, found, v, blocks[0], top.loads.forces[blocks[0]].names.index(plain), seen)
+    at: Any = seen
     if owner.thing is Thing.FRICTION:
-        at = [index.name for index in top.loads.friction].index(plain)
-        force = sum(found.friction[at], v * 0.0)
-        return Load(force[:, seen], (force * v).sum(-1))
-    for b, block in enumerate(top.loads.forces):
-        if plain in block.names:
-            return _load_of_kind(top, found, v, b, block.names.index(plain), seen)
-    at = [f.name for f in top.loads.functions].index(plain)
-    function, force = top.loads.functions[at], found.functions[at]
-    power = (force * v).sum(-1)
-    if function.acts == "effort":
-        return Load(force[:, function.at], power)
-    if function.acts == "force":
-        return Load(force[:, function.at * top.dim : (function.at + 1) * top.dim], power)
-    return Load(force[:, seen], power)
+        force = sum(found.friction[[index.name for index in top.loads.friction].index(plain)], v * 0.0)
+    else:
+        number = [f.name for f in top.loads.functions].index(plain)
+        function, force = top.loads.functions[number], found.functions[number]
+        if function.acts == "effort":
+            at = function.at
+        elif function.acts == "force":
+            at = slice(function.at * top.dim, (function.at + 1) * top.dim)
+    return Load(force[:, at], (force * v).sum(-1))
 
 
 def _load_of_kind(top: Topology, found: Parts, v: Array, b: int, i: int, seen: np.ndarray) -> Load:
     block = top.loads.forces[b]
     kind, at, force = block.kind, force_variables(top, b)[i], found.loads[b][:, i]
-    power = (force * v[:, at]).sum(-1)
     takes = kind.points, kind.vectors, kind.scalars
     if takes == (0, 0, 1):
-        return Load(force[:, 0], power)
-    if takes == (1, 0, 0):
-        return Load(force, power)
-    if takes == (2, 0, 0):
+        value = force[:, 0]
+    elif takes == (1, 0, 0):
+        value = force
+    elif takes == (2, 0, 0):
         points = spread(top, found.q)[0]
         start, end = block.points[i]
         along = points[:, end] - points[:, start]
         first, second = force[:, : top.dim], force[:, top.dim :]
         if kind == COUPLE:
-            return Load(cross(along, second), power)
-        return Load(0.5 * jax.vmap(lambda f, d: ratio(dot(f, d), norm(d)))(first - second, along), power)
-    return Load(jnp.zeros_like(v).at[:, at].add(force)[:, seen], power)
+            value = cross(along, second)
+        else:
+            value = 0.5 * jax.vmap(lambda f, d: ratio(dot(f, d), norm(d)))(first - second, along)
+    else:
+        value = jnp.zeros_like(v).at[:, at].add(force)[:, seen]
+    return Load(value, (force * v[:, at]).sum(-1))
 
 
 def _loads_on(top: Topology, coordinate: str) -> list[str]:
@@ -199,16 +200,16 @@ class Reactions:
         Raises:
             InputError: an unknown body or point.
         """
-        return self._listed(self._ledger(), _number(extended(self.motion.system).topology, body), about, frame)
+        return self._name_wrenches(self._ledger(), _number(extended(self.motion.system).topology, body), about, frame)
 
     def all(self) -> dict[str, dict[str, Wrench]]:
-        """What `on` gives of every body, about the centre of mass of each."""
+        """All wrenches on every body, as `on` returns them, about the centre of mass of each."""
         ledger = self._ledger()
-        return {body.name: self._listed(ledger, b, None, None) for b, body in enumerate(ledger.top.bodies)}
+        return {body.name: self._name_wrenches(ledger, b, None, None) for b, body in enumerate(ledger.top.bodies)}
 
     @_in_one_program
     def at(self, point: str, on: str, frame: str | None = None) -> Wrench:
-        """What passes into a body where it holds a point (and the vectors that it shares there).
+        """The wrench that passes into a body where it holds a point (and the vectors that it shares there).
 
         Args:
             point: a point of the body. Where it shares further points or vectors with the same neighbours, as along a
@@ -230,11 +231,11 @@ class Reactions:
             names = [top.points[p] for p in top.bodies[b].points]
             raise InputError(f"body {on!r} has no point {point!r}; {nearest(point, names)}")
         ledger, p = self._ledger(), top.points.index(point)
-        return self._framed(self._reduced(ledger.at(b, p), ledger.points[..., p, :]), frame)
+        return self._in_frame(self._move_to(ledger.at(b, p), ledger.points[..., p, :]), frame)
 
     @_in_one_program
     def joint(self, name: str, on: str, about: str | None = None, frame: str | None = None) -> Wrench:
-        """What a joint that writes rows does to a body, with all that belongs to it: one wrench for a physical joint.
+        """The wrench of a joint that writes rows on a body, with all that belongs to it: one for a physical joint.
 
         Of a gear it is the force at the pitch point, of a rolling disc that at the contact.
 
@@ -262,8 +263,8 @@ class Reactions:
         ledger, first = self._ledger(), top.bodies[b].points[0] if about is None else _point(top, about)
         wrench = ledger.wrenches[b].get((owner.thing.noun, top.called(owner)))
         if wrench is None:
-            wrench = ledger.pressed(b, owner)
-        return self._framed(self._reduced(wrench, ledger.points[..., first, :]), frame)
+            wrench = ledger.press_on(b, owner)
+        return self._in_frame(self._move_to(wrench, ledger.points[..., first, :]), frame)
 
     @_in_one_program
     def support(self, point: str) -> Array:
@@ -278,7 +279,7 @@ class Reactions:
 
     @_in_one_program
     def load(self, name: str) -> Load:
-        """What a spring, damper, stop, force, torque or friction does, by its name: a spring's tension, its power.
+        """The effect of a spring, damper, stop, force, torque or friction by its name: a spring's tension, its power.
 
         Args:
             name: as it was given when it was added; where a friction is called as a force, ``"friction rub"`` or
@@ -291,10 +292,9 @@ class Reactions:
         Raises:
             InputError: there is none of this name, or a force and a friction have it.
         """
-        dyn, t, _, v, _ = self._states()
-        seen = shown_places(self.motion.system.topology)
-        found = _load_by_name(dyn.topology, self._parts(), v.reshape(t.size, v.shape[-1]), name, seen)
-        return Load(*(x.reshape((*t.shape, *x.shape[1:])) for x in found))
+        dyn, _, _, v, *_ = self._flat()
+        found = _load_by_name(dyn.topology, self._parts(), v, name, shown_places(self.motion.system.topology))
+        return Load(*(x.reshape((*self.motion.status.shape, *x.shape[1:])) for x in found))
 
     def effort(self, name: str) -> Array:
         """Effort of the input on a driven or held coordinate: a torque on an angle, the thrust of a leg, ``(...,)``.
@@ -381,31 +381,34 @@ class Reactions:
     def _states(self) -> tuple[Dynamics, Any, Any, Any, Any]:
         return states_of(self.motion)
 
+    def _flat(self) -> tuple[Dynamics, Any, Any, Any, Any, Any]:
+        """Return equations of motion, and times, states and multipliers of all poses, one after another."""
+        dyn, t, *states = self._states()
+        return dyn, t.reshape(-1), *(x.reshape(t.size, x.shape[-1]) for x in (*states, self.multipliers))
+
     def _parts(self) -> Parts:
-        dyn, t, q, v, a = self._states()
-        flat = [x.reshape(t.size, x.shape[-1]) for x in (q, v, a, self.multipliers)]
-        return all_parts(extended(self.motion.system), dyn, t.reshape(-1), *flat)
+        return all_parts(extended(self.motion.system), *self._flat())
 
     def _ledger(self) -> Ledger:
         """All wrenches of all poses, one after another."""
-        dyn, t, q, *_ = self._states()
+        dyn, _, q, *_ = self._flat()
         found = self._parts()
         at = [dyn.topology.position[name] for name in (*self.motion.driven, *self.motion.held)]
         at = [c for c in at if c < len(dyn.topology.coordinates) - len(dyn.topology.scalars)]
-        whole = self._whole().reshape(t.size, q.shape[-1]) if at else q
+        whole = self._whole().reshape(q.shape) if at else q
         efforts = {c: whole[:, c] for c in at}  # of angles and distances they are in their rows
         if not any(isinstance(x, Tracer) for x in jax.tree.leaves((found, efforts))):
             found, efforts = jax.tree.map(np.asarray, (found, efforts))
         return Ledger(dyn.topology, found, efforts)
 
-    def _listed(self, ledger: Ledger, b: int, about: str | None, frame: str | None) -> dict[str, Wrench]:
+    def _name_wrenches(self, ledger: Ledger, b: int, about: str | None, frame: str | None) -> dict[str, Wrench]:
         place = ledger.centre(b) if about is None else ledger.points[..., _point(ledger.top, about), :]
         return {
-            " ".join(key).strip(): self._framed(self._reduced(wrench, place), frame)
+            " ".join(key).strip(): self._in_frame(self._move_to(wrench, place), frame)
             for key, wrench in ledger.wrenches[b].items()
         }
 
-    def _reduced(self, wrench: tuple[Any, Any], place: Any) -> Wrench:
+    def _move_to(self, wrench: tuple[Any, Any], place: Any) -> Wrench:
         """Return a wrench about the origin as one about places ``(P, dim)``, in the shape of the motion."""
         force, moment = wrench[0], wrench[1] - cross(place, wrench[0])
         lead = self.motion.q.shape[:-1]
@@ -413,11 +416,9 @@ class Reactions:
 
     def _whole(self) -> Array:
         """Return what holds the fixed coordinates: M q̈ + Φ_qᵀ λ - Q."""
-        dyn, t, q, v, a = self._states()
-        flat = [x.reshape(t.size, x.shape[-1]) for x in (q, v, a, self.multipliers)]
-        return _open_forces(dyn, t.reshape(-1), *flat).reshape(q.shape)
+        return _open_forces(*self._flat()).reshape((*self.motion.status.shape, -1))
 
-    def _framed(self, wrench: Wrench, frame: str | None) -> Wrench:
+    def _in_frame(self, wrench: Wrench, frame: str | None) -> Wrench:
         if frame is None:
             return wrench
         inner = extended(self.motion.system)
@@ -538,14 +539,14 @@ def nodal_forces(found: Reactions) -> dict[str, tuple[Array, Array]]:
     top = dyn.topology
     count = len(motion.system.topology.points)
     places = spread(top, q)[0][..., :count, :]
-    applied = _applied(dyn, t.reshape(-1), *(x.reshape(-1, q.shape[-1]) for x in (q, v))).reshape(q.shape)
+    applied = _apply_loads(dyn, t.reshape(-1), *(x.reshape(-1, q.shape[-1]) for x in (q, v))).reshape(q.shape)
     centres, weights = [], []
     for at, _, first, masses in inertias(extended(motion.system)):
         moments = jnp.einsum("...bk,bdk->...bd", q[..., at], first)
         heavy = masses > 0
         centres.append(jnp.where(heavy[:, None], moments / jnp.where(heavy, masses, 1.0)[:, None], 0.0))
         weights.append(jnp.broadcast_to(masses[:, None] * dyn.gravity, centres[-1].shape))
-    shared = _shared(found)
+    shared = _shared_points(found)
     held = [
         found.support(top.points[point]) if on is None else found.at(top.points[point], on).force
         for point, on in shared.items()
@@ -558,12 +559,12 @@ def nodal_forces(found: Reactions) -> dict[str, tuple[Array, Array]]:
 
 
 @filter_jit
-def _applied(dyn: Dynamics, t: Array, q: Array, v: Array) -> Array:
+def _apply_loads(dyn: Dynamics, t: Array, q: Array, v: Array) -> Array:
     """Return what springs, dampers, stops and loads put on all coordinates of poses ``(P, N)``."""
     return jax.vmap(lambda t, q, v: forces(dyn, t, q, v) - dyn.gravity @ dyn.moments)(t, q, v)
 
 
-def _shared(found: Reactions) -> dict[int, str | None]:
+def _shared_points(found: Reactions) -> dict[int, str | None]:
     """Return points that bodies share, with the first of them, and fixed points that a body holds, with None."""
     top = found.motion.system.topology
     out: dict[int, str | None] = {}

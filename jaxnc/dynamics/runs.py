@@ -15,7 +15,7 @@ from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.friction import FrictionFlow, accelerate_with_friction, has_friction
-from jaxnc.dynamics.integrate import Control, Event, History, equal_steps, integrate
+from jaxnc.dynamics.integrate import Control, Event, History, Integration, equal_steps, integrate
 from jaxnc.dynamics.model import State, dynamics
 from jaxnc.dynamics.simulation import join_fields
 from jaxnc.dynamics.steps import METHODS, MotionState, Moving, alpha_step, settle, start_alpha, step
@@ -37,7 +37,7 @@ _DELAY = 2.0  # seconds before a bar is shown
 
 
 class SimulationSpec(NamedTuple):
-    """What a program of a simulation is traced for: all that is asked but numbers."""
+    """Specification of a simulation, which its program is traced for: all that is asked but numbers."""
 
     topology: Topology  # the system's
     degrees_of_freedom: int  # and its count
@@ -63,12 +63,12 @@ class SimulationSpec(NamedTuple):
         if self.event is not None or bare is self.topology:
             return self
 
-        def renamed(names: Iterable[str]) -> tuple[str, ...]:
+        def rename(names: Iterable[str]) -> tuple[str, ...]:
             return bare.named(self.topology.position[name] for name in names)
 
         functions = [f for _, f in self.drives]
-        drives = tuple(zip(renamed(name for name, _ in self.drives), functions, strict=True))
-        return self._replace(topology=bare, independent=renamed(self.independent), drives=drives)
+        drives = tuple(zip(rename(name for name, _ in self.drives), functions, strict=True))
+        return self._replace(topology=bare, independent=rename(self.independent), drives=drives)
 
     def strip(self, flow: Flow) -> Flow:
         """Return a motion of the same design as one without names, which this specification has none of."""
@@ -182,7 +182,8 @@ def run_marched(
         return step(jax.tree.unflatten(structure, leaves), method, True, t, h, state)[:2]
 
     happens = None if event is None else event_function(flow, event)
-    history, course = integrate(advance, method, happens, (leaves, parameters, control), t, start.state(flow))
+    job = Integration(advance, method, leaves, control, t, happens, parameters)
+    history, course = integrate(job, start.state(flow))
     smooth, status = summarise(top, flow, t, start, history, event, parameters)
     return Run(smooth, {"status": status, "steps": course.made}, start.q, history)
 

@@ -65,7 +65,7 @@ class Simulation(Motion):
         return energy_balance(self)
 
     def report(self) -> str:
-        """What the integration says of itself, in a few lines."""
+        """Report on the integration, in a few lines."""
         outside(self, "report()")
         t, status = np.asarray(self.time), np.asarray(self.status)
         bad = int(np.sum(status != 0))

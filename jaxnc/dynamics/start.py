@@ -154,11 +154,14 @@ def check_rates(system: System, rates: Motion | Mapping[str, Any] | None) -> Rat
     return tuple(inner.position[name] for name in places), numbers
 
 
-def start_rates(top: Topology, flow: Flow, q: Array, rates: Rates, settled: bool = True) -> tuple[Array, Array]:
+def start_rates(
+    top: Topology, flow: Flow, q: Array, rates: Rates, settled: bool = True, driven: Array | None = None
+) -> tuple[Array, Array]:
     """Find consistent rates ``(N,)`` in the coordinates of the dynamics, and the largest correction of given ones.
 
     Freedoms of which nothing is said move so that the kinetic energy is least. Rates given by name may be `settled`:
-    brought onto the constraints once more, as they are solved for.
+    brought onto the constraints once more, as they are solved for. The rates of driven coordinates, zero elsewhere, are
+    `driven`.
     """
     if rates is None:
         _, v = flow.impose(flow.dyn.total * 0.0, q, jnp.zeros_like(q))
@@ -168,13 +171,14 @@ def start_rates(top: Topology, flow: Flow, q: Array, rates: Rates, settled: bool
     at, wanted = np.array(rates[0]), rates[1]
     u = flow.view.unknown
     weight = weights(flow.dyn.eq)
-    _, j, _, slip, _ = flow.rows(q, jnp.zeros_like(q))
+    driven = jnp.zeros_like(q) if driven is None else driven
+    _, j, _, slip, _ = flow.rows(q, driven)
     chosen = (at[:, None] == u[None]).astype(float)
     mass = flow.dyn.mass[u[:, None], u[None]] / (weight[u, None] * weight[None, u])
     rows = jnp.concatenate([j / weight[u], jnp.asarray(chosen)])
     right = jnp.concatenate([-slip, wanted * weight[at]])
     x, _ = saddle(mass / jnp.max(jnp.diagonal(mass)), rows, True)(jnp.zeros(len(u)), right)
-    v = jnp.zeros_like(q).at[u].set(x / weight[u])
+    v = driven.at[u].set(x / weight[u])
     v = flow.project_velocity(q, v) if settled else v
     return v, largest(v[at] - wanted)
 

@@ -60,7 +60,7 @@ class Method(NamedTuple):
 
     @property
     def chained(self) -> bool:
-        """Whether every stage looks at the one before only."""
+        """True if every stage looks at the one before only."""
         return not np.tril(self.rows[:-1], -2).any() and not self.implicit
 
 
@@ -178,19 +178,10 @@ def _phases(method: str, settled: bool) -> dict[str, np.ndarray]:
 def step(
     moving: Moving, method: str, settled: bool, t: Any, h: Any, state: MotionState, known: StageSolution | None = None
 ) -> tuple[MotionState, tuple[Any, Any], StageSolution]:
-    """Step by a Runge-Kutta method.
+    """Step by a Runge-Kutta method; return the end, estimates of the errors of pose and rates, and all solutions.
 
-    Args:
-        moving: the motion.
-        method: the method's name.
-        settled: whether the step ends on the constraints.
-        t: the time at its start.
-        h: its length.
-        state: the state at its start.
-        known: solutions of all phases, if they are at hand; the motion then takes one more argument in each.
-
-    Returns:
-        The state at its end, estimates of the errors of pose and rates, and the solutions of all phases.
+    `settled` says whether the step ends on the constraints. Solutions of all phases may be `known`: the motion then
+    takes its own as one more argument in each.
     """
     found = METHODS[method]
     stages = (_ChainedStages if found.chained else _StoredStages)(found, h, state)

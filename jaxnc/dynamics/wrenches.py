@@ -100,7 +100,7 @@ def instance_items(block: Any, i: int) -> tuple[int, ...]:
     return (*block.points[i], *(~u for u in block.vectors[i]))
 
 
-def _fixed(top: Topology, item: int) -> tuple[bool, ...]:
+def _fixed_axes(top: Topology, item: int) -> tuple[bool, ...]:
     first = (item if item >= 0 else len(top.points) + ~item) * top.dim
     return top.fixed[first : first + top.dim]
 
@@ -113,7 +113,7 @@ def item_holders(top: Topology) -> dict[int, tuple[int, ...]]:
         for i in body_items(top, b):
             out.setdefault(i, []).append(b)
     for i in (*range(len(top.points)), *(~u for u in range(len(top.vectors)))):
-        if all(_fixed(top, i)):
+        if all(_fixed_axes(top, i)):
             out.setdefault(i, []).append(GROUND)
     return {i: tuple(found) for i, found in out.items()}
 
@@ -175,7 +175,7 @@ def joint_sides(top: Topology) -> tuple[tuple[int, ...], ...]:
 def shared_groups(top: Topology, body: int) -> tuple[Group, ...]:
     """Part the items that a body shares by neighbours; a vector belongs to the first part with a common neighbour."""
     held = item_holders(top)
-    shared = {i: {*held[i]} - {body} for i in body_items(top, body) if len(held[i]) > 1 or any(_fixed(top, i))}
+    shared = {i: {*held[i]} - {body} for i in body_items(top, body) if len(held[i]) > 1 or any(_fixed_axes(top, i))}
     parts: list[tuple[list[int], set[int]]] = []
     for i in (i for i in shared if i >= 0):
         joined = [part for part in parts if part[1] & shared[i]]
@@ -279,7 +279,7 @@ def friction_bodies(top: Topology, index: FrictionIndex) -> tuple[int, int]:
 
 
 class Parts(NamedTuple):
-    """What the wrenches of poses are made of, everything with a leading axis of poses."""
+    """Parts of the wrenches of poses, everything with a leading axis of poses."""
 
     q: Any  # poses, (P, N)
     entries: Any  # derivatives of all rows
@@ -383,13 +383,13 @@ class Ledger:
         """Return the place of a point, or a vector."""
         return self.points[..., item, :] if item >= 0 else self.vectors[..., ~item, :]
 
-    def wanted(self, body: int) -> bool:
+    def keeps(self, body: int) -> bool:
         """Tell whether a body's wrenches are kept."""
         return body >= 0 and self.only in (None, body)
 
     def add(self, body: int, key: Key, force: Any, moment: Any) -> None:
         """Add to a body's wrench."""
-        if self.wanted(body):
+        if self.keeps(body):
             before = self.wrenches[body].get(key)
             now = (force, moment) if before is None else (before[0] + force, before[1] + moment)
             self.wrenches[body][key] = now
@@ -399,7 +399,7 @@ class Ledger:
 
         Not `there` are forces that only stand for a couple.
         """
-        if self.wanted(body):
+        if self.keeps(body):
             moment = cross(self.arm(item), force)
             self.add(body, key, force if item >= 0 else force * 0.0, moment)
             self.taken[body, item] = self.taken.get((body, item), 0.0) + force
@@ -570,7 +570,7 @@ class Ledger:
                 self.put(b, key, item, force)
                 self.put(other, key, item, -force)
 
-    def pressed(self, b: int, owner: Owner) -> tuple[Any, Any]:
+    def press_on(self, b: int, owner: Owner) -> tuple[Any, Any]:
         """Return what a joint's own rows put on all that a body holds, also where others hold it too."""
         top = self.top
         force = self.points[..., 0, :] * 0.0
@@ -645,7 +645,7 @@ def _put_mesh(ledger: Ledger, j: int) -> None:
     rack = joint.type == "rack and pinion"
     if rack:
         scalars = scalars[::-1]  # the pinion's angle first
-    wheels, carriers = zip(*(_turned(ledger, joint, k, c) for k, c in enumerate(scalars)), strict=True)
+    wheels, carriers = zip(*(_turning_bodies(ledger, joint, k, c) for k, c in enumerate(scalars)), strict=True)
     bearings = [(_bearing(ledger, w, c), _bearing(ledger, c, w)) for w, c in zip(wheels, carriers, strict=True)]
     keys = [tuple(k for k in pair if k is not None) for pair in bearings]
     if NOBODY in wheels or carriers[0] in {NOBODY, *wheels} or carriers[0] != carriers[1] or min(map(len, keys)) < 2:
@@ -663,7 +663,7 @@ def _put_mesh(ledger: Ledger, j: int) -> None:
         ledger.add(carriers[0], key, -more[0], -more[1])
 
 
-def _turned(ledger: Ledger, joint: JointIndex, k: int, c: int) -> tuple[int, int]:
+def _turning_bodies(ledger: Ledger, joint: JointIndex, k: int, c: int) -> tuple[int, int]:
     """Return the body whose motion an angle or distance is, and the body that it is counted from."""
     top = ledger.top
     b, i = top.measures[c - ledger.first_scalar]

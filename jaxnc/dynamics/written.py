@@ -74,7 +74,7 @@ class WrittenRows:
 
         follow: dict[int, tuple[dict[int, Any], Any]] = {}
 
-        def reduced(r: int, skip: int = -1) -> tuple[dict[int, Any], Any]:
+        def reduce_row(r: int, skip: int = -1) -> tuple[dict[int, Any], Any]:
             """A row in the massed coordinates alone, and its miss."""
             out: dict[int, Any] = {}
             rest = miss[r]
@@ -92,9 +92,9 @@ class WrittenRows:
 
         for c, r in self.massless:
             back = -1.0 / slopes[r, self.place[c]]
-            terms, rest = reduced(r, c)
+            terms, rest = reduce_row(r, c)
             follow[c] = {d: back * f for d, f in terms.items()}, back * rest
-        rows = [reduced(r) for r in self.kept]
+        rows = [reduce_row(r) for r in self.kept]
         n, m = len(self.massed), len(rows)
         w = [[inverse[i, k] for k in range(n)] for i in range(n)]
         pushed = [0.0] * n
