@@ -18,7 +18,7 @@ from jax.custom_batching import custom_vmap
 
 from jaxnc.autodiff import Rules, custom_jvp_vjp
 from jaxnc.autodiff import attach as attach_derivative
-from jaxnc.compiling import alone, aside, filter_jit, jit, on_device
+from jaxnc.compiling import alone, filter_jit, jit, on_device
 from jaxnc.dynamics.design import Origin, host_differentiates, join_parameters, pull_back_design, request_pull_back
 from jaxnc.dynamics.extended import is_concrete, lift, lift_rates, lower
 from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, Law, RowWeights, StageSolution, weigh_rows
@@ -47,6 +47,7 @@ from jaxnc.dynamics.start import (
     still_coordinates,
 )
 from jaxnc.dynamics.steps import METHODS, MotionState, step
+from jaxnc.internals import evaluate_at_once
 from jaxnc.records import record
 from jaxnc.solvers.newton import attach
 from jaxnc.solvers.plan import Plan, plan
@@ -192,7 +193,7 @@ def _start_and_history(smooth: Any, other: Any) -> tuple[Array, History]:
 
 def _value(question: _Question, x: Any, rest: Any) -> tuple[list, list]:
     if alone(x, rest):
-        with aside():
+        with evaluate_at_once():
             return _leaves(run_known(question.spec, question.numbers(x, rest)))
     return _value_traced(question, x, rest)
 

@@ -12,7 +12,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 
 from jaxnc.asking import shaped
 from jaxnc.calls import public
-from jaxnc.compiling import filter_jit, jit, on_device, outermost
+from jaxnc.compiling import filter_jit, jit, on_device
 from jaxnc.dynamics.extended import extended, is_concrete, lift_states
 from jaxnc.dynamics.friction import friction_forces, has_friction
 from jaxnc.dynamics.inverse import reactions
@@ -29,6 +29,7 @@ from jaxnc.dynamics.model import (
 from jaxnc.dynamics.reactions import open_forces
 from jaxnc.dynamics.wrenches import cross
 from jaxnc.errors import InputError
+from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.frames import spread

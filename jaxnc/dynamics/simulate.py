@@ -14,7 +14,6 @@ from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from jaxnc.asking import ask, real
 from jaxnc.calls import public
-from jaxnc.compiling import outermost
 from jaxnc.dynamics.derivative import differentiable_run, run_known
 from jaxnc.dynamics.extended import is_concrete, lift, lift_rates
 from jaxnc.dynamics.flow import Flow
@@ -25,6 +24,7 @@ from jaxnc.dynamics.simulation import Simulation
 from jaxnc.dynamics.start import assemble_pose, check_count, check_inertia, check_inputs, check_rates, check_start
 from jaxnc.dynamics.steps import count_steps
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
+from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside, positive, whole
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position

@@ -14,9 +14,10 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
-from jaxnc.compiling import on_device, outermost
+from jaxnc.compiling import on_device
 from jaxnc.dynamics.energy import EnergyBalance, energy, energy_balance
 from jaxnc.errors import InputError, ModelFileError
+from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
