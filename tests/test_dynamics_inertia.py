@@ -221,6 +221,14 @@ def test_explicit_lengths_redraw_the_rod_and_its_inertia():
     assert np.allclose(nc.dynamics.kinetic_energy(mo), 0.5 * (3.0 * 4 / 3) * 4, rtol=EXACT)
 
 
+def test_a_mass_matrix_is_that_of_the_dynamics():
+    """Of a body of three points, which has a hidden vector, on the coordinates that include it."""
+    system = free_body("PQR", "", mass=2.5, com=COM, inertia=TENSOR)
+    for found, wanted in zip(mass_matrix(system), mass_matrix(extended(system)), strict=True):
+        assert np.array_equal(found, wanted)
+    assert mass_matrix(system)[0].shape == (12, 12)
+
+
 def test_geometry_masses_and_hidden_segments_have_gradients():
     system = free_body("PQR", "", mass=2.5, com=COM, inertia=TENSOR)
     motion, *_ = moved(system)
