@@ -138,8 +138,8 @@ def _in_one_program(f: Callable[..., R]) -> Callable[..., R]:
     compiled = filter_jit(f)
 
     @functools.wraps(f)
-    def call(self: Any, *args: Any) -> R:
-        return (f if is_concrete(self) else compiled)(self, *args)
+    def call(self: Any, *args: Any, **named: Any) -> R:
+        return (f if is_concrete(self) else compiled)(self, *args, **named)
 
     return call
 
