@@ -115,7 +115,8 @@ def group_inertias(
     out = []
     for group in top.loads.inertias:
         numbers = _gather_numbers(top.dim, group, points, drawing, vectors, physical)
-        evaluate = _evaluate_lanes if isinstance(points, np.ndarray) else _trace_inertias
+        host = all(isinstance(x, np.ndarray) for x in numbers.values())
+        evaluate = _evaluate_lanes if host else _trace_inertias
         out.append((inertia_coordinates(top, group), *evaluate(top.dim, group[0], numbers), numbers["mass"]))
     return out
 
