@@ -384,7 +384,8 @@ class Reactions:
     def _flat(self) -> tuple[Dynamics, Any, Any, Any, Any, Any]:
         """Return equations of motion, and times, states and multipliers of all poses, one after another."""
         dyn, t, *states = self._states()
-        return dyn, t.reshape(-1), *(x.reshape(t.size, x.shape[-1]) for x in (*states, self.multipliers))
+        q, v, a, lam = (x.reshape(t.size, x.shape[-1]) for x in (*states, self.multipliers))
+        return dyn, t.reshape(-1), q, v, a, lam
 
     def _parts(self) -> Parts:
         return all_parts(extended(self.motion.system), *self._flat())
