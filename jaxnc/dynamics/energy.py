@@ -142,11 +142,11 @@ def _evaluate(motion: Motion, order: int, f: Callable[..., Any], *more: Any) -> 
         dyn = jax.tree.map(np.asarray, dynamics(extended(system)))
         with np.errstate(all="ignore"):
             out = f(dyn, *lift_states(system.topology, q, v), *map(np.asarray, more))
-        return on_device(out.reshape(*lead, *out.shape[1:]))
+        return on_device(out.reshape((*lead, *out.shape[1:])))
     q = motion.q.reshape(-1, motion.q.shape[-1])
     v = motion.rates[0].reshape(q.shape) if order else jnp.zeros_like(q)
     out = _evaluate_traced(f, system, q, v, *more)
-    return out.reshape(*lead, *out.shape[1:])
+    return out.reshape((*lead, *out.shape[1:]))
 
 
 @functools.partial(jit, static_argnums=0)
