@@ -188,7 +188,7 @@ class _Family:
         return q, v
 
     def solve_stage(self, stage: Any, t: Any, q: Array, v: Array) -> StageSolution:
-        """Solve a stage as `jaxnc.dynamics.flow.Flow.solve_stage`: one system of equations with other right-hand sides."""
+        """Solve a stage as `jaxnc.dynamics.flow.Flow` does: one system of equations with other right-hand sides."""
         z, dz = q, v
         f, known, dyn = self.formulation, self.known, self.known.dyn
         lift_z, rows_z = functools.partial(_lift, f, known), functools.partial(_family_rows, f, known)
