@@ -16,11 +16,11 @@ from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.dynamics.extended import extended, lift
-from jaxnc.dynamics.flow import ACCELERATION, Answer, pick
+from jaxnc.dynamics.flow import ACCELERATION, StageSolution, select_stage
 from jaxnc.dynamics.integrate import equal_steps
 from jaxnc.dynamics.model import Dynamics, dynamics, forces
-from jaxnc.dynamics.runge_kutta import State, on_constraints, step
 from jaxnc.dynamics.saddle import saddle
+from jaxnc.dynamics.steps import MotionState, settle, step
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.families.formulate import Independent
 from jaxnc.families.formulation import Formulation
@@ -167,7 +167,7 @@ def _mass(f: Formulation, known: _Known, z: Array) -> Array:
 
 @jit
 def _accelerations(f: Formulation, known: _Known, t: Array, z: Array, dz: Array) -> Array:
-    return _Family(f, known).answer(ACCELERATION, t, z, dz).change
+    return _Family(f, known).solve_stage(ACCELERATION, t, z, dz).change
 
 
 def _family_rows(f: Formulation, known: _Known, z: Array) -> Array:
@@ -178,7 +178,7 @@ def _family_rows(f: Formulation, known: _Known, z: Array) -> Array:
 
 @record
 class _Family:
-    """The motion of a design in the variables of a family, as `jaxnc.dynamics.runge_kutta` integrates it."""
+    """The motion of a design in the variables of a family, as `jaxnc.dynamics.steps` integrates it."""
 
     formulation: Formulation
     known: _Known
@@ -187,8 +187,8 @@ class _Family:
         """The state: nothing is driven."""
         return q, v
 
-    def answer(self, what: Any, t: Any, q: Array, v: Array) -> Answer:
-        """Answer as `jaxnc.dynamics.flow.Flow.answer` does: one system of equations with other right-hand sides."""
+    def solve_stage(self, stage: Any, t: Any, q: Array, v: Array) -> StageSolution:
+        """Solve a stage as `jaxnc.dynamics.flow.Flow` does: one system of equations with other right-hand sides."""
         z, dz = q, v
         f, known, dyn = self.formulation, self.known, self.known.dyn
         lift_z, rows_z = functools.partial(_lift, f, known), functools.partial(_family_rows, f, known)
@@ -200,10 +200,10 @@ class _Family:
         def push() -> Array:
             return j.T @ (forces(dyn, t, q, v) - dyn.mass @ _second_derivative(lift_z, z, dz)) / size
 
-        right = pick(what, push, lambda: jnp.zeros_like(z), lambda: jnp.zeros_like(z))
-        wanted = pick(what, lambda: -_second_derivative(rows_z, z, dz), lambda: -rows, lambda: -rates)
+        right = select_stage(stage, push, lambda: jnp.zeros_like(z), lambda: jnp.zeros_like(z))
+        wanted = select_stage(stage, lambda: -_second_derivative(rows_z, z, dz), lambda: -rows, lambda: -rates)
         change, multipliers = saddle(mass / size, slope, f.rows > f.r)(right, wanted)
-        return Answer(change, multipliers * size, largest(rows), largest(rates))
+        return StageSolution(change, multipliers * size, largest(rows), largest(rates))
 
 
 @functools.partial(jit, static_argnums=5)
@@ -212,13 +212,13 @@ def _integrate(
 ) -> tuple[Array, Array, Array, Array]:
     eq, held, moving = known.own, f.rows > 0, _Family(f, known)
     zero, none = jnp.zeros(()), jnp.zeros(len(free_plan(f.topology).rows))
-    first = on_constraints(moving, times[0], State(z, dz, jnp.zeros_like(z), none, zero, zero))
+    first = settle(moving, times[0], MotionState(z, dz, jnp.zeros_like(z), none, zero, zero))
     states = equal_steps(
         lambda t, h, state: step(moving, "rk4", held, t, h, state)[0], lambda t, state: state, times, first, steps
     )
     place = functools.partial(f.place, known.natural)
 
-    def keep(state: State) -> tuple[Array, Array, Array, Array]:
+    def keep(state: MotionState) -> tuple[Array, Array, Array, Array]:
         z, dz, a = state.q, state.v, state.a
         q, v = jax.jvp(place, (z,), (dz,))
         acceleration = jax.jvp(place, (z,), (a,))[1] + _second_derivative(place, z, dz)

@@ -70,7 +70,7 @@ class Poses:
         """Reactions: what passes through the joints."""
         if self.found is None and len(self.motion.rates) < 2:
             self.motion.acceleration(self.topology.points[0])  # says what is missing
-        from jaxnc.dynamics.reactions import reactions
+        from jaxnc.dynamics.inverse import reactions
 
         return reactions(self.motion if self.found is None else self.found)
 

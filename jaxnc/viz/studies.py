@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, MultipleLocator
 
 from jaxnc.calls import public
-from jaxnc.dynamics.balance import energy_balance
+from jaxnc.dynamics.energy import energy_balance
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.picture import Picture, Size, finish, inches

@@ -17,7 +17,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device
 from jaxnc.constraints.directions import unit
-from jaxnc.dynamics.extended import known
+from jaxnc.dynamics.extended import extended, is_concrete
 from jaxnc.solvers.assembly import by_identity
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.host_kinds import Formula
@@ -37,20 +37,22 @@ def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim 
 
     Returns:
         The mass matrix on all coordinates ``(N, N)``, kg (kg m² where coordinates are pure numbers); the first moments
-        ``(dim, N)``, so that ``moments @ q`` is total mass times centre of mass; the total mass.
+        ``(dim, N)``, so that ``moments @ q`` is total mass times centre of mass; the total mass. Where spatial bodies
+        have hidden vectors these are coordinates, too: see `jaxnc.dynamics.extended`.
     """
-    if known(system):
-        return on_device(summed(system.topology, inertias(system)))
+    system = extended(system)
+    if is_concrete(system):
+        return on_device(sum_inertias(system.topology, inertias(system)))
     return _mass_matrix(system)
 
 
 @jit
 def _mass_matrix(system: System) -> tuple[Array, Array, Array]:
-    return summed(system.topology, inertias(system))
+    return sum_inertias(system.topology, inertias(system))
 
 
-def summed(top: Topology, found: Any) -> tuple[Any, Any, Any]:
-    """Sum the `inertias` of all bodies as `mass_matrix` gives them; axes that these have behind their own stay."""
+def sum_inertias(top: Topology, found: Any) -> tuple[Any, Any, Any]:
+    """Sum the `inertias` of all bodies to the matrices of `mass_matrix`; axes behind their own, of changes, stay."""
     size, dim = len(top.coordinates), top.dim
     host = not found or isinstance(found[0][1], np.ndarray)
     xp: Any = np if host else jnp
@@ -73,7 +75,7 @@ def summed(top: Topology, found: Any) -> tuple[Any, Any, Any]:
 
 
 def _places(dim: int, at: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Where the numbers of a group's mass matrices and first moments belong: rows and columns, axes and coordinates."""
+    """Return places of a group's mass matrices (rows, columns) and of its first moments (axes, coordinates)."""
     count, width = at.shape
     square, flat = (count, width, width), (count, dim, width)
     return (
@@ -86,62 +88,71 @@ def _places(dim: int, at: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tu
 
 
 def inertias(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
-    """Per group of bodies of one form: coordinates ``(bodies, k)``, mass matrices, first moments and masses."""
-    if known(system):
+    """Return per group of bodies of one form coordinates ``(bodies, k)``, mass matrices, first moments and masses."""
+    if is_concrete(system):
         return _inertias_on_host(system)
-    top, par = system.topology, system.parameters
-    return [_group(top, group, _numbers(top, group, par)) for group in top.loads.inertias]
+    return _inertias(system.topology, system.parameters)
 
 
 @by_identity
 def _inertias_on_host(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
-    top, par = system.topology, system.parameters.in_numpy()
     with np.errstate(all="ignore"):
-        return [group_on_lanes(top, group, _numbers(top, group, par)) for group in top.loads.inertias]
+        return _inertias(system.topology, system.parameters.in_numpy())
+
+
+def _inertias(top: Topology, par: Parameters) -> list[tuple[np.ndarray, Any, Any, Any]]:
+    x, found = design_numbers(top, par, 1), design(top)
+    return group_inertias(top, par.points, x[found.drawing], x[found.vectors], par.physical)
+
+
+def group_inertias(
+    top: Topology, points: Any, drawing: Any, vectors: Any, physical: Any
+) -> list[tuple[np.ndarray, Any, Any, Any]]:
+    """Find `inertias` from the numbers of a design: in NumPy, if they are NumPy's, a body in each lane.
+
+    NumPy's numbers may carry changes along a last axis; then masses and moments do too.
+    """
+    out = []
+    for group in top.loads.inertias:
+        numbers = _gather_numbers(top.dim, group, points, drawing, vectors, physical)
+        host = all(isinstance(x, np.ndarray) for x in numbers.values())
+        evaluate = _evaluate_lanes if host else _trace_inertias
+        out.append((inertia_coordinates(top, group), *evaluate(top.dim, group[0], numbers), numbers["mass"]))
+    return out
 
 
 def body_inertia(system: System, body: str) -> tuple[np.ndarray, Array, Array, Array]:
-    """One body's coordinates ``(k,)``, its mass matrix ``(k, k)``, first moments ``(dim, k)`` and mass."""
-    for group in system.topology.loads.inertias:
+    """Return a body's coordinates ``(k,)``, its mass matrix ``(k, k)``, first moments ``(dim, k)`` and mass."""
+    for group, (at, local, first, m) in zip(system.topology.loads.inertias, inertias(system), strict=True):
         for i, index in enumerate(group):
             if index.body == body:
-                top = system.topology
-                at, local, first, m = _group(top, group, _numbers(top, group, system.parameters))
                 return at[i], local[i], first[i], m[i]
     k = np.zeros(0, dtype=int)
     return k, jnp.zeros((0, 0)), jnp.zeros((system.topology.dim, 0)), jnp.zeros(())
 
 
-def nodes(index: InertiaIndex) -> list[int]:
-    """Points p and vectors ~k that carry a body's inertia: its origin, then the ends of its segments."""
+def inertia_nodes(index: InertiaIndex) -> list[int]:
+    """List points p and vectors ~k that carry a body's inertia: its origin, then the ends of its segments."""
     return [index.origin, *(i for s in index.segments for i in s)]
 
 
-def _numbers(top: Topology, group: tuple[InertiaIndex, ...], par: Parameters) -> dict:
-    x, found = design_numbers(top, par, 1), design(top)
-    return numbers_of(top.dim, group, par.points, x[found.drawing], x[found.vectors], par.physical)
+def _trace_inertias(dim: int, one: InertiaIndex, numbers: dict) -> tuple[Array, Array]:
+    """Return mass matrices and first moments of bodies of the form of `one`, in one mapped call."""
+    made = _combinations(one)
+    return jax.vmap(lambda x: _body_inertia(dim, one.shape, made, x))(numbers)
 
 
-def _group(top: Topology, group: tuple[InertiaIndex, ...], numbers: dict) -> tuple[np.ndarray, Array, Array, Array]:
-    """Coordinates, local mass matrices, first moments and masses of bodies of one form, in one mapped call."""
-    made = _made(group[0])
-    local, first = jax.vmap(lambda x: _body(top.dim, group[0].shape, made, x))(numbers)
-    return coordinates_of(top, group), local, first, numbers["mass"]
-
-
-def group_on_lanes(
-    top: Topology, group: tuple[InertiaIndex, ...], numbers: dict
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Find the same on the host, with a body in each lane; numbers may carry changes along a last axis."""
-    lead, tail = (len(group),), numbers["mass"].shape[1:]
-    made = tuple(map(tuple, _made(group[0])))
+def _evaluate_lanes(dim: int, one: InertiaIndex, numbers: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Return mass matrices and first moments of bodies of the form of `one`, a body in each of NumPy's lanes."""
+    count, *tail = numbers["mass"].shape
+    lead, made = (count,), tuple(map(tuple, _combinations(one)))
     shapes = tuple(x.shape[1 : x.ndim - len(tail)] for x in numbers.values())
-    body, (height, width) = _body_formula(top.dim, group[0].shape, made, tuple(numbers), shapes)
+    body, (height, width) = _body_formula(dim, one.shape, made, tuple(numbers), shapes)
     lanes = [column for x in numbers.values() for column in np.moveaxis(x.reshape(*lead, -1, *tail), 1, 0)]
     values = (body.carrying if tail else body.on_lanes)(lanes)
     out = np.stack([np.broadcast_to(y, (*lead, *tail)) for y in values], axis=1).astype(numbers["mass"].dtype)
-    out, split = out.reshape(*lead, height, width, *tail), height - top.dim
-    return coordinates_of(top, group), out[:, :split], out[:, split:], numbers["mass"]
+    out, split = out.reshape(*lead, height, width, *tail), height - dim
+    return out[:, :split], out[:, split:]
 
 
 @functools.lru_cache(maxsize=256)
@@ -153,21 +164,21 @@ def _body_formula(
 
 
 def _flat(dim: int, shape: str, made: tuple, names: tuple[str, ...], *values: Array) -> Array:
-    """Mass matrix and first moments of one body, one below the other."""
-    return jnp.concatenate(_body(dim, shape, np.array(made), dict(zip(names, values, strict=True))))
+    """Stack mass matrix and first moments of one body, one below the other."""
+    return jnp.concatenate(_body_inertia(dim, shape, np.array(made), dict(zip(names, values, strict=True))))
 
 
-def coordinates_of(top: Topology, group: tuple[InertiaIndex, ...]) -> np.ndarray:
-    """Coordinates of all nodes, ``(bodies, k)``."""
-    where = np.array([nodes(index) for index in group])
+def inertia_coordinates(top: Topology, group: tuple[InertiaIndex, ...]) -> np.ndarray:
+    """Return the coordinates of all nodes of a group, ``(bodies, k)``."""
+    where = np.array([inertia_nodes(index) for index in group])
     where = np.where(where < 0, len(top.points) + ~where, where)
     return (where[:, :, None] * top.dim + np.arange(top.dim)).reshape(len(group), -1)
 
 
-def numbers_of(
+def _gather_numbers(
     dim: int, group: tuple[InertiaIndex, ...], points: Any, drawing: Any, vectors: Any, physical: Any
 ) -> dict:
-    """What the inertia of each body of a group is made of, ``(bodies, ...)``: NumPy's of NumPy arrays."""
+    """Gather the numbers of the inertia of each body of a group, ``(bodies, ...)``: NumPy's of NumPy arrays."""
     xp: Any = np if isinstance(points, np.ndarray) else jnp
 
     def spans(places: Any, which: list[tuple]) -> Any:
@@ -193,9 +204,9 @@ def numbers_of(
     }
 
 
-def _made(one: InertiaIndex) -> np.ndarray:
-    """Which of a body's nodes its generators (origin, segments) are made of, ``(generators, nodes)``."""
-    made = np.zeros((1 + len(one.segments), len(nodes(one))))
+def _combinations(one: InertiaIndex) -> np.ndarray:
+    """Return a body's generators (origin, segments) as combinations of its nodes, ``(generators, nodes)``."""
+    made = np.zeros((1 + len(one.segments), len(inertia_nodes(one))))
     made[0, 0] = 1.0
     place = 1
     for k, segment in enumerate(one.segments, start=1):
@@ -207,8 +218,8 @@ def _made(one: InertiaIndex) -> np.ndarray:
     return made
 
 
-def _body(dim: int, shape: str, made: np.ndarray, x: dict[str, Array]) -> tuple[Array, Array]:
-    """Mass matrix and first moments of one body on its nodes."""
+def _body_inertia(dim: int, shape: str, made: np.ndarray, x: dict[str, Array]) -> tuple[Array, Array]:
+    """Return mass matrix and first moments of one body on its nodes."""
     m, count = x["mass"], made.shape[0] - 1
     eye = jnp.eye(dim)
     if count == 0:
@@ -225,7 +236,7 @@ def _body(dim: int, shape: str, made: np.ndarray, x: dict[str, Array]) -> tuple[
     else:
         axes = _axes(x["frame"])
         base = axes @ x["spans"].T
-        inverse = _inverse(base)
+        inverse = _invert(base)
         c = inverse @ com
         about = inverse @ (second + m * com[:, None] * com[None]) @ inverse.T
         j = jnp.concatenate(
@@ -240,7 +251,7 @@ def _body(dim: int, shape: str, made: np.ndarray, x: dict[str, Array]) -> tuple[
 
 
 def _axes(frame: Array) -> Array:
-    """Orthonormal axes as rows from the spans of a frame: two in the plane, three in space, one for a bar."""
+    """Return orthonormal axes as rows from the spans of a frame: two in the plane, three in space, one for a bar."""
     first = unit(frame[0])
     if frame.shape[1] == 2:
         return jnp.stack([first, jnp.stack([-first[1], first[0]])])
@@ -250,8 +261,8 @@ def _axes(frame: Array) -> Array:
     return jnp.stack([first, second, jnp.cross(first, second)])
 
 
-def _inverse(a: Array) -> Array:
-    """Inverse of a matrix of three rows, or of one, by its cofactors."""
+def _invert(a: Array) -> Array:
+    """Invert a matrix of three rows, or of one, by its cofactors."""
     if a.shape[0] == 1:
         return 1.0 / a
     rows = jnp.stack([jnp.cross(a[:, 1], a[:, 2]), jnp.cross(a[:, 2], a[:, 0]), jnp.cross(a[:, 0], a[:, 1])])
@@ -259,7 +270,7 @@ def _inverse(a: Array) -> Array:
 
 
 def _moments(dim: int, shape: str, x: dict[str, Array]) -> tuple[Array, Array]:
-    """Centre of mass from the origin, and second moments ``∫ r rᵀ dm`` about it, both in the body's own axes."""
+    """Return the centre of mass from the origin, and second moments ``∫ r rᵀ dm`` about it, in the body's axes."""
     m, axes = x["mass"], _axes(x["frame"])
     corners = (x["corners"] - x["drawn"]) @ axes.T
     com, second = jnp.mean(corners, axis=0), jnp.zeros((axes.shape[0], axes.shape[0]))
@@ -291,7 +302,7 @@ def _moments(dim: int, shape: str, x: dict[str, Array]) -> tuple[Array, Array]:
 
 
 def _plate(corners: Array, m: Array) -> tuple[Array, Array]:
-    """A uniform plate with these corners in order: triangles from the first corner, with signed areas."""
+    """Sum a uniform plate with these corners in order: triangles from the first corner, with signed areas."""
     a, b = corners[1:-1] - corners[0], corners[2:] - corners[0]
     if corners.shape[1] == 2:
         areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
