@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from jaxnc.families import formulate as formulate
     from jaxnc.io.cache import cache as cache
     from jaxnc.io.files import load as load
-    from jaxnc.io.robots.doors import from_mjcf as from_mjcf
-    from jaxnc.io.robots.doors import from_urdf as from_urdf
+    from jaxnc.robots.api import from_mjcf as from_mjcf
+    from jaxnc.robots.api import from_urdf as from_urdf
     from jaxnc.io.stream import stream as stream
     from jaxnc.kinematics.arc import circuit as circuit
     from jaxnc.kinematics.arc import travel as travel

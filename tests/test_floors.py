@@ -49,6 +49,8 @@ FLOORS = {
     "library": 5,
     "viz": 6,
     "io": 6,
+    "robots": 6,
+    "workshop": 6,
     "reporting": 6,
     "cli": 7,
     "__main__": 7,
@@ -61,9 +63,11 @@ DEFERRED_UPWARD = [
     ("jaxnc/mechanism*", "jaxnc.solvers"),  # Mechanism.compile assembles the drawing
     ("jaxnc/mechanism*", "jaxnc.dynamics"),  # Mechanism.compile looks at hidden vectors
     ("jaxnc/mechanism*", "jaxnc.io"),  # Mechanism.save
+    ("jaxnc/mechanism*", "jaxnc.robots"),  # Mechanism.to_mjcf, Mechanism.to_urdf
     ("jaxnc/notebooks*", "jaxnc.viz"),  # Shown, Drawn.draw
     ("jaxnc/kinematics/motion.py", "jaxnc.viz"),  # Motion.plot, Motion.animate, Motion.to_html
     ("jaxnc/kinematics/motion.py", "jaxnc.io"),  # Motion.to_csv
+    ("jaxnc/kinematics/motion.py", "jaxnc.workshop"),  # Motion.to_parts
     ("jaxnc/kinematics/sensitivity.py", "jaxnc.io"),  # Sensitivity.to_csv
     ("jaxnc/kinematics/suspension.py", "jaxnc.io"),  # Suspension.to_csv
     ("jaxnc/kinematics/wheel_report.py", "jaxnc.io"),  # SuspensionReport.to_json

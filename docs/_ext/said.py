@@ -19,7 +19,7 @@ PACKAGES = {  # pages of the reference, in this order
     "jaxnc.forces": "Kinds of forces, and what a kind of your own is made of.",
     "jaxnc.system": "What `compile()` makes, and its equations.",
     "jaxnc.io": "Tables, and outlines from drawings.",
-    "jaxnc.io.robots": "Files of robot simulators, in and out.",
+    "jaxnc.robots": "Files of robot simulators, in and out.",
     "jaxnc.viz": "Drawings, plots, films and pages.",
     "jaxnc.reporting": "Reports: a page for people, a verdict for machines.",
 }

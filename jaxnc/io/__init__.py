@@ -6,8 +6,6 @@ from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
     from jaxnc.io.headed import load_csv as load_csv
-    from jaxnc.io.robots.export import Exported as Exported
-    from jaxnc.io.robots.robot import Robot as Robot
     from jaxnc.io.stream import Streamed as Streamed
     from jaxnc.io.svg import Outline as Outline
     from jaxnc.io.svg import outline as outline

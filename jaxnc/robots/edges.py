@@ -1,4 +1,4 @@
-"""The joints between the rigid parts of a mechanism, as elementary joints of links that hang one on the other."""
+"""Joints between the rigid parts of a mechanism, as elementary joints of links that hang one on the other."""
 
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -7,9 +7,9 @@ import numpy as np
 
 from jaxnc.families import graph, spatial_graph
 from jaxnc.families.bodies import Parts
-from jaxnc.io.robots.pose import Posed, across
-from jaxnc.io.robots.tree import Vec
 from jaxnc.mechanism import model as record
+from jaxnc.robots.description import Vec, perpendicular
+from jaxnc.robots.pose import Posed
 from jaxnc.system.identity import Thing
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -38,7 +38,7 @@ class Edge:
     turns: bool = True  # whether both parts know a rotation, so that the second may turn
 
     def freedoms(self, dim: int) -> int:
-        """Relative freedoms."""
+        """Count the relative freedoms."""
         turning = (1 if dim == 2 else 3) * self.turns
         if self.how == "slot":
             return len(self.axes) + turning
@@ -47,7 +47,7 @@ class Edge:
         return _FREEDOMS[self.how]
 
     def sequence(self, parent: int, dim: int) -> tuple[int, list[tuple[str, Vec]]]:
-        """The child's point of the joint, and its elementary joints (kind, axis) seen from a parent."""
+        """Return the child's point of the joint, and its elementary joints (kind, axis) seen from a parent."""
         forward = parent == self.first
         at = self.at[1] if forward else self.at[0]
         slides = [("slide", a) for a in self.axes]
@@ -64,15 +64,16 @@ class Edge:
                 return at, [("hinge", a) for a in (self.axes if forward else self.axes[::-1])]
             case "planar":
                 normal = self.axes[0]
-                one = across(normal)
+                one = perpendicular(normal)
                 return at, [("slide", one), ("slide", np.cross(normal, one)), ("hinge", normal)]
         turning = [] if not self.turns else [("hinge", Z)] if dim == 2 else [("ball", Z)]
         # The pin turns where it has slid to; a line turns about the pin of its parent, and slides along itself.
         return self.at[1], [*slides, *turning] if forward else [*turning, *slides]
 
 
-def edges(parts: Parts, home: Posed, lost: dict[str, str]) -> list[Edge]:
-    """All joints of a mechanism that a tree of links can be made of."""
+def find_edges(parts: Parts, home: Posed) -> tuple[list[Edge], dict[str, str]]:
+    """Find all joints of a mechanism that a tree of links can be made of, and the kinds of the others by name."""
+    lost: dict[str, str] = {}
     found = _planar(parts, home) if parts.dim == 2 else _spatial(parts, home)
     known = {e.name for e in found if e.user}
     for name, joint in parts.model.joints.items():
@@ -81,12 +82,8 @@ def edges(parts: Parts, home: Posed, lost: dict[str, str]) -> list[Edge]:
             known.add(name)
         told = record.Gear | record.BevelGear | record.RackAndPinion | record.Cable | record.Weld
         if name not in known and not isinstance(joint, told):
-            lost[name] = " ".join(_words(type(joint).__name__))
-    return found
-
-
-def _words(text: str) -> list[str]:
-    return "".join(f" {c.lower()}" if c.isupper() else c for c in text).split()
+            lost[name] = "".join(f" {c.lower()}" if c.isupper() else c for c in type(joint).__name__).strip()
+    return found, lost
 
 
 def _turning(parts: Parts, *ks: int) -> bool:
@@ -112,36 +109,23 @@ def _planar(parts: Parts, home: Posed) -> list[Edge]:
     for name, joint in parts.model.joints.items():
         if isinstance(joint, record.Revolute) and joint.points:
             p, q = parts.a.pair(joint.points)
-            pair = _apart(parts, p, q)
-            if pair:
+            apart = ((i, j) for i in parts.of_point[p] for j in parts.of_point[q] if i != j)
+            if pair := next(apart, None):
                 found.append(Edge(name, "revolute", *pair, (p, q), [Z], user=True))
     return found
 
 
-def _apart(parts: Parts, p: int, q: int) -> tuple[int, int] | None:
-    """Different parts that hold two points."""
-    return next(((i, j) for i in parts.of_point[p] for j in parts.of_point[q] if i != j), None)
-
-
 def _held(parts: Parts, k: int, p: int) -> Edge:
-    """A point that slides with fixed coordinates."""
+    """Make the edge of a point that slides with fixed coordinates."""
     axes = [np.eye(3)[i] for i in range(parts.dim) if not parts.a.fixed[p][i]]
     return Edge(parts.point(p), "slot", 0, k, (p, p), axes, holder=p, turns=_turning(parts, k))
 
 
 def _spatial(parts: Parts, home: Posed) -> list[Edge]:
     found = []
-
-    def along(line: spatial_graph.Line) -> Vec:
-        return home.vectors[line[1][0]] if line[1] else home.span((line[0][0], line[0][1]))
-
     for e in spatial_graph.edges(parts):
-        name, axes = parts.a.text(e.owner), []
-        user = e.owner.thing is Thing.JOINT
-        if e.how != "spherical":
-            axes = [along(e.axes[0]) / np.linalg.norm(along(e.axes[0]))]
-        if e.how == "universal":
-            axes.append(along(e.axes[1]) / np.linalg.norm(along(e.axes[1])))
+        name, user = parts.a.text(e.owner), e.owner.thing is Thing.JOINT
+        axes = [home.along(axis) for axis in e.axes[: {"spherical": 0, "universal": 2}.get(e.how, 1)]]
         points, vectors = e.shared
         if e.how == "prismatic":  # nothing turns: all that both hold keeps its direction
             one, other = parts.parts[e.first], parts.parts[e.second]
@@ -174,18 +158,17 @@ def _spatial(parts: Parts, home: Posed) -> list[Edge]:
 
 
 def _carrier(parts: Parts, home: Posed, line: tuple[str, str]) -> tuple[int | None, Vec]:
-    """The part that carries a line, a point and a vector or two points, and its direction."""
+    """Find the part that carries a line, a point and a vector or two points, and the direction of the line."""
     p = parts.a.index[line[0]]
     if line[1] in parts.a.vector_index:
-        v = parts.a.vector_index[line[1]]
-        direction = home.vectors[v] / np.linalg.norm(home.vectors[v])
-        return parts.holder((p,), (v,)), direction
-    q = parts.a.index[line[1]]
-    return parts.holder((p, q)), home.span((p, q))
+        points, vectors = (p,), (parts.a.vector_index[line[1]],)
+    else:
+        points, vectors = (p, parts.a.index[line[1]]), ()
+    return parts.holder(points, vectors), home.along((points, vectors))
 
 
 def _rolling(parts: Parts, home: Posed, name: str, joint: record.Rolling) -> list[Edge]:
-    """A disc that keeps its distance from a line: its centre slides along it, and it turns; so does its contact."""
+    """Make the edges of a disc that rolls on a line: its centre slides along it and it turns; its contact slides."""
     i, along = _carrier(parts, home, joint.line)
     j = parts.holder((parts.a.index[joint.centre], parts.a.index[joint.rim]))
     if i is None or j is None or i == j:
@@ -193,7 +176,7 @@ def _rolling(parts: Parts, home: Posed, name: str, joint: record.Rolling) -> lis
     axis = Z
     if joint.axis is not None:
         line = joint.axis
-        axis = home.vectors[parts.a.vector_index[line]] if isinstance(line, str) else home.span(parts.a.pair(line))
+        axis = home.span((~parts.a.vector_index[line],) if isinstance(line, str) else parts.a.pair(line))
     centre, contact = parts.a.index[joint.centre], parts.a.index[joint.contact]
     out = [Edge(name, "rolling", i, j, (contact, centre), [along, axis], user=True)]
     for k in parts.of_point[contact]:
