@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from jaxnc.families import formulate as formulate
     from jaxnc.io.cache import cache as cache
     from jaxnc.io.files import load as load
-    from jaxnc.robots.api import from_mjcf as from_mjcf
-    from jaxnc.robots.api import from_urdf as from_urdf
     from jaxnc.io.stream import stream as stream
     from jaxnc.kinematics.arc import circuit as circuit
     from jaxnc.kinematics.arc import travel as travel
@@ -58,6 +56,8 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.suspension import suspension as suspension
     from jaxnc.mechanism import Mechanism as Mechanism
     from jaxnc.reporting.study import report as report
+    from jaxnc.robots.api import from_mjcf as from_mjcf
+    from jaxnc.robots.api import from_urdf as from_urdf
     from jaxnc.status import Status as Status
     from jaxnc.synthesis.tolerance.spread import tolerance as tolerance
     from jaxnc.system.system import System as System

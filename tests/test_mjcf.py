@@ -78,9 +78,7 @@ def watched_of(motion: nc.Motion):
 def spins(m: nc.Mechanism, tree) -> int:
     """Bars with a ball joint turn about their own line in MuJoCo; here they do not know it."""
     parts = tree.parts
-    return sum(
-        p.turns == "bar" and not tree.links[tree.link_of[k]].spinless for k, p in enumerate(parts.parts) if k
-    )
+    return sum(p.turns == "bar" and not tree.links[tree.link_of[k]].spinless for k, p in enumerate(parts.parts) if k)
 
 
 @pytest.mark.parametrize("name", CATALOGUE)

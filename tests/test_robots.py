@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.robots import Robot
 from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.robots import Robot
 from jaxnc.status import Status
 
 mujoco = pytest.importorskip("mujoco")

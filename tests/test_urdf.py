@@ -9,9 +9,9 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.cli import main
-from jaxnc.robots import Exported
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reporting.verdict import Verdict
+from jaxnc.robots import Exported
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -11,8 +11,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.io import target
-from jaxnc.io.archive import read
-from jaxnc.io.parts import Parts
+from jaxnc.io.archive import PartialTable, read
 from tests.mechanisms import four_bar, four_bar_mechanism
 
 
@@ -34,7 +33,7 @@ def full_disk():
 
 def stream_parts(motion, path):
     """What `stream` does when all poses are found."""
-    parts = Parts(path, {"question": 1})
+    parts = PartialTable(path, {"question": 1})
     if not parts.rows:
         with no_limit():
             parts.append({"x": np.arange(100.0)}, {}, {})

@@ -7,8 +7,7 @@ import numpy as np
 
 from benchmarks.synthesis.case import Case
 from jaxnc.io.problems import load_problem
-from jaxnc.io.schema import decode
-from jaxnc.io.source import Source
+from jaxnc.io.source import Source, decode
 from jaxnc.io.statement import Statement
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.result import Result

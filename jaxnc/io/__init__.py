@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
-    from jaxnc.io.headed import load_csv as load_csv
     from jaxnc.io.stream import Streamed as Streamed
     from jaxnc.io.svg import Outline as Outline
     from jaxnc.io.svg import outline as outline
     from jaxnc.io.tables import Table as Table
+    from jaxnc.io.tables import load_csv as load_csv
     from jaxnc.io.tables import load_npz as load_npz
 
 

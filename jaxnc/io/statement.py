@@ -5,8 +5,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from jaxnc.io.schema import decode
-from jaxnc.io.source import Source
+from jaxnc.io.source import Source, decode
 from jaxnc.io.target import file_name
 
 

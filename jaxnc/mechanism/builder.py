@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from jaxnc.constraints import Kind, RateKind
     from jaxnc.forces import ForceKind
-    from jaxnc.robots import Exported
     from jaxnc.kinematics.motion import Motion
+    from jaxnc.robots import Exported
     from jaxnc.system.system import System
 
 
