@@ -20,9 +20,11 @@ if TYPE_CHECKING:
     from jaxnc import kinematics as kinematics
     from jaxnc import library as library
     from jaxnc import reporting as reporting
+    from jaxnc import robots as robots
     from jaxnc import synthesis as synthesis
     from jaxnc import system as system
     from jaxnc import viz as viz
+    from jaxnc import workshop as workshop
     from jaxnc.compiling import jit as jit
     from jaxnc.dynamics.equilibrium import equilibrium as equilibrium
     from jaxnc.dynamics.inverse import inverse_dynamics as inverse_dynamics

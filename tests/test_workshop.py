@@ -13,7 +13,7 @@ import pytest
 import jaxnc as nc
 from jaxnc.cli.main import main
 from jaxnc.io.drives import sweep_arguments
-from jaxnc.workshop.stacking import Rule, Search
+from jaxnc.workshop.stacking import LayerSearch, Rule
 from jaxnc.workshop.stock import Contour
 from tests.test_writing import full_disk
 
@@ -375,7 +375,7 @@ def test_the_search_agrees_with_trying_every_stack():
         count = 5
         rules = random_rules(rng, count)
         pins = [r.one for r in rules if len(r.one) > 1]
-        search = Search(count, rules, pins)
+        search = LayerSearch(count, rules, pins)
         stacks = [dict(enumerate((0, *levels))) for levels in itertools.product(range(1, count), repeat=count - 1)]
         good = [s for s in stacks if not any(r.broken(s) for r in rules)]
         found = search.fewest(count - 1)

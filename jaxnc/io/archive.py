@@ -32,13 +32,13 @@ class Column:
     shape: tuple[int, ...]  # shape of the array, row number first
 
 
-def pack(path: Path, contents: Mapping[str, np.ndarray | Column]) -> None:
+def write_archive(path: Path, contents: Mapping[str, np.ndarray | Column]) -> None:
     """Write an npz archive; arrays that lie in files are never held in memory."""
     with path.open("wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, array in contents.items():
             # Whether a member is larger than 4 GiB must be known when it is begun.
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
-                member.write(_header(array.dtype, array.shape, file.tell()))
+                member.write(_npy_header(array.dtype, array.shape, file.tell()))
                 if isinstance(array, Column):
                     with array.file.open("rb") as column:
                         shutil.copyfileobj(column, member, _BLOCK)
@@ -46,18 +46,18 @@ def pack(path: Path, contents: Mapping[str, np.ndarray | Column]) -> None:
                     member.write(array.tobytes())
 
 
-def _header(dtype: np.dtype, shape: tuple[int, ...], start: int) -> bytes:
+def _npy_header(dtype: np.dtype, shape: tuple[int, ...], start: int) -> bytes:
     """Make the head of an npy file at byte `start` of another, filled up so that the numbers are aligned in that."""
     text = repr({"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape})
     room = -(start + 10 + len(text) + 1) % _ALIGNED
     return np.lib.format.magic(1, 0) + struct.pack("<H", len(text) + room + 1) + (text + " " * room + "\n").encode()
 
 
-def read(path: str | Path, what: str, mmap: bool = False) -> dict[str, np.ndarray]:
+def read_archive(path: str | Path, what: str, mmap: bool = False) -> dict[str, np.ndarray]:
     """Read the arrays of an npz archive by name."""
     try:
         if mmap:
-            return _mapped(path)
+            return _map_arrays(path)
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as contents:
             return {key: contents[key] for key in contents.files}
     except Exception as error:  # of a damaged archive zipfile, its decompressors and NumPy raise nearly anything
@@ -68,7 +68,7 @@ def read(path: str | Path, what: str, mmap: bool = False) -> dict[str, np.ndarra
         raise ModelFileError(f"{path} is not {what}, or is damaged ({reason}); write it again") from None
 
 
-def _mapped(path: str | Path) -> dict[str, np.ndarray]:
+def _map_arrays(path: str | Path) -> dict[str, np.ndarray]:
     arrays = {}
     with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
         for info in archive.infolist():
@@ -120,9 +120,9 @@ class PartialTable:
                 shutil.rmtree(self.folder)
             self.folder.mkdir(parents=True, exist_ok=True)
             if (self.folder / _INDEX).exists():
-                self._read()
+                self._read_index()
 
-    def _read(self) -> None:
+    def _read_index(self) -> None:
         try:
             index = json.loads((self.folder / _INDEX).read_text(encoding="utf-8"))
             self.rows, self.inputs, self.counts = index["rows"], index["inputs"], index["counts"]
@@ -172,7 +172,7 @@ class PartialTable:
         with self._writing():
             whole = self.folder / "whole.npz"  # in there, so that nothing stays beside the table if this is ended
             with replacing(whole) as new:
-                pack(new, {**more, **columns})
+                write_archive(new, {**more, **columns})
             os.replace(whole, self.path)
             shutil.rmtree(self.folder)
 

@@ -29,7 +29,7 @@ class Source:
     def __init__(self, path: Path):
         self.path = path  # where it is
         self.suffix = path.suffix.lower()
-        self.text = _read(path)  # what it says
+        self.text = _read_text(path)  # what it says
         self.data = self._parse()  # the same as nested dictionaries and lists
         self._check(self.data)
 
@@ -67,7 +67,7 @@ class Source:
         try:
             return tomllib.loads(self.text) if self.suffix == ".toml" else self._parse_json()
         except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
-            raise self._malformed(error) from None
+            raise self._syntax_fault(error) from None
         except RecursionError:
             raise self.fault("it is nested too deeply to be a model") from None
         except ModelFileError:
@@ -99,7 +99,7 @@ class Source:
             seen.add(place)
         return data
 
-    def _malformed(self, error: ValueError) -> ModelFileError:
+    def _syntax_fault(self, error: ValueError) -> ModelFileError:
         language = self.suffix[1:].upper()
         if isinstance(error, json.JSONDecodeError):
             what, line, column = error.msg, error.lineno, error.colno
@@ -117,7 +117,7 @@ class Source:
         return self.fault(f"{what}; this is not valid {language}", line=line, column=column)
 
 
-def _read(path: Path) -> str:
+def _read_text(path: Path) -> str:
     if path.is_dir():
         raise ModelFileError(f"{path} is a folder; name a model file in it")
     if path.suffix.lower() not in SUFFIXES:
@@ -247,16 +247,16 @@ def _explain(message: str, data: Any, record: type) -> tuple[Place, str]:
     expected: Any = inspect_record(record)
     value = data
     for key in place:
-        expected, value = _inner(expected, key, value), value[key]
+        expected, value = _entry_type(expected, key, value), value[key]
     if isinstance(value, dict) and (axis := {"x", "y", "z"} & set(value)):
         # TOML reads  B.x = …  as a table B with an entry x.
         return place, f'a name with a dot is written in quotes: "{place[-1] if place else ""}.{min(axis)}" = …'
     name = fault.partition("`")[2].rstrip("`")
     if fault.startswith("Object contains unknown field"):
         noun = "field" if place else "table or field"
-        return (*place, name), f"unknown {noun}; {nearest(name, _fields(expected, value))}"
+        return (*place, name), f"unknown {noun}; {nearest(name, _field_names(expected, value))}"
     if fault.startswith("Object missing required field"):
-        return place, f"{name!r} is missing; it is {describe(_inner(expected, name, value))}"
+        return place, f"{name!r} is missing; it is {describe(_entry_type(expected, name, value))}"
     if place == ("dim",):
         return place, f"mechanisms are planar, dim = 2, or spatial, dim = 3; got {value!r}"
     if fault.startswith("Invalid"):
@@ -264,7 +264,7 @@ def _explain(message: str, data: Any, record: type) -> tuple[Place, str]:
         return place, f"{value!r} is not {describe(expected)}; {nearest(str(value), choices)}"
     if fault.startswith("Number out of range"):
         return place, "the number is too large"
-    return place, f"expected {describe(expected)}, got {_seen(value)}"
+    return place, f"expected {describe(expected)}, got {_describe_value(value)}"
 
 
 def _resolve(tokens: list[tuple[str, str]], data: Any, message: str) -> Place:
@@ -279,7 +279,7 @@ def _resolve(tokens: list[tuple[str, str]], data: Any, message: str) -> Place:
             continue
         for key in node:
             try:
-                msgspec.convert(_replaced(data, place, {key: node[key]}), Model)
+                msgspec.convert(_replace(data, place, {key: node[key]}), Model)
             except msgspec.ValidationError as error:
                 if str(error) == message:
                     place += (key,)
@@ -289,10 +289,10 @@ def _resolve(tokens: list[tuple[str, str]], data: Any, message: str) -> Place:
     return place
 
 
-def _replaced(data: Any, place: Place, value: Any) -> Any:
+def _replace(data: Any, place: Place, value: Any) -> Any:
     if not place:
         return value
-    return {**data, place[0]: _replaced(data[place[0]], place[1:], value)}
+    return {**data, place[0]: _replace(data[place[0]], place[1:], value)}
 
 
 @cache
@@ -313,7 +313,7 @@ def _struct(expected: Any, value: Any) -> Any:
     return (tagged or structs or [None])[0]
 
 
-def _inner(expected: Any, key: str | int, value: Any) -> Any:
+def _entry_type(expected: Any, key: str | int, value: Any) -> Any:
     """Return the shape of one entry of something of a known shape."""
     struct = _struct(expected, value)
     if struct is not None and isinstance(key, str):
@@ -330,7 +330,7 @@ def _inner(expected: Any, key: str | int, value: Any) -> Any:
     return kinds_of.AnyType()
 
 
-def _fields(expected: Any, value: Any) -> list[str]:
+def _field_names(expected: Any, value: Any) -> list[str]:
     struct = _struct(expected, value)
     names = [f.encode_name for f in struct.fields] if struct is not None else []
     return [*names, struct.tag_field] if struct is not None and struct.tag_field else names
@@ -367,7 +367,7 @@ def _plural(item: Any) -> str:
     return "numbers" if isinstance(item, kinds_of.FloatType) else "names"
 
 
-def _seen(value: Any) -> str:
+def _describe_value(value: Any) -> str:
     """Say what was found instead, as a phrase."""
     if isinstance(value, bool):
         return str(value).lower()

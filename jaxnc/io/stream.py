@@ -67,7 +67,7 @@ class Streamed:
         return self.lanes - self.statuses.get(Status.CONVERGED, 0)
 
     def table(self) -> Table:
-        """The table, its arrays mapped into memory; only what is looked at is read."""
+        """Open the table, its arrays mapped into memory; only what is looked at is read."""
         return load_npz(self.path, mmap=True)
 
     def __repr__(self) -> str:
@@ -157,7 +157,7 @@ def stream(
     parts = PartialTable(path, question, resume)
     resumed = parts.rows
     with progress_bar(total, system.name, " poses", progress, initial=resumed, unit_scale=True) as bar:
-        _run(parts, bar, blocks, lambda block: _solve(system, block, chunk, settings), shown)
+        _solve_blocks(parts, bar, blocks, lambda block: _solve_block(system, block, chunk, settings), shown)
     if not parts.rows:
         raise InputError("the inputs are empty; give at least one pose")
     units = np.array([drawn.system.topology.unit(name) for name in shown], dtype=np.str_)
@@ -175,7 +175,9 @@ def _in_radians(system: System, blocks: Iterator[Block]) -> Iterator[Block]:
         yield {key: np.asarray(one[names[key]]) for key, one in zip(block, turned, strict=True)}
 
 
-def _run(parts: PartialTable, bar: "tqdm", blocks: Iterator[Block], solve: Callable, shown: Sequence[str]) -> None:
+def _solve_blocks(
+    parts: PartialTable, bar: "tqdm", blocks: Iterator[Block], solve: Callable, shown: Sequence[str]
+) -> None:
     """Solve block by block; while one is being solved, the one before is written."""
     seen, solved = parts.inputs, None
     for block in _not_done(blocks, parts):
@@ -185,14 +187,14 @@ def _run(parts: PartialTable, bar: "tqdm", blocks: Iterator[Block], solve: Calla
         except InputError as error:
             raise InputError(f"poses {first} to {first + count_lanes(block) - 1}: {error}") from None
         if solved:
-            _write(parts, bar, *solved, shown)
+            _write_block(parts, bar, *solved, shown)
         seen = checksums(block, seen)
         solved = motion, count_lanes(block), seen
     if solved:
-        _write(parts, bar, *solved, shown)
+        _write_block(parts, bar, *solved, shown)
 
 
-def _write(
+def _write_block(
     parts: PartialTable, bar: "tqdm", motion: Motion, lanes: int, seen: dict[str, int], shown: Sequence[str]
 ) -> None:
     # Numbers of the host from here on, so that picking a quantity out of them compiles nothing.
@@ -213,7 +215,7 @@ def _write(
     bar.update(lanes)
 
 
-def _solve(system: System, block: Block, chunk: int, settings: Mapping[str, Any]) -> Motion:
+def _solve_block(system: System, block: Block, chunk: int, settings: Mapping[str, Any]) -> Motion:
     """Find the poses of a block, which is filled up with its last lane: one shape is compiled."""
     lanes = np.minimum(np.arange(chunk), count_lanes(block) - 1)
     by_order = [{key[2:]: v[lanes] for key, v in block.items() if key[0] == k} for k in "012"]
@@ -280,7 +282,7 @@ def cut_blocks(
     """
     if isinstance(inputs, Mapping):
         names = tuple(map(str, inputs))
-        columns, total = _columns(inputs, rates, "inputs")  # pyright: ignore[reportArgumentType]
+        columns, total = _read_columns(inputs, rates, "inputs")  # pyright: ignore[reportArgumentType]
         return names, (take_lanes(columns, i, i + size) for i in range(0, total, size)), total
     if isinstance(inputs, str) or not isinstance(inputs, Iterable):
         kind = type(inputs).__name__
@@ -290,10 +292,10 @@ def cut_blocks(
     if not isinstance(first, Mapping) or not first:
         raise InputError(f"inputs: the first piece must be arrays by name, {_HOW}; got {first!r}")
     names = tuple(map(str, first))
-    return names, _join_pieces(_pieces(names, itertools.chain([first], pieces), rates), size), None
+    return names, _join_read_pieces(_read_pieces(names, itertools.chain([first], pieces), rates), size), None
 
 
-def _columns(
+def _read_columns(
     inputs: Inputs, rates: Sequence[Inputs | None], what: str, whole: bool = True
 ) -> tuple[dict[str, Any], int]:
     """Return arrays of one length or single numbers of everything that is given by name, and that length."""
@@ -324,17 +326,17 @@ def _unread(value: Any, what: str) -> Any:
     return value if isinstance(value, np.ndarray | jax.Array) else array(value, what)
 
 
-def _pieces(names: tuple[str, ...], pieces: Iterable[Inputs], rates: Sequence[Inputs | None]) -> Iterator[Block]:
+def _read_pieces(names: tuple[str, ...], pieces: Iterable[Inputs], rates: Sequence[Inputs | None]) -> Iterator[Block]:
     for k, piece in enumerate(pieces):
         if not isinstance(piece, Mapping) or set(piece) != set(names):
             got = ", ".join(map(str, piece)) if isinstance(piece, Mapping) else type(piece).__name__
             raise InputError(f"inputs: every piece must give {', '.join(names)} by name; piece {k} gives {got}")
-        columns, total = _columns({n: piece[n] for n in names}, rates, f"inputs, piece {k},", whole=False)
+        columns, total = _read_columns({n: piece[n] for n in names}, rates, f"inputs, piece {k},", whole=False)
         if total:
             yield take_lanes(columns, 0, total)
 
 
-def _join_pieces(pieces: Iterator[Block], size: int) -> Iterator[Block]:
+def _join_read_pieces(pieces: Iterator[Block], size: int) -> Iterator[Block]:
     """Cut pieces of any length into blocks of one length, but for the last."""
     waiting: Block = {}
     for piece in pieces:

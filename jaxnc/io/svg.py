@@ -76,7 +76,7 @@ def outline(
     if centre is not None and (np.shape(centre) != (2,) or not np.isfinite(centre).all()):
         raise InputError(f"outline: centre={centre!r} must be two finite numbers (x, y)")
     data, matrix, label = _find_path(path, id)
-    pieces = _pieces(data, f"{path}, {label}")
+    pieces = _read_path(data, f"{path}, {label}")
     if piece is None and len(pieces) > 1:
         raise ModelFileError(
             f"{path}, {label}: it has {len(pieces)} pieces, a curve is one; say which: piece = 0 … {len(pieces) - 1}"
@@ -85,12 +85,12 @@ def outline(
         raise ModelFileError(f"{path}, {label}: no piece {piece}; it has {len(pieces)}, counted from 0")
     segments, closed = pieces[piece or 0]
     flip = np.diag([1.0, -1.0 if up else 1.0])
-    curve = _Curve([s.map(flip @ matrix[:, :2], flip @ matrix[:, 2]) for s in segments], f"{path}, {label}")
+    curve = _Path([s.map(flip @ matrix[:, :2], flip @ matrix[:, 2]) for s in segments], f"{path}, {label}")
     low, high = curve.box()
     factor = 1.0 if size is None else size / float(np.max(high - low))
     middle = 0.5 * (low + high)
     at = middle if centre is None else np.asarray(centre, dtype=float)
-    found = at + factor * (curve.spaced(count, closed) - middle)
+    found = at + factor * (curve.spread_points(count, closed) - middle)
     return Outline(found, closed, factor * curve.length)
 
 
@@ -230,12 +230,12 @@ def _arc(a: np.ndarray, rx: float, ry: float, tilt: float, large: bool, forward:
     return _Segment(np.vstack([(a + b) / 2 + axes @ middle, axes.T]), (float(begin), float(sweep)))
 
 
-def _words(data: str, where: str) -> Iterator[tuple[str, list[float]]]:
+def _commands(data: str, where: str) -> Iterator[tuple[str, list[float]]]:
     """Yield commands with their numbers, repeated ones written out."""
     for letter, inside in re.findall(r"([A-Za-z]|^[^A-Za-z]+)([^A-Za-z]*(?:[eE][+-]?\d[^A-Za-z]*)*)", data.strip()):
         if letter.upper() not in _COUNTS:
             raise ModelFileError(f"{where}: path data has {letter.strip()[:12]!r}; commands are {' '.join(_COUNTS)}")
-        count, numbers = _COUNTS[letter.upper()], _numbers(letter, inside, where)
+        count, numbers = _COUNTS[letter.upper()], _command_numbers(letter, inside, where)
         if count == 0 and not numbers:
             yield letter, []
             continue
@@ -246,7 +246,7 @@ def _words(data: str, where: str) -> Iterator[tuple[str, list[float]]]:
             letter = {"M": "L", "m": "l"}[letter] if letter in "Mm" else letter
 
 
-def _numbers(letter: str, text: str, where: str) -> list[float]:
+def _command_numbers(letter: str, text: str, where: str) -> list[float]:
     """Read numbers of a command; the two flags of an arc may stand without anything between them."""
     out, at = [], 0
     while True:
@@ -263,13 +263,13 @@ def _numbers(letter: str, text: str, where: str) -> list[float]:
         at = found.end()
 
 
-def _pieces(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
+def _read_path(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
     """Read the segments of each piece of a path, and whether it is closed."""
     out: list[tuple[list[_Segment], bool]] = []
     here = start = np.zeros(2)
     control, before = here, ""
     some: list[_Segment] = []
-    for letter, v in _words(data, where):
+    for letter, v in _commands(data, where):
         kind = letter.upper()
         if not before and kind != "M":
             raise ModelFileError(f"{where}: path data begins with {letter}; it must begin with M")
@@ -311,13 +311,13 @@ def _pieces(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
     return out
 
 
-class _Curve:
+class _Path:
     """Segments one after another, by the length along them."""
 
     def __init__(self, segments: list[_Segment], where: str):
         self.segments = segments
         edges = np.linspace(0.0, 1.0, _PARTS + 1)
-        lengths = np.concatenate([_length(s, edges[:-1], edges[1:]) for s in segments])
+        lengths = np.concatenate([_arc_length(s, edges[:-1], edges[1:]) for s in segments])
         self.along = np.concatenate([[0.0], np.cumsum(lengths)])
         self.length = float(self.along[-1])
         if not (np.isfinite(self.length) and self.length > 0):
@@ -328,7 +328,7 @@ class _Curve:
         some = np.concatenate([s.at(np.linspace(0.0, 1.0, 16 * _PARTS + 1)) for s in self.segments])
         return some.min(axis=0), some.max(axis=0)
 
-    def spaced(self, count: int, closed: bool) -> np.ndarray:
+    def spread_points(self, count: int, closed: bool) -> np.ndarray:
         """Return points at equal distances along the curve; the ends of an open one are among them."""
         wanted = self.length * np.arange(count) / (count if closed else count - 1)
         part = np.clip(np.searchsorted(self.along, wanted, side="right") - 1, 0, len(self.along) - 2)
@@ -338,13 +338,13 @@ class _Curve:
             low, high = begin, begin + 1.0 / _PARTS
             for _ in range(60):  # to the last digit by halving: the speed may be zero at an end
                 t = 0.5 * (low + high)
-                less = self.along[n] + _length(segment, np.array([begin]), np.array([t]))[0] < s
+                less = self.along[n] + _arc_length(segment, np.array([begin]), np.array([t]))[0] < s
                 low, high = (t, high) if less else (low, t)
             out[k] = segment.at(np.array([0.5 * (low + high)]))[0]
         return out
 
 
-def _length(segment: _Segment, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+def _arc_length(segment: _Segment, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Measure parts of a segment, by Gauss's rule."""
     half = 0.5 * (end - begin)
     t = begin[:, None] + half[:, None] * (_NODES + 1.0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, ModelFileError, nearest
-from jaxnc.io.archive import read
+from jaxnc.io.archive import read_archive
 from jaxnc.io.target import file_name, write
 from jaxnc.kinematics.inputs import angle_unit, outside
 from jaxnc.status import Status
@@ -222,7 +222,7 @@ def load_npz(path: str | Path, mmap: bool = False) -> Table:
     Raises:
         ModelFileError: the file is missing, damaged or not such a table.
     """
-    arrays = read(path, "a table that to_npz wrote", mmap)
+    arrays = read_archive(path, "a table that to_npz wrote", mmap)
     try:
         names = [str(n) for n in arrays["names"]]
         pose, first, second, third = (
@@ -282,8 +282,8 @@ def load_csv(path: str | Path) -> Table:
     text = dict(zip(header, columns, strict=True))
     places, point = [number for number, _ in rows], "." if between == "," else ","
 
-    def numbered(label: str, cells: Sequence[str]) -> np.ndarray:
-        """Numbers of a column, NaN where a cell is empty."""
+    def parse(label: str, cells: Sequence[str]) -> np.ndarray:
+        """Read the numbers of a column, NaN where a cell is empty."""
         out = np.full(len(cells), np.nan)
         for k, cell in enumerate(cells):
             try:
@@ -293,7 +293,7 @@ def load_csv(path: str | Path) -> Table:
         return out
 
     lanes = [label for label in header if _COUNTER.fullmatch(label)]
-    counters = np.array([numbered(label, text.pop(label)) for label in lanes] or [np.arange(len(rows))])
+    counters = np.array([parse(label, text.pop(label)) for label in lanes] or [np.arange(len(rows))])
     shape = tuple(1 + int(max(last, -1)) for last in np.nan_to_num(counters).max(axis=1, initial=-1.0))
     order = np.lexsort(counters[::-1])  # lines may have been sorted by something else
     if math.prod(shape) != len(rows) or (counters[:, order] != np.indices(shape).reshape(len(shape), -1)).any():
@@ -314,7 +314,7 @@ def load_csv(path: str | Path) -> Table:
             raise ModelFileError(f"{path}: column {label!r}: the unit of {found['rate']}(…) ends in {PER[rate]}")
         base = own.removesuffix(PER[rate])
         base = "deg" if base == "°" else base
-        numbers = numbered(label, cells)[order].reshape(shape)
+        numbers = parse(label, cells)[order].reshape(shape)
         orders[rate][name] = np.deg2rad(numbers) if base == "deg" else numbers
         read = "rad" if base == "deg" else base
         if read != (unit := units.setdefault(_place_of(name), "s" if name == "time" else read)):

@@ -47,12 +47,12 @@ def from_mjcf(
     robot = Robot(file, without, hold)
     if home is None:
         return robot
-    file.put(file.qpos_near(home, robot.coordinates))
+    file.set_home(file.qpos_near(home, robot.coordinates))
     joints = {coordinate: joint for joint, coordinate in robot.coordinates.items()}
     values = np.array([file.value(joints[coordinate]) for coordinate in robot.actuated])
     # The links need not close the loops with these values: the nearest pose in which they do is taken.
     near = robot.pose(values, start=robot._tree.carry(file.frames()))
-    file.put(np.asarray(robot.joint_values(near)))
+    file.set_home(np.asarray(robot.joint_values(near)))
     return Robot(file, without, hold)
 
 
@@ -149,10 +149,10 @@ def to_mjcf(mechanism: Mechanism, path: str | Path, at: System | Motion | None =
         OutputError: the file cannot be written.
     """
     path = _check_suffix(path, ".xml")
-    tree, driven, q = _export_tree(mechanism, at)
+    tree, driven, q = _make_tree(mechanism, at)
     file = MjcfWriter(tree, driven, tree.joint_values(q))
     write(path, file.text().encode())
-    return _exported(path, tree)
+    return _report(path, tree)
 
 
 def to_urdf(mechanism: Mechanism, path: str | Path, at: System | Motion | None = None) -> Exported:
@@ -178,17 +178,17 @@ def to_urdf(mechanism: Mechanism, path: str | Path, at: System | Motion | None =
     Source: Isaac Sim, URDF importer extension, custom tags; Gazebo, Model a 4-bar linkage in SDFormat and URDF.
     """
     path = _check_suffix(path, ".urdf")
-    tree, driven, _ = _export_tree(mechanism, at)
+    tree, driven, _ = _make_tree(mechanism, at)
     notes = tree.description.notes
     if not any(link.inertia for link in tree.links):
         notes[:] = [n for n in notes if not n.startswith("no body has a mass")] + ["no body has a mass, and no link"]
     if any(joint.kind == "ball" for joint in tree.joints.values()):
         notes.append("balls are three hinges, about x, y, z, which lose a freedom a quarter turn from home about y")
     write(path, UrdfWriter(tree, driven).text().encode())
-    return _exported(path, tree, urdf=True)
+    return _report(path, tree, urdf=True)
 
 
-def _exported(path: Path, tree: ExportTree, urdf: bool = False) -> Exported:
+def _report(path: Path, tree: ExportTree, urdf: bool = False) -> Exported:
     """Tell what was written."""
     d = tree.description
     return Exported(
@@ -214,7 +214,7 @@ def _check_suffix(path: str | Path, suffix: str) -> Path:
     return path
 
 
-def _export_tree(mechanism: Mechanism, at: System | Motion | None) -> tuple[ExportTree, tuple[str, ...], np.ndarray]:
+def _make_tree(mechanism: Mechanism, at: System | Motion | None) -> tuple[ExportTree, tuple[str, ...], np.ndarray]:
     """Make the tree of a mechanism; return it, the inputs that get motors, and the poses to be kept ``(K, N)``."""
     if not isinstance(mechanism, Mechanism):
         raise InputError(f"expected the Mechanism, got {type(mechanism).__name__}; a System is given as at=")

@@ -14,7 +14,7 @@ Vec = np.ndarray
 
 @dataclass
 class ElementaryJoint:
-    """One elementary joint of a link: ``"hinge"``, ``"slide"``, ``"ball"`` or ``"free"``."""
+    """An elementary joint of a link: ``"hinge"``, ``"slide"``, ``"ball"`` or ``"free"``."""
 
     name: str
     kind: str

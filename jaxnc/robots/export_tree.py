@@ -22,9 +22,9 @@ from jaxnc.robots.description import (
     cross_matrix,
     join_inertias,
 )
-from jaxnc.robots.edges import Edge, find_edges
+from jaxnc.robots.edges import TreeEdge, find_edges
 from jaxnc.robots.joint_coordinates import JointSum, add_coordinates
-from jaxnc.robots.pose import Posed, joint_values
+from jaxnc.robots.pose import TreePose, joint_values
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.frames import marker_along
 from jaxnc.system.system import System
@@ -60,7 +60,7 @@ class ExportTree:
     def __init__(self, mechanism: Mechanism, system: System, q: np.ndarray):
         self.mechanism, self.system = mechanism, system
         self.parts = Parts(mechanism)
-        self.home = Posed(self.parts, q)
+        self.home = TreePose(self.parts, q)
         self.size = float(np.linalg.norm(np.ptp(self.home.points, axis=0))) or 1.0
         self.links = [TreeLink("ground", -1, np.zeros(3), part=0)]
         self.description = Description(mechanism.name)
@@ -86,7 +86,7 @@ class ExportTree:
         """Return values of all joints ``(..., nq)`` of poses ``(..., N)``, hinges counted on through whole turns."""
         out, before = [], None
         for x in q.reshape(-1, q.shape[-1]):
-            before = joint_values(self.links, Posed(self.parts, x, self.home), before)
+            before = joint_values(self.links, TreePose(self.parts, x, self.home), before)
             out.append(before)
         return np.reshape(out, (*q.shape[:-1], sum(j.width for j in self.joints.values())))
 
@@ -112,7 +112,7 @@ class ExportTree:
 
     # -- the tree -----------------------------------------------------------------------------------------------
 
-    def _hang(self) -> list[Edge]:
+    def _hang(self) -> list[TreeEdge]:
         """Hang every part on another, or free on the ground; the joints that are left close loops."""
         parts, dim = self.parts, self.parts.dim
         group = list(range(len(parts.parts)))
@@ -134,7 +134,7 @@ class ExportTree:
             waiting = [k for k in waiting if k not in self.link_of]
         return left
 
-    def _hang_on(self, edge: Edge) -> None:
+    def _hang_on(self, edge: TreeEdge) -> None:
         """Hang one part on the other; a joint is called after the user's, or after its point and the part."""
         parent, child = (edge.first, edge.second) if edge.first in self.link_of else (edge.second, edge.first)
         at, sequence = edge.sequence(parent, self.parts.dim)
@@ -151,7 +151,7 @@ class ExportTree:
 
     def _add(self, k: int, parent: int, at: int, sequence: list[tuple[str, Vec]], name: str) -> None:
         part = self.parts.parts[k]
-        link = TreeLink(_unused(part.name, self.links), parent, self.home.points[at].copy(), part=k)
+        link = TreeLink(_new_name(part.name, self.links), parent, self.home.points[at].copy(), part=k)
         link.reference = at if part.turns == "no" else -1
         link.spinless = part.turns == "bar" and all(kind in ("hinge", "slide") for kind, _ in sequence)
         self.link_of[k] = len(self.links)
@@ -163,9 +163,9 @@ class ExportTree:
         for i, (kind, axis) in enumerate(sequence):
             more = f" {kind}" if len(sequence) > 1 else ""
             more += f" {i + 1}" if kinds.count(kind) > 1 else ""
-            link.joints.append(ElementaryJoint(_unused(name + more, list(self.joints.values())), kind, axis))
+            link.joints.append(ElementaryJoint(_new_name(name + more, list(self.joints.values())), kind, axis))
 
-    def _note_shared(self, edge: Edge) -> None:
+    def _note_shared(self, edge: TreeEdge) -> None:
         for items, shared in ((self._points, edge.points), (self._vectors, edge.vectors)):
             for i in shared:
                 join(items[i], edge.first, edge.second)
@@ -176,7 +176,7 @@ class ExportTree:
 
     # -- loops --------------------------------------------------------------------------------------------------
 
-    def _close(self, edge: Edge) -> None:
+    def _close(self, edge: TreeEdge) -> None:
         """Close a loop by a joint that is not in the tree, if nothing else does so already."""
         if (edge.user and edge.name in self._done) or edge.holder in self._held:
             return
@@ -195,7 +195,7 @@ class ExportTree:
             self._loop_axis(edge, k, j, at, edge.axes[-1])
         self._note_shared(edge)
 
-    def _pin(self, edge: Edge, i: int, j: int, at: Vec) -> None:
+    def _pin(self, edge: TreeEdge, i: int, j: int, at: Vec) -> None:
         """Write a pin or ball: what is joined already is not written again."""
         met = [p for p in edge.points if root(self._points[p], edge.first) == root(self._points[p], edge.second)]
         if not met:
@@ -203,7 +203,7 @@ class ExportTree:
         if edge.how == "revolute" and self.parts.dim == 3 and len(met) < 2:
             self._loop_axis(edge, i, j, at, edge.axes[0])
 
-    def _loop_axis(self, edge: Edge, i: int, j: int, at: Vec, axis: Vec) -> None:
+    def _loop_axis(self, edge: TreeEdge, i: int, j: int, at: Vec, axis: Vec) -> None:
         """Keep another place of an axis together, unless a vector along it is shared."""
         groups = (self._vectors[v] for v in edge.vectors)
         if not any(root(group, edge.first) == root(group, edge.second) for group in groups):
@@ -211,11 +211,11 @@ class ExportTree:
 
     def _loop(self, name: str, kind: str, i: int, j: int, at: Vec) -> None:
         loops = self.description.loops
-        loops.append(LoopClosure(_unused(name, loops), kind, i, j, (at, at)))
+        loops.append(LoopClosure(_new_name(name, loops), kind, i, j, (at, at)))
 
-    def _piece(self, edge: Edge, sequence: list[tuple[str, Vec]]) -> int:
+    def _piece(self, edge: TreeEdge, sequence: list[tuple[str, Vec]]) -> int:
         """Add a link without mass that has moved by some of a joint's freedoms."""
-        name, point = _unused(f"{edge.name} piece", self.links), edge.at[1]
+        name, point = _new_name(f"{edge.name} piece", self.links), edge.at[1]
         place = self.home.points[point].copy()
         link = TreeLink(name, self.link_of[edge.first], place, part=edge.second, auxiliary=True)
         if all(kind == "slide" for kind, _ in sequence):
@@ -226,7 +226,7 @@ class ExportTree:
 
     def name_closure(self, name: str) -> str:
         """Return a name that no loop and no tie has."""
-        return _unused(name, [*self.description.loops, *self.description.ties])
+        return _new_name(name, [*self.description.loops, *self.description.ties])
 
     def _sort_in_depth(self) -> None:
         """Put the links in the order of a file: each followed by what hangs on it."""
@@ -373,7 +373,7 @@ class ExportTree:
             d.notes.append(f"lengths are in {model.units.length} as in the mechanism, and numbers are not converted")
 
 
-def _unused(name: str, things: "list[Any]") -> str:
+def _new_name(name: str, things: "list[Any]") -> str:
     """Return a name that none of some things has, and that is not "world"."""
     taken = {"world", *(thing.name for thing in things)}
     k, out = 1, name

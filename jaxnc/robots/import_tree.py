@@ -31,15 +31,15 @@ Direction = str | tuple[str, str]
 """A vector, or two points."""
 
 
-def _follow(p, v, s, c):
-    """The change of one coordinate from the drawing as a polynomial of another's."""
+def _polynomial(p, v, s, c):
+    """Let the change of a coordinate from the drawing be a polynomial of that of another."""
     x = s[1] - c[1]
     return (s[0] - c[0] - (c[2] + x * (c[3] + x * (c[4] + x * (c[5] + x * c[6])))),)
 
 
 FOLLOWED = Kind(
     "joint that follows another",
-    _follow,
+    _polynomial,
     rows=("polynomial",),
     powers=(0,),
     scalars=2,
@@ -52,7 +52,7 @@ listed(__name__, (FOLLOWED,))
 
 @dataclass
 class Rigid:
-    """What moves as one: links without joints between them, or what is between two joints of one link."""
+    """A set of links without joints between them, or a piece between two joints of a link."""
 
     name: str
     points: list[str] = field(default_factory=list)
@@ -68,7 +68,7 @@ class Rigid:
 
 
 class Anchor(NamedTuple):
-    """What a joint is made of: its point, its axis (none of a ball), and the rigids before and after it."""
+    """The point of a joint, its axis (none of a ball), and the rigids before and after it."""
 
     point: str
     axis: str
@@ -76,7 +76,7 @@ class Anchor(NamedTuple):
     after: int
 
 
-class Design(NamedTuple):
+class MovedPlaces(NamedTuple):
     """Places of points and markers and unit vectors by name, and which of them the file has elsewhere."""
 
     places: Mapping[str, Vec]

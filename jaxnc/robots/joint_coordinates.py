@@ -52,7 +52,7 @@ def add_coordinates(tree: "ExportTree") -> None:
         point, _, axis = name.rpartition(".")
         if point not in index or top.fixed[top.position[name]]:
             continue
-        if terms := _shift(tree, 0, index[point], np.eye(3)["xyz".index(axis)]):
+        if terms := _sum_of_slides(tree, 0, index[point], np.eye(3)["xyz".index(axis)]):
             tree.coordinates[name] = JointSum(terms, float(tree.home.q[top.position[name]]))
     _add_ties(tree)
     for name, joint in tree.mechanism.model.joints.items():
@@ -88,13 +88,13 @@ def _sum_of_joints(tree: "ExportTree", name: str) -> dict[str, float] | None:
             assert lines is not None
             about, start, to = lines
             axis = tree.home.along(about)
-        return _turning(tree, [0] if start is None else _holders(tree, start), _holders(tree, to), axis)
+        return _sum_of_hinges(tree, [0] if start is None else _holders(tree, start), _holders(tree, to), axis)
     if name in model.distances:
         distance = model.distances[name]
         p, q = parts.a.pair((distance.start, distance.to))
         line = (parts.a.measured[name].points[-2:], ()) if planar else spatial_graph.along_of(parts, distance)
         axis = tree.home.along(line)
-        return next(filter(None, (_shift(tree, i, q, axis) for i in parts.of_point[p])), None)
+        return next(filter(None, (_sum_of_slides(tree, i, q, axis) for i in parts.of_point[p])), None)
     for joint_name, joint in model.joints.items():  # an angle or distance that a rolling joint or a screw makes
         if not isinstance(joint, record.Rolling | record.Screw) or name not in (joint.angle, joint.distance):
             continue
@@ -102,8 +102,8 @@ def _sum_of_joints(tree: "ExportTree", name: str) -> dict[str, float] | None:
         if edge is None:
             return None
         if name == joint.angle:
-            return _turning(tree, [edge.first], [edge.second], edge.axes[-1])
-        return _shift(tree, edge.first, edge.at[0 if isinstance(joint, record.Rolling) else 1], edge.axes[0])
+            return _sum_of_hinges(tree, [edge.first], [edge.second], edge.axes[-1])
+        return _sum_of_slides(tree, edge.first, edge.at[0 if isinstance(joint, record.Rolling) else 1], edge.axes[0])
     return None
 
 
@@ -114,7 +114,7 @@ def _holders(tree: "ExportTree", line: Line) -> list[int]:
             if set(points) <= set(part.points) and set(vectors) <= set(part.vectors)]  # fmt: skip
 
 
-def _turning(tree: "ExportTree", starts: list[int], ends: list[int], axis: Vec) -> dict[str, float] | None:
+def _sum_of_hinges(tree: "ExportTree", starts: list[int], ends: list[int], axis: Vec) -> dict[str, float] | None:
     """Write the angle about an axis between two parts as a sum of hinges, if all between them are parallel to it."""
     for i in starts:
         for j in ends:
@@ -128,7 +128,7 @@ def _turning(tree: "ExportTree", starts: list[int], ends: list[int], axis: Vec) 
     return None
 
 
-def _shift(tree: "ExportTree", i: int, point: int, axis: Vec) -> dict[str, float] | None:
+def _sum_of_slides(tree: "ExportTree", i: int, point: int, axis: Vec) -> dict[str, float] | None:
     """Write how far a point moves along an axis of a part as a sum of slides; None where anything turns it."""
     for j in tree.parts.of_point[point]:
         if j == i or i not in tree.link_of or j not in tree.link_of:

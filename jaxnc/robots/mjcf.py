@@ -21,7 +21,7 @@ from jaxnc.system.frames import quaternions
 
 if TYPE_CHECKING:
     from jaxnc.robots.export_tree import ExportTree, TreeLink
-    from jaxnc.robots.import_tree import Design, ImportTree
+    from jaxnc.robots.import_tree import ImportTree, MovedPlaces
     from jaxnc.system.loads import ForceBlock
 
 _CLOSED = 1e-6  # of the robot's size: how far a weld may be from closed at home
@@ -61,13 +61,13 @@ class MjcfFile:
         except ValueError as error:
             raise self.fault(f"MuJoCo does not compile it: {_one_line(error)}") from None
         self.data: Any = self.mujoco.MjData(self.model)  # the home pose
-        self.put(self.model.qpos0)
+        self.set_home(self.model.qpos0)
 
     def fault(self, what: str) -> ModelFileError:
         """Make an error that names the file."""
         return ModelFileError(f"{self.path}: {what}")
 
-    def put(self, qpos: Any) -> None:
+    def set_home(self, qpos: Any) -> None:
         """Make a pose the home pose."""
         self.data.qpos[:] = qpos
         self.mujoco.mj_kinematics(self.model, self.data)
@@ -291,7 +291,7 @@ class MjcfFile:
 
     # -- writing ------------------------------------------------------------------------------------------------
 
-    def save(self, path: Path, tree: "ImportTree", design: "Design") -> Path:
+    def save(self, path: Path, tree: "ImportTree", design: "MovedPlaces") -> Path:
         """Put the places of a design into the description that MuJoCo has read, and write that."""
         if path.suffix.lower() != ".xml":
             raise InputError(f"{path}: an MJCF file ends in .xml")
@@ -320,7 +320,7 @@ class MjcfFile:
             raise self.fault(f"MuJoCo refuses this design: {_one_line(error)}") from None
         return write(path, spec.to_xml().encode())
 
-    def _close(self, spec: Any, tree: "ImportTree", design: "Design") -> None:
+    def _close(self, spec: Any, tree: "ImportTree", design: "MovedPlaces") -> None:
         """Move the places where loops are closed."""
         links, model, site = tree.description.links, self.model, self.mujoco.mjtObj.mjOBJ_SITE
         loops = {loop.name: loop for loop in tree.description.loops}
@@ -381,19 +381,21 @@ class MjcfWriter:
     def __init__(self, tree: "ExportTree", driven: tuple[str, ...], keys: np.ndarray):
         self.tree, self.description = tree, tree.description
         links = tree.links
-        self.root = ET.Element("mujoco", model=clean(self.description.name))
+        self.root = ET.Element("mujoco", model=xml_name(self.description.name))
         sizes = {"boundmass": _LEAST, "boundinertia": _LEAST}
         ET.SubElement(self.root, "compiler", {"angle": "radian", "autolimits": "true"} | sizes)
         gravity = np.zeros(3)
         if (index := tree.system.topology.loads.gravity) != ():
             gravity[: tree.parts.dim] = np.asarray(tree.system.parameters.physical)[list(index)]
-        ET.SubElement(self.root, "option", gravity=numbers(gravity), timestep="0.001")
+        ET.SubElement(self.root, "option", gravity=xml_numbers(gravity), timestep="0.001")
         default = ET.SubElement(self.root, "default")
         thin = _THIN * tree.size
-        geom = ET.SubElement(default, "geom", contype="0", conaffinity="0", size=number(thin), rgba="0.35 0.5 0.7 1")
+        geom = ET.SubElement(
+            default, "geom", contype="0", conaffinity="0", size=xml_number(thin), rgba="0.35 0.5 0.7 1"
+        )
         if not any(link.inertia for link in links):
-            geom.set("density", number(tree.density))
-        ET.SubElement(default, "site", size=number(1.5 * thin), rgba="0.8 0.4 0.1 1")
+            geom.set("density", xml_number(tree.density))
+        ET.SubElement(default, "site", size=xml_number(1.5 * thin), rgba="0.8 0.4 0.1 1")
         ET.SubElement(default, "equality", solref="0.005 1", solimp="0.99 0.999 0.0001")
         self.elements = [ET.SubElement(self.root, "worldbody")]
         self.joints: dict[str, ET.Element] = {}
@@ -410,7 +412,7 @@ class MjcfWriter:
         if len(keys):
             section = ET.SubElement(self.root, "keyframe")
             for k, values in enumerate(keys):
-                ET.SubElement(section, "key", name=f"pose {k}", qpos=numbers(values))
+                ET.SubElement(section, "key", name=f"pose {k}", qpos=xml_numbers(values))
 
     def text(self) -> str:
         """Return the file."""
@@ -419,19 +421,19 @@ class MjcfWriter:
 
     def _add_body(self, link: "TreeLink") -> None:
         before = self.tree.links[link.parent]
-        body = ET.SubElement(self.elements[link.parent], "body", name=clean(link.name))
-        body.set("pos", numbers(link.origin - before.origin))
+        body = ET.SubElement(self.elements[link.parent], "body", name=xml_name(link.name))
+        body.set("pos", xml_numbers(link.origin - before.origin))
         self.elements.append(body)
         for joint in link.joints:
-            element = ET.SubElement(body, "joint", name=clean(joint.name), type=joint.kind)
+            element = ET.SubElement(body, "joint", name=xml_name(joint.name), type=joint.kind)
             if joint.kind in ("hinge", "slide"):
-                element.set("axis", numbers(joint.axis))
+                element.set("axis", xml_numbers(joint.axis))
             self.joints[joint.name] = element
         if link.inertia is not None:
             self._add_inertial(link, link.inertia, body)
         lines = [(a, b) for a, b in link.lines if np.linalg.norm(b - a) > 1e-9 * self.tree.size]
         for a, b in lines:
-            ET.SubElement(body, "geom", type="capsule", fromto=numbers([*(a - link.origin), *(b - link.origin)]))
+            ET.SubElement(body, "geom", type="capsule", fromto=xml_numbers([*(a - link.origin), *(b - link.origin)]))
         if not lines:
             ET.SubElement(body, "geom", type="sphere")
         self._add_sites(link, body)
@@ -440,10 +442,10 @@ class MjcfWriter:
         # By principal axes: MuJoCo before 3.17 finds them to seven digits only.
         values, axes = np.linalg.eigh(inertia.tensor)
         axes[:, 2] *= np.sign(np.linalg.det(axes))
-        inertial = ET.SubElement(body, "inertial", pos=numbers(inertia.com - link.origin))
-        inertial.set("quat", numbers(np.asarray(quaternions(axes))))
-        inertial.set("mass", number(inertia.mass))
-        inertial.set("diaginertia", numbers(values))
+        inertial = ET.SubElement(body, "inertial", pos=xml_numbers(inertia.com - link.origin))
+        inertial.set("quat", xml_numbers(np.asarray(quaternions(axes))))
+        inertial.set("mass", xml_number(inertia.mass))
+        inertial.set("diaginertia", xml_numbers(values))
         least = float(min(values[0], inertia.mass))
         if least < float(_LEAST):
             self.description.notes.append(
@@ -453,7 +455,7 @@ class MjcfWriter:
 
     def _add_sites(self, link: "TreeLink", body: ET.Element) -> None:
         for name, place in link.sites.items():
-            ET.SubElement(body, "site", name=clean(name), pos=numbers(place - link.origin))
+            ET.SubElement(body, "site", name=xml_name(name), pos=xml_numbers(place - link.origin))
             self.sites.add(name)
 
     # -- loops --------------------------------------------------------------------------------------------------
@@ -461,58 +463,58 @@ class MjcfWriter:
     def _add_equalities(self) -> None:
         links = self.tree.links
         for loop in self.description.loops:
-            first, second = (clean(links[k].name) if k else "world" for k in (loop.first, loop.second))
-            element = ET.SubElement(self.equality, loop.kind, name=clean(loop.name), body1=first, body2=second)
+            first, second = (xml_name(links[k].name) if k else "world" for k in (loop.first, loop.second))
+            element = ET.SubElement(self.equality, loop.kind, name=xml_name(loop.name), body1=first, body2=second)
             if loop.kind == "connect":
-                element.set("anchor", numbers(loop.at[0] - links[loop.first].origin))
+                element.set("anchor", xml_numbers(loop.at[0] - links[loop.first].origin))
         for tie in self.description.ties:
             joints = list(tie.terms)
             if len(joints) > 2:
-                ET.SubElement(self.equality, "tendon", name=clean(tie.name), tendon1=self._sum(tie.name, tie.terms))
+                ET.SubElement(self.equality, "tendon", name=xml_name(tie.name), tendon1=self._sum(tie.name, tie.terms))
                 continue
-            element = ET.SubElement(self.equality, "joint", name=clean(tie.name), joint1=clean(joints[0]))
+            element = ET.SubElement(self.equality, "joint", name=xml_name(tie.name), joint1=xml_name(joints[0]))
             if len(joints) == 2:
                 factor = -tie.terms[joints[1]] / tie.terms[joints[0]]
-                element.set("joint2", clean(joints[1]))
-                element.set("polycoef", numbers((0.0, factor, 0.0, 0.0, 0.0)))
+                element.set("joint2", xml_name(joints[1]))
+                element.set("polycoef", xml_numbers((0.0, factor, 0.0, 0.0, 0.0)))
         for name, points in self.tree.cables.items():
-            ET.SubElement(self.equality, "tendon", name=clean(name), tendon1=self._string(name, points))
+            ET.SubElement(self.equality, "tendon", name=xml_name(name), tendon1=self._string(name, points))
 
     def _sum(self, name: str, terms: dict[str, float]) -> str:
         """Make a fixed tendon, whose length is a sum of joint values, if it is not there; return its name."""
         if self._tendon(name) is None:
-            tendon = ET.SubElement(self.tendons, "fixed", name=clean(name))
+            tendon = ET.SubElement(self.tendons, "fixed", name=xml_name(name))
             for joint, factor in terms.items():
-                ET.SubElement(tendon, "joint", joint=clean(joint), coef=number(factor))
-        return clean(name)
+                ET.SubElement(tendon, "joint", joint=xml_name(joint), coef=xml_number(factor))
+        return xml_name(name)
 
     def _string(self, name: str, points: Iterable[str]) -> str:
         """Make a spatial tendon through sites, if it is not there; return its name."""
         if self._tendon(name) is None:
-            tendon = ET.SubElement(self.tendons, "spatial", name=clean(name))
+            tendon = ET.SubElement(self.tendons, "spatial", name=xml_name(name))
             for point in points:
-                ET.SubElement(tendon, "site", site=clean(point))
-        return clean(name)
+                ET.SubElement(tendon, "site", site=xml_name(point))
+        return xml_name(name)
 
     def _tendon(self, name: str) -> ET.Element | None:
-        return next((t for t in self.tendons if t.get("name") == clean(name)), None)
+        return next((t for t in self.tendons if t.get("name") == xml_name(name)), None)
 
     # -- motors and loads ---------------------------------------------------------------------------------------
 
     def _add_motor(self, name: str) -> None:
         """Add a motor for a coordinate: on its joint, or on a tendon whose length it is."""
         coordinate = self.tree.coordinates.get(name)
-        motor = {"name": clean(name)}
+        motor = {"name": xml_name(name)}
         if coordinate is None:
             point, _, axis = name.rpartition(".")
             if point not in self.sites or axis not in "xyz":
                 self.description.left_out.append(f"input {name!r}: it is no sum of joints, and has no motor")
                 return
-            pull = numbers(np.eye(6)["xyz".index(axis)])  # a force on the point along an axis of the ground
-            motor |= {"site": clean(point), "refsite": self._ground_frame(), "gear": pull}
+            pull = xml_numbers(np.eye(6)["xyz".index(axis)])  # a force on the point along an axis of the ground
+            motor |= {"site": xml_name(point), "refsite": self._ground_frame(), "gear": pull}
         elif coordinate.joint:
             joint, factor = coordinate.joint
-            motor |= {"joint": clean(joint), "gear": number(factor)}
+            motor |= {"joint": xml_name(joint), "gear": xml_number(factor)}
         elif coordinate.ends:
             motor["tendon"] = self._string(name, coordinate.ends)
         else:
@@ -523,7 +525,7 @@ class MjcfWriter:
         """Return the name of a site of the ground whose axes are the ground's."""
         name = "ground frame"
         if name not in self.sites:
-            ET.SubElement(self.elements[0], "site", name=name, size=number(0.1 * _THIN * self.tree.size))
+            ET.SubElement(self.elements[0], "site", name=name, size=xml_number(0.1 * _THIN * self.tree.size))
             self.sites.add(name)
         return name
 
@@ -573,14 +575,14 @@ class MjcfWriter:
         joint, factor = coordinate.joint
         element = self.joints[joint]
         if kind == "damper":
-            element.set("damping", number(float(element.get("damping", 0.0)) + values["damping"] * factor**2))
+            element.set("damping", xml_number(float(element.get("damping", 0.0)) + values["damping"] * factor**2))
         elif kind == "stop":
             self._limit(element, [(values[k] - coordinate.home) / factor for k in ("lower", "upper")], values)
         elif element.get("stiffness"):
             self.description.left_out.append(f"spring on joint {joint!r}: it has one already")
         else:
-            element.set("stiffness", number(values["stiffness"] * factor**2))
-            element.set("springref", number((_rest(values) - coordinate.home) / factor))
+            element.set("stiffness", xml_number(values["stiffness"] * factor**2))
+            element.set("springref", xml_number((_rest(values) - coordinate.home) / factor))
 
     def _load_tendon(
         self, kind: str, name: str, points: list[str], coordinate: JointSum | None, values: dict[str, float]
@@ -595,10 +597,10 @@ class MjcfWriter:
         element = self._tendon(label)
         assert element is not None
         if kind == "spring":
-            element.set("stiffness", number(values["stiffness"]))
-            element.set("springlength", number(_rest(values) - home))
+            element.set("stiffness", xml_number(values["stiffness"]))
+            element.set("springlength", xml_number(_rest(values) - home))
         elif kind == "damper":
-            element.set("damping", number(values["damping"]))
+            element.set("damping", xml_number(values["damping"]))
         else:
             self._limit(element, [values[k] - home for k in ("lower", "upper")], values)
 
@@ -616,16 +618,16 @@ def _rest(values: dict[str, float]) -> float:
     return values["free"] - (values["preload"] / values["stiffness"] if values.get("preload") else 0.0)
 
 
-def number(x: float) -> str:
+def xml_number(x: float) -> str:
     """Write a number so that it is read back as it is; without the sign of zero."""
     return repr(float(x) + 0.0)
 
 
-def numbers(values: Iterable[float]) -> str:
+def xml_numbers(values: Iterable[float]) -> str:
     """Write several numbers."""
-    return " ".join(number(x) for x in values)
+    return " ".join(xml_number(x) for x in values)
 
 
-def clean(name: str) -> str:
+def xml_name(name: str) -> str:
     """Take out of a name what no XML may hold."""
     return "".join(c if c.isprintable() else "_" for c in name)

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 _SMALL = 1e-12
 
 
-class Posed:
-    """One pose of a mechanism in space: places of points, directions of vectors, rotations of parts from home.
+class TreePose:
+    """A pose of a mechanism in space: places of points, directions of vectors, rotations of parts from home.
 
     `q` are all coordinates, ``(N,)``; `home` is the home pose, None for the home pose itself.
     """
 
-    def __init__(self, parts: Parts, q: np.ndarray, home: "Posed | None" = None):
+    def __init__(self, parts: Parts, q: np.ndarray, home: "TreePose | None" = None):
         self.parts, self.q = parts, np.asarray(q, dtype=float)
         dim, count, vectors = parts.dim, len(parts.a.names), len(parts.a.vector_names)
         self.points = np.zeros((count, 3))
@@ -78,7 +78,7 @@ def _angle_about(axis: Vec, start: Vec, end: Vec) -> float:
     return math.atan2(float(np.cross(a, b) @ axis), float(a @ b))
 
 
-def _frames(links: "list[TreeLink]", pose: Posed) -> list[tuple[np.ndarray, Vec]]:
+def _frames(links: "list[TreeLink]", pose: TreePose) -> list[tuple[np.ndarray, Vec]]:
     """Find the rotation from home and the origin of every link in a pose."""
     out = [(np.eye(3), links[0].origin)]
     for link in links[1:]:
@@ -93,7 +93,7 @@ def _frames(links: "list[TreeLink]", pose: Posed) -> list[tuple[np.ndarray, Vec]
     return out
 
 
-def joint_values(links: "list[TreeLink]", pose: Posed, before: np.ndarray | None = None) -> np.ndarray:
+def joint_values(links: "list[TreeLink]", pose: TreePose, before: np.ndarray | None = None) -> np.ndarray:
     """Find the values of all joints, in their order, of a pose: numbers of hinges and slides, a quaternion of a ball.
 
     Hinges are counted on from the values `before`.
@@ -103,7 +103,7 @@ def joint_values(links: "list[TreeLink]", pose: Posed, before: np.ndarray | None
         base, where = at[link.parent]
         relative = base.T @ turn
         moved = base.T @ (place - where) - (link.origin - links[link.parent].origin)
-        out += _values(link, relative, moved)
+        out += _link_values(link, relative, moved)
     values = np.array(out)
     if before is not None and len(values):
         hinge = np.repeat([j.kind == "hinge" for k in links for j in k.joints],
@@ -113,7 +113,7 @@ def joint_values(links: "list[TreeLink]", pose: Posed, before: np.ndarray | None
     return values
 
 
-def _values(link: "TreeLink", relative: np.ndarray, moved: Vec) -> list[float]:
+def _link_values(link: "TreeLink", relative: np.ndarray, moved: Vec) -> list[float]:
     """Find the values of the joints of one link from its rotation and displacement in its parent's frame."""
     joints, out = link.joints, {i: [0.0] for i in range(len(link.joints))}
     if len(joints) == 1 and joints[0].kind == "free":
@@ -126,12 +126,12 @@ def _values(link: "TreeLink", relative: np.ndarray, moved: Vec) -> list[float]:
         found = np.linalg.lstsq(axes.T, relative.T @ moved if own else moved, rcond=None)[0]
         for i, value in zip(slides, found, strict=True):
             out[i] = [float(value)]
-    for i, value in zip(rotations, _rotations([joints[i] for i in rotations], relative), strict=True):
+    for i, value in zip(rotations, _hinge_values([joints[i] for i in rotations], relative), strict=True):
         out[i] = value
     return [x for i in range(len(joints)) for x in out[i]]
 
 
-def _rotations(joints: list[ElementaryJoint], relative: np.ndarray) -> list[list[float]]:
+def _hinge_values(joints: list[ElementaryJoint], relative: np.ndarray) -> list[list[float]]:
     if not joints:
         return []
     if joints[0].kind == "ball":

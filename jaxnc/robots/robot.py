@@ -14,7 +14,7 @@ from jaxnc.errors import InputError, MechanismError, ModelFileError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
-from jaxnc.robots.import_tree import Design, ImportTree
+from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 from jaxnc.solvers.assembly import derive, rank_of, sample_poses
 from jaxnc.system.frames import quaternions
 from jaxnc.system.on_lanes import on_host
@@ -130,7 +130,7 @@ class Robot:
     def joint_values(self, motion: Motion) -> Float[Array, "... nq"]:
         """Values of all joints of poses of the mechanism, in the order of the file."""
         away, out = self._away(motion.system), []
-        lead, numeric = motion.status.shape, _library(motion)
+        lead, numeric = motion.status.shape, _array_library(motion)
         for link in self._description.links:
             for joint in link.joints:
                 if joint.held:
@@ -139,15 +139,15 @@ class Robot:
                     coordinate = self._tree.coordinates[joint.name]
                     out.append((numeric.asarray(motion[coordinate]) - away[coordinate])[..., None])
                 else:  # a ball's rotation in the frame of its link
-                    anchor, home = self._tree.anchors[joint.name], _rotation(*joint.quaternion)
+                    anchor, home = self._tree.anchors[joint.name], _quaternion_matrix(*joint.quaternion)
                     before, after = self._turn(motion, anchor.before), self._turn(motion, anchor.after)
                     own = numeric.swapaxes(before, -1, -2) @ after
                     out.append(quaternions(home @ link.turn.T @ own @ link.turn))
-        return _as_jax(numeric.concatenate(out, axis=-1))
+        return _to_jax(numeric.concatenate(out, axis=-1))
 
     def _turn(self, motion: Motion, number: int) -> Array:
         """Rotation of a rigid from the drawing ``(..., 3, 3)``; of a rod the one without spin."""
-        rigid, numeric = self._tree.rigids[number], _library(motion)
+        rigid, numeric = self._tree.rigids[number], _array_library(motion)
         if not number:
             return numeric.broadcast_to(numeric.eye(3), (*motion.status.shape, 3, 3))
         if not self._tree.flat(rigid):
@@ -163,10 +163,10 @@ class Robot:
         out = {}
         for k, link in enumerate(self._description.links[1:], start=1):
             number = self._tree.rigid_of[k]
-            turn = _as_jax(self._turn(motion, number) @ link.turn)
+            turn = _to_jax(self._turn(motion, number) @ link.turn)
             if not number:
-                place = _library(motion).broadcast_to(np.asarray(link.origin), (*motion.status.shape, 3))
-                out[link.name] = (_as_jax(place), turn)
+                place = _array_library(motion).broadcast_to(np.asarray(link.origin), (*motion.status.shape, 3))
+                out[link.name] = (_to_jax(place), turn)
             elif (k, "") in self._tree.marks:
                 out[link.name] = (motion[self._tree.marks[k, ""]], turn)
         return out
@@ -197,9 +197,9 @@ class Robot:
                     "save() writes places and directions; masses, springs or constants of relations of this design are "
                     "not the file's, so change those in the file"
                 )
-        places, before = _places(system), _places(self.system)
+        places, before = _named_places(system), _named_places(self.system)
         changed = {name for name, at in places.items() if not np.array_equal(at, before[name])}
-        return self._file.save(Path(path), self._tree, Design(places, changed))
+        return self._file.save(Path(path), self._tree, MovedPlaces(places, changed))
 
     def __repr__(self) -> str:
         return (
@@ -215,24 +215,24 @@ class Robot:
         return "\n".join(lines)
 
 
-def _places(system: System) -> dict[str, np.ndarray]:
-    """Places of points and markers and unit vectors of a design, by name."""
+def _named_places(system: System) -> dict[str, np.ndarray]:
+    """Return places of points and markers and unit vectors of a design, by name."""
     top, par = system.topology, system.parameters
     out = dict(zip(top.points, np.asarray(par.points), strict=True))
     out |= {n: v / np.linalg.norm(v) for n, v in zip(top.vectors, np.asarray(par.vectors), strict=True)}
     return out | {m.name: at for m, at in zip(top.markers, np.asarray(par.markers), strict=True)}
 
 
-def _library(motion: Motion) -> Any:
-    """NumPy for poses that are known, which then need nothing compiled; JAX's arrays else."""
+def _array_library(motion: Motion) -> Any:
+    """Choose NumPy for poses that are known, which then need nothing compiled; else JAX's arrays."""
     return np if on_host(motion.poses, motion) else jnp
 
 
-def _as_jax(x: Any) -> Array:
+def _to_jax(x: Any) -> Array:
     return on_device(x) if isinstance(x, np.ndarray) else x
 
 
-def _rotation(w: float, x: float, y: float, z: float) -> np.ndarray:
+def _quaternion_matrix(w: float, x: float, y: float, z: float) -> np.ndarray:
     """Return the matrix of a unit quaternion."""
     return np.array([[w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
                      [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],

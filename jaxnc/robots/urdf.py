@@ -22,11 +22,11 @@ from jaxnc.robots.description import (
     perpendicular,
     rotate_about,
 )
-from jaxnc.robots.mjcf import clean, number, numbers
+from jaxnc.robots.mjcf import xml_name, xml_number, xml_numbers
 
 if TYPE_CHECKING:
     from jaxnc.robots.export_tree import ExportTree, TreeLink
-    from jaxnc.robots.import_tree import Design, ImportTree
+    from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 
 _KINDS = {
     "revolute": "hinge",
@@ -104,7 +104,9 @@ class UrdfFile:
 
     def _pose(self, element: ET.Element | None, what: str) -> tuple[Vec, np.ndarray]:
         """Read place and axes of an ``<origin>`` (or anything with xyz and rpy)."""
-        return self._numbers(element, "xyz", (0, 0, 0), what), _turn(self._numbers(element, "rpy", (0, 0, 0), what))
+        return self._numbers(element, "xyz", (0, 0, 0), what), _rotation_of_rpy(
+            self._numbers(element, "rpy", (0, 0, 0), what)
+        )
 
     def _end(self, joint: ET.Element, tag: str, what: str) -> str:
         """Find the link at one end of a joint, which must be there."""
@@ -225,7 +227,7 @@ class UrdfFile:
             raise self.fault(f"without={sorted(unknown)}: no such loop joint; there are {there}")
 
     def _loop_joint(self, element: ET.Element, what: str) -> "tuple[list[_End], Vec]":
-        ends = _ends(element)
+        ends = _link_elements(element)
         if len(ends) != 2:
             raise self.fault(f"{what}: it needs two ends, <link1> and <link2>")
         places = []
@@ -241,7 +243,7 @@ class UrdfFile:
         values = _floats(element.findtext("pose") or "0 0 0 0 0 0")
         if len(values) != 6 or not np.all(np.isfinite(values)):
             raise self.fault(f"{what}: its pose should be six finite numbers")
-        place, turn = values[:3], _turn(values[3:])
+        place, turn = values[:3], _rotation_of_rpy(values[3:])
         a, b = self.description.links[one], self.description.links[other]
         at = b.origin + b.turn @ place  # the pose is that on the child; the parent has it there at home
         local = (one, a.turn.T @ (at - a.origin), a.turn.T @ b.turn @ turn)
@@ -315,7 +317,7 @@ class UrdfFile:
 
     # -- writing ------------------------------------------------------------------------------------------------
 
-    def save(self, path: Path, tree: "ImportTree", design: "Design") -> Path:
+    def save(self, path: Path, tree: "ImportTree", design: "MovedPlaces") -> Path:
         """Put the places of a design where the file has them: frames of links are where their joints are."""
         if path.suffix.lower() != ".urdf":
             raise InputError(f"{path}: a URDF file ends in .urdf")
@@ -326,18 +328,18 @@ class UrdfFile:
         for joint in root.findall("joint"):
             (before, start), (link, at) = (by_name[self._end(joint, tag, "")] for tag in ("parent", "child"))
             if not np.array_equal(start, before.origin) or not np.array_equal(at, link.origin):
-                _set(_child(joint, "origin"), "xyz", before.turn.T @ (at - start))
+                _set_numbers(_child(joint, "origin"), "xyz", before.turn.T @ (at - start))
             first = next((j for j in link.joints if not j.held), None)
             if first and tree.anchors[first.name].axis in changed and first.name == joint.get("name"):
                 axis = tree.sense(first) * places[tree.anchors[first.name].axis]
-                _set(_child(joint, "axis"), "xyz", link.turn.T @ axis)
+                _set_numbers(_child(joint, "axis"), "xyz", link.turn.T @ axis)
         for element in root.findall("link"):
             link, at = by_name[str(element.get("name"))]
             shift = link.turn.T @ (link.origin - at)
             for part in (*element.findall("inertial"), *element.findall("visual"), *element.findall("collision")):
                 if np.any(shift):
                     origin = _child(part, "origin", first=True)
-                    _set(origin, "xyz", self._numbers(origin, "xyz", (0, 0, 0), "origin") + shift)
+                    _set_numbers(origin, "xyz", self._numbers(origin, "xyz", (0, 0, 0), "origin") + shift)
         for loop in self.description.loops:
             pins = tree.pins.get(loop.name)
             now = loop.at if pins is None else [places[p] for p in pins]
@@ -345,16 +347,16 @@ class UrdfFile:
             local = [links[k].turn.T @ (at - origins[k]) for k, at in zip((loop.first, loop.second), now, strict=True)]
             for element in root.findall("loop_joint"):
                 if element.get("name") == loop.name:
-                    for end, at in zip(_ends(element), local, strict=True):
-                        _set(end, "xyz", at)
+                    for end, at in zip(_link_elements(element), local, strict=True):
+                        _set_numbers(end, "xyz", at)
             for element in root.findall("gazebo/joint"):
                 if element.get("name") == loop.name:
                     pose = _child(element, "pose")
-                    pose.text = " ".join([numbers(local[1]), *((pose.text or "") + " 0 0 0 0 0 0").split()[3:6]])
+                    pose.text = " ".join([xml_numbers(local[1]), *((pose.text or "") + " 0 0 0 0 0 0").split()[3:6]])
         return write(path, b'<?xml version="1.0"?>\n' + ET.tostring(root) + b"\n")
 
-    def _origin(self, k: int, tree: "ImportTree", design: "Design") -> Vec:
-        """Place the frame of a link in a design."""
+    def _origin(self, k: int, tree: "ImportTree", design: "MovedPlaces") -> Vec:
+        """Return the place of the frame of a link in a design."""
         link = self.description.links[k]
         moving = [j for j in link.joints if not j.held]
         if moving:
@@ -363,7 +365,7 @@ class UrdfFile:
             name = tree.marks.get((k, ""), "")
         return design.places[name] if name in design.changed else link.origin
 
-    def _keep_axis(self, loop: LoopClosure, tree: "ImportTree", design: "Design") -> None:
+    def _keep_axis(self, loop: LoopClosure, tree: "ImportTree", design: "MovedPlaces") -> None:
         """Refuse a design whose axis of a loop joint points elsewhere."""
         pins, far = tree.pins.get(loop.name), tree.pins.get(f"{loop.name} axis")
         if pins is None or far is None:
@@ -381,7 +383,7 @@ class UrdfFile:
 _End = tuple[int, Vec, np.ndarray]  # number of a link, a place and axes on it
 
 
-def _ends(loop: ET.Element) -> list[ET.Element]:
+def _link_elements(loop: ET.Element) -> list[ET.Element]:
     return [e for e in loop if e.tag in ("link1", "link2")]
 
 
@@ -393,7 +395,7 @@ def _floats(text: str) -> np.ndarray:
         return np.zeros(0)
 
 
-def _turn(rpy: Sequence[float] | np.ndarray) -> np.ndarray:
+def _rotation_of_rpy(rpy: Sequence[float] | np.ndarray) -> np.ndarray:
     roll, pitch, yaw = rpy
     x, y, z = np.eye(3)
     return rotate_about(z, yaw) @ rotate_about(y, pitch) @ rotate_about(x, roll)
@@ -408,8 +410,8 @@ def _child(element: ET.Element, tag: str, first: bool = False) -> ET.Element:
     return found
 
 
-def _set(element: ET.Element, key: str, values: Iterable[float]) -> None:
-    element.set(key, numbers(values))
+def _set_numbers(element: ET.Element, key: str, values: Iterable[float]) -> None:
+    element.set(key, xml_numbers(values))
 
 
 class UrdfWriter:
@@ -420,10 +422,10 @@ class UrdfWriter:
 
     def __init__(self, tree: "ExportTree", driven: tuple[str, ...]):
         self.tree, self.description = tree, tree.description
-        self.root = ET.Element("robot", name=clean(self.description.name))
+        self.root = ET.Element("robot", name=xml_name(self.description.name))
         self.joints: dict[str, ET.Element] = {}
         self.taken = {_WORLD}
-        self.names = [_WORLD, *(self._unused(link.name) for link in tree.links[1:])]
+        self.names = [_WORLD, *(self._new_name(link.name) for link in tree.links[1:])]
         self._add_link(_WORLD, tree.links[0])
         for name, link in zip(self.names[1:], tree.links[1:], strict=True):
             self._add_body(name, link)
@@ -444,17 +446,21 @@ class UrdfWriter:
         ET.indent(self.root)
         return '<?xml version="1.0"?>\n' + ET.tostring(self.root, encoding="unicode") + "\n"
 
-    def _unused(self, name: str) -> str:
-        k, out = 1, clean(name)
+    def _new_name(self, name: str) -> str:
+        k, out = 1, xml_name(name)
         while out in self.taken:
             k += 1
-            out = f"{clean(name)} {k}"
+            out = f"{xml_name(name)} {k}"
         self.taken.add(out)
         return out
 
     def _add_body(self, name: str, link: "TreeLink") -> None:
         pieces = [piece for joint in link.joints for piece in pieces_of(joint)]
-        chain = [self.names[link.parent], *(self._unused(f"{link.name} {i + 1}") for i in range(len(pieces) - 1)), name]
+        chain = [
+            self.names[link.parent],
+            *(self._new_name(f"{link.name} {i + 1}") for i in range(len(pieces) - 1)),
+            name,
+        ]
         place = link.origin - self.tree.links[link.parent].origin
         if link.joints[0].kind == "free":
             place = np.zeros(3)
@@ -466,14 +472,14 @@ class UrdfWriter:
             self._add_joint(joint.name, _TYPES[joint.kind], parent, child, np.zeros(3) if i else place, joint.axis)
 
     def _add_joint(self, name: str, kind: str, parent: str, child: str, place: Vec, axis: Vec | None = None) -> None:
-        joint = ET.SubElement(self.root, "joint", name=clean(name), type=kind)
+        joint = ET.SubElement(self.root, "joint", name=xml_name(name), type=kind)
         ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=child)
-        ET.SubElement(joint, "origin", xyz=numbers(place), rpy="0 0 0")
+        ET.SubElement(joint, "origin", xyz=xml_numbers(place), rpy="0 0 0")
         if axis is not None and kind != "floating":
-            ET.SubElement(joint, "axis", xyz=numbers(axis))
+            ET.SubElement(joint, "axis", xyz=xml_numbers(axis))
         if kind == "prismatic":
-            far = number(_WIDE * self.tree.size)
+            far = xml_number(_WIDE * self.tree.size)
             ET.SubElement(joint, "limit", lower=f"-{far}", upper=far, effort="1e6", velocity="1e6")
         self.joints[name] = joint
 
@@ -481,21 +487,21 @@ class UrdfWriter:
         element = ET.SubElement(self.root, "link", name=name)
         if link.inertia is not None and not link.auxiliary:
             inertial, i = ET.SubElement(element, "inertial"), link.inertia.tensor
-            ET.SubElement(inertial, "origin", xyz=numbers(link.inertia.com - link.origin), rpy="0 0 0")
-            ET.SubElement(inertial, "mass", value=number(link.inertia.mass))
+            ET.SubElement(inertial, "origin", xyz=xml_numbers(link.inertia.com - link.origin), rpy="0 0 0")
+            ET.SubElement(inertial, "mass", value=xml_number(link.inertia.mass))
             keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-            ET.SubElement(inertial, "inertia", {key: number(i[at]) for key, at in keys.items()})
+            ET.SubElement(inertial, "inertia", {key: xml_number(i[at]) for key, at in keys.items()})
         for a, b in link.lines:
             length = float(np.linalg.norm(b - a))
             if length > 1e-9 * self.tree.size:
                 u = (b - a) / length
                 rpy = 0.0, math.acos(float(np.clip(u[2], -1.0, 1.0))), math.atan2(float(u[1]), float(u[0]))
                 visual = ET.SubElement(element, "visual")
-                ET.SubElement(visual, "origin", xyz=numbers(0.5 * (a + b) - link.origin), rpy=numbers(rpy))
+                ET.SubElement(visual, "origin", xyz=xml_numbers(0.5 * (a + b) - link.origin), rpy=xml_numbers(rpy))
                 shape = ET.SubElement(visual, "geometry")
-                ET.SubElement(shape, "cylinder", radius=number(_THIN * self.tree.size), length=number(length))
+                ET.SubElement(shape, "cylinder", radius=xml_number(_THIN * self.tree.size), length=xml_number(length))
         for site, place in link.sites.items():
-            own = self._unused(site)
+            own = self._new_name(site)
             ET.SubElement(self.root, "link", name=own)
             self._add_joint(f"{own} at {name}", "fixed", name, own, place - link.origin)
 
@@ -504,15 +510,15 @@ class UrdfWriter:
         links = self.tree.links
         for loop in self.description.loops:
             ball = loop.kind == "connect"
-            name, ends = clean(loop.name), (loop.first, loop.second)
+            name, ends = xml_name(loop.name), (loop.first, loop.second)
             element = ET.SubElement(self.root, "loop_joint", name=name, type="spherical" if ball else "fixed")
             for tag, k, at in zip(("link1", "link2"), ends, loop.at, strict=True):
-                ET.SubElement(element, tag, link=self.names[k], xyz=numbers(at - links[k].origin), rpy="0 0 0")
+                ET.SubElement(element, tag, link=self.names[k], xyz=xml_numbers(at - links[k].origin), rpy="0 0 0")
             joint = ET.SubElement(ET.SubElement(self.root, "gazebo"), "joint", name=name)
             joint.set("type", "ball" if ball else "fixed")
             ET.SubElement(joint, "parent").text = self.names[loop.first]
             ET.SubElement(joint, "child").text = self.names[loop.second]
-            ET.SubElement(joint, "pose").text = numbers([*(loop.at[1] - links[loop.second].origin), 0, 0, 0])
+            ET.SubElement(joint, "pose").text = xml_numbers([*(loop.at[1] - links[loop.second].origin), 0, 0, 0])
 
     def _add_mimics(self) -> None:
         left = self.description.left_out
@@ -524,7 +530,7 @@ class UrdfWriter:
                 continue
             factor = -tie.terms[joints[1]] / tie.terms[joints[0]] if len(joints) > 1 else 0.0
             other = joints[-1] if len(joints) > 1 else next(j for j in self.joints if j != joints[0])
-            ET.SubElement(element, "mimic", joint=clean(other), multiplier=number(factor), offset="0.0")
+            ET.SubElement(element, "mimic", joint=xml_name(other), multiplier=xml_number(factor), offset="0.0")
         left += [f"cable {name!r}: URDF has none" for name in self.tree.cables]
 
     def _add_transmission(self, name: str) -> None:
@@ -532,10 +538,10 @@ class UrdfWriter:
         if coordinate is None or coordinate.joint is None:
             self.description.left_out.append(f"input {name!r}: it is not one joint, and has no transmission")
             return
-        element = ET.SubElement(self.root, "transmission", name=clean(name))
+        element = ET.SubElement(self.root, "transmission", name=xml_name(name))
         ET.SubElement(element, "type").text = "transmission_interface/SimpleTransmission"
-        ET.SubElement(element, "joint", name=clean(coordinate.joint[0]))
-        ET.SubElement(element, "actuator", name=clean(name))
+        ET.SubElement(element, "joint", name=xml_name(coordinate.joint[0]))
+        ET.SubElement(element, "actuator", name=xml_name(name))
 
 
 def pieces_of(joint: ElementaryJoint) -> list[ElementaryJoint]:

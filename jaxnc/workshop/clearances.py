@@ -18,7 +18,7 @@ _PART = 0.005  # and of itself
 
 
 @dataclass(frozen=True)
-class Course:
+class PartCourse:
     """Places of parts over a motion: stretches between neighbouring poses, in order."""
 
     motion: Motion
@@ -32,7 +32,7 @@ class Course:
     driven: bool  # whether poses in between can be found, by the inputs
 
     @classmethod
-    def of(cls, motion: Motion, weights: np.ndarray, constant: np.ndarray, unit: float) -> "Course":
+    def of(cls, motion: Motion, weights: np.ndarray, constant: np.ndarray, unit: float) -> "PartCourse":
         """Make the stretches between the poses of a motion ``(T,)``, T > 2."""
         count = len(np.asarray(motion.status))
         s = np.stack([np.arange(count - 1.0), np.arange(1.0, count)])
@@ -70,7 +70,7 @@ class Course:
         shape = (*s.shape, len(self.weights))
         return (z + self.constant).reshape(shape), a.reshape(shape)
 
-    def split(self, which: np.ndarray) -> tuple["Course", np.ndarray] | None:
+    def halve(self, which: np.ndarray) -> tuple["PartCourse", np.ndarray] | None:
         """Halve some stretches ``(K,)``; also from which one each comes. None where that cannot be done."""
         if not self.driven:
             return None
@@ -82,11 +82,11 @@ class Course:
         if (np.abs(found[0] - self.z[:, at].mean(axis=0)) > self.sags[at] + _SAME * np.abs(found[0])).any():
             return None  # another branch, or no smooth motion
 
-        def joined(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+        def join(old: np.ndarray, new: np.ndarray) -> np.ndarray:
             first, last = np.stack([old[0, at], new]), np.stack([new, old[1, at]])
             return np.concatenate([old[:, ~which], first, last], axis=1)
 
-        s, z, a = (joined(x, y) for x, y in zip((self.s, self.z, self.a), (middle, *found), strict=True))
+        s, z, a = (join(x, y) for x, y in zip((self.s, self.z, self.a), (middle, *found), strict=True))
         source = np.concatenate([np.flatnonzero(~which), at, at])
         return replace(self, s=s, z=z, a=a), source
 
@@ -99,7 +99,7 @@ def complex_points(motion: Motion, unit: float, q: np.ndarray | None = None) -> 
 
 
 @dataclass(frozen=True)
-class Pair:
+class NearPair:
     """Two things that may come near each other."""
 
     kind: str  # "parts", "pin and part", "pins" (their spacers) or "slot" (pins in one slot)
@@ -112,8 +112,8 @@ class Pair:
 class Gaps:
     """Distances of pairs of things over a course."""
 
-    course: Course  # the stretches between poses
-    pairs: list[Pair]
+    course: PartCourse  # the stretches between poses
+    pairs: list[NearPair]
     shapes: list[tuple[np.ndarray, np.ndarray]]  # of each pair, which places of the course are the corners of both
     ends: np.ndarray  # distance at both ends of each stretch, (2, K, pairs), mm; not positive where they overlap
     ways: np.ndarray  # direction of the distance at both ends, complex, (2, K, pairs); 0 where they overlap
@@ -121,7 +121,7 @@ class Gaps:
     unsure: bool = False  # whether poses could not be looked at finely enough somewhere
 
     @classmethod
-    def of(cls, course: Course, pairs: list[Pair], shapes: list[tuple[np.ndarray, np.ndarray]]) -> "Gaps":
+    def of(cls, course: PartCourse, pairs: list[NearPair], shapes: list[tuple[np.ndarray, np.ndarray]]) -> "Gaps":
         """Measure all pairs at all poses."""
         none = np.zeros((2, 0, 0))
         found = cls(course, pairs, shapes, none, none, none[0])
@@ -188,7 +188,7 @@ class Gaps:
 
     def halve(self, which: np.ndarray) -> bool:
         """Look at the middles of some stretches too."""
-        found = self.course.split(which)
+        found = self.course.halve(which)
         if found is None:
             return False
         course, source = found
@@ -211,9 +211,9 @@ def distance(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray
     Returns:
         Distances ``(K,)`` and their directions from the first to the other; both 0 where they overlap.
     """
-    there, back = _reach(one, other), -_reach(other, one)
+    there, back = _shortest_way(one, other), -_shortest_way(other, one)
     way = np.where(np.abs(there) <= np.abs(back), there, back)
-    inside = _crossing(one, other) | _within(one[:, 0], other) | _within(other[:, 0], one)
+    inside = _edges_cross(one, other) | _is_inside(one[:, 0], other) | _is_inside(other[:, 0], one)
     size = np.where(inside, 0.0, np.abs(way))
     return size, np.where(size > 0, way / np.where(size > 0, size, 1.0), 0.0)
 
@@ -224,7 +224,7 @@ def _edges(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return start, np.roll(shape, -1, axis=1)[:, : start.shape[1]]
 
 
-def _reach(points: np.ndarray, shape: np.ndarray) -> np.ndarray:
+def _shortest_way(points: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """Find the shortest way from corners to the edges of a shape, complex, ``(K,)``."""
     a, b = _edges(shape)
     d, w = (b - a)[:, None], points[:, :, None] - a[:, None]
@@ -234,7 +234,7 @@ def _reach(points: np.ndarray, shape: np.ndarray) -> np.ndarray:
     return np.take_along_axis(ways, np.abs(ways).argmin(axis=1)[:, None], axis=1)[:, 0]
 
 
-def _crossing(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _edges_cross(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     (a, b), (c, d) = _edges(one), _edges(other)
     a, b, c, d = a[:, :, None], b[:, :, None], c[:, None], d[:, None]
 
@@ -244,7 +244,7 @@ def _crossing(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.any((side(a, b, c) * side(a, b, d) < 0) & (side(c, d, a) * side(c, d, b) < 0), axis=(1, 2))
 
 
-def _within(point: np.ndarray, shape: np.ndarray) -> np.ndarray:
+def _is_inside(point: np.ndarray, shape: np.ndarray) -> np.ndarray:
     if shape.shape[1] < 3:
         return np.zeros(len(point), dtype=bool)
     a, b = _edges(shape)

@@ -85,14 +85,14 @@ class Shop:
         unit = MILLIMETRES[length_unit] if unit is None else unit
         if layers is not None and (not isinstance(layers, Integral) or isinstance(layers, bool) or layers < 1):
             raise InputError(f"to_parts(): layers={layers!r}; give how many there may be, a whole number from 1")
-        spacer = 2.0 * pin if spacer is None and _is_number(pin) else spacer
+        spacer = 2.0 * pin if spacer is None and _is_finite(pin) else spacer
         found = cls(width, pin, thickness, clearance, play, washer, spacer, unit, layers, density)  # pyright: ignore[reportArgumentType]
         for item in fields(found)[:-2]:
             value, may_be_zero = getattr(found, item.name), item.name in _MAY_BE_ZERO
-            if not _is_number(value) or value < 0 or (value == 0 and not may_be_zero):
+            if not _is_finite(value) or value < 0 or (value == 0 and not may_be_zero):
                 what = "a number, 0 or more" if may_be_zero else "a positive number"
                 raise InputError(f"to_parts(): {item.name}={value!r} must be {what}, in mm")
-        if density is not None and not (_is_number(density) and density >= _LIGHTEST):
+        if density is not None and not (_is_finite(density) and density >= _LIGHTEST):
             raise InputError(f"to_parts(): density={density!r}; give it in kg/m³: 7850 for steel, 2700 for aluminium")
         least = found.hole + 2 * found.wall
         if found.width < least:
@@ -127,5 +127,5 @@ SIZES = tuple(item.name for item in fields(Shop))
 """Names of what may be given of a workshop."""
 
 
-def _is_number(value: object) -> bool:
+def _is_finite(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

@@ -13,9 +13,9 @@ from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.status import Status
 from jaxnc.workshop.assembly import Assembly, Passing, check_formats
-from jaxnc.workshop.clearances import Course, Gaps, Pair, complex_points
+from jaxnc.workshop.clearances import Gaps, NearPair, PartCourse, complex_points
 from jaxnc.workshop.shop import SIZES, Shop
-from jaxnc.workshop.stock import Pin, Stock
+from jaxnc.workshop.stock import PartStock, Pin
 
 _NAMED = 6  # reasons that a message gives
 _NODES = 30_000  # looked at for a shorter stack of pins, once there is one with the fewest layers
@@ -52,7 +52,7 @@ class TooMany(Exception):
 
 
 @dataclass
-class Search:
+class LayerSearch:
     """A search for levels of parts; part 0, the ground plate, is on level 0."""
 
     count: int  # number of parts, the ground included
@@ -189,15 +189,15 @@ class _Stacking:
     def __init__(self, motion: Motion, shop: Shop):
         self.name, self.shop = motion.system.topology.name, shop
         self.z = complex_points(motion, shop.unit)
-        stock = Stock(motion, self.z, shop)
+        stock = PartStock(motion, self.z, shop)
         self.parts, self.pins = stock.parts, [p for p in stock.pins if len(p.parts) > 1]
         for pin in self.pins:
             pin.parts.sort()
         pairs, shapes, rows = self._pairs(stock)
         weights, constant = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
-        self.gaps = Gaps.of(Course.of(motion, weights, constant, shop.unit), pairs, shapes)
+        self.gaps = Gaps.of(PartCourse.of(motion, weights, constant, shop.unit), pairs, shapes)
 
-    def _pairs(self, stock: Stock) -> tuple[list[Pair], list[tuple[np.ndarray, np.ndarray]], list[tuple]]:
+    def _pairs(self, stock: PartStock) -> tuple[list[NearPair], list[tuple[np.ndarray, np.ndarray]], list[tuple]]:
         """List what might come close, the corners of both by number, and all corners as functions of the points."""
         parts, pins, shop = self.parts, self.pins, self.shop
         rows, corners = [], []
@@ -207,7 +207,7 @@ class _Stacking:
         pairs, shapes, moving = [], [], range(1, len(parts))
 
         def add(kind: str, one: int, other: int, first: int, second: int, radii: float) -> None:
-            pairs.append(Pair(kind, one, other, radii))
+            pairs.append(NearPair(kind, one, other, radii))
             shapes.append((corners[first], corners[second]))
 
         for i, j in itertools.combinations(moving, 2):
@@ -235,7 +235,7 @@ class _Stacking:
     def assembly(self) -> Assembly:
         """Stack the parts."""
         parts, pins, gaps = self.parts, self.pins, self.gaps
-        search = Search(len(parts), self._rules(), [tuple(p.parts) for p in pins])
+        search = LayerSearch(len(parts), self._rules(), [tuple(p.parts) for p in pins])
         most = self.shop.layers or len(parts) - 1
         try:
             answer = search.fewest(min(most, len(parts) - 1))
@@ -277,19 +277,19 @@ class _Stacking:
             rules.append(Rule(pair.kind, *self._parts_of(pair), k))
         return rules
 
-    def _parts_of(self, pair: Pair) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def _parts_of(self, pair: NearPair) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return the parts of two things: a part itself, or those that a pin goes through."""
         one = (pair.one,) if pair.kind == "parts" else tuple(self.pins[pair.one].parts)
         return one, tuple(self.pins[pair.other].parts) if pair.kind in ("pins", "slot") else (pair.other,)
 
-    def _passes(self, pair: Pair, level: dict[int, int]) -> bool:
+    def _passes(self, pair: NearPair, level: dict[int, int]) -> bool:
         """Tell whether two things are in one layer, or one space between layers."""
         one, other = self._parts_of(pair)
         if pair.kind == "pins" and {*one} & {*other}:
             return False  # nothing passes: they are in one part, and were drilled far enough from each other
         return pair.kind == "slot" or Rule(pair.kind, one, other, -1).broken(level)
 
-    def _names(self, pair: Pair) -> tuple[str, str]:
+    def _names(self, pair: NearPair) -> tuple[str, str]:
         one = self.parts[pair.one].name if pair.kind == "parts" else f"pin {self.pins[pair.one].name}"
         pin = pair.kind in ("pins", "slot")
         return one, f"pin {self.pins[pair.other].name}" if pin else self.parts[pair.other].name
@@ -301,7 +301,7 @@ class _Stacking:
         apart = f", {ends[at]:.3g} mm apart" if ends[at] > 0 else ""
         return f"pose {self.gaps.course.s.reshape(-1)[at]:.4g}{apart}"
 
-    def _impossible(self, search: Search, most: int) -> str:
+    def _impossible(self, search: LayerSearch, most: int) -> str:
         """Say why there is no stack, by the names of what is in the way."""
         shop, parts, needed = self.shop, self.parts, None
         if most < len(parts) - 1:

@@ -98,13 +98,20 @@ class Slot:
         return abs(self.ends[1] - self.ends[0])
 
 
+@public
 @dataclass(frozen=True)
 class Contour:
-    """All that lies within a radius of a convex shape; of one corner a circle."""
+    """All that lies within a radius of a convex shape; of one corner a circle.
 
-    kind: str  # "outline", "hole" or "slot"
-    corners: np.ndarray  # of the shape, anticlockwise, complex, mm
-    radius: float  # mm
+    Attributes:
+        kind: ``"outline"``, ``"hole"`` or ``"slot"``.
+        corners: of the shape, anticlockwise, complex, mm.
+        radius: mm.
+    """
+
+    kind: str
+    corners: np.ndarray
+    radius: float
 
     @property
     def area(self) -> float:
@@ -113,7 +120,7 @@ class Contour:
         shape = 0.5 * float(np.imag(np.conj(self.corners) * after).sum())
         return shape + self.radius * float(np.abs(after - self.corners).sum()) + np.pi * self.radius**2
 
-    def moved(self, origin: complex, direction: complex) -> "Contour":
+    def place(self, origin: complex, direction: complex) -> "Contour":
         """Return the contour turned by a complex number of size 1, and then shifted."""
         # One by one: a product of arrays is rounded otherwise, and what lies on an axis would leave it.
         return Contour(self.kind, np.array([origin + complex(w) * direction for w in self.corners]), self.radius)
@@ -205,7 +212,7 @@ class _Reach(NamedTuple):
     pins: tuple[int, ...]
 
 
-class Stock:
+class PartStock:
     """Parts and pins of a mechanism in poses ``z``, ``(T, points)``, points as complex numbers in mm.
 
     Attributes:
