@@ -38,8 +38,9 @@ class Source:
     def line(self, place: Place) -> int | None:
         """Return the line number of an entry, or of the nearest table around it that has one."""
         for end in range(len(place), 0, -1):
-            if place[:end] in self._lines:
-                return self._lines[place[:end]]
+            found = _toml_line(self.text, place[:end]) if self.suffix == ".toml" else self._lines.get(place[:end])
+            if found:
+                return found
         return None
 
     def fault(self, what: str, place: Place = (), line: int | None = None, column: int = 0) -> ModelFileError:
@@ -59,7 +60,7 @@ class Source:
 
     @cached_property
     def _lines(self) -> dict[Place, int]:
-        return dict(_toml_lines(self.text) if self.suffix == ".toml" else _json_lines(self.text))
+        return dict(_json_lines(self.text))
 
     # -- what --------------------------------------------------------------------------------------------------
 
@@ -147,38 +148,27 @@ def _read_text(path: Path) -> str:
     return text
 
 
-def _toml_lines(text: str) -> Iterator[tuple[Place, int]]:
-    """Yield entries of a TOML text and their lines: statement by statement, each of which parses on its own."""
-    rows = text.split("\n")
-    table: Place = ()
-    seen: set[Place] = set()
-    first = 0
-    while first < len(rows):
-        for last in range(first, len(rows)):
-            try:
-                data = tomllib.loads("\n".join(rows[first : last + 1]))
-                break
-            except tomllib.TOMLDecodeError:
-                continue
-        else:
-            return
-        header = rows[first].lstrip().startswith("[")
-        prefix: Place = () if header else table
-        for keys in _keys(data):
-            if header:
-                table = keys
-            if prefix + keys not in seen:
-                seen.add(prefix + keys)
-                yield prefix + keys, first + 1
-        first = last + 1
+def _toml_line(text: str, place: Place) -> int | None:
+    """Return the line where the statement of a TOML text begins that is the first to give an entry."""
+    rows, first = text.split("\n"), 1
+    for count in range(1, len(rows) + 1):
+        try:
+            data = tomllib.loads("\n".join(rows[:count]))
+        except tomllib.TOMLDecodeError:
+            continue  # in the midst of a statement
+        if _has(data, place):
+            return first
+        first = count + 1
+    return None
 
 
-def _keys(data: Any) -> Iterator[Place]:
-    if isinstance(data, dict):
-        for key, value in data.items():
-            yield (key,)
-            for rest in _keys(value):
-                yield (key, *rest)
+def _has(data: Any, place: Place) -> bool:
+    for key in place:
+        try:
+            data = data[key]
+        except (KeyError, IndexError, TypeError):
+            return False
+    return True
 
 
 def _json_lines(text: str) -> Iterator[tuple[Place, int]]:
