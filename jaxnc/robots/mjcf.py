@@ -15,7 +15,6 @@ from jaxnc.errors import InputError, JaxncError, ModelFileError, nearest
 from jaxnc.forces.catalogue import CATALOGUE
 from jaxnc.io.target import write
 from jaxnc.robots.description import Description, ElementaryJoint, Follower, Inertia, Link, LoopClosure, Tie
-from jaxnc.robots.joint_coordinates import JointSum
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.frames import quaternions
 
@@ -381,23 +380,21 @@ class MjcfWriter:
     def __init__(self, tree: "ExportTree", driven: tuple[str, ...], keys: np.ndarray):
         self.tree, self.description = tree, tree.description
         links = tree.links
-        self.root = ET.Element("mujoco", model=xml_name(self.description.name))
+        self.root = ET.Element("mujoco", model=xml_text(self.description.name))
         sizes = {"boundmass": _LEAST, "boundinertia": _LEAST}
-        ET.SubElement(self.root, "compiler", {"angle": "radian", "autolimits": "true"} | sizes)
+        add_element(self.root, "compiler", angle="radian", autolimits="true", **sizes)
         gravity = np.zeros(3)
         if (index := tree.system.topology.loads.gravity) != ():
             gravity[: tree.parts.dim] = np.asarray(tree.system.parameters.physical)[list(index)]
-        ET.SubElement(self.root, "option", gravity=xml_numbers(gravity), timestep="0.001")
-        default = ET.SubElement(self.root, "default")
+        add_element(self.root, "option", gravity=gravity, timestep="0.001")
+        default = add_element(self.root, "default")
         thin = _THIN * tree.size
-        geom = ET.SubElement(
-            default, "geom", contype="0", conaffinity="0", size=xml_number(thin), rgba="0.35 0.5 0.7 1"
-        )
+        geom = add_element(default, "geom", contype="0", conaffinity="0", size=thin, rgba="0.35 0.5 0.7 1")
         if not any(link.inertia for link in links):
-            geom.set("density", xml_number(tree.density))
-        ET.SubElement(default, "site", size=xml_number(1.5 * thin), rgba="0.8 0.4 0.1 1")
-        ET.SubElement(default, "equality", solref="0.005 1", solimp="0.99 0.999 0.0001")
-        self.elements = [ET.SubElement(self.root, "worldbody")]
+            geom.set("density", xml_text(tree.density))
+        add_element(default, "site", size=1.5 * thin, rgba="0.8 0.4 0.1 1")
+        add_element(default, "equality", solref="0.005 1", solimp="0.99 0.999 0.0001")
+        self.elements = [add_element(self.root, "worldbody")]
         self.joints: dict[str, ET.Element] = {}
         self.sites: set[str] = set()
         self._add_sites(links[0], self.elements[0])
@@ -410,9 +407,9 @@ class MjcfWriter:
         self._add_loads()
         self.root.extend(section for section in (self.tendons, self.equality, self.actuators) if len(section))
         if len(keys):
-            section = ET.SubElement(self.root, "keyframe")
+            section = add_element(self.root, "keyframe")
             for k, values in enumerate(keys):
-                ET.SubElement(section, "key", name=f"pose {k}", qpos=xml_numbers(values))
+                add_element(section, "key", name=f"pose {k}", qpos=values)
 
     def text(self) -> str:
         """Return the file."""
@@ -421,31 +418,28 @@ class MjcfWriter:
 
     def _add_body(self, link: "TreeLink") -> None:
         before = self.tree.links[link.parent]
-        body = ET.SubElement(self.elements[link.parent], "body", name=xml_name(link.name))
-        body.set("pos", xml_numbers(link.origin - before.origin))
+        body = add_element(self.elements[link.parent], "body", name=link.name, pos=link.origin - before.origin)
         self.elements.append(body)
         for joint in link.joints:
-            element = ET.SubElement(body, "joint", name=xml_name(joint.name), type=joint.kind)
+            element = add_element(body, "joint", name=joint.name, type=joint.kind)
             if joint.kind in ("hinge", "slide"):
-                element.set("axis", xml_numbers(joint.axis))
+                element.set("axis", xml_text(joint.axis))
             self.joints[joint.name] = element
         if link.inertia is not None:
             self._add_inertial(link, link.inertia, body)
         lines = [(a, b) for a, b in link.lines if np.linalg.norm(b - a) > 1e-9 * self.tree.size]
         for a, b in lines:
-            ET.SubElement(body, "geom", type="capsule", fromto=xml_numbers([*(a - link.origin), *(b - link.origin)]))
+            add_element(body, "geom", type="capsule", fromto=[*(a - link.origin), *(b - link.origin)])
         if not lines:
-            ET.SubElement(body, "geom", type="sphere")
+            add_element(body, "geom", type="sphere")
         self._add_sites(link, body)
 
     def _add_inertial(self, link: "TreeLink", inertia: Inertia, body: ET.Element) -> None:
         # By principal axes: MuJoCo before 3.17 finds them to seven digits only.
         values, axes = np.linalg.eigh(inertia.tensor)
         axes[:, 2] *= np.sign(np.linalg.det(axes))
-        inertial = ET.SubElement(body, "inertial", pos=xml_numbers(inertia.com - link.origin))
-        inertial.set("quat", xml_numbers(np.asarray(quaternions(axes))))
-        inertial.set("mass", xml_number(inertia.mass))
-        inertial.set("diaginertia", xml_numbers(values))
+        turn = {"pos": inertia.com - link.origin, "quat": quaternions(axes)}
+        add_element(body, "inertial", **turn, mass=inertia.mass, diaginertia=values)
         least = float(min(values[0], inertia.mass))
         if least < float(_LEAST):
             self.description.notes.append(
@@ -455,7 +449,7 @@ class MjcfWriter:
 
     def _add_sites(self, link: "TreeLink", body: ET.Element) -> None:
         for name, place in link.sites.items():
-            ET.SubElement(body, "site", name=xml_name(name), pos=xml_numbers(place - link.origin))
+            add_element(body, "site", name=name, pos=place - link.origin)
             self.sites.add(name)
 
     # -- loops --------------------------------------------------------------------------------------------------
@@ -463,69 +457,67 @@ class MjcfWriter:
     def _add_equalities(self) -> None:
         links = self.tree.links
         for loop in self.description.loops:
-            first, second = (xml_name(links[k].name) if k else "world" for k in (loop.first, loop.second))
-            element = ET.SubElement(self.equality, loop.kind, name=xml_name(loop.name), body1=first, body2=second)
+            first, second = (links[k].name if k else "world" for k in (loop.first, loop.second))
+            element = add_element(self.equality, loop.kind, name=loop.name, body1=first, body2=second)
             if loop.kind == "connect":
-                element.set("anchor", xml_numbers(loop.at[0] - links[loop.first].origin))
+                element.set("anchor", xml_text(loop.at[0] - links[loop.first].origin))
         for tie in self.description.ties:
             joints = list(tie.terms)
             if len(joints) > 2:
-                ET.SubElement(self.equality, "tendon", name=xml_name(tie.name), tendon1=self._sum(tie.name, tie.terms))
+                add_element(self.equality, "tendon", name=tie.name, tendon1=self._sum(tie.name, tie.terms).get("name"))
                 continue
-            element = ET.SubElement(self.equality, "joint", name=xml_name(tie.name), joint1=xml_name(joints[0]))
+            other: dict[str, Any] = {}
             if len(joints) == 2:
                 factor = -tie.terms[joints[1]] / tie.terms[joints[0]]
-                element.set("joint2", xml_name(joints[1]))
-                element.set("polycoef", xml_numbers((0.0, factor, 0.0, 0.0, 0.0)))
+                other = {"joint2": joints[1], "polycoef": (0.0, factor, 0.0, 0.0, 0.0)}
+            add_element(self.equality, "joint", name=tie.name, joint1=joints[0], **other)
         for name, points in self.tree.cables.items():
-            ET.SubElement(self.equality, "tendon", name=xml_name(name), tendon1=self._string(name, points))
+            add_element(self.equality, "tendon", name=name, tendon1=self._string(name, points).get("name"))
 
-    def _sum(self, name: str, terms: dict[str, float]) -> str:
-        """Make a fixed tendon, whose length is a sum of joint values, if it is not there; return its name."""
-        if self._tendon(name) is None:
-            tendon = ET.SubElement(self.tendons, "fixed", name=xml_name(name))
-            for joint, factor in terms.items():
-                ET.SubElement(tendon, "joint", joint=xml_name(joint), coef=xml_number(factor))
-        return xml_name(name)
+    def _sum(self, name: str, terms: dict[str, float]) -> ET.Element:
+        """Make a fixed tendon, whose length is a sum of joint values, if it is not there."""
+        return self._tendon(
+            "fixed", name, "joint", [{"joint": joint, "coef": factor} for joint, factor in terms.items()]
+        )
 
-    def _string(self, name: str, points: Iterable[str]) -> str:
-        """Make a spatial tendon through sites, if it is not there; return its name."""
-        if self._tendon(name) is None:
-            tendon = ET.SubElement(self.tendons, "spatial", name=xml_name(name))
-            for point in points:
-                ET.SubElement(tendon, "site", site=xml_name(point))
-        return xml_name(name)
+    def _string(self, name: str, points: Iterable[str]) -> ET.Element:
+        """Make a spatial tendon through sites, if it is not there."""
+        return self._tendon("spatial", name, "site", [{"site": point} for point in points])
 
-    def _tendon(self, name: str) -> ET.Element | None:
-        return next((t for t in self.tendons if t.get("name") == xml_name(name)), None)
+    def _tendon(self, kind: str, name: str, tag: str, pieces: list[dict[str, Any]]) -> ET.Element:
+        tendon = next((t for t in self.tendons if t.get("name") == xml_text(name)), None)
+        if tendon is None:
+            tendon = add_element(self.tendons, kind, name=name)
+            for piece in pieces:
+                add_element(tendon, tag, **piece)
+        return tendon
 
     # -- motors and loads ---------------------------------------------------------------------------------------
 
     def _add_motor(self, name: str) -> None:
         """Add a motor for a coordinate: on its joint, or on a tendon whose length it is."""
         coordinate = self.tree.coordinates.get(name)
-        motor = {"name": xml_name(name)}
+        motor: dict[str, Any] = {"name": name}
         if coordinate is None:
             point, _, axis = name.rpartition(".")
             if point not in self.sites or axis not in "xyz":
                 self.description.left_out.append(f"input {name!r}: it is no sum of joints, and has no motor")
                 return
-            pull = xml_numbers(np.eye(6)["xyz".index(axis)])  # a force on the point along an axis of the ground
-            motor |= {"site": xml_name(point), "refsite": self._ground_frame(), "gear": pull}
+            # A force on the point along an axis of the ground.
+            motor |= {"site": point, "refsite": self._ground_frame(), "gear": np.eye(6)["xyz".index(axis)]}
         elif coordinate.joint:
-            joint, factor = coordinate.joint
-            motor |= {"joint": xml_name(joint), "gear": xml_number(factor)}
+            motor |= dict(zip(("joint", "gear"), coordinate.joint, strict=True))
         elif coordinate.ends:
-            motor["tendon"] = self._string(name, coordinate.ends)
+            motor["tendon"] = self._string(name, coordinate.ends).get("name")
         else:
-            motor["tendon"] = self._sum(name, coordinate.terms)
-        ET.SubElement(self.actuators, "motor", motor)
+            motor["tendon"] = self._sum(name, coordinate.terms).get("name")
+        add_element(self.actuators, "motor", **motor)
 
     def _ground_frame(self) -> str:
         """Return the name of a site of the ground whose axes are the ground's."""
         name = "ground frame"
         if name not in self.sites:
-            ET.SubElement(self.elements[0], "site", name=name, size=xml_number(0.1 * _THIN * self.tree.size))
+            add_element(self.elements[0], "site", name=name, size=0.1 * _THIN * self.tree.size)
             self.sites.add(name)
         return name
 
@@ -546,9 +538,14 @@ class MjcfWriter:
                 elif values.get("cubic") or values.get("quadratic"):
                     left.append(f"{what}: it is not linear")
                 elif coordinate and coordinate.joint:
-                    self._load_joint(kind, coordinate, values)
+                    joint, factor = coordinate.joint
+                    self._load(self.joints[joint], kind, values, coordinate.home, factor)
+                elif coordinate and not coordinate.ends:
+                    self._load(self._sum(f"{kind} {name}", coordinate.terms), kind, values, coordinate.home)
                 else:
-                    self._load_tendon(kind, name, [top.points[p] for p in block.points[k]], coordinate, values)
+                    ends = coordinate.ends if coordinate else None
+                    string = self._string(f"{kind} {name}", ends or [top.points[p] for p in block.points[k]])
+                    self._load(string, kind, values)
         for function in top.loads.functions:
             left.append(f"force {function.name!r}: a function of time and state; give it in ctrl or qfrc_applied")
 
@@ -569,65 +566,35 @@ class MjcfWriter:
         drawn = {p: float(v) for p, v in zip(kind.parameters, found, strict=True) if v is not None}
         return drawn | given
 
-    def _load_joint(self, kind: str, coordinate: JointSum, values: dict[str, float]) -> None:
-        """Write a load on a coordinate that is one joint."""
-        assert coordinate.joint is not None
-        joint, factor = coordinate.joint
-        element = self.joints[joint]
-        if kind == "damper":
-            element.set("damping", xml_number(float(element.get("damping", 0.0)) + values["damping"] * factor**2))
-        elif kind == "stop":
-            self._limit(element, [(values[k] - coordinate.home) / factor for k in ("lower", "upper")], values)
-        elif element.get("stiffness"):
-            self.description.left_out.append(f"spring on joint {joint!r}: it has one already")
-        else:
-            element.set("stiffness", xml_number(values["stiffness"] * factor**2))
-            element.set("springref", xml_number((_rest(values) - coordinate.home) / factor))
-
-    def _load_tendon(
-        self, kind: str, name: str, points: list[str], coordinate: JointSum | None, values: dict[str, float]
+    def _load(
+        self, element: ET.Element, kind: str, values: dict[str, float], home: float = 0.0, factor: float = 1.0
     ) -> None:
-        """Write a load between two points, or on a coordinate that several joints make."""
-        label, home = f"{kind} {name}", 0.0
-        if coordinate is None or coordinate.ends:
-            self._string(label, points if coordinate is None else coordinate.ends or ())
+        """Write a load on a joint or tendon, from whose value its coordinate follows by a factor and from `home`."""
+        if kind == "damper":
+            before = float(element.get("damping", 0.0))
+            element.set("damping", xml_text(before + values["damping"] * factor**2))
+        elif kind == "stop":  # a limit says where it is; how it yields is MuJoCo's
+            low, high = sorted((values[k] - home) / factor for k in ("lower", "upper"))
+            far = 1e3 * max(self.tree.size, 10.0)
+            element.set("range", xml_text((max(low, -far), min(high, far))))
+            what = f"it is a limit of MuJoCo, with its own softness, not {values['stiffness']:g}"
+            self.description.notes.append(f"stop on {element.get('name')!r}: {what}")
+        elif element.get("stiffness"):
+            self.description.left_out.append(f"spring on joint {element.get('name')!r}: it has one already")
         else:
-            self._sum(label, coordinate.terms)
-            home = coordinate.home
-        element = self._tendon(label)
-        assert element is not None
-        if kind == "spring":
-            element.set("stiffness", xml_number(values["stiffness"]))
-            element.set("springlength", xml_number(_rest(values) - home))
-        elif kind == "damper":
-            element.set("damping", xml_number(values["damping"]))
-        else:
-            self._limit(element, [values[k] - home for k in ("lower", "upper")], values)
-
-    def _limit(self, element: ET.Element, ends: list[float], values: dict[str, float]) -> None:
-        """Write a stop as a limit: where it is; how it yields is MuJoCo's."""
-        low, high = sorted(ends)
-        far = 1e3 * max(self.tree.size, 10.0)
-        element.set("range", f"{max(low, -far)!r} {min(high, far)!r}")
-        what = f"it is a limit of MuJoCo, with its own softness, not {values['stiffness']:g}"
-        self.description.notes.append(f"stop on {element.get('name')!r}: {what}")
+            free = values["free"] - (values["preload"] / values["stiffness"] if values.get("preload") else 0.0)
+            element.set("stiffness", xml_text(values["stiffness"] * factor**2))
+            key = "springref" if element.tag == "joint" else "springlength"
+            element.set(key, xml_text((free - home) / factor))
 
 
-def _rest(values: dict[str, float]) -> float:
-    """Return where a spring is without force."""
-    return values["free"] - (values["preload"] / values["stiffness"] if values.get("preload") else 0.0)
+def add_element(parent: ET.Element, tag: str, **attributes: Any) -> ET.Element:
+    """Add an element to another, its attributes texts or numbers."""
+    return ET.SubElement(parent, tag, {key: xml_text(value) for key, value in attributes.items()})
 
 
-def xml_number(x: float) -> str:
-    """Write a number so that it is read back as it is; without the sign of zero."""
-    return repr(float(x) + 0.0)
-
-
-def xml_numbers(values: Iterable[float]) -> str:
-    """Write several numbers."""
-    return " ".join(xml_number(x) for x in values)
-
-
-def xml_name(name: str) -> str:
-    """Take out of a name what no XML may hold."""
-    return "".join(c if c.isprintable() else "_" for c in name)
+def xml_text(value: Any) -> str:
+    """Write a text without what no XML may hold, or numbers as they are to be read back, zero without its sign."""
+    if isinstance(value, str):
+        return "".join(c if c.isprintable() else "_" for c in value)
+    return " ".join(repr(float(x) + 0.0) for x in np.ravel(value))

@@ -22,7 +22,7 @@ from jaxnc.robots.description import (
     perpendicular,
     rotate_about,
 )
-from jaxnc.robots.mjcf import xml_name, xml_number, xml_numbers
+from jaxnc.robots.mjcf import add_element, xml_text
 
 if TYPE_CHECKING:
     from jaxnc.robots.export_tree import ExportTree, TreeLink
@@ -352,7 +352,7 @@ class UrdfFile:
             for element in root.findall("gazebo/joint"):
                 if element.get("name") == loop.name:
                     pose = _child(element, "pose")
-                    pose.text = " ".join([xml_numbers(local[1]), *((pose.text or "") + " 0 0 0 0 0 0").split()[3:6]])
+                    pose.text = " ".join([xml_text(local[1]), *((pose.text or "") + " 0 0 0 0 0 0").split()[3:6]])
         return write(path, b'<?xml version="1.0"?>\n' + ET.tostring(root) + b"\n")
 
     def _origin(self, k: int, tree: "ImportTree", design: "MovedPlaces") -> Vec:
@@ -411,7 +411,7 @@ def _child(element: ET.Element, tag: str, first: bool = False) -> ET.Element:
 
 
 def _set_numbers(element: ET.Element, key: str, values: Iterable[float]) -> None:
-    element.set(key, xml_numbers(values))
+    element.set(key, xml_text(values))
 
 
 class UrdfWriter:
@@ -422,7 +422,7 @@ class UrdfWriter:
 
     def __init__(self, tree: "ExportTree", driven: tuple[str, ...]):
         self.tree, self.description = tree, tree.description
-        self.root = ET.Element("robot", name=xml_name(self.description.name))
+        self.root = ET.Element("robot", name=xml_text(self.description.name))
         self.joints: dict[str, ET.Element] = {}
         self.taken = {_WORLD}
         self.names = [_WORLD, *(self._new_name(link.name) for link in tree.links[1:])]
@@ -447,10 +447,10 @@ class UrdfWriter:
         return '<?xml version="1.0"?>\n' + ET.tostring(self.root, encoding="unicode") + "\n"
 
     def _new_name(self, name: str) -> str:
-        k, out = 1, xml_name(name)
+        k, out = 1, xml_text(name)
         while out in self.taken:
             k += 1
-            out = f"{xml_name(name)} {k}"
+            out = f"{xml_text(name)} {k}"
         self.taken.add(out)
         return out
 
@@ -466,43 +466,43 @@ class UrdfWriter:
             place = np.zeros(3)
         for i, (joint, (parent, child)) in enumerate(zip(pieces, pairwise(chain), strict=True)):
             if child != name:
-                ET.SubElement(self.root, "link", name=child)
+                add_element(self.root, "link", name=child)
             else:
                 self._add_link(child, link)
             self._add_joint(joint.name, _TYPES[joint.kind], parent, child, np.zeros(3) if i else place, joint.axis)
 
     def _add_joint(self, name: str, kind: str, parent: str, child: str, place: Vec, axis: Vec | None = None) -> None:
-        joint = ET.SubElement(self.root, "joint", name=xml_name(name), type=kind)
-        ET.SubElement(joint, "parent", link=parent)
-        ET.SubElement(joint, "child", link=child)
-        ET.SubElement(joint, "origin", xyz=xml_numbers(place), rpy="0 0 0")
+        joint = add_element(self.root, "joint", name=name, type=kind)
+        add_element(joint, "parent", link=parent)
+        add_element(joint, "child", link=child)
+        add_element(joint, "origin", xyz=place, rpy="0 0 0")
         if axis is not None and kind != "floating":
-            ET.SubElement(joint, "axis", xyz=xml_numbers(axis))
+            add_element(joint, "axis", xyz=axis)
         if kind == "prismatic":
-            far = xml_number(_WIDE * self.tree.size)
-            ET.SubElement(joint, "limit", lower=f"-{far}", upper=far, effort="1e6", velocity="1e6")
+            far = xml_text(_WIDE * self.tree.size)
+            add_element(joint, "limit", lower=f"-{far}", upper=far, effort="1e6", velocity="1e6")
         self.joints[name] = joint
 
     def _add_link(self, name: str, link: "TreeLink") -> None:
-        element = ET.SubElement(self.root, "link", name=name)
+        element = add_element(self.root, "link", name=name)
         if link.inertia is not None and not link.auxiliary:
-            inertial, i = ET.SubElement(element, "inertial"), link.inertia.tensor
-            ET.SubElement(inertial, "origin", xyz=xml_numbers(link.inertia.com - link.origin), rpy="0 0 0")
-            ET.SubElement(inertial, "mass", value=xml_number(link.inertia.mass))
+            inertial, i = add_element(element, "inertial"), link.inertia.tensor
+            add_element(inertial, "origin", xyz=link.inertia.com - link.origin, rpy="0 0 0")
+            add_element(inertial, "mass", value=link.inertia.mass)
             keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-            ET.SubElement(inertial, "inertia", {key: xml_number(i[at]) for key, at in keys.items()})
+            add_element(inertial, "inertia", **{key: i[at] for key, at in keys.items()})
         for a, b in link.lines:
             length = float(np.linalg.norm(b - a))
             if length > 1e-9 * self.tree.size:
                 u = (b - a) / length
                 rpy = 0.0, math.acos(float(np.clip(u[2], -1.0, 1.0))), math.atan2(float(u[1]), float(u[0]))
-                visual = ET.SubElement(element, "visual")
-                ET.SubElement(visual, "origin", xyz=xml_numbers(0.5 * (a + b) - link.origin), rpy=xml_numbers(rpy))
-                shape = ET.SubElement(visual, "geometry")
-                ET.SubElement(shape, "cylinder", radius=xml_number(_THIN * self.tree.size), length=xml_number(length))
+                visual = add_element(element, "visual")
+                add_element(visual, "origin", xyz=0.5 * (a + b) - link.origin, rpy=rpy)
+                shape = add_element(visual, "geometry")
+                add_element(shape, "cylinder", radius=_THIN * self.tree.size, length=length)
         for site, place in link.sites.items():
             own = self._new_name(site)
-            ET.SubElement(self.root, "link", name=own)
+            add_element(self.root, "link", name=own)
             self._add_joint(f"{own} at {name}", "fixed", name, own, place - link.origin)
 
     def _add_loops(self) -> None:
@@ -510,15 +510,14 @@ class UrdfWriter:
         links = self.tree.links
         for loop in self.description.loops:
             ball = loop.kind == "connect"
-            name, ends = xml_name(loop.name), (loop.first, loop.second)
-            element = ET.SubElement(self.root, "loop_joint", name=name, type="spherical" if ball else "fixed")
+            name, ends = xml_text(loop.name), (loop.first, loop.second)
+            element = add_element(self.root, "loop_joint", name=name, type="spherical" if ball else "fixed")
             for tag, k, at in zip(("link1", "link2"), ends, loop.at, strict=True):
-                ET.SubElement(element, tag, link=self.names[k], xyz=xml_numbers(at - links[k].origin), rpy="0 0 0")
-            joint = ET.SubElement(ET.SubElement(self.root, "gazebo"), "joint", name=name)
-            joint.set("type", "ball" if ball else "fixed")
-            ET.SubElement(joint, "parent").text = self.names[loop.first]
-            ET.SubElement(joint, "child").text = self.names[loop.second]
-            ET.SubElement(joint, "pose").text = xml_numbers([*(loop.at[1] - links[loop.second].origin), 0, 0, 0])
+                add_element(element, tag, link=self.names[k], xyz=at - links[k].origin, rpy="0 0 0")
+            joint = add_element(add_element(self.root, "gazebo"), "joint", name=name, type="ball" if ball else "fixed")
+            add_element(joint, "parent").text = self.names[loop.first]
+            add_element(joint, "child").text = self.names[loop.second]
+            add_element(joint, "pose").text = xml_text([*(loop.at[1] - links[loop.second].origin), 0, 0, 0])
 
     def _add_mimics(self) -> None:
         left = self.description.left_out
@@ -530,7 +529,7 @@ class UrdfWriter:
                 continue
             factor = -tie.terms[joints[1]] / tie.terms[joints[0]] if len(joints) > 1 else 0.0
             other = joints[-1] if len(joints) > 1 else next(j for j in self.joints if j != joints[0])
-            ET.SubElement(element, "mimic", joint=xml_name(other), multiplier=xml_number(factor), offset="0.0")
+            add_element(element, "mimic", joint=other, multiplier=factor, offset="0.0")
         left += [f"cable {name!r}: URDF has none" for name in self.tree.cables]
 
     def _add_transmission(self, name: str) -> None:
@@ -538,10 +537,10 @@ class UrdfWriter:
         if coordinate is None or coordinate.joint is None:
             self.description.left_out.append(f"input {name!r}: it is not one joint, and has no transmission")
             return
-        element = ET.SubElement(self.root, "transmission", name=xml_name(name))
-        ET.SubElement(element, "type").text = "transmission_interface/SimpleTransmission"
-        ET.SubElement(element, "joint", name=xml_name(coordinate.joint[0]))
-        ET.SubElement(element, "actuator", name=xml_name(name))
+        element = add_element(self.root, "transmission", name=name)
+        add_element(element, "type").text = "transmission_interface/SimpleTransmission"
+        add_element(element, "joint", name=coordinate.joint[0])
+        add_element(element, "actuator", name=name)
 
 
 def pieces_of(joint: ElementaryJoint) -> list[ElementaryJoint]:
