@@ -6,7 +6,6 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache, cached_property
-from json.decoder import scanstring  # pyright: ignore[reportAttributeAccessIssue]
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -194,7 +193,7 @@ def _json_lines(text: str) -> Iterator[tuple[Place, int]]:
             line = line_at(inside)
             key: str | int = number
             if text[i] == "{":
-                key, inside = scanstring(text, inside + 1, True)
+                key, inside = decoder.raw_decode(text, inside)
                 inside = skip(inside)
             yield (*place, key), line
             inside = skip((yield from walk(inside, (*place, key))))

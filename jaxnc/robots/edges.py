@@ -147,9 +147,9 @@ def _spatial_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
         if isinstance(joint, record.Slot):
             pin = parts.a.index[joint.point]
             i, axis = _find_carrier(parts, home, joint.line)
-            for j in parts.of_point[pin] if i is not None else ():
-                if j != i:
-                    found.append(TreeEdge(name, "slot", i, j, (pin, pin), [axis], user=True, turns=_can_turn(parts, j)))  # pyright: ignore[reportArgumentType]
+            for j in parts.of_point[pin]:
+                if i is not None and j != i:
+                    found.append(TreeEdge(name, "slot", i, j, (pin, pin), [axis], user=True, turns=_can_turn(parts, j)))
         elif isinstance(joint, record.Planar):
             i, normal = _find_carrier(parts, home, joint.plane)
             other = (joint.on, joint.plane[1]) if isinstance(joint.on, str) else joint.on
