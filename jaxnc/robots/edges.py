@@ -5,8 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from jaxnc.families import graph, spatial_graph
-from jaxnc.families.bodies import Parts
+from jaxnc.families.bodies import Parts, planar_edges, spatial_edges
 from jaxnc.mechanism import model as record
 from jaxnc.robots.description import Vec, perpendicular
 from jaxnc.robots.pose import TreePose
@@ -92,8 +91,8 @@ def _can_turn(parts: Parts, *ks: int) -> bool:
 
 def _planar_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
     found = []
-    for e in graph.edges(parts):
-        name = parts.a.text(e.owner) if e.owner is not None else parts.point(e.point)
+    for e in planar_edges(parts):
+        name = parts.a.text(e.owner)
         wanted = bool(e.angle or e.distance)
         if e.how == "revolute":
             found.append(
@@ -127,7 +126,7 @@ def _edge_of_fixed_point(parts: Parts, k: int, p: int) -> TreeEdge:
 
 def _spatial_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
     found = []
-    for e in spatial_graph.edges(parts):
+    for e in spatial_edges(parts):
         name, user = parts.a.text(e.owner), e.owner.thing is Thing.JOINT
         axes = [home.along(axis) for axis in e.axes[: {"spherical": 0, "universal": 2}.get(e.how, 1)]]
         points, vectors = e.shared

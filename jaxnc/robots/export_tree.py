@@ -8,8 +8,7 @@ import numpy as np
 
 from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.inertia import inertias
-from jaxnc.families.bodies import Parts
-from jaxnc.families.joined import Joined, apart, join, root
+from jaxnc.families.bodies import Joined, Parts, apart, join, root
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.robots.description import (
@@ -115,7 +114,7 @@ class ExportTree:
     def _hang(self) -> list[TreeEdge]:
         """Hang every part on another, or free on the ground; the joints that are left close loops."""
         parts, dim = self.parts, self.parts.dim
-        group = list(range(len(parts.parts)))
+        group = {k: k for k in range(len(parts.parts))}
         chosen, left = [], []
         for edge in sorted(self.edges, key=lambda e: (not e.wanted, e.freedoms(dim))):
             a, b = root(group, edge.first), root(group, edge.second)

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxnc.families import spatial_graph
-from jaxnc.families.spatial_graph import Line
+from jaxnc.families.bodies import Line
 from jaxnc.mechanism import model as record
 from jaxnc.robots.description import Tie, Vec
 from jaxnc.solvers.assembly import derive, evaluate
@@ -84,7 +83,7 @@ def _sum_of_joints(tree: "ExportTree", name: str) -> dict[str, float] | None:
             ends = parts.a.measured[name].points
             start, to, axis = (None if len(ends) == 2 else (ends[:2], ())), (ends[-2:], ()), np.eye(3)[2]
         else:
-            lines = spatial_graph.ends_of(parts, model.angles[name])
+            lines = parts.ends(model.angles[name])
             assert lines is not None
             about, start, to = lines
             axis = tree.home.along(about)
@@ -92,7 +91,7 @@ def _sum_of_joints(tree: "ExportTree", name: str) -> dict[str, float] | None:
     if name in model.distances:
         distance = model.distances[name]
         p, q = parts.a.pair((distance.start, distance.to))
-        line = (parts.a.measured[name].points[-2:], ()) if planar else spatial_graph.along_of(parts, distance)
+        line = (parts.a.measured[name].points[-2:], ()) if planar else parts.along(distance)
         axis = tree.home.along(line)
         return next(filter(None, (_sum_of_slides(tree, i, q, axis) for i in parts.of_point[p])), None)
     for joint_name, joint in model.joints.items():  # an angle or distance that a rolling joint or a screw makes
