@@ -20,10 +20,12 @@ if TYPE_CHECKING:
     from jaxnc import kinematics as kinematics
     from jaxnc import library as library
     from jaxnc import reporting as reporting
+    from jaxnc import robots as robots
     from jaxnc import synthesis as synthesis
     from jaxnc import system as system
     from jaxnc import vehicle as vehicle
     from jaxnc import viz as viz
+    from jaxnc import workshop as workshop
     from jaxnc.compiling import jit as jit
     from jaxnc.dynamics.equilibrium import equilibrium as equilibrium
     from jaxnc.dynamics.inverse import inverse_dynamics as inverse_dynamics
@@ -40,8 +42,6 @@ if TYPE_CHECKING:
     from jaxnc.families import formulate as formulate
     from jaxnc.io.cache import cache as cache
     from jaxnc.io.files import load as load
-    from jaxnc.io.robots.doors import from_mjcf as from_mjcf
-    from jaxnc.io.robots.doors import from_urdf as from_urdf
     from jaxnc.io.stream import stream as stream
     from jaxnc.kinematics.arc import circuit as circuit
     from jaxnc.kinematics.arc import travel as travel
@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.spread import shard as shard
     from jaxnc.mechanism import Mechanism as Mechanism
     from jaxnc.reporting.study import report as report
+    from jaxnc.robots.api import from_mjcf as from_mjcf
+    from jaxnc.robots.api import from_urdf as from_urdf
     from jaxnc.status import Status as Status
     from jaxnc.synthesis.tolerance.spread import tolerance as tolerance
     from jaxnc.system.system import System as System

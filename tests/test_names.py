@@ -53,6 +53,7 @@ GUIDES = {
     "reactions": "docs/dynamics.md",
     "report": "docs/report.md",
     "reporting": "docs/report.md",
+    "robots": "docs/robots.md",
     "sensitivity": "docs/spatial.md",
     "shard": "docs/batches.md",
     "simulate": "docs/dynamics.md",
@@ -68,9 +69,10 @@ GUIDES = {
     "vehicle": "docs/spatial.md",
     "viz": "docs/dynamics.md",
     "widget": "docs/widget.md",
+    "workshop": "docs/files.md",
 }
 PACKAGES = tuple(name for name in nc.__all__ if inspect.ismodule(getattr(nc, name)))
-LAZY = ("dynamics", "io", "kinematics", "synthesis", "system", "vehicle", "viz")
+LAZY = ("dynamics", "io", "kinematics", "robots", "synthesis", "system", "vehicle", "viz", "workshop")
 
 
 def text(path):

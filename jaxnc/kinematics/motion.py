@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     import pandas  # pyright: ignore[reportMissingImports]
     import xarray  # pyright: ignore[reportMissingImports]
 
-    from jaxnc.io.workshop.assembly import Assembly
     from jaxnc.system.equations import Equations
+    from jaxnc.workshop import Assembly
 
 
 @public
@@ -429,24 +429,14 @@ class Motion(Drawn):
             folder: where drawings of the parts and their table are written, if anywhere.
             formats: ``"dxf"`` (``pip install "jaxnc[dxf]"``), ``"svg"`` or both.
             **sizes: ``width``, ``pin``, ``thickness``, and ``clearance``, ``play``, ``washer``, ``spacer``, ``unit``,
-                ``layers``, ``density``, as `jaxnc.io.Shop.of` says.
+                ``layers``, ``density``, as `jaxnc.workshop.Shop.of` says.
 
         Returns:
             Parts, pins, layers and the clearances that remain.
         """
-        from jaxnc.io.workshop.assembly import asked_formats, assembly
-        from jaxnc.io.workshop.shop import SIZES
+        from jaxnc import workshop
 
-        outside(self.status, "to_parts()")
-        if unknown := [name for name in sizes if name not in SIZES]:
-            raise InputError(f"to_parts(): there is no {unknown[0]}=; {nearest(unknown[0], SIZES)}")
-        formats = asked_formats(formats)
-        if missing := [f"{name}=" for name in ("width", "pin", "thickness") if name not in sizes]:
-            raise InputError(f"to_parts(): give {', '.join(missing)} in mm")
-        found = assembly(self, **sizes)
-        if folder is not None:
-            found.save(folder, formats)
-        return found
+        return workshop.to_parts(self, folder, formats, **sizes)
 
     def to_frame(self, names: Sequence[str] | None = None, unit: str | None = None) -> "pandas.DataFrame":
         """A pandas data frame, one row a pose; see `jaxnc.io.frames.to_frame`."""

@@ -10,8 +10,7 @@ import numpy as np
 
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError, counted
-from jaxnc.io.files import plain
-from jaxnc.io.layout import toml
+from jaxnc.io.files import plain, toml
 from jaxnc.io.target import writing
 from jaxnc.kinematics.motion import Motion
 from jaxnc.reporting.checked import parts

@@ -17,8 +17,7 @@ from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.exports import version
 from jaxnc.io.drives import sweep_arguments
-from jaxnc.io.files import plain
-from jaxnc.io.layout import json_text
+from jaxnc.io.files import json_text, plain
 from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.diagnosis import Diagnosis
 from jaxnc.kinematics.inputs import make_plan

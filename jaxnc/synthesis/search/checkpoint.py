@@ -61,7 +61,7 @@ class Course:
         """Bring a search to where it was saved; it is kept in the same file unless it has another one."""
         from jaxnc.io import archive
 
-        arrays = archive.read(path, "a file that a search with checkpoint= wrote")
+        arrays = archive.read_archive(path, "a file that a search with checkpoint= wrote")
         try:
             begun = json.loads(str(arrays["terms"]))
         except (KeyError, ValueError):

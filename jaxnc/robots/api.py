@@ -1,5 +1,6 @@
-"""A mechanism as a file of a robot simulator, and what came of it."""
+"""Robots read from MJCF and URDF, and mechanisms written to them."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -7,16 +8,75 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError
-from jaxnc.io.robots.grown import Grown
-from jaxnc.io.robots.mjcf import Mjcf
-from jaxnc.io.robots.pose import Posed, joint_values
-from jaxnc.io.robots.tree import Tree
-from jaxnc.io.robots.urdf import Urdf, in_urdf
 from jaxnc.io.target import file_name, write
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
+from jaxnc.robots.export_tree import ExportTree
+from jaxnc.robots.mjcf import MjcfFile, MjcfWriter
+from jaxnc.robots.robot import Robot
+from jaxnc.robots.urdf import UrdfFile, UrdfWriter, pieces_of, values_of_pieces
 from jaxnc.solvers.assembly import derive, meets, settle
 from jaxnc.system.system import System
+
+
+@public
+def from_mjcf(
+    path: str | Path,
+    home: str | Mapping[str, float] | None = None,
+    hold: Sequence[str] = (),
+    without: Sequence[str] = (),
+) -> Robot:
+    """Read a robot from an MJCF file of MuJoCo, loops included, as a mechanism in natural coordinates.
+
+    Args:
+        path: the file.
+        home: another pose to draw it in than the file's own, in which a robot may be at a dead point: the name of a
+            keyframe, or values of some joints by name; loops are closed from there.
+        hold: names of bodies whose joints are held as they are; floating ones always are.
+        without: names of `equality` constraints to be left out.
+
+    Returns:
+        The robot, with what was not taken over by name.
+
+    Raises:
+        ModelFileError: the file cannot be read, nothing in it moves, or links are held together in a way that cannot be
+            said here. Nothing is read by half.
+        JaxncError: MuJoCo is not installed.
+    """
+    file = MjcfFile(Path(path))
+    robot = Robot(file, without, hold)
+    if home is None:
+        return robot
+    file.set_home(file.qpos_near(home, robot.coordinates))
+    joints = {coordinate: joint for joint, coordinate in robot.coordinates.items()}
+    values = np.array([file.value(joints[coordinate]) for coordinate in robot.actuated])
+    # The links need not close the loops with these values: the nearest pose in which they do is taken.
+    near = robot.pose(values, start=robot._tree.carry(file.frames()))
+    file.set_home(np.asarray(robot.joint_values(near)))
+    return Robot(file, without, hold)
+
+
+@public
+def from_urdf(path: str | Path, hold: Sequence[str] = (), without: Sequence[str] = ()) -> Robot:
+    """Read a robot from a URDF file, loops included, as a mechanism in natural coordinates.
+
+    Loops are ``<loop_joint>`` elements (``spherical``, ``revolute``, ``fixed``), or ``<joint>`` in ``<gazebo>``. It is
+    drawn with all joints at zero.
+
+    Args:
+        path: the file.
+        hold: names of links whose joints are held as they are; floating ones always are.
+        without: names of loop joints to be left out.
+
+    Returns:
+        The robot, with what was not taken over by name; driven by the joints of its transmissions, if it has any.
+
+    Raises:
+        ModelFileError: the file cannot be read, is no tree with loop joints, or nothing in it moves.
+
+    Source: Isaac Sim, URDF importer extension, custom tags; Gazebo, Model a 4-bar linkage in SDFormat and URDF.
+    """
+    return Robot(UrdfFile(Path(path)), without, hold)
 
 
 @public
@@ -41,7 +101,7 @@ class Exported:
     coordinates: dict[str, str]
     left_out: tuple[str, ...]
     notes: tuple[str, ...]
-    _grown: Grown = field(repr=False, compare=False)
+    _tree: ExportTree = field(repr=False, compare=False)
     _urdf: bool = field(default=False, repr=False)
 
     def joint_values(self, motion: Motion) -> np.ndarray:
@@ -55,8 +115,8 @@ class Exported:
             scalar first; in URDF three angles, about x, y, z), seven of a free joint; ``(..., nq)``. Hinges are counted
             on through whole turns.
         """
-        values = poses(self._grown, np.asarray(motion.q))
-        return in_urdf([j for _, j in self._grown.tree.joints.values()], values) if self._urdf else values
+        values = self._tree.joint_values(np.asarray(motion.q))
+        return values_of_pieces(self._tree.joints.values(), values) if self._urdf else values
 
     def __str__(self) -> str:
         many = f"{self.path}: {len(self.links)} links, {len(self.joints)} joints, {len(self.loops)} loop constraints"
@@ -88,11 +148,11 @@ def to_mjcf(mechanism: Mechanism, path: str | Path, at: System | Motion | None =
         AssemblyError: the design does not assemble, or poses of the motion have failed.
         OutputError: the file cannot be written.
     """
-    path = named(path, ".xml")
-    grown, driven, q = grow(mechanism, at)
-    file = Mjcf(grown, driven, poses(grown, q))
+    path = _check_suffix(path, ".xml")
+    tree, driven, q = _make_tree(mechanism, at)
+    file = MjcfWriter(tree, driven, tree.joint_values(q))
     write(path, file.text().encode())
-    return exported(path, grown)
+    return _report(path, tree)
 
 
 def to_urdf(mechanism: Mechanism, path: str | Path, at: System | Motion | None = None) -> Exported:
@@ -117,36 +177,35 @@ def to_urdf(mechanism: Mechanism, path: str | Path, at: System | Motion | None =
 
     Source: Isaac Sim, URDF importer extension, custom tags; Gazebo, Model a 4-bar linkage in SDFormat and URDF.
     """
-    path = named(path, ".urdf")
-    grown, driven, _ = grow(mechanism, at)
-    notes = grown.tree.notes
-    if not any(link.inertia for link in grown.tree.links):
+    path = _check_suffix(path, ".urdf")
+    tree, driven, _ = _make_tree(mechanism, at)
+    notes = tree.description.notes
+    if not any(link.inertia for link in tree.links):
         notes[:] = [n for n in notes if not n.startswith("no body has a mass")] + ["no body has a mass, and no link"]
-    if any(joint.kind == "ball" for _, joint in grown.tree.joints.values()):
+    if any(joint.kind == "ball" for joint in tree.joints.values()):
         notes.append("balls are three hinges, about x, y, z, which lose a freedom a quarter turn from home about y")
-    file = Urdf(grown, driven)
-    write(path, file.text().encode())
-    return exported(path, grown, tuple(file.values))
+    write(path, UrdfWriter(tree, driven).text().encode())
+    return _report(path, tree, urdf=True)
 
 
-def exported(path: Path, grown: Grown, joints: tuple[str, ...] = ()) -> Exported:
-    """What is told of a file that was written."""
-    tree = grown.tree
+def _report(path: Path, tree: ExportTree, urdf: bool = False) -> Exported:
+    """Tell what was written."""
+    d = tree.description
     return Exported(
         path,
         tuple(link.name for link in tree.links[1:]),
-        joints or tuple(tree.joints),
-        (*(x.name for x in tree.loops), *(x.name for x in tree.ties), *tree.cables),
-        {n: said(tree, n) for n in grown.system.topology.scalars},
-        tuple(tree.left_out),
-        tuple(tree.notes),
-        grown,
-        bool(joints),
+        tuple(piece.name for joint in tree.joints.values() for piece in (pieces_of(joint) if urdf else [joint])),
+        (*(x.name for x in d.loops), *(x.name for x in d.ties), *tree.cables),
+        {name: str(tree.coordinates.get(name, "no sum of joints")) for name in tree.system.topology.scalars},
+        tuple(d.left_out),
+        tuple(d.notes),
+        tree,
+        urdf,
     )
 
 
-def named(path: str | Path, suffix: str) -> Path:
-    """A file name of the suffix that there must be."""
+def _check_suffix(path: str | Path, suffix: str) -> Path:
+    """Refuse a file name of another suffix."""
     path = file_name(path)
     if path.suffix.lower() != suffix:
         raise InputError(
@@ -155,21 +214,8 @@ def named(path: str | Path, suffix: str) -> Path:
     return path
 
 
-def said(tree: Tree, name: str) -> str:
-    """A coordinate in words."""
-    reading = tree.readings.get(name)
-    if reading is None:
-        return "no sum of joints"
-    if reading.ends:
-        return f"the distance of the sites {reading.ends[0]!r} and {reading.ends[1]!r}"
-    terms = " ".join(
-        f"{'-' if f < 0 else '+'} {'' if abs(f) == 1 else f'{abs(f):g} '}{j!r}" for j, f in reading.terms.items()
-    )
-    return f"{reading.home:.6g} {terms}"
-
-
-def grow(mechanism: Mechanism, at: System | Motion | None) -> tuple[Grown, tuple[str, ...], np.ndarray]:
-    """The tree of a mechanism, the inputs that get motors, and the poses to be kept ``(K, N)``."""
+def _make_tree(mechanism: Mechanism, at: System | Motion | None) -> tuple[ExportTree, tuple[str, ...], np.ndarray]:
+    """Make the tree of a mechanism; return it, the inputs that get motors, and the poses to be kept ``(K, N)``."""
     if not isinstance(mechanism, Mechanism):
         raise InputError(f"expected the Mechanism, got {type(mechanism).__name__}; a System is given as at=")
     if isinstance(at, Motion):
@@ -193,14 +239,4 @@ def grow(mechanism: Mechanism, at: System | Motion | None) -> tuple[Grown, tuple
         raise InputError(f"at=: {system!r} was not compiled from {mechanism!r}")
     if np.asarray(system.parameters.points).ndim > 2:
         raise InputError("at=: it holds several designs; give one of them")
-    return Grown(mechanism, system, home), driven, q
-
-
-def poses(grown: Grown, q: np.ndarray) -> np.ndarray:
-    """Joint values ``(..., nq)`` of poses ``(..., N)``."""
-    flat, out, before = q.reshape(-1, q.shape[-1]), [], None
-    for x in flat:
-        before = joint_values(grown.tree, Posed(grown.parts, x, grown.home), before)
-        out.append(before)
-    width = sum(j.width for link in grown.tree.links for j in link.joints)
-    return np.reshape(out, (*q.shape[:-1], width))
+    return ExportTree(mechanism, system, home), driven, q

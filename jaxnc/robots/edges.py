@@ -1,14 +1,14 @@
-"""The joints between the rigid parts of a mechanism, as elementary joints of links that hang one on the other."""
+"""Joints between the rigid parts of a mechanism, as elementary joints of links that hang one on the other."""
 
 from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
 
-from jaxnc.families.bodies import Line, Parts, planar_edges, spatial_edges
-from jaxnc.io.robots.pose import Posed, across
-from jaxnc.io.robots.tree import Vec
+from jaxnc.families.bodies import Parts, planar_edges, spatial_edges
 from jaxnc.mechanism import model as record
+from jaxnc.robots.description import Vec, perpendicular
+from jaxnc.robots.pose import TreePose
 from jaxnc.system.identity import Thing
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -16,7 +16,7 @@ _FREEDOMS = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "universal": 2, "s
 
 
 @dataclass
-class Edge:
+class TreeEdge:
     """A joint between two parts, all directions as in the home pose."""
 
     name: str  # what it is called after: a joint, or the point that is shared
@@ -37,7 +37,7 @@ class Edge:
     turns: bool = True  # whether both parts know a rotation, so that the second may turn
 
     def freedoms(self, dim: int) -> int:
-        """Relative freedoms."""
+        """Count the relative freedoms."""
         turning = (1 if dim == 2 else 3) * self.turns
         if self.how == "slot":
             return len(self.axes) + turning
@@ -46,7 +46,7 @@ class Edge:
         return _FREEDOMS[self.how]
 
     def sequence(self, parent: int, dim: int) -> tuple[int, list[tuple[str, Vec]]]:
-        """The child's point of the joint, and its elementary joints (kind, axis) seen from a parent."""
+        """Return the child's point of the joint, and its elementary joints (kind, axis) seen from a parent."""
         forward = parent == self.first
         at = self.at[1] if forward else self.at[0]
         slides = [("slide", a) for a in self.axes]
@@ -63,139 +63,126 @@ class Edge:
                 return at, [("hinge", a) for a in (self.axes if forward else self.axes[::-1])]
             case "planar":
                 normal = self.axes[0]
-                one = across(normal)
+                one = perpendicular(normal)
                 return at, [("slide", one), ("slide", np.cross(normal, one)), ("hinge", normal)]
         turning = [] if not self.turns else [("hinge", Z)] if dim == 2 else [("ball", Z)]
         # The pin turns where it has slid to; a line turns about the pin of its parent, and slides along itself.
         return self.at[1], [*slides, *turning] if forward else [*turning, *slides]
 
 
-def edges(parts: Parts, home: Posed, lost: dict[str, str]) -> list[Edge]:
-    """All joints of a mechanism that a tree of links can be made of."""
-    found = _planar(parts, home) if parts.dim == 2 else _spatial(parts, home)
+def find_edges(parts: Parts, home: TreePose) -> tuple[list[TreeEdge], dict[str, str]]:
+    """Find all joints of a mechanism that a tree of links can be made of, and the kinds of the others by name."""
+    lost: dict[str, str] = {}
+    found = _planar_edges(parts, home) if parts.dim == 2 else _spatial_edges(parts, home)
     known = {e.name for e in found if e.user}
     for name, joint in parts.model.joints.items():
-        if isinstance(joint, record.Rolling) and (pair := _rolling(parts, home, name, joint)):
+        if isinstance(joint, record.Rolling) and (pair := _rolling_edges(parts, home, name, joint)):
             found += pair
             known.add(name)
         told = record.Gear | record.BevelGear | record.RackAndPinion | record.Cable | record.Weld
         if name not in known and not isinstance(joint, told):
-            lost[name] = " ".join(_words(type(joint).__name__))
-    return found
+            lost[name] = "".join(f" {c.lower()}" if c.isupper() else c for c in type(joint).__name__).strip()
+    return found, lost
 
 
-def _words(text: str) -> list[str]:
-    return "".join(f" {c.lower()}" if c.isupper() else c for c in text).split()
-
-
-def _turning(parts: Parts, *ks: int) -> bool:
+def _can_turn(parts: Parts, *ks: int) -> bool:
     return all(parts.parts[k].turns != "no" for k in ks)
 
 
-def _planar(parts: Parts, home: Posed) -> list[Edge]:
+def _planar_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
     found = []
     for e in planar_edges(parts):
         name = parts.a.text(e.owner)
         wanted = bool(e.angle or e.distance)
         if e.how == "revolute":
-            found.append(Edge(name, "revolute", e.first, e.second, (e.point, e.point), [Z], (e.point,), wanted=wanted))
+            found.append(
+                TreeEdge(name, "revolute", e.first, e.second, (e.point, e.point), [Z], (e.point,), wanted=wanted)
+            )
         elif e.how == "prismatic":
             at = (e.line[0], e.on[0])
-            found.append(Edge(name, "prismatic", e.first, e.second, at, [home.span(e.line)], user=True, wanted=wanted))
+            found.append(
+                TreeEdge(name, "prismatic", e.first, e.second, at, [home.span(e.line)], user=True, wanted=wanted)
+            )
         elif e.how == "slot":
-            turns = _turning(parts, e.second)
-            found.append(Edge(name, "slot", e.first, e.second, (e.point, e.point), [home.span(e.line)], user=True,
+            turns = _can_turn(parts, e.second)
+            found.append(TreeEdge(name, "slot", e.first, e.second, (e.point, e.point), [home.span(e.line)], user=True,
                               wanted=wanted, turns=turns))  # fmt: skip
         else:
-            found.append(_held(parts, e.second, e.point))
+            found.append(_edge_of_fixed_point(parts, e.second, e.point))
     for name, joint in parts.model.joints.items():
         if isinstance(joint, record.Revolute) and joint.points:
             p, q = parts.a.pair(joint.points)
-            pair = _apart(parts, p, q)
-            if pair:
-                found.append(Edge(name, "revolute", *pair, (p, q), [Z], user=True))
+            apart = ((i, j) for i in parts.of_point[p] for j in parts.of_point[q] if i != j)
+            if pair := next(apart, None):
+                found.append(TreeEdge(name, "revolute", *pair, (p, q), [Z], user=True))
     return found
 
 
-def _apart(parts: Parts, p: int, q: int) -> tuple[int, int] | None:
-    """Different parts that hold two points."""
-    return next(((i, j) for i in parts.of_point[p] for j in parts.of_point[q] if i != j), None)
-
-
-def _held(parts: Parts, k: int, p: int) -> Edge:
-    """A point that slides with fixed coordinates."""
+def _edge_of_fixed_point(parts: Parts, k: int, p: int) -> TreeEdge:
+    """Make the edge of a point that slides with fixed coordinates."""
     axes = [np.eye(3)[i] for i in range(parts.dim) if not parts.a.fixed[p][i]]
-    return Edge(parts.point(p), "slot", 0, k, (p, p), axes, holder=p, turns=_turning(parts, k))
+    return TreeEdge(parts.point(p), "slot", 0, k, (p, p), axes, holder=p, turns=_can_turn(parts, k))
 
 
-def _spatial(parts: Parts, home: Posed) -> list[Edge]:
+def _spatial_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
     found = []
-
-    def along(line: Line) -> Vec:
-        return home.vectors[line[1][0]] if line[1] else home.span((line[0][0], line[0][1]))
-
     for e in spatial_edges(parts):
-        name, axes = parts.a.text(e.owner), []
-        user = e.owner.thing is Thing.JOINT
-        if e.how != "spherical":
-            axes = [along(e.axes[0]) / np.linalg.norm(along(e.axes[0]))]
-        if e.how == "universal":
-            axes.append(along(e.axes[1]) / np.linalg.norm(along(e.axes[1])))
+        name, user = parts.a.text(e.owner), e.owner.thing is Thing.JOINT
+        axes = [home.along(axis) for axis in e.axes[: {"spherical": 0, "universal": 2}.get(e.how, 1)]]
         points, vectors = e.shared
         if e.how == "prismatic":  # nothing turns: all that both hold keeps its direction
             one, other = parts.parts[e.first], parts.parts[e.second]
             vectors = tuple(v for v in one.vectors if v in other.vectors)
-        found.append(Edge(name, e.how, e.first, e.second, e.at, axes, points, vectors, user=user,
+        found.append(TreeEdge(name, e.how, e.first, e.second, e.at, axes, points, vectors, user=user,
                           wanted=bool(e.angle or e.distance)))  # fmt: skip
     for p, holders in parts.of_point.items():
         fixed = parts.a.fixed[p]
         if fixed.any() and not fixed.all():
-            found += [_held(parts, k, p) for k in holders if k]
-        loose = [k for k in holders if not _turning(parts, k)]
-        found += [Edge(parts.point(p), "spherical", i, j, (p, p), [], (p,)) for i, j in combinations(holders, 2)
+            found += [_edge_of_fixed_point(parts, k, p) for k in holders if k]
+        loose = [k for k in holders if not _can_turn(parts, k)]
+        found += [TreeEdge(parts.point(p), "spherical", i, j, (p, p), [], (p,)) for i, j in combinations(holders, 2)
                   if loose and not (i in loose and j in loose)]  # fmt: skip
     for name, joint in parts.model.joints.items():
         if isinstance(joint, record.Slot):
             pin = parts.a.index[joint.point]
-            i, axis = _carrier(parts, home, joint.line)
-            for j in parts.of_point[pin] if i is not None else ():
-                if j != i:
-                    found.append(Edge(name, "slot", i, j, (pin, pin), [axis], user=True, turns=_turning(parts, j)))  # pyright: ignore[reportArgumentType]
+            i, axis = _find_carrier(parts, home, joint.line)
+            for j in parts.of_point[pin]:
+                if i is not None and j != i:
+                    found.append(TreeEdge(name, "slot", i, j, (pin, pin), [axis], user=True, turns=_can_turn(parts, j)))
         elif isinstance(joint, record.Planar):
-            i, normal = _carrier(parts, home, joint.plane)
+            i, normal = _find_carrier(parts, home, joint.plane)
             other = (joint.on, joint.plane[1]) if isinstance(joint.on, str) else joint.on
-            j, _ = _carrier(parts, home, other)
+            j, _ = _find_carrier(parts, home, other)
             if i is not None and j is not None and i != j:
                 shared = (parts.a.vector_index[joint.plane[1]],) if joint.plane[1] == other[1] else ()
                 at = parts.a.index[joint.plane[0]], parts.a.index[other[0]]
-                found.append(Edge(name, "planar", i, j, at, [normal], (), shared, user=True))
+                found.append(TreeEdge(name, "planar", i, j, at, [normal], (), shared, user=True))
     return found
 
 
-def _carrier(parts: Parts, home: Posed, line: tuple[str, str]) -> tuple[int | None, Vec]:
-    """The part that carries a line, a point and a vector or two points, and its direction."""
+def _find_carrier(parts: Parts, home: TreePose, line: tuple[str, str]) -> tuple[int | None, Vec]:
+    """Find the part that carries a line, a point and a vector or two points, and the direction of the line."""
     p = parts.a.index[line[0]]
     if line[1] in parts.a.vector_index:
-        v = parts.a.vector_index[line[1]]
-        direction = home.vectors[v] / np.linalg.norm(home.vectors[v])
-        return parts.holder((p,), (v,)), direction
-    q = parts.a.index[line[1]]
-    return parts.holder((p, q)), home.span((p, q))
+        points, vectors = (p,), (parts.a.vector_index[line[1]],)
+    else:
+        points, vectors = (p, parts.a.index[line[1]]), ()
+    return parts.holder(points, vectors), home.along((points, vectors))
 
 
-def _rolling(parts: Parts, home: Posed, name: str, joint: record.Rolling) -> list[Edge]:
-    """A disc that keeps its distance from a line: its centre slides along it, and it turns; so does its contact."""
-    i, along = _carrier(parts, home, joint.line)
+def _rolling_edges(parts: Parts, home: TreePose, name: str, joint: record.Rolling) -> list[TreeEdge]:
+    """Make the edges of a disc that rolls on a line: its centre slides along it and it turns; its contact slides."""
+    i, along = _find_carrier(parts, home, joint.line)
     j = parts.holder((parts.a.index[joint.centre], parts.a.index[joint.rim]))
     if i is None or j is None or i == j:
         return []
     axis = Z
     if joint.axis is not None:
         line = joint.axis
-        axis = home.vectors[parts.a.vector_index[line]] if isinstance(line, str) else home.span(parts.a.pair(line))
+        axis = home.span((~parts.a.vector_index[line],) if isinstance(line, str) else parts.a.pair(line))
     centre, contact = parts.a.index[joint.centre], parts.a.index[joint.contact]
-    out = [Edge(name, "rolling", i, j, (contact, centre), [along, axis], user=True)]
+    out = [TreeEdge(name, "rolling", i, j, (contact, centre), [along, axis], user=True)]
     for k in parts.of_point[contact]:
-        if not _turning(parts, k):
-            out.append(Edge(f"{name} contact", "slot", i, k, (contact, contact), [along], user=True, turns=False))
+        if not _can_turn(parts, k):
+            out.append(TreeEdge(f"{name} contact", "slot", i, k, (contact, contact), [along], user=True, turns=False))
     return out

@@ -10,10 +10,9 @@ from jaxnc.errors import InputError
 MILLIMETRES = {"m": 1e3, "dm": 1e2, "cm": 10.0, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "in": 25.4, "ft": 304.8}
 """Of one unit of length, by its label."""
 
-WALL = 0.25
-"""What is left between two holes, and around them, at least: a part of the pin's diameter."""
-
+_WALL = 0.25  # of the pin's diameter: what is left between two holes, and around them, at least
 _LIGHTEST = 20.0  # kg/m³: foam; what is less was meant in g/cm³
+_MAY_BE_ZERO = ("clearance", "play", "washer")
 
 
 @public
@@ -24,10 +23,10 @@ class Shop:
     Attributes:
         width: of links, which are rounded by half of it.
         pin: diameter of pins.
-        thickness: of the plates.
+        thickness: of all plates.
         clearance: what stays between parts that pass each other in one layer, at least.
         play: what holes and slots are wider than pins.
-        washer: thickness of the washers between layers.
+        washer: thickness of the washers between layers; may be 0.
         spacer: outer diameter of washers and spacers.
         unit: how long a unit of length of the mechanism is.
         layers: how many layers there may be above the ground plate; as many as there are parts if None.
@@ -64,16 +63,16 @@ class Shop:
 
         Args:
             length_unit: label of the mechanism's unit of length.
-            width: of links, mm.
-            pin: diameter of pins, mm.
-            thickness: of all plates, mm.
-            clearance: what stays between parts that pass each other in a layer, at least, mm.
-            play: what holes and slots are wider than pins, mm.
-            washer: thickness of the washers between layers, mm; may be 0.
-            spacer: outer diameter of washers and spacers, mm; twice the pin's if not given.
-            unit: how long the mechanism's unit of length is, mm: 1000 for metres; by its label if not given.
-            layers: how many layers there may be above the ground plate; as many as are needed if not given.
-            density: of the plates, kg/m³, for their masses: 7850 for steel, 2700 for aluminium, 1190 for acrylic glass.
+            width: as the attributes above, in mm.
+            pin: diameter, mm.
+            thickness: of plates, mm.
+            clearance: mm.
+            play: mm.
+            washer: thickness, mm.
+            spacer: diameter, mm; twice the pin's if not given.
+            unit: mm, 1000 for metres; by the label if not given.
+            layers: how many there may be.
+            density: kg/m³: 7850 for steel, 2700 for aluminium, 1190 for acrylic glass.
 
         Raises:
             InputError: a size that is none, or sizes that do not go together.
@@ -86,19 +85,20 @@ class Shop:
         unit = MILLIMETRES[length_unit] if unit is None else unit
         if layers is not None and (not isinstance(layers, Integral) or isinstance(layers, bool) or layers < 1):
             raise InputError(f"to_parts(): layers={layers!r}; give how many there may be, a whole number from 1")
-        spacer = 2.0 * pin if spacer is None and _number(pin) else spacer
+        spacer = 2.0 * pin if spacer is None and _is_finite(pin) else spacer
         found = cls(width, pin, thickness, clearance, play, washer, spacer, unit, layers, density)  # pyright: ignore[reportArgumentType]
         for item in fields(found)[:-2]:
-            value, least = getattr(found, item.name), item.name in ("play", "washer", "clearance")
-            if not _number(value) or value < 0 or (value == 0 and not least):
-                what = "a number, 0 or more" if least else "a positive number"
+            value, may_be_zero = getattr(found, item.name), item.name in _MAY_BE_ZERO
+            if not _is_finite(value) or value < 0 or (value == 0 and not may_be_zero):
+                what = "a number, 0 or more" if may_be_zero else "a positive number"
                 raise InputError(f"to_parts(): {item.name}={value!r} must be {what}, in mm")
-        if density is not None and not (_number(density) and density >= _LIGHTEST):
+        if density is not None and not (_is_finite(density) and density >= _LIGHTEST):
             raise InputError(f"to_parts(): density={density!r}; give it in kg/m³: 7850 for steel, 2700 for aluminium")
-        if found.width < found.hole + 2 * found.wall:
+        least = found.hole + 2 * found.wall
+        if found.width < least:
             raise InputError(
                 f"to_parts(): width={width:g} leaves no wall around holes of {found.hole:g} mm; make links at least "
-                f"{found.hole + 2 * found.wall:g} wide, or the pins thinner"
+                f"{least:g} wide, or the pins thinner"
             )
         if not found.hole < found.spacer <= found.width:
             raise InputError(
@@ -115,7 +115,7 @@ class Shop:
     @property
     def wall(self) -> float:
         """The least that is left beside a hole."""
-        return WALL * self.pin
+        return _WALL * self.pin
 
     @property
     def pitch(self) -> float:
@@ -124,8 +124,8 @@ class Shop:
 
 
 SIZES = tuple(item.name for item in fields(Shop))
-"""What may be given of a workshop, by name."""
+"""Names of what may be given of a workshop."""
 
 
-def _number(value: object) -> bool:
+def _is_finite(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,23 +1,27 @@
-"""Where the links of a tree are in a pose of the mechanism, and the joint values that put them there."""
+"""Where the links of an exported tree are in a pose of the mechanism, and the joint values that put them there."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxnc.families.bodies import Part, Parts
-from jaxnc.io.robots.tree import Joint, Link, Tree, Vec
+from jaxnc.robots.description import ElementaryJoint, Vec, cross_matrix, perpendicular, rotate_about
 from jaxnc.system.frames import quaternions
+
+if TYPE_CHECKING:
+    from jaxnc.robots.export_tree import TreeLink
 
 _SMALL = 1e-12
 
 
-class Posed:
-    """One pose of a mechanism in space: places of points, directions of vectors, rotations of parts from home.
+class TreePose:
+    """A pose of a mechanism in space: places of points, directions of vectors, rotations of parts from home.
 
     `q` are all coordinates, ``(N,)``; `home` is the home pose, None for the home pose itself.
     """
 
-    def __init__(self, parts: Parts, q: np.ndarray, home: "Posed | None" = None):
+    def __init__(self, parts: Parts, q: np.ndarray, home: "TreePose | None" = None):
         self.parts, self.q = parts, np.asarray(q, dtype=float)
         dim, count, vectors = parts.dim, len(parts.a.names), len(parts.a.vector_names)
         self.points = np.zeros((count, 3))
@@ -26,12 +30,17 @@ class Posed:
         self.home = self if home is None else home
 
     def span(self, segment: tuple[int, ...]) -> Vec:
-        """The direction of a segment: two points, or ~vector; a unit vector."""
+        """Return the unit vector along a segment: two points, or ~vector."""
         d = self.vectors[~segment[0]] if len(segment) == 1 else self.points[segment[1]] - self.points[segment[0]]
         return d / np.linalg.norm(d)
 
+    def along(self, line: tuple[tuple[int, ...], tuple[int, ...]]) -> Vec:
+        """Return the unit vector along a line: its two points, or its vector if it has one."""
+        points, vectors = line
+        return self.span((~vectors[0],) if vectors else points)
+
     def axes(self, part: Part) -> np.ndarray:
-        """Orthonormal axes of a part as rows."""
+        """Return orthonormal axes of a part as rows."""
         if self.parts.dim == 2:
             x = self.span(part.axis)
             return np.array([x, [-x[1], x[0], 0.0], [0.0, 0.0, 1.0]])
@@ -42,55 +51,37 @@ class Posed:
         return np.array([x, y, np.cross(x, y)])
 
     def turn(self, k: int) -> np.ndarray | None:
-        """Rotation of a part from home ``(3, 3)``; of a bar without spin; None of a part without orientation."""
+        """Return the rotation of a part from home, of a bar without spin; None for a part without orientation."""
         part = self.parts.parts[k]
         if k == 0:
             return np.eye(3)
         if part.turns == "no":
             return None
         if part.turns == "bar":
-            return least_turn(self.home.span(part.segments[0]), self.span(part.segments[0]))
+            return _least_turn(self.home.span(part.segments[0]), self.span(part.segments[0]))
         return self.axes(part).T @ self.home.axes(part)
 
 
-def least_turn(a: Vec, b: Vec) -> np.ndarray:
-    """The smallest rotation that takes one unit vector to another."""
+def _least_turn(a: Vec, b: Vec) -> np.ndarray:
+    """Return the smallest rotation that takes one unit vector to another."""
     c, v = float(a @ b), np.cross(a, b)
     if c < -1.0 + _SMALL:  # half a turn, about anything across
-        u = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-        u /= np.linalg.norm(u)
+        u = perpendicular(a)
         return 2.0 * np.outer(u, u) - np.eye(3)
     x = cross_matrix(v)
     return np.eye(3) + x + x @ x / (1.0 + c)
 
 
-def cross_matrix(v: Vec) -> np.ndarray:
-    """The matrix of ``v ×``."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-def about(axis: Vec, angle: float) -> np.ndarray:
-    """The rotation by an angle about a unit axis."""
-    x = cross_matrix(axis)
-    return np.eye(3) + math.sin(angle) * x + (1.0 - math.cos(angle)) * (x @ x)
-
-
-def angle_about(axis: Vec, start: Vec, end: Vec) -> float:
-    """The angle about an axis from one direction to another."""
+def _angle_about(axis: Vec, start: Vec, end: Vec) -> float:
+    """Return the angle about an axis from one direction to another."""
     a, b = start - (start @ axis) * axis, end - (end @ axis) * axis
     return math.atan2(float(np.cross(a, b) @ axis), float(a @ b))
 
 
-def across(axis: Vec) -> Vec:
-    """A unit vector across another."""
-    u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    return u / np.linalg.norm(u)
-
-
-def frames(tree: Tree, pose: Posed) -> list[tuple[np.ndarray, Vec]]:
-    """Rotation from home and origin of every link in a pose."""
-    out = [(np.eye(3), tree.links[0].origin)]
-    for link in tree.links[1:]:
+def _frames(links: "list[TreeLink]", pose: TreePose) -> list[tuple[np.ndarray, Vec]]:
+    """Find the rotation from home and the origin of every link in a pose."""
+    out = [(np.eye(3), links[0].origin)]
+    for link in links[1:]:
         if link.reference >= 0:
             out.append((out[link.parent][0], pose.points[link.reference]))
             continue
@@ -102,25 +93,28 @@ def frames(tree: Tree, pose: Posed) -> list[tuple[np.ndarray, Vec]]:
     return out
 
 
-def joint_values(tree: Tree, pose: Posed, before: np.ndarray | None = None) -> np.ndarray:
-    """Values of all joints, in their order, of a pose: numbers of hinges and slides, a quaternion of a ball."""
-    at, out = frames(tree, pose), []
-    for link, (turn, place) in zip(tree.links[1:], at[1:], strict=True):
+def joint_values(links: "list[TreeLink]", pose: TreePose, before: np.ndarray | None = None) -> np.ndarray:
+    """Find the values of all joints, in their order, of a pose: numbers of hinges and slides, a quaternion of a ball.
+
+    Hinges are counted on from the values `before`.
+    """
+    at, out = _frames(links, pose), []
+    for link, (turn, place) in zip(links[1:], at[1:], strict=True):
         base, where = at[link.parent]
         relative = base.T @ turn
-        moved = base.T @ (place - where) - (link.origin - tree.links[link.parent].origin)
-        out += _values(link, relative, moved)
+        moved = base.T @ (place - where) - (link.origin - links[link.parent].origin)
+        out += _link_values(link, relative, moved)
     values = np.array(out)
     if before is not None and len(values):
-        hinge = np.repeat([j.kind == "hinge" for k in tree.links for j in k.joints],
-                          [j.width for k in tree.links for j in k.joints])  # fmt: skip
+        hinge = np.repeat([j.kind == "hinge" for k in links for j in k.joints],
+                          [j.width for k in links for j in k.joints])  # fmt: skip
         turns = np.round((values - before) / (2.0 * math.pi))
         values = np.where(hinge, values - 2.0 * math.pi * turns, values)
     return values
 
 
-def _values(link: Link, relative: np.ndarray, moved: Vec) -> list[float]:
-    """Values of the joints of one link, from its rotation and displacement in its parent's frame."""
+def _link_values(link: "TreeLink", relative: np.ndarray, moved: Vec) -> list[float]:
+    """Find the values of the joints of one link from its rotation and displacement in its parent's frame."""
     joints, out = link.joints, {i: [0.0] for i in range(len(link.joints))}
     if len(joints) == 1 and joints[0].kind == "free":
         return [*(link.origin + moved), *map(float, quaternions(relative))]
@@ -132,21 +126,21 @@ def _values(link: Link, relative: np.ndarray, moved: Vec) -> list[float]:
         found = np.linalg.lstsq(axes.T, relative.T @ moved if own else moved, rcond=None)[0]
         for i, value in zip(slides, found, strict=True):
             out[i] = [float(value)]
-    for i, value in zip(rotations, _rotations([joints[i] for i in rotations], relative), strict=True):
+    for i, value in zip(rotations, _hinge_values([joints[i] for i in rotations], relative), strict=True):
         out[i] = value
     return [x for i in range(len(joints)) for x in out[i]]
 
 
-def _rotations(joints: list[Joint], relative: np.ndarray) -> list[list[float]]:
+def _hinge_values(joints: list[ElementaryJoint], relative: np.ndarray) -> list[list[float]]:
     if not joints:
         return []
     if joints[0].kind == "ball":
         return [list(map(float, quaternions(relative)))]
     first = joints[0].axis
     if len(joints) == 1:
-        u = across(first)
-        return [[angle_about(first, u, relative @ u)]]
+        u = perpendicular(first)
+        return [[_angle_about(first, u, relative @ u)]]
     second = joints[1].axis  # R = R(first, α) R(second, β): the second axis is seen where α has put it
-    a = angle_about(first, second, relative @ second)
-    u = across(second)
-    return [[a], [angle_about(second, u, about(first, a).T @ relative @ u)]]
+    a = _angle_about(first, second, relative @ second)
+    u = perpendicular(second)
+    return [[a], [_angle_about(second, u, rotate_about(first, a).T @ relative @ u)]]
