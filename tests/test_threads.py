@@ -7,7 +7,7 @@ import pytest
 import scipy.linalg  # noqa: F401  (loads its BLAS)
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
-from jaxnc import library, threads
+from jaxnc import library
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.solvers import dense
 from jaxnc.solvers.sparse_matrix import Factoriser

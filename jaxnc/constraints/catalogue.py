@@ -2,15 +2,7 @@
 
 from itertools import product as every
 
-from jaxnc.constraints import (
-    coordinates,
-    joints,
-    rates,
-    rigid,
-    spatial_bodies,
-    spatial_coordinates,
-    spatial_joints,
-)
+from jaxnc.constraints import coordinates, joints, rates, rigid, spatial_bodies, spatial_coordinates, spatial_joints
 from jaxnc.constraints.kind import Kind
 from jaxnc.pickling import register_by_name
 
