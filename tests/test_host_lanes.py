@@ -254,7 +254,7 @@ def test_numbers_of_32_bits_are_calculated_with_32():
 def test_once_ready_nothing_of_jax_is_called():
     """A callback of a compiled program must not call JAX: only functions of it that read settings are entered."""
     d = designs("parallelograms")
-    assert host.ready(d.view)
+    assert host.read_kinds(d.view)
     values = np.stack([np.linspace(0.6, 7.0, 23)[:, None]] * 3)
     inside = []
 
@@ -279,7 +279,7 @@ def test_once_ready_nothing_of_jax_is_called():
 def test_what_cannot_be_read_is_not_ready():
     system = unreadable().compile()
     view = make_plan(system, ("P.x",), ())
-    assert not host.ready(view)
+    assert not host.read_kinds(view)
     eq = derive(system)
     found = host_solve.solve_lanes(
         view, from_jax(eq), np.asarray(eq.home)[None], np.array([[0.3], [0.8]]), np.zeros(2, int)

@@ -7,7 +7,7 @@ import pytest
 import scipy.linalg  # noqa: F401  (loads its BLAS)
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
-from jaxnc import library
+from jaxnc import library, process
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.solvers import dense
 from jaxnc.solvers.sparse_matrix import Factoriser
@@ -16,8 +16,8 @@ from jaxnc.solvers.sparse_matrix import Factoriser
 @pytest.fixture
 def several():
     """BLAS on two threads, as in a process where nothing has been solved yet; how many threads each library has."""
-    threads.one_thread.cache_clear()
-    threads._set.clear()
+    process.one_thread.cache_clear()
+    process._single.clear()
     blas = ThreadpoolController().select(user_api="blas")
     if not blas.lib_controllers:
         pytest.skip("no BLAS here whose threads can be counted")
