@@ -180,15 +180,15 @@ def force_constants(top: Topology, home: Any, block: ForceBlock, physical: Any) 
     if kind.drawn is not None:
         formula, missing = drawn_parameters(kind, top.dim)
         open_places = {(i, int(k)) for i in range(count) for k in np.flatnonzero(missing)}
-        if lacking := open_places - {(i, k) for i, k, _ in block.collect}:
+        if lacking := open_places - {(i, k) for i, k, _ in block.given}:
             i, k = min(lacking)
             raise InputError(f"{kind.name} {block.names[i]!r}: {kind.parameters[k]} must be given")
         x = home[force_variables(top, top.loads.forces.index(block))]
         run = formula.traced if not host else formula.carrying if tail else formula.on_lanes
         values = run([x[:, k] for k in range(x.shape[1])])
         out = xp.stack([xp.broadcast_to(y, (count, *tail)) for y in values], axis=1).astype(home.dtype)
-    if block.collect:
-        i, k, at = (np.array(z) for z in zip(*block.collect, strict=True))
+    if block.given:
+        i, k, at = (np.array(z) for z in zip(*block.given, strict=True))
         if not host:
             return jnp.asarray(out).at[i, k].set(physical[at])
         out[i, k] = physical[at]

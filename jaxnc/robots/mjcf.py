@@ -553,7 +553,7 @@ class MjcfWriter:
         """Return the parameters of one force: given, or as drawn."""
         system, kind = self.tree.system, block.kind
         top, physical = system.topology, np.asarray(system.parameters.physical)
-        given = {kind.parameters[p]: float(physical[at]) for i, p, at in block.collect if i == k}
+        given = {kind.parameters[p]: float(physical[at]) for i, p, at in block.given if i == k}
         if kind.drawn is None:
             return given
         drawing, dim = np.asarray(derive(system).home), top.dim

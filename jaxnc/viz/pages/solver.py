@@ -423,7 +423,7 @@ def _explicit_dimensions(top: Topology, b: Builder, x: np.ndarray) -> list[int]:
                     for origin, d in zip(data[::2], data[1::2], strict=True):
                         out[wanted[d]] = distance(members[origin], members[k])
     for block, read in zip(top.blocks, found.read, strict=False):
-        for i, k, d in block.collect:
+        for i, k, d in block.given:
             if top.given[d].owner.thing is Thing.BODY:
                 out[d] = int(x[read[i, k]])
     return out
