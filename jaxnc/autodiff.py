@@ -27,7 +27,15 @@ Arrays = Sequence[Array]
 Rule = Callable[[Any, Any, tuple, tuple], Any]
 
 
-def attach(rule: Rule, static: Hashable, value: Any, *args: Any) -> Any:
+class TwoRules(NamedTuple):
+    """Two rules for one derivative: one is soon compiled, the other is quick where there are many lanes."""
+
+    few: Rule
+    many: Rule
+    least: int  # numbers that the first array of the value has where there are many, all that it is mapped over too
+
+
+def attach(rule: Rule | TwoRules, static: Hashable, value: Any, *args: Any) -> Any:
     """Give a value, which was found elsewhere, its derivatives by a rule; the value itself passes through unchanged.
 
     Args:
@@ -60,13 +68,16 @@ def _attached_change(primals: Sequence, tangents: Sequence, **params: Any) -> tu
     value = _ATTACH.bind(*primals, **params)
     count, axes = params["count"], params["axes"]
     moving = [k for k, d in enumerate(tangents) if k >= count and not _is_still(d)]
+    rule = params["rule"]
+    if isinstance(rule, TwoRules):
+        rule = rule.many if primals[0].size >= rule.least else rule.few
 
     def change(arrays: Sequence, changes: Sequence) -> list:
         found = {k: jnp.asarray(d) for k, d in zip(moving, changes, strict=True)}
         every = [found[k] if k in found else _zero(x) for k, x in enumerate(arrays)]
         args, args_dot = (jax.tree.unflatten(params["structure"], a[count:]) for a in (arrays, every))
         at = jax.tree.unflatten(params["shape"], arrays[:count])
-        return jax.tree.leaves(params["rule"](params["static"], at, args, args_dot))
+        return jax.tree.leaves(rule(params["static"], at, args, args_dot))
 
     for mapped in axes:
         change = jax.vmap(change, in_axes=(list(mapped), [mapped[k] for k in moving]))

@@ -243,7 +243,7 @@ def _repair_on_host(
 
 def is_columnar(plan: Plan) -> bool:
     """Say whether each coordinate is an array of its own in what follows: where derivatives are written out."""
-    return plan.square and writes_out(plan)
+    return writes_out(plan)
 
 
 def solve_traced(

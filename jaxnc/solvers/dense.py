@@ -245,29 +245,38 @@ def solver(
             lambda x: _times_vector(jacobian, x), b, direct, transpose_solve=lambda v, y: direct(v, y, 1)
         )
 
-    # Least squares as the symmetric system [I J; Jᵀ 0] (y, x) = (b, 0), whose derivatives are exact.
-    basis, inverse, _ = orthonormal(fixed)
+    both = least_squares(fixed)
 
     def augmented(pair):
         y, x = pair
         return y + _times_vector(jacobian, x), _times_vector(jacobian.T, y)
 
-    def both(b, c):
+    # Transposition asks that every part of the right-hand side depends on b, the zeros too.
+    return lambda b: lax.custom_linear_solve(
+        augmented, (b, jnp.zeros(n) + 0.0 * jnp.sum(b)), lambda _, pair: both(*pair), symmetric=True
+    )[1]
+
+
+def least_squares(jacobian: Float[Array, "m n"]) -> Callable[[Array, Array], tuple[Array, Array]]:
+    """Factorise once, to solve ``y + J x = b, Jᵀ y = c`` to working precision for several b and c.
+
+    With c = 0, x is the least-squares solution of ``J x = b`` and y what is left. The system is symmetric, so that its
+    derivatives are exact.
+    """
+    basis, inverse, _ = orthonormal(jacobian)
+
+    def once(b, c):
         forward = _times_vector(inverse.T, c)
         inside = _times_vector(basis.T, b)
         x = _times_vector(inverse, inside - forward)
         return b + _times_vector(basis, forward - inside), x
 
-    def least_squares(_, pair):
-        b, c = pair
-        y, x = both(b, c)
-        dy, dx = both(b - y - _times_vector(fixed, x), c - _times_vector(fixed.T, y))
+    def refined(b, c):
+        y, x = once(b, c)
+        dy, dx = once(b - y - _times_vector(jacobian, x), c - _times_vector(jacobian.T, y))
         return y + dy, x + dx
 
-    # Transposition asks that every part of the right-hand side depends on b, the zeros too.
-    return lambda b: lax.custom_linear_solve(
-        augmented, (b, jnp.zeros(n) + 0.0 * jnp.sum(b)), least_squares, symmetric=True
-    )[1]
+    return refined
 
 
 def conditioning(jacobian: Float[Array, "m n"]) -> Array:

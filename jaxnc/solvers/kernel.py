@@ -15,8 +15,9 @@ import numpy as np
 from jax import lax
 
 from jaxnc.remembered import with_owner
+from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import Eliminated, Factors, Pivots, eliminate_block, plan_elimination
-from jaxnc.solvers.plan import Plan, square_rows
+from jaxnc.solvers.plan import Plan, Square, square_rows
 from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, guard_functions, replace_constants
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
@@ -28,6 +29,8 @@ LARGEST_WRITTEN = 120  # unknowns that are written out
 MOST_WRITTEN = 1000  # multiplications of their eliminations: a program of so many takes XLA half a minute
 _ROUNDING = 100.0  # times the last digit of the largest number met in an elimination
 _FEW = 2  # blocks that may be computed into each other
+_PASSES = 6  # of a refinement, at most
+_WEAK = 1e-4  # of the largest pivot: where the chosen rows are weaker, all rows are orthogonalised
 
 
 class SolvedLanes(NamedTuple):
@@ -64,8 +67,13 @@ class _Block:
     def factors(self, eq: Equations, x: Lanes) -> Eliminated:
         return self.eliminate_slopes(eq, self.rows.slopes(eq, x))
 
-    def solver(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Callable[[Sequence[Array]], Sequence[Any]]:
-        """Return solves with the block's derivatives, which are lanes: exact, and differentiable to any order.
+    @property
+    def pivots(self) -> set[tuple[int, int]]:
+        """Rows and columns of the pivots."""
+        return set(zip(self.elimination.rows, self.elimination.columns, strict=True))
+
+    def solve(self, eq: Equations, slopes: dict[tuple[int, int], Array], right: Sequence[Array]) -> Sequence[Any]:
+        """Solve with the block's derivatives, which are lanes: exactly, and differentiable to any order.
 
         Few columns are solved by determinants. The order of an elimination's pivots is not that of each lane: it is
         refined once, by the same program.
@@ -75,7 +83,7 @@ class _Block:
             matrix = [[slopes.get((r, c), 0.0) for c in range(n)] for r in range(n)]
             # Quotients are what XLA computes once, however many use them; so in reverse.
             one = jnp.where(opaque_true(eq), 1.0, 2.0)
-            return lambda right: cramer(matrix, [b / one for b in right])
+            return cramer(matrix, [b / one for b in right])
         known = lax.stop_gradient(slopes)
 
         def product(slopes: dict[tuple[int, int], Any], x: Sequence[Any], turned: bool) -> list[Any]:
@@ -85,7 +93,7 @@ class _Block:
                 out[row] = out[row] + slope * x[column]
             return out
 
-        def solve(right: Sequence[Array], turned: bool) -> tuple[Array, ...]:
+        def refined(right: Sequence[Array], turned: bool) -> tuple[Array, ...]:
             def improve(_: Any, x: tuple[Array, ...]) -> tuple[Array, ...]:
                 rest = [b - d for b, d in zip(right, product(known, x, turned), strict=True)]
                 factors = self.eliminate_slopes(eq, known)
@@ -94,22 +102,144 @@ class _Block:
 
             return lax.fori_loop(0, 2, improve, tuple(jnp.zeros_like(b) for b in right))
 
-        def solution(right: Sequence[Array]) -> tuple[Array, ...]:
-            # Transposition asks that every part of the right side depends on what is differentiated.
-            none = 0.0 * functools.reduce(jnp.add, right)
-            return lax.custom_linear_solve(
-                lambda x: tuple(product(slopes, x, False)),
-                tuple(b + none for b in right),
-                lambda _, b: solve(b, False),
-                transpose_solve=lambda _, b: solve(b, True),
-            )
-
-        return solution
+        # Transposition asks that every part of the right side depends on what is differentiated.
+        none = 0.0 * functools.reduce(jnp.add, right)
+        return lax.custom_linear_solve(
+            lambda x: tuple(product(slopes, x, False)),
+            tuple(b + none for b in right),
+            lambda _, b: refined(b, False),
+            transpose_solve=lambda _, b: refined(b, True),
+        )
 
     def eliminate_slopes(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Eliminated:
         """Eliminate the block's derivatives. Coordinates that are no lengths count times the size."""
         units = [eq.length if pure else 1.0 for pure in self._pure]
         return eliminate_block(self.elimination, slopes, units, limits(eq.length).fine)
+
+
+class _AllRows:
+    """All rows of a plan that has more of them than unknowns, solved in the least-squares sense.
+
+    The rows that the kernel solves with are eliminated block by block. With these, A, and the spare ones, B, least
+    squares take ``W = B A⁻¹`` and one small matrix, ``I + W Wᵀ``, which has as many rows as are spare.
+    """
+
+    def __init__(self, plan: Plan, chosen: Square):
+        self.rows = Rows(plan.topology, plan.rows.tolist(), plan.unknown.tolist())
+        self.blocks = [
+            (rows.tolist(), columns.tolist(), plan_elimination(chosen.sample[np.ix_(rows, columns)]))
+            for rows, columns in chosen.sequence
+        ]
+        self.kept = [r for rows, _, _ in self.blocks for r in rows]
+        self.spare = sorted({*range(len(plan.rows))} - {*self.kept})
+        self._pure = pure_numbers(plan.topology)[plan.unknown]
+
+    @property
+    def pivots(self) -> set[tuple[int, int]]:
+        """Rows and columns of the pivots."""
+        pairs = ((rows, columns, zip(e.rows, e.columns, strict=True)) for rows, columns, e in self.blocks)
+        return {(rows[i], columns[j]) for rows, columns, places in pairs for i, j in places}
+
+    def solve(self, eq: Equations, slopes: dict[tuple[int, int], Array], right: Sequence[Array]) -> tuple[Array, ...]:
+        """Return the least-squares solution for one right-hand side, differentiable to any order."""
+        known = lax.stop_gradient(slopes)
+
+        def matrix(pair: tuple[tuple, tuple]) -> tuple[tuple, tuple]:
+            return _augmented(slopes, *pair)
+
+        # Transposition asks that every part of the right side depends on what is differentiated.
+        none = 0.0 * functools.reduce(jnp.add, right)
+        whole = tuple(b + none for b in right), (none,) * len(self._pure)
+        return lax.custom_linear_solve(
+            matrix, whole, lambda _, pair: self._solve_augmented(eq, known, *pair), symmetric=True
+        )[1]
+
+    def _solve_augmented(self, eq: Equations, slopes: dict, b: tuple, c: tuple) -> tuple[tuple, tuple]:
+        """Solve ``y + J x = b, Jᵀ y = c``; nothing here is differentiated."""
+        units, smallest_pivot, factors = [eq.length if p else 1.0 for p in self._pure], limits(eq.length).fine, []
+        for rows, columns, elimination in self.blocks:
+            inside = {
+                (i, j): slopes[r, k] for i, r in enumerate(rows) for j, k in enumerate(columns) if (r, k) in slopes
+            }
+            factors.append(eliminate_block(elimination, inside, [units[k] for k in columns], smallest_pivot))
+        before: list[list[tuple[int, int]]] = []  # per block: slopes by the unknowns of the blocks in front of it
+        solved: set[int] = set()
+        for rows, columns, _ in self.blocks:
+            before.append([(r, k) for r in rows for k in sorted(solved) if (r, k) in slopes])
+            solved |= set(columns)
+
+        def solve_kept(right: Mapping[int, Array]) -> list[Array]:
+            rest, x = dict(right), [zero] * len(c)
+            for (rows, columns, _), found, earlier in zip(self.blocks, factors, before, strict=True):
+                for r, k in earlier:
+                    rest[r] = rest[r] - slopes[r, k] * x[k]
+                for k, v in zip(columns, found.solve([rest[r] for r in rows]), strict=True):
+                    x[k] = v
+            return x
+
+        def solve_transposed(right: Sequence[Array]) -> list[Array]:
+            rest, y = list(right), {}
+            for (rows, columns, _), found, earlier in zip(self.blocks[::-1], factors[::-1], before[::-1], strict=True):
+                y |= dict(zip(rows, found.solve_transposed([rest[k] for k in columns]), strict=True))
+                for r, k in earlier:
+                    rest[k] = rest[k] - slopes[r, k] * y[r]
+            return [y[r] for r in self.kept]
+
+        zero = jnp.zeros_like(b[0])
+        spare = [jnp.stack([slopes.get((r, k), zero) for r in self.spare]) for k in range(len(c))]
+        w = jnp.stack([jnp.broadcast_to(v, spare[0].shape) for v in solve_transposed(spare)])
+        gram = jnp.sum(w[:, :, None] * w[:, None], axis=0)
+        count, lanes = len(self.spare), zero.shape
+
+        def small(e: Array) -> Array:
+            if count == 1:
+                return e / (1.0 + gram[0])
+            square = jnp.moveaxis(gram.reshape(count, count, -1), 2, 0) + jnp.eye(count)
+            return jax.vmap(dense.cholesky_solve)(square, e.reshape(count, -1).T[..., None])[..., 0].T.reshape(e.shape)
+
+        def once(b: Sequence[Array], c: Sequence[Array]) -> tuple[tuple, tuple]:
+            rest = jnp.stack([b[r] for r in self.spare])
+            back = jnp.stack([jnp.broadcast_to(v, lanes) for v in solve_transposed(c)])
+            z = jnp.stack([b[r] for r in self.kept]) + jnp.sum(w * rest, axis=1) - back
+            z = z - jnp.sum(w * small(jnp.sum(w * z[:, None], axis=0)), axis=1)
+            x = tuple(jnp.broadcast_to(v, lanes) for v in solve_kept(dict(zip(self.kept, z, strict=True))))
+            y = _augmented(slopes, tuple(jnp.zeros_like(v) for v in b), x)[0]
+            return tuple(v - d for v, d in zip(b, y, strict=True)), x
+
+        def improve(state: tuple[Any, Any, tuple[tuple, tuple]]) -> tuple[Any, Any, tuple[tuple, tuple]]:
+            k, _, pair = state
+            left = jax.tree.map(jnp.subtract, (b, c), _augmented(slopes, *pair))
+            change = once(*left)
+            pair = jax.tree.map(jnp.add, pair, change)
+            size, moved = (jnp.max(jnp.abs(jnp.stack([*t[0], *t[1]])), axis=0) for t in (pair, change))
+            return k + 1, jnp.max(jnp.where(size > 0.0, moved / size, 0.0)), pair
+
+        # Where the rows of A are weak, each pass leaves more: it is gone on until nothing changes any more.
+        start = jnp.zeros((), int), jnp.asarray(jnp.inf, zero.dtype), jax.tree.map(jnp.zeros_like, (b, c))
+        fine = 100.0 * jnp.finfo(zero.dtype).eps
+        pair = lax.while_loop(lambda st: (st[0] < 2) | ((st[1] > fine) & (st[0] < _PASSES)), improve, start)[2]
+        weak = ~(smallest([f.pivots for f in factors]) > _WEAK)
+
+        def by_all(state: tuple[Any, tuple[tuple, tuple]]) -> tuple[Any, tuple[tuple, tuple]]:
+            # They depend on the state, or XLA would do all this before the loop, whether it is entered or not.
+            at = {place: jnp.where(state[0], slope, 0.0) for place, slope in slopes.items()}
+            whole = [[at.get((r, k), zero) for k in range(len(c))] for r in range(len(b))]
+            jacobian = jnp.stack([jnp.stack(row, axis=-1) for row in whole], axis=-2).reshape(-1, len(b), len(c))
+            given = (jnp.stack(v, axis=-1).reshape(-1, len(v)) for v in (b, c))
+            y, x = jax.vmap(lambda j, b, c: dense.least_squares(j)(b, c))(jacobian, *given)
+            found = tuple(tuple(v.T.reshape(len(v.T), *lanes)) for v in (y, x))
+            return jnp.zeros((), bool), jax.tree.map(lambda new, old: jnp.where(weak, new, old), found, state[1])
+
+        return lax.while_loop(lambda state: state[0], by_all, (jnp.any(weak), pair))[1]
+
+
+def _augmented(slopes: dict[tuple[int, int], Array], y: Sequence[Array], x: Sequence[Array]) -> tuple[tuple, tuple]:
+    """Multiply ``(y, x)`` by ``[I J; Jᵀ 0]``."""
+    rows, columns = list(y), [jnp.zeros_like(v) for v in x]
+    for (r, k), slope in slopes.items():
+        rows[r] = rows[r] + slope * x[k]
+        columns[k] = columns[k] + slope * y[r]
+    return tuple(rows), tuple(columns)
 
 
 class Kernel:
@@ -119,6 +249,7 @@ class Kernel:
         self.plan = plan
         top = plan.topology
         chosen = square_rows(plan)
+        self.all_rows = None if plan.square else _AllRows(plan, chosen)
         self.blocks = [_Block(plan, rows, columns, chosen.sample) for rows, columns in chosen.sequence]
         self.everything = Rows(top, range(len(top.rows)))
         self.guards = [guard_functions(top, bodies) for bodies in (False, True)]
@@ -235,33 +366,32 @@ class Kernel:
         x_dot, constants_dot = list(x_dot), constants_dot or {}
         for c in self.plan.unknown:
             x_dot[c] = None
-        for block in self.blocks:
-            moving = [c for c in sorted(block.rows.needed) if x_dot[c] is not None]
-            varied = [at for at in block.rows.constant_places if at in constants_dot]
+        for part in self.blocks if self.all_rows is None else (self.all_rows,):
+            moving = [c for c in sorted(part.rows.needed) if x_dot[c] is not None]
+            varied = [at for at in part.rows.constant_places if at in constants_dot]
             if not moving and not varied:
                 continue
 
-            def rows(*given, block=block, moving=moving, varied=varied):
+            def rows(*given, part=part, moving=moving, varied=varied):
                 at = list(x)
                 for c, v in zip(moving, given, strict=False):
                     at[c] = v
                 constants = dict(zip(varied, given[len(moving) :], strict=True))
                 # Scales multiply what vanishes: their changes change nothing.
-                return block.rows.values(replace_constants(eq, constants), at)
+                return part.rows.values(replace_constants(eq, constants), at)
 
             changes: list[Any] = [x_dot[c] for c in moving] + [constants_dot[at] for at in varied]
             values = [x[c] for c in moving] + [entry(eq.constants[b], i, k) for b, i, k in varied]
             at = [jnp.broadcast_to(v, jnp.shape(d)) for v, d in zip(values, changes, strict=True)]
             _, r_dot = jax.jvp(rows, tuple(at), tuple(map(jnp.asarray, changes)))
-            slopes = block.rows.slopes(eq, x)
+            slopes = part.rows.slopes(eq, x)
             shape = jnp.broadcast_shapes(*map(jnp.shape, (*r_dot, *slopes.values())))
             if ok is not None:
-                unit = set(zip(block.elimination.rows, block.elimination.columns, strict=True))
-                slopes = {at: jnp.where(ok, e, 1.0 if at in unit else 0.0) for at, e in slopes.items()}
+                slopes = {at: jnp.where(ok, e, 1.0 if at in part.pivots else 0.0) for at, e in slopes.items()}
                 r_dot = [jnp.where(ok, r, 0.0) for r in r_dot]
             slopes = {at: jnp.broadcast_to(e, shape) for at, e in slopes.items()}
-            change = block.solver(eq, slopes)([jnp.broadcast_to(r, shape) for r in r_dot])
-            for c, d in zip(block.columns, change, strict=True):
+            change = part.solve(eq, slopes, [jnp.broadcast_to(r, shape) for r in r_dot])
+            for c, d in zip(part.rows.columns, change, strict=True):
                 x_dot[c] = -d
         return x_dot
 
