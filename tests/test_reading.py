@@ -8,7 +8,7 @@ from mechanisms import four_bar_mechanism
 
 import jaxnc as nc
 from jaxnc.constraints import CATALOGUE, Kind
-from jaxnc.constraints.trigonometry import by_name
+from jaxnc.constraints.elementary import by_name
 from jaxnc.reading import Number, Unreadable, function, partials, polynomials, rate, trace, write
 from jaxnc.solvers.assembly import derive, hosted
 from jaxnc.system import structure

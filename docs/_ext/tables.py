@@ -17,7 +17,7 @@ import said
 
 import jaxnc as nc
 from jaxnc import errors
-from jaxnc.cli.main import _parser
+from jaxnc.cli.main import command_parser
 from jaxnc.constraints import CATALOGUE as KINDS
 from jaxnc.constraints import RATES
 from jaxnc.dynamics.simulate import FIXED
@@ -348,7 +348,7 @@ def options() -> str:
 
 def commands() -> str:
     """The command line, from its own parser."""
-    parser = _parser()
+    parser = command_parser()
     choices = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     helps = {a.dest: a.help for a in choices._choices_actions}
     parts = [table(("command", "what it does"), [(f"[`jaxnc {n}`](#jaxnc-{n})", helps[n]) for n in choices.choices])]

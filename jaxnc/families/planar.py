@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from jaxnc.constraints.elementary import cos, sin
 from jaxnc.constraints.kind import Kind
-from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families.bodies import Part
 from jaxnc.families.program import Arm, Frame, Linear, Place, Turn, scaled
 from jaxnc.families.scribe import Scribe, fixed

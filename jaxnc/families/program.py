@@ -16,9 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.constraints import Kind
-from jaxnc.constraints.small import Small
+from jaxnc.constraints.elementary import Small, cos, sin
 from jaxnc.constraints.symbols import Expression
-from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families import shapes
 from jaxnc.families.between import Between
 from jaxnc.families.shapes import Recipe

@@ -11,8 +11,8 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from jaxnc.constraints.elementary import cos, sin
 from jaxnc.constraints.kind import Kind, dot
-from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.pickling import listed
 from jaxnc.system.frames import quaternions
 

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.constraints.directions import unit
+from jaxnc.constraints.elementary import Small
 from jaxnc.constraints.kind import norm
-from jaxnc.constraints.small import Small
 from jaxnc.reading import write
 from jaxnc.remembered import with_owner
 from jaxnc.system.frames import carried

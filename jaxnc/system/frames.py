@@ -14,9 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.constraints.directions import cross3, unit
-from jaxnc.constraints.elementary import ratio, stacked
+from jaxnc.constraints.elementary import Small, ratio, stacked
 from jaxnc.constraints.kind import dot, norm
-from jaxnc.constraints.small import Small
 from jaxnc.reading import Program, trace
 from jaxnc.remembered import with_owner
 from jaxnc.system.on_lanes import on_host, on_lanes

@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import jit
-from jaxnc.constraints.trigonometry import by_name
+from jaxnc.constraints.elementary import by_name
 from jaxnc.internals import outermost
 from jaxnc.reading import Program, function, rate, trace
 from jaxnc.system.precision import WIDE, numbers

@@ -8,8 +8,7 @@ import numpy as np
 
 from jaxnc.asking import ask, listed
 from jaxnc.constraints import Kind
-from jaxnc.constraints.small import Small
-from jaxnc.constraints.trigonometry import by_name
+from jaxnc.constraints.elementary import Small, by_name
 from jaxnc.errors import InputError
 from jaxnc.reading import Node, Number, OutOfRange, Polynomial, Program, Unreadable, polynomials, trace, write
 from jaxnc.system.precision import WIDE, numbers

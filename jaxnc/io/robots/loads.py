@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxnc.forces.catalogue import CATALOGUE
+from jaxnc.forces.kind import CATALOGUE
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.topology import Topology
 

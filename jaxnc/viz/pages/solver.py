@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxnc.constraints.coordinates import from_drawing
+from jaxnc.constraints.elementary import Small
 from jaxnc.constraints.kind import norm
-from jaxnc.constraints.small import Small
-from jaxnc.constraints.spatial_coordinates import from_drawing
 from jaxnc.io.files import plain
 from jaxnc.mechanism import Mechanism
 from jaxnc.reading import Builder, Program, Unreadable, rate, write
