@@ -25,7 +25,7 @@ from jaxnc.forces import CATALOGUE as FORCES
 from jaxnc.io import schema, statement
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.forms import angle_forms, distance_forms
+from jaxnc.mechanism.model import angle_forms, distance_forms
 from jaxnc.viz.poses import poses as seen
 from jaxnc.viz.quantities import _RATES, _TURNS, ENERGIES, EXERTED, quantity
 

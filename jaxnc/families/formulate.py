@@ -15,7 +15,7 @@ from jaxnc.families.spatial import SpatialRelative
 from jaxnc.families.turns import PARAMETERS
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 from jaxnc.system.system import System
 
 FAMILIES = ("independent", "relative", "reference", "natural", "mixed")

@@ -7,7 +7,7 @@ import numpy as np
 from jaxnc.dynamics.inertia import body_inertia
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Origin, Part, Parts
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.system import System

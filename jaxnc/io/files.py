@@ -136,7 +136,7 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | Ra
             m.distance(name, d.start, d.to, d.along, d.form)
     for name, joint in model.joints.items():
         with source.blamed(("joints", name)):
-            _add_joint(m, name, joint)
+            m.add_joint(name, joint)
     for name, relation in model.relations.items():
         with source.blamed(("relations", name)):
             m.relation(name, relation.terms, relation.constant)
@@ -166,53 +166,3 @@ def _unknown_kind(name: str, kind: str, kinds: "Mapping[str, Kind | RateKind]") 
         f"constraint {name!r}: unknown kind {kind!r}; a kind of your own is given when loading, "
         f"load(path, kinds={{{kind!r}: …}}), and for those of the catalogue: {nearest(kind, [*CATALOGUE, *kinds])}"
     )
-
-
-def _add_joint(m: Mechanism, name: str, joint: record.Joint) -> None:
-    """Create a joint from its record."""
-    match joint:
-        case record.Revolute():
-            m.revolute(name, *(joint.points or (None, None)), joint.axes)
-        case record.Prismatic():
-            m.prismatic(name, joint.line, joint.on, joint.form, joint.directions)
-        case record.Slot():
-            m.slot(name, joint.point, joint.line)
-        case record.Gear():
-            m.gear(name, *joint.angles, joint.radii, joint.internal, joint.pressure_angle)
-        case record.Rolling():
-            m.rolling(
-                name,
-                joint.centre,
-                joint.rim,
-                joint.contact,
-                joint.line,
-                joint.angle,
-                joint.distance,
-                joint.radius,
-                joint.form,
-                joint.axis,
-            )
-        case record.Cable():
-            m.cable(name, joint.points, joint.length)
-        case record.Weld():
-            m.weld(name, *joint.bodies)
-        case record.Spherical():
-            m.spherical(name, *joint.points)
-        case record.Cylindrical():
-            m.cylindrical(name, joint.line, joint.on)
-        case record.Universal():
-            m.universal(name, joint.axes, *(joint.points or (None, None)))
-        case record.Screw():
-            m.screw(name, joint.line, joint.on, joint.directions, joint.angle, joint.distance, joint.lead, joint.pitch)
-        case record.Planar():
-            m.planar(name, joint.plane, joint.on)
-        case record.BevelGear():
-            m.bevel_gear(name, *joint.angles, joint.radii, joint.internal, joint.pressure_angle)
-        case record.RackAndPinion():
-            m.rack_and_pinion(name, joint.angle, joint.distance, joint.radius, joint.pressure_angle)
-        case record.ConstantVelocity():
-            m.constant_velocity(name, joint.axes, joint.marks, *(joint.points or (None, None)))
-        case record.Skate():
-            m.skate(name, joint.point, joint.heading)
-        case record.RollingDisc():
-            m.rolling_disc(name, joint.centre, joint.axis, joint.mark, joint.plane, joint.radius)

@@ -9,7 +9,7 @@ from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import TURN, choice, drive
 from jaxnc.library.space import apart, hardpoints, off_axis, unit
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 _BODY = {  # a housing
     "P1": (0.0, 0.0, 0.0),

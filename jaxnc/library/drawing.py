@@ -7,7 +7,7 @@ from typing import Any
 from jaxnc.errors import MechanismError, drawn_with_numbers, nearest
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.checked import LARGEST
+from jaxnc.mechanism.checks import LARGEST
 
 Point = tuple[float, float]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from jaxnc.calls import public
 from jaxnc.library.drawing import TURN, Point, drive, hardpoints, meet, number, polar, positive, travel
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 
 @public

@@ -10,7 +10,7 @@ from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import TURN, drive, number, positive
 from jaxnc.library.space import Vector, X, Y, Z, across, apart, hardpoints, skew, turned, unit
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 _CARDAN = {  # a gearbox, a propeller shaft that runs down and aside, and an axle
     "A": (0.0, 0.0, 0.0),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from jaxnc.calls import public
 from jaxnc.library.drawing import TURN, Point, choice, drive, hardpoints
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.library.drawing import FLAT, TURN, number
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 Vector: TypeAlias = np.ndarray
 """Three components."""

@@ -10,7 +10,7 @@ from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import FLAT, TURN, drive, travel
 from jaxnc.library.space import Vector, apart, hardpoints, off_axis, reach, revolved, skew, swinging, turned
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 _RSCR = {
     "A": (0.0, 0.0, 0.0),

@@ -15,7 +15,7 @@ from jaxnc.errors import MechanismError, nearest
 from jaxnc.kinematics.hardpoints import FIGURE_42
 from jaxnc.library.drawing import choice, drive, positive
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 _RADIUS = 310.0  # mm, of the loaded tyre
 _TRAVEL = 80.0  # mm, of the wheel centre up and down in the default drive

@@ -2,20 +2,32 @@
 
 import copy
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 
+from jaxnc.doors import door
 from jaxnc.mechanism import model as record
 from jaxnc.system.assembler import Assembler
 from jaxnc.system.planar import PlanarAssembler
+from jaxnc.system.precision import WIDE, at_once, chosen, numbers
 from jaxnc.system.spatial import SpatialAssembler
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 
 if TYPE_CHECKING:
     from jaxnc.mechanism import Mechanism
+
+
+def compile_mechanism(mechanism: "Mechanism", sparse: bool | None, dtype: Any) -> System:
+    """Turn a description into a system whose freedoms are counted; see `Mechanism.compile`."""
+    wanted = chosen(dtype)
+    with numbers(WIDE), at_once():
+        system = door("System.degrees_of_freedom")(assemble(mechanism, sparse))
+        if system.topology.extended is not None:
+            system = door("System.extended")(system)
+        return system.astype(wanted)
 
 
 def assemble(mechanism: "Mechanism", sparse: bool | None = None) -> System:

@@ -13,7 +13,7 @@ from jaxnc.io.robots.inertia import joined
 from jaxnc.io.robots.pose import across
 from jaxnc.io.robots.tree import Vec
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.checked import PUNCTUATION
+from jaxnc.mechanism.checks import PUNCTUATION
 from jaxnc.pickling import listed
 
 _PARALLEL = 1e-9  # sine of an angle below which axes are one direction
