@@ -15,7 +15,6 @@ from jaxnc.families.scribe import Scribe, fixed
 from jaxnc.families.shapes import Recipe
 from jaxnc.families.turns import ANGLES, NORMALISED, PARAMETERS
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.model import Place
 from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
 
@@ -34,7 +33,7 @@ class Reference(Planner):
         natural: System,
         keep: tuple[str, ...] = (),
         orientation: str = "euler parameters",
-        reference: str | Mapping[str, str | Place] = "mass",
+        reference: str | Mapping[str, str | record.Place] = "mass",
     ):
         super().__init__(parts, natural, keep)
         self.orientation = orientation
