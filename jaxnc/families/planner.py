@@ -33,7 +33,7 @@ from jaxnc.families.scribe import Scribe, fixed
 from jaxnc.families.shapes import Recipe
 from jaxnc.families.turns import DIRECTION
 from jaxnc.solvers.assembly import derive, with_degrees_of_freedom
-from jaxnc.system.assembler import Instance, grouped
+from jaxnc.system.assemble import Instance, grouped
 from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology

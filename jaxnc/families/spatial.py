@@ -30,7 +30,7 @@ from jaxnc.families.spatial_graph import (
     without_rods,
 )
 from jaxnc.families.turns import ANGLES, HOME, NORMALISED, PARAMETERS
-from jaxnc.system.assembler import Instance
+from jaxnc.system.assemble import Instance
 from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
 

@@ -58,7 +58,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Shape:
-    """Bodies with explicit dimensions that are redrawn by the same recipe (see `jaxnc.system.shape`)."""
+    """Bodies with explicit dimensions that are redrawn by the same recipe (see `jaxnc.system.design.redraw`)."""
 
     recipe: tuple
     members: tuple[Index, ...]
