@@ -13,7 +13,7 @@ from jaxnc.reading import Number, Unreadable, function, partials, polynomials, r
 from jaxnc.solvers.assembly import derive, hosted
 from jaxnc.system import structure
 from jaxnc.system.equations import entries, equations, guards, residual
-from jaxnc.system.host_kinds import host_kind
+from jaxnc.system.structure import host_kind
 
 RNG = np.random.default_rng(5)
 ROUNDING = 1e-12  # the same arithmetic in another order

@@ -17,7 +17,7 @@ from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.rows import Weights, weighed
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.records import record
-from jaxnc.system.rates import coefficients, slips
+from jaxnc.system.equations import coefficients, slips
 from jaxnc.types import Array
 
 

@@ -18,7 +18,7 @@ from jaxnc.dynamics.reactions import left_open, reactions
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
-from jaxnc.system.rates import coefficients, slips
+from jaxnc.system.equations import coefficients, slips
 from jaxnc.types import Array
 
 _POINTS = 8  # times that multipliers between two of them are read off, if there are as many

@@ -17,8 +17,7 @@ from jaxnc.records import record, static
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import weights
-from jaxnc.system.rates import coefficients, slips
+from jaxnc.system.equations import coefficients, slips, weights
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 

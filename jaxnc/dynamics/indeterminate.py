@@ -9,7 +9,7 @@ from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.inertia import body_inertia
 from jaxnc.errors import InputError
 from jaxnc.solvers.assembly import hosted, rank_of
-from jaxnc.system.rates import coefficients
+from jaxnc.system.equations import coefficients
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 

@@ -21,8 +21,8 @@ from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, ou
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
+from jaxnc.system.equations import refuse_rates
 from jaxnc.system.precision import limits
-from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 

@@ -24,9 +24,9 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
+from jaxnc.system.equations import coefficients
 from jaxnc.system.frames import turns
 from jaxnc.system.identity import Owner, Thing, addresses, find
-from jaxnc.system.rates import coefficients
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 

@@ -19,7 +19,7 @@ from jaxnc.system.design import Drawn, carry_design, unit_formula
 from jaxnc.system.equations import Equations, equations, renumbered
 from jaxnc.system.frames import spread
 from jaxnc.system.host import from_jax
-from jaxnc.system.host_kinds import readable
+from jaxnc.system.structure import readable
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 

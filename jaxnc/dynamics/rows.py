@@ -18,8 +18,7 @@ from jaxnc.reading import Builder, function, partials, rate
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
-from jaxnc.system.host_kinds import jax_function
-from jaxnc.system.structure import program, quadratic, size
+from jaxnc.system.structure import jax_function, program, quadratic, size
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 

@@ -24,10 +24,9 @@ from jaxnc.dynamics.model import Dynamics, force_values
 from jaxnc.dynamics.moments import cross, library
 from jaxnc.dynamics.sides import NOBODY, Key, key_of
 from jaxnc.forces import COUPLE
-from jaxnc.system.equations import Equations, entries, places
+from jaxnc.system.equations import Equations, coefficients, entries, places
 from jaxnc.system.frames import spread
 from jaxnc.system.identity import GROUND, Owner
-from jaxnc.system.rates import coefficients
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array

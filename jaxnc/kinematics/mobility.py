@@ -18,9 +18,8 @@ from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, 
 from jaxnc.solvers.kernel import LARGEST_WRITTEN, kernel, writes_out
 from jaxnc.solvers.large import by_lu
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import Equations
+from jaxnc.system.equations import Equations, coefficients, rate_constants
 from jaxnc.system.precision import widened
-from jaxnc.system.rates import coefficients, rate_constants
 from jaxnc.system.system import System, drivable, unheld
 from jaxnc.system.topology import Topology
 

@@ -38,9 +38,8 @@ from jaxnc.solvers.assembly import derive, evaluate, free_plan, settle
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations
+from jaxnc.system.equations import Equations, rate_constants, slips
 from jaxnc.system.precision import as_its_system, limits
-from jaxnc.system.rates import rate_constants, slips
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 

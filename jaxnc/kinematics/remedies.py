@@ -8,8 +8,7 @@ from jaxnc import constraints as kinds
 from jaxnc.calls import public
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.matrices import least_squares
-from jaxnc.system.expansion import Expansion, Slot
-from jaxnc.system.host import HostEquations
+from jaxnc.system.host import Expansion, HostEquations, Slot
 from jaxnc.system.topology import Topology
 
 PARTS = tuple((k + 1) / 24 for k in range(24))  # steps by which inputs go beyond their reach, and a gap is closed

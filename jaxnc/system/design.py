@@ -19,7 +19,7 @@ from jaxnc.constraints.kind import cross, dot, norm
 from jaxnc.reading import write
 from jaxnc.remembered import with_owner
 from jaxnc.system.frames import carried
-from jaxnc.system.host_kinds import Formula, formula
+from jaxnc.system.structure import Formula, formula
 from jaxnc.system.system import Parameters
 from jaxnc.system.topology import INDEX, Block, BlockLayout, Segment, Topology
 from jaxnc.types import Array, Float

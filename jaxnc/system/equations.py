@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.asking import shaped
+from jaxnc.asking import ask, listed, shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device, refuse_fork
 from jaxnc.constraints import Kind
@@ -24,9 +24,8 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.reading import Builder, partials
 from jaxnc.records import record, static
 from jaxnc.system.design import design, design_numbers
-from jaxnc.system.host_kinds import Formula
 from jaxnc.system.precision import numbers
-from jaxnc.system.structure import pattern, program, quadratic, size
+from jaxnc.system.structure import Formula, pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
 from jaxnc.types import Array, Coordinates, Float, Inputs
@@ -80,7 +79,7 @@ def equations(system: System, differentiate_scales: bool = False) -> Equations:
     for block, layout, c in zip(top.blocks, top.layout, constants, strict=True):
         g = h = None
         if quadratic(block.kind, top.dim):
-            g, h = (coefficients(block, top.dim, c, order) for order in (1, 2))
+            g, h = (row_coefficients(block, top.dim, c, order) for order in (1, 2))
         scales.append(_scales(top, block, layout, still(g), length, c))
         linear.append(None if g is None else g * scales[-1][..., None])
         second.append(None if h is None else h * scales[-1][..., None, None])
@@ -107,7 +106,7 @@ def renumbered(eq: Equations, constants: Sequence[Any], scales: Sequence[Any]) -
         for order, out in enumerate(found, start=1):
             if quadratic(block.kind, eq.topology.dim):
                 wide = scale.reshape(*scale.shape, *[1] * (order + c.ndim - 2))
-                out.append(coefficients(block, eq.topology.dim, c, order) * wide)
+                out.append(row_coefficients(block, eq.topology.dim, c, order) * wide)
             else:
                 out.append(None)
     linear, second = map(tuple, found)
@@ -153,7 +152,7 @@ def _at_origin(kind: Kind, dim: int, order: int) -> tuple[Formula, np.ndarray, n
     return Formula(b.program([*open_.values()])), same, where
 
 
-def coefficients(block: Block, dim: int, constants: Any, order: int) -> Any:
+def row_coefficients(block: Block, dim: int, constants: Any, order: int) -> Any:
     """First or second derivatives of a quadratic block's rows at the origin, ``(instances, rows, variables, …)``.
 
     Constants are ``(instances, constants)``. NumPy's may carry changes along a last axis; then the derivatives do too.
@@ -357,3 +356,57 @@ def pure_numbers(top: Topology) -> np.ndarray:
     pure = np.zeros(len(top.coordinates), dtype=bool)
     pure[len(top.points) * top.dim :] = (*(True for _ in range(len(top.vectors) * top.dim)), *top.angles)
     return pure
+
+
+# -- rows that are linear in velocities (nonholonomic constraints), on all coordinates ------------------------------
+
+
+def refuse_rates(top: Topology, what: str, remedy: str) -> None:
+    """Refuse a mechanism with rows on velocities where they have no meaning."""
+    if top.rates:
+        rows = "; ".join(dict.fromkeys(top.rate_rows))
+        raise InputError(f"{what}: {top.name!r} has rows on velocities that positions do not see ({rows}); {remedy}")
+
+
+def rate_constants(system: System) -> tuple[Array, ...]:
+    """Constants of the rows on velocities, per block ``(instances, constants)``: NumPy's of NumPy parameters."""
+    top = system.topology
+    if not top.rates:
+        return ()
+    x = design_numbers(top, system.parameters)
+    return tuple(x[places] for places in design(top).constants[len(top.blocks) :])
+
+
+def slips(top: Topology, constants: tuple[Array, ...], q: Coordinates, v: Coordinates) -> Float[Array, " rates"]:
+    """Residual of the rows on velocities, ``B q̇ - b``, m/s."""
+    out = [jnp.zeros(0)]
+    for block, layout, c in zip(top.rates, top.rate_layout, constants, strict=True):
+        out.append(_rate_rows(top, block, q[layout.variables], v[layout.variables], c).reshape(-1))
+    return jnp.concatenate(out)
+
+
+def coefficients(top: Topology, constants: tuple[Array, ...], q: Coordinates) -> Float[Array, "rates N"]:
+    """Coefficients B of the rows on velocities, on all coordinates."""
+    out = jnp.zeros((len(top.rate_rows), len(top.coordinates)))
+    for block, layout, c in zip(top.rates, top.rate_layout, constants, strict=True):
+        x = q[layout.variables]
+
+        def row(y, dy, c, block=block):
+            return _rate_rows(top, block, y[None], dy[None], c[None])[0]
+
+        local = jax.vmap(jax.jacfwd(row, argnums=1))(x, jnp.zeros_like(x), c)
+        out = out.at[layout.rows[:, :, None], layout.variables[:, None, :]].add(local)
+    return out
+
+
+def _rate_rows(top: Topology, block: Block, x: Array, dx: Array, c: Array) -> Array:
+    """Rows of all instances of a block, ``(instances, rows)``."""
+    kind: Any = block.kind
+    what = f"kind {kind.name!r}: rate="
+
+    def one(x, dx, c):
+        parts = (*_split(top, block, x), *_split(top, block, dx))
+        found = listed(ask(kind.rate, what, "p, v, s, dp, dv, ds, c", *parts, c), what, len(kind.rows))
+        return jnp.stack([jnp.asarray(r, float) for r in found])
+
+    return jax.vmap(one)(x, dx, c)

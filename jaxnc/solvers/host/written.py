@@ -15,7 +15,7 @@ from jaxnc.remembered import with_owner
 from jaxnc.solvers.linearised import given, linearised
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.host import HostEquations
-from jaxnc.system.host_kinds import host_kind, readable
+from jaxnc.system.structure import host_kind, readable
 
 _LARGEST = 2  # rows of a block
 _UNKNOWNS = 40  # of a plan

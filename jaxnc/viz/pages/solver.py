@@ -22,9 +22,8 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.design import Step, design, run_steps
 from jaxnc.system.frames import marker_program
 from jaxnc.system.host import HostEquations, from_jax
-from jaxnc.system.host_kinds import readable
 from jaxnc.system.identity import Dimension, Owner, Quantity, Thing
-from jaxnc.system.structure import program
+from jaxnc.system.structure import program, readable
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.viz.arrows import Arrows
