@@ -57,7 +57,7 @@ def _functions(kind: Kind, dim: int):
         if f is not None:
 
             def called(*x, f=f, single=single):
-                p, v, s, c = structure._small(kind, dim, x)
+                p, v, s, c = structure._as_small(kind, dim, x)
                 return (f(p, v, c),) if single else tuple(f(p, v, s, c))
 
             yield called, count

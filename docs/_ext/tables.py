@@ -479,9 +479,9 @@ def model_files() -> str:
 
 def _records(module: Any) -> list[str]:
     """Records of a module that files may hold, joints and what stands elsewhere excepted."""
-    elsewhere = {*tags().values(), record.Model, record.Angle, record.Distance, record.Relation, record.Constraint}
+    elsewhere = record.JointRecord, record.Model, record.Angle, record.Distance, record.Relation, record.Constraint
     kinds = [v for v in vars(module).values() if inspect.isclass(v) and issubclass(v, msgspec.Struct)]
-    return [k.__name__ for k in kinds if k not in elsewhere and not k.__name__.startswith("_")]
+    return [k.__name__ for k in kinds if not issubclass(k, elsewhere) and not k.__name__.startswith("_")]
 
 
 def problem_files() -> str:

@@ -162,14 +162,14 @@ class _Parser(argparse.ArgumentParser):
 def _run_command(options: argparse.Namespace) -> int:
     """Carry a command out; where a verdict is asked for, nothing else is printed."""
     if not options.json:
-        return _answer(options)
+        return _answer_question(options)
     with contextlib.redirect_stdout(io.StringIO()):
-        code = _answer(options)
+        code = _answer_question(options)
     print(options.verdict.close(code).to_json())
     return code
 
 
-def _answer(options: argparse.Namespace) -> int:
+def _answer_question(options: argparse.Namespace) -> int:
     """Read the question and print what it is about before JAX is imported, which takes a while; then answer it."""
     begin, name = time.perf_counter(), options.command
     options.verdict.command = name

@@ -1,4 +1,4 @@
-"""What commands print and write: the report of an analysis, short and aligned, in the units of the model; files."""
+"""Output of commands: the report of an analysis, short and aligned, in the units of the model; files."""
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -68,7 +68,7 @@ def report_lines(
     for k, found in enumerate(suspensions):
         yield from ("", *(f"  {line}" for line in (found.text(all_of_it=not k)).splitlines()))
     if good.any():
-        yield from ("", *_extremes(analysis), "", *_quality(motion, good))
+        yield from ("", *_extremes_table(analysis), "", *_quality(motion, good))
     failed = ~good & ~crossings(motion)
     if not good.all():
         yield from _failures(analysis, failed)
@@ -99,8 +99,8 @@ def _diagnosis(analysis: Analysis, verdict: Verdict) -> list[str]:
 def _drives(analysis: Analysis) -> Iterable[str]:
     for name, drive in analysis.question.run.inputs.items():
         unit, _ = unit_of(analysis.motion, name)
-        rate = f" at {_short(drive.rate)} {unit}/s" if drive.rate is not None and analysis.motion.rates else ""
-        way = f"from {_short(drive.start)} to {_short(drive.end)}" if drive.poses > 1 else f"to {_short(drive.end)}"
+        rate = f" at {_format(drive.rate)} {unit}/s" if drive.rate is not None and analysis.motion.rates else ""
+        way = f"from {_format(drive.start)} to {_format(drive.end)}" if drive.poses > 1 else f"to {_format(drive.end)}"
         yield (
             f"{name} driven {way} {unit}{rate}, {counted(drive.poses, 'pose')} {_WAYS[analysis.question.run.analysis]}"
         )
@@ -108,14 +108,14 @@ def _drives(analysis: Analysis) -> Iterable[str]:
         yield f"held: {', '.join(analysis.question.run.hold)}"
 
 
-def _extremes(analysis: Analysis) -> list[str]:
+def _extremes_table(analysis: Analysis) -> list[str]:
     """A table with a row for each quantity: smallest, largest, where, and the range between them."""
     motion = analysis.motion
     found = quantities(motion, outputs_of(motion, analysis.question.run.outputs))
     scales = scales_of(found)
     if len(motion.status) == 1:
         in_reading_units = [q for q in found if not idle(q, scales[q.unit])]
-        return aligned([[f"{q.label} [{q.unit}]", _short(float(q.values[0]))] for q in in_reading_units])
+        return aligned([[f"{q.label} [{q.unit}]", _format(float(q.values[0]))] for q in in_reading_units])
     units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
     where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
     rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]
@@ -131,22 +131,22 @@ def _extreme_row(motion: Motion, q: Quantity, scale: float) -> list[str]:
     q = replace(q, values=values)
     label = f"{q.label} [{q.unit}]"
     if constant(values):
-        return [label, _short(float(np.nanmean(values))), "everywhere", "", "", ""]
+        return [label, _format(float(np.nanmean(values))), "everywhere", "", "", ""]
     low, high = (extreme_of(q, course(motion), largest) for largest in (False, True))
     cells = [label]
     for end in (low, high):
         value = 0.0 if abs(end.value) <= ZERO * scale else end.value
-        at = ", ".join(_short(value, 5) for value in inputs_at(motion, end.at).values())
-        cells += [_short(value), at + ("~" if end.refined else " ")]
-    return [*cells, _short(high.value - low.value)]
+        at = ", ".join(_format(value, 5) for value in inputs_at(motion, end.at).values())
+        cells += [_format(value), at + ("~" if end.refined else " ")]
+    return [*cells, _format(high.value - low.value)]
 
 
 def _quality(motion: Motion, good: np.ndarray) -> list[str]:
     """Say how many poses are right, and how right."""
 
-    def named(i: int) -> str:
+    def name_input(i: int) -> str:
         return ", ".join(
-            f"{name} = {_short(value, 5)} {unit_of(motion, name)[0]}" for name, value in inputs_at(motion, i).items()
+            f"{name} = {_format(value, 5)} {unit_of(motion, name)[0]}" for name, value in inputs_at(motion, i).items()
         )
 
     residual = np.where(good, np.asarray(motion.residual), -1.0)
@@ -155,8 +155,8 @@ def _quality(motion: Motion, good: np.ndarray) -> list[str]:
     every = "all " if good.all() and len(good) > 1 else ""
     return [
         f"  {every}{counted(int(good.sum()), 'pose')} found; worst residual {residual[worst]:.1e} "
-        f"{motion.system.topology.length_unit} at {named(worst)}",
-        f"  smallest conditioning {conditioning[tight]:.2g} at {named(tight)} (0 is a singular position)",
+        f"{motion.system.topology.length_unit} at {name_input(worst)}",
+        f"  smallest conditioning {conditioning[tight]:.2g} at {name_input(tight)} (0 is a singular position)",
     ]
 
 
@@ -184,12 +184,12 @@ def _inputs_between(analysis: Analysis, first: int, last: int) -> str:
     at = []
     for name, values in analysis.inputs.items():
         unit, factor = unit_of(analysis.motion, name)
-        span = [_short(float(values[i]) * factor) for i in dict.fromkeys((first, last))]
+        span = [_format(float(values[i]) * factor) for i in dict.fromkeys((first, last))]
         at.append(f"{name} = {' … '.join(span)} {unit}")
     return ", ".join(at)
 
 
-def _short(value: float, digits: int = 6) -> str:
+def _format(value: float, digits: int = 6) -> str:
     return f"{value:.{digits}g}"
 
 

@@ -1,4 +1,4 @@
-"""What a command was asked, read and checked before JAX is imported, which takes longer than all of this."""
+"""Questions: what a command is to do, read and checked before JAX is imported, which takes longer than all of this."""
 
 import argparse
 import math
@@ -160,7 +160,7 @@ def run_settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Ru
     run = mechanism.model.run
     inputs = dict(run.inputs)
     if options.input:
-        given = [_drive(mechanism, text) for text in options.input]
+        given = [_read_drive(mechanism, text) for text in options.input]
         inputs = dict(given)
         if len(inputs) < len(given):
             raise InputError("--input: a coordinate is given twice; give each once")
@@ -193,7 +193,7 @@ def run_settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Ru
     return changed
 
 
-def _drive(mechanism: Mechanism, text: str) -> tuple[str, record.Drive]:
+def _read_drive(mechanism: Mechanism, text: str) -> tuple[str, record.Drive]:
     form = "NAME=FROM:TO or NAME=FROM:TO:POSES, for instance phi=0:360:361"
     name, rest = read_pair(text, "--input", form)
     check_driven(mechanism, name, f"--input {text}")

@@ -57,7 +57,7 @@ def do_run(question: Question, options: argparse.Namespace, importing: float) ->
     if options.out is None:
         print("  no files written; --out DIR writes tables, pictures and a page")
     else:
-        tasks = _file_tasks(analysis, outputs, suspensions, options)
+        tasks = _motion_files(analysis, outputs, suspensions, options)
         print(list_files(write_files(options.out, question.mechanism.name, tasks), verdict))
     return int(bool(verdict.errors))
 
@@ -97,18 +97,18 @@ def analyse(question: Question, expect: Sequence[str] = ()) -> Analysis:
             system = question.mechanism.compile()
             check_expected(system, arguments, expect)
             step("compiling its motion")
-            motion = _move(system, question.run.analysis, arguments)
+            motion = _move_mechanism(system, question.run.analysis, arguments)
             first = time.perf_counter()
             if first - begin < _LONG:
                 step("moving it")
-                motion = _move(system, question.run.analysis, arguments)
+                motion = _move_mechanism(system, question.run.analysis, arguments)
                 running = time.perf_counter() - first
     except AssemblyError as error:
         raise AssemblyError(f"{error} `jaxnc check` says how far an input can go") from None
     return Analysis(question, system, arguments["inputs"], motion, first - begin, running)
 
 
-def _move(system: System, analysis: str, arguments: Mapping[str, Any]) -> Motion:
+def _move_mechanism(system: System, analysis: str, arguments: Mapping[str, Any]) -> Motion:
     if analysis == "circuit":
         inputs = arguments["inputs"]
         if len(inputs) != 1:
@@ -123,7 +123,7 @@ def _move(system: System, analysis: str, arguments: Mapping[str, Any]) -> Motion
     return motion
 
 
-def _file_tasks(
+def _motion_files(
     analysis: Analysis, outputs: Sequence[str], suspensions: Sequence[SuspensionReport], options: argparse.Namespace
 ) -> list[tuple[str, str, Callable[[Path], object]]]:
     """Tables and pictures of an analysis, for `write_files`."""

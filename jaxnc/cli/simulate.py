@@ -32,7 +32,7 @@ _TABLE = "-simulation.npz"
 def do_simulate(question: Question, options: argparse.Namespace, importing: float) -> int:
     """Move a model file under its forces; the exit code."""
     mechanism = question.mechanism
-    section = _section(mechanism, options)
+    section = _simulation_section(mechanism, options)
     assert section.duration is not None
     begin = time.perf_counter()
     system = mechanism.compile()
@@ -79,12 +79,12 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
     if options.out is None:
         print("  no files written; --out DIR writes tables and pictures")
     else:
-        tasks = _file_tasks(mechanism, whole(), options)
+        tasks = _simulation_files(mechanism, whole(), options)
         print(list_files(write_files(options.out, mechanism.name, tasks), options.verdict))
     return int(bool(np.asarray(run.status).any()))
 
 
-def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simulation:
+def _simulation_section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simulation:
     """The section [simulate] of a mechanism, changed as the options say."""
     section = mechanism.model.simulate
     changed = {k: v for k in ("duration", "times", "method", "step", "rtol") if (v := getattr(options, k)) is not None}
@@ -106,7 +106,7 @@ def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simula
     return section
 
 
-def _file_tasks(
+def _simulation_files(
     mechanism: Mechanism, run: Motion, options: argparse.Namespace
 ) -> list[tuple[str, str, Callable[[Path], object]]]:
     """Tables and pictures of a simulation, for `write_files`."""

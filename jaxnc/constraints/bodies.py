@@ -12,14 +12,14 @@ from jaxnc.constraints.kind import Kind, cross, dot, norm
 from jaxnc.pickling import factory
 
 
-def _distance(p, v, s, c):
+def _length_row(p, v, s, c):
     d = p[1] - p[0]
     return (dot(d, d) - c[0] * c[0],)
 
 
 DISTANCE = Kind(
     "distance",
-    _distance,
+    _length_row,
     rows=("length",),
     powers=(2,),
     points=2,
@@ -31,7 +31,7 @@ DISTANCE = Kind(
 )
 
 
-def _attached(p, v, s, c):
+def _attached_rows(p, v, s, c):
     d, w = p[1] - p[0], p[2] - p[0]
     return (w[0] - c[0] * d[0] + c[1] * d[1], w[1] - c[0] * d[1] - c[1] * d[0])
 
@@ -43,7 +43,7 @@ def _attached_drawn(p, v, s, c):
 
 ATTACHED = Kind(
     "attached",
-    _attached,
+    _attached_rows,
     rows=("x", "y"),
     powers=(1, 1),
     points=3,
@@ -131,7 +131,7 @@ def product(forms: str) -> Kind:
 SCALAR_PRODUCT = product("pp")
 
 
-def _expressed(name: str, forms: str, axes, coefficients, misfit: bool = False, **fields: Any) -> Kind:
+def _express_segment(name: str, forms: str, axes, coefficients, misfit: bool = False, **fields: Any) -> Kind:
     """A kind of three rows that expresses a segment, the last of its directions, in axes made of those before it.
 
     `axes` and `coefficients` are functions of the base's directions, the latter also of the segment as drawn. With
@@ -176,7 +176,7 @@ def carried(forms: str) -> Kind:
 
     Replaces (104)-(109), (110)-(115) and (122)-(127): as many rows, no coplanar class, no mirrored twin.
     """
-    return _expressed(
+    return _express_segment(
         f"carried {forms}",
         forms,
         lambda a, b: (a, b, cross3(a, b)),
@@ -189,7 +189,7 @@ def carried(forms: str) -> Kind:
 @factory
 def combined(forms: str) -> Kind:
     """A segment w as a linear combination of a base of three segments (forms of a, b, c, w), (122)-(127)."""
-    return _expressed(
+    return _express_segment(
         f"combination of {forms}",
         forms,
         lambda a, b, c: (a, b, c),
@@ -202,7 +202,7 @@ def combined(forms: str) -> Kind:
 @factory
 def coplanar(forms: str) -> Kind:
     """A segment w in the plane of a base of two segments (forms of a, b, w), (113)-(115)."""
-    return _expressed(
+    return _express_segment(
         f"coplanar {forms}",
         forms,
         lambda a, b: (a, b),
@@ -216,7 +216,7 @@ def coplanar(forms: str) -> Kind:
 @factory
 def collinear(forms: str) -> Kind:
     """A segment w along a base of one segment (forms of a, w), (94)-(96), (101)-(103) with erratum 1."""
-    return _expressed(
+    return _express_segment(
         f"collinear {forms}",
         forms,
         lambda a: (a,),

@@ -103,7 +103,7 @@ _ALONG_FORMS = {
 
 # A distance along a line: points start, end, and the two points that give the line its direction; constant: the
 # line's length L12, which the text takes from the body that carries the line.
-def _along(form: str) -> Kind:
+def _distance_along_line(form: str) -> Kind:
     projected = (None, ("distance",), "(41) and (42) in one row, the projection on the line")
     rows, labels, source = _ALONG_FORMS.get(form, projected)
 
@@ -127,7 +127,7 @@ def _along(form: str) -> Kind:
     )
 
 
-DISTANCE_ALONG = {form: _along(form) for form in ("exact", *_ALONG_FORMS)}
+DISTANCE_ALONG = {form: _distance_along_line(form) for form in ("exact", *_ALONG_FORMS)}
 
 # The same projection where the line's own length is not constant (its two points belong to different bodies).
 DISTANCE_ALONG_FREE = Kind(
@@ -142,14 +142,14 @@ DISTANCE_ALONG_FREE = Kind(
 )
 
 
-def _squared(p, v, s, c):
+def _squared_distance(p, v, s, c):
     d = p[1] - p[0]
     return (dot(d, d) - s[0] * s[0],)
 
 
 DISTANCE_BETWEEN = Kind(
     "distance between",
-    _squared,
+    _squared_distance,
     rows=("distance",),
     powers=(2,),
     points=2,
@@ -252,7 +252,7 @@ def angle_from_drawing(forms: str) -> Kind:
 
 
 def from_drawing(kind: Kind) -> bool:
-    """Whether a kind is an `angle_from_drawing`, whose constants are the direction of its zero."""
+    """Tell whether a kind is an `angle_from_drawing`, whose constants are the direction of its zero."""
     return kind.name.startswith("angle from the drawing ")
 
 

@@ -1,4 +1,4 @@
-"""What kinds are written in besides arithmetic: small vectors, and functions of numbers of every sort.
+"""Building blocks of kinds besides arithmetic: small vectors, and functions of numbers of every sort.
 
 The numbers are JAX's, plain ones, or those that write down what is done with them. Kinds are written for arrays. Given
 a `Small` instead, their arithmetic falls apart into that of single numbers, of which nothing has to be put together and
@@ -112,7 +112,7 @@ class Small:
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
-    """One of two numbers."""
+    """Choose one of two numbers."""
     if isinstance(condition, bool | np.bool_):
         return a if condition else b
     return condition.apply("select", a, b) if isinstance(condition, Number) else jnp.where(condition, a, b)
@@ -216,12 +216,12 @@ def cos(x: Any) -> Any:
 
 @jax.custom_jvp
 def _sin(x):
-    return _shifted(x, 0)
+    return _shifted_sine(x, 0)
 
 
 @jax.custom_jvp
 def _cos(x):
-    return _shifted(x, 1)
+    return _shifted_sine(x, 1)
 
 
 @_sin.defjvp
@@ -237,7 +237,7 @@ def _cos_jvp(primals, tangents):
 
 
 @functools.partial(jax.jit, static_argnums=1)  # traced once for each type: a mechanism asks for it dozens of times
-def _shifted(x, quarters: int):
+def _shifted_sine(x, quarters: int):
     """``sin(x + quarters π/2)``."""
     parts, sine, cosine = _WRITTEN[jnp.result_type(x)]
     k = jnp.round(x * (2.0 / math.pi))

@@ -20,7 +20,7 @@ RowFunction = Callable[[Array, Array, Array, Array], Rows]
 @public
 @dataclass(frozen=True)
 class Kind(Remade):
-    """One kind of constraint.
+    """A kind of constraint.
 
     The functions all take ``(p, v, s, c)``: points ``(points, dim)``, unit vectors ``(vectors, dim)``, scalars
     ``(scalars,)`` and constants ``(len(constants),)`` of one instance.
@@ -72,7 +72,7 @@ class Kind(Remade):
 @public
 @dataclass(frozen=True)
 class RateKind(Remade):
-    """One kind of constraint that is linear in velocities, ``B(q) q̇ = b(q)``.
+    """A kind of constraint that is linear in velocities, ``B(q) q̇ = b(q)``.
 
     Skates, wheels and rolling discs are nonholonomic: no constraint on positions stands for them. They take away
     freedoms of the motion from moment to moment, and none of the places that the mechanism can be brought to.

@@ -151,7 +151,7 @@ def _on_scalar(t, p, v, s, dp, dv, ds, c):
     return jnp.zeros_like(p), jnp.zeros_like(v), c[:1]
 
 
-def _couple(t, p, v, s, dp, dv, ds, c):
+def _couple_forces(t, p, v, s, dp, dv, ds, c):
     # Two opposite forces across the segment: their work on any motion of the body is the couple times its rotation.
     d = p[1] - p[0]
     push = c[0] / dot(d, d) * jnp.stack([-d[1], d[0]])
@@ -163,7 +163,7 @@ FORCE_IN_SPACE = ForceKind(
     "force in space", ("x", "y", "z"), points=1, force=_on_point, drawn=lambda p, v, s: (0.0, 0.0, 0.0)
 )
 EFFORT = ForceKind("effort", ("value",), scalars=1, force=_on_scalar)
-COUPLE = ForceKind("couple", ("value",), points=2, force=_couple)
+COUPLE = ForceKind("couple", ("value",), points=2, force=_couple_forces)
 
 CATALOGUE: dict[str, ForceKind] = {
     kind.name: kind

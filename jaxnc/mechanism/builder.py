@@ -566,7 +566,7 @@ class Mechanism(Drawn):
                 share a point of the axis.
             axes: in space: the direction of the joint's axis in each body, vectors or pairs of points (§4.2.2).
         """
-        return self.add_joint(name, record.Revolute(_both(point, other), axes))
+        return self.add_joint(name, record.Revolute(_coincident(point, other), axes))
 
     def prismatic(
         self,
@@ -732,7 +732,7 @@ class Mechanism(Drawn):
             point: centre of the cross in one body; leave both points out where the bodies share it.
             other: the same in the other body.
         """
-        return self.add_joint(name, record.Universal(axes, _both(point, other)))
+        return self.add_joint(name, record.Universal(axes, _coincident(point, other)))
 
     def screw(
         self,
@@ -835,7 +835,7 @@ class Mechanism(Drawn):
             point: centre of the joint in one body; leave both points out where the bodies share it.
             other: the same in the other body.
         """
-        return self.add_joint(name, record.ConstantVelocity(axes, marks, _both(point, other)))
+        return self.add_joint(name, record.ConstantVelocity(axes, marks, _coincident(point, other)))
 
     def rolling_disc(
         self, name: str, centre: str, axis: str, mark: str, plane: tuple[str, str], radius: float | None = None
@@ -1238,7 +1238,7 @@ class Mechanism(Drawn):
                     raise MechanismError(f"{what}: {at!r} is no point of the ground")
             elif body not in self.model.bodies:
                 raise MechanismError(f"{what}: unknown body {body!r}; {nearest(body, self.model.bodies)}")
-            elif at not in _points(self.model.bodies[body]):
+            elif at not in _body_points(self.model.bodies[body]):
                 raise MechanismError(f"{what}: body {body!r} has no point {at!r}; name a point that both bodies share")
         radius = self._check.positive(radius, f"{what}: radius")
         self.model.friction[name] = record.Friction(**values, bodies=(pair[0], pair[1]), point=at, radius=radius)
@@ -1247,7 +1247,7 @@ class Mechanism(Drawn):
     # -- out ----------------------------------------------------------------------------------------------------
 
     def in_form(self, form: str = "text", angle: str | None = None, distance: str | None = None) -> "Mechanism":
-        """The same mechanism with every body, joint, angle and distance written in one form.
+        """Write every body, joint, angle and distance of the mechanism in one form.
 
         Args:
             form: ``"text"``: the source text's own equations, as printed in its examples; ``"exact"``: those that keep
@@ -1318,12 +1318,12 @@ def _as_pair(end: Any) -> Any:
     return tuple(end) if isinstance(end, (list, tuple)) else end
 
 
-def _both(point: str | None, other: str | None) -> Any:
+def _coincident(point: str | None, other: str | None) -> Any:
     """Two coincident points of a joint, one of each body; None where neither is given."""
     return None if point is None and other is None else (point, other)
 
 
-def _points(body: Any) -> list[str]:
+def _body_points(body: Any) -> list[str]:
     return body.points if isinstance(body, record.Body) else body
 
 

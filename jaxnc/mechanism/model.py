@@ -26,18 +26,18 @@ TextForm = Literal["exact", "text"]
 BodyShape = Literal["rod", "plate", "box", "cylinder", "sphere"]
 
 
-class _Record(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+class _ModelRecord(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     pass
 
 
-class Point(_Record):
+class Point(_ModelRecord):
     """A point as drawn; `fixed` names the coordinates that never change (``"xy"`` is a ground point)."""
 
     at: tuple[float, ...]
     fixed: str = ""
 
 
-class Body(_Record):
+class Body(_ModelRecord):
     """A rigid body. Lengths (keys ``"B-C"``) and local coordinates win over the drawing."""
 
     points: list[str]
@@ -53,7 +53,7 @@ class Body(_Record):
     size: tuple[float, ...] = ()
 
 
-class Marker(_Record):
+class Marker(_ModelRecord):
     """A point (`at`) or a unit vector (`direction`) that rides on a body and adds no unknowns."""
 
     on: str
@@ -61,7 +61,7 @@ class Marker(_Record):
     direction: tuple[float, ...] | None = None
 
 
-class Angle(_Record):
+class Angle(_ModelRecord):
     """The angle from `start` to `to` as a coordinate: anticlockwise, in space `about` an axis by the right hand."""
 
     to: Direction
@@ -71,7 +71,7 @@ class Angle(_Record):
     about: Direction | None = None
 
 
-class Distance(_Record):
+class Distance(_ModelRecord):
     """The distance between two points, or its signed projection `along` a line or vector, as a coordinate."""
 
     start: str
@@ -80,7 +80,7 @@ class Distance(_Record):
     form: DistanceForm = "exact"
 
 
-class JointRecord(_Record):
+class JointRecord(_ModelRecord):
     """A joint, of which a subclass says what it holds together.
 
     A joint is its record here, a method of the builder, and ``add_<record>`` of the assemblers in `jaxnc.system`.
@@ -485,14 +485,14 @@ Joint = (
 )
 
 
-class Relation(_Record):
+class Relation(_ModelRecord):
     """A linear relation between scalar coordinates; the constant is read off the drawing if not given."""
 
     terms: dict[str, float]
     constant: float | None = None
 
 
-class Constraint(_Record):
+class Constraint(_ModelRecord):
     """A constraint of the user's own kind."""
 
     kind: str
@@ -502,14 +502,14 @@ class Constraint(_Record):
     constants: dict[str, float] = {}
 
 
-class PointMass(_Record):
+class PointMass(_ModelRecord):
     """A mass concentrated in a point, kg."""
 
     point: str
     mass: float
 
 
-class Force(_Record):
+class Force(_ModelRecord):
     """A force of a kind of the catalogue or of the user's own; what is not given of its parameters is as drawn."""
 
     kind: str
@@ -519,7 +519,7 @@ class Force(_Record):
     parameters: dict[str, float] = {}
 
 
-class Friction(_Record):
+class Friction(_ModelRecord):
     """Coulomb friction proportional to a joint's reaction.
 
     Between two `bodies` pinned at a shared `point`, with the pin's `radius`; or at a sliding `joint`; or at a `point`
@@ -534,8 +534,8 @@ class Friction(_Record):
     speed: float = 1e-3
 
 
-class Simulation(_Record):
-    """What `jaxnc simulate` does with a model file: how long, how many times are kept, start values and rates."""
+class Simulation(_ModelRecord):
+    """A simulation, as `jaxnc simulate` does it: how long, how many times are kept, start values and rates."""
 
     duration: float | None = None
     times: int = 201
@@ -546,14 +546,14 @@ class Simulation(_Record):
     rates: dict[str, float] = {}
 
 
-class Units(_Record):
-    """What the numbers of a model mean: a label for lengths, and the unit of the angles in its run section."""
+class Units(_ModelRecord):
+    """Units of a model's numbers: a label for lengths, and the unit of the angles in its run section."""
 
     length: str = "m"
     angle: Literal["rad", "deg"] = "rad"
 
 
-class Drive(_Record, rename={"start": "from", "end": "to"}):
+class Drive(_ModelRecord, rename={"start": "from", "end": "to"}):
     """How `jaxnc run` moves one input: from, to, the number of poses and its constant rate per second.
 
     For an input that is an angle all three are in the model's angle unit; they are converted when they are used (see
@@ -566,8 +566,8 @@ class Drive(_Record, rename={"start": "from", "end": "to"}):
     rate: float | None = None
 
 
-class Run(_Record):
-    """What `jaxnc run` does with a model file, and by which function of jaxnc."""
+class Run(_ModelRecord):
+    """An analysis, as `jaxnc run` does it, and the function of jaxnc that does it."""
 
     inputs: dict[str, Drive] = {}
     hold: list[str] = []
@@ -575,7 +575,7 @@ class Run(_Record):
     outputs: list[str] = []
 
 
-class Model(_Record):
+class Model(_ModelRecord):
     """A whole mechanism."""
 
     name: str = "mechanism"
@@ -665,12 +665,12 @@ def in_form(model: Model, form: Any, angle: Any, distance: Any) -> Model:
             data.form = angle or ("cosine" if text else "exact")
     for data in out.distances.values():
         if data.along is not None:
-            chosen: Any = _axis(out, data) if text else "exact"
+            chosen: Any = _steepest_axis(out, data) if text else "exact"
             data.form = distance or chosen
     return out
 
 
-def _axis(model: Model, data: Distance) -> str:
+def _steepest_axis(model: Model, data: Distance) -> str:
     """The coordinate along which a distance's line is drawn most, as the text chooses among (41)-(42), (147)-(149)."""
     vectors = {**model.ground_vectors, **model.vectors}
     if isinstance(data.along, str) and data.along in vectors:

@@ -63,13 +63,13 @@ def assemble(mechanism: "Mechanism", sparse: bool | None = None) -> System:
     assembler = forms(mechanism, sparse)
     system = assembler.system()
     if assembler.lacking:
-        topology = dataclasses.replace(system.topology, extended=_extended(mechanism, assembler, sparse))
+        topology = dataclasses.replace(system.topology, extended=_extended_topology(mechanism, assembler, sparse))
         return System(topology, system.parameters)
     return system
 
 
-def _extended(mechanism: "Mechanism", assembler: "Assembler", sparse: bool | None) -> Topology:
-    """The same mechanism, its bodies without a full base given a vector across the segments that they have."""
+def _extended_topology(mechanism: "Mechanism", assembler: "Assembler", sparse: bool | None) -> Topology:
+    """Give bodies without a full base a vector across the segments that they have."""
     model, frames = copy.deepcopy(mechanism.model), {b.name: b.segments for b in assembler.bodies}
     hidden = []
     for name in assembler.lacking:
@@ -87,7 +87,7 @@ def _extended(mechanism: "Mechanism", assembler: "Assembler", sparse: bool | Non
 
 @dataclass
 class Instance:
-    """One constraint as it is being written; see `jaxnc.system.topology.Block` for the fields."""
+    """A constraint as it is being written; see `jaxnc.system.topology.Block` for the fields."""
 
     kind: Any
     points: tuple[int, ...]
@@ -171,7 +171,7 @@ class Assembler(ABC):
         blocks, measures = self.blocks()
         numbers = LoadAssembler(self)
         loads, self.lacking = numbers.loads(), numbers.lacking
-        dimensions, physical, named = self.addressed(numbers.entries)
+        dimensions, physical, named = self.give_addresses(numbers.entries)
         functions = tuple(dataclasses.replace(f, address=named[f.name]) for f in loads.functions)
         used = {s for i in self.instances if not i.kind.measure for s in i.scalars}
         angles = set(m.angle_names)
@@ -247,7 +247,7 @@ class Assembler(ABC):
         return Owner(thing, self.owners[thing].index(name))
 
     def text(self, *owners: Owner) -> str:
-        """What something is called that these own together."""
+        """Name a thing that some owners share."""
         return called(self.owners, *owners)
 
     def body(self, name: str) -> BodyIndex:
@@ -277,10 +277,10 @@ class Assembler(ABC):
         self.values.append(float(value))
         return len(self.values) - 1
 
-    def addressed(
+    def give_addresses(
         self, physical: Sequence[tuple[Owner | None, str]]
     ) -> tuple[tuple[str, ...], tuple[str, ...], dict[str, str]]:
-        """By what a user calls explicit dimensions, physical parameters and functions: no two of them alike."""
+        """Give explicit dimensions, physical parameters and functions their addresses, no two of them alike."""
         spots = (*self.names, *self.vector_names, *self.model.markers)
         own = [(None, name) for name in (*spots, *(f"{spot}.{axis}" for spot in spots for axis in "xyz"[: self.dim]))]
         given = [(d.owner, d.key) for d in self.explicit]
@@ -302,12 +302,12 @@ class Assembler(ABC):
         return self.home[segment[1]] - self.home[segment[0]]
 
     def called(self, segment: Segment) -> str:
-        """What messages call a segment."""
+        """Name a segment in messages."""
         if len(segment) == 1:
             return f"vector {self.vector_names[~segment[0]]!r}"
         return f"line {self.names[segment[0]]}-{self.names[segment[1]]}"
 
-    def directed(self, direction: record.Direction, what: str) -> Segment:
+    def check_direction(self, direction: record.Direction, what: str) -> Segment:
         """The segment of a direction, refused where its points coincide."""
         segment = self.segment(direction)
         if len(segment) == 2:
@@ -318,8 +318,8 @@ class Assembler(ABC):
         """Where an angle starts or goes to: a point seen from `at`, a pair of points, or a vector."""
         if isinstance(end, str) and end in self.index:
             assert at is not None
-            return self.directed((at, end), what)
-        return self.directed(end, what)
+            return self.check_direction((at, end), what)
+        return self.check_direction(end, what)
 
     def direction(self, pair: Sequence[int], what: str) -> None:
         """Refuse two points that give no direction."""
@@ -864,7 +864,7 @@ class SpatialAssembler(Assembler):
         return self.add(kind, points, vectors=vectors, drawn=drawn, **more)
 
     def constant(self, *segments: Segment) -> bool:
-        """Whether rows written before make the lengths and the angle of these segments constant."""
+        """Tell whether rows written before make the lengths and the angle of these segments constant."""
         items = {i for s in segments for i in s}
         return any(items <= known for known in self.rigid_sets)
 
@@ -872,14 +872,14 @@ class SpatialAssembler(Assembler):
         return self.constant(segment) or any(set(segment) <= body for body in self.members.values())
 
     def across_constant(self, axis: Segment, direction: Segment) -> bool:
-        """Whether a body (or the ground) holds a direction together with the axis, or with a line drawn along it."""
+        """Tell whether a body (or the ground) holds a direction together with the axis, or a line drawn along it."""
         for body in (self.rigid_sets[0], *self.members.values()):
             if set(direction) <= body and (set(axis) <= body or self.spans(body, axis)):
                 return True
         return False
 
     def spans(self, items: Iterable[int], axis: Segment, whole: bool = False) -> bool:
-        """Whether a drawn axis is along a vector or a pair of points of some items; or with `whole`, if they fix it."""
+        """Tell whether some items have a vector or two points along a drawn axis; with `whole`, whether they fix it."""
         vectors: list[Segment] = [(i,) for i in items if i < 0]
         found = [self.drawn(s) for s in (*vectors, *combinations([i for i in items if i >= 0], 2))]
         units = [d / np.linalg.norm(d) for d in found if np.linalg.norm(d) > COINCIDENT * self.size]
@@ -977,7 +977,7 @@ class SpatialAssembler(Assembler):
             raise MechanismError(f"body {name!r}: its points {names} are drawn at the same place; move one of them")
         sizes = [1.0 if len(s) == 1 else float(np.linalg.norm(self.drawn(s))) / span for s in candidates]
         units = np.array([self.drawn(s) / np.linalg.norm(self.drawn(s)) for s in candidates])
-        shared = [self.shared(name, s) for s in candidates]
+        shared = [self.count_shared(name, s) for s in candidates]
         area = np.linalg.norm(np.cross(units[:, None], units[None]), axis=-1)
         if area.max() <= _IN_LINE:
             best = max(range(len(candidates)), key=lambda i: (len(candidates[i]) == 1, shared[i], sizes[i]))
@@ -1006,8 +1006,8 @@ class SpatialAssembler(Assembler):
                 chosen = self.best(3, volume, shared)
         return tuple(candidates[i] for i in chosen)
 
-    def shared(self, name: str, segment: Segment) -> int:
-        """Whether a segment belongs to another body or the ground as well."""
+    def count_shared(self, name: str, segment: Segment) -> int:
+        """Count 1 for a segment that belongs to another body or the ground as well, else 0."""
         others = (s for n, s in self.members.items() if n != name)
         return int(self.constant(segment) or any(set(segment) <= other for other in others))
 
@@ -1048,7 +1048,7 @@ class SpatialAssembler(Assembler):
         d, e = self.drawn(a), self.drawn(b)
         return float(np.linalg.norm(np.cross(d, e)) / (np.linalg.norm(d) * np.linalg.norm(e)))
 
-    def across(self, axis: Segment, direction: Segment, what: str) -> None:
+    def refuse_along(self, axis: Segment, direction: Segment, what: str) -> None:
         """Refuse a direction along an axis, about which it shows no angle."""
         if self.sine(axis, direction) < _PARALLEL:
             raise MechanismError(
@@ -1061,7 +1061,7 @@ class SpatialAssembler(Assembler):
         point = self.index[line[0]]
         if line[1] in self.vector_index:
             return point, (~self.vector_index[line[1]],)
-        return point, self.directed(line, what)
+        return point, self.check_direction(line, what)
 
     def note(self, removed: int, points: Sequence[int], segments: Sequence[Segment], sides=(), **more: Any) -> None:
         """Note a joint over directions for reports and drawings."""
@@ -1074,11 +1074,11 @@ class SpatialAssembler(Assembler):
     def add_angle(self, name: str, data: record.Angle) -> None:
         what = f"angle {name!r}"
         assert data.about is not None
-        axis, to = self.directed(data.about, what), self.end(data.at, data.to, what)
-        self.across(axis, to, what)
+        axis, to = self.check_direction(data.about, what), self.end(data.at, data.to, what)
+        self.refuse_along(axis, to, what)
         if data.start is not None:
             start = self.end(data.at, data.start, what)
-            self.across(axis, start, what)
+            self.refuse_along(axis, start, what)
             self.turn(name, axis, start, to, data.form)
             return
         if not set(axis) <= self.rigid_sets[0]:
@@ -1132,11 +1132,11 @@ class SpatialAssembler(Assembler):
         if a == b:
             return 0
         for segment in (a, b):
-            self.held(segment, f"joint {self.noted[0]!r}")
+            self.refuse_loose(segment, f"joint {self.noted[0]!r}")
         self.write(kinds.parallel, (a, b))
         return 2
 
-    def held(self, segment: Segment, what: str) -> None:
+    def refuse_loose(self, segment: Segment, what: str) -> None:
         """Refuse a direction between points of different bodies."""
         if len(segment) == 2 and not self.rigid(segment):
             raise MechanismError(
@@ -1180,7 +1180,7 @@ class SpatialAssembler(Assembler):
         return point, axis, other, removed
 
     def sliding(self, on: str | record.Pair, axis: Segment) -> tuple[int, ...]:
-        """What a sliding body is held by: its point, and its own line or the axis that it shares."""
+        """List what holds a sliding body: its point, and its own line or the axis that it shares."""
         if isinstance(on, str):
             return (self.index[on], *axis)
         point, own = self.line(on, "")
@@ -1192,7 +1192,7 @@ class SpatialAssembler(Assembler):
 
     def add_revolute(self, j: record.Revolute, what: str) -> None:
         assert j.axes is not None
-        a, b = (self.directed(axis, what) for axis in j.axes)
+        a, b = (self.check_direction(axis, what) for axis in j.axes)
         removed = self.together(j.points) + self.parallel(a, b)
         self.note(removed, self.at(*(j.points or ())), (a, b), (a, b))
 
@@ -1203,9 +1203,9 @@ class SpatialAssembler(Assembler):
     def add_prismatic(self, j: record.Prismatic, what: str) -> None:
         point, axis, other, removed = self.slide(what, j.line, j.on)
         assert j.directions is not None
-        a, b = (self.directed(d, what) for d in j.directions)
+        a, b = (self.check_direction(d, what) for d in j.directions)
         for d in (a, b):
-            self.across(axis, d, what)
+            self.refuse_along(axis, d, what)
         if j.form == "exact":
             self.write(kinds.no_turn, (axis, a, b))
         else:
@@ -1216,7 +1216,7 @@ class SpatialAssembler(Assembler):
                     f"angle"
                 )
             for d in (a, b):
-                self.held(d, what)
+                self.refuse_loose(d, what)
             self.write(kinds.product, (a, b))
         held = (point, *axis, *a), (*self.sliding(j.on, axis), *b)
         self.note(removed + 1, (point, other), (axis, a, b), held)
@@ -1226,23 +1226,23 @@ class SpatialAssembler(Assembler):
         self.note(removed, (point, other), (axis,), ((point, *axis), (other,)))
 
     def add_universal(self, j: record.Universal, what: str) -> None:
-        a, b = (self.directed(axis, what) for axis in j.axes)
+        a, b = (self.check_direction(axis, what) for axis in j.axes)
         if self.sine(a, b) < 0.1:
             raise MechanismError(
                 f"{what}: the arms of its cross, the {self.called(a)} and the {self.called(b)}, are drawn nearly "
                 f"parallel; draw them across each other (a Cardan joint has them perpendicular)"
             )
         for arm in (a, b):
-            self.held(arm, what)
+            self.refuse_loose(arm, what)
         removed = self.together(j.points)
         self.write(kinds.product, (a, b))
         self.note(removed + 1, self.at(*(j.points or ())), (a, b), (a, b))
 
     def add_screw(self, j: record.Screw, what: str) -> None:
         point, axis, other, removed = self.slide(what, j.line, j.on)
-        a, b = (self.directed(d, what) for d in j.directions)
+        a, b = (self.check_direction(d, what) for d in j.directions)
         for d in (a, b):
-            self.across(axis, d, what)
+            self.refuse_along(axis, d, what)
         self.turn(j.angle, axis, a, b)
         self.advance(j.distance, (point, other), axis)
         per = "pitch" if j.lead is None else "lead"
@@ -1324,10 +1324,10 @@ class SpatialAssembler(Assembler):
             )
 
     def add_constant_velocity(self, j: record.ConstantVelocity, what: str) -> None:
-        axes = [self.directed(a, what) for a in j.axes]
-        marks = [self.directed(a, what) for a in j.marks]
+        axes = [self.check_direction(a, what) for a in j.axes]
+        marks = [self.check_direction(a, what) for a in j.marks]
         for axis, mark in zip(axes, marks, strict=True):
-            self.across(axis, mark, what)
+            self.refuse_along(axis, mark, what)
         if float(self.drawn(axes[0]) @ self.drawn(axes[1])) <= 0.0:
             raise MechanismError(
                 f"{what}: its axes, the {self.called(axes[0])} and the {self.called(axes[1])}, are drawn at 90° or "
@@ -1342,11 +1342,11 @@ class SpatialAssembler(Assembler):
         start, line = self.line(j.line, what)
         centre, rim, contact = self.at(j.centre, j.rim, j.contact)
         assert j.axis is not None
-        axis = self.directed(j.axis, what)
+        axis = self.check_direction(j.axis, what)
         self.perpendicular(axis, line, what, "the disc's axis", "the line")
         for pair in ((centre, contact), (centre, rim)):
             self.direction(pair, what)
-            self.across(axis, pair, what)
+            self.refuse_along(axis, pair, what)
         given = self.radius(j)
         self.write(kinds.contact, (line, axis), (centre, contact), given=dict(given))
         if contact not in (start, *line):
@@ -1372,7 +1372,7 @@ class SpatialAssembler(Assembler):
                 f"{what}: no body has the point {j.centre!r} and the vectors {j.axis!r} and {j.mark!r} together; give "
                 f"them to the disc's body"
             )
-        self.across((~axis,), (~mark,), what)
+        self.refuse_along((~axis,), (~mark,), what)
         n = self.vectors[normal]
         height = float((self.home[points[0]] - self.home[points[1]]) @ n)
         if height <= COINCIDENT * self.size:

@@ -1,4 +1,4 @@
-"""What follows from a drawing, as one program: lengths, frames, constants, angles as drawn, coefficients of markers.
+"""The program of a drawing: lengths, frames, constants, angles as drawn, coefficients of markers.
 
 The numbers of a design stand in one row: a zero, then points, vectors, markers and dimensions as they are given. Each
 step of the program gathers numbers of the row, calculates with them for several instances at once, and puts its results
@@ -56,10 +56,10 @@ class Design(NamedTuple):
 @with_owner
 def design(top: Topology) -> Design:
     """Write the program of a topology."""
-    return _Writer(top).whole()
+    return _DesignWriter(top).whole()
 
 
-class _Writer:
+class _DesignWriter:
     def __init__(self, top: Topology):
         self.top, dim = top, top.dim
         self.blocks, self.layouts = (*top.blocks, *top.rates), (*top.layout, *top.rate_layout)
@@ -140,14 +140,14 @@ class _Writer:
         if not every:
             return {}
         b, i, k, p, q = np.array(every).T
-        found = self.step("length", _distance(self.top.dim), [self.drawing[p], self.drawing[q]], 1)[:, 0]
+        found = self.step("length", _distance_formula(self.top.dim), [self.drawing[p], self.drawing[q]], 1)[:, 0]
         return dict(zip(zip(b.tolist(), i.tolist(), k.tolist(), strict=True), found.tolist(), strict=True))
 
     def _markers(self) -> Places:
         top, dim = self.top, self.top.dim
         out, alike = np.zeros((len(top.markers), dim), INDEX), {}
         for k, marker in enumerate(top.markers):
-            forms = "".join(map(_form, (*marker.segments, marker.drawn[0])))
+            forms = "".join(map(_segment_form, (*marker.segments, marker.drawn[0])))
             arm = [] if marker.direction else [self.points[marker.origin]]
             spans = [self._ends(segment, self.points) for segment in marker.segments]
             spans.append(self._ends(marker.drawn[0], self.drawing))
@@ -155,7 +155,7 @@ class _Writer:
             alike.setdefault((forms, marker.direction), []).append((k, given))
         for (forms, direction), some in alike.items():
             given = np.stack([places for _, places in some])
-            out[[k for k, _ in some]] = self.step("marker", _marker(dim, forms, direction), [given], dim)
+            out[[k for k, _ in some]] = self.step("marker", _marker_formula(dim, forms, direction), [given], dim)
         return out
 
     def _ends(self, segment: Segment, points: Places) -> Places:
@@ -196,7 +196,7 @@ def unit_formula(dim: int) -> Formula:
 
 
 @functools.lru_cache(maxsize=4)
-def _distance(dim: int) -> Formula:
+def _distance_formula(dim: int) -> Formula:
     return Formula(write(lambda *x: norm(Small(x[dim:]) - Small(x[:dim])), 2 * dim))
 
 
@@ -211,12 +211,12 @@ def recipe_formula(recipe: tuple, count: int, dim: int, values: int) -> Formula:
     return Formula(write(place, count * dim + values))
 
 
-def _form(segment: Segment) -> str:
+def _segment_form(segment: Segment) -> str:
     return "v" if len(segment) == 1 else "p"
 
 
 @functools.lru_cache(maxsize=1024)
-def _marker(dim: int, forms: str, direction: bool) -> Formula:
+def _marker_formula(dim: int, forms: str, direction: bool) -> Formula:
     """A marker's coefficients from its body's segments, the first of them where lengths are read, and the marker."""
     wide = [dim * (2 if form == "p" else 1) for form in (*forms, "v" if direction else "p")]
     ends = np.cumsum([0, *wide])
@@ -349,7 +349,7 @@ def design_numbers(top: Topology, parameters: Parameters, levels: int = 6) -> An
 
 
 class Drawn(NamedTuple):
-    """What follows from a drawing; every number carries its changes along the last axis (see `carrying`).
+    """Numbers that follow from a drawing, each with its changes along the last axis (see `carrying`).
 
     Of many designs there are axes of theirs before the last.
     """

@@ -114,16 +114,16 @@ def renumbered(eq: Equations, constants: Sequence[Any], scales: Sequence[Any]) -
 
 
 def derived(system: System, differentiate_scales: bool = False) -> Equations:
-    """As `equations`: on the host, where the parameters are numbers; compiled once for the structure else."""
+    """Make `equations` on the host where the parameters are numbers, else compiled once for the structure."""
     with numbers(system.parameters.points):
         if any(isinstance(x, Tracer) for x in jax.tree.leaves(system)):
-            return _compiled(system.topology.structure, system.parameters, differentiate_scales)
+            return _derive_compiled(system.topology.structure, system.parameters, differentiate_scales)
         with np.errstate(all="ignore"):
             return on_device(equations(System(system.topology, system.parameters.in_numpy())))
 
 
 @functools.partial(jit, static_argnums=(0, 2))
-def _compiled(topology: Topology, parameters: Parameters, differentiate_scales: bool) -> Equations:
+def _derive_compiled(topology: Topology, parameters: Parameters, differentiate_scales: bool) -> Equations:
     return equations(System(topology, parameters), differentiate_scales)
 
 
@@ -179,7 +179,7 @@ def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float
     for b in sorted({block for block, _ in top.measures}):
         at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
         which, instances = np.array([k for k, _ in at]), np.array([i for _, i in at])
-        p, v, _ = _split(top, top.blocks[b], q[top.layout[b].variables[instances]])
+        p, v, _ = _split_operands(top, top.blocks[b], q[top.layout[b].variables[instances]])
         measure = top.blocks[b].kind.measure
         assert measure is not None
         scalars = scalars.at[which].set(jax.vmap(measure)(p, v, constants[b][instances]))
@@ -223,16 +223,16 @@ def _bar_length(top: Topology, drawing: Any) -> Any:
     return xp.where(middle > 0, middle, 1.0)
 
 
-def _split(top: Topology, block: Block, x: Array) -> tuple[Array, Array, Array]:
+def _split_operands(top: Topology, block: Block, x: Array) -> tuple[Array, Array, Array]:
     kind, dim = block.kind, top.dim
     a, b = kind.points * dim, (kind.points + kind.vectors) * dim
     lead = x.shape[:-1]
     return x[..., :a].reshape(*lead, kind.points, dim), x[..., a:b].reshape(*lead, kind.vectors, dim), x[..., b:]
 
 
-def _rows(top: Topology, block: Block, x: Array, c: Array) -> Array:
+def _instance_rows(top: Topology, block: Block, x: Array, c: Array) -> Array:
     """Unscaled rows of one instance from its local variables."""
-    p, v, s = _split(top, block, x)
+    p, v, s = _split_operands(top, block, x)
     rows = block.kind.residual(p, v, s, c)
     return jnp.stack([jnp.asarray(r) for r in rows]) if len(rows) else jnp.zeros(0)
 
@@ -251,7 +251,7 @@ def residual(system: System | Equations, q: Coordinates, inputs: Inputs | None =
         follows the drawing, and is differentiated with it.
     """
     with numbers(_like(system)):
-        return _residual(*_at(system, q, inputs))
+        return _residual(*_equations_at(system, q, inputs))
 
 
 @jax.jit
@@ -259,7 +259,7 @@ def _residual(eq: Equations, q: Coordinates) -> Array:
     top, parts = eq.topology, []
     for b, block in enumerate(top.blocks):
         x = q[top.layout[b].variables]
-        r = jax.vmap(lambda x, c, block=block: _rows(top, block, x, c))(x, eq.constants[b])
+        r = jax.vmap(lambda x, c, block=block: _instance_rows(top, block, x, c))(x, eq.constants[b])
         parts.append((r * eq.scales[b]).reshape(-1))
     return jnp.concatenate(parts) if parts else jnp.zeros(0)
 
@@ -268,7 +268,7 @@ def _like(system: System | Equations) -> Array:
     return system.length if isinstance(system, Equations) else system.parameters.points
 
 
-def _at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tuple[Equations, Coordinates]:
+def _equations_at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tuple[Equations, Coordinates]:
     refuse_fork()
     if isinstance(system, Equations):
         if inputs:
@@ -293,7 +293,7 @@ def entries(eq: Equations, q: Coordinates) -> Float[Array, " entries"]:
         if g is not None and h is not None:
             j = g + jnp.sum(h * x[:, None, None, :], axis=-1)
         else:
-            local = jax.jacfwd(lambda x, c, block=block: _rows(top, block, x, c))
+            local = jax.jacfwd(lambda x, c, block=block: _instance_rows(top, block, x, c))
             j = jax.vmap(local)(x, eq.constants[b]) * eq.scales[b][..., None]
         parts.append(j.reshape(-1))
     return jnp.concatenate(parts) if parts else jnp.zeros(0)
@@ -316,11 +316,11 @@ def places(top: Topology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def jacobian(system: System | Equations, q: Coordinates, inputs: Inputs | None = None) -> Float[Array, "rows N"]:
     """Dense Jacobian of all rows with respect to all coordinates; arguments as for `residual`."""
     with numbers(_like(system)):
-        return _jacobian(*_at(system, q, inputs))
+        return _dense_jacobian(*_equations_at(system, q, inputs))
 
 
 @jax.jit
-def _jacobian(eq: Equations, q: Coordinates) -> Array:
+def _dense_jacobian(eq: Equations, q: Coordinates) -> Array:
     r, c, _ = places(eq.topology)
     return jnp.zeros((len(eq.topology.rows), len(eq.topology.coordinates))).at[r, c].add(entries(eq, q))
 
@@ -335,7 +335,7 @@ def guards(eq: Equations, q: Coordinates) -> tuple[Float[Array, " guards"], Floa
         if guard is not None:
 
             def values(x, c, block=block, guard=guard):
-                p, v, s = _split(top, block, x)
+                p, v, s = _split_operands(top, block, x)
                 return jnp.stack([jnp.asarray(g) for g in guard(p, v, s, c)])
 
             found = jax.vmap(values)(q[top.layout[b].variables], eq.constants[b])
@@ -381,7 +381,7 @@ def slips(top: Topology, constants: tuple[Array, ...], q: Coordinates, v: Coordi
     """Residual of the rows on velocities, ``B q̇ - b``, m/s."""
     out = [jnp.zeros(0)]
     for block, layout, c in zip(top.rates, top.rate_layout, constants, strict=True):
-        out.append(_rate_rows(top, block, q[layout.variables], v[layout.variables], c).reshape(-1))
+        out.append(_velocity_rows(top, block, q[layout.variables], v[layout.variables], c).reshape(-1))
     return jnp.concatenate(out)
 
 
@@ -392,20 +392,20 @@ def coefficients(top: Topology, constants: tuple[Array, ...], q: Coordinates) ->
         x = q[layout.variables]
 
         def row(y, dy, c, block=block):
-            return _rate_rows(top, block, y[None], dy[None], c[None])[0]
+            return _velocity_rows(top, block, y[None], dy[None], c[None])[0]
 
         local = jax.vmap(jax.jacfwd(row, argnums=1))(x, jnp.zeros_like(x), c)
         out = out.at[layout.rows[:, :, None], layout.variables[:, None, :]].add(local)
     return out
 
 
-def _rate_rows(top: Topology, block: Block, x: Array, dx: Array, c: Array) -> Array:
+def _velocity_rows(top: Topology, block: Block, x: Array, dx: Array, c: Array) -> Array:
     """Rows of all instances of a block, ``(instances, rows)``."""
     kind: Any = block.kind
     what = f"kind {kind.name!r}: rate="
 
     def one(x, dx, c):
-        parts = (*_split(top, block, x), *_split(top, block, dx))
+        parts = (*_split_operands(top, block, x), *_split_operands(top, block, dx))
         found = listed(ask(kind.rate, what, "p, v, s, dp, dv, ds, c", *parts, c), what, len(kind.rows))
         return jnp.stack([jnp.asarray(r, float) for r in found])
 

@@ -51,7 +51,7 @@ class HostEquations:
         return [*one, *((x, 2) for x in (*self.constants, *self.scales))]
 
     def taken(self, which: np.ndarray) -> "HostEquations":
-        """The same with other lanes: places of theirs among these, or which of these; one shared design stays."""
+        """Choose lanes, by their places or by truth values; one shared design stays."""
         if self.designs is None:
             return self
 
@@ -161,7 +161,7 @@ class HostEquations:
         return out
 
     def guards(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Whether no row and no body is met by a mirror image, and whether a body is, ``(lanes,)``."""
+        """Tell whether no row and no body is met by a mirror image, and whether a body is, ``(lanes,)``."""
         top = self.topology
         upright, mirrored = np.ones(q.shape[1], bool), np.zeros(q.shape[1], bool)
         for b, block in enumerate(top.blocks):

@@ -43,7 +43,7 @@ class InertiaIndex:
 
     @property
     def form(self) -> tuple:
-        """What must be equal for two bodies to be computed in one call."""
+        """The features that two bodies must share to be computed in one call."""
         forms = tuple(len(s) for s in self.segments), tuple(len(s) for s in self.frame)
         return (*forms, self.shape, len(self.corners), len(self.com), len(self.inertia), len(self.size))
 
@@ -105,7 +105,7 @@ class Loads:
 
     @property
     def any(self) -> bool:
-        """Whether anything has a mass."""
+        """Tell whether anything has a mass."""
         return bool(self.inertias)
 
 

@@ -71,7 +71,7 @@ def program(kind: Kind, which: str, dim: int) -> Program | None:
     if getattr(kind, which) is None:
         return None
     try:
-        return _read(kind, which, dim)
+        return _read_program(kind, which, dim)
     except OutOfRange as error:
         raise InputError(
             f"kind {kind.name!r}: {which}= asks for {error}: the kind declares points={kind.points}, "
@@ -80,7 +80,7 @@ def program(kind: Kind, which: str, dim: int) -> Program | None:
         ) from None
 
 
-def _read(kind: Kind, which: str, dim: int) -> Program | None:
+def _read_program(kind: Kind, which: str, dim: int) -> Program | None:
     f = getattr(kind, which)
     single, what = which in ("measure", "misfit"), f"kind {kind.name!r}: {which}="
     many = {"residual": len(kind.rows), "drawn": len(kind.constants)}.get(which)
@@ -98,14 +98,14 @@ def _read(kind: Kind, which: str, dim: int) -> Program | None:
 
     count = size(kind, dim) + len(kind.constants)
     try:
-        return write(lambda *x: called(*_small(kind, dim, x)), count)
+        return write(lambda *x: called(*_as_small(kind, dim, x)), count)
     except OutOfRange:
         raise
     except _NOT_PLAIN:
         pass  # it wants numbers of JAX's
     with numbers(WIDE), by_name():
         try:
-            return trace(lambda *x: called(*_small(kind, dim, x)), *[()] * count)
+            return trace(lambda *x: called(*_as_small(kind, dim, x)), *[()] * count)
         except Unreadable:
             return None
         except OutOfRange:
@@ -126,7 +126,7 @@ def _true_or_false(row: Any) -> bool:
     )
 
 
-def _small(kind: Kind, dim: int, x: Sequence[Any]) -> tuple[Small, Small, Small, Small]:
+def _as_small(kind: Kind, dim: int, x: Sequence[Any]) -> tuple[Small, Small, Small, Small]:
     ends = kind.points, kind.points + kind.vectors
     spread = [Small(x[k * dim : (k + 1) * dim]) for k in range(ends[1])]
     first = ends[1] * dim
@@ -162,8 +162,8 @@ def pattern(kind: Kind, dim: int) -> np.ndarray:
 
 @functools.lru_cache(maxsize=1024)
 def quadratic(kind: Kind, dim: int) -> bool:
-    """Whether a kind has rows, each a polynomial of degree two at most, so that its Jacobian is affine."""
-    return bool(kind.rows) and all(_degree(row) <= 2 for row in rows_in(kind, dim))
+    """Tell whether a kind has rows, each a polynomial of degree two at most, so that its Jacobian is affine."""
+    return bool(kind.rows) and all(_row_degree(row) <= 2 for row in rows_in(kind, dim))
 
 
 _STEEP = {"sqrt", "tan", "asin", "acos", "atan2", "log", "log1p", "pow", "power"}
@@ -172,18 +172,18 @@ _JUMPS = {"tan", "atan2", "log", "log1p", "pow", "power", "select", "sign", "flo
 
 @functools.lru_cache(maxsize=1024)
 def steep(kind: Kind, dim: int) -> bool:
-    """Whether rows of a kind may have values where their derivatives are not finite."""
-    return _has(kind, dim, _STEEP)
+    """Tell whether rows of a kind may have values where their derivatives are not finite."""
+    return _uses(kind, dim, _STEEP)
 
 
 @functools.lru_cache(maxsize=1024)
 def jumps(kind: Kind, dim: int) -> bool:
-    """Whether rows of a kind of a user's own may jump, or have poles; the library's own do neither."""
-    return not getattr(kind.residual, "__module__", "").startswith("jaxnc.") and _has(kind, dim, _JUMPS)
+    """Tell whether rows of a user's own kind may jump, or have poles; the library's own do neither."""
+    return not getattr(kind.residual, "__module__", "").startswith("jaxnc.") and _uses(kind, dim, _JUMPS)
 
 
-def _has(kind: Kind, dim: int, operations: set[str]) -> bool:
-    """Whether rows use some operations, or divide by, what depends on the variables; of what is not read, yes."""
+def _uses(kind: Kind, dim: int, operations: set[str]) -> bool:
+    """Tell whether rows use some operations of the variables, or divide by them; yes of rows that cannot be read."""
     found = program(kind, "residual", dim)
     if found is None:
         return True
@@ -200,7 +200,7 @@ def _has(kind: Kind, dim: int, operations: set[str]) -> bool:
     return any(is_one(k, node) for k, node in enumerate(found.nodes))
 
 
-def _degree(row: Polynomial) -> float:
+def _row_degree(row: Polynomial) -> float:
     return np.inf if row.terms is None else max(map(len, row.terms), default=0)
 
 
@@ -214,7 +214,7 @@ def curvature(kind: Kind, dim: int, moving: tuple[int, ...]) -> tuple[Pairs | No
     """
     out: list[Pairs | None] = []
     for row in rows_in(kind, dim, moving):
-        if _degree(row) > 2:
+        if _row_degree(row) > 2:
             out.append(None)
             continue
         squares = [m for m in row.terms or () if len(m) == 2]
@@ -284,7 +284,7 @@ class Formula:
 
 @functools.lru_cache(maxsize=1024)
 def formula(kind: Kind, which: str, dim: int, order: int = 0) -> Formula:
-    """One of a kind's functions, or the time derivative of some order of its rows."""
+    """Read one of a kind's functions, or the time derivative of some order of its rows."""
     found = program(kind, which, dim)
     if found is None:
         return Formula(None, jax_function(kind, which, dim, order), kind)
@@ -292,7 +292,7 @@ def formula(kind: Kind, which: str, dim: int, order: int = 0) -> Formula:
 
 
 def jax_function(kind: Kind, which: str, dim: int, order: int = 0) -> Callable[[Any], Any]:
-    """One of a kind's functions, or the time derivative of some order of its rows, from an array to an array."""
+    """Make a function of arrays of one of a kind's functions, or of the time derivative of some order of its rows."""
     f, single = getattr(kind, which), which in ("measure", "misfit")
     count = size(kind, dim)
 
@@ -387,7 +387,7 @@ def row_derivatives(kind: Kind, dim: int, asked: tuple[int, ...], order: int) ->
 
 
 def readable(top: Topology, functions: Sequence[str] = ("residual", "drawn", "measure")) -> bool:
-    """Whether such functions of all of a mechanism's kinds can be read, so that nothing goes through JAX."""
+    """Tell whether such functions of all of a mechanism's kinds can be read, so that nothing goes through JAX."""
     return all(
         getattr(block.kind, which) is None or program(block.kind, which, top.dim) is not None
         for block in top.blocks
