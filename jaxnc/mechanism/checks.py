@@ -120,7 +120,7 @@ class Checks:
             ("a marker", m.markers),
             ("an angle", m.angles),
             ("a distance", m.distances),
-            *((f"a coordinate of joint {n!r}", j.coordinates) for n, j in m.joints.items()),
+            *((f"a coordinate of joint {n!r}", j.coordinates) for n, j in m.joints.items() if j.coordinates),
         ):
             if name in taken:
                 raise MechanismError(f"{noun} {name!r}: the name is already taken by {what}; choose another")
