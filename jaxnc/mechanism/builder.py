@@ -573,7 +573,7 @@ class Mechanism(Drawn):
         name: str,
         line: tuple[str, str],
         on: str | tuple[str, str],
-        form: str = "exact",
+        form: record.TextForm = "exact",
         directions: tuple[record.Direction, record.Direction] | None = None,
     ) -> str:
         """Let a body slide along a line of another without turning relative to it, (35)-(36), (131)-(141).
@@ -633,7 +633,7 @@ class Mechanism(Drawn):
         angle: str,
         distance: str,
         radius: float | None = None,
-        form: str = "exact",
+        form: record.TextForm = "exact",
         axis: record.Direction | None = None,
     ) -> str:
         """Let a disc roll along a line without slip, on a fixed line (54)-(60) or a moving one (61)-(75).
@@ -680,7 +680,7 @@ class Mechanism(Drawn):
             points: the points it passes, at least two.
             length: its length; read off the drawing if not given.
         """
-        return self.add_joint(name, record.Cable(points, length))
+        return self.add_joint(name, record.Cable(points, length))  # pyright: ignore[reportArgumentType]
 
     def weld(self, name: str, body: str, other: str) -> str:
         """Make two bodies move as one, as they are drawn.
