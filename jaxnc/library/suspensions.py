@@ -15,7 +15,7 @@ from jaxnc.errors import MechanismError, nearest
 from jaxnc.kinematics.hardpoints import FIGURE_42
 from jaxnc.library.drawing import choice, drive, positive
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.model import Place
+from jaxnc.mechanism.model import Place, TextForm
 
 _RADIUS = 310.0  # mm, of the loaded tyre
 _TRAVEL = 80.0  # mm, of the wheel centre up and down in the default drive
@@ -66,7 +66,9 @@ _NUMBERS = {**FIGURE_42, "v1": "lower_front", "v2": "spindle"}
 
 
 @public
-def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS, form: str = "text") -> Mechanism:
+def macpherson(
+    hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS, form: TextForm = "text"
+) -> Mechanism:
     """MacPherson suspension with its tie rod, figure 42: n = 29, rows = 28, rank 26, g = 3.
 
     Basic points as the text numbers them: 1 of the lower arm on the body, v1 its axis; 2 the lower ball joint; 3 and 4
