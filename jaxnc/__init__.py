@@ -22,12 +22,13 @@ if TYPE_CHECKING:
     from jaxnc import reporting as reporting
     from jaxnc import synthesis as synthesis
     from jaxnc import system as system
+    from jaxnc import vehicle as vehicle
     from jaxnc import viz as viz
     from jaxnc.compiling import jit as jit
     from jaxnc.dynamics.equilibrium import equilibrium as equilibrium
     from jaxnc.dynamics.inverse import inverse_dynamics as inverse_dynamics
+    from jaxnc.dynamics.inverse import reactions as reactions
     from jaxnc.dynamics.linear import linearise as linearise
-    from jaxnc.dynamics.reactions import reactions as reactions
     from jaxnc.dynamics.simulate import simulate as simulate
     from jaxnc.errors import AssemblyError as AssemblyError
     from jaxnc.errors import CallError as CallError
@@ -46,21 +47,21 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.arc import travel as travel
     from jaxnc.kinematics.diagnosis import diagnose as diagnose
     from jaxnc.kinematics.instant import instant_centre as instant_centre
+    from jaxnc.kinematics.instant import transmission_angle as transmission_angle
+    from jaxnc.kinematics.mobility import grashof as grashof
     from jaxnc.kinematics.mobility import mobility as mobility
     from jaxnc.kinematics.motion import Motion as Motion
-    from jaxnc.kinematics.planar import grashof as grashof
-    from jaxnc.kinematics.planar import transmission_angle as transmission_angle
     from jaxnc.kinematics.position import motion as motion
     from jaxnc.kinematics.position import solve_position as solve_position
     from jaxnc.kinematics.position import sweep as sweep
     from jaxnc.kinematics.sensitivity import sensitivity as sensitivity
     from jaxnc.kinematics.spread import shard as shard
-    from jaxnc.kinematics.suspension import suspension as suspension
     from jaxnc.mechanism import Mechanism as Mechanism
     from jaxnc.reporting.study import report as report
     from jaxnc.status import Status as Status
     from jaxnc.synthesis.tolerance.spread import tolerance as tolerance
     from jaxnc.system.system import System as System
+    from jaxnc.vehicle.suspension import suspension as suspension
     from jaxnc.viz.pages.widget import widget as widget
 
 __version__ = "0.1.0"

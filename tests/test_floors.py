@@ -50,6 +50,7 @@ FLOORS = {
     "kinematics": 4,
     "dynamics": 4,
     "families": 4,
+    "vehicle": 5,
     "synthesis": 5,
     "library": 5,
     "viz": 6,
@@ -66,9 +67,9 @@ DEFERRED_UPWARD = [
     ("jaxnc/kinematics/motion.py", "jaxnc.viz"),  # Motion.plot, Motion.animate, Motion.to_html
     ("jaxnc/kinematics/motion.py", "jaxnc.io"),  # Motion.to_csv
     ("jaxnc/kinematics/sensitivity.py", "jaxnc.io"),  # Sensitivity.to_csv
-    ("jaxnc/kinematics/suspension.py", "jaxnc.io"),  # Suspension.to_csv
-    ("jaxnc/kinematics/wheel_report.py", "jaxnc.io"),  # SuspensionReport.to_json
-    ("jaxnc/kinematics/wheel_report.py", "jaxnc.viz"),  # SuspensionReport.plot
+    ("jaxnc/vehicle/suspension.py", "jaxnc.io"),  # Suspension.to_csv
+    ("jaxnc/vehicle/report.py", "jaxnc.io"),  # SuspensionReport.to_json
+    ("jaxnc/vehicle/report.py", "jaxnc.viz"),  # SuspensionReport.plot
     ("jaxnc/synthesis/*", "jaxnc.viz"),  # BurmesterCurves.plot, Tolerance.plot, Result.gallery
     ("jaxnc/synthesis/result.py", "jaxnc.io"),  # Result.save
     ("jaxnc/synthesis/search/checkpoint.py", "jaxnc.io"),  # the file that `solve` saves itself in

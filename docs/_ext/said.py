@@ -10,6 +10,7 @@ from jaxnc.mechanism import model as record
 PACKAGES = {  # pages of the reference, in this order
     "jaxnc": "What is used most: `import jaxnc as nc`.",
     "jaxnc.kinematics": "What motions and reports hold, and what is asked for less often.",
+    "jaxnc.vehicle": "Wheel suspensions: what is read off a motion, and reports.",
     "jaxnc.dynamics": "What simulations and reactions hold; masses, energies, momenta.",
     "jaxnc.synthesis": "Design: problems, conditions, searches, exact synthesis, tolerances.",
     "jaxnc.library": "Ready mechanisms.",
@@ -137,17 +138,12 @@ def where(name: str) -> str:
     return f"jaxnc.{name}"
 
 
-ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
+ADAPTIVE = ("dopri8", "kvaerno5")
 
 METHODS = {
     "dopri8": "Dormand and Prince, order 8, index 1; every step ends on the constraints (default)",
-    "dopri5": "Dormand and Prince, order 5, likewise",
-    "tsit5": "Tsitouras, order 5, likewise",
     "kvaerno5": "Kværnø, implicit, order 5: stiff forces in small mechanisms",
     "rk4": "Runge and Kutta, position and velocity projected; the one for batches",
-    "baumgarte": "index 1 with Baumgarte's terms: drifts a little",
-    "null space": "accelerations by the matrix of the admissible velocities",
-    "augmented lagrangian": "trapezoidal rule on index 3, positions, velocities and accelerations projected",
     "generalised alpha": "index 3, spectral radius 0.7: the one for stiff mechanisms",
 }
 

@@ -19,12 +19,12 @@ from jaxnc.io.workshop.shop import SIZES
 from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
-from jaxnc.kinematics.wheel_report import SuspensionReport
 from jaxnc.progress import step_bar
 from jaxnc.reporting.checked import drives
 from jaxnc.reporting.expected import check_expected, judge
 from jaxnc.reporting.outcome import enter, outputs_of, suspension_reports, wheel
 from jaxnc.system.system import System
+from jaxnc.vehicle.report import SuspensionReport
 
 _LONG = 30.0  # seconds: a first call that takes longer is not repeated only to be timed
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from jaxnc.cli.output import list_files, write_files
 from jaxnc.cli.question import Question, read_number, read_pair
-from jaxnc.dynamics.resume import after, joined, saved
 from jaxnc.dynamics.simulate import simulate
-from jaxnc.dynamics.simulation import Simulation
+from jaxnc.dynamics.simulation import Simulation, append_run, join, load_states
 from jaxnc.errors import InputError
 from jaxnc.io.drives import check_driven
 from jaxnc.io.tables import to_csv, to_npz
@@ -39,7 +38,7 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
     first, earlier = 0.0, None
     state, rates = (in_radians(mechanism, values) or None for values in (section.start, section.rates))
     if options.resume:
-        earlier = saved(system, options.resume)
+        earlier = load_states(system, options.resume)
         state, rates = earlier.pose(-1), None
         first = float(np.asarray(earlier.time)[-1])
         if first >= section.duration:
@@ -52,8 +51,8 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
 
     def whole() -> Motion:
         """The motion of an earlier table, and what was added to it."""
-        run = joined(parts)
-        return run if earlier is None else after(earlier, run)
+        run = join(parts)
+        return run if earlier is None else append_run(earlier, run)
 
     with step_bar(count) as step:
         for k in range(count):
@@ -68,7 +67,7 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
             if int(np.asarray(run.status)[-1]):
                 break
             state, rates = run.pose(-1), None
-    run = joined(parts)
+    run = join(parts)
     seconds = time.perf_counter() - begin
     enter_simulation(options.verdict, run, section.duration)
     print(run.report())

@@ -21,9 +21,9 @@ from jaxnc.io.loads import add_loads, check_savable
 from jaxnc.io.schema import decode
 from jaxnc.io.source import SUFFIXES, Source
 from jaxnc.io.target import file_name, write
-from jaxnc.kinematics.hardpoints import trade_names
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.vehicle.hardpoints import trade_names
 
 if TYPE_CHECKING:
     from jaxnc.constraints import Kind, RateKind

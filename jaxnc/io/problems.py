@@ -12,7 +12,6 @@ from jaxnc.io.files import load
 from jaxnc.io.source import Source
 from jaxnc.io.statement import Condition, Drawing, Search, Statement, statement
 from jaxnc.io.svg import outline
-from jaxnc.kinematics.suspension import ATTITUDE
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import conditions as kinds
 from jaxnc.synthesis.conditions import direction, on_circuit
@@ -20,6 +19,7 @@ from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search.stock import integer, stock
+from jaxnc.vehicle.suspension import ATTITUDE
 
 
 def load_problem(path: str | Path) -> tuple[Problem, Search]:

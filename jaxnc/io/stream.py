@@ -17,10 +17,10 @@ from jaxnc.io.blocks import Block, blocks_of, count, part
 from jaxnc.io.parts import Parts, checksums
 from jaxnc.io.tables import ORDERS, Table, arrays_of, chosen, load_npz
 from jaxnc.io.target import file_name
-from jaxnc.kinematics.devices import Devices
 from jaxnc.kinematics.inputs import angle_unit, check_system, doubt_degrees, in_radians, make_plan, whole
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.spread import Devices
 from jaxnc.progress import bar as progress_bar
 from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status

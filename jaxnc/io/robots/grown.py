@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxnc.families.bodies import Parts
-from jaxnc.families.joined import Joined, apart, join, root
+from jaxnc.families.bodies import Joined, Parts, apart, join, root
 from jaxnc.io.robots.inertia import add_inertia
 from jaxnc.io.robots.joints import Edge, edges
 from jaxnc.io.robots.pose import Posed
@@ -53,7 +52,7 @@ class Grown:
     def _hang(self, found: list[Edge]) -> list[Edge]:
         """Hang every part on another, or free on the ground; the joints that are left close loops."""
         parts, dim = self.parts, self.parts.dim
-        group = list(range(len(parts.parts)))
+        group = {k: k for k in range(len(parts.parts))}
         chosen, left = [], []
         for edge in sorted(found, key=lambda e: (not e.wanted, e.freedoms(dim))):
             a, b = root(group, edge.first), root(group, edge.second)

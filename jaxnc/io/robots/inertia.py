@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxnc.dynamics.extended import extended, lift
-from jaxnc.dynamics.inertia import inertias
+from jaxnc.dynamics.mass import inertias
 from jaxnc.io.robots.pose import cross_matrix
 from jaxnc.io.robots.tree import Inertia, Vec
 

@@ -5,8 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from jaxnc.families import graph, spatial_graph
-from jaxnc.families.bodies import Parts
+from jaxnc.families.bodies import Line, Parts, planar_edges, spatial_edges
 from jaxnc.io.robots.pose import Posed, across
 from jaxnc.io.robots.tree import Vec
 from jaxnc.mechanism import model as record
@@ -95,8 +94,8 @@ def _turning(parts: Parts, *ks: int) -> bool:
 
 def _planar(parts: Parts, home: Posed) -> list[Edge]:
     found = []
-    for e in graph.edges(parts):
-        name = parts.a.text(e.owner) if e.owner is not None else parts.point(e.point)
+    for e in planar_edges(parts):
+        name = parts.a.text(e.owner)
         wanted = bool(e.angle or e.distance)
         if e.how == "revolute":
             found.append(Edge(name, "revolute", e.first, e.second, (e.point, e.point), [Z], (e.point,), wanted=wanted))
@@ -132,10 +131,10 @@ def _held(parts: Parts, k: int, p: int) -> Edge:
 def _spatial(parts: Parts, home: Posed) -> list[Edge]:
     found = []
 
-    def along(line: spatial_graph.Line) -> Vec:
+    def along(line: Line) -> Vec:
         return home.vectors[line[1][0]] if line[1] else home.span((line[0][0], line[0][1]))
 
-    for e in spatial_graph.edges(parts):
+    for e in spatial_edges(parts):
         name, axes = parts.a.text(e.owner), []
         user = e.owner.thing is Thing.JOINT
         if e.how != "spherical":

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxnc.families import spatial_graph
 from jaxnc.io.robots.tree import Reading, Tie, Vec
 from jaxnc.mechanism import model as record
 from jaxnc.solvers.assembly import derive, evaluate
@@ -61,7 +60,7 @@ def _reading(grown: "Grown", found: "list[Edge]", name: str, home: float) -> Rea
             start = [0] if len(ends) == 2 else _holders(parts, ends[:2])
             terms = _turning(grown, start, _holders(parts, ends[-2:]), np.eye(3)[2])
         else:
-            lines = spatial_graph.ends_of(parts, model.angles[name])
+            lines = parts.ends(model.angles[name])
             assert lines is not None
             about, start, to = lines
             begin = [0] if start is None else _holders(parts, *start)
@@ -73,7 +72,7 @@ def _reading(grown: "Grown", found: "list[Edge]", name: str, home: float) -> Rea
             return Reading({}, home, (distance.start, distance.to))
         p, q = parts.a.pair((distance.start, distance.to))
         flat = parts.dim == 2
-        line = (parts.a.measured[name].points[-2:], ()) if flat else spatial_graph.along_of(parts, distance)
+        line = (parts.a.measured[name].points[-2:], ()) if flat else parts.along(distance)
         axis = grown.home.vectors[line[1][0]] if line[1] else grown.home.span(line[0])
         for i in parts.of_point[p]:
             terms = terms or _shift(grown, i, [q], axis / np.linalg.norm(axis))

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxnc.kinematics.host_solve import analyse_on_host
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.on_host import analyse
 from jaxnc.solvers.assembly import derive
 
 _GROWN = 2.0  # accelerations between two poses are at most so many times those at them
@@ -59,7 +59,7 @@ class Course:
         values = asked[k] + (s.reshape(-1) - k)[:, None] * slope
         near = np.asarray(motion.q, float)[np.minimum(np.rint(s.reshape(-1)).astype(int), len(asked) - 1)]
         view, eq = make_plan(motion.system, motion.driven, motion.held), derive(motion.system)
-        found = analyse(view, "guess", eq, near, values, (slope, np.zeros_like(slope)))
+        found = analyse_on_host(view, "guess", eq, near, values, (slope, np.zeros_like(slope)))
         if found.status.any():
             return None
         z, a = (_complex(x, motion, self.unit) @ self.weights.T for x in (found.q, found.rates[1]))

@@ -16,7 +16,7 @@ import jax
 import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError
-from jaxnc.kinematics.redesign import flattened
+from jaxnc.kinematics.design import geometry_vector
 from jaxnc.progress import bar
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.pytree import Leaves
@@ -117,7 +117,7 @@ class Course:
 
 def _problem_digest(problem: Problem) -> str:
     """Digest of all numbers and names that make a problem."""
-    out = hashlib.sha256(np.asarray(flattened(problem.system), dtype=float).tobytes())
+    out = hashlib.sha256(np.asarray(geometry_vector(problem.system), dtype=float).tobytes())
     _add_to_digest(out, problem)
     return out.hexdigest()
 
