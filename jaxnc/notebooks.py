@@ -1,6 +1,8 @@
-"""What shows itself in a notebook: one method for everything, made in `jaxnc.viz.repr_html` when it is asked for."""
+"""Things that show themselves in a notebook; the pictures are made by `jaxnc.viz` when they are asked for."""
 
 from typing import TYPE_CHECKING, Any
+
+from jaxnc.doors import door
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -10,9 +12,7 @@ class Shown:
     """A thing that notebooks show as a drawing and a short table; plain text elsewhere."""
 
     def _repr_html_(self) -> str:
-        from jaxnc.viz.repr_html import show_html
-
-        return show_html(self)
+        return door("show_html")(self)
 
 
 class Drawn(Shown):
@@ -20,6 +20,4 @@ class Drawn(Shown):
 
     def draw(self, path: "str | Path | None" = None, **options: Any):
         """Draw the mechanism in one pose, complete or not; see `jaxnc.viz.draw`."""
-        from jaxnc import viz
-
-        return viz.draw(self, path=path, **options)  # pyright: ignore[reportArgumentType]
+        return door("draw")(self, path=path, **options)

@@ -4,6 +4,8 @@ import functools
 import html
 import io
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -41,6 +43,26 @@ def bar(total: int | None, name: str = "", unit: str = "it", shown: bool | None 
     if hidden or sys.stderr.isatty() or not _in_notebook():
         return tqdm(total=total, desc=name, unit=unit, disable=hidden, file=sys.stderr, **form)
     return _among_results()(total=total, desc=name, unit=unit, file=io.StringIO(), **form)
+
+
+@contextmanager
+def step_bar(total: int) -> Iterator[Callable[[str], None]]:
+    """A bar over the steps of a command.
+
+    Yields:
+        A function that is called with the name of each step when the step begins.
+    """
+    form = "{desc}{n_fmt}/{total_fmt} |{bar:30}| {elapsed}"
+    with bar(total, leave=False, bar_format=form) as shown:
+        done = -1
+
+        def step(name: str) -> None:
+            nonlocal done
+            done += 1
+            shown.update(done - shown.n)
+            shown.set_description(name)
+
+        yield step
 
 
 @functools.cache

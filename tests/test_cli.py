@@ -15,7 +15,7 @@ import pytest
 
 import jaxnc
 from jaxnc.cli import main
-from jaxnc.cli.surroundings import settled
+from jaxnc.cli.main import command_process
 from jaxnc.errors import JaxncError
 from jaxnc.io.files import load
 from jaxnc.io.tables import load_npz
@@ -317,7 +317,7 @@ def test_how_it_ends(capsys, monkeypatch, error, code, line):
     def fail(*_):
         raise error
 
-    monkeypatch.setattr("jaxnc.cli.check.check", fail)
+    monkeypatch.setattr("jaxnc.cli.commands.do_check", fail)
     assert main(["check", FOUR_BAR]) == code
     assert capsys.readouterr().err == line
 
@@ -326,7 +326,7 @@ def test_a_bug_is_not_hidden(monkeypatch):
     def fail(*_):
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr("jaxnc.cli.check.check", fail)
+    monkeypatch.setattr("jaxnc.cli.commands.do_check", fail)
     with pytest.raises(ZeroDivisionError):
         main(["check", FOUR_BAR])
 
@@ -443,13 +443,13 @@ def test_what_is_meant_is_asked(capsys, words, parts):
 
 @pytest.mark.parametrize("command", ["run", "report"])
 def test_names_of_expectations_are_read_before_the_mechanism_is_moved(capsys, monkeypatch, tmp_path, command):
-    from jaxnc.cli import analysis
+    from jaxnc.cli import run
     from jaxnc.reporting import study
 
     def moved(*_, **__):
         raise AssertionError("moved before its expectations were read")
 
-    monkeypatch.setattr(analysis, "sweep", moved)
+    monkeypatch.setattr(run, "sweep", moved)
     monkeypatch.setattr(study, "sweep", moved)
     monkeypatch.chdir(tmp_path)
     assert main([command, FOUR_BAR, "--expect", "psii range > 3"]) == 2
@@ -479,7 +479,7 @@ def test_an_interruption_that_pythons_collector_swallows_comes_again():
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with settled(), pytest.raises(KeyboardInterrupt):
+        with command_process(), pytest.raises(KeyboardInterrupt):
             gc.callbacks.append(once)
             gc.collect()
             for _ in range(1000):  # one long sleep would not be woken

@@ -9,7 +9,7 @@ import pytest
 from mechanisms import four_bar, slider_crank
 
 import jaxnc as nc
-from jaxnc.constraints.trigonometry import cos, sin
+from jaxnc.constraints.elementary import cos, sin
 from jaxnc.kinematics import host_solve
 from jaxnc.library import generic_mechanism, jansen_leg, macpherson
 from jaxnc.solvers import fill

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.constraints.trigonometry import cos, sin
+from jaxnc.constraints.elementary import cos, sin
 from jaxnc.solvers.plan import plan
 from jaxnc.system.precision import NARROW, WIDE, active
 from jaxnc.system.topology import INDEX

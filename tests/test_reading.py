@@ -8,12 +8,12 @@ from mechanisms import four_bar_mechanism
 
 import jaxnc as nc
 from jaxnc.constraints import CATALOGUE, Kind
-from jaxnc.constraints.trigonometry import by_name
+from jaxnc.constraints.elementary import by_name
 from jaxnc.reading import Number, Unreadable, function, partials, polynomials, rate, trace, write
 from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.system import structure
 from jaxnc.system.equations import entries, equations, guards, residual
-from jaxnc.system.host_kinds import host_kind
+from jaxnc.system.structure import host_kind
 
 RNG = np.random.default_rng(5)
 ROUNDING = 1e-12  # the same arithmetic in another order
@@ -57,7 +57,7 @@ def _functions(kind: Kind, dim: int):
         if f is not None:
 
             def called(*x, f=f, single=single):
-                p, v, s, c = structure._small(kind, dim, x)
+                p, v, s, c = structure._as_small(kind, dim, x)
                 return (f(p, v, c),) if single else tuple(f(p, v, s, c))
 
             yield called, count

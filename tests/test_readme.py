@@ -151,14 +151,14 @@ def test_a_page_that_prints_something_else_is_found():
 
 def test_commands_that_pages_name_are_understood():
     """Lines of shell blocks that call jaxnc: commands and options that there are, on example files that there are."""
-    from jaxnc.cli.main import _parser
+    from jaxnc.cli.main import command_parser
 
     seen = 0
     for name in PAGES:
         for block in re.findall(r"```sh\n(.*?)```", (ROOT / name).read_text(), re.S):
             for line in re.findall(r"(?:^|&& )jaxnc (.*)", block, re.M):
                 words = shlex.split(line, comments=True)
-                _parser().parse_args(words)
+                command_parser().parse_args(words)
                 for word in words:
                     assert not word.startswith("examples/") or (ROOT / word).exists(), f"{name}: {line}"
                 seen += 1

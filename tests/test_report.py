@@ -11,7 +11,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.cli import main
-from jaxnc.cli.question import ready
+from jaxnc.cli.question import ready_mechanism
 from jaxnc.errors import InputError
 from jaxnc.reporting.transmission import transmissions, unexplained_bodies
 from jaxnc.reporting.verdict import Verdict, schema
@@ -280,7 +280,7 @@ def test_the_transmission_of_slots_guides_and_ways_that_cross():
     ],
 )
 def test_transmission_angles_are_of_what_moves_what(name, at, left):
-    m = ready(name)
+    m = ready_mechanism(name)
     motion = nc.sweep(m.compile(), **nc.io.drives.sweep_arguments(m), throw=False)
     assert [t.at for t in transmissions(motion)] == at and unexplained_bodies(motion) == left
 
@@ -338,7 +338,7 @@ def test_names_do_not_break_out_of_the_page(tmp_path):
 
 
 def test_suspensions_and_space(tmp_path):
-    m = ready("macpherson")
+    m = ready_mechanism("macpherson")
     m.model.run.inputs = {n: msgspec.structs.replace(d, poses=9) for n, d in m.model.run.inputs.items()}
     found, text = page_of(tmp_path, m)
     assert [w.over for w in found.verdict.wheels] == ["wheel travel", "rack travel, 10.y"]
@@ -361,6 +361,8 @@ def test_what_cannot_be_reported_is_refused():
 
 
 def test_a_report_in_short_begins_with_the_name_once_and_warns_of_nothing():
-    said = str(nc.report(ready("spherical-four-bar"))).splitlines()  # its bodies have only their centre on the ground
+    said = str(
+        nc.report(ready_mechanism("spherical-four-bar"))
+    ).splitlines()  # its bodies have only their centre on the ground
     assert said[0] == "spherical four-bar assembles, moves and does what was asked"
     assert not [line for line in said if "warning" in line]

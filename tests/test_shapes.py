@@ -19,7 +19,7 @@ def test_arrays_have_the_shapes_that_signatures_say():
         "jaxnc.solvers.plan.Plan.linearise",
         "jaxnc.system.equations.residual",
         "jaxnc.system.equations.jacobian",
-        "jaxnc.system.shape.redraw",
+        "jaxnc.system.design.redraw",
     } <= set(seen)
     assert len(seen) >= 35, "few functions were asked: does the hook still reach them?"
     assert "dense.newton_steps" in refused and "right" in refused, "a right-hand side of another length was let through"

@@ -12,7 +12,7 @@ import jaxnc as nc
 from jaxnc.reporting.checked import count, oddities
 from jaxnc.reporting.verdict import Verdict
 from jaxnc.solvers.assembly import derive, to_host
-from jaxnc.system import expansion, host_kinds
+from jaxnc.system import host, structure
 
 
 def test_mobility_of_a_four_bar():
@@ -249,19 +249,19 @@ def test_derivatives_by_dimensions_of_kinds_that_cannot_be_read(monkeypatch):
     rng = np.random.default_rng(5)
     q = eq.home[:, None] + 0.01 * rng.standard_normal((len(eq.home), len(slots)))
     change, factors = rng.standard_normal(len(slots)), rng.standard_normal((len(eq.topology.rows), len(slots)))
-    read = expansion.Expansion(eq, slots)(q, change, factors)
-    for known in (expansion._derivatives, host_kinds.row_derivatives):
+    read = host.Expansion(eq, slots)(q, change, factors)
+    for known in (host._expanded_rows, structure.row_derivatives):
         known.cache_clear()
-    monkeypatch.setattr(host_kinds, "program", lambda *_: None)
-    through_jax = expansion.Expansion(eq, slots)(q, change, factors)
-    for known in (expansion._derivatives, host_kinds.row_derivatives):
+    monkeypatch.setattr(structure, "program", lambda *_: None)
+    through_jax = host.Expansion(eq, slots)(q, change, factors)
+    for known in (host._expanded_rows, structure.row_derivatives):
         known.cache_clear()
     for one, other in zip(read, through_jax, strict=True):
         assert np.abs(one).max() > 0.0
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-13)
     # Along the dimension and the pose: central differences of the rows.
     step = 1e-6 * rng.standard_normal((len(eq.home), len(slots)))
-    up, down = (expansion.Expansion(eq, slots)(q + s * step, change + s * 1e-6, factors) for s in (1.0, -1.0))
+    up, down = (host.Expansion(eq, slots)(q + s * step, change + s * 1e-6, factors) for s in (1.0, -1.0))
     both = np.concatenate([step, np.full((1, len(slots)), 1e-6)])
     expected = np.einsum("lrk,kl->rl", read[1], both)
     np.testing.assert_allclose(0.5 * (up[0] - down[0]), expected, rtol=1e-6, atol=1e-14)

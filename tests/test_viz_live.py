@@ -15,7 +15,7 @@ from pages import CHROMIUM, PATIENCE, Browser, unpacked
 
 import jaxnc as nc
 from jaxnc import viz
-from jaxnc.constraints.spatial_coordinates import from_drawing
+from jaxnc.constraints.coordinates import from_drawing
 from jaxnc.io.drives import sweep_arguments
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reading import Builder, function

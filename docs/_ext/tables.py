@@ -17,7 +17,7 @@ import said
 
 import jaxnc as nc
 from jaxnc import errors
-from jaxnc.cli.main import _parser
+from jaxnc.cli.main import command_parser
 from jaxnc.constraints import CATALOGUE as KINDS
 from jaxnc.constraints import RATES
 from jaxnc.dynamics.simulate import FIXED
@@ -25,7 +25,7 @@ from jaxnc.forces import CATALOGUE as FORCES
 from jaxnc.io import source, statement
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.forms import angle_forms, distance_forms
+from jaxnc.mechanism.model import angle_forms, distance_forms
 from jaxnc.viz.poses import poses as seen
 from jaxnc.viz.quantities import _RATES, _TURNS, ENERGIES, EXERTED, quantity
 
@@ -348,7 +348,7 @@ def options() -> str:
 
 def commands() -> str:
     """The command line, from its own parser."""
-    parser = _parser()
+    parser = command_parser()
     choices = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     helps = {a.dest: a.help for a in choices._choices_actions}
     parts = [table(("command", "what it does"), [(f"[`jaxnc {n}`](#jaxnc-{n})", helps[n]) for n in choices.choices])]
@@ -479,9 +479,9 @@ def model_files() -> str:
 
 def _records(module: Any) -> list[str]:
     """Records of a module that files may hold, joints and what stands elsewhere excepted."""
-    elsewhere = {*tags().values(), record.Model, record.Angle, record.Distance, record.Relation, record.Constraint}
+    elsewhere = record.JointRecord, record.Model, record.Angle, record.Distance, record.Relation, record.Constraint
     kinds = [v for v in vars(module).values() if inspect.isclass(v) and issubclass(v, msgspec.Struct)]
-    return [k.__name__ for k in kinds if k not in elsewhere and not k.__name__.startswith("_")]
+    return [k.__name__ for k in kinds if not issubclass(k, elsewhere) and not k.__name__.startswith("_")]
 
 
 def problem_files() -> str:

@@ -1,5 +1,6 @@
 """The command `jaxnc`: what it understands, and how it ends."""
 
+import _thread
 import argparse
 import contextlib
 import importlib
@@ -8,17 +9,33 @@ import json
 import os
 import re
 import sys
+import threading
 import time
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
 import jaxnc
-from jaxnc.cli.surroundings import check_devices, settled
-from jaxnc.errors import AssemblyError, InputError, JaxncError, OutputError, nearest
-from jaxnc.reporting.verdict import Verdict, schema
+from jaxnc.errors import AssemblyError, InputError, JaxncError, MechanismError, OutputError, nearest
+from jaxnc.reporting.verdict import Verdict, parse_expectation, schema
 
 GOOD, FAILED, BAD_INPUT = 0, 1, 2
 """Exit codes: everything was found; the analysis failed; the question was wrong."""
+
+COMMANDS = {
+    "demo": ("read_demo", "run"),
+    "check": ("read_model", "commands"),
+    "run": ("read_run", "run"),
+    "parts": ("read_model", "run"),
+    "simulate": ("read_model", "simulate"),
+    "synthesise": ("read_problem", "commands"),
+    "compare": ("read_model", "commands"),
+    "export": ("read_model", "commands"),
+    "report": ("read_report", "commands"),
+}
+"""By command: the function that reads its question, and the module whose function ``do_…`` carries it out."""
+
+_RETRY = 0.01  # seconds after which an interruption that was lost is asked for again
 
 _EPILOG = """\
 examples:
@@ -51,23 +68,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0 good, 1 analysis failed, 2 bad input, 130 interrupted (with one line on stderr that says what).
     """
-    with settled():
-        return _ended(sys.argv[1:] if arguments is None else arguments)
+    with command_process():
+        return _run_to_exit_code(sys.argv[1:] if arguments is None else arguments)
 
 
-def _ended(arguments: Sequence[str]) -> int:
-    """Do what is asked; every end has its exit code and, if it is no good one, its line."""
+def _run_to_exit_code(arguments: Sequence[str]) -> int:
+    """Carry a command out. Every end has its exit code and, if it is no good one, its line."""
     verdict = Verdict()
     try:
-        options = _parser().parse_args(arguments)
+        options = command_parser().parse_args(arguments)
         if options.json_schema:
             print(json.dumps(schema(), indent=1))
             return GOOD
         if options.command is None:
-            _parser().print_help()
+            command_parser().print_help()
             return BAD_INPUT
         options.verdict = verdict
-        code = _answered(options)
+        code = _run_command(options)
         sys.stdout.flush()
         return code
     except BrokenPipeError:
@@ -90,14 +107,37 @@ def _ended(arguments: Sequence[str]) -> int:
         return code
 
 
-def _answered(options: argparse.Namespace) -> int:
-    """Carry a command out; where a verdict is asked for, it is all that is printed."""
-    if not options.json:
-        return options.command(options)
-    with contextlib.redirect_stdout(io.StringIO()):
-        code = options.command(options)
-    print(options.verdict.close(code).to_json())
-    return code
+@contextlib.contextmanager
+def command_process() -> Iterator[None]:
+    """Prepare the process for a command: any text can be printed, a warning is one line, and no Ctrl-C is lost.
+
+    Letters that the screen, or the file behind it, does not have become question marks. Without a standard output
+    nothing is printed. Pictures are drawn for files, whatever matplotlib is told to show windows with.
+    """
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (stands for the process's own)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="replace")
+    before, backend = sys.unraisablehook, os.environ.get("MPLBACKEND")
+
+    def interrupt_again(problem: Any) -> None:
+        """Repeat a Ctrl-C that Python's collector, which calls JAX, would print and forget."""
+        if issubclass(problem.exc_type, KeyboardInterrupt):
+            threading.Timer(_RETRY, _thread.interrupt_main).start()
+        else:
+            before(problem)
+
+    os.environ["MPLBACKEND"], sys.unraisablehook = "agg", interrupt_again
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_, **__: print(f"jaxnc: warning: {message}", file=sys.stderr)
+            yield
+    finally:
+        sys.unraisablehook = before
+        os.environ.pop("MPLBACKEND")
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
 
 
 class _Parser(argparse.ArgumentParser):
@@ -119,37 +159,52 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{message} (see `{self.prog} --help`)")
 
 
-def _command(name: str) -> Callable[[argparse.Namespace], int]:
-    """A command that reads its question and says what it is about before it imports JAX, which takes a while."""
+def _run_command(options: argparse.Namespace) -> int:
+    """Carry a command out; where a verdict is asked for, nothing else is printed."""
+    if not options.json:
+        return _answer_question(options)
+    with contextlib.redirect_stdout(io.StringIO()):
+        code = _answer_question(options)
+    print(options.verdict.close(code).to_json())
+    return code
 
-    def call(options: argparse.Namespace) -> int:
-        begin = time.perf_counter()
-        options.verdict.command = name
-        from jaxnc.cli import question
-        from jaxnc.cli.progress import progress
 
-        asked = getattr(question, name)(options)
-        if asked is None:
-            return GOOD
-        options.verdict.name = asked.mechanism.name
-        if asked.title:
-            print(asked.title, flush=True)
-        with progress(1) as step:
-            step("importing JAX")
-            configure(options.no_cache)
-            module = importlib.import_module(f"jaxnc.cli.{name}")
-        return getattr(module, name)(asked, options, time.perf_counter() - begin)
+def _answer_question(options: argparse.Namespace) -> int:
+    """Read the question and print what it is about before JAX is imported, which takes a while; then answer it."""
+    begin, name = time.perf_counter(), options.command
+    options.verdict.command = name
+    from jaxnc.cli import question as reading
+    from jaxnc.io.files import blame
+    from jaxnc.progress import step_bar
 
-    return call
+    for text in getattr(options, "expect", ()):
+        parse_expectation(text)
+    read, module = COMMANDS[name]
+    question = getattr(reading, read)(options)
+    if question is None:
+        return GOOD
+    options.verdict.name = question.mechanism.name
+    if question.title:
+        print(question.title, flush=True)
+    with step_bar(1) as step:
+        step("importing JAX")
+        configure(options.no_cache)
+        do = getattr(importlib.import_module(f"jaxnc.cli.{module}"), f"do_{name}")
+    try:
+        return do(question, options, time.perf_counter() - begin)
+    except MechanismError as error:
+        if question.file is None:
+            raise
+        raise blame(question.file, error) from None
 
 
 def configure(no_cache: bool) -> None:
-    """64-bit numbers, and compiled programs kept; a folder that cannot be written costs a line, not the command."""
+    """Switch 64-bit numbers on and keep compiled programs. A folder that cannot be written costs a line only."""
     import jax
 
     from jaxnc.io.cache import VARIABLE, cache
 
-    check_devices()
+    _check_devices()
     jax.config.update("jax_enable_x64", True)
     try:
         if not no_cache and cache() is not None:
@@ -163,7 +218,22 @@ def configure(no_cache: bool) -> None:
     jax.config.update("jax_enable_compilation_cache", False)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _check_devices() -> None:
+    """Raise if JAX was told to use what this machine does not have."""
+    import jax
+
+    told = os.environ.get("JAX_PLATFORMS")
+    if told:
+        try:
+            jax.devices()
+        except (RuntimeError, AssertionError):
+            raise InputError(
+                f"JAX_PLATFORMS={told}: JAX has no such device here; unset the variable, or set it to cpu"
+            ) from None
+
+
+def command_parser() -> argparse.ArgumentParser:
+    """The parser of all commands and their options."""
     parser = _Parser(
         prog="jaxnc",
         allow_abbrev=False,  # --json in front of a command would be --json-schema
@@ -208,7 +278,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--method", metavar="NAME", help="dopri8 (default), kvaerno5 (stiff), rk4, …")
     simulate.add_argument("--step", type=float, metavar="S", help="longest step of a method of fixed step")
     simulate.add_argument("--rtol", type=float, metavar="R", help="relative tolerance of an adaptive step")
-    _several(simulate, "--rate", "NAME=RATE", "a rate at the start (phi=90deg); may be repeated")
+    _add_repeatable(simulate, "--rate", "NAME=RATE", "a rate at the start (phi=90deg); may be repeated")
     simulate.add_argument("--resume", metavar="NPZ", help="go on from the last state in a table of an earlier run")
     simulate.add_argument("--out", metavar="DIR", help="write tables, pictures and a page into DIR")
     simulate.add_argument("--no-pictures", action="store_true", help="write tables only")
@@ -242,26 +312,28 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
     for command in (demo, run, report):
         said = "something to hold, such as 'psi range > 30', 'P.y largest <= 0.2', 'transmission > 40'"
-        _several(command, "--expect", "TEXT", said)
+        _add_repeatable(command, "--expect", "TEXT", said)
     for name, command in commands.choices.items():
-        command.set_defaults(command=_command(name))
+        command.set_defaults(command=name)
         command.add_argument("--json", action="store_true", help="print a verdict for machines, and nothing else")
         command.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none")
     return parser
 
 
-def _several(parser: argparse.ArgumentParser, name: str, metavar: str, said: str) -> None:
-    """An option that may be repeated."""
+def _add_repeatable(parser: argparse.ArgumentParser, name: str, metavar: str, said: str) -> None:
+    """Add an option that may be repeated."""
     parser.add_argument(name, action="append", default=[], metavar=metavar, help=said)
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
     said = "drive this coordinate instead of those of the file; angles in the file's unit, or 0deg:360deg"
-    _several(parser, "--input", "NAME=FROM:TO[:POSES]", said)
-    _several(parser, "--rate", "NAME=RATE", "constant rate of an input, per second; gives velocities and accelerations")
+    _add_repeatable(parser, "--input", "NAME=FROM:TO[:POSES]", said)
+    _add_repeatable(
+        parser, "--rate", "NAME=RATE", "constant rate of an input, per second; gives velocities and accelerations"
+    )
     said = "points, markers and coordinates to report instead of those of the file"
-    _several(parser, "--output", "NAME[,NAME]", said)
-    _several(parser, "--hold", "NAME[,NAME]", "coordinates that stay put")
+    _add_repeatable(parser, "--output", "NAME[,NAME]", said)
+    _add_repeatable(parser, "--hold", "NAME[,NAME]", "coordinates that stay put")
     parser.add_argument(
         "--analysis",
         choices=("sweep", "solve_position", "circuit"),

@@ -1,24 +1,26 @@
-"""What a command was asked, read and checked before JAX is imported, which takes longer than all of this."""
+"""Questions: what a command is to do, read and checked before JAX is imported, which takes longer than all of this."""
 
 import argparse
 import math
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
 
-from jaxnc.cli.settings import names_of, settings
 from jaxnc.errors import InputError, OutputError, nearest
-from jaxnc.io.drives import check_run, is_angle
+from jaxnc.io.drives import check_driven, check_run, is_angle
 from jaxnc.io.files import load
 from jaxnc.io.source import SUFFIXES, Source, decode
 from jaxnc.io.statement import statement
 from jaxnc.io.target import folder, stem
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.reporting.verdict import Entry, parse_expectation
+from jaxnc.reporting.verdict import Entry
 
 PAGES = ".html", ".htm"
+_MOST_POSES = 1_000_000  # more are taken for a slip
+_POSES = 361
 
 
 @dataclass(frozen=True)
@@ -28,22 +30,21 @@ class Question:
     title: str  # first line of the report, printed at once; empty where it was printed already
     mechanism: Mechanism
     run: record.Run  # how it is to be driven
+    file: str | Path | None = None  # the model file that it stands in, for the lines of what is wrong with it
 
 
-def demo(options: argparse.Namespace) -> Question | None:
-    """A ready mechanism, driven as its library function says; None if only their list is wanted, which is printed."""
+def read_demo(options: argparse.Namespace) -> Question | None:
+    """Find a ready mechanism, driven as its library function says; or print the list of them, and return None."""
     from jaxnc.library.catalogue import CATALOGUE
 
-    for text in options.expect:
-        parse_expectation(text)
     if options.list:
-        made = {name: make().model.description for name, make in CATALOGUE.items()}
-        options.verdict.library = [Entry(name=name, description=said) for name, said in made.items()]
+        descriptions = {name: make().model.description for name, make in CATALOGUE.items()}
+        options.verdict.library = [Entry(name=name, description=text) for name, text in descriptions.items()]
         width = max(map(len, CATALOGUE))
-        for name, said in made.items():
-            print(f"{name.ljust(width)}  {said}".rstrip())
+        for name, text in descriptions.items():
+            print(f"{name.ljust(width)}  {text}".rstrip())
         return None
-    mechanism = ready(options.name)
+    mechanism = ready_mechanism(options.name)
     run = mechanism.model.run
     if options.poses is not None:
         drives = {n: msgspec.structs.replace(d, poses=options.poses) for n, d in run.inputs.items()}
@@ -51,69 +52,75 @@ def demo(options: argparse.Namespace) -> Question | None:
     return _question(mechanism, run, options)
 
 
-def ready(name: str) -> Mechanism:
-    """A mechanism of the library by its name, or as it calls itself; in degrees."""
+def ready_mechanism(name: str) -> Mechanism:
+    """A mechanism of the library by its name, or as the mechanism calls itself; in degrees."""
     from jaxnc.library.catalogue import CATALOGUE
 
     names = {stem(name).replace("_", "-"): name for name in CATALOGUE}
     wanted = stem(name).replace("_", "-")
-    for known in [n for n in names if wanted.startswith(n)]:  # also as the mechanism calls itself
+    for known in [n for n in names if wanted.startswith(n)]:
         names.setdefault(stem(CATALOGUE[names[known]]().name), names[known])
     if wanted not in names:
         raise InputError(f"no ready mechanism {name!r}; {nearest(wanted, names)} `jaxnc demo --list` has all")
-    return in_degrees(CATALOGUE[names[wanted]]())
-
-
-def in_degrees(mechanism: Mechanism) -> Mechanism:
-    """The same mechanism, with its angles shown and its drives given in degrees."""
-    model = mechanism.model
-    if model.units.angle == "rad":
-        drives = {}
-        for name, drive in model.run.inputs.items():
-            if is_angle(mechanism, name):
-                rate = None if drive.rate is None else math.degrees(drive.rate)
-                drive = record.Drive(math.degrees(drive.start), math.degrees(drive.end), drive.poses, rate)
-            drives[name] = drive
-        model.units = msgspec.structs.replace(model.units, angle="deg")
-        model.run = msgspec.structs.replace(model.run, inputs=drives)
+    mechanism = CATALOGUE[names[wanted]]()
+    _use_degrees(mechanism)
     return mechanism
 
 
-def run(options: argparse.Namespace) -> Question:
-    """A model file, with what the options change in its run section."""
-    for text in options.expect:
-        parse_expectation(text)
+def _use_degrees(mechanism: Mechanism) -> None:
+    """Show the angles of a mechanism, and give its drives, in degrees."""
+    model = mechanism.model
+    if model.units.angle == "deg":
+        return
+    drives = {}
+    for name, drive in model.run.inputs.items():
+        if is_angle(mechanism, name):
+            rate = None if drive.rate is None else math.degrees(drive.rate)
+            drive = record.Drive(math.degrees(drive.start), math.degrees(drive.end), drive.poses, rate)
+        drives[name] = drive
+    model.units = msgspec.structs.replace(model.units, angle="deg")
+    model.run = msgspec.structs.replace(model.run, inputs=drives)
+
+
+def read_run(options: argparse.Namespace) -> Question:
+    """Read a model file, its run section changed as the options say."""
     mechanism = load(options.file)
-    return _question(mechanism, settings(mechanism, options), options)
+    return _question(mechanism, run_settings(mechanism, options), options, options.file)
 
 
-def report(options: argparse.Namespace) -> Question:
-    """A model file, or a ready mechanism by its name, with what the options change in its run section if there is one.
+def read_model(options: argparse.Namespace) -> Question:
+    """Read a model file as it stands, and print its title first: reading forces imports JAX."""
+    mechanism = _load_after_title(Path(options.file))
+    return replace(_question(mechanism, mechanism.model.run, options, options.file), title="")
 
-    Its title is printed before forces are read, which bring JAX with them.
-    """
-    for text in options.expect:
-        parse_expectation(text)
-    page(options.out, "")
+
+def _load_after_title(path: Path) -> Mechanism:
+    model = decode(Source(path), record.Model)
+    print(_title(model.name, model.description), flush=True)
+    return load(path)
+
+
+def read_report(options: argparse.Namespace) -> Question:
+    """Read a model file, or find a ready mechanism by its name. Options change its run section, if there is one."""
+    report_path(options.out, "")
     path = Path(options.file)
-    if path.suffix.lower() in SUFFIXES or path.exists() or "/" in options.file:
-        said = decode(Source(path), record.Model)
-        print(_title(said.name, said.description), flush=True)
-        mechanism, title = load(path), ""
+    file = options.file if path.suffix.lower() in SUFFIXES or path.exists() or "/" in options.file else None
+    if file is not None:
+        mechanism, title = _load_after_title(path), ""
     else:
-        mechanism = ready(options.file)
+        mechanism = ready_mechanism(options.file)
         title = _title(mechanism.name, mechanism.model.description)
-    asked = (*options.input, *options.rate, *options.hold, options.poses, options.analysis)
-    changed = bool(mechanism.model.run.inputs) or any(x is not None for x in asked)
-    run = settings(mechanism, options) if changed else mechanism.model.run
+    given = (*options.input, *options.rate, *options.hold, options.poses, options.analysis)
+    changed = bool(mechanism.model.run.inputs) or any(x is not None for x in given)
+    run = run_settings(mechanism, options) if changed else mechanism.model.run
     if options.output and not changed:
-        run = msgspec.structs.replace(run, outputs=names_of(options.output))
+        run = msgspec.structs.replace(run, outputs=split_names(options.output))
         check_run(mechanism, run)
-    return Question(title, mechanism, run)
+    return Question(title, mechanism, run, file)
 
 
-def page(out: str | None, name: str) -> Path:
-    """Where a report is written: a file that is a page, or one in the folder that is named, which is made."""
+def report_path(out: str | None, name: str) -> Path:
+    """Where a report is written: in the page that is named, or in the folder that is named, which is made."""
     path = Path(out or ".")
     if path.suffix.lower() in PAGES:
         folder(path.parent)
@@ -123,31 +130,121 @@ def page(out: str | None, name: str) -> Path:
     return folder(path) / f"{stem(name)}-report.html"
 
 
-def model(options: argparse.Namespace) -> Question:
-    """A model file as it stands; what it is called is read alone, since forces bring JAX with them."""
-    said = decode(Source(Path(options.file)), record.Model)
-    print(_title(said.name, said.description), flush=True)
-    mechanism = load(options.file)
-    return replace(_question(mechanism, mechanism.model.run, options), title="")
+def read_problem(options: argparse.Namespace) -> Question:
+    """Read the model that a problem file is about."""
+    problem, source = statement(options.file)
+    mechanism = load(source.path.parent / problem.mechanism)
+    subject = problem.point or problem.output or problem.body or mechanism.name
+    title = f"{Path(options.file).name}: {problem.kind} of {subject}, {mechanism.name}"
+    return replace(_question(mechanism, mechanism.model.run, options), title=title)
 
 
-check = simulate = compare = export = parts = model
-
-
-def synthesise(options: argparse.Namespace) -> Question:
-    """The model that a problem file is about."""
-    said, source = statement(options.file)
-    mechanism = load(source.path.parent / said.mechanism)
-    found = _question(mechanism, mechanism.model.run, options)
-    what = said.point or said.output or said.body or mechanism.name
-    return Question(f"{Path(options.file).name}: {said.kind} of {what}, {mechanism.name}", found.mechanism, found.run)
-
-
-def _question(mechanism: Mechanism, run: record.Run, options: argparse.Namespace) -> Question:
+def _question(
+    mechanism: Mechanism, run: record.Run, options: argparse.Namespace, file: str | Path | None = None
+) -> Question:
     if getattr(options, "out", None) is not None:
         folder(options.out)
-    return Question(_title(mechanism.model.name, mechanism.model.description), mechanism, run)
+    return Question(_title(mechanism.model.name, mechanism.model.description), mechanism, run, file)
 
 
 def _title(name: str, description: str) -> str:
     return f"{name}: {description}" if description else name
+
+
+# -- options that change the run section ----------------------------------------------------------------------------
+
+
+def run_settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Run:
+    """The run section of a mechanism, changed as the options say."""
+    run = mechanism.model.run
+    inputs = dict(run.inputs)
+    if options.input:
+        given = [_read_drive(mechanism, text) for text in options.input]
+        inputs = dict(given)
+        if len(inputs) < len(given):
+            raise InputError("--input: a coordinate is given twice; give each once")
+    for text in options.rate:
+        name, rate = read_pair(text, "--rate", "NAME=RATE, for instance phi=360")
+        if name not in inputs:
+            raise InputError(f"--rate {text}: {name!r} is not driven; {nearest(name, inputs)}")
+        value = read_number(mechanism, name, rate, f"--rate {text}")
+        inputs[name] = msgspec.structs.replace(inputs[name], rate=value)
+    if options.poses is not None:
+        inputs = {n: msgspec.structs.replace(drive, poses=options.poses) for n, drive in inputs.items()}
+    for name, drive in inputs.items():
+        if drive.poses > _MOST_POSES:
+            raise InputError(f"input {name!r}: {drive.poses} poses; at most {_MOST_POSES} fit in one run")
+    if not inputs:
+        raise InputError(
+            f"{mechanism.name!r} does not say what is driven; add --input NAME=FROM:TO, or a table [run.inputs] to the "
+            f"file. What may be driven: {', '.join(_free(mechanism)[:12])}"
+        )
+    changed = msgspec.structs.replace(
+        run,
+        inputs=inputs,
+        hold=split_names(options.hold) or run.hold,
+        outputs=split_names(options.output) or run.outputs,
+        analysis=options.analysis or run.analysis,
+    )
+    if changed.analysis == "circuit" and options.rate:
+        raise InputError("--rate: nothing is driven along a circuit, so there are no rates; leave one of the two out")
+    check_run(mechanism, changed)
+    return changed
+
+
+def _read_drive(mechanism: Mechanism, text: str) -> tuple[str, record.Drive]:
+    form = "NAME=FROM:TO or NAME=FROM:TO:POSES, for instance phi=0:360:361"
+    name, rest = read_pair(text, "--input", form)
+    check_driven(mechanism, name, f"--input {text}")
+    parts = rest.split(":")
+    if len(parts) > 3 or not all(parts):
+        raise InputError(f"--input {text}: write {form}")
+    numbers = [read_number(mechanism, name, part, f"--input {text}") for part in parts[:2]]
+    old = mechanism.model.run.inputs.get(name)
+    poses = (old.poses if old else _POSES) if len(parts) == 2 else 1
+    if len(parts) == 3:
+        if not parts[2].isdecimal():
+            raise InputError(f"--input {text}: the number of poses is a whole number, got {parts[2]!r}")
+        poses = int(parts[2])
+    rate = old.rate if old else None
+    if rate is not None and numbers[-1] != numbers[0]:
+        rate = math.copysign(rate, numbers[-1] - numbers[0])
+    return name, record.Drive(numbers[0], numbers[-1], poses, rate)
+
+
+def read_pair(text: str, option: str, form: str) -> tuple[str, str]:
+    """Name and value of an option ``NAME=VALUE``."""
+    name, _, value = (part.strip() for part in text.partition("="))
+    if not name or not value:
+        raise InputError(f"{option} {text}: write {form}")
+    return name, value
+
+
+def read_number(mechanism: Mechanism, name: str, text: str, what: str) -> float:
+    """A number in the unit of the model, or an angle with its own unit, as in ``90deg``."""
+    found = re.fullmatch(r"\s*(.*?)\s*(deg|rad)?\s*", text)
+    digits, unit = found.groups() if found else (text, None)
+    try:
+        value = float(digits)
+    except ValueError:
+        raise InputError(f"{what}: {text!r} is not a number") from None
+    if not math.isfinite(value):
+        raise InputError(f"{what}: {text!r} must be a finite number")
+    if unit and not is_angle(mechanism, name):
+        raise InputError(f"{what}: {name!r} is not an angle; leave {unit!r} out")
+    if unit is None or unit == mechanism.model.units.angle:
+        return value
+    return math.radians(value) if unit == "deg" else math.degrees(value)
+
+
+def split_names(texts: list[str]) -> list[str]:
+    """Names in options that may be repeated, each of several with commas between them."""
+    return [name.strip() for text in texts for name in text.split(",") if name.strip()]
+
+
+def _free(mechanism: Mechanism) -> list[str]:
+    """Coordinates that are not fixed, angles and distances first."""
+    points = mechanism.model.points
+    fixed = {name: point.fixed if isinstance(point, record.Point) else "" for name, point in points.items()}
+    loose = (f"{p}.{a}" for p in points for a in mechanism.axes if a not in fixed[p])
+    return [*mechanism.scalar_names, *loose, *(f"{u}.{a}" for u in mechanism.model.vectors for a in mechanism.axes)]

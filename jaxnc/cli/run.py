@@ -1,53 +1,157 @@
-"""`jaxnc run`, and what `jaxnc demo` shares with it."""
+"""`jaxnc run`, `jaxnc demo` and `jaxnc parts`: a mechanism is compiled and moved, and its motion looked at."""
 
 import argparse
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
-from jaxnc.cli.analysis import analyse
-from jaxnc.cli.printed import report
+import jax
+import numpy as np
+
+from jaxnc.cli.output import Analysis, list_files, report_lines, write_files
 from jaxnc.cli.question import Question
-from jaxnc.cli.written import listing, write_files
-from jaxnc.errors import AssemblyError, MechanismError
-from jaxnc.io.files import blame
+from jaxnc.errors import AssemblyError, InputError
+from jaxnc.io.drives import sweep_arguments
+from jaxnc.io.tables import to_csv, to_npz
+from jaxnc.io.target import stem
+from jaxnc.kinematics.arc import circuit
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position, sweep
+from jaxnc.progress import step_bar
 from jaxnc.reporting.checked import drives
-from jaxnc.reporting.expected import judge
+from jaxnc.reporting.expected import check_expected, judge
 from jaxnc.reporting.outcome import enter, outputs_of, suspension_reports, wheel
+from jaxnc.system.system import System
+from jaxnc.vehicle.report import SuspensionReport
+from jaxnc.workshop.shop import SIZES
+
+_LONG = 30.0  # seconds: a first call that takes longer is not repeated only to be timed
 
 
-def run(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Analyse a model file; the exit code."""
-    try:
-        return carry_out(asked, options, importing)
-    except MechanismError as error:
-        raise blame(options.file, error) from None
+def do_demo(question: Question, options: argparse.Namespace, importing: float) -> int:
+    """Analyse a ready mechanism as its library function drives it, and say what to try next; the exit code."""
+    code = do_run(question, options, importing)
+    path = Path(options.out) / (stem(question.mechanism.name) + ".toml")
+    if path.exists():
+        print(f"  next: {path} was there already and is left as it is; `jaxnc run {path}` analyses it")
+    else:
+        question.mechanism.save(path)
+        print(f"  next: the model is in {path}; change it, then `jaxnc run {path}`")
+    return code
 
 
-def carry_out(asked: Question, options: argparse.Namespace, importing: float) -> int:
+def do_run(question: Question, options: argparse.Namespace, importing: float) -> int:
     """Analyse a mechanism, print the report and write the files; the exit code."""
     verdict = options.verdict
-    try:
-        analysis = analyse(asked.mechanism, asked.run, options.expect)
-    except AssemblyError as error:
-        raise AssemblyError(f"{error} `jaxnc check` says how far an input can go") from None
-    motion, outputs = analysis.motion, outputs_of(analysis.motion, asked.run.outputs)
-    verdict.drives, verdict.hold = drives(asked.mechanism, asked.run), list(asked.run.hold)
+    analysis = analyse(question, options.expect)
+    motion, outputs = analysis.motion, outputs_of(analysis.motion, question.run.outputs)
+    verdict.drives, verdict.hold = drives(question.mechanism, question.run), list(question.run.hold)
     enter(verdict, motion, outputs)
-    suspensions = [] if asked.run.analysis == "circuit" else suspension_reports(motion)
+    suspensions = [] if question.run.analysis == "circuit" else suspension_reports(motion)
     verdict.wheels = [wheel(found) for found in suspensions]
-    for line in report(analysis, importing, suspensions, verdict):
+    for line in report_lines(analysis, importing, suspensions, verdict):
         print(line, flush=True)
     for line in judge(verdict, motion, options.expect):
         print(line)
     if options.out is None:
         print("  no files written; --out DIR writes tables, pictures and a page")
     else:
-        files = write_files(
-            analysis,
-            options.out,
-            outputs,
-            pictures=not options.no_pictures,
-            page=not options.no_html,
-            animation=options.animate,
-            suspensions=suspensions,
-        )
-        print(listing(files, verdict))
+        tasks = _motion_files(analysis, outputs, suspensions, options)
+        print(list_files(write_files(options.out, question.mechanism.name, tasks), verdict))
     return int(bool(verdict.errors))
+
+
+def do_parts(question: Question, options: argparse.Namespace, importing: float) -> int:
+    """Make a mechanism of plates, print the table of parts and write their drawings; the exit code."""
+    if not question.run.inputs:
+        raise InputError(f"{options.file} does not say over what motion parts must not collide; add [run.inputs] to it")
+    motion = analyse(question).motion
+    options.verdict.assembles = options.verdict.moves = True
+    sizes = {name: getattr(options, name) for name in SIZES if getattr(options, name) is not None}
+    formats = (options.format,) if options.format else ("dxf", "svg")
+    parts = motion.to_parts(options.out, formats=formats, **sizes)
+    options.verdict.does = True
+    print(parts)
+    if options.out is None:
+        print("  no files written; --out DIR writes drawings of the parts, and this table")
+        return 0
+    files = [(f"{d.name}.{ending}", f"{d.title}, at true scale") for d in parts.drawings() for ending in formats]
+    files += [("parts.csv", "the table of parts"), ("pins.csv", "what lies on each pin")]
+    files += [("parts.txt", "both, to be read"), ("assembly.png", "a picture of the stack")]
+    print(list_files([(Path(options.out) / name, what) for name, what in files], options.verdict))
+    return 0
+
+
+def analyse(question: Question, expect: Sequence[str] = ()) -> Analysis:
+    """Compile a mechanism and move it as its run section says. Poses that failed have a status.
+
+    Names in `expect` (``--expect``) are read before the mechanism is moved.
+    """
+    arguments = sweep_arguments(question.mechanism, question.run)
+    begin = time.perf_counter()
+    running = None
+    try:
+        with step_bar(3) as step:
+            step("compiling the mechanism")
+            system = question.mechanism.compile()
+            check_expected(system, arguments, expect)
+            step("compiling its motion")
+            motion = _move_mechanism(system, question.run.analysis, arguments)
+            first = time.perf_counter()
+            if first - begin < _LONG:
+                step("moving it")
+                motion = _move_mechanism(system, question.run.analysis, arguments)
+                running = time.perf_counter() - first
+    except AssemblyError as error:
+        raise AssemblyError(f"{error} `jaxnc check` says how far an input can go") from None
+    return Analysis(question, system, arguments["inputs"], motion, first - begin, running)
+
+
+def _move_mechanism(system: System, analysis: str, arguments: Mapping[str, Any]) -> Motion:
+    if analysis == "circuit":
+        inputs = arguments["inputs"]
+        if len(inputs) != 1:
+            raise InputError(f"a circuit is that of one input, got {', '.join(inputs)}: hold the others")
+        name, values = next(iter(inputs.items()))  # nothing is driven along a circuit, so that it has no rates
+        motion = circuit(system, name, (values[0], values[-1]), len(values), arguments["hold"])
+    elif analysis == "solve_position":
+        motion = solve_position(system, throw=False, **arguments)
+    else:
+        motion = sweep(system, **arguments)
+    jax.block_until_ready((motion.q, motion.rates, motion.status))
+    return motion
+
+
+def _motion_files(
+    analysis: Analysis, outputs: Sequence[str], suspensions: Sequence[SuspensionReport], options: argparse.Namespace
+) -> list[tuple[str, str, Callable[[Path], object]]]:
+    """Tables and pictures of an analysis, for `write_files`."""
+    from jaxnc import viz
+
+    motion, top, pictures = analysis.motion, analysis.system.topology, not options.no_pictures
+    trace = [name for name in outputs if name in (*top.points, *(m.name for m in top.markers))]
+    good = np.flatnonzero(np.asarray(motion.converged))
+    tasks: list[tuple[str, str, Callable[[Path], object]]] = [
+        (".csv", "every pose, as a table", lambda p: to_csv(motion, p)),
+        (".npz", "the same as arrays, for numpy", lambda p: to_npz(motion, p)),
+    ]
+    if suspensions:
+        tasks.append(("-report.json", "camber, toe and the rest with gradients, as data", suspensions[0].to_json))
+    if pictures and len(good):
+        pose = int(good[len(good) // 8])  # not the first: many mechanisms start where their bars lie in line
+        tasks.append((".png", "the mechanism, drawn", lambda p: viz.draw(motion, pose=pose, path=p, trace=trace)))
+    if pictures and len(good) > 1:
+        for found in suspensions:
+            what = f"toe, camber, caster and the rest over {found.over}"
+            tasks.append(("-plots.png" if found.travels else "-steering.png", what, found.plot))
+        if not suspensions:
+            what = f"{', '.join(outputs)} over the input"
+            tasks.append(("-plots.png", what, lambda p: viz.plot(motion, *outputs, path=p)))
+        if not options.no_html:
+            what = "a page where it is dragged and changed, opens in any browser"
+            model = analysis.question.mechanism
+            tasks.append((".html", what, lambda p: viz.to_html(motion, p, trace=trace, model=model)))
+        if options.animate:
+            tasks.append((".gif", "the motion", lambda p: viz.animate(motion, p, trace=trace)))
+    return tasks

@@ -1,48 +1,42 @@
-"""`jaxnc simulate`."""
+"""`jaxnc simulate`: a mechanism moved under its forces, in parts between which its table is saved."""
 
 import argparse
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
 import msgspec
 import numpy as np
 
-from jaxnc.cli.progress import progress
-from jaxnc.cli.question import Question, stem
-from jaxnc.cli.settings import number, pair
-from jaxnc.cli.written import listing
-from jaxnc.dynamics.simulate import simulate as integrate
+from jaxnc.cli.output import list_files, write_files
+from jaxnc.cli.question import Question, read_number, read_pair
+from jaxnc.dynamics.simulate import simulate
 from jaxnc.dynamics.simulation import Simulation, append_run, join, load_states
-from jaxnc.errors import InputError, MechanismError
+from jaxnc.errors import InputError
 from jaxnc.io.drives import check_driven
-from jaxnc.io.files import blame
 from jaxnc.io.tables import to_csv, to_npz
+from jaxnc.io.target import stem
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.progress import step_bar
 from jaxnc.reporting.outcome import enter_simulation, in_radians, outputs_of
 
 _PARTS = 10  # of a simulation, between which progress is shown and the table is saved
+_TABLE = "-simulation.npz"
 
 
-def simulate(asked: Question, options: argparse.Namespace, importing: float) -> int:
+def do_simulate(question: Question, options: argparse.Namespace, importing: float) -> int:
     """Move a model file under its forces; the exit code."""
-    mechanism = asked.mechanism
-    section = _section(mechanism, options)
-    begin = time.perf_counter()
-    try:
-        system = mechanism.compile()
-    except MechanismError as error:
-        raise blame(options.file, error) from None
-    first, state, rates = (
-        0.0,
-        in_radians(mechanism, section.start) or None,
-        in_radians(mechanism, section.rates) or None,
-    )
+    mechanism = question.mechanism
+    section = _simulation_section(mechanism, options)
     assert section.duration is not None
-    earlier = None
+    begin = time.perf_counter()
+    system = mechanism.compile()
+    first, earlier = 0.0, None
+    state, rates = (in_radians(mechanism, values) or None for values in (section.start, section.rates))
     if options.resume:
         earlier = load_states(system, options.resume)
         state, rates = earlier.pose(-1), None
@@ -52,52 +46,53 @@ def simulate(asked: Question, options: argparse.Namespace, importing: float) -> 
     t = np.linspace(first, section.duration, section.times)
     count = max(k for k in range(1, _PARTS + 1) if (len(t) - 1) % k == 0)
     width = (len(t) - 1) // count
-    base = None if options.out is None else Path(options.out) / stem(mechanism.name)
     parts: list[Simulation] = []
     compiling = 0.0
-    with progress(count) as step:
+
+    def whole() -> Motion:
+        """The motion of an earlier table, and what was added to it."""
+        run = join(parts)
+        return run if earlier is None else append_run(earlier, run)
+
+    with step_bar(count) as step:
         for k in range(count):
             step(f"{t[k * width]:.3g} s")
             at = t[k * width : (k + 1) * width + 1]
-            run = integrate(system, at, state, rates, section.method, step=section.step, rtol=section.rtol, throw=False)
+            run = simulate(system, at, state, rates, section.method, step=section.step, rtol=section.rtol, throw=False)
             jax.block_until_ready(run.q)
             parts.append(run)
             compiling = compiling or time.perf_counter() - begin
-            if base is not None:
-                to_npz(_whole(earlier, parts), base.with_name(base.name + "-simulation.npz"))
+            if options.out is not None:
+                to_npz(whole(), Path(options.out) / (stem(mechanism.name) + _TABLE))
             if int(np.asarray(run.status)[-1]):
                 break
             state, rates = run.pose(-1), None
     run = join(parts)
-    whole = time.perf_counter() - begin
+    seconds = time.perf_counter() - begin
     enter_simulation(options.verdict, run, section.duration)
     print(run.report())
     if earlier is not None:
         print(f"  taken up              at {first:g} s from {options.resume}; files hold what came before as well")
-    print(f"  time                  {whole:.2f} s, of which {compiling:.2f} s to compile and for the first part")
+    print(f"  time                  {seconds:.2f} s, of which {compiling:.2f} s to compile and for the first part")
     print(f"  importing             {importing:.2f} s")
-    if base is None:
+    if options.out is None:
         print("  no files written; --out DIR writes tables and pictures")
     else:
-        print(listing(_files(mechanism, _whole(earlier, parts), base, options), options.verdict))
+        tasks = _simulation_files(mechanism, whole(), options)
+        print(list_files(write_files(options.out, mechanism.name, tasks), options.verdict))
     return int(bool(np.asarray(run.status).any()))
 
 
-def _whole(earlier: Motion | None, parts: list[Simulation]) -> Motion:
-    """All that is known: what a table held, and what was added to it."""
-    run = join(parts)
-    return run if earlier is None else append_run(earlier, run)
-
-
-def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simulation:
+def _simulation_section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simulation:
+    """The section [simulate] of a mechanism, changed as the options say."""
     section = mechanism.model.simulate
     changed = {k: v for k in ("duration", "times", "method", "step", "rtol") if (v := getattr(options, k)) is not None}
     section = msgspec.structs.replace(section, **changed)
     rates = dict(section.rates)
     for text in options.rate:
-        name, value = pair(text, "--rate", "NAME=RATE, for instance phi=10 or phi=90deg")
+        name, value = read_pair(text, "--rate", "NAME=RATE, for instance phi=10 or phi=90deg")
         check_driven(mechanism, name, f"--rate {text}")
-        rates[name] = number(mechanism, name, value, f"--rate {text}")
+        rates[name] = read_number(mechanism, name, value, f"--rate {text}")
     section = msgspec.structs.replace(section, rates=rates)
     if section.duration is None:
         raise InputError(
@@ -110,29 +105,30 @@ def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simula
     return section
 
 
-def _files(mechanism: Mechanism, run: Motion, base: Path, options: argparse.Namespace) -> list[tuple[Path, str]]:
+def _simulation_files(
+    mechanism: Mechanism, run: Motion, options: argparse.Namespace
+) -> list[tuple[str, str, Callable[[Path], object]]]:
+    """Tables and pictures of a simulation, for `write_files`."""
     from jaxnc import viz
 
     top = run.system.topology
     outputs = outputs_of(run, mechanism.model.run.outputs)
-    traced = [name for name in outputs if name in (*top.points, *(m.name for m in top.markers))]
-
-    def at(ending: str) -> Path:
-        return base.with_name(base.name + ending)
-
-    files = [(to_csv(run, at("-simulation.csv")), "every time kept, as a table")]
-    files.append((at("-simulation.npz"), "the same as arrays; --resume goes on from its last state"))
+    trace = [name for name in outputs if name in (*top.points, *(m.name for m in top.markers))]
+    tasks: list[tuple[str, str, Callable[[Path], object]]] = [
+        ("-simulation.csv", "every time kept, as a table", lambda p: to_csv(run, p)),
+        (_TABLE, "the same as arrays; --resume goes on from its last state", lambda p: None),  # saved part by part
+    ]
     if not options.no_pictures:
-        viz.plot_energy(run, at("-energy.png"))
-        files.append((at("-energy.png"), "energies over time"))
-        viz.draw(run, pose=0, path=at("-start.png"), trace=traced)
-        files.append((at("-start.png"), "the mechanism at the start"))
-        viz.plot(run, *outputs, against="time", path=at("-simulation-plots.png"))
-        files.append((at("-simulation-plots.png"), f"{', '.join(outputs)} over time"))
+        courses = f"{', '.join(outputs)} over time"
+        tasks += [
+            ("-energy.png", "energies over time", lambda p: viz.plot_energy(run, p)),
+            ("-start.png", "the mechanism at the start", lambda p: viz.draw(run, pose=0, path=p, trace=trace)),
+            ("-simulation-plots.png", courses, lambda p: viz.plot(run, *outputs, against="time", path=p)),
+        ]
         if not options.no_html:
-            viz.to_html(run, at("-simulation.html"), trace=traced, model=mechanism)
-            files.append((at("-simulation.html"), "a page where the motion is played, opens in any browser"))
+            page = "a page where the motion is played, opens in any browser"
+            tasks.append(("-simulation.html", page, lambda p: viz.to_html(run, p, trace=trace, model=mechanism)))
     if options.animate:
-        viz.animate(run, at("-simulation.gif"), trace=traced)
-        files.append((at("-simulation.gif"), "the motion, in real time where that can be followed"))
-    return files
+        what = "the motion, in real time where that can be followed"
+        tasks.append(("-simulation.gif", what, lambda p: viz.animate(run, p, trace=trace)))
+    return tasks

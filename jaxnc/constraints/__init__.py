@@ -1,29 +1,10 @@
 """Kinds of constraints: bodies, joints and mixed coordinates in the plane and in space."""
 
-from jaxnc.constraints.catalogue import CATALOGUE
-from jaxnc.constraints.coordinates import (
-    ANGLE,
-    ANGLE_FROM_X,
-    DISTANCE_ALONG,
-    DISTANCE_ALONG_FREE,
-    DISTANCE_BETWEEN,
-)
-from jaxnc.constraints.joints import (
-    ALIGNED,
-    COINCIDENT,
-    CONTACT,
-    EXTERNAL_GEAR,
-    FIXED_ANGLE,
-    INTERNAL_GEAR,
-    PERPENDICULAR,
-    ROLLING,
-    cable,
-    relation,
-)
-from jaxnc.constraints.kind import Kind
-from jaxnc.constraints.rates import RATES, ROLLING_DISC, SKATE, TOUCHING, RateKind
-from jaxnc.constraints.rigid import ATTACHED, COMBINATION, DISTANCE, PROPORTIONAL
-from jaxnc.constraints.spatial_bodies import (
+from jaxnc.constraints.bodies import (
+    ATTACHED,
+    COMBINATION,
+    DISTANCE,
+    PROPORTIONAL,
     SCALAR_PRODUCT,
     UNIT,
     carried,
@@ -33,24 +14,44 @@ from jaxnc.constraints.spatial_bodies import (
     handed,
     product,
 )
-from jaxnc.constraints.spatial_coordinates import (
+from jaxnc.constraints.catalogue import CATALOGUE, RATES
+from jaxnc.constraints.coordinates import (
+    ANGLE,
     ANGLE_ABOUT_FORMS,
+    ANGLE_FROM_X,
+    DISTANCE_ALONG,
     DISTANCE_ALONG_FORMS,
+    DISTANCE_ALONG_FREE,
+    DISTANCE_BETWEEN,
     angle_about,
     angle_from_drawing,
     distance_along,
 )
-from jaxnc.constraints.spatial_joints import (
+from jaxnc.constraints.joints import (
+    ALIGNED,
+    COINCIDENT,
     COINCIDENT_IN_SPACE,
+    CONTACT,
+    EXTERNAL_GEAR,
+    FIXED_ANGLE,
+    INTERNAL_GEAR,
+    PERPENDICULAR,
+    ROLLING,
+    ROLLING_DISC,
     SCREW,
+    SKATE,
+    TOUCHING,
     aligned,
     bevel,
+    cable,
     constant_velocity,
     contact,
     no_turn,
     parallel,
     rack,
+    relation,
 )
+from jaxnc.constraints.kind import Kind, RateKind
 
 __all__ = [
     "ALIGNED",

@@ -1,12 +1,32 @@
-"""Mixed coordinates in the plane (source text §3.3): angles and distances as variables of the problem.
+"""Mixed coordinates (source text §3.3 and §4.3): angles and distances as variables of the problem.
 
-An angle runs from the direction ``p[0] -> p[1]`` to the direction ``p[2] -> p[3]``, anticlockwise; in the ``…from x``
-kinds it runs from the x axis to ``p[0] -> p[1]``.
+In the plane an angle runs from the direction ``p[0] -> p[1]`` to the direction ``p[2] -> p[3]``, anticlockwise; in the
+``…from x`` kinds it runs from the x axis to ``p[0] -> p[1]``. In space it is signed, about an axis.
 """
 
-from jaxnc.constraints.elementary import angle, where
+from collections.abc import Callable
+from typing import Any
+
+from jaxnc.constraints.directions import about, counts, cross3, power, radius, reader, unit_of
+from jaxnc.constraints.elementary import angle, cos, sin, where
 from jaxnc.constraints.kind import Kind, cross, dot, norm
-from jaxnc.constraints.trigonometry import cos, sin
+from jaxnc.pickling import factory
+from jaxnc.types import Array
+
+
+def _measured_angle(parts: Callable[[Array, Array, Array], tuple[Any, Any]]) -> dict[str, Any]:
+    """The fields of a kind that measures an angle, from its cosine and sine parts at ``(p, v, c)``."""
+
+    def guard(p, v, s, c):
+        co, si = parts(p, v, c)
+        return (co * cos(s[0]) + si * sin(s[0]),)
+
+    def measure(p, v, c):
+        co, si = parts(p, v, c)
+        return angle(si, co)
+
+    return {"guard": guard, "measure": measure}
+
 
 # An angle row is built from dot = |d||w| cos φ and cross = |d||w| sin φ; `size` = |d||w| is the text's L12 L23.
 _ANGLE_FORMS = {
@@ -47,14 +67,6 @@ def _angle(form: str, from_x: bool) -> Kind:
         size = None if form == "exact" else c[0] if from_x else c[0] * c[1]
         return rows(co, si, size, s[0])
 
-    def guard(p, v, s, c):
-        co, si = parts(p)
-        return (co * cos(s[0]) + si * sin(s[0]),)
-
-    def measure(p, v, c):
-        co, si = parts(p)
-        return angle(si, co)
-
     labels = ("cosine", "sine") if form == "redundant" else ("angle",)
     return Kind(
         f"angle{' from x' if from_x else ''}{'' if form == 'exact' else ', ' + form}",
@@ -65,8 +77,7 @@ def _angle(form: str, from_x: bool) -> Kind:
         scalars=1,
         constants=() if form == "exact" else ("length1",) if from_x else ("length1", "length2"),
         drawn=None if form == "exact" else (lambda p, v, s, c: lengths(p)),
-        measure=measure,
-        guard=guard,
+        **_measured_angle(lambda p, v, c: parts(p)),
         source="(21)" if from_x and form == "cosine" else _ANGLE_SOURCES[form],
     )
 
@@ -92,7 +103,7 @@ _ALONG_FORMS = {
 
 # A distance along a line: points start, end, and the two points that give the line its direction; constant: the
 # line's length L12, which the text takes from the body that carries the line.
-def _along(form: str) -> Kind:
+def _distance_along_line(form: str) -> Kind:
     projected = (None, ("distance",), "(41) and (42) in one row, the projection on the line")
     rows, labels, source = _ALONG_FORMS.get(form, projected)
 
@@ -116,7 +127,7 @@ def _along(form: str) -> Kind:
     )
 
 
-DISTANCE_ALONG = {form: _along(form) for form in ("exact", *_ALONG_FORMS)}
+DISTANCE_ALONG = {form: _distance_along_line(form) for form in ("exact", *_ALONG_FORMS)}
 
 # The same projection where the line's own length is not constant (its two points belong to different bodies).
 DISTANCE_ALONG_FREE = Kind(
@@ -131,14 +142,14 @@ DISTANCE_ALONG_FREE = Kind(
 )
 
 
-def _squared(p, v, s, c):
+def _squared_distance(p, v, s, c):
     d = p[1] - p[0]
     return (dot(d, d) - s[0] * s[0],)
 
 
 DISTANCE_BETWEEN = Kind(
     "distance between",
-    _squared,
+    _squared_distance,
     rows=("distance",),
     powers=(2,),
     points=2,
@@ -147,3 +158,149 @@ DISTANCE_BETWEEN = Kind(
     guard=lambda p, v, s, c: (s[0],),
     source="(42b) in the plane, (150), (185), (198) in space: the positive root",
 )
+
+# -- space ----------------------------------------------------------------------------------------------------------
+
+_ANGLE_ABOUT_SOURCES = {
+    "exact": "(143) and (144)-(146) in one row, valid at every angle, with the projection of erratum 3",
+    "cosine": "(143), (155), (156), (197), (201)",
+    "sine": "(144)-(146) projected on the axis",
+    "sine x": "(144)",
+    "sine y": "(145)",
+    "sine z": "(146)",
+    "sines": "(144)-(146), all three",
+    "redundant": "(143) and (144)-(146), all four",
+    "switched": "(143), or (144)-(146) projected on the axis, by the rule of fig. 17",
+}
+ANGLE_ABOUT_FORMS = tuple(_ANGLE_ABOUT_SOURCES)
+
+
+@factory
+def angle_about(form: str, forms: str) -> Kind:
+    """The signed angle about an axis from one direction to another (forms of axis, start, to), (143)-(146)."""
+    read = reader(forms)
+
+    def parts(p, v, c):
+        axis, a, b = read(p, v)
+        return about(unit_of(axis, forms[0]), a, b)
+
+    def sizes(p, v, s, c):
+        axis, a, b = read(p, v)
+        axis = unit_of(axis, forms[0])
+        return (radius(axis, a), radius(axis, b))
+
+    def residual(p, v, s, c):
+        axis, a, b = read(p, v)
+        axis, f = unit_of(axis, forms[0]), s[0]
+        co, si = about(axis, a, b)
+        if form == "exact":
+            return (co * sin(f) - si * cos(f),)
+        size = c[0] * c[1]
+        cosine, sine = co - size * cos(f), si - size * sin(f)
+        if form in ("cosine", "sine"):
+            return (cosine if form == "cosine" else sine,)
+        if form == "switched":
+            return (where(abs(sin(f)) >= abs(cos(f)), cosine, sine),)
+        across_a, across_b = a - dot(a, axis) * axis, b - dot(b, axis) * axis
+        n = cross3(across_a, across_b)
+        sines = tuple(n[i] - size * sin(f) * axis[i] for i in range(3))
+        if form == "redundant":
+            return (cosine, *sines)
+        return sines if form == "sines" else (sines["xyz".index(form[-1])],)
+
+    labels = {"sines": ("sine x", "sine y", "sine z"), "redundant": ("cosine", "sine x", "sine y", "sine z")}
+    rows = labels.get(form, (form if form.startswith("sine ") else "angle",))
+    return Kind(
+        f"angle about an axis {forms}" + ("" if form == "exact" else f", {form}"),
+        residual,
+        rows=rows,
+        powers=(power(forms[1:]),) * len(rows),
+        **counts(forms),
+        scalars=1,
+        constants=() if form == "exact" else ("radius1", "radius2"),
+        drawn=None if form == "exact" else sizes,
+        **_measured_angle(parts),
+        source=_ANGLE_ABOUT_SOURCES[form],
+    )
+
+
+@factory
+def angle_from_drawing(forms: str) -> Kind:
+    """The signed angle about an axis of the ground by which a direction has turned since it was drawn."""
+    read = reader(forms)
+
+    def parts(p, v, c):
+        axis, b = read(p, v)
+        return about(unit_of(axis, forms[0]), c, b)
+
+    def residual(p, v, s, c):
+        co, si = parts(p, v, c)
+        return (co * sin(s[0]) - si * cos(s[0]),)
+
+    return Kind(
+        f"angle from the drawing {forms}",
+        residual,
+        rows=("angle",),
+        powers=(2 * power(forms[1]),),
+        **counts(forms),
+        scalars=1,
+        constants=("x", "y", "z"),
+        drawn=lambda p, v, s, c: tuple(read(p, v)[1]),
+        **_measured_angle(parts),
+        source="(143)-(146), counted from the drawing",
+    )
+
+
+def from_drawing(kind: Kind) -> bool:
+    """Tell whether a kind is an `angle_from_drawing`, whose constants are the direction of its zero."""
+    return kind.name.startswith("angle from the drawing ")
+
+
+_DISTANCE_SOURCES = {
+    "exact": "(147)-(149) in one row, the projection on the axis",
+    "x": "(147)",
+    "y": "(148)",
+    "z": "(149)",
+    "switched": "(147), (148) or (149)",
+    "redundant": "(147)-(149)",
+}
+DISTANCE_ALONG_FORMS = tuple(_DISTANCE_SOURCES)
+
+
+@factory
+def distance_along(form: str, direction: str) -> Kind:
+    """The signed distance between two points along a direction, (147)-(149).
+
+    ``exact`` is the projection on the direction, one row that is valid at every inclination; the text's own rows
+    ``x``, ``y``, ``z`` hold where the points lie on a line along the direction.
+    """
+    read = reader("p" + direction)
+
+    def residual(p, v, s, c):
+        w, d = read(p, v)
+        d = unit_of(d, direction)
+        if form == "exact":
+            return (dot(w, d) - s[0],)
+        rows = tuple(w[i] - s[0] * d[i] for i in range(3))
+        if form == "redundant":
+            return rows
+        if form != "switched":
+            return (rows["xyz".index(form)],)
+        x, y, z = (abs(d[i]) for i in range(3))
+        return (where((x >= y) & (x >= z), rows[0], where(y >= z, rows[1], rows[2])),)
+
+    def measure(p, v, c):
+        w, d = read(p, v)
+        return dot(w, unit_of(d, direction))
+
+    rows = ("x", "y", "z") if form == "redundant" else (form if form in "xyz" else "distance",)
+    return Kind(
+        f"distance along {direction}, {form}",
+        residual,
+        rows=rows,
+        powers=(1,) * len(rows),
+        **counts("p" + direction),
+        scalars=1,
+        measure=measure,
+        source=_DISTANCE_SOURCES[form],
+    )

@@ -12,9 +12,9 @@ from jaxnc.constraints.kind import dot, norm
 from jaxnc.types import Array
 
 
-def counts(forms: str) -> dict[str, Any]:
-    """How many points and vectors the directions take, as arguments of a `Kind`."""
-    return {"points": 2 * forms.count("p"), "vectors": forms.count("v")}
+def counts(forms: str, first: int = 0) -> dict[str, Any]:
+    """The numbers of points (`first` of them its own) and vectors of a kind over directions, as fields of `Kind`."""
+    return {"points": first + 2 * forms.count("p"), "vectors": forms.count("v")}
 
 
 def reader(forms: str, first: int = 0) -> Callable[[Array, Array], list[Array]]:

@@ -1,4 +1,4 @@
-"""The record that describes one kind of constraint, and the small vector algebra kinds are written in.
+"""The records that describe one kind of constraint, and the small vector algebra kinds are written in.
 
 A kind is data: a pure function of *one* instance's own points, vectors, scalars and constants. Everything else
 (gathering, vectorising over instances, derivatives, sparsity, names of rows) is done once for all kinds elsewhere.
@@ -20,7 +20,7 @@ RowFunction = Callable[[Array, Array, Array, Array], Rows]
 @public
 @dataclass(frozen=True)
 class Kind(Remade):
-    """One kind of constraint.
+    """A kind of constraint.
 
     The functions all take ``(p, v, s, c)``: points ``(points, dim)``, unit vectors ``(vectors, dim)``, scalars
     ``(scalars,)`` and constants ``(len(constants),)`` of one instance.
@@ -65,6 +65,44 @@ class Kind(Remade):
     def __post_init__(self):
         if len(self.rows) != len(self.powers):
             raise ValueError(f"kind {self.name!r}: {len(self.rows)} row labels but {len(self.powers)} powers")
+        if self.constants and self.drawn is None:
+            raise ValueError(f"kind {self.name!r} has constants {self.constants} but no `drawn` to read them off")
+
+
+@public
+@dataclass(frozen=True)
+class RateKind(Remade):
+    """A kind of constraint that is linear in velocities, ``B(q) q̇ = b(q)``.
+
+    Skates, wheels and rolling discs are nonholonomic: no constraint on positions stands for them. They take away
+    freedoms of the motion from moment to moment, and none of the places that the mechanism can be brought to.
+
+    Points, vectors, scalars and constants are those of one instance, as in `Kind`; ``dp, dv, ds`` are their rates. B is
+    derived from `rate`, which is to be linear in the rates (a part without rates is b).
+
+    Args:
+        name: unique name, used in reports and messages.
+        rate: ``(p, v, s, dp, dv, ds, c) -> rows``, scalars that vanish when the constraint is met, m/s.
+        rows: a short label for each row.
+        points: how many points an instance takes.
+        vectors: how many unit vectors.
+        scalars: how many scalar coordinates.
+        constants: names of its constants.
+        drawn: ``(p, v, s, c) -> constants`` as read off the drawing, as in `Kind`.
+        source: where the equation comes from.
+    """
+
+    name: str
+    rate: Callable[..., Any]
+    rows: tuple[str, ...] = ("",)
+    points: int = 0
+    vectors: int = 0
+    scalars: int = 0
+    constants: tuple[str, ...] = ()
+    drawn: RowFunction | None = None
+    source: str = ""
+
+    def __post_init__(self):
         if self.constants and self.drawn is None:
             raise ValueError(f"kind {self.name!r} has constants {self.constants} but no `drawn` to read them off")
 

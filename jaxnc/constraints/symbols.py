@@ -16,7 +16,7 @@ Number = int | float
 
 @dataclass(frozen=True)
 class Symbol:
-    """One letter: a variable of the problem, or a constant."""
+    """A letter: a variable of the problem, or a constant."""
 
     name: str  # what it is called in plain text, "x_1"
     latex: str  # the same in LaTeX
@@ -81,7 +81,7 @@ class Expression:
         return Expression.of(other) + (-self)
 
     def _term(self) -> tuple[float, Factors]:
-        """It as one term: a sum of several becomes an atom in brackets."""
+        """Make one term of the expression: a sum of several becomes an atom in brackets."""
         return self.terms[0] if len(self.terms) == 1 else (1.0, ((self, 1),))
 
     def __mul__(self, other: Any) -> "Expression":
@@ -140,7 +140,7 @@ class Expression:
         for _, factors in self.terms:
             total = 0
             for atom, power in factors:
-                size = _degree(atom)
+                size = _atom_degree(atom)
                 if size is None or (size and power < 0):
                     return None
                 total += size * power
@@ -158,16 +158,16 @@ class Expression:
         for c, factors in self.terms:
             term = Expression.of(c)
             for atom, power in factors:
-                new = Expression.of(change(atom)) if isinstance(atom, Symbol) else _inside(atom, change)
+                new = Expression.of(change(atom)) if isinstance(atom, Symbol) else _map_inside(atom, change)
                 term = term * (new**power if power > 0 else Expression.of(1.0) / new**-power)
             out = out + term
         return out
 
     def text(self, latex: bool = False, digits: int = 6) -> str:
-        """It as plain text, or in LaTeX."""
+        """Write the expression as plain text, or in LaTeX."""
         varying = [t for t in self.terms if _varies(t)]
-        if all(map(_axis, varying)):
-            varying = sorted(varying, key=_axis)
+        if all(map(_term_axis, varying)):
+            varying = sorted(varying, key=_term_axis)
         terms = varying + [t for t in self.terms if not _varies(t)]
         first = next((k for k, t in enumerate(terms) if t[0] > 0), 0)
         if first and not _long(terms[0]):
@@ -175,7 +175,7 @@ class Expression:
         out = ""
         for coefficient, factors in terms:
             sign = "-" if coefficient < 0 else "+"
-            body = _product(abs(coefficient), factors, latex, digits)
+            body = _product_text(abs(coefficient), factors, latex, digits)
             out += f" {sign} {body}" if out else ("-" if sign == "-" else "") + body
         return out or "0"
 
@@ -187,11 +187,11 @@ ZERO = Expression(())
 _FUNCTIONS: dict[str, Callable[[float], float]] = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt}
 
 
-def _inside(atom: "Function | Expression", change: Callable) -> Expression:
+def _map_inside(atom: "Function | Expression", change: Callable) -> Expression:
     return atom.of.map(change).apply(atom.name) if isinstance(atom, Function) else atom.map(change)
 
 
-def _degree(atom: Atom) -> int | None:
+def _atom_degree(atom: Atom) -> int | None:
     if isinstance(atom, Symbol):
         return int(atom.variable)
     if isinstance(atom, Expression):
@@ -209,21 +209,21 @@ def _trigonometric(atom: Atom) -> int:
 
 
 def _varies(term: tuple[float, Factors]) -> bool:
-    return any(_degree(atom) != 0 for atom, _ in term[1])
+    return any(_atom_degree(atom) != 0 for atom, _ in term[1])
 
 
 def _long(term: tuple[float, Factors]) -> bool:
     return any(not isinstance(atom, Symbol) for atom, _ in term[1])
 
 
-def _axis(term: tuple[float, Factors]) -> str:
+def _term_axis(term: tuple[float, Factors]) -> str:
     """The axis of a term's first component, by which sums of products are ordered as one writes them."""
     for atom, _ in term[1]:
         if isinstance(atom, Symbol) and atom.axis:
             return atom.axis
         if isinstance(atom, Expression):
             for inner in atom.terms:
-                if found := _axis(inner):
+                if found := _term_axis(inner):
                     return found
     return ""
 
@@ -243,12 +243,12 @@ def _fraction(value: float, latex: bool, digits: int) -> tuple[str, str]:
     return shown, ""
 
 
-def _product(coefficient: float, factors: Factors, latex: bool, digits: int) -> str:
+def _product_text(coefficient: float, factors: Factors, latex: bool, digits: int) -> str:
     top, bottom = _fraction(coefficient, latex, digits)
     # Numbers and constants first, then variables, then functions, as one writes them.
-    ordered = sorted(factors, key=lambda f: (isinstance(f[0], Function), _degree(f[0]) != 0))
-    above = [_power(a, p, latex, digits) for a, p in ordered if p > 0]
-    below = [_power(a, -p, latex, digits) for a, p in ordered if p < 0]
+    ordered = sorted(factors, key=lambda f: (isinstance(f[0], Function), _atom_degree(f[0]) != 0))
+    above = [_power_text(a, p, latex, digits) for a, p in ordered if p > 0]
+    below = [_power_text(a, -p, latex, digits) for a, p in ordered if p < 0]
     if not above and not top:
         top = "1"
     if latex and (bottom or below):
@@ -264,7 +264,7 @@ def _product(coefficient: float, factors: Factors, latex: bool, digits: int) -> 
     return " ".join(words) + "".join(f"/{b}" for b in below)
 
 
-def _power(atom: Atom, power: int, latex: bool, digits: int) -> str:
+def _power_text(atom: Atom, power: int, latex: bool, digits: int) -> str:
     exponent = "" if power == 1 else f"^{{{power}}}" if latex else f"^{power}"
     if isinstance(atom, Symbol):
         return (atom.latex if latex else atom.name) + exponent

@@ -51,9 +51,8 @@ from jaxnc.internals import evaluate_at_once
 from jaxnc.records import record
 from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import Equations
+from jaxnc.system.equations import Equations, coefficients, slips
 from jaxnc.system.precision import numbers as numbers_as
-from jaxnc.system.rates import coefficients, slips
 from jaxnc.types import Array
 
 _WHOLE = ("violation", "correction", "steps", "end")

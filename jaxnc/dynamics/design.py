@@ -24,7 +24,7 @@ from jaxnc.solvers.traced import PIECE, ask_host, shorten_equations
 from jaxnc.system.design import Drawn, carry_design, unit_formula
 from jaxnc.system.equations import Equations, equations, renumbered
 from jaxnc.system.host import from_jax
-from jaxnc.system.host_kinds import readable
+from jaxnc.system.structure import readable
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Float

@@ -31,8 +31,8 @@ from jaxnc.errors import InputError
 from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
+from jaxnc.system.equations import coefficients, slips
 from jaxnc.system.frames import spread
-from jaxnc.system.rates import coefficients, slips
 from jaxnc.system.system import System
 from jaxnc.types import Array, Float
 from jaxnc.validate import as_shape

@@ -26,9 +26,8 @@ from jaxnc.solvers import dense
 from jaxnc.solvers.dense import solver
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
-from jaxnc.system.equations import residual, weights
+from jaxnc.system.equations import refuse_rates, residual, weights
 from jaxnc.system.precision import limits
-from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 

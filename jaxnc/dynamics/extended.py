@@ -24,8 +24,8 @@ from jaxnc.solvers.elimination import with_special
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.frames import spread
-from jaxnc.system.host_kinds import Formula
 from jaxnc.system.on_lanes import reading
+from jaxnc.system.structure import Formula
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array

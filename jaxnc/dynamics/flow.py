@@ -24,10 +24,8 @@ from jaxnc.records import record, static
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import Equations, weights
-from jaxnc.system.host_kinds import jax_function
-from jaxnc.system.rates import coefficients, slips
-from jaxnc.system.structure import program, quadratic, size
+from jaxnc.system.equations import Equations, coefficients, slips, weights
+from jaxnc.system.structure import jax_function, program, quadratic, size
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 

@@ -18,8 +18,7 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import jacobian, weights
-from jaxnc.system.rates import coefficients, refuse_rates
+from jaxnc.system.equations import coefficients, jacobian, refuse_rates, weights
 from jaxnc.system.system import System
 from jaxnc.types import Array
 

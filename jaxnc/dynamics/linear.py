@@ -22,9 +22,8 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import weights
+from jaxnc.system.equations import refuse_rates, weights
 from jaxnc.system.precision import limits
-from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 

@@ -20,9 +20,9 @@ from jaxnc.constraints.directions import unit
 from jaxnc.dynamics.extended import extended, is_concrete
 from jaxnc.remembered import by_identity
 from jaxnc.system.design import design, design_numbers
-from jaxnc.system.host_kinds import Formula
 from jaxnc.system.loads import InertiaIndex
 from jaxnc.system.on_lanes import reading
+from jaxnc.system.structure import Formula
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Float

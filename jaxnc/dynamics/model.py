@@ -19,12 +19,11 @@ from jaxnc.reading import Unreadable
 from jaxnc.records import record
 from jaxnc.remembered import by_identity, with_owner
 from jaxnc.solvers.assembly import derive
-from jaxnc.system.equations import Equations, equations
-from jaxnc.system.host_kinds import Formula
+from jaxnc.system.equations import Equations, equations, rate_constants
 from jaxnc.system.loads import ForceBlock
 from jaxnc.system.on_lanes import reading
 from jaxnc.system.precision import numbers
-from jaxnc.system.rates import rate_constants
+from jaxnc.system.structure import Formula
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates, Float

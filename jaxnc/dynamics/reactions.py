@@ -38,9 +38,9 @@ from jaxnc.forces import COUPLE, EFFORT
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
+from jaxnc.system.equations import coefficients
 from jaxnc.system.frames import spread, turns
 from jaxnc.system.identity import Owner, Thing, addresses, find
-from jaxnc.system.rates import coefficients
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array

@@ -28,7 +28,7 @@ from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, ou
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.status import Status
-from jaxnc.system.rates import refuse_rates
+from jaxnc.system.equations import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 from jaxnc.validate import as_real, call_user

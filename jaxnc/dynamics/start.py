@@ -19,8 +19,7 @@ from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.solvers.assembly import derive, free_plan, rank_of, to_host
 from jaxnc.solvers.newton import attach_start, largest
 from jaxnc.status import Status
-from jaxnc.system.equations import weights
-from jaxnc.system.rates import coefficients
+from jaxnc.system.equations import coefficients, weights
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array

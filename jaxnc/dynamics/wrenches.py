@@ -26,11 +26,10 @@ from jaxnc.dynamics.mass import inertia_coordinates, inertia_nodes, inertias
 from jaxnc.dynamics.model import Dynamics, force_values
 from jaxnc.forces import COUPLE
 from jaxnc.remembered import with_owner
-from jaxnc.system.equations import Equations, entries, places
+from jaxnc.system.equations import Equations, coefficients, entries, places
 from jaxnc.system.frames import spread
 from jaxnc.system.identity import GROUND, Owner, Thing
 from jaxnc.system.loads import FrictionIndex
-from jaxnc.system.rates import coefficients
 from jaxnc.system.system import System
 from jaxnc.system.topology import JointIndex, Topology
 from jaxnc.types import Array

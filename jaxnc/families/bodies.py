@@ -20,10 +20,8 @@ import numpy as np
 
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.system.assembler import Assembler
+from jaxnc.system.assemble import Assembler, PlanarAssembler, SpatialAssembler
 from jaxnc.system.identity import GROUND, Owner, Thing, addresses
-from jaxnc.system.planar import PlanarAssembler
-from jaxnc.system.spatial import SpatialAssembler
 
 _GROUND = Owner(Thing.BODY, GROUND)
 _ALONG = 1e-9  # sine of an angle below which directions are parallel

@@ -30,7 +30,7 @@ from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.traced import analyse_traced
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.place import Place as Spot
+from jaxnc.mechanism.model import Place as Spot
 from jaxnc.records import record as recorded
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.status import Status

@@ -34,7 +34,7 @@ from jaxnc.families.program import (
 )
 from jaxnc.families.shapes import ANGLES, HOME, PARAMETERS, Between, Reading, Recipe, Segments
 from jaxnc.solvers.assembly import derive, with_degrees_of_freedom
-from jaxnc.system.assembler import Instance, grouped
+from jaxnc.system.assemble import Instance, grouped
 from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology

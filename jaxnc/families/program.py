@@ -15,10 +15,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.constraints.elementary import Small, cos, sin
 from jaxnc.constraints.kind import Kind, dot
-from jaxnc.constraints.small import Small
 from jaxnc.constraints.symbols import Expression
-from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families import shapes
 from jaxnc.families.bodies import Part
 from jaxnc.families.shapes import Between, Reading, Recipe, rotation_rows

@@ -11,9 +11,9 @@ from jaxnc.families.bodies import Joined, Origin, Part, Parts
 from jaxnc.families.planner import Planner
 from jaxnc.families.program import EQUAL, PROJECTION, Frame, Scribe, fixed
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.place import Place as Spot
+from jaxnc.mechanism.model import Place as Spot
 from jaxnc.solvers.assembly import derive
-from jaxnc.system.assembler import Instance
+from jaxnc.system.assemble import Instance
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.identity import Owner
 from jaxnc.system.system import System

@@ -28,7 +28,7 @@ from jaxnc.families.planner import Planner, drawn_angle
 from jaxnc.families.program import SAME_TURN, Arm, Frame, Linear, Place, Scribe, Turn, fixed, scale
 from jaxnc.families.shapes import Between, Reading, Recipe
 from jaxnc.mechanism import model as record
-from jaxnc.system.assembler import Instance
+from jaxnc.system.assemble import Instance
 from jaxnc.system.system import System
 
 

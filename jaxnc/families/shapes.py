@@ -16,9 +16,8 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxnc.constraints.directions import about, unit
-from jaxnc.constraints.elementary import ratio
+from jaxnc.constraints.elementary import cos, ratio, sin
 from jaxnc.constraints.kind import cross, dot, norm
-from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.system.frames import body_axes, quaternions
 
 Segments = tuple[tuple[int, ...], ...]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxnc.constraints.small import Small
+from jaxnc.constraints.elementary import Small
 from jaxnc.constraints.symbols import PI, Expression, Symbol
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.program import Program

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 _WIDTH = 100  # of a line in a file
 _NO_COMMENTS: Mapping[str, str] = {}
-# Fields of joints that are two arguments of the builder's methods.
-_PAIRS = {"points": ("point", "other"), "angles": ("angle1", "angle2"), "bodies": ("body", "other")}
 
 
 @public
@@ -143,7 +141,7 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | Ra
         "markers": call(m.marker),
         "angles": call(m.angle),
         "distances": call(m.distance),
-        "joints": partial(_add_joint, m),
+        "joints": m.add_joint,
         "relations": call(m.relation),
         "constraints": add_constraint,
         "masses": call(m.point_mass),
@@ -159,16 +157,6 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | Ra
     check_run(m, model.run, source.blamed)
     m.model.run = model.run
     return m
-
-
-def _add_joint(m: Mechanism, name: str, joint: record.Joint) -> None:
-    """Create a joint by the method that is called as its record, whose fields are its arguments, pairs one by one."""
-    given, method = msgspec.structs.asdict(joint), str(joint.__struct_config__.tag).replace(" ", "_")
-    pairs = {} if isinstance(joint, record.Cable) else _PAIRS
-    for field, names in pairs.items():
-        if field in given:
-            given |= zip(names, given.pop(field) or (None, None), strict=True)
-    getattr(m, method)(name, **given)
 
 
 def _add_force(m: Mechanism, name: str, force: record.Force) -> None:

@@ -24,8 +24,7 @@ from jaxnc.solvers.assembly import derive, free_plan, meets, settle
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.matrices import least_squares
 from jaxnc.status import Status
-from jaxnc.system.expansion import Expansion, Slot
-from jaxnc.system.host import HostEquations, from_jax
+from jaxnc.system.host import Expansion, HostEquations, Slot, from_jax
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology

@@ -17,9 +17,8 @@ from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, sample_poses, settle
 from jaxnc.solvers.kernel import LARGEST_WRITTEN, kernel, writes_out
 from jaxnc.solvers.plan import Plan, by_lu, plan
-from jaxnc.system.equations import Equations
+from jaxnc.system.equations import Equations, coefficients, rate_constants
 from jaxnc.system.precision import on_host, widened
-from jaxnc.system.rates import coefficients, rate_constants
 from jaxnc.system.system import System, drivable, unheld
 from jaxnc.system.topology import Topology
 

@@ -39,10 +39,9 @@ from jaxnc.solvers.host import view_of
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations, guards, measured, weights
+from jaxnc.system.equations import Equations, guards, measured, rate_constants, slips, weights
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import as_its_system, limits
-from jaxnc.system.rates import rate_constants, slips
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Float, Inputs

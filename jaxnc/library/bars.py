@@ -20,7 +20,7 @@ from jaxnc.library.drawing import (
     turn_crank,
 )
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 
 @offer

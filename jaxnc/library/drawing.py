@@ -10,8 +10,8 @@ import numpy as np
 from jaxnc.errors import MechanismError, brief, drawn_with_numbers, nearest
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.checked import LARGEST
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.checks import LARGEST
+from jaxnc.mechanism.model import Place
 
 Point: TypeAlias = tuple[float, float]
 

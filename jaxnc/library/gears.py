@@ -25,7 +25,7 @@ from jaxnc.library.drawing import (
     unit_vector,
 )
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 _CARDAN = {  # a gearbox, a propeller shaft that runs down and aside, and an axle
     "A": (0.0, 0.0, 0.0),

@@ -25,7 +25,7 @@ from jaxnc.library.drawing import (
     rotate,
 )
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 
 @offer

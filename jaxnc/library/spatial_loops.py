@@ -30,7 +30,7 @@ from jaxnc.library.drawing import (
     unit_vector,
 )
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 
 _CRANK = {"A": (0.0, 0.0, 0.0), "vA": (0.0, 0.0, 1.0)}
 _RSCR = {

@@ -14,7 +14,7 @@ import numpy as np
 from jaxnc.library.catalogue import Length, offer
 from jaxnc.library.drawing import Misfit, Vector, Z, across_axis, as_places, check_apart, drive, lay_out
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.model import Place
 from jaxnc.vehicle.hardpoints import FIGURE_42
 
 _RADIUS = 310.0  # mm, of the loaded tyre

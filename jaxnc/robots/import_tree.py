@@ -10,7 +10,7 @@ import numpy as np
 from jaxnc.constraints import Kind
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism.checked import PUNCTUATION
+from jaxnc.mechanism.checks import PUNCTUATION
 from jaxnc.pickling import register_by_name
 from jaxnc.robots.description import (
     Description,

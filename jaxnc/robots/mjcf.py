@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxnc.errors import InputError, JaxncError, ModelFileError, nearest
-from jaxnc.forces.catalogue import CATALOGUE
+from jaxnc.forces.kind import CATALOGUE
 from jaxnc.io.target import write
 from jaxnc.robots.description import Description, ElementaryJoint, Follower, Inertia, Link, LoopClosure, Tie
 from jaxnc.solvers.assembly import derive

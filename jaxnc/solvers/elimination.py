@@ -23,8 +23,7 @@ import numpy as np
 
 from jaxnc.remembered import with_owner
 from jaxnc.system.equations import places
-from jaxnc.system.host_kinds import host_kind
-from jaxnc.system.structure import program
+from jaxnc.system.structure import host_kind, program
 from jaxnc.system.topology import Special, Topology
 
 _SMALL = 1e-3  # of the largest derivative of its row, in the drawing, where sweeps begin, or nearby

@@ -15,7 +15,7 @@ from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.rows import Functions, Rows, guard_functions
 from jaxnc.system.host import HostEquations
-from jaxnc.system.host_kinds import host_kind, readable
+from jaxnc.system.structure import host_kind, readable
 from jaxnc.system.topology import Topology
 
 _LARGEST = 2  # rows of a block

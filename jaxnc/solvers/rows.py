@@ -14,7 +14,7 @@ import numpy as np
 from jax import lax
 
 from jaxnc.constraints import Kind
-from jaxnc.constraints.trigonometry import cos, sin
+from jaxnc.constraints.elementary import cos, sin
 from jaxnc.reading import Builder, Number, Program, function, partials, polynomials, rate
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import TURN

@@ -29,7 +29,7 @@ from jaxnc.synthesis import loops
 from jaxnc.synthesis.problem import POSES, Problem, home_value, make_motion
 from jaxnc.system.design import Drawn, carry_design
 from jaxnc.system.host import from_jax
-from jaxnc.system.host_kinds import readable
+from jaxnc.system.structure import readable
 from jaxnc.system.system import System
 from jaxnc.types import Array
 

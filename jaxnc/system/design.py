@@ -1,4 +1,4 @@
-"""What follows from a drawing, as one program: lengths, frames, constants, angles as drawn, coefficients of markers.
+"""The program of a drawing: lengths, frames, constants, angles as drawn, coefficients of markers.
 
 The numbers of a design stand in one row: a zero, then points, vectors, markers and dimensions as they are given. Each
 step of the program gathers numbers of the row, calculates with them for several instances at once, and puts its results
@@ -14,15 +14,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.constraints.directions import unit
-from jaxnc.constraints.kind import norm
-from jaxnc.constraints.small import Small
+from jaxnc.constraints.elementary import Small, ratio, root, stacked, where
+from jaxnc.constraints.kind import cross, dot, norm
 from jaxnc.reading import write
 from jaxnc.remembered import with_owner
 from jaxnc.system.frames import carried
-from jaxnc.system.host_kinds import Formula, formula
-from jaxnc.system.shape import redraw
+from jaxnc.system.structure import Formula, formula
 from jaxnc.system.system import Parameters
 from jaxnc.system.topology import INDEX, Block, BlockLayout, Segment, Topology
+from jaxnc.types import Array, Float
 
 Places = np.ndarray
 """Where numbers stand in the row of a design."""
@@ -56,10 +56,10 @@ class Design(NamedTuple):
 @with_owner
 def design(top: Topology) -> Design:
     """Write the program of a topology."""
-    return _Writer(top).whole()
+    return _DesignWriter(top).whole()
 
 
-class _Writer:
+class _DesignWriter:
     def __init__(self, top: Topology):
         self.top, dim = top, top.dim
         self.blocks, self.layouts = (*top.blocks, *top.rates), (*top.layout, *top.rate_layout)
@@ -140,14 +140,14 @@ class _Writer:
         if not every:
             return {}
         b, i, k, p, q = np.array(every).T
-        found = self.step("length", _distance(self.top.dim), [self.drawing[p], self.drawing[q]], 1)[:, 0]
+        found = self.step("length", _distance_formula(self.top.dim), [self.drawing[p], self.drawing[q]], 1)[:, 0]
         return dict(zip(zip(b.tolist(), i.tolist(), k.tolist(), strict=True), found.tolist(), strict=True))
 
     def _markers(self) -> Places:
         top, dim = self.top, self.top.dim
         out, alike = np.zeros((len(top.markers), dim), INDEX), {}
         for k, marker in enumerate(top.markers):
-            forms = "".join(map(_form, (*marker.segments, marker.drawn[0])))
+            forms = "".join(map(_segment_form, (*marker.segments, marker.drawn[0])))
             arm = [] if marker.direction else [self.points[marker.origin]]
             spans = [self._ends(segment, self.points) for segment in marker.segments]
             spans.append(self._ends(marker.drawn[0], self.drawing))
@@ -155,7 +155,7 @@ class _Writer:
             alike.setdefault((forms, marker.direction), []).append((k, given))
         for (forms, direction), some in alike.items():
             given = np.stack([places for _, places in some])
-            out[[k for k, _ in some]] = self.step("marker", _marker(dim, forms, direction), [given], dim)
+            out[[k for k, _ in some]] = self.step("marker", _marker_formula(dim, forms, direction), [given], dim)
         return out
 
     def _ends(self, segment: Segment, points: Places) -> Places:
@@ -196,7 +196,7 @@ def unit_formula(dim: int) -> Formula:
 
 
 @functools.lru_cache(maxsize=4)
-def _distance(dim: int) -> Formula:
+def _distance_formula(dim: int) -> Formula:
     return Formula(write(lambda *x: norm(Small(x[dim:]) - Small(x[:dim])), 2 * dim))
 
 
@@ -211,12 +211,12 @@ def recipe_formula(recipe: tuple, count: int, dim: int, values: int) -> Formula:
     return Formula(write(place, count * dim + values))
 
 
-def _form(segment: Segment) -> str:
+def _segment_form(segment: Segment) -> str:
     return "v" if len(segment) == 1 else "p"
 
 
 @functools.lru_cache(maxsize=1024)
-def _marker(dim: int, forms: str, direction: bool) -> Formula:
+def _marker_formula(dim: int, forms: str, direction: bool) -> Formula:
     """A marker's coefficients from its body's segments, the first of them where lengths are read, and the marker."""
     wide = [dim * (2 if form == "p" else 1) for form in (*forms, "v" if direction else "p")]
     ends = np.cumsum([0, *wide])
@@ -227,6 +227,94 @@ def _marker(dim: int, forms: str, direction: bool) -> Formula:
         return carried(cast(Any, spans), cast(Any, arm), cast(Any, drawn), direction)
 
     return Formula(write(coefficients, int(ends[-1])))
+
+
+# -- bodies with explicit dimensions --------------------------------------------------------------------------------
+
+
+def redraw(recipe: tuple, home: Float[Array, "k dim"], values: Float[Array, " d"]) -> Float[Array, "k dim"]:
+    """Place the points of a body with explicit dimensions: in its own frame, in space around its first point as drawn.
+
+    A recipe is a static tuple ``(base, steps)``. ``base = (i, j, d)``: the body's x axis runs from its point i to its
+    point j, at the drawn distance (d is None) or at dimension number d. Each step places one more point k:
+
+    ``(k, "drawn")``            where it is drawn relative to point i and the axis;
+    ``(k, "local", d, e)``      at the local coordinates given as dimensions d and e;
+    ``(k, "polar", i, d)``      in the drawn direction from point i, at distance d;
+    ``(k, "two", i, d, j, e)``  at distances d and e from points i and j, on the drawn side.
+
+    Constants of constraints are then read off the redrawn body exactly as they are read off the drawing.
+    """
+    return (_redraw_in_plane if home.shape[1] == 2 else _redraw_in_space)(recipe, home, values)
+
+
+def _redraw_in_space(recipe: tuple, home: Float[Array, "k 3"], values: Float[Array, " d"]) -> Float[Array, "k 3"]:
+    (i, j, given), steps = recipe
+    axis = home[j] - home[i]
+    stretch = 1.0 if given is None else values[given] * ratio(1.0, norm(axis))
+    placed: dict[int, Array] = {i: home[i], j: home[i] + stretch * axis}
+    for k, how, *data in steps:
+        if how == "drawn":
+            placed[k] = home[k]
+        elif how == "polar":
+            origin, d = data
+            w = home[k] - home[origin]
+            placed[k] = placed[origin] + values[d] * ratio(1.0, norm(w)) * w
+        else:
+            a, d, b, f = data
+            placed[k] = _two_spheres(placed[a], values[d], placed[b], values[f], home[k] - home[a])
+    return stacked([placed[k] for k in range(home.shape[0])])
+
+
+def _two_spheres(a, ra, b, rb, drawn):
+    """The point at two distances that lies on the drawn side of the line of centres."""
+    d = b - a
+    span = dot(d, d)
+    along = ratio(span + ra * ra - rb * rb, 2.0 * span)
+    square = ra * ra - along * along * span
+    height = root(square)
+    across = drawn - ratio(dot(drawn, d), span) * d
+    return a + along * d + height * ratio(1.0, norm(across)) * across
+
+
+def _redraw_in_plane(recipe: tuple, home: Float[Array, "k 2"], values: Float[Array, " d"]) -> Float[Array, "k 2"]:
+    """Place a body's points in its own frame by a recipe, the base segment along x from the origin."""
+    (i, j, given), steps = recipe
+    axis = home[j] - home[i]
+    length = norm(axis)
+    e = stacked([ratio(axis[0], length), ratio(axis[1], length)])
+    drawn = [stacked([dot(e, w), cross(e, w)]) for w in (home[k] - home[i] for k in range(home.shape[0]))]
+    placed: dict[int, Array] = {
+        i: 0.0 * axis,
+        j: stacked([length if given is None else values[given], 0.0]),
+    }
+    for k, how, *data in steps:
+        if how == "drawn":
+            placed[k] = drawn[k]
+        elif how == "local":
+            placed[k] = stacked([values[data[0]], values[data[1]]])
+        elif how == "polar":
+            origin, d = data
+            w = drawn[k] - drawn[origin]
+            n = norm(w)
+            placed[k] = placed[origin] + values[d] * stacked([ratio(w[0], n), ratio(w[1], n)])
+        else:
+            a, d, b, f = data
+            placed[k] = _two_distances(
+                placed[a], values[d], placed[b], values[f], cross(drawn[b] - drawn[a], drawn[k] - drawn[a])
+            )
+    return stacked([placed[k] for k in range(home.shape[0])])
+
+
+def _two_distances(a, ra, b, rb, side):
+    """Intersection of two circles on the drawn side; on the line of centres if they do not meet."""
+    d = b - a
+    span = dot(d, d)
+    along = ratio(span + ra * ra - rb * rb, 2.0 * span)
+    square = ratio(ra * ra, span) - along * along
+    height = root(square)
+    height = where(side < 0, -height, height)
+    return a + along * d + height * stacked([-d[1], d[0]])
 
 
 # -- readings -------------------------------------------------------------------------------------------------------
@@ -261,7 +349,7 @@ def design_numbers(top: Topology, parameters: Parameters, levels: int = 6) -> An
 
 
 class Drawn(NamedTuple):
-    """What follows from a drawing; every number carries its changes along the last axis (see `carrying`).
+    """Numbers that follow from a drawing, each with its changes along the last axis (see `carrying`).
 
     Of many designs there are axes of theirs before the last.
     """

@@ -23,9 +23,8 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.reading import Builder, partials
 from jaxnc.records import record, static
 from jaxnc.system.design import design, design_numbers
-from jaxnc.system.host_kinds import Formula
 from jaxnc.system.precision import numbers
-from jaxnc.system.structure import pattern, program, quadratic, size
+from jaxnc.system.structure import Formula, pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
 from jaxnc.types import Array, Coordinates, Float, Inputs
@@ -80,7 +79,7 @@ def equations(system: System, differentiate_scales: bool = False) -> Equations:
     for block, layout, c in zip(top.blocks, top.layout, constants, strict=True):
         g = h = None
         if quadratic(block.kind, top.dim):
-            g, h = (coefficients(block, top.dim, c, order) for order in (1, 2))
+            g, h = (row_coefficients(block, top.dim, c, order) for order in (1, 2))
         scales.append(_scales(top, block, layout, still(g), length, c))
         linear.append(None if g is None else g * scales[-1][..., None])
         second.append(None if h is None else h * scales[-1][..., None, None])
@@ -107,7 +106,7 @@ def renumbered(eq: Equations, constants: Sequence[Any], scales: Sequence[Any]) -
         for order, out in enumerate(found, start=1):
             if quadratic(block.kind, eq.topology.dim):
                 wide = scale.reshape(*scale.shape, *[1] * (order + c.ndim - 2))
-                out.append(coefficients(block, eq.topology.dim, c, order) * wide)
+                out.append(row_coefficients(block, eq.topology.dim, c, order) * wide)
             else:
                 out.append(None)
     linear, second = map(tuple, found)
@@ -115,16 +114,16 @@ def renumbered(eq: Equations, constants: Sequence[Any], scales: Sequence[Any]) -
 
 
 def derived(system: System, differentiate_scales: bool = False) -> Equations:
-    """As `equations`: on the host, where the parameters are numbers; compiled once for the structure else."""
+    """Make `equations` on the host where the parameters are numbers, else compiled once for the structure."""
     with numbers(system.parameters.points):
         if any(isinstance(x, Tracer) for x in jax.tree.leaves(system)):
-            return _compiled(system.topology.structure, system.parameters, differentiate_scales)
+            return _derive_compiled(system.topology.structure, system.parameters, differentiate_scales)
         with np.errstate(all="ignore"):
             return on_device(equations(System(system.topology, system.parameters.in_numpy())))
 
 
 @functools.partial(jit, static_argnums=(0, 2))
-def _compiled(topology: Topology, parameters: Parameters, differentiate_scales: bool) -> Equations:
+def _derive_compiled(topology: Topology, parameters: Parameters, differentiate_scales: bool) -> Equations:
     return equations(System(topology, parameters), differentiate_scales)
 
 
@@ -153,7 +152,7 @@ def _at_origin(kind: Kind, dim: int, order: int) -> tuple[Formula, np.ndarray, n
     return Formula(b.program([*open_.values()])), same, where
 
 
-def coefficients(block: Block, dim: int, constants: Any, order: int) -> Any:
+def row_coefficients(block: Block, dim: int, constants: Any, order: int) -> Any:
     """First or second derivatives of a quadratic block's rows at the origin, ``(instances, rows, variables, …)``.
 
     Constants are ``(instances, constants)``. NumPy's may carry changes along a last axis; then the derivatives do too.
@@ -180,7 +179,7 @@ def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float
     for b in sorted({block for block, _ in top.measures}):
         at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
         which, instances = np.array([k for k, _ in at]), np.array([i for _, i in at])
-        p, v, _ = _split(top, top.blocks[b], q[top.layout[b].variables[instances]])
+        p, v, _ = _split_operands(top, top.blocks[b], q[top.layout[b].variables[instances]])
         measure = top.blocks[b].kind.measure
         assert measure is not None
         scalars = scalars.at[which].set(jax.vmap(measure)(p, v, constants[b][instances]))
@@ -224,16 +223,16 @@ def _bar_length(top: Topology, drawing: Any) -> Any:
     return xp.where(middle > 0, middle, 1.0)
 
 
-def _split(top: Topology, block: Block, x: Array) -> tuple[Array, Array, Array]:
+def _split_operands(top: Topology, block: Block, x: Array) -> tuple[Array, Array, Array]:
     kind, dim = block.kind, top.dim
     a, b = kind.points * dim, (kind.points + kind.vectors) * dim
     lead = x.shape[:-1]
     return x[..., :a].reshape(*lead, kind.points, dim), x[..., a:b].reshape(*lead, kind.vectors, dim), x[..., b:]
 
 
-def _rows(top: Topology, block: Block, x: Array, c: Array) -> Array:
+def _instance_rows(top: Topology, block: Block, x: Array, c: Array) -> Array:
     """Unscaled rows of one instance from its local variables."""
-    p, v, s = _split(top, block, x)
+    p, v, s = _split_operands(top, block, x)
     rows = block.kind.residual(p, v, s, c)
     return jnp.stack([jnp.asarray(r) for r in rows]) if len(rows) else jnp.zeros(0)
 
@@ -252,7 +251,7 @@ def residual(system: System | Equations, q: Coordinates, inputs: Inputs | None =
         follows the drawing, and is differentiated with it.
     """
     with numbers(_like(system)):
-        return _residual(*_at(system, q, inputs))
+        return _residual(*_equations_at(system, q, inputs))
 
 
 @jax.jit
@@ -260,7 +259,7 @@ def _residual(eq: Equations, q: Coordinates) -> Array:
     top, parts = eq.topology, []
     for b, block in enumerate(top.blocks):
         x = q[top.layout[b].variables]
-        r = jax.vmap(lambda x, c, block=block: _rows(top, block, x, c))(x, eq.constants[b])
+        r = jax.vmap(lambda x, c, block=block: _instance_rows(top, block, x, c))(x, eq.constants[b])
         parts.append((r * eq.scales[b]).reshape(-1))
     return jnp.concatenate(parts) if parts else jnp.zeros(0)
 
@@ -269,7 +268,7 @@ def _like(system: System | Equations) -> Array:
     return system.length if isinstance(system, Equations) else system.parameters.points
 
 
-def _at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tuple[Equations, Coordinates]:
+def _equations_at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tuple[Equations, Coordinates]:
     refuse_fork()
     if isinstance(system, Equations):
         if inputs:
@@ -294,7 +293,7 @@ def entries(eq: Equations, q: Coordinates) -> Float[Array, " entries"]:
         if g is not None and h is not None:
             j = g + jnp.sum(h * x[:, None, None, :], axis=-1)
         else:
-            local = jax.jacfwd(lambda x, c, block=block: _rows(top, block, x, c))
+            local = jax.jacfwd(lambda x, c, block=block: _instance_rows(top, block, x, c))
             j = jax.vmap(local)(x, eq.constants[b]) * eq.scales[b][..., None]
         parts.append(j.reshape(-1))
     return jnp.concatenate(parts) if parts else jnp.zeros(0)
@@ -317,11 +316,11 @@ def places(top: Topology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def jacobian(system: System | Equations, q: Coordinates, inputs: Inputs | None = None) -> Float[Array, "rows N"]:
     """Dense Jacobian of all rows with respect to all coordinates; arguments as for `residual`."""
     with numbers(_like(system)):
-        return _jacobian(*_at(system, q, inputs))
+        return _dense_jacobian(*_equations_at(system, q, inputs))
 
 
 @jax.jit
-def _jacobian(eq: Equations, q: Coordinates) -> Array:
+def _dense_jacobian(eq: Equations, q: Coordinates) -> Array:
     r, c, _ = places(eq.topology)
     return jnp.zeros((len(eq.topology.rows), len(eq.topology.coordinates))).at[r, c].add(entries(eq, q))
 
@@ -336,7 +335,7 @@ def guards(eq: Equations, q: Coordinates) -> tuple[Float[Array, " guards"], Floa
         if guard is not None:
 
             def values(x, c, block=block, guard=guard):
-                p, v, s = _split(top, block, x)
+                p, v, s = _split_operands(top, block, x)
                 return jnp.stack([jnp.asarray(g) for g in guard(p, v, s, c)])
 
             found = jax.vmap(values)(q[top.layout[b].variables], eq.constants[b])
@@ -357,3 +356,58 @@ def pure_numbers(top: Topology) -> np.ndarray:
     pure = np.zeros(len(top.coordinates), dtype=bool)
     pure[len(top.points) * top.dim :] = (*(True for _ in range(len(top.vectors) * top.dim)), *top.angles)
     return pure
+
+
+# -- rows that are linear in velocities (nonholonomic constraints), on all coordinates ------------------------------
+
+
+def refuse_rates(top: Topology, what: str, remedy: str) -> None:
+    """Refuse a mechanism with rows on velocities where they have no meaning."""
+    if top.rates:
+        rows = "; ".join(dict.fromkeys(top.rate_rows))
+        raise InputError(f"{what}: {top.name!r} has rows on velocities that positions do not see ({rows}); {remedy}")
+
+
+def rate_constants(system: System) -> tuple[Array, ...]:
+    """Constants of the rows on velocities, per block ``(instances, constants)``: NumPy's of NumPy parameters."""
+    top = system.topology
+    if not top.rates:
+        return ()
+    x = design_numbers(top, system.parameters)
+    return tuple(x[places] for places in design(top).constants[len(top.blocks) :])
+
+
+def slips(top: Topology, constants: tuple[Array, ...], q: Coordinates, v: Coordinates) -> Float[Array, " rates"]:
+    """Residual of the rows on velocities, ``B q̇ - b``, m/s."""
+    out = [jnp.zeros(0)]
+    for block, layout, c in zip(top.rates, top.rate_layout, constants, strict=True):
+        out.append(_velocity_rows(top, block, q[layout.variables], v[layout.variables], c).reshape(-1))
+    return jnp.concatenate(out)
+
+
+def coefficients(top: Topology, constants: tuple[Array, ...], q: Coordinates) -> Float[Array, "rates N"]:
+    """Coefficients B of the rows on velocities, on all coordinates."""
+    out = jnp.zeros((len(top.rate_rows), len(top.coordinates)))
+    for block, layout, c in zip(top.rates, top.rate_layout, constants, strict=True):
+        x = q[layout.variables]
+
+        def row(y, dy, c, block=block):
+            return _velocity_rows(top, block, y[None], dy[None], c[None])[0]
+
+        local = jax.vmap(jax.jacfwd(row, argnums=1))(x, jnp.zeros_like(x), c)
+        out = out.at[layout.rows[:, :, None], layout.variables[:, None, :]].add(local)
+    return out
+
+
+def _velocity_rows(top: Topology, block: Block, x: Array, dx: Array, c: Array) -> Array:
+    """Rows of all instances of a block, ``(instances, rows)``."""
+    kind: Any = block.kind
+    what = f"kind {kind.name!r}: rate="
+
+    def one(x, dx, c):
+        parts = (*_split_operands(top, block, x), *_split_operands(top, block, dx))
+        rows = call_user(kind.rate, what, "p, v, s, dp, dv, ds, c", *parts, c)
+        found = as_scalars(rows, what, len(kind.rows))
+        return jnp.stack([jnp.asarray(r, float) for r in found])
+
+    return jax.vmap(one)(x, dx, c)

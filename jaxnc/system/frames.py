@@ -14,9 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.constraints.directions import cross3, unit
-from jaxnc.constraints.elementary import ratio, stacked
+from jaxnc.constraints.elementary import Small, ratio, stacked
 from jaxnc.constraints.kind import dot, norm
-from jaxnc.constraints.small import Small
 from jaxnc.reading import Program, trace
 from jaxnc.remembered import with_owner
 from jaxnc.system.on_lanes import on_host, on_lanes
@@ -44,10 +43,10 @@ def _span(segment: Segment, points: Array, vectors: Array) -> Array:
 
 def body_axes(segments: tuple[Segment, ...], points: Array, vectors: Array) -> Array:
     """Orthonormal axes of a body as rows: ``(dim, dim)``, or ``(1, dim)`` for a bar in space."""
-    return _axes([_span(s, points, vectors) for s in segments])
+    return _orthonormal_axes([_span(s, points, vectors) for s in segments])
 
 
-def _axes(spans: Sequence[Array]) -> Array:
+def _orthonormal_axes(spans: Sequence[Array]) -> Array:
     first = unit(spans[0])
     if first.shape[-1] == 2:
         return stacked([first, stacked([-first[1], first[0]])])
@@ -64,7 +63,7 @@ def frame(top: Topology, segments: tuple[Segment, ...], q: Array) -> Array:
 
 def carried(spans: Sequence[Array], w: Array, drawn: Array, direction: bool) -> Array:
     """Components ``(dim,)`` of a marker's arm (or direction) w in the frame that a body's segments span."""
-    axes = _axes(spans)
+    axes = _orthonormal_axes(spans)
     w = unit(w) if direction else w
     if w.shape[0] == 2:
         w = w * ratio(1.0, norm(drawn))
@@ -78,7 +77,7 @@ def _in_plane(marker: MarkerIndex, coefficients: Array, points: Any, vectors: An
     return jnp.stack([origin[0] + a * x - b * y, origin[1] + a * y + b * x], axis=-1)
 
 
-def _place(top: Topology, marker: MarkerIndex, coefficients: Array, q: Array) -> Array:
+def _marker_position(top: Topology, marker: MarkerIndex, coefficients: Array, q: Array) -> Array:
     points, vectors = spread(top, q)
     if top.dim == 2:
         return _in_plane(marker, coefficients, points, vectors)
@@ -92,28 +91,28 @@ def marker_places(eq: "Equations", q: Array) -> Float[Array, "... markers dim"]:
     top = eq.topology
 
     def places(x: Array) -> Array:
-        found = [_place(top, m, eq.markers[k], x) for k, m in enumerate(top.markers)]
+        found = [_marker_position(top, m, eq.markers[k], x) for k, m in enumerate(top.markers)]
         return jnp.stack(found) if found else jnp.zeros((0, top.dim))
 
     return over(places, q)
 
 
 def marker_along(eq: "Equations", number: int, q: Array, rates: tuple[Array, ...]) -> Float[Array, "... dim"]:
-    """As `marker_rates`, of one marker; NumPy's of poses that the host has found."""
-    return _along(marker_place, (eq.topology, number), q, rates, eq.markers)
+    """Time derivative of one marker, see `marker_rates`; NumPy's of poses that the host has found."""
+    return _along_poses(marker_place, (eq.topology, number), q, rates, eq.markers)
 
 
 def marker_place(top: Topology, number: int, q: Array, coefficients: Array) -> Float[Array, " dim"]:
     """Position (direction) of one marker in one pose, from the coefficients of all."""
-    return _place(top, top.markers[number], coefficients[number], q)
+    return _marker_position(top, top.markers[number], coefficients[number], q)
 
 
 @with_owner
 def marker_program(top: Topology, number: int) -> Program:
-    """The same as a program of all coordinates and its own coefficients."""
+    """Write `marker_place` as a program of all coordinates and the marker's own coefficients."""
 
     def place(q: Array, coefficients: Array) -> tuple[Array]:
-        return (_place(top, top.markers[number], coefficients, q),)
+        return (_marker_position(top, top.markers[number], coefficients, q),)
 
     with numbers(WIDE):
         return trace(place, (len(top.coordinates),), (top.dim,))
@@ -126,7 +125,7 @@ def marker_in_lanes(eq: "Equations", number: int, q: Sequence[Array]) -> Float[A
         a, b = 2 * len(top.points), 2 * (len(top.points) + len(top.vectors))
         points, vectors = (Small(Small(of[k : k + 2]) for k in range(0, len(of), 2)) for of in (q[:a], q[a:b]))
         return _in_plane(marker, coefficients, points, vectors)
-    place = functools.partial(_place, top, marker, coefficients)
+    place = functools.partial(_marker_position, top, marker, coefficients)
     flat = jnp.stack([x.reshape(-1) for x in q])
     return jax.vmap(place, in_axes=-1, out_axes=-1)(flat).T.reshape(*shape, top.dim)
 
@@ -144,17 +143,17 @@ def along(f, q: Array, rates: tuple[Array, ...]) -> Array:
             return f(x + sum(t**k / math.factorial(k) * term for k, term in enumerate(terms, start=1)))
 
         for _ in terms:
-            curve = _derivative(curve)
+            curve = _time_derivative(curve)
         return curve(jnp.zeros(()))
 
     return over(one, q, *rates)
 
 
-def _derivative(f):
+def _time_derivative(f):
     return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
 
 
-def _along(f, fixed: tuple, q: Array, rates: tuple[Array, ...], *constants: Array) -> Any:
+def _along_poses(f, fixed: tuple, q: Array, rates: tuple[Array, ...], *constants: Array) -> Any:
     """The k-th time derivative of ``f(*fixed, pose, *constants)``: of NumPy lanes where the poses are such."""
     if on_host(q, rates, constants):
         return on_lanes(f, fixed, cast(np.ndarray, q), rates, constants)
@@ -171,21 +170,21 @@ def over(f, *arrays: Array) -> Array:
 
 def turns(top: Topology, segments: tuple[Segment, ...], home: Array, q: Array) -> Array:
     """Rotation matrix of a body from its drawing to poses ``(..., N)``: ``(..., dim, dim)``."""
-    return _along(_turn, (top, segments), q, (), home)
+    return _along_poses(_rotation_from_drawing, (top, segments), q, (), home)
 
 
-def _turn(top: Topology, segments: tuple[Segment, ...], q: Array, home: Array) -> Array:
+def _rotation_from_drawing(top: Topology, segments: tuple[Segment, ...], q: Array, home: Array) -> Array:
     return frame(top, segments, q).T @ frame(top, segments, home)
 
 
 def spins(top: Topology, segments: tuple[Segment, ...], q: Array, rates: tuple[Array, ...]) -> Array:
     """Angular velocity (one rate) or acceleration (two): ``(...,)`` in the plane, ``(..., 3)`` in space."""
     # With the axes e_i as rows, ω = ½ Σ e_i × ė_i and so ω̇ = ½ Σ e_i × ë_i.
-    axes, last = (_along(frame, (top, segments), q, terms) for terms in ((), rates[:2]))
-    return _spin(axes, last)
+    axes, last = (_along_poses(frame, (top, segments), q, terms) for terms in ((), rates[:2]))
+    return _spin_of_axes(axes, last)
 
 
-def _spin(axes: Any, change: Any) -> Any:
+def _spin_of_axes(axes: Any, change: Any) -> Any:
     if axes.shape[-1] == 2:
         return 0.5 * (axes[..., 0] * change[..., 1] - axes[..., 1] * change[..., 0]).sum(axis=-1)
     numeric: Any = np if isinstance(axes, np.ndarray) else jnp

@@ -1,4 +1,4 @@
-"""What a row, a number or a load belongs to: an id of what kind of thing it is and which one, never its name.
+"""Owners of rows, numbers and loads: an id of what kind of thing it is and which one, never its name.
 
 Names are the user's, and a body, a joint and a coordinate may have the same one. They stand in `Names` beside the index
 structures, and become text only where something is shown.
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Thing(IntEnum):
-    """What can own something. Within one of them names are unique."""
+    """Kinds of things that can own something. Within one of them names are unique."""
 
     BODY = 0
     POINT = 1
@@ -36,7 +36,7 @@ class Thing(IntEnum):
 
 
 class Owner(NamedTuple):
-    """One thing of a description: the `number`-th of its kind, in the order of the description."""
+    """A thing of a description: the `number`-th of its kind, in the order of the description."""
 
     thing: Thing
     number: int
@@ -67,7 +67,7 @@ def names_of(mechanism: "Mechanism") -> Names:
 
 
 def called(names: Names, *owners: Owner) -> str:
-    """What is shared by some owners, as text."""
+    """Name a thing that some owners share."""
     return " and ".join(names[o.thing][o.number] for o in owners)
 
 
@@ -106,7 +106,7 @@ def find(names: Names, name: str, things: Iterable[Thing], among: Container[Owne
 
 
 class Quantity(Enum):
-    """What an explicit dimension is a number of."""
+    """The sort of number that an explicit dimension is."""
 
     LENGTH = "length"
     """Positive."""
@@ -119,7 +119,7 @@ class Quantity(Enum):
 
     @property
     def long(self) -> bool:
-        """Whether it grows with the drawing."""
+        """Tell whether the number grows with the drawing."""
         return self in (Quantity.LENGTH, Quantity.PLACE)
 
 
@@ -138,7 +138,7 @@ def addresses(names: Names, entries: Sequence[tuple[Owner | None, str]]) -> list
         names: names of all things.
         entries: for each number what it belongs to, and its key there; for what has a name of its own, None and that.
     """
-    plain = [key if owner is None else _joined(called(names, owner), key) for owner, key in entries]
+    plain = [key if owner is None else _address(called(names, owner), key) for owner, key in entries]
     shared = {name for name, count in Counter(plain).items() if count > 1}
     out = [
         f"{owner.thing.noun} {name}" if owner is not None and name in shared else name
@@ -153,5 +153,5 @@ def addresses(names: Names, entries: Sequence[tuple[Owner | None, str]]) -> list
     return out
 
 
-def _joined(name: str, key: str) -> str:
+def _address(name: str, key: str) -> str:
     return f"{name}.{key}" if key else name

@@ -14,7 +14,7 @@ from jaxnc.pickling import Remade
 from jaxnc.system.identity import GROUND, Owner, Thing
 
 if TYPE_CHECKING:
-    from jaxnc.system.assembler import Assembler
+    from jaxnc.system.assemble import Assembler
     from jaxnc.system.topology import BodyIndex, Segment
 
 Index = tuple[int, ...]
@@ -43,7 +43,7 @@ class InertiaIndex:
 
     @property
     def form(self) -> tuple:
-        """What must be equal for two bodies to be computed in one call."""
+        """The features that two bodies must share to be computed in one call."""
         forms = tuple(len(s) for s in self.segments), tuple(len(s) for s in self.frame)
         return (*forms, self.shape, len(self.corners), len(self.com), len(self.inertia), len(self.size))
 
@@ -105,7 +105,7 @@ class Loads:
 
     @property
     def any(self) -> bool:
-        """Whether anything has a mass."""
+        """Tell whether anything has a mass."""
         return bool(self.inertias)
 
 
@@ -160,7 +160,7 @@ class LoadAssembler:
         redrawn = a.redrawn.get(name, {})
         if a.dim == 2:
             segments = body.segments
-            if len(body.points) == 1 and segments and not a.rigid(*segments[0]):  # pyright: ignore[reportAttributeAccessIssue]
+            if len(body.points) == 1 and segments and not a.rigid(segments[0]):
                 if spec.inertia or spec.com or spec.shape:
                     raise MechanismError(
                         f"{what} turns with a line whose length is not constant, so its inertia has no constant mass "
@@ -242,7 +242,7 @@ class LoadAssembler:
 
     def unit(self, segment: "Segment", what: str) -> np.ndarray:
         """The direction of a drawn segment."""
-        d = self.a.drawn(segment)  # pyright: ignore[reportAttributeAccessIssue]
+        d = self.a.drawn(segment)
         size = np.linalg.norm(d)
         return d / size if size else d
 

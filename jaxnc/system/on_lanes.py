@@ -10,14 +10,14 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import jit
-from jaxnc.constraints.trigonometry import by_name
+from jaxnc.constraints.elementary import by_name
 from jaxnc.internals import outermost
 from jaxnc.reading import Program, function, rate, trace
 from jaxnc.system.precision import WIDE, numbers
 
 
 def on_host(*given: Any) -> bool:
-    """Whether poses, given first, were found on the host, and nothing is traced: traced code makes arrays of JAX's."""
+    """Tell whether poses, given first, were found on the host, and nothing is traced, which makes arrays of JAX's."""
     traced = not outermost() or any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
     return isinstance(given[0], np.ndarray) and not traced
 
@@ -78,7 +78,7 @@ def columns_on_lanes(
     shapes = ((sum(part.shape[-1] for part in q),), *(c.shape for c in given))
     run = _function(f, fixed, shapes, len(rates), traced)
     if traced:
-        return _in_jax(run, tuple(q), tuple(map(tuple, rates)), tuple(given))
+        return _columns_in_jax(run, tuple(q), tuple(map(tuple, rates)), tuple(given))
     x = [column for part in q for column in np.moveaxis(part, -1, 0)]
     x += [number for c in given for number in c.reshape(-1)]
     x += [column for term in rates for part in term for column in np.moveaxis(np.asarray(part), -1, 0)]
@@ -87,7 +87,7 @@ def columns_on_lanes(
 
 
 @functools.partial(jit, static_argnums=0)
-def _in_jax(run: Callable, q: tuple, rates: tuple, constants: tuple) -> list[Any]:
+def _columns_in_jax(run: Callable, q: tuple, rates: tuple, constants: tuple) -> list[Any]:
     def columns(part: Any) -> list[Any]:
         return [part[..., k] for k in range(part.shape[-1])]
 
@@ -102,7 +102,7 @@ def carrying(program: Program) -> Callable[[Sequence[np.ndarray]], list[np.ndarr
     plain = function(program)
 
     @functools.cache
-    def pushed() -> Callable:
+    def push() -> Callable:
         return function(rate(program, range(program.inputs), 1))
 
     def run(x: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -111,7 +111,7 @@ def carrying(program: Program) -> Callable[[Sequence[np.ndarray]], list[np.ndarr
         found = [np.broadcast_to(v, lead)[..., None] for v in plain(values)]
         if width == 1:
             return found
-        changes = pushed()([*(v[..., None] for v in values), *(a[..., 1:] for a in x)])
+        changes = push()([*(v[..., None] for v in values), *(a[..., 1:] for a in x)])
         changes = [np.broadcast_to(c, (*lead, width - 1)) for c in changes]
         return [np.concatenate(pair, axis=-1) for pair in zip(found, changes, strict=True)]
 

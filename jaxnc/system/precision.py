@@ -22,7 +22,7 @@ from jaxnc.promotion import promoting
 
 
 class Limits(NamedTuple):
-    """What counts as nothing among numbers of one width."""
+    """Limits of what counts as nothing among numbers of one width."""
 
     accept: float  # of the mechanism's size: a pose with a larger residual is not a solution
     rounding: float  # of the largest coordinate as a length: what rounding leaves far from the origin, after many turns
@@ -81,7 +81,7 @@ _AS_IT_IS = contextlib.nullcontext()
 
 
 def limits(like: Any) -> Limits:
-    """What counts as nothing among numbers like those of an array."""
+    """Limits of what counts as nothing among numbers like those of an array."""
     return _SINGLE if like.dtype == NARROW else _DOUBLE
 
 
@@ -97,15 +97,15 @@ def numbers(like: Any) -> contextlib.AbstractContextManager:
     """
     refuse_fork()
     wide = getattr(like, "dtype", like) != NARROW
-    return promoting(_AS_IT_IS if wide == _wide() else jax.enable_x64(wide))
+    return promoting(_AS_IT_IS if wide == _is_wide() else jax.enable_x64(wide))
 
 
 def active() -> np.dtype:
     """The type of new numbers."""
-    return WIDE if _wide() else NARROW
+    return WIDE if _is_wide() else NARROW
 
 
-def _wide() -> bool:
+def _is_wide() -> bool:
     return bool(jax.config.read("jax_enable_x64"))
 
 
@@ -117,7 +117,7 @@ def chosen(dtype: Any) -> np.dtype:
         found = None
     if found is None or found not in (WIDE, NARROW):
         raise InputError(f"dtype={dtype!r}; numbers are 'float64' or 'float32'")
-    if found == WIDE and not _wide():
+    if found == WIDE and not _is_wide():
         raise JaxncError(
             "jaxnc needs 64-bit numbers, and JAX has them switched off: write "
             'jax.config.update("jax_enable_x64", True) before the first computation, or set JAX_ENABLE_X64=1; or ask '

@@ -1,20 +1,47 @@
-"""What a kind is, read from its functions: programs, sparsity and degree. Nothing is sampled and nothing declared."""
+"""Kinds read from their functions: programs, sparsity and degree, and the functions on lanes.
+
+Nothing is sampled and nothing declared. Each function is read once a process, and goes through JAX where it cannot be
+read.
+"""
 
 import functools
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import blame_callback
 from jaxnc.constraints import Kind
-from jaxnc.constraints.small import Small
-from jaxnc.constraints.trigonometry import by_name
+from jaxnc.constraints.elementary import Small, by_name
 from jaxnc.errors import InputError
-from jaxnc.reading import Node, Number, OutOfRange, Polynomial, Program, Unreadable, polynomials, trace, write
+from jaxnc.reading import (
+    Builder,
+    Node,
+    Number,
+    OutOfRange,
+    Polynomial,
+    Program,
+    Unreadable,
+    function,
+    partials,
+    polynomials,
+    rate,
+    trace,
+    write,
+)
+from jaxnc.system.on_lanes import carrying
 from jaxnc.system.precision import WIDE, numbers
+from jaxnc.system.topology import Topology
 from jaxnc.validate import as_scalars, call_user
 
 Pairs = tuple[tuple[int, int], ...]
+Function = Callable[[Sequence[Any]], tuple[Any, ...]]
+Indices = tuple[tuple[int, ...], ...]
+Carrying = Callable[[Sequence[np.ndarray]], list[np.ndarray]]
 
 _NOT_PLAIN = (TypeError, AttributeError, ValueError, IndexError, NotImplementedError)
 
@@ -44,7 +71,7 @@ def program(kind: Kind, which: str, dim: int) -> Program | None:
     if getattr(kind, which) is None:
         return None
     try:
-        return _read(kind, which, dim)
+        return _read_program(kind, which, dim)
     except OutOfRange as error:
         raise InputError(
             f"kind {kind.name!r}: {which}= asks for {error}: the kind declares points={kind.points}, "
@@ -53,7 +80,7 @@ def program(kind: Kind, which: str, dim: int) -> Program | None:
         ) from None
 
 
-def _read(kind: Kind, which: str, dim: int) -> Program | None:
+def _read_program(kind: Kind, which: str, dim: int) -> Program | None:
     f = getattr(kind, which)
     single, what = which in ("measure", "misfit"), f"kind {kind.name!r}: {which}="
     many = {"residual": len(kind.rows), "drawn": len(kind.constants)}.get(which)
@@ -71,14 +98,14 @@ def _read(kind: Kind, which: str, dim: int) -> Program | None:
 
     count = size(kind, dim) + len(kind.constants)
     try:
-        return write(lambda *x: called(*_small(kind, dim, x)), count)
+        return write(lambda *x: called(*_as_small(kind, dim, x)), count)
     except OutOfRange:
         raise
     except _NOT_PLAIN:
         pass  # it wants numbers of JAX's
     with numbers(WIDE), by_name():
         try:
-            return trace(lambda *x: called(*_small(kind, dim, x)), *[()] * count)
+            return trace(lambda *x: called(*_as_small(kind, dim, x)), *[()] * count)
         except Unreadable:
             return None
         except OutOfRange:
@@ -99,7 +126,7 @@ def _true_or_false(row: Any) -> bool:
     )
 
 
-def _small(kind: Kind, dim: int, x: Sequence[Any]) -> tuple[Small, Small, Small, Small]:
+def _as_small(kind: Kind, dim: int, x: Sequence[Any]) -> tuple[Small, Small, Small, Small]:
     ends = kind.points, kind.points + kind.vectors
     spread = [Small(x[k * dim : (k + 1) * dim]) for k in range(ends[1])]
     first = ends[1] * dim
@@ -135,8 +162,8 @@ def pattern(kind: Kind, dim: int) -> np.ndarray:
 
 @functools.lru_cache(maxsize=1024)
 def quadratic(kind: Kind, dim: int) -> bool:
-    """Whether a kind has rows, each a polynomial of degree two at most, so that its Jacobian is affine."""
-    return bool(kind.rows) and all(_degree(row) <= 2 for row in rows_in(kind, dim))
+    """Tell whether a kind has rows, each a polynomial of degree two at most, so that its Jacobian is affine."""
+    return bool(kind.rows) and all(_row_degree(row) <= 2 for row in rows_in(kind, dim))
 
 
 _STEEP = {"sqrt", "tan", "asin", "acos", "atan2", "log", "log1p", "pow", "power"}
@@ -145,18 +172,18 @@ _JUMPS = {"tan", "atan2", "log", "log1p", "pow", "power", "select", "sign", "flo
 
 @functools.lru_cache(maxsize=1024)
 def steep(kind: Kind, dim: int) -> bool:
-    """Whether rows of a kind may have values where their derivatives are not finite."""
-    return _has(kind, dim, _STEEP)
+    """Tell whether rows of a kind may have values where their derivatives are not finite."""
+    return _uses(kind, dim, _STEEP)
 
 
 @functools.lru_cache(maxsize=1024)
 def jumps(kind: Kind, dim: int) -> bool:
-    """Whether rows of a kind of a user's own may jump, or have poles; the library's own do neither."""
-    return not getattr(kind.residual, "__module__", "").startswith("jaxnc.") and _has(kind, dim, _JUMPS)
+    """Tell whether rows of a user's own kind may jump, or have poles; the library's own do neither."""
+    return not getattr(kind.residual, "__module__", "").startswith("jaxnc.") and _uses(kind, dim, _JUMPS)
 
 
-def _has(kind: Kind, dim: int, operations: set[str]) -> bool:
-    """Whether rows use some operations, or divide by, what depends on the variables; of what is not read, yes."""
+def _uses(kind: Kind, dim: int, operations: set[str]) -> bool:
+    """Tell whether rows use some operations of the variables, or divide by them; yes of rows that cannot be read."""
     found = program(kind, "residual", dim)
     if found is None:
         return True
@@ -173,7 +200,7 @@ def _has(kind: Kind, dim: int, operations: set[str]) -> bool:
     return any(is_one(k, node) for k, node in enumerate(found.nodes))
 
 
-def _degree(row: Polynomial) -> float:
+def _row_degree(row: Polynomial) -> float:
     return np.inf if row.terms is None else max(map(len, row.terms), default=0)
 
 
@@ -187,10 +214,182 @@ def curvature(kind: Kind, dim: int, moving: tuple[int, ...]) -> tuple[Pairs | No
     """
     out: list[Pairs | None] = []
     for row in rows_in(kind, dim, moving):
-        if _degree(row) > 2:
+        if _row_degree(row) > 2:
             out.append(None)
             continue
         squares = [m for m in row.terms or () if len(m) == 2]
         pairs = {(moving[i], moving[j]) for a, b in squares for i, j in ((a, b), (b, a))}
         out.append(tuple(sorted(pairs)))
     return tuple(out)
+
+
+# -- functions on lanes ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Formula:
+    """A function of a few numbers, with its readings; each is made when somebody asks for it."""
+
+    program: Program | None  # None where it cannot be read
+    call: Callable[[Any], Any] | None = None  # then the function itself, from an array to an array
+    kind: Any = None  # whose function that is: a `Kind`, or a kind of force
+
+    @functools.cached_property
+    def on_lanes(self) -> Function:
+        """Values of NumPy lanes."""
+        if self.program is not None:
+            return function(self.program)
+        assert self.call is not None and self.kind is not None
+        return by_jax(self.call, self.kind)
+
+    @functools.cached_property
+    def traced(self) -> Function:
+        """Values of JAX's lanes, in traced code too."""
+        if self.program is not None:
+            return function(self.program, jnp)
+        assert self.call is not None
+        mapped = jax.vmap(self.call)
+        return lambda x: tuple(mapped(jnp.stack(jnp.broadcast_arrays(*x), axis=-1)).T)
+
+    @functools.cached_property
+    def carrying(self) -> Carrying:
+        """Values and changes of NumPy lanes ``(..., 1 + changes)``; see `jaxnc.system.on_lanes.carrying`."""
+        if self.program is not None:
+            return carrying(self.program)
+        assert self.call is not None and self.kind is not None
+        call, plain = self.call, self.on_lanes
+        slopes = by_jax(lambda x: jax.jacfwd(call)(x).reshape(-1), self.kind)
+
+        def run(x: Sequence[np.ndarray]) -> list[np.ndarray]:
+            given = [a[..., 0] for a in x]
+            values, found = plain(given), slopes(given)
+            width = max(a.shape[-1] for a in x) - 1
+            out = []
+            for k, value in enumerate(values):
+                change = np.zeros((*value.shape, width), value.dtype)
+                for slope, a in zip(found[k * len(x) : (k + 1) * len(x)], x, strict=True):
+                    change = change + slope[..., None] * a[..., 1:]
+                out.append(np.concatenate([value[..., None], change], axis=-1))
+            return out
+
+        return run
+
+    def write(self, b: Builder, inputs: Sequence[int]) -> list[int]:
+        """Write the operations into a program; where the results are."""
+        if self.program is None:
+            raise Unreadable(self.kind.name if self.kind else "a function")
+        at = b.append(self.program, inputs)
+        return [at[k] for k in self.program.outputs]
+
+
+@functools.lru_cache(maxsize=1024)
+def formula(kind: Kind, which: str, dim: int, order: int = 0) -> Formula:
+    """Read one of a kind's functions, or the time derivative of some order of its rows."""
+    found = program(kind, which, dim)
+    if found is None:
+        return Formula(None, jax_function(kind, which, dim, order), kind)
+    return Formula(rate(found, range(size(kind, dim)), order) if order else found)
+
+
+def jax_function(kind: Kind, which: str, dim: int, order: int = 0) -> Callable[[Any], Any]:
+    """Make a function of arrays of one of a kind's functions, or of the time derivative of some order of its rows."""
+    f, single = getattr(kind, which), which in ("measure", "misfit")
+    count = size(kind, dim)
+
+    def one(x: Any) -> Any:
+        p, v, s, c = arrays(kind, dim, x)
+        return jnp.stack([jnp.asarray(r, x.dtype) for r in ((f(p, v, c),) if single else f(p, v, s, c))])
+
+    def along(x: Any) -> Any:
+        whole, parts = x[: count + len(kind.constants)], x[count + len(kind.constants) :].reshape(order, count)
+
+        def curve(t: Any) -> Any:
+            factor, y = 1.0, whole
+            for k in range(order):
+                factor = factor * t / (k + 1)
+                y = y.at[:count].add(factor * parts[k])
+            return one(y)
+
+        for _ in range(order):
+            curve = functools.partial(lambda t, g: jax.jvp(g, (t,), (jnp.ones_like(t),))[1], g=curve)
+        return curve(jnp.zeros((), x.dtype))
+
+    return along if order else one
+
+
+def by_jax(f: Callable[[Any], Any], kind: Any) -> Function:
+    """A function of a kind, from an array to an array, on lanes: evaluated by JAX because it cannot be read."""
+    mapped = jax.jit(jax.vmap(f))
+
+    def run(x: Sequence[Any]) -> tuple[Any, ...]:
+        x = np.broadcast_arrays(*x)
+        with numbers(x[0].dtype), jax.ensure_compile_time_eval():
+            try:
+                out = np.asarray(mapped(np.stack(x, axis=-1).reshape(-1, len(x))))
+            except (jax.errors.JaxRuntimeError, ValueError) as error:
+                blame_callback(error, f"{'constraint kind' if isinstance(kind, Kind) else 'kind'} {kind.name!r}")
+                raise
+        return tuple(out[:, k].reshape(x[0].shape) for k in range(out.shape[1]))
+
+    return run
+
+
+@dataclass(frozen=True, eq=False)
+class HostKind:
+    """The functions of a kind on lanes; each takes its variables and constants (`rates` their derivatives too)."""
+
+    rows: Function  # the residual, unscaled
+    slopes: Function  # its derivatives that can differ from zero
+    places: Indices  # row and variable of each of them
+    guard: Function | None  # what must stay positive; None if nothing
+    rates: Callable[[int], Function]  # its time derivatives of first, second and third order, made when asked for
+
+
+@functools.lru_cache(maxsize=1024)
+def host_kind(kind: Kind, dim: int) -> HostKind:
+    """The functions of a kind, read once a process; through JAX where they cannot be read."""
+    guard = None if kind.guard is None else formula(kind, "guard", dim).on_lanes
+    slopes, places = row_derivatives(kind, dim, tuple(range(size(kind, dim))), 1)
+    return HostKind(
+        formula(kind, "residual", dim).on_lanes,
+        slopes,
+        places,
+        guard,
+        lambda order: formula(kind, "residual", dim, order).on_lanes,
+    )
+
+
+@functools.lru_cache(maxsize=1024)
+def row_derivatives(kind: Kind, dim: int, asked: tuple[int, ...], order: int) -> tuple[Function, Indices]:
+    """Derivatives of a kind's rows by some variables and constants, those that can differ from zero.
+
+    Returns:
+        A function of variables and constants; and of each of its results the row, then the places.
+    """
+    found = program(kind, "residual", dim)
+    if found is None:
+        f, at = jax_function(kind, "residual", dim), np.array(asked, int)
+        for _ in range(order):
+            f = jax.jacfwd(f)
+
+        def pick(x: Any) -> Any:
+            every = f(x)
+            for axis in range(1, order + 1):
+                every = jnp.take(every, at, axis=axis)
+            return every.reshape(-1)
+
+        return by_jax(pick, kind), tuple(itertools.product(range(len(kind.rows)), *[asked] * order))
+    places: list[tuple[int, ...]] = [(r,) for r in range(len(kind.rows))]
+    for _ in range(order):
+        found, pairs = partials(found, asked)
+        places = [(*places[k], asked[v]) for k, v in pairs]
+    return function(found), tuple(places)
+
+
+def readable(top: Topology, functions: Sequence[str] = ("residual", "drawn", "measure")) -> bool:
+    """Tell whether such functions of all of a mechanism's kinds can be read, so that nothing goes through JAX."""
+    return all(
+        getattr(block.kind, which) is None or program(block.kind, which, top.dim) is not None
+        for block in top.blocks
+        for which in functions
+    )

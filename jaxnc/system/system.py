@@ -43,7 +43,7 @@ class Parameters:
     own: tuple[Any, ...] = ()
 
     def in_numpy(self) -> "Parameters":
-        """The same numbers as NumPy arrays; those of a user's own forces stay as they are."""
+        """Make NumPy arrays of the numbers; those of a user's own forces stay as they are."""
         leaves = self.points, self.vectors, self.markers, self.dimensions, self.physical
         points, vectors, markers, dimensions, physical = map(np.asarray, leaves)
         return dataclasses.replace(
@@ -167,7 +167,7 @@ class System(Drawn):
         return np.dtype(self.parameters.points.dtype)
 
     def astype(self, dtype: Any) -> "System":
-        """The same system with numbers of another width; solving, rates and gradients then have it too.
+        """Make a system with numbers of another width; solving, rates and gradients then have it too.
 
         Args:
             dtype: ``"float32"`` (about 6 digits of a pose) or ``"float64"``.

@@ -58,7 +58,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Shape:
-    """Bodies with explicit dimensions that are redrawn by the same recipe (see `jaxnc.system.shape`)."""
+    """Bodies with explicit dimensions that are redrawn by the same recipe (see `jaxnc.system.design.redraw`)."""
 
     recipe: tuple
     members: tuple[Index, ...]
@@ -129,13 +129,13 @@ class JointIndex:
 
     @property
     def drawn(self) -> bool:
-        """Whether its type says how it is drawn."""
+        """Tell whether the joint's type says how it is drawn."""
         return self.owner.thing is Thing.JOINT
 
 
 @dataclass(frozen=True)
 class Special:
-    """What is special about a design, and does not follow from its structure."""
+    """Properties of a design that do not follow from its structure."""
 
     rows: tuple[int, ...] | None  # independent rows, where not all of them are; None where they are
     # Row and coordinate of derivatives that the structure has and that hardly differ from zero in its drawing or
@@ -203,7 +203,7 @@ class Topology:
 
     @functools.cached_property
     def structure(self) -> "Topology":
-        """The same without what a user calls it, and without loads: what plans, equations and traces belong to.
+        """The topology without names and loads, to which plans, equations and traces belong.
 
         Its points, vectors, scalars and dimensions are numbered. It is one object for all mechanisms that have it.
         """
@@ -248,11 +248,11 @@ class Topology:
         return {name: i for i, name in enumerate(self.coordinates)}
 
     def is_angle(self, name: str) -> bool:
-        """Whether a coordinate is an angle."""
+        """Tell whether a coordinate is an angle."""
         return name in self.scalars and self.angles[self.scalars.index(name)]
 
     def is_direction(self, name: str) -> bool:
-        """Whether a name is that of a unit vector, or of one of its components."""
+        """Tell whether a name is that of a unit vector, or of one of its components."""
         return name.partition(".")[0] in (*self.vectors, *(m.name for m in self.markers if m.direction))
 
     def unit(self, name: str) -> str:
@@ -264,12 +264,12 @@ class Topology:
         return tuple(self.coordinates[k] for k in at)
 
     def called(self, *owners: Owner) -> str:
-        """What something is called that these own together."""
+        """Name a thing that some owners share."""
         return called(self.names, *owners)
 
     @functools.cached_property
     def row_owners(self) -> tuple[tuple[Owner, ...], ...]:
-        """What every row of the residual belongs to."""
+        """Owners of every row of the residual."""
         return tuple(owners for block in self.blocks for owners in block.owners for _ in block.kind.rows)
 
     @functools.cached_property
@@ -284,14 +284,14 @@ class Topology:
     @functools.cached_property
     def rows(self) -> tuple[str, ...]:
         """Names of all rows of the residual, to be read: ``owner: label (kind, instance points)``."""
-        return self._named(self.blocks)
+        return self._row_names(self.blocks)
 
     @functools.cached_property
     def rate_rows(self) -> tuple[str, ...]:
         """Names of all rows on velocities."""
-        return self._named(self.rates)
+        return self._row_names(self.rates)
 
-    def _named(self, blocks: tuple[Block, ...]) -> tuple[str, ...]:
+    def _row_names(self, blocks: tuple[Block, ...]) -> tuple[str, ...]:
         names = []
         for block in blocks:
             for owners, points, vectors in zip(block.owners, block.points, block.vectors, strict=True):
@@ -308,20 +308,20 @@ class Topology:
 
     @property
     def large(self) -> bool:
-        """Whether matrices of this mechanism are kept sparse: as it was compiled, otherwise by its unknowns."""
+        """Tell whether matrices of this mechanism are kept sparse: as it was compiled, otherwise by its unknowns."""
         return len(self.unknown) > LARGE if self.sparse is None else self.sparse
 
     @functools.cached_property
     def layout(self) -> tuple["BlockLayout", ...]:
         """Index arrays of each block."""
-        return self._laid(self.blocks)
+        return self._lay_out(self.blocks)
 
     @functools.cached_property
     def rate_layout(self) -> tuple["BlockLayout", ...]:
         """Index arrays of each block of rows on velocities."""
-        return self._laid(self.rates)
+        return self._lay_out(self.rates)
 
-    def _laid(self, blocks: tuple[Block, ...]) -> tuple["BlockLayout", ...]:
+    def _lay_out(self, blocks: tuple[Block, ...]) -> tuple["BlockLayout", ...]:
         first, out = 0, []
         offset = len(self.points) * self.dim
         for block in blocks:

@@ -55,7 +55,7 @@ def _solve_small(a: np.ndarray, right: list[np.ndarray]) -> list[np.ndarray]:
 
 
 class Lockstep:
-    """A plan, ready for many designs. Make it with `lockstep`; all its kinds are readable (`host_kinds.readable`)."""
+    """A plan, ready for many designs. Make it with `lockstep`; all its kinds are readable (`structure.readable`)."""
 
     def __init__(self, plan: Plan):
         self.plan, top = plan, plan.topology

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxnc.constraints.coordinates import from_drawing
+from jaxnc.constraints.elementary import Small
 from jaxnc.constraints.kind import norm
-from jaxnc.constraints.small import Small
-from jaxnc.constraints.spatial_coordinates import from_drawing
 from jaxnc.io.files import plain
 from jaxnc.mechanism import Mechanism
 from jaxnc.reading import Builder, Program, Unreadable, rate, write
@@ -22,9 +22,8 @@ from jaxnc.solvers.plan_program import count_numbers, write_rows
 from jaxnc.system.design import Step, design, run_steps
 from jaxnc.system.frames import marker_program
 from jaxnc.system.host import HostEquations, from_jax
-from jaxnc.system.host_kinds import readable
 from jaxnc.system.identity import Dimension, Owner, Quantity, Thing
-from jaxnc.system.structure import program
+from jaxnc.system.structure import program, readable
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.viz.arrows import Arrows

@@ -1,16 +1,18 @@
-"""The report that is printed: short, align_columns, in the units of the model."""
+"""Output of commands: the report of an analysis, short and aligned, in the units of the model; files."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from jaxnc.cli.analysis import Analysis
-from jaxnc.cli.progress import progress
+from jaxnc.cli.question import Question
 from jaxnc.errors import counted
+from jaxnc.io.target import folder, stem
 from jaxnc.kinematics.inputs import doubtful_size
 from jaxnc.kinematics.motion import Motion
+from jaxnc.progress import step_bar
 from jaxnc.reporting.outcome import (
     CROSSING,
     crossings,
@@ -22,8 +24,9 @@ from jaxnc.reporting.outcome import (
     why,
 )
 from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
-from jaxnc.reporting.verdict import Verdict
+from jaxnc.reporting.verdict import File, Verdict
 from jaxnc.status import Status
+from jaxnc.system.system import System
 from jaxnc.vehicle.report import SuspensionReport, align_columns
 
 _WAYS = {
@@ -31,13 +34,25 @@ _WAYS = {
     "solve_position": "every pose on its own",
     "circuit": "by arc length along the circuit, through dead points",
 }
-_MOST = 6  # groups of failed poses
+_MOST_GROUPS = 6  # of failed poses
 
 
-def report(
-    analysis: Analysis, importing: float, suspensions: Sequence[SuspensionReport] = (), verdict: Verdict | None = None
+@dataclass(frozen=True)
+class Analysis:
+    """A motion and what is known about it."""
+
+    question: Question  # the mechanism, and how it was driven
+    system: System  # the mechanism, compiled
+    inputs: Mapping[str, np.ndarray]  # values that were asked for, radians and lengths, each (T,)
+    motion: Motion  # what came of it
+    compiling: float  # seconds of compiling and the first call
+    running: float | None  # seconds of a second call; None if there was none
+
+
+def report_lines(
+    analysis: Analysis, importing: float, suspensions: Sequence[SuspensionReport], verdict: Verdict
 ) -> Iterator[str]:
-    """Everything worth saying about an analysis below its title, line by line: what comes last may take a while."""
+    """Report on an analysis, line by line below its title; the last lines may take a while."""
     motion = analysis.motion
     top, dof = analysis.system.topology, analysis.system.degrees_of_freedom
     n = len(top.unknown)
@@ -53,24 +68,24 @@ def report(
     for k, found in enumerate(suspensions):
         yield from ("", *(f"  {line}" for line in (found.text(all_of_it=not k)).splitlines()))
     if good.any():
-        yield from ("", *_extremes(analysis), "", *_quality(motion, good))
+        yield from ("", *_extremes_table(analysis), "", *_quality(motion, good))
     failed = ~good & ~crossings(motion)
     if not good.all():
         yield from _failures(analysis, failed)
     second = f"run {_duration(analysis.running)}" if analysis.running is not None else "not run a second time"
     yield f"  time: import {_duration(importing)}, compile {_duration(analysis.compiling)}, {second}"
     if failed.any():
-        yield from _diagnosis(analysis, verdict or Verdict())
+        yield from _diagnosis(analysis, verdict)
 
 
 def _diagnosis(analysis: Analysis, verdict: Verdict) -> list[str]:
-    """Why the first pose that failed was not found, in the model's angle unit."""
+    """Say why the first pose that failed was not found, in the model's angle unit."""
     motion = analysis.motion
-    if analysis.run.analysis == "circuit":
+    if analysis.question.run.analysis == "circuit":
         return []
-    with progress(1) as step:
+    with step_bar(1) as step:
         step("finding out why")
-        found = why(verdict, motion, analysis.asked, analysis.run.hold)
+        found = why(verdict, motion, analysis.inputs, analysis.question.run.hold)
     if found is None and np.asarray(motion.converged)[int(np.argmax(np.asarray(motion.status) != 0)) :].any():
         return ["  the first of them is a singular position, and the motion goes on from there: begin beside it"]
     if found is None:
@@ -82,23 +97,25 @@ def _diagnosis(analysis: Analysis, verdict: Verdict) -> list[str]:
 
 
 def _drives(analysis: Analysis) -> Iterable[str]:
-    for name, drive in analysis.run.inputs.items():
+    for name, drive in analysis.question.run.inputs.items():
         unit, _ = unit_of(analysis.motion, name)
-        rate = f" at {_short(drive.rate)} {unit}/s" if drive.rate is not None and analysis.motion.rates else ""
-        way = f"from {_short(drive.start)} to {_short(drive.end)}" if drive.poses > 1 else f"to {_short(drive.end)}"
-        yield (f"{name} driven {way} {unit}{rate}, {counted(drive.poses, 'pose')} {_WAYS[analysis.run.analysis]}")
-    if analysis.run.hold:
-        yield f"held: {', '.join(analysis.run.hold)}"
+        rate = f" at {_format(drive.rate)} {unit}/s" if drive.rate is not None and analysis.motion.rates else ""
+        way = f"from {_format(drive.start)} to {_format(drive.end)}" if drive.poses > 1 else f"to {_format(drive.end)}"
+        yield (
+            f"{name} driven {way} {unit}{rate}, {counted(drive.poses, 'pose')} {_WAYS[analysis.question.run.analysis]}"
+        )
+    if analysis.question.run.hold:
+        yield f"held: {', '.join(analysis.question.run.hold)}"
 
 
-def _extremes(analysis: Analysis) -> list[str]:
+def _extremes_table(analysis: Analysis) -> list[str]:
     """A table with a row for each quantity: smallest, largest, where, and the range between them."""
     motion = analysis.motion
-    found = quantities(motion, outputs_of(motion, analysis.run.outputs))
+    found = quantities(motion, outputs_of(motion, analysis.question.run.outputs))
     scales = scales_of(found)
     if len(motion.status) == 1:
         in_reading_units = [q for q in found if not idle(q, scales[q.unit])]
-        return align_columns([[f"{q.label} [{q.unit}]", _short(float(q.values[0]))] for q in in_reading_units])
+        return align_columns([[f"{q.label} [{q.unit}]", _format(float(q.values[0]))] for q in in_reading_units])
     units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
     where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
     rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]
@@ -114,22 +131,22 @@ def _extreme_row(motion: Motion, q: Quantity, scale: float) -> list[str]:
     q = replace(q, values=values)
     label = f"{q.label} [{q.unit}]"
     if constant(values):
-        return [label, _short(float(np.nanmean(values))), "everywhere", "", "", ""]
+        return [label, _format(float(np.nanmean(values))), "everywhere", "", "", ""]
     low, high = (extreme_of(q, course(motion), largest) for largest in (False, True))
     cells = [label]
     for end in (low, high):
         value = 0.0 if abs(end.value) <= ZERO * scale else end.value
-        at = ", ".join(_short(value, 5) for value in inputs_at(motion, end.at).values())
-        cells += [_short(value), at + ("~" if end.refined else " ")]
-    return [*cells, _short(high.value - low.value)]
+        at = ", ".join(_format(value, 5) for value in inputs_at(motion, end.at).values())
+        cells += [_format(value), at + ("~" if end.refined else " ")]
+    return [*cells, _format(high.value - low.value)]
 
 
 def _quality(motion: Motion, good: np.ndarray) -> list[str]:
-    """How many poses are right, and how right."""
+    """Say how many poses are right, and how right."""
 
-    def named(i: int) -> str:
+    def name_input(i: int) -> str:
         return ", ".join(
-            f"{name} = {_short(value, 5)} {unit_of(motion, name)[0]}" for name, value in inputs_at(motion, i).items()
+            f"{name} = {_format(value, 5)} {unit_of(motion, name)[0]}" for name, value in inputs_at(motion, i).items()
         )
 
     residual = np.where(good, np.asarray(motion.residual), -1.0)
@@ -138,8 +155,8 @@ def _quality(motion: Motion, good: np.ndarray) -> list[str]:
     every = "all " if good.all() and len(good) > 1 else ""
     return [
         f"  {every}{counted(int(good.sum()), 'pose')} found; worst residual {residual[worst]:.1e} "
-        f"{motion.system.topology.length_unit} at {named(worst)}",
-        f"  smallest conditioning {conditioning[tight]:.2g} at {named(tight)} (0 is a singular position)",
+        f"{motion.system.topology.length_unit} at {name_input(worst)}",
+        f"  smallest conditioning {conditioning[tight]:.2g} at {name_input(tight)} (0 is a singular position)",
     ]
 
 
@@ -151,30 +168,62 @@ def _failures(analysis: Analysis, failed: np.ndarray) -> list[str]:
     lines += [f"  {crossed} of {many} at change points"] if crossed else []
     edges = [0, *(np.flatnonzero(np.diff(status) | np.diff(failed)) + 1).tolist(), len(status)]
     groups = [(a, b) for a, b in itertools.pairwise(edges) if status[a]]
-    for a, b in groups[:_MOST]:
-        lines.append(f"    {_asked(analysis, a, b - 1)}: {Status(int(status[a])).sentence if failed[a] else CROSSING}")
-    if len(groups) > _MOST:
-        lines.append(f"    … and {len(groups) - _MOST} more groups of poses")
+    for a, b in groups[:_MOST_GROUPS]:
+        lines.append(
+            f"    {_inputs_between(analysis, a, b - 1)}: {Status(int(status[a])).sentence if failed[a] else CROSSING}"
+        )
+    if len(groups) > _MOST_GROUPS:
+        lines.append(f"    … and {len(groups) - _MOST_GROUPS} more groups of poses")
     return lines
 
 
-def _asked(analysis: Analysis, first: int, last: int) -> str:
-    """The inputs that were asked for at a group of poses."""
-    if analysis.run.analysis == "circuit":
+def _inputs_between(analysis: Analysis, first: int, last: int) -> str:
+    """Describe the inputs that were asked for at a group of poses."""
+    if analysis.question.run.analysis == "circuit":
         return f"pose {first} … {last}"
     at = []
-    for name, values in analysis.asked.items():
+    for name, values in analysis.inputs.items():
         unit, factor = unit_of(analysis.motion, name)
-        span = [_short(float(values[i]) * factor) for i in dict.fromkeys((first, last))]
+        span = [_format(float(values[i]) * factor) for i in dict.fromkeys((first, last))]
         at.append(f"{name} = {' … '.join(span)} {unit}")
     return ", ".join(at)
 
 
-def _short(value: float, digits: int = 6) -> str:
+def _format(value: float, digits: int = 6) -> str:
     return f"{value:.{digits}g}"
 
 
-def _duration(seconds: float | None) -> str:
-    if seconds is None:
-        return "-"
+def _duration(seconds: float) -> str:
     return f"{seconds:.2f} s" if seconds >= 0.1 else f"{1e3 * seconds:.2g} ms"
+
+
+# -- files ----------------------------------------------------------------------------------------------------------
+
+
+def write_files(
+    out: str | Path, name: str, tasks: Sequence[tuple[str, str, Callable[[Path], object]]]
+) -> list[tuple[Path, str]]:
+    """Write files, with a progress bar where someone is watching.
+
+    Args:
+        out: the folder.
+        name: of the mechanism, with which every file name begins.
+        tasks: of each file the end of its name, a description, and the function that writes it.
+
+    Returns:
+        Paths with their descriptions.
+    """
+    base = folder(out) / stem(name)
+    paths = [base.with_name(base.name + ending) for ending, _, _ in tasks]
+    with step_bar(len(tasks)) as step:
+        for path, (_, _, write) in zip(paths, tasks, strict=True):
+            step(f"writing {path.name}")
+            write(path)
+    return [(path, what) for path, (_, what, _) in zip(paths, tasks, strict=True)]
+
+
+def list_files(files: Sequence[tuple[Path, str]], verdict: Verdict) -> str:
+    """List the files that were written, one a line, and enter them into the verdict."""
+    verdict.files += [File(path=str(path), what=what) for path, what in files]
+    width = max(len(str(path)) for path, _ in files)
+    return "\n".join(["  files:", *(f"    {str(path).ljust(width)}  {what}" for path, what in files)])

@@ -1,15 +1,99 @@
-"""Rigid bodies in space (source text §4.1): bases of segments, and further segments expressed in them.
+"""Rigid bodies in the plane (source text §3.1) and in space (§4.1), and the constant distance in both.
 
-A segment is a unit vector or the line between two points. A body is fixed by a base: one segment (all others along it;
-the body then has five freedoms), two segments, or three of them in the text's own form.
+In space a segment is a unit vector or the line between two points. A body is fixed by a base: one segment (all others
+along it; the body then has five freedoms), two segments, or three of them in the text's own form.
 """
 
 from typing import Any
 
 from jaxnc.constraints.directions import counts, cross3, power, reader, triple
 from jaxnc.constraints.elementary import ratio, stacked, where
-from jaxnc.constraints.kind import Kind, dot, norm
+from jaxnc.constraints.kind import Kind, cross, dot, norm
 from jaxnc.pickling import factory
+
+
+def _length_row(p, v, s, c):
+    d = p[1] - p[0]
+    return (dot(d, d) - c[0] * c[0],)
+
+
+DISTANCE = Kind(
+    "distance",
+    _length_row,
+    rows=("length",),
+    powers=(2,),
+    points=2,
+    constants=("length",),
+    drawn=lambda p, v, s, c: (norm(p[1] - p[0]),),
+    source="(13)-(15), (18), (19), (23)-(27), (30)-(32), (43), (44), (48), (49), (54), (55), (61)-(68) in the plane; "
+    "(76), (78), (84), (89), (90), (97)-(100), (104), (110), (116), (117), (151), (153), (158), (160), (161), (172), "
+    "(175), (176), (200) in space",
+)
+
+
+def _attached_rows(p, v, s, c):
+    d, w = p[1] - p[0], p[2] - p[0]
+    return (w[0] - c[0] * d[0] + c[1] * d[1], w[1] - c[0] * d[1] - c[1] * d[0])
+
+
+def _attached_drawn(p, v, s, c):
+    d, w = p[1] - p[0], p[2] - p[0]
+    return (ratio(dot(d, w), dot(d, d)), ratio(cross(d, w), dot(d, d)))
+
+
+ATTACHED = Kind(
+    "attached",
+    _attached_rows,
+    rows=("x", "y"),
+    powers=(1, 1),
+    points=3,
+    constants=("along", "across"),
+    drawn=_attached_drawn,
+    source="replaces (25)-(26), (28)-(29), (33)-(34): same number of rows, never degenerate, no mirrored twin",
+)
+
+
+def _proportional(p, v, s, c):
+    d, w = p[1] - p[0], p[2] - p[0]
+    return tuple(w[i] - c[0] * d[i] for i in range(2))
+
+
+PROPORTIONAL = Kind(
+    "proportional",
+    _proportional,
+    rows=("x", "y"),
+    powers=(1, 1),
+    points=3,
+    constants=("ratio",),
+    drawn=lambda p, v, s, c: (ratio(dot(p[1] - p[0], p[2] - p[0]), dot(p[1] - p[0], p[1] - p[0])),),
+    misfit=lambda p, v, c: ratio(norm(stacked(_proportional(p, v, None, c))), norm(p[2] - p[0])),
+    source="(28)-(29)",
+)
+
+
+def _combination(p, v, s, c):
+    a, b, w = p[0] - p[1], p[2] - p[1], p[3] - p[1]
+    return tuple(w[i] - c[0] * a[i] - c[1] * b[i] for i in range(2))
+
+
+def _combination_drawn(p, v, s, c):
+    a, b, w = p[0] - p[1], p[2] - p[1], p[3] - p[1]
+    area = cross(a, b)
+    return (ratio(cross(w, b), area), ratio(cross(a, w), area))
+
+
+COMBINATION = Kind(
+    "combination",
+    _combination,
+    rows=("x", "y"),
+    powers=(1, 1),
+    points=4,
+    constants=("lambda", "mu"),
+    drawn=_combination_drawn,
+    source="(33)-(34)",
+)
+
+# -- space ----------------------------------------------------------------------------------------------------------
 
 UNIT = Kind(
     "unit vector",
@@ -47,7 +131,7 @@ def product(forms: str) -> Kind:
 SCALAR_PRODUCT = product("pp")
 
 
-def _expressed(name: str, forms: str, axes, coefficients, misfit: bool = False, **fields: Any) -> Kind:
+def _express_segment(name: str, forms: str, axes, coefficients, misfit: bool = False, **fields: Any) -> Kind:
     """A kind of three rows that expresses a segment, the last of its directions, in axes made of those before it.
 
     `axes` and `coefficients` are functions of the base's directions, the latter also of the segment as drawn. With
@@ -92,7 +176,7 @@ def carried(forms: str) -> Kind:
 
     Replaces (104)-(109), (110)-(115) and (122)-(127): as many rows, no coplanar class, no mirrored twin.
     """
-    return _expressed(
+    return _express_segment(
         f"carried {forms}",
         forms,
         lambda a, b: (a, b, cross3(a, b)),
@@ -105,7 +189,7 @@ def carried(forms: str) -> Kind:
 @factory
 def combined(forms: str) -> Kind:
     """A segment w as a linear combination of a base of three segments (forms of a, b, c, w), (122)-(127)."""
-    return _expressed(
+    return _express_segment(
         f"combination of {forms}",
         forms,
         lambda a, b, c: (a, b, c),
@@ -118,7 +202,7 @@ def combined(forms: str) -> Kind:
 @factory
 def coplanar(forms: str) -> Kind:
     """A segment w in the plane of a base of two segments (forms of a, b, w), (113)-(115)."""
-    return _expressed(
+    return _express_segment(
         f"coplanar {forms}",
         forms,
         lambda a, b: (a, b),
@@ -132,7 +216,7 @@ def coplanar(forms: str) -> Kind:
 @factory
 def collinear(forms: str) -> Kind:
     """A segment w along a base of one segment (forms of a, w), (94)-(96), (101)-(103) with erratum 1."""
-    return _expressed(
+    return _express_segment(
         f"collinear {forms}",
         forms,
         lambda a: (a,),

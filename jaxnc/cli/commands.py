@@ -1,0 +1,227 @@
+"""`jaxnc check`, `compare`, `export`, `report` and `synthesise`; what one needs alone is loaded on first use."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import jax
+import msgspec
+
+import jaxnc as nc
+from jaxnc.cli.output import list_files, write_files
+from jaxnc.cli.question import Question, report_path
+from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.io.source import SUFFIXES
+from jaxnc.io.target import folder, stem, write
+from jaxnc.progress import step_bar
+from jaxnc.reporting import checked
+from jaxnc.reporting.verdict import Design, Family, Search, Verdict, number
+
+if TYPE_CHECKING:
+    from jaxnc.synthesis.result import Result
+
+_MOST_NAMES = 12  # shown in a list
+_EXPORTS = {"mjcf": (".xml", "for MuJoCo"), "urdf": (".urdf", "for other simulators of robots")}
+
+
+def do_check(question: Question, options: argparse.Namespace, importing: float) -> int:
+    """Look at a model file without analysing it: 0 if it assembles and its run section can be carried out, else 1."""
+    mechanism, verdict = question.mechanism, options.verdict
+    system = mechanism.compile()
+    model = mechanism.model
+    print("  " + ", ".join(checked.parts(mechanism)))
+    mobility = nc.mobility(system)
+    checked.count(verdict, system, mobility)
+    print("\n".join(f"  {line}" for line in str(mobility).partition(": ")[2].splitlines()))
+    if mobility.conflicting:
+        print("\n".join(f"  {line}" for line in str(checked.assembly(verdict, system)).splitlines()[1:]))
+        print("  it does NOT assemble")
+        return 1
+    print(f"  it assembles: every constraint is met to {mobility.gap:.1e} {model.units.length}")
+    if mobility.dof > 0:
+        names = verdict.drivable
+        print(f"  may be driven: {', '.join(names[:_MOST_NAMES])}" + (", …" if len(names) > _MOST_NAMES else ""))
+    verdict.drives, verdict.hold = checked.drives(mechanism, model.run), list(model.run.hold)
+    verdict.findings += (problems := checked.problems(mechanism, system))
+    if not problems:
+        for line in checked.travels(mechanism, system, verdict):
+            print(f"  {line}")
+    for warning in checked.oddities(system, mechanism):
+        verdict.findings.append(warning)
+        print(f"  warning: {warning.text}")
+    for problem in verdict.errors:
+        print(f"  problem: {problem.text}")
+    if model.run.inputs:
+        verdict.does = not verdict.errors
+    if not verdict.errors:
+        print("  good" + (": `jaxnc run` can carry it out" if model.run.inputs else ""))
+    return 1 if verdict.errors else 0
+
+
+def do_compare(question: Question, options: argparse.Namespace, importing: float) -> int:
+    """Compare the families of coordinates on a model file: 0, or 1 if it does not assemble."""
+    mechanism, model, verdict = question.mechanism, question.mechanism.model, options.verdict
+    known = nc.families.FAMILIES
+    wanted = [f.strip() for f in options.families.split(",")] if options.families else list(known)
+    for family in wanted:
+        if family not in known:
+            raise InputError(f"--families {options.families}: no family {family!r}; {nearest(family, known)}")
+    try:
+        with step_bar(len(wanted)) as step:
+            comparison = nc.families.compare(mechanism, wanted, (*model.run.inputs, *model.run.hold), progress=step)
+    except AssemblyError:
+        diagnosis = checked.assembly(verdict, mechanism.compile())
+        if diagnosis.assembles:
+            raise
+        print(diagnosis)
+        return 1
+    verdict.assembles = verdict.moves = verdict.does = True
+    verdict.families = [
+        Family(
+            family=row.family,
+            variables=row.n,
+            equations=row.r,
+            freedoms=row.g,
+            condition=number(row.condition),
+            iterations=row.iterations,
+            note=row.note,
+        )
+        for row in comparison.families
+    ]
+    print(comparison)
+    if options.out is None:
+        print("  no files written; --out DIR writes tables, a plot and the equations")
+        return 0
+    chapters = [f"# {model.name}: constraint equations"]
+    for name, f in comparison.formulations.items():
+        chapters.append(f"## {name}: n = {f.n}, r = {f.r}, g = {f.g}\n\n{f.equations().markdown()}")
+    tasks: list[tuple[str, str, Callable[[Path], object]]] = [
+        ("-families.csv", "the table", lambda p: write(p, comparison.to_csv().encode())),
+        ("-families.json", "the same", lambda p: write(p, comparison.to_json().encode())),
+        (
+            "-equations.md",
+            "the equations of every family",
+            lambda p: write(p, ("\n\n".join(chapters) + "\n").encode()),
+        ),
+    ]
+    if not options.no_pictures:
+        from jaxnc.viz.studies import plot_families
+
+        tasks.append(("-families.png", "the plot", lambda p: plot_families(comparison, p)))
+    print(list_files(write_files(options.out, model.name, tasks), verdict))
+    return 0
+
+
+def do_export(question: Question, options: argparse.Namespace, importing: float) -> int:
+    """Write a model file for a simulator of robots; 1 if it does not assemble, 0 also where something is left out."""
+    mechanism, verdict = question.mechanism, options.verdict
+    suffix, purpose = _EXPORTS[options.to]
+    path = folder(options.out or Path()) / f"{stem(mechanism.name)}{suffix}"
+    try:
+        exported = mechanism.to_mjcf(path) if options.to == "mjcf" else mechanism.to_urdf(path)
+    except AssemblyError:
+        print(checked.assembly(verdict, mechanism.compile()))
+        return 1
+    verdict.assembles = verdict.does = True
+    for text in exported.left_out:
+        verdict.add("left-out", "warning", text)
+    for text in exported.notes:
+        verdict.add("left-out", "note", text)
+    print("\n".join(str(exported).splitlines()[1:]))
+    counts = f"{len(exported.links)} links, {len(exported.joints)} joints, {len(exported.loops)} loops"
+    print(list_files([(path, f"{counts}, {purpose}")], verdict))
+    return 0
+
+
+def do_report(question: Question, options: argparse.Namespace, importing: float) -> int:
+    """Look at a mechanism, say in short what there is, and write the page; 0 if it does all that was asked."""
+    source = Path(options.file)
+    text = source.read_text(encoding="utf-8") if source.suffix.lower() in SUFFIXES else ""
+    path = report_path(options.out, question.mechanism.name)
+    with step_bar(2) as step:
+        step("looking at it")
+        question.mechanism.model.run = question.run
+        report = nc.report(question.mechanism, expect=options.expect, model_text=text)
+        step("writing the page")
+        report.to_html(path)
+    options.verdict = report.verdict
+    print("\n".join(str(report).splitlines()[1:]))
+    if not report.verdict.errors:
+        print(f"  {report.verdict.summary}")
+    print(list_files([(path, "the page: opens in any browser, prints on A4")], options.verdict))
+    return report.verdict.exit
+
+
+def do_synthesise(question: Question, options: argparse.Namespace, importing: float) -> int:
+    """Search for designs as a problem file says.
+
+    The exit code is 1 if none without defects was found, and 130 if the search was interrupted: what it had found by
+    then is printed and written all the same.
+    """
+    from jaxnc.io.problems import load_problem
+
+    problem, search = load_problem(options.file)
+    changed = {k: v for k in ("starts", "refine", "seconds", "key") if (v := getattr(options, k)) is not None}
+    settings = msgspec.structs.asdict(search) | changed
+    begin = time.perf_counter()
+    settings["key"] = jax.random.key(settings["key"])
+    result = nc.synthesis.solve(problem, **settings, checkpoint=options.checkpoint, resume=options.resume)
+    _enter_search(options.verdict, result)
+    print(result)
+    print(f"  time       {time.perf_counter() - begin:.1f} s")
+    print(f"  importing  {importing:.2f} s")
+    if options.out is None:
+        print("  no files written; --out DIR writes the designs as model files, and pictures")
+        return _search_code(result, options)
+    place = Path(options.out)
+    result.save(place)
+    files = [(place / "designs.txt", "the table"), (place / "result.npz", "the numbers, for jaxnc.synthesis.load")]
+    files += [(place / f"design_{k + 1}.toml", "a model file") for k in range(len(result.designs[:3]))]
+    if result.designs and not options.no_pictures:
+        pictures = ("-designs.png", "the best designs", result.gallery)
+        course = ("-convergence.png", "the best error over time", result.convergence)
+        files += write_files(place, problem.system.name, [pictures, course])
+    print(list_files(files, options.verdict))
+    return _search_code(result, options)
+
+
+def _search_code(result: "Result", options: argparse.Namespace) -> int:
+    """The exit code; of an interrupted search a line on stderr says what is kept of it."""
+    if not result.interrupted:
+        return int(not result.found)
+    search = options.checkpoint or options.resume
+    kept = [f"what was found so far is in {options.out}"] if options.out is not None else []
+    if search is not None and Path(search).exists():
+        kept.append(f"the search is in {search}, go on with --resume {search}")
+    if not options.json:  # where the verdict says it
+        lost = "nothing of it is kept in a file, which --out DIR and --checkpoint FILE do"
+        print(f"jaxnc: interrupted; {'; '.join(kept) or lost}", file=sys.stderr)
+    return 130
+
+
+def _enter_search(verdict: Verdict, result: "Result") -> None:
+    """Enter the designs that a search has found."""
+    problem, top = result.problem, result.problem.system.topology
+    verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
+    designs = [
+        Design(
+            error=number(d.error),
+            defects=list(d.defects),
+            variables={name: float(x) for name, x in zip(problem.names, d.x, strict=True)},
+        )
+        for d in result.designs
+    ]
+    verdict.search = Search(
+        screened=result.screened,
+        refined=result.refined,
+        stopped=result.stopped,
+        unit=problem.error_unit,
+        designs=designs,
+    )
+    verdict.assembles = verdict.moves = bool(designs) or None
+    verdict.does, verdict.summary = result.found, result.verdict
+    if not result.found:
+        verdict.add("no-design", "error", result.verdict)
