@@ -108,14 +108,14 @@ def solve_position(
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
     if start is None:
-        q0 = _held_as_drawn(view, eq, q0, q0)
+        q0 = held_as_drawn(view, eq, q0, q0)
         out = solve(view, "lanes", eq, q0, flat, flat_orders, repair)
     else:
         inputs = {name: values[..., k] for k, name in enumerate(names)}
         held = system.topology.named(view.held)
         begin = guessed(system, eq, q0, start, inputs, held, shape).reshape(count, -1)
         if isinstance(start, Mapping):
-            begin = _held_as_drawn(view, eq, q0, begin, start)
+            begin = held_as_drawn(view, eq, q0, begin, start)
         near = devices is None and on_host.suits(view, "guess", flat, flat_orders, eq, begin)
         out = (on_host.analyse if near else _spread(devices))(view, "guess", eq, begin, flat, flat_orders)
     motion = _motion(system, view, values, out, shape)
@@ -307,7 +307,7 @@ def start_of(
     return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home), repair).q
 
 
-def _held_as_drawn(view: Plan, eq: Equations, q0: Array, begin: Array, given: Collection[str] = ()) -> Array:
+def held_as_drawn(view: Plan, eq: Equations, q0: Array, begin: Array, given: Collection[str] = ()) -> Array:
     """Poses `begin`, whose held coordinates change in traced code with the drawing, as the start pose `q0` does.
 
     But for those that are `given`, by their name or that of their point or vector.
@@ -326,7 +326,7 @@ def _moved(system, view, values, orders, start, repair, t=None) -> Motion:
     eq = derive(system)
     q0 = start_of(system, eq, start, repair=repair)
     if start is None:
-        q0 = _held_as_drawn(view, eq, q0, q0)
+        q0 = held_as_drawn(view, eq, q0, q0)
     out = poses(view, "continuation", eq, q0, values, orders, repair)
     return _rolls(_motion(system, view, values, out, (values.shape[0],), t))
 

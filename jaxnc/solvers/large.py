@@ -25,7 +25,7 @@ from jaxnc.types import Array, Coordinates, Float
 LU = 48  # unknowns of a dense plan beyond which the host solves it by sparse LU: about as many as are written out
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LargePlan(Plan):
     """A plan with a sparse Jacobian; the methods are those of `Plan`, a Jacobian is a vector ``(nnz,)``."""
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.errors import InputError, WrongCount, nearest
+from jaxnc.errors import InputError, WrongCount, counted, nearest
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import linear
 from jaxnc.solvers.blocks import matching, strong_components
@@ -44,6 +44,10 @@ class Plan:
     blocks: tuple[tuple[np.ndarray, np.ndarray], ...]  # the same grouped by size b, arrays (count, b)
     # What to do with more rows than unknowns: choose independent ones, instead of least squares.
     independent: bool = False
+
+    def __repr__(self) -> str:
+        sizes = (self.unknown, "unknown"), (self.known, "known coordinate"), (self.rows, "row")
+        return f"{type(self).__name__}({', '.join(counted(len(where), noun) for where, noun in sizes)})"
 
     @property
     def square(self) -> bool:
