@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import importlib.util
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,9 @@ def at_once() -> Iterator[None]:
 class Shown:
     """A thing that notebooks show as a drawing and a short table; plain text elsewhere."""
 
-    def _repr_html_(self) -> str:
+    def _repr_html_(self) -> str | None:
+        if importlib.util.find_spec("matplotlib") is None:
+            return None  # the text does
         with at_once():
             from jaxnc.viz.repr_html import show_html
 

@@ -218,8 +218,7 @@ class System(Drawn):
         if missing:
             told = f"{_names(map(repr, missing))} {'is' if len(missing) == 1 else 'are'} missing"
             raise InputError(
-                f"{self.name!r}: from_named() takes all {len(known)} design variables, and {told}; replace({{…}}) takes "
-                f"some of them"
+                f"{self.name!r}: from_named() takes all {len(known)} design variables, and {told}; replace() takes some"
             )
         return self.replace(values)
 
