@@ -1,4 +1,4 @@
-"""The page on PyTorch: its forty lines give the values and derivatives of the library, and refuse what they cannot take."""
+"""The page on PyTorch: its forty lines give what the library gives, and refuse what they cannot take."""
 
 import re
 from pathlib import Path
@@ -58,5 +58,5 @@ def test_tensors_of_another_type_or_device_are_refused_in_a_sentence(page):
     assert narrow(x).dtype == torch.float32
     with pytest.raises(nc.InputError, match=r"argument 0 is of torch\.float64, and the mechanism of torch\.float32"):
         narrow(x.double())
-    with pytest.raises(nc.InputError, match="argument 0 is of torch.int64"):
+    with pytest.raises(nc.InputError, match=r"argument 0 is of torch\.int64"):
         double(torch.arange(3))
