@@ -133,6 +133,19 @@ def test_held_coordinates_keep_their_value_and_follow_the_drawing():
     np.testing.assert_allclose(got, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
+def test_a_held_coordinate_that_is_given_by_name_stays_there_in_traced_code():
+    """It went back to where it is drawn, in `solve_position` too: a structure has none of the names."""
+    system = nc.library.five_bar().compile()
+    driven, held = system.topology.scalars[:2]
+    drawn = nc.system.closed(system, {driven: 1.0}, hold=held)
+    value = float(drawn.known[1]) + 0.1
+    for made in (
+        lambda s: nc.system.closed(s, {driven: 1.0}, hold=held, start={held: value}).known[1],
+        lambda s: nc.solve_position(s, {driven: 1.0}, hold=held, start={held: value}, throw=False)[held],
+    ):
+        assert float(made(system)) == pytest.approx(value) == pytest.approx(float(jax.jit(made)(system)))
+
+
 def test_a_pose_says_whether_it_closes_and_by_how_much_it_does_not():
     equations = nc.system.closed(four_bar(), {"phi": 40.0}, unit="deg")
     assert equations.unknowns == ("B.x", "B.y", "C.x", "C.y") and len(equations.rows) == 4

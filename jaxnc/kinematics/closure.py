@@ -202,11 +202,11 @@ def closed(
     eq = derived(system, differentiate_scales=True) if traced else derive(system)
     drawn = settle(eq, np.zeros(len(system.topology.coordinates))).q
     if start is None:
-        q = held_as_drawn(view, eq, drawn, drawn)
+        q = held_as_drawn(system.topology, view, eq, drawn, drawn)
     else:
         q = guessed(system, eq, drawn, start, dict(zip(names, values, strict=True)), system.topology.named(view.held))
         if isinstance(start, Mapping):
-            q = held_as_drawn(view, eq, drawn, q, start)
+            q = held_as_drawn(system.topology, view, eq, drawn, q, start)
     q = jnp.asarray(q)
     known = jnp.concatenate([jnp.asarray(values, q.dtype), q[np.array(view.held, int)]])
     chosen = None if redundancy == REDUNDANCY[0] and not view.square else _chosen(view)

@@ -42,6 +42,7 @@ from jaxnc.system.equations import Equations
 from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.rates import rate_constants, slips
 from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Inputs
 
 _SLIPS = 1e-6  # of the largest rate: below, a motion rolls
@@ -108,14 +109,14 @@ def solve_position(
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
     if start is None:
-        q0 = held_as_drawn(view, eq, q0, q0)
+        q0 = held_as_drawn(system.topology, view, eq, q0, q0)
         out = solve(view, "lanes", eq, q0, flat, flat_orders, repair)
     else:
         inputs = {name: values[..., k] for k, name in enumerate(names)}
         held = system.topology.named(view.held)
         begin = guessed(system, eq, q0, start, inputs, held, shape).reshape(count, -1)
         if isinstance(start, Mapping):
-            begin = held_as_drawn(view, eq, q0, begin, start)
+            begin = held_as_drawn(system.topology, view, eq, q0, begin, start)
         near = devices is None and on_host.suits(view, "guess", flat, flat_orders, eq, begin)
         out = (on_host.analyse if near else _spread(devices))(view, "guess", eq, begin, flat, flat_orders)
     motion = _motion(system, view, values, out, shape)
@@ -307,12 +308,14 @@ def start_of(
     return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home), repair).q
 
 
-def held_as_drawn(view: Plan, eq: Equations, q0: Array, begin: Array, given: Collection[str] = ()) -> Array:
+def held_as_drawn(
+    top: Topology, view: Plan, eq: Equations, q0: Array, begin: Array, given: Collection[str] = ()
+) -> Array:
     """Poses `begin`, whose held coordinates change in traced code with the drawing, as the start pose `q0` does.
 
-    But for those that are `given`, by their name or that of their point or vector.
+    But for those that are `given`, by their name or that of their point or vector; `top` has the names.
     """
-    names = [(c, view.topology.coordinates[c]) for c in view.held]
+    names = [(c, top.coordinates[c]) for c in view.held]
     held = np.array([c for c, name in names if not {name, name.rpartition(".")[0]} & {*given}], int)
     if not len(held) or not any(isinstance(x, Tracer) for x in jax.tree.leaves(eq)):
         return begin
@@ -326,7 +329,7 @@ def _moved(system, view, values, orders, start, repair, t=None) -> Motion:
     eq = derive(system)
     q0 = start_of(system, eq, start, repair=repair)
     if start is None:
-        q0 = held_as_drawn(view, eq, q0, q0)
+        q0 = held_as_drawn(system.topology, view, eq, q0, q0)
     out = poses(view, "continuation", eq, q0, values, orders, repair)
     return _rolls(_motion(system, view, values, out, (values.shape[0],), t))
 
