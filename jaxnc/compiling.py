@@ -6,20 +6,18 @@ of this library is compiled by the older one and at the first level. ``XLA_FLAGS
 """
 
 import functools
-import importlib
 import os
-import sys
-import threading
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import jax
 import numpy as np
-from jax import core, lax
+from jax import lax
 from jax.core import Tracer
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, JaxncError, brief
+from jaxnc.internals import evaluate_at_once, has_started, outermost
 
 R = TypeVar("R")
 
@@ -102,7 +100,7 @@ def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
         if not outermost():
             if not alone(args, kwargs):
                 return plain(*args, **kwargs)
-            with aside():
+            with evaluate_at_once():
                 return call(*args, **kwargs)
         if not outer:
             outer.append(compiler(f, compiler_options=options()))
@@ -125,11 +123,6 @@ def blame_callback(error: Exception, caller: str) -> None:
         ) from None
 
 
-def outermost() -> bool:
-    """Whether nothing is being traced: options may be given for a whole compilation only."""
-    return _state() == _untraced
-
-
 def alone(*trees: Any) -> bool:
     """Whether all numbers are known, and what is made of them becomes no part of a larger program.
 
@@ -139,38 +132,12 @@ def alone(*trees: Any) -> bool:
     return known and (outermost() or not isinstance(jax.device_put(np.float32(0.0)), Tracer))
 
 
-def aside() -> Any:
-    """A context for what is `alone`: as if nothing were differentiated or mapped around it."""
-    # The public way to the same folds every operation on constants within what is compiled there, one by one.
-    return getattr(core, "eval_context", jax.ensure_compile_time_eval)()
-
-
-def _trace_state() -> Callable[[], Any]:
-    # jax.extend.core is where it is public, and brings Pallas with it, which takes as long as all of a first answer.
-    found = getattr(sys.modules.get("jax._src.core"), "get_opaque_trace_state", None)
-    return found or importlib.import_module("jax.extend.core").get_opaque_trace_state
-
-
-def _nothing_traced() -> Any:
-    """The state where nothing is traced, which a new thread is in: this module may be imported while something is."""
-    found: list[Any] = []
-    thread = threading.Thread(target=lambda: found.append(_state()))
-    thread.start()
-    thread.join()
-    return found[0]
-
-
-_state = _trace_state()
-_untraced = _nothing_traced()
-
-
 _forked = False  # whether this process was forked after JAX had started its threads, which it has not got
 
 
 def _in_child() -> None:
     global _forked
-    bridge = sys.modules.get("jax._src.xla_bridge")
-    _forked = _forked or bool(bridge and getattr(bridge, "backends_are_initialized", lambda: True)())
+    _forked = _forked or has_started()
 
 
 if hasattr(os, "register_at_fork"):

@@ -28,6 +28,7 @@ FLOORS = {
     "compiling": 0,
     "autodiff": 0,
     "threads": 0,
+    "internals": 0,
     "memory": 0,
     "notebooks": 0,
     "pickling": 0,

@@ -17,7 +17,7 @@ from jax.custom_batching import custom_vmap
 
 from jaxnc.autodiff import Rules, custom_jvp_vjp
 from jaxnc.autodiff import attach as attach_derivative
-from jaxnc.compiling import alone, aside, jit, on_device
+from jaxnc.compiling import alone, jit, on_device
 from jaxnc.dynamics import design, redesign, runs
 from jaxnc.dynamics.adjoint import Law, Recalled
 from jaxnc.dynamics.asked import Asked, Numbers, flow_of
@@ -30,6 +30,7 @@ from jaxnc.dynamics.integrate import Control, Kept
 from jaxnc.dynamics.runge_kutta import METHODS, State, noted
 from jaxnc.dynamics.runs import Run, Start
 from jaxnc.dynamics.ways import moving
+from jaxnc.internals import evaluate_at_once
 from jaxnc.solvers.newton import attach
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
@@ -92,7 +93,7 @@ def _put_together(smooth: Any, other: Any) -> tuple[Array, Kept]:
 
 def _value(what: _What, x: Any, rest: Any) -> tuple[list, list]:
     if alone(x, rest):
-        with aside():
+        with evaluate_at_once():
             return _leaves(what.known(what.asked, what.numbers(x, rest)))
     return _traced(what, x, rest)
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from jaxnc.asking import shaped
 from jaxnc.calls import public
-from jaxnc.compiling import jit, on_device, outermost
+from jaxnc.compiling import jit, on_device
 from jaxnc.dynamics.extended import extended, known, lift, lift_rates, lifted
 from jaxnc.dynamics.model import Dynamics, can_store, check_loads, check_mass, dynamics, potential, stored, variables
 from jaxnc.errors import InputError
+from jaxnc.internals import outermost
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.frames import spread
 from jaxnc.system.system import System

@@ -13,7 +13,7 @@ from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from jaxnc.asking import ask, real
 from jaxnc.calls import public
-from jaxnc.compiling import filter_jit, on_device, outermost
+from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics import runs, steppers
 from jaxnc.dynamics.asked import Asked, Numbers, flow_of, without_names
 from jaxnc.dynamics.derivatives import simulated
@@ -28,6 +28,7 @@ from jaxnc.dynamics.runs import Run
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.dynamics.state import State
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
+from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside, positive, whole
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position

@@ -8,9 +8,10 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
-from jaxnc.compiling import on_device, outermost
+from jaxnc.compiling import on_device
 from jaxnc.dynamics.balance import EnergyBalance, energy_balance
 from jaxnc.dynamics.energy import energy
+from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record

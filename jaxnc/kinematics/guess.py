@@ -14,8 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import jit, outermost
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError, nearest
+from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.remembered import with_owner

@@ -11,7 +11,8 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
-from jaxnc.compiling import on_device, outermost
+from jaxnc.compiling import on_device
+from jaxnc.internals import outermost
 from jaxnc.kinematics.hardpoints import Line, Names
 from jaxnc.kinematics.inputs import one_number, outside
 from jaxnc.kinematics.motion import Motion

@@ -15,8 +15,9 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import on_device, outermost, refuse_fork
+from jaxnc.compiling import on_device, refuse_fork
 from jaxnc.errors import InputError, JaxncError
+from jaxnc.internals import outermost
 from jaxnc.promotion import promoting
 
 

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from jaxnc.errors import InputError
 from jaxnc.io.target import writing
-from jaxnc.notebooks import at_once
 
 Size = float | tuple[float, float]
 """Of a figure, inches: its width and height, or a width alone."""
@@ -32,8 +31,7 @@ class Picture(Figure):
 
     def _repr_png_(self) -> bytes:
         data = io.BytesIO()
-        with at_once():
-            FigureCanvasAgg(self).print_png(data)
+        FigureCanvasAgg(self).print_png(data)
         return data.getvalue()
 
 

@@ -1,0 +1,28 @@
+"""Every place where JAX's internals are used, because no public name does the same.
+
+Each is read when it is needed, so that a version of JAX without it costs speed or a message, and never a wrong number.
+Present in JAX 0.8 to 0.12.
+"""
+
+import importlib
+import sys
+from typing import Any
+
+import jax
+from jax import core
+
+# The public jax.extend.core.get_opaque_trace_state brings Pallas with it, which takes as long as all of a first answer.
+outermost = getattr(importlib.import_module("jax._src.core"), "trace_state_clean", lambda: False)
+"""Tell whether nothing is being traced: options may be given for a whole compilation only."""
+
+
+def evaluate_at_once() -> Any:
+    """Make a context in which numbers that are known are calculated, as if nothing were traced around them."""
+    # The public way to the same folds every operation on constants within what is compiled there, one by one.
+    return getattr(core, "eval_context", jax.ensure_compile_time_eval)()
+
+
+def has_started() -> bool:
+    """Tell whether JAX has started its threads, which a forked process has not got."""
+    bridge = sys.modules.get("jax._src.xla_bridge")
+    return bool(bridge and getattr(bridge, "backends_are_initialized", lambda: True)())
