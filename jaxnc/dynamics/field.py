@@ -54,8 +54,8 @@ class VectorField:
     """
 
     system: System
-    stabilise: Float[Array, ""]
-    flow: Flow
+    stabilise: Float[Array, "..."]
+    _flow: Flow
 
     def __call__(self, t: Any, y: Phase, args: Any = None) -> Phase:
         """Give the rates of a state.
@@ -78,12 +78,7 @@ class VectorField:
         field = self._of(args) if isinstance(args, System) else self
         q, v = field._pair(y)
         field._refuse(t, q, v)
-        top, flow, t = field.system.topology, field.flow, jnp.asarray(t, float)
-        x, w = flow.impose(t, lift(top, q), lift_rates(top, q, v))
-        back, slower = flow.answer(POSITION, t, x, w).change, flow.answer(VELOCITY, t, x, w).change
-        met = w + slower
-        bent = settled(flow, t, x, met).change
-        return lower(top, met + field.stabilise * back), lower(top, bent + field.stabilise * slower)
+        return _rates(field, jnp.asarray(t, float), q, v)
 
     def start(
         self,
@@ -108,7 +103,7 @@ class VectorField:
             InputError: unknown names, numbers that are not finite, a motion that has no inertia.
             AssemblyError: the start does not assemble.
         """
-        system, flow = self.system, self.flow
+        system, flow = self.system, self._flow
         doubt_degrees(system, unit, state)
         state, rates = in_radians(system, unit, state, rates)
         given = start_numbers(system, state)
@@ -146,7 +141,7 @@ class VectorField:
             InputError: an unknown name, or numbers of another shape.
         """
         q, v = self._pair(y)
-        top, flow, t = self.system.topology, self.flow, jnp.asarray(t, float)
+        top, flow, t = self.system.topology, self._flow, jnp.asarray(t, float)
         x, w = flow.impose(t, lift(top, q), lift_rates(top, q, v))
         still = jnp.zeros_like(x)
         push, inner = still, flow.dyn.topology
@@ -186,9 +181,9 @@ class VectorField:
                 f"args is a system of another topology, {system.name!r}, and the vector field is that of "
                 f"{self.system.name!r}: change its numbers by replace(), or make another vector field"
             )
-        flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, self.flow.drives)
-        flow = dataclasses.replace(flow, redundant=self.flow.redundant, more=self.flow.more)
-        return dataclasses.replace(self, system=system, flow=flow)
+        flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, self._flow.drives)
+        flow = dataclasses.replace(flow, redundant=self._flow.redundant, more=self._flow.more)
+        return dataclasses.replace(self, system=system, _flow=flow)
 
     def _pair(self, y: Any, *lead: int) -> Phase:
         """A state in two arrays; anything else is refused."""
@@ -205,7 +200,7 @@ class VectorField:
         """Refuse a state that is known and does not meet the constraints."""
         if not known(self, t, q, v):
             return
-        top, flow = self.system.topology, self.flow
+        top, flow = self.system.topology, self._flow
         for x, which in ((q, "q"), (v, "v")):
             if not np.all(np.isfinite(np.asarray(x))):
                 raise InputError(f"{which} of a state of {top.name!r} is NaN or infinite")
@@ -224,9 +219,19 @@ class VectorField:
 
 
 @filter_jit
+def _rates(field: VectorField, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
+    top, flow = field.system.topology, field._flow
+    x, w = flow.impose(t, lift(top, q), lift_rates(top, q, v))
+    back, slower = flow.answer(POSITION, t, x, w).change, flow.answer(VELOCITY, t, x, w).change
+    met = w + slower
+    bent = settled(flow, t, x, met).change
+    return lower(top, met + field.stabilise * back), lower(top, bent + field.stabilise * slower)
+
+
+@filter_jit
 def _off(field: VectorField, t: Array, q: Array, v: Array) -> tuple[Array, Array, Array]:
     """What the rows of a state are off by, and their rates; and its largest speed."""
-    top, flow = field.system.topology, field.flow
+    top, flow = field.system.topology, field._flow
     x, w = flow.impose(t, lift(top, q), lift_rates(top, q, v))
     rows = flow.rows(x, w)
     return largest(rows.values), largest(rows.slip), largest(w * weights(flow.dyn.eq))
@@ -252,7 +257,7 @@ def _consistent(
 
 @filter_jit
 def _motion(field: VectorField, t: Array, q: Array, v: Array) -> Simulation:
-    top, flow = field.system.topology, field.flow
+    top, flow = field.system.topology, field._flow
     whole = jnp.isfinite(q).all(axis=1) & jnp.isfinite(v).all(axis=1)
     q, v = (jnp.where(whole[:, None], x, 0.0) for x in (q, v))
 

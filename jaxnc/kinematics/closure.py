@@ -52,22 +52,22 @@ class ClosedEquations:
     """
 
     system: System
-    known: Float[Array, " k"]
-    start: Float[Array, " n"]
-    equations: Equations
-    plan: Plan = static()
+    known: Float[Array, "... k"]
+    start: Float[Array, "... n"]
+    _equations: Equations
+    _plan: Plan = static()
     # Places of the rows that are solved, in those of the plan; None for least squares of all of them.
-    chosen: tuple[int, ...] | None = static()
+    _chosen: tuple[int, ...] | None = static()
 
     @property
     def unknowns(self) -> tuple[str, ...]:
         """Names of the unknowns, in their order."""
-        return self.system.topology.named(self.plan.unknown)
+        return self.system.topology.named(self._plan.unknown)
 
     @property
     def rows(self) -> tuple[str, ...]:
         """Names of the constraint rows that are solved."""
-        rows = self.plan.rows if self.chosen is None else self.plan.rows[list(self.chosen)]
+        rows = self._plan.rows if self._chosen is None else self._plan.rows[list(self._chosen)]
         return tuple(self.system.topology.rows[i] for i in rows)
 
     def residual(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -85,8 +85,8 @@ class ClosedEquations:
         """
         x = self._checked(x)
         with numbers(self.known):
-            if self.chosen is not None:
-                return self._all_rows(x)[np.array(self.chosen, int)]
+            if self._chosen is not None:
+                return self._all_rows(x)[np.array(self._chosen, int)]
             rows, back = jax.vjp(self._all_rows, x)
             return back(rows)[0]
 
@@ -105,9 +105,9 @@ class ClosedEquations:
         dense_only(self.system.topology, "jacobian()")
         x = self._checked(x)
         with numbers(self.known):
-            if self.chosen is None:
+            if self._chosen is None:
                 return jax.jacfwd(self.residual)(x)
-            return self.plan.linearise(self.equations, self._scattered(x))[1][np.array(self.chosen, int)]
+            return self._plan.linearise(self._equations, self._scattered(x))[1][np.array(self._chosen, int)]
 
     def pose(self, x: Float[Array, " n"]) -> Motion:
         """Put the unknowns back among all coordinates.
@@ -125,28 +125,28 @@ class ClosedEquations:
         x = self._checked(x)
         with numbers(self.known):
             q, gap = self._scattered(x), largest(self._all_rows(x))
-            met = gap <= tolerance(self.equations, q)
+            met = gap <= tolerance(self._equations, q)
             status = jnp.where(met, int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))
             names = self.system.topology.named
-            driven, held = names(self.plan.driven), names(self.plan.held)
+            driven, held = names(self._plan.driven), names(self._plan.held)
             return Motion(self.system, driven, held, q, (), self.known[: len(driven)], status, gap, None)
 
     def _checked(self, x: Any) -> Array:
-        count = len(self.plan.unknown)
+        count = len(self._plan.unknown)
         what = f"x, the unknowns of {self.system.name!r},"
         return jnp.asarray(shaped(x, what, count, dtype=self.system.dtype))
 
     def _scattered(self, x: Array) -> Array:
-        return self.plan.join(x, self.known, self.equations.home[self.plan.fixed])
+        return self._plan.join(x, self.known, self._equations.home[self._plan.fixed])
 
     def _all_rows(self, x: Array) -> Array:
-        return self.plan.residual(self.equations, self._scattered(x))
+        return self._plan.residual(self._equations, self._scattered(x))
 
     def __repr__(self) -> str:
-        how = counted(len(self.plan.rows), "row") + (" by least squares" if self.chosen is None else "")
-        if self.chosen is not None and len(self.chosen) < len(self.plan.rows):
-            how = f"{len(self.chosen)} of {how}"
-        return f"ClosedEquations({self.system.name!r}: {counted(len(self.plan.unknown), 'unknown')}, {how})"
+        how = counted(len(self._plan.rows), "row") + (" by least squares" if self._chosen is None else "")
+        if self._chosen is not None and len(self._chosen) < len(self._plan.rows):
+            how = f"{len(self._chosen)} of {how}"
+        return f"ClosedEquations({self.system.name!r}: {counted(len(self._plan.unknown), 'unknown')}, {how})"
 
 
 @public
@@ -209,11 +209,11 @@ def closed(
             q = held_as_drawn(system.topology, view, eq, drawn, q, start)
     q = jnp.asarray(q)
     known = jnp.concatenate([jnp.asarray(values, q.dtype), q[np.array(view.held, int)]])
-    chosen = None if redundancy == REDUNDANCY[0] and not view.square else _chosen(view)
+    chosen = None if redundancy == REDUNDANCY[0] and not view.square else _solved_rows(view)
     return ClosedEquations(system, known, lax.stop_gradient(q[view.unknown]), eq, view, chosen)
 
 
-def _chosen(view: Plan) -> tuple[int, ...] | None:
+def _solved_rows(view: Plan) -> tuple[int, ...] | None:
     """Places of the rows to solve a plan with; None where nobody knows which are independent."""
     if view.square:
         return tuple(range(len(view.rows)))
