@@ -317,12 +317,11 @@ def vector_field(
     check_loads(system, "vector_field()")
     check_mass(system)
     positive(stabilise, "stabilise=", zero=True)
-    inputs = inputs or {}
-    for name, f in inputs.items():
+    (driven,) = in_radians(system, unit, inputs or {})
+    for name, f in driven.items():
         if not callable(f):
             raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
-    check_count(system.topology, system.degrees_of_freedom, tuple(inputs))
-    (inputs,) = in_radians(system, unit, inputs)
-    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, tuple(inputs.items()), bool(singular))
+    check_count(system.topology, system.degrees_of_freedom, tuple(driven))
+    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, tuple(driven.items()), bool(singular))
     rate = stabilise if isinstance(stabilise, jax.Array) else on_device(np.asarray(stabilise, float))
     return VectorField(system, rate, flow.prepared())
