@@ -122,6 +122,16 @@ def test_adjoints_give_the_derivatives_of_simulate():
         np.testing.assert_allclose(found.parameters.physical, design.parameters.physical, atol=2e-6)
 
 
+@pytest.mark.slow
+def test_adjoints_go_through_inputs_that_close_over_what_is_differentiated():
+    def end(speed):
+        field = nc.dynamics.vector_field(pendulum(), {"phi": lambda t: -0.4 + speed * t})
+        q, _ = run(field, field.start(), T[[0, -1]]).ys
+        return field.state(1.0, (q[-1], q[-1]))["B"][0]
+
+    assert float(nc.jit(jax.grad(end))(0.5)) == pytest.approx(-np.sin(0.1), abs=1e-7)
+
+
 def test_an_event_ends_the_motion_where_the_state_says():
     field = nc.dynamics.vector_field(pendulum())
     event = diffrax.Event(

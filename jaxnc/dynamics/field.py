@@ -17,6 +17,7 @@ from jaxnc.dynamics.friction import settled
 from jaxnc.dynamics.indeterminate import check_count, check_inertia, check_inputs
 from jaxnc.dynamics.initial import Rates, given_rates, pose_of, start_numbers, start_rates
 from jaxnc.dynamics.model import check_loads, check_mass, dynamics
+from jaxnc.dynamics.simulate import hoist_drives
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.dynamics.state import State
 from jaxnc.errors import InputError, brief, nearest
@@ -109,9 +110,10 @@ class VectorField:
         given = start_numbers(system, state)
         wanted = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
         q = pose_of(system, given)
-        single = known(system, q, t)
+        single = known(system, q, t, flow.more)
         if single and given is None and flow.drives and len(flow.drives) == system.degrees_of_freedom:
-            ends = {name: np.asarray(f(jnp.asarray(t, float))) for name, f in flow.drives}
+            values = flow.prescribed(jnp.asarray(t, float))[0]
+            ends = {name: value for (name, _), value in zip(flow.drives, values, strict=True)}
             found = solve_position(system, ends, throw=False)  # along the drawing's branch, if it leads there
             q = q if int(found.status) else found.q
         if single:
@@ -322,6 +324,8 @@ def vector_field(
         if not callable(f):
             raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
     check_count(system.topology, system.degrees_of_freedom, tuple(driven))
-    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, tuple(driven.items()), bool(singular))
+    drives, more = hoist_drives(tuple(driven.items()))
+    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, drives, bool(singular))
+    flow = dataclasses.replace(flow, more=more)
     rate = stabilise if isinstance(stabilise, jax.Array) else on_device(np.asarray(stabilise, float))
     return VectorField(system, rate, flow.prepared())

@@ -130,7 +130,7 @@ def simulate(
     wanted = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
     places, wanted = wanted if isinstance(wanted, tuple) else (None, wanted)
     n = steppers.count(np.asarray(t), step) if fixed else 0
-    drives, more = _hoisted_drives(tuple((inputs or {}).items()))
+    drives, more = hoist_drives(tuple((inputs or {}).items()))
     event, event_parameters = _hoisted_event(system, _event(event), event_parameters)
     numbers = Numbers(
         system.parameters, given, wanted, t, event_parameters, more,
@@ -250,7 +250,7 @@ def _check_drives(drives: tuple[tuple[str, Callable], ...], t: Array) -> None:
             jax.eval_shape(lambda t, f=f, what=what: ask(f, what, "t", t), value)
 
 
-def _hoisted_drives(
+def hoist_drives(
     drives: tuple[tuple[str, Callable], ...],
 ) -> tuple[tuple[tuple[str, Callable], ...], tuple[tuple[Array, ...], ...]]:
     """Functions of time that close over nothing that is traced, and for each what it closed over."""
