@@ -29,22 +29,23 @@ def test_it_is_about_forty_lines():
 def test_values_and_gradients_are_those_of_jax(page):
     system = nc.library.four_bar().compile()
 
-    def one(joint, angle):
-        found = nc.solve_position(system.replace({"C": joint}), {"phi": angle}, throw=False, repair=False)
+    def one(pin, angle):
+        found = nc.solve_position(system.replace({"D": pin}), {"phi": angle}, throw=False, repair=False)
         return found["C"]
 
     f = jax.vmap(one)
     angles = np.linspace(0.1, 1.2, 4)
-    joints = np.tile(np.asarray(system["C"]), (4, 1))
-    tensors = torch.tensor(joints, requires_grad=True), torch.tensor(angles, requires_grad=True)
+    pins = np.tile(np.asarray(system["D"]), (4, 1))
+    tensors = torch.tensor(pins, requires_grad=True), torch.tensor(angles, requires_grad=True)
     out = page["in_torch"](f)(*tensors)
-    np.testing.assert_allclose(out.detach().numpy(), f(joints, angles), atol=1e-14)
+    np.testing.assert_allclose(out.detach().numpy(), f(pins, angles), atol=1e-14)
     (out[:, 0] * torch.arange(4.0).double()).sum().backward()
-    by_joint, by_angle = jax.grad(lambda *x: jnp.sum(f(*x)[:, 0] * jnp.arange(4.0)), argnums=(0, 1))(joints, angles)
-    np.testing.assert_allclose(tensors[0].grad.numpy(), by_joint, atol=1e-12)
+    by_pin, by_angle = jax.grad(lambda *x: jnp.sum(f(*x)[:, 0] * jnp.arange(4.0)), argnums=(0, 1))(pins, angles)
+    np.testing.assert_allclose(tensors[0].grad.numpy(), by_pin, atol=1e-12)
+    assert float(jnp.abs(by_pin[1:]).min()) > 1e-3
     np.testing.assert_allclose(tensors[1].grad.numpy(), by_angle, atol=1e-12)
     out[0, 0] = 7.0  # a tensor may be written to; the arrays of JAX stay
-    assert float(f(joints, angles)[0, 0]) != 7.0
+    assert float(f(pins, angles)[0, 0]) != 7.0
 
 
 def test_tensors_of_another_type_or_device_are_refused_in_a_sentence(page):
