@@ -75,9 +75,15 @@ def rubbing():
     return m
 
 
-def door():
-    """A body of three points in space, whose dynamics has a hidden vector."""
-    return nc.library.general_body(hinged=False)
+def box():
+    """A body of two points and a vector that spins freely, whose dynamics has a hidden vector."""
+    m = nc.Mechanism("box", dim=3)
+    m.point("P", (0, 0, 0))
+    m.point("Q", (1, 0.2, 0))
+    m.vector("v", (0, 0.3, 1))
+    m.body("body", ["P", "Q"], vectors=["v"], mass=2.0, shape="box", size=(1.0, 0.1, 0.3))
+    m.gravity = (0.3, -0.2, -9.81)
+    return m
 
 
 @pytest.mark.slow
@@ -271,14 +277,16 @@ def test_what_is_wrong_is_said_in_one_sentence(call, said):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [rubbing, door])
+@pytest.mark.parametrize("make", [rubbing, box])
 def test_friction_and_hidden_vectors(make):
     system = make().compile()
-    state, rates = ({"phi": 1.0}, {"phi": 3.0}) if make is rubbing else (None, None)
+    state, rates = ({"phi": 1.0}, {"phi": 3.0}) if make is rubbing else (None, {"Q": (0.0, 0.5, 1.0)})
     field = nc.dynamics.vector_field(system)
     y0 = field.start(state, rates)
     ours = nc.simulate(system, T[:2], state, rates)
     _, a = field(0.0, y0, None)
+    assert (system.topology.extended is not None) == (make is box)
+    np.testing.assert_allclose(y0[1], ours.rates[0][0], atol=1e-10)
     np.testing.assert_allclose(a, ours.rates[1][0], atol=1e-8 * max(1.0, float(jnp.abs(a).max())))
 
 

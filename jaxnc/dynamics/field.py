@@ -49,6 +49,9 @@ class VectorField:
     stabilised: what a state is off the constraints by dies away with ``exp(-stabilise t)``, positions along the
     shortest way by the masses, rates by the least change of kinetic energy. On the constraints that changes nothing.
 
+    A field is made of a design once. Derivatives by the design are those by the system that it is made of, inside of
+    what is differentiated, or by a system in `args`.
+
     Attributes:
         system: the system.
         stabilise: how fast a state returns to the constraints, 1/s.
@@ -224,10 +227,13 @@ class VectorField:
 def _rates(field: VectorField, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
     top, flow = field.system.topology, field._flow
     x, w = flow.impose(t, lift(top, q), lift_rates(top, q, v))
-    back, slower = flow.answer(POSITION, t, x, w).change, flow.answer(VELOCITY, t, x, w).change
-    met = w + slower
-    bent = settled(flow, t, x, met).change
-    return lower(top, met + field.stabilise * back), lower(top, bent + field.stabilise * slower)
+    back, slower = flow.answer(POSITION, t, x, w), flow.answer(VELOCITY, t, x, w)
+    met = w + slower.change
+    bent = settled(flow, t, x, met)
+    # JAX cannot go back through a linear solve of which a part is not looked at: diffrax's BacksolveAdjoint asks it to.
+    nothing = sum(0.0 * jnp.sum(found.multipliers) for found in (back, slower, bent))
+    speed, change = met + field.stabilise * back.change, bent.change + field.stabilise * slower.change
+    return lower(top, speed + nothing), lower(top, change + nothing)
 
 
 @filter_jit
