@@ -19,6 +19,7 @@ def _arguments() -> argparse.Namespace:
     p = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     p.add_argument("--quick", action="store_true", help="small sizes: see that everything runs and is right")
     p.add_argument("--case", nargs="+", metavar="NAME", help="only these cases; others are kept from the JSON file")
+    p.add_argument("--only", nargs="+", metavar="NAME", help="of the classes, these: five-bar, 'robot ankle'")
     p.add_argument(
         "--json",
         type=Path,
@@ -75,7 +76,7 @@ def main() -> int:
             print(f"no case {name!r}; there are: {', '.join(CASES)}", file=sys.stderr)
             return 2
     record = Record(machine.describe(), options.quick)
-    suite = Suite(record, options.quick, not options.no_peers)
+    suite = Suite(record, options.quick, not options.no_peers, tuple(options.only or ()))
     old = Record.read(path) if options.case and path.exists() else None
     if old is not None and old.machine["cpu"] != record.machine["cpu"]:
         if options.json is None:

@@ -87,10 +87,10 @@ def formulations(quick: bool) -> list[dict]:
     reference = hand.by_hand(t, 1e-13)(OMEGA)[0]
     ways: list[tuple[str, dict]] = [
         (method, {"method": method, "step": h})
-        for method in ("rk4", "null space", "baumgarte", "augmented lagrangian", "generalised alpha")
+        for method in ("rk4", "generalised alpha")
         for h in ((2e-3,) if quick else (2e-3, 5e-4))
     ]
-    adaptive = ("dopri8",) if quick else ("dopri8", "dopri5", "tsit5", "kvaerno5")
+    adaptive = ("dopri8",) if quick else ("dopri8", "kvaerno5")
     ways += [(m, {"method": m, "rtol": r, "atol": 1e-2 * r}) for m in adaptive for r in (1e-6, 1e-9)]
     out = []
     for name, options in ways:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import jaxnc as nc
-from jaxnc.io.robots import Robot
+from jaxnc.robots import Robot
 
 Place = Sequence[float]
 

@@ -17,11 +17,13 @@ class Suite:
         record: where results go.
         quick: small sizes and few repeats, to see that everything runs.
         peers: whether to run the opponents too.
+        only: of the classes of mechanisms those that are run; all, if none is named.
     """
 
     record: Record
     quick: bool = False
     peers: bool = True
+    only: Sequence[str] = ()
 
     @property
     def pace(self) -> Pace:

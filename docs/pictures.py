@@ -1,4 +1,4 @@
-"""The pictures of start.md and concepts.md, made by the code on those pages: `python docs/pictures.py`."""
+"""The pictures of README, start.md and concepts.md, made by the code on those pages: `python docs/pictures.py`."""
 
 import os
 import re
@@ -8,6 +8,7 @@ from pathlib import Path
 
 DOCS = Path(__file__).parent
 MADE = {  # what the code of a page writes, and what the page shows
+    "../README": {"four_bar.png": "readme_four_bar.png"},
     "start": {"wiper.png": "start_drawn.png", "moved.png": "start_moved.png", "best.png": "start_best.png"},
     "concepts": {f"{name}.png": f"concepts_{name}.png" for name in ("natural", "branches", "failure", "gradient")},
 }

@@ -23,7 +23,7 @@ _P = TypeVar("_P", bound=Callable)
 
 _RAW = (TypeError, ValueError, AttributeError, LookupError, OverflowError)
 _OPERATORS = ("__init__", "__call__", "__getitem__")
-_PACKAGES = "", ".kinematics", ".dynamics", ".synthesis", ".families", ".constraints", ".forces"
+_PACKAGES = "", ".kinematics", ".vehicle", ".dynamics", ".synthesis", ".families", ".constraints", ".forces"
 _MANY = 1000  # entries of a collection that are looked at
 _MEANT = {  # what names stand for elsewhere and letters in formulas, where spelling does not lead to the argument
     "k": ("stiffness",),

@@ -12,7 +12,7 @@ from printed import COMPARED, COUNTS, FIGURES, GROUPS, VARIED, Group
 
 import jaxnc as nc
 from jaxnc.constraints import CATALOGUE, Kind
-from jaxnc.families.planar import EQUAL, PROJECTION
+from jaxnc.families.program import EQUAL, PROJECTION
 
 ROOT = Path(__file__).parent.parent
 ERRATA = (ROOT / "docs" / "sources.md").read_text(encoding="utf-8").partition("## Errata")[2]

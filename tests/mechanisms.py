@@ -141,15 +141,15 @@ def turn(count: int) -> np.ndarray:
 
 def trace_counter(monkeypatch) -> list:
     """Every entry of the compiled analysis into tracing appends to this list."""
-    from jaxnc.kinematics import solved
+    from jaxnc.kinematics import traced
 
     seen: list = []
-    original = solved.quick
+    original = traced.solve_fixed_steps
 
     def counted(*args):
         seen.append(None)
         return original(*args)
 
-    monkeypatch.setattr(solved, "quick", counted)
+    monkeypatch.setattr(traced, "solve_fixed_steps", counted)
     jax.clear_caches()
     return seen

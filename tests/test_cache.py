@@ -9,7 +9,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.errors import OutputError
-from jaxnc.io.cache import place, trim
+from jaxnc.io.cache import cache_folder, trim
 
 SWINGING = str(Path(__file__).parent.parent / "examples" / "swinging_four_bar.toml")
 # A command, and how often it found a program in the cache or did not.
@@ -52,7 +52,7 @@ def files(folder: Path) -> set[str]:
 @pytest.mark.slow
 def test_the_second_command_compiles_nothing(tmp_path):
     first = told(COMMAND, tmp_path, SWINGING)
-    kept = files(tmp_path / place({"HOME": str(tmp_path), "LOCALAPPDATA": str(tmp_path)}, sys.platform, None))
+    kept = files(tmp_path / cache_folder({"HOME": str(tmp_path), "LOCALAPPDATA": str(tmp_path)}, sys.platform, None))
     code, hits, misses = map(int, first.stdout.split()[-3:])
     assert code == 0 and first.stderr == "" and misses > 2 and len(kept) == misses, first.stdout
     second = told(COMMAND, tmp_path, SWINGING)
@@ -127,7 +127,7 @@ HOME = {"HOME": "/home/ann"}
     ],
 )
 def test_places(environment, platform, told, where):
-    assert place(environment, platform, told) == (where if where is None or where == told else Path(where))
+    assert cache_folder(environment, platform, told) == (where if where is None or where == told else Path(where))
 
 
 def test_what_was_not_used_for_longest_goes_first(tmp_path):

@@ -29,7 +29,19 @@ import pytest
 import jaxnc as nc
 from jaxnc.errors import brief
 
-PACKAGES = ("", "dynamics", "families", "io", "kinematics", "library", "reporting", "synthesis", "system", "viz")
+PACKAGES = (
+    "",
+    "dynamics",
+    "families",
+    "io",
+    "kinematics",
+    "library",
+    "reporting",
+    "synthesis",
+    "system",
+    "vehicle",
+    "viz",
+)
 SAMPLE = 1000  # calls in a run of the suite
 PATIENCE = 60  # seconds for one call, with what it compiles
 PHI = np.linspace(0.3, 0.6, 4)
@@ -157,7 +169,8 @@ def own() -> dict[str, dict[str, Any] | None]:
         "from_mjcf": {"path": plane().to_mjcf("robot.xml").path},
         "from_urdf": {"path": plane().to_urdf("robot.urdf").path},
         "load": {"path": plane().save("plane.toml")},
-        "kinematics.suspension_report": {"motion": known["ride"]},
+        "vehicle.attitude": {"motion": known["ride"], "name": "toe"},
+        "vehicle.suspension_report": {"motion": known["ride"]},
         "kinematics.grashof_type": dict.fromkeys(("ground", "crank", "coupler", "rocker"), 1.0),
         "io.load_csv": {"path": known["motion"].to_csv("motion.csv")},
         "io.load_npz": {"path": known["motion"].to_npz("motion.npz")},

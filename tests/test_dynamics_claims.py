@@ -40,9 +40,7 @@ def test_an_event_ends_the_motion_where_it_changes_sign():
 
 def test_a_stop_turns_the_rod_back_and_keeps_its_energy():
     """Pressed in by x: I ω²/2 = k x²/2, less what the weight takes."""
-    run = nc.simulate(
-        rod(), np.linspace(0, 0.6, 121), state={"phi": -np.pi / 2}, rates={"phi": 3.0}, method="dopri5", rtol=1e-9
-    )
+    run = nc.simulate(rod(), np.linspace(0, 0.6, 121), state={"phi": -np.pi / 2}, rates={"phi": 3.0}, rtol=1e-9)
     phi = np.asarray(run["phi"])
     wall = -np.pi / 2 + np.deg2rad(20)
     deep = np.sqrt((2 / 3 * 9.0 - 2 * G * (1 - np.cos(np.deg2rad(20)))) / 1e5)
@@ -79,7 +77,7 @@ def test_a_stop_gives_back_the_part_of_the_speed_that_was_asked_for():
 
     assert leaving(SPEED) == pytest.approx(LEFT * SPEED, rel=1e-9)
     for v in (SPEED, 0.5):
-        run = nc.simulate(block(), np.array([0.0, 1.5]), rates={"s": -v}, method="dopri5", rtol=1e-9, first=1e-3)
+        run = nc.simulate(block(), np.array([0.0, 1.5]), rates={"s": -v}, rtol=1e-9, first=1e-3)
         assert float(run.velocity("s")[-1]) == pytest.approx(leaving(v), rel=1e-6)
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.dynamics.adjoint import Law, Recalled
+from jaxnc.dynamics.derivative import ReplayedFlow
+from jaxnc.dynamics.design import DERIVED, DesignChanges, host_differentiates
 from jaxnc.dynamics.extended import extended, lift
-from jaxnc.dynamics.flow import Flow
-from jaxnc.dynamics.initial import start_pose
+from jaxnc.dynamics.flow import Flow, Law
 from jaxnc.dynamics.model import dynamics
-from jaxnc.dynamics.redesign import DERIVED, Carried, suits
+from jaxnc.dynamics.start import start_pose
 
 T = np.linspace(0.0, 0.2, 4)
 
@@ -69,9 +69,9 @@ def components(tree, lead):
 def test_the_host_knows_how_the_numbers_of_a_motion_change_with_the_design():
     """Against JAX's derivatives of the same numbers, and of the start."""
     system = swing()
-    assert suits(system.topology)
+    assert host_differentiates(system.topology)
     eq = dynamics(extended(system)).eq
-    carried, q = Carried(system, eq), np.asarray(lift(system.topology, np.asarray(start_pose(system, None))))
+    carried, q = DesignChanges(system, eq), np.asarray(lift(system.topology, np.asarray(start_pose(system, None))))
 
     def numbers(par):
         changed = nc.System(system.topology, par, system.degrees_of_freedom, system.independent)
@@ -126,11 +126,13 @@ def answering():
 
     @jax.jit
     def pulled(what, law, q, v, found, bar):
-        _, solved = jax.vjp(lambda law, q, v: law.put(flow).answer(what, t, q, v), law, q, v)
-        _, recalled = jax.vjp(lambda law, q, v: Recalled(flow.prepared(), law).answer(what, t, q, v, found), law, q, v)
+        _, solved = jax.vjp(lambda law, q, v: law.put(flow).solve_stage(what, t, q, v), law, q, v)
+        _, recalled = jax.vjp(
+            lambda law, q, v: ReplayedFlow(flow.prepare(), law).solve_stage(what, t, q, v, found), law, q, v
+        )
         return solved(bar), recalled(bar)
 
-    return flow, jax.jit(lambda what, q, v: flow.answer(what, t, q, v)), pulled
+    return flow, jax.jit(lambda what, q, v: flow.solve_stage(what, t, q, v)), pulled
 
 
 @pytest.mark.parametrize("what", [0, 1, 2], ids=["acceleration", "position", "velocity"])
@@ -149,7 +151,7 @@ def test_an_answer_is_pulled_back_by_its_lagrangian(what):
     for a, b in ((wanted[1], mine[1]), (wanted[2] * free, mine[2] * free)):
         assert np.allclose(a, b, rtol=1e-9, atol=1e-9 * max(float(jnp.max(jnp.abs(a))), 1.0))
     # Of the numbers of the motion by what they change with the design: some coefficients are zero in every one.
-    change = Carried(swing(), flow.dyn.eq).law()
+    change = DesignChanges(swing(), flow.dyn.eq).law()
     for name in DERIVED:
         leaves = (jax.tree.leaves(getattr(x, name)) for x in (wanted[0], mine[0], change))
         for a, b, by in zip(*leaves, strict=True):
@@ -184,8 +186,8 @@ def test_the_hosts_share_of_a_traced_gradient_is_mapped_and_differentiated_once_
     """One design asks the host; several, and derivatives of the gradient, are JAX's. Against each other's."""
     from jaxnc.dynamics import design
 
-    asked, plain = [], design.of_design
-    monkeypatch.setattr(design, "of_design", lambda *given: (asked.append(1), plain(*given))[1])
+    asked, plain = [], design.pull_back_design
+    monkeypatch.setattr(design, "pull_back_design", lambda *given: (asked.append(1), plain(*given))[1])
     m = nc.Mechanism("pendulum")
     m.ground("O", (0, 0))
     m.point("A", (0.8, -0.3))

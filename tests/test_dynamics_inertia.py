@@ -1,4 +1,4 @@
-"""Mass matrices against rigid-body formulas written independently: energies, momenta, centres of mass, gradients."""
+"""Mass matrices against rigid-body formulas write_out independently: energies, momenta, centres of mass, gradients."""
 
 import jax
 import jax.monitoring
@@ -8,7 +8,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.dynamics.extended import extended
-from jaxnc.dynamics.inertia import mass_matrix
+from jaxnc.dynamics.mass import mass_matrix
 from jaxnc.dynamics.model import dynamics
 from jaxnc.dynamics.reactions import states_of
 from jaxnc.solvers.assembly import derive
@@ -219,6 +219,14 @@ def test_explicit_lengths_redraw_the_rod_and_its_inertia():
     m.angle("phi", at="A", to="B")
     mo = nc.sweep(m.compile(), {"phi": np.array([0.3, 0.9])}, rates={"phi": 2.0})
     assert np.allclose(nc.dynamics.kinetic_energy(mo), 0.5 * (3.0 * 4 / 3) * 4, rtol=EXACT)
+
+
+def test_a_mass_matrix_is_that_of_the_dynamics():
+    """Of a body of three points, which has a hidden vector, on the coordinates that include it."""
+    system = free_body("PQR", "", mass=2.5, com=COM, inertia=TENSOR)
+    for found, wanted in zip(mass_matrix(system), mass_matrix(extended(system)), strict=True):
+        assert np.array_equal(found, wanted)
+    assert mass_matrix(system)[0].shape == (12, 12)
 
 
 def test_geometry_masses_and_hidden_segments_have_gradients():

@@ -120,7 +120,7 @@ def test_where_and_why_a_simulation_broke_off(size, end, said):
     m = rod(mass=1.0)
     m.force("gust", "P", gust, {"size": size, "end": end})
     with pytest.raises(nc.AssemblyError, match=said):
-        nc.simulate(m.compile(), TIMES, method="dopri5")
+        nc.simulate(m.compile(), TIMES)
 
 
 def test_a_simulation_that_came_apart_says_so():

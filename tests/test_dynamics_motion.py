@@ -42,6 +42,16 @@ def test_a_start_given_by_a_coordinate_is_at_rest():
     assert float(run["B"][0, 0]) == pytest.approx(0.3, abs=1e-12)
 
 
+def test_a_given_rate_is_met_beside_an_input():
+    """The end of a driven arm moves; what hangs there turns as it was told all the same."""
+    system = benchmarks.double_pendulum().compile()
+    how: dict = {"inputs": {"alpha": lambda t: 0.5 * t}, "method": "rk4", "step": 0.01}
+    run = nc.simulate(system, T[:2], rates={"beta": 1.0}, **how)
+    assert float(run.velocity("alpha")[0]) == pytest.approx(0.5, abs=1e-12)
+    assert float(run.velocity("beta")[0]) == pytest.approx(1.0, abs=1e-12)
+    assert float(run.correction[1]) <= 1e-12
+
+
 def central(f, system, name, index=()):
     value = np.asarray(system[name], float)
     ends = []
@@ -93,31 +103,23 @@ def test_forward_and_reverse_agree_and_a_batch_is_a_loop():
 def test_formulations_agree():
     """Every formulation goes to the same motion; their errors are those of their order."""
     system = slider_crank()
-    exact = nc.simulate(system, T, rates={"A.x": 0.5}, rtol=1e-11, atol=1e-13, method="dopri5")
+    exact = nc.simulate(system, T, rates={"A.x": 0.5}, rtol=1e-11, atol=1e-13)
     for method, step, tolerance in (
         ("rk4", 2e-3, 2e-7),
-        ("baumgarte", 2e-3, 1e-5),
-        ("null space", 2e-3, 2e-7),
-        ("augmented lagrangian", 1e-3, 2e-4),
         ("generalised alpha", 1e-3, 2e-4),
     ):
         # `singular` only to share what is compiled with the next test.
         run = nc.simulate(system, T, rates={"A.x": 0.5}, method=method, step=step, singular=True)
         assert np.abs(run.q - exact.q).max() <= tolerance, method
-        met = 1e-6 if method == "baumgarte" else 1e-12
-        assert float(run.violation[0]) <= met, method
+        assert float(run.violation[0]) <= 1e-12, method
 
 
 @pytest.mark.parametrize(
     ("method", "step", "tolerance"),
     [
         ("rk4", 2e-3, 2e-4),
-        ("baumgarte", 2e-3, 2e-3),
-        ("null space", 2e-3, 2e-4),
-        ("augmented lagrangian", 1e-3, 5e-3),
         ("generalised alpha", 1e-3, 5e-3),
-        ("dopri5", 1e-9, 1e-7),
-        ("tsit5", 1e-9, 1e-7),
+        ("dopri8", 1e-9, 1e-7),
     ],
 )
 def test_equal_arms_pass_the_bifurcation(method, step, tolerance):
@@ -129,7 +131,7 @@ def test_equal_arms_pass_the_bifurcation(method, step, tolerance):
     r, w, theta = 0.1, 20.0, 0.5
     place = r * np.array([np.cos(theta), np.sin(theta)])
     arms = slider_crank().replace({"A": place, "B": (2 * place[0], 0), "spring.stiffness": 0.0})
-    how = {"rtol": step, "atol": 1e-2 * step} if method in ("dopri5", "tsit5") else {"step": step}
+    how = {"rtol": step, "atol": 1e-2 * step} if method == "dopri8" else {"step": step}
     run = nc.simulate(arms, T, rates={"A.x": -w * place[1]}, method=method, singular=True, **how)
     a, b, va = np.asarray(run["A"]), np.asarray(run["B"]), np.asarray(run.velocity("A"))
     turned = np.unwrap(np.arctan2(a[:, 1], a[:, 0]), period=2 * np.pi)
@@ -239,9 +241,7 @@ def test_an_equilibrium_has_derivatives_of_every_order():
 def test_heavy_top_precesses_and_keeps_its_momenta():
     """Energy, the momentum about the vertical, and (for a symmetric top) the spin about its own axis."""
     m = benchmarks.heavy_top()
-    run = nc.simulate(
-        m.compile(), np.linspace(0, 0.2, 5), rates=m.model.simulate.rates, method="dopri5", rtol=1e-9, atol=1e-10
-    )
+    run = nc.simulate(m.compile(), np.linspace(0, 0.2, 5), rates=m.model.simulate.rates, rtol=1e-9, atol=1e-10)
     assert float(run.drift) <= 1e-4 * 5435.7
     h = np.asarray(nc.dynamics.angular_momentum(run))
     assert np.abs(h[:, 2] - h[0, 2]).max() <= 1e-6 * np.abs(h).max()

@@ -11,7 +11,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc import progress
-from jaxnc.dynamics import parts
+from jaxnc.dynamics import runs
 from jaxnc.status import Status
 
 T = np.linspace(0.0, 0.8, 46)
@@ -29,7 +29,7 @@ def low(t, state):
 @pytest.fixture
 def watching(monkeypatch):
     monkeypatch.setattr(progress, "watched", lambda: True)
-    monkeypatch.setattr(parts, "_DELAY", 0.0)
+    monkeypatch.setattr(runs, "_DELAY", 0.0)
 
 
 @pytest.mark.parametrize(

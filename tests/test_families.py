@@ -322,6 +322,19 @@ def fits(m: nc.Mechanism, family: str, **options) -> nc.families.Formulation:
     return f
 
 
+@pytest.mark.parametrize("family", ["relative", "reference"])
+def test_markers_are_no_part_of_a_family(family):
+    fits(nc.library.spherical_four_bar(), family)
+
+
+def test_a_bar_that_hangs_free_has_its_direction():
+    """The tie rod of a suspension hangs on a ball joint, and closes a loop by the rack that it slides on."""
+    f = nc.formulate(nc.library.double_wishbone(), "relative")
+    assert f.g == f.natural.degrees_of_freedom == 3 and "tie rod.ux" in f.variables
+    for sample in sample_poses(f.natural):
+        np.testing.assert_allclose(f.to_natural(f.from_natural(sample.q)), sample.q, atol=1e3 * ROUNDING)  # mm
+
+
 def expressed(f: nc.families.Formulation, joint: str) -> bool:
     """Whether a joint has a variable or a row of its own."""
     rows = any(row.startswith((f"{joint}:", f"{joint} and ")) for row in f.topology.rows)

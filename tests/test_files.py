@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from jaxnc.constraints import CATALOGUE, Kind, cable
 from jaxnc.errors import InputError, MechanismError, ModelFileError, OutputError
 from jaxnc.io.drives import sweep_arguments
-from jaxnc.io.files import blame, load, save
-from jaxnc.io.layout import json_text, toml
+from jaxnc.io.files import blame, json_text, load, save, toml
 from jaxnc.library.catalogue import CATALOGUE as LIBRARY
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record

@@ -46,15 +46,18 @@ FLOORS = {
     "kinematics": 4,
     "dynamics": 4,
     "families": 4,
+    "vehicle": 5,
     "synthesis": 5,
     "library": 5,
     "viz": 6,
     "io": 6,
     "reporting": 6,
-    "cli": 7,
-    "__main__": 7,
+    "robots": 7,
+    "workshop": 7,
+    "cli": 8,
+    "__main__": 8,
 }
-TOP = 7  # `import jaxnc` itself: the package re-exports from every floor
+TOP = 8  # `import jaxnc` itself: the package re-exports from every floor
 
 # Conveniences that may reach up, and only from inside a function: (file, module it may reach).
 DEFERRED_UPWARD = [
@@ -62,13 +65,15 @@ DEFERRED_UPWARD = [
     ("jaxnc/mechanism*", "jaxnc.solvers"),  # Mechanism.compile assembles the drawing
     ("jaxnc/mechanism*", "jaxnc.dynamics"),  # Mechanism.compile looks at hidden vectors
     ("jaxnc/mechanism*", "jaxnc.io"),  # Mechanism.save
+    ("jaxnc/mechanism*", "jaxnc.robots"),  # Mechanism.to_mjcf, Mechanism.to_urdf
     ("jaxnc/notebooks*", "jaxnc.viz"),  # Shown, Drawn.draw
     ("jaxnc/kinematics/motion.py", "jaxnc.viz"),  # Motion.plot, Motion.animate, Motion.to_html
     ("jaxnc/kinematics/motion.py", "jaxnc.io"),  # Motion.to_csv
+    ("jaxnc/kinematics/motion.py", "jaxnc.workshop"),  # Motion.to_parts
     ("jaxnc/kinematics/sensitivity.py", "jaxnc.io"),  # Sensitivity.to_csv
-    ("jaxnc/kinematics/suspension.py", "jaxnc.io"),  # Suspension.to_csv
-    ("jaxnc/kinematics/wheel_report.py", "jaxnc.io"),  # SuspensionReport.to_json
-    ("jaxnc/kinematics/wheel_report.py", "jaxnc.viz"),  # SuspensionReport.plot
+    ("jaxnc/vehicle/suspension.py", "jaxnc.io"),  # Suspension.to_csv
+    ("jaxnc/vehicle/report.py", "jaxnc.io"),  # SuspensionReport.to_json
+    ("jaxnc/vehicle/report.py", "jaxnc.viz"),  # SuspensionReport.plot
     ("jaxnc/synthesis/*", "jaxnc.viz"),  # BurmesterCurves.plot, Tolerance.plot, Result.gallery
     ("jaxnc/synthesis/result.py", "jaxnc.io"),  # Result.save
     ("jaxnc/synthesis/search/checkpoint.py", "jaxnc.io"),  # the file that `solve` saves itself in
@@ -284,8 +289,8 @@ BROKEN = [
     ("dots only", "jaxnc/solvers/up.py", "from .. import viz", 1, UP + ".viz"),
     ("root file", "jaxnc/types.py", "from .solvers import newton", 1, UP + ".solvers.newton"),
     ("plain import", "jaxnc/kinematics/up.py", "import jaxnc.io.files as f", 1, UP + ".io.files"),
-    ("whole package", "jaxnc/kinematics/up.py", "import jaxnc", 1, UP + " (floor 7)"),
-    ("name of the package", "jaxnc/kinematics/up.py", "from jaxnc import Motion", 1, UP + " (floor 7)"),
+    ("whole package", "jaxnc/kinematics/up.py", "import jaxnc", 1, UP + " (floor 8)"),
+    ("name of the package", "jaxnc/kinematics/up.py", "from jaxnc import Motion", 1, UP + " (floor 8)"),
     ("in an __init__", "jaxnc/constraints/__init__.py", "from ..system import System", 1, UP + ".system"),
     ("under try", "jaxnc/system/up.py", "try:\n    import jaxnc.viz\nfinally:\n    pass", 2, UP + ".viz"),
     ("in a class body", "jaxnc/system/up.py", "class A:\n    from jaxnc import viz", 2, UP + ".viz"),

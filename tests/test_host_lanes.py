@@ -11,7 +11,7 @@ import pytest
 from mechanisms import unreadable
 
 import jaxnc as nc
-from jaxnc.kinematics import on_host
+from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, settle
@@ -123,15 +123,17 @@ def asked(case: str, d: Designs, total: int, rng: np.random.Generator) -> np.nda
 def test_sequences_are_those_of_each_design(case):
     d, rng = designs(case), np.random.default_rng(5)
     values = asked(case, d, 31, rng)
-    found = on_host.sequences(d.view, d.together, d.start, values)
-    alone = [on_host.analyse(d.view, "continuation", *x, ()) for x in zip(d.each, d.start, values, strict=True)]
+    found = host_solve.solve_sequences(d.view, d.together, d.start, values)
+    alone = [
+        host_solve.analyse_on_host(d.view, "continuation", *x, ()) for x in zip(d.each, d.start, values, strict=True)
+    ]
     for k, eq in enumerate(d.each):
         same(found.each(lambda x, k=k: x[k]), alone[k], float(eq.length))
     # From a pose on: the last that was found before the first that was not.
     first = np.array([int(np.argmax(np.append(w.status != 0, True))) for w in alone])
     first = np.where(first < 31, first, rng.integers(0, 31, len(first)))
     start = np.where(first[:, None] > 0, found.q[np.arange(len(first)), first - 1], d.start)
-    rest = on_host.sequences(d.view, d.together, start, values, first)
+    rest = host_solve.solve_sequences(d.view, d.together, start, values, first)
     for k, eq in enumerate(d.each):
         after = alone[k].each(lambda x, k=k: x[first[k] :])
         own = rest.each(lambda x, k=k: x[k, first[k] :])
@@ -143,12 +145,12 @@ def test_scattered_values_are_those_of_each_design(case):
     d, rng = designs(case), np.random.default_rng(6)
     values = asked(case, d, 13, rng)
     each, every = np.repeat(np.arange(len(d.each)), 13), rng.permutation(13 * len(d.each))
-    found = on_host.scattered(d.view, d.together, d.start, values.reshape(-1, values.shape[2])[every], each[every])
+    found = host_solve.solve_lanes(d.view, d.together, d.start, values.reshape(-1, values.shape[2])[every], each[every])
     back = np.argsort(every).reshape(-1, 13)
     for k, eq in enumerate(d.each):
-        wanted = on_host.analyse(d.view, "lanes", eq, d.start[k], values[k], ())
+        wanted = host_solve.analyse_on_host(d.view, "lanes", eq, d.start[k], values[k], ())
         same(found.each(lambda x, k=k: x[back[k]]), wanted, float(eq.length))
-        one = on_host.scattered(d.view, from_jax(eq), d.start[k : k + 1], values[k, :3], np.zeros(3, int))
+        one = host_solve.solve_lanes(d.view, from_jax(eq), d.start[k : k + 1], values[k, :3], np.zeros(3, int))
         same(found.each(lambda x, k=k: x[back[k, :3]]), one, float(eq.length))
 
 
@@ -198,9 +200,9 @@ def test_where_nothing_is_driven_the_drawing_is_the_pose():
 def test_what_is_solved_all_at_once_is_what_is_followed(case, monkeypatch):
     d = designs(case)
     values = asked(case, d, 31, np.random.default_rng(9))
-    found = on_host.sequences(d.view, d.together, d.start, values)
+    found = host_solve.solve_sequences(d.view, d.together, d.start, values)
     monkeypatch.setattr(poses, "sure", lambda view, start, *_: (start, np.zeros(start.shape[1], bool)))
-    followed = on_host.sequences(d.view, d.together, d.start, values)
+    followed = host_solve.solve_sequences(d.view, d.together, d.start, values)
     for k, eq in enumerate(d.each):
         same(*(batch.each(lambda x, k=k: x[k]) for batch in (found, followed)), float(eq.length))
 
@@ -223,11 +225,11 @@ def test_designs_that_are_mirrored_or_have_left_their_class_or_do_not_assemble()
     d.start[2, p : p + 3] -= 2 * normal * (q[p : p + 3] @ normal)
     d.start[3, p : p + 3] = np.nan
     values = np.stack([np.array([[0.2], [0.5], [0.9], [5.0], [0.3]])] * 4)
-    found = on_host.sequences(d.view, d.together, d.start, values)
+    found = host_solve.solve_sequences(d.view, d.together, d.start, values)
     left, mirrored, lost = (int(x) for x in (STATUS.LEFT_CLASS, STATUS.MIRRORED, STATUS.DID_NOT_ASSEMBLE))
     ended = [0, 0, 0, int(STATUS.SINGULAR), int(STATUS.NOT_REACHED)]
     np.testing.assert_array_equal(found.status, [ended, [left] * 5, [mirrored] * 5, [lost] * 5])
-    each = on_host.scattered(d.view, d.together, d.start, values[0, :4], np.arange(4))
+    each = host_solve.solve_lanes(d.view, d.together, d.start, values[0, :4], np.arange(4))
     np.testing.assert_array_equal(each.status, [0, left, mirrored, lost])
     assert np.isfinite(found.q[:3]).all() and np.isfinite(each.q[:3]).all()
 
@@ -237,15 +239,15 @@ def test_numbers_of_32_bits_are_calculated_with_32():
     lengths = [(0.4, 1.0, 0.9, 1.2), (0.5, 0.8, 0.9, 1.0), (1.0, 0.5, 0.7, 0.9)]
     d, wide = (Designs([four_bar(*x, 0.7, 1, base) for x in lengths], ("phi",)) for base in (like, plain()))
     values = np.stack([np.linspace(0.7, 5.7, 40)[:, None]] * 3)
-    found = on_host.sequences(d.view, d.together, d.start, values)
-    exact = on_host.sequences(wide.view, wide.together, wide.start, values)
+    found = host_solve.solve_sequences(d.view, d.together, d.start, values)
+    exact = host_solve.solve_sequences(wide.view, wide.together, wide.start, values)
     assert all(x.dtype == np.float32 for x in (found.q, found.size, found.conditioning))
     np.testing.assert_array_equal(found.status, exact.status)
     assert {0, 2, 4} == set(found.status.ravel().tolist())
     good = found.status == 0
     np.testing.assert_allclose(found.q[good], exact.q[good], atol=3e-5)
     for k, eq in enumerate(d.each):
-        status = on_host.analyse(d.view, "continuation", eq, d.start[k], values[k], ()).status
+        status = host_solve.analyse_on_host(d.view, "continuation", eq, d.start[k], values[k], ()).status
         np.testing.assert_array_equal(found.status[k], status)
 
 
@@ -265,8 +267,8 @@ def test_once_ready_nothing_of_jax_is_called():
     gc.disable()  # jax has a part in it
     sys.setprofile(seen)
     try:
-        found = on_host.sequences(d.view, d.together, d.start, values)
-        on_host.scattered(d.view, d.together, d.start, values.reshape(-1, 1), np.repeat(np.arange(3), 23))
+        found = host_solve.solve_sequences(d.view, d.together, d.start, values)
+        host_solve.solve_lanes(d.view, d.together, d.start, values.reshape(-1, 1), np.repeat(np.arange(3), 23))
     finally:
         sys.setprofile(None)
         gc.enable()
@@ -279,5 +281,7 @@ def test_what_cannot_be_read_is_not_ready():
     view = make_plan(system, ("P.x",), ())
     assert not host.ready(view)
     eq = derive(system)
-    found = on_host.scattered(view, from_jax(eq), np.asarray(eq.home)[None], np.array([[0.3], [0.8]]), np.zeros(2, int))
+    found = host_solve.solve_lanes(
+        view, from_jax(eq), np.asarray(eq.home)[None], np.array([[0.3], [0.8]]), np.zeros(2, int)
+    )
     np.testing.assert_allclose(found.q[:, 1], [0.09, 0.64], atol=1e-12)  # through JAX it is found all the same

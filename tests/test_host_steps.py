@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.kinematics import on_host
+from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.reading import Builder, function
 from jaxnc.solvers.assembly import derive, hosted, settle
@@ -187,7 +187,9 @@ def test_the_pose_nearest_to_a_guess_is_that_of_the_compiled_solver():
         assert isinstance(found.poses, np.ndarray) and bool(found.converged.all())
     other = nc.solve_position(system, {"phi": 1.1}, start={"C": mirrored})
     np.testing.assert_allclose(other["C"], mirrored, atol=1e-12)
-    near = on_host.nearest(make_plan(system, ("phi",), ()), hosted(derive(system)), start.q[None], np.array([[1.1]]))
+    near = host_solve.solve_nearest(
+        make_plan(system, ("phi",), ()), hosted(derive(system)), start.q[None], np.array([[1.1]])
+    )
     np.testing.assert_allclose(near.q[0], start.q, atol=1e-13)
 
 

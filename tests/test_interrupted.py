@@ -15,7 +15,7 @@ from mechanisms import four_bar
 
 import jaxnc as nc
 from jaxnc.cli import main
-from jaxnc.kinematics import on_host
+from jaxnc.kinematics import host_solve
 
 CHILD = Path(__file__).parent / "children" / "interrupted.py"
 PROBLEM = Path(__file__).parent.parent / "examples" / "problems" / "path.toml"
@@ -82,15 +82,15 @@ def test_the_hosts_own_callback_that_fails(monkeypatch):
     program = jax.jit(lambda u: nc.solve_position(system, {"phi": u}).status)
     before = np.asarray(program(u))
     assert before.any() and not before.all()
-    kept = on_host.repair_lanes
+    kept = host_solve.repair_lanes
 
     def full(*_):
         raise MemoryError("unable to allocate 3 GiB")
 
-    monkeypatch.setattr(on_host, "repair_lanes", full)
+    monkeypatch.setattr(host_solve, "repair_lanes", full)
     with pytest.raises(Exception, match=r"MemoryError: unable to allocate 3 GiB.*repair=False does without"):
         jax.block_until_ready(program(u))
-    monkeypatch.setattr(on_host, "repair_lanes", kept)
+    monkeypatch.setattr(host_solve, "repair_lanes", kept)
     np.testing.assert_array_equal(program(u), before)
 
 
@@ -100,7 +100,7 @@ def test_what_fails_for_a_large_system_names_no_remedy_that_it_has_not(monkeypat
     def full(*_):
         raise MemoryError("unable to allocate 3 GiB")
 
-    monkeypatch.setattr(on_host, "sequences", full)
+    monkeypatch.setattr(host_solve, "solve_sequences", full)
     with pytest.raises(Exception, match=r"followed poses of a large system \(MemoryError: unable to allocate 3 GiB\)"):
         jax.block_until_ready(jax.jit(lambda u: nc.sweep(system, {"phi": u}).q)(np.linspace(1.0, 1.2, 3)))
 

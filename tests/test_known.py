@@ -8,7 +8,7 @@ from mechanisms import four_bar_mechanism, pendulum
 
 import jaxnc as nc
 from jaxnc.constraints.kind import dot
-from jaxnc.io.stream import _drawn
+from jaxnc.io.stream import drawing_as_motion
 from jaxnc.io.tables import load_npz
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.solvers import host
@@ -21,7 +21,7 @@ PULL = nc.forces.ForceKind(
     potential=lambda p, v, s, c: 0.5 * c[0] * dot(p[1] - p[0], p[1] - p[0]),
 )  # fmt: skip
 MADE = {
-    "stream": lambda: _drawn(pendulum().compile(), ("phi",), ()),
+    "stream": lambda: drawing_as_motion(pendulum().compile(), ("phi",), ()),
     "picture": lambda: draft(pendulum()),
     "family": lambda: nc.families.simulate(nc.formulate(pendulum(), "natural"), T),
 }

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxnc as nc
-from jaxnc.kinematics.rates import rates
+from jaxnc.kinematics.traced import pose_rates
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.batch import LEAST
 from jaxnc.solvers.plan import plan
@@ -22,7 +22,7 @@ def test_rates_of_a_large_batch_are_those_of_single_poses():
     assert 0 < int(motion.failures) < LEAST
     view, eq = plan(short.topology, ("phi",), (), 1), derive(short)
     orders = [jnp.asarray(2.0 + phi)[:, None], jnp.full((LEAST, 1), 0.5)]
-    one = jax.jit(jax.vmap(lambda q, v, a, ok: tuple(rates(view, eq, q, (v, a), ok))))
+    one = jax.jit(jax.vmap(lambda q, v, a, ok: tuple(pose_rates(view, eq, q, (v, a), ok))))
     for found, wanted in zip(motion.rates, one(motion.q, *orders, motion.converged), strict=True):
         assert found.shape == motion.q.shape
         np.testing.assert_allclose(found, wanted, atol=ROUNDING * float(jnp.max(jnp.abs(wanted))))

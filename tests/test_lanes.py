@@ -10,7 +10,7 @@ from mechanisms import four_bar, slider_crank
 
 import jaxnc as nc
 from jaxnc.constraints.trigonometry import cos, sin
-from jaxnc.kinematics import on_host
+from jaxnc.kinematics import host_solve
 from jaxnc.library import generic_mechanism, jansen_leg, macpherson
 from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import derive, hosted, settle
@@ -136,7 +136,7 @@ def test_regular_poses_are_all_solved_side_by_side(name):
     found = jax.jit(lambda u: batch.solve(view, eq, q, u))(values)
     assert np.all(found.good) and np.min(found.conditioning) > 1e-6
     with np.errstate(all="ignore"):
-        host = on_host.scattered(view, hosted(eq), np.asarray(q)[None], values[::40], np.zeros(15, int))
+        host = host_solve.solve_lanes(view, hosted(eq), np.asarray(q)[None], values[::40], np.zeros(15, int))
     assert not host.status.any()
     at = np.stack(found.q, axis=1)[::40]
     np.testing.assert_allclose(at, host.q[:, view.unknown], atol=1e-12 * float(eq.length))
@@ -144,13 +144,13 @@ def test_regular_poses_are_all_solved_side_by_side(name):
 
 def test_poses_of_narrow_numbers_are_solved_side_by_side(monkeypatch):
     """A pivot that passes near zero loses more of 32 bits: a pose of the table is passed then, a lane is the host's."""
-    asked, by_host = [], on_host.scattered
+    asked, by_host = [], host_solve.solve_lanes
 
     def counted(view, eq, q, values, *rest):
         asked.append(len(values))
         return by_host(view, eq, q, values, *rest)
 
-    monkeypatch.setattr(on_host, "scattered", counted)
+    monkeypatch.setattr(host_solve, "solve_lanes", counted)
     inputs, hold = WIDE["macpherson"]
     system = macpherson().compile(dtype="float32")
     values = np.random.default_rng(1).uniform(*zip(*inputs.values(), strict=True), (600, 2))

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 import jaxnc as nc
 from jaxnc import library
-from jaxnc.kinematics import on_host
+from jaxnc.kinematics import host_solve
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, hosted, settle
 from jaxnc.solvers.host import HostView, view_of
@@ -197,7 +197,7 @@ def test_what_is_too_much_to_write_out_is_solved_by_lu_on_the_host():
     """Fewer unknowns than of a large system, more than 48: the same poses and ends of branches as by whole matrices."""
     system = library.four_bar_chain(30, last=1.3).compile()
     view, eq = plan(system.topology, ("phi",), (), 1), hosted(derive(system))
-    assert not view.large and isinstance(view_of(view, eq), SparseView) and on_host.few(view, "continuation", 60)
+    assert not view.large and isinstance(view_of(view, eq), SparseView) and host_solve.is_few(view, "continuation", 60)
     start, phi = np.asarray(settle(derive(system), np.zeros(len(eq.home))).q), np.linspace(1.0, -0.4, 60)
     with np.errstate(all="ignore"):
         one, other = (

@@ -566,7 +566,7 @@ MISTAKES = [
     (library.generic_mechanism, {"pivot": (0.05, 0.20)}, ["pivot", "shoe", "three points"]),
     (library.five_bar, {"coupler1": 0.01}, ["coupler1 = 0.01", "coupler2 = 0.3"]),
     (library.watt_six_bar, {"inversion": "III"}, ["inversion='III'", "'I', 'II'"]),
-    (library.stephenson_six_bar, {"places": {"Z": (0.0, 0.0)}}, ["no point 'Z'", "known names: A"]),
+    (library.stephenson_six_bar, {"places": {"Z": (0.0, 0.0)}}, ["no 'Z' to move", "known names: A"]),
     (library.stephenson_six_bar, {"places": {"E": (0.36, 0.30)}}, ["'C' and 'E' of the coupler", "move one"]),
     (library.klann_leg, {"places": {"P": "foot"}}, ["places['P']", "two numbers"]),
     (library.roberts, {"rocker": 0.1}, ["rocker = 0.1", "half of ground"]),

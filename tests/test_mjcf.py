@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.io.robots.export import poses
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.solvers.assembly import sample_poses
 
@@ -79,9 +78,7 @@ def watched_of(motion: nc.Motion):
 def spins(m: nc.Mechanism, tree) -> int:
     """Bars with a ball joint turn about their own line in MuJoCo; here they do not know it."""
     parts = tree.parts
-    return sum(
-        p.turns == "bar" and not tree.tree.links[tree.link_of[k]].spinless for k, p in enumerate(parts.parts) if k
-    )
+    return sum(p.turns == "bar" and not tree.links[tree.link_of[k]].spinless for k, p in enumerate(parts.parts) if k)
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
@@ -93,7 +90,7 @@ def test_of_the_library(name, folder):
     size, values = size_of(motion), done.joint_values(motion)
     off, rows, free, motors = in_mujoco(text, values, watched)
     assert off <= PLACE * size and rows <= PLACE * max(size, 10.0)
-    assert free == motion.system.degrees_of_freedom + spins(m, done._grown)
+    assert free == motion.system.degrees_of_freedom + spins(m, done._tree)
     assert not done.left_out
     assert len(motion.status) >= 20
     assert set(motors) == set(motion.driven)
@@ -147,7 +144,7 @@ def test_a_joint(joint, hinges, folder):
     system = m.compile()
     done = m.to_mjcf(folder / "joint.xml", at=system)
     q = np.array([sample.q for sample in sample_poses(system, 3)])
-    home = [poses(done._grown, q)]
+    home = [done._tree.joint_values(q)]
     watched = [(n, q[:, 3 * k : 3 * k + 3]) for k, n in enumerate(system.topology.points)]
     off, rows, free, _ = in_mujoco(done.path.read_text(), home[0], watched)
     assert off < 1e-12 and rows < 1e-12
@@ -180,7 +177,7 @@ def test_joints_in_the_plane(folder):
     done = m.to_mjcf(folder / "plane.xml", at=system)
     q = np.array([sample.q for sample in sample_poses(system, 3)])
     watched = [(n, np.pad(q[:, 2 * k : 2 * k + 2], ((0, 0), (0, 1)))) for k, n in enumerate(system.topology.points)]
-    off, rows, free, _ = in_mujoco(done.path.read_text(), poses(done._grown, q), watched)
+    off, rows, free, _ = in_mujoco(done.path.read_text(), done._tree.joint_values(q), watched)
     assert off < 1e-12 and rows < 1e-12 and not done.left_out
     assert free == system.degrees_of_freedom
 

@@ -53,6 +53,7 @@ GUIDES = {
     "reactions": "docs/dynamics.md",
     "report": "docs/report.md",
     "reporting": "docs/report.md",
+    "robots": "docs/robots.md",
     "sensitivity": "docs/spatial.md",
     "shard": "docs/batches.md",
     "simulate": "docs/dynamics.md",
@@ -65,11 +66,13 @@ GUIDES = {
     "tolerance": "docs/tolerance.md",
     "transmission_angle": "docs/modelling.md",
     "travel": "docs/start.md",
+    "vehicle": "docs/spatial.md",
     "viz": "docs/dynamics.md",
     "widget": "docs/widget.md",
+    "workshop": "docs/files.md",
 }
 PACKAGES = tuple(name for name in nc.__all__ if inspect.ismodule(getattr(nc, name)))
-LAZY = ("dynamics", "io", "kinematics", "synthesis", "system", "viz")
+LAZY = ("dynamics", "io", "kinematics", "robots", "synthesis", "system", "vehicle", "viz", "workshop")
 
 
 def text(path):
@@ -139,7 +142,7 @@ def results(thing, known):
     if inspect.isclass(thing):
         members = [v.fget if isinstance(v, property) else v for k, v in vars(thing).items() if k[0] != "_"]
         functions = [v for v in members if inspect.isfunction(v)]
-        results = thing.__module__.startswith(("jaxnc.kinematics", "jaxnc.dynamics", "jaxnc.io"))
+        results = thing.__module__.startswith(("jaxnc.kinematics", "jaxnc.vehicle", "jaxnc.dynamics", "jaxnc.io"))
         given = [v for k, v in vars(thing).get("__annotations__", {}).items() if k[0] != "_" and results]
     else:
         functions, given = [inspect.unwrap(thing)], []

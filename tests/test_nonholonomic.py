@@ -39,26 +39,25 @@ def chaplygin(t):
 
 
 @functools.cache
-def gliding(method):
+def gliding():
     rates = {"P": (AHEAD, 0.0), "phi": SPIN}
-    return nc.simulate(sleigh(), np.linspace(0, 4, 21), rates=rates, method=method, step=4e-3)
+    return nc.simulate(sleigh(), np.linspace(0, 4, 21), rates=rates, method="rk4", step=4e-3)
 
 
-@pytest.mark.parametrize(("method", "error"), [("rk4", ROLLED), ("null space", ROLLED), ("baumgarte", 1e-4)])
-def test_chaplygins_sleigh(method, error):
-    run = gliding(method)
+def test_chaplygins_sleigh():
+    run = gliding()
     ahead, spin, heading = chaplygin(np.asarray(run.time))
     d = np.asarray(run["Q"] - run["P"])
-    assert np.abs(np.sum(run.velocity("P") * d, axis=1) - ahead).max() <= error
-    assert np.abs(run.velocity("phi") - spin).max() <= error
-    assert np.abs(np.unwrap(np.arctan2(d[:, 1], d[:, 0])) - heading).max() <= error
-    assert float(run.drift) <= error
+    assert np.abs(np.sum(run.velocity("P") * d, axis=1) - ahead).max() <= ROLLED
+    assert np.abs(run.velocity("phi") - spin).max() <= ROLLED
+    assert np.abs(np.unwrap(np.arctan2(d[:, 1], d[:, 0])) - heading).max() <= ROLLED
+    assert float(run.drift) <= ROLLED
     slip = d[:, 0] * run.velocity("P")[:, 1] - d[:, 1] * run.velocity("P")[:, 0]
-    assert np.abs(slip).max() <= (1e-14 if method != "baumgarte" else error)
+    assert np.abs(slip).max() <= 1e-14
 
 
 def test_the_blade_holds_what_the_centre_of_mass_takes():
-    run = gliding("rk4")
+    run = gliding()
     ahead, spin, _ = chaplygin(np.asarray(run.time))
     k = MASS * LEVER / (INERTIA + MASS * LEVER**2)
     side = MASS * (ahead * spin - LEVER * k * ahead * spin)  # m (u ω + a ω̇)
@@ -195,8 +194,10 @@ def test_a_sweep_goes_where_rolling_allows_it_and_velocities_are_checked():
 @pytest.mark.parametrize(
     ("ask", "says"),
     [
-        (lambda: nc.simulate(sleigh(), [0, 1], method="generalised alpha", step=0.1), ["generalised alpha", "'rk4'"]),
-        (lambda: nc.simulate(sleigh(), [0, 1], method="augmented lagrangian"), ["augmented lagrangian", "blade"]),
+        (
+            lambda: nc.simulate(sleigh(), [0, 1], method="generalised alpha", step=0.1),
+            ["generalised alpha", "'rk4'", "blade"],
+        ),
         (lambda: nc.equilibrium(sleigh()), ["equilibrium", "blade", "simulate"]),
         (lambda: nc.linearise(sleigh()), ["linearise", "blade", "simulate"]),
         (lambda: nc.formulate(sleigh_of(), "relative"), ["formulate", "blade"]),

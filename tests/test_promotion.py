@@ -45,7 +45,7 @@ def fixed_step(system, x):
 
 
 def adaptive(system, x):
-    return jnp.sum(nc.simulate(system, TIMES, {"phi": x}, method="tsit5")["B"])
+    return jnp.sum(nc.simulate(system, TIMES, {"phi": x})["B"])
 
 
 def forces(system, x):

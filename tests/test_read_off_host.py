@@ -11,6 +11,7 @@ import pytest
 import jaxnc as nc
 from jaxnc.constraints import Kind
 from jaxnc.constraints.kind import dot, norm
+from jaxnc.kinematics.design import Pose, PoseReading
 from jaxnc.library import bennett
 
 SEEN = []  # programs that were compiled
@@ -149,6 +150,33 @@ def test_sensitivity_of_a_four_bar_with_given_lengths_and_a_marker():
     assert np.abs(whole - np.eye(2)).max() < 1e-12
     assert found["rider", "T"].shape == (2, 2, 2)
     same(nc.sensitivity(motion.pose((0, 1)), "T")["T"], found["whole"][0, 1])
+
+
+def _read_reach(top, scale, state, home, markers, offset):
+    return scale * norm(Pose(top, markers, state)["C"] - Pose(top, markers, home)["A"]) + offset
+
+
+def reach(motion, scale=1.0):
+    return {"reach": scale * np.linalg.norm(np.asarray(motion["C"]) - np.asarray(motion["A"]), axis=-1) + 3.0}
+
+
+def test_a_function_that_says_itself_how_it_is_read(monkeypatch):
+    """Sensitivities know no function: one with a reading of its own is differentiated by NumPy, with its options."""
+
+    def reading(motion, scale=1.0):
+        return PoseReading(_read_reach, (scale,), numbers=(3.0,), names=(("reach", 0),), labels={"D": "pivot"})
+
+    monkeypatch.setattr(reach, "pose_reading", reading, raising=False)
+    s = nc.library.four_bar().compile()
+    motion = nc.sweep(s, {"phi": np.linspace(0.3, 2.0, 4)})
+    SEEN.clear()
+    found = nc.sensitivity(motion, functools.partial(reach, scale=2.0))
+    assert not SEEN
+    ground = s["A"]  # stays where it is
+    expected = nc.sensitivity(motion, lambda mo: 2.0 * jnp.linalg.norm(mo["C"] - ground, axis=-1))
+    free = [k for k, name in enumerate(found.variables) if name[0] != "A"]
+    same(found["reach"][:, free], expected["output"][:, free])
+    assert "  pivot  " in found.table()
 
 
 def _apart(p, v, s, c):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.io.robots import Robot
 from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.robots import Robot
 from jaxnc.status import Status
 
 mujoco = pytest.importorskip("mujoco")
@@ -99,7 +99,7 @@ def check(path: Path, robot: Robot, values, system=None) -> np.ndarray:
 
 def values_of(robot: Robot, width: float = 0.3) -> np.ndarray:
     """Values of the actuated joints around home."""
-    home = np.array([robot._described.joints[j].reference for c in robot.actuated
+    home = np.array([robot._description.joints[j].reference for c in robot.actuated
                      for j, own in robot.coordinates.items() if own == c])  # fmt: skip
     return home + width * np.random.default_rng(5).uniform(-1, 1, (POSES, len(home)))
 
@@ -261,7 +261,7 @@ def test_designs(gripper, folder):
 def test_a_design_drawn_elsewhere(folder):
     """Drawn in another pose than the file's, where its anchors are computed."""
     robot = read(folder, GRIPPER, "turned.xml", home={"driver joint": np.radians(10) + 0.1})
-    assert robot._described.joints["driver joint"].reference == pytest.approx(np.radians(10) + 0.1, abs=1e-12)
+    assert robot._description.joints["driver joint"].reference == pytest.approx(np.radians(10) + 0.1, abs=1e-12)
     check(folder / "turned.xml", robot, values_of(robot, 0.1))
     system = robot.system.replace({"close_at": robot.system["close_at"] + np.array([0.0, 0.001, 0.002])})
     check(robot.save(folder / "turned2.xml", system), robot, values_of(robot, 0.05)[:3], system)

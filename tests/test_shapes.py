@@ -14,7 +14,7 @@ def test_arrays_have_the_shapes_that_signatures_say():
     seen, refused = json.loads(told.splitlines()[-1])
     assert {
         "jaxnc.dynamics.energy.energy",
-        "jaxnc.kinematics.rates.rates",
+        "jaxnc.kinematics.traced.pose_rates",
         "jaxnc.solvers.linear.steps",
         "jaxnc.solvers.plan.Plan.linearise",
         "jaxnc.system.equations.residual",

@@ -70,7 +70,7 @@ def test_what_the_code_has_and_no_table_says_stops_the_build(tables, monkeypatch
         ("JOINTS", "joints", "screw"),
         ("FORMS", "coordinates", "switched"),
         ("TABLES", "model_files", "friction"),
-        ("METHODS", "options", "tsit5"),
+        ("METHODS", "options", "kvaerno5"),
     ):
         texts = dict(getattr(said, what))
         del texts[gone]

@@ -53,7 +53,9 @@ def ended(*children: subprocess.Popen) -> list[str]:
 def test_equations_are_brought_to_devices_once_and_kept_as_long_as_they_are_there():
     devices, numbers = tuple(jax.devices()[:1]), jnp.arange(3.0)
     lanes = np.arange(5.0)
-    (once, first), (again, second) = (spread._placed(devices, (None, 0), (numbers, lanes + k)) for k in range(2))
+    (once, first), (again, second) = (
+        spread._place_arguments(devices, (None, 0), (numbers, lanes + k)) for k in range(2)
+    )
     assert once is again
     np.testing.assert_array_equal(second - first, np.ones(5))  # lanes are brought anew
     np.testing.assert_array_equal(once, np.arange(3.0))
@@ -109,7 +111,7 @@ def test_spread_lanes_do_not_reach_lapack():
     system, zeros = slider_crank(), np.zeros((4, 1))
     view, eq = make_plan(system, ("phi",), ()), derive(system)
     q0 = settle(eq, np.zeros(len(system.topology.coordinates))).q
-    text = spread._compiled.lower(tuple(jax.devices()), view, "lanes", True, eq, q0, zeros, (zeros,)).as_text()
+    text = spread._solve_on_devices.lower(tuple(jax.devices()), view, "lanes", True, eq, q0, zeros, (zeros,)).as_text()
     assert "while" in text and "lapack" not in text
     assert "lapack" in jax.jit(jnp.linalg.inv).lower(np.eye(3)).as_text(), "or else this test would see nothing"
 

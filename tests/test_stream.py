@@ -9,7 +9,7 @@ from mechanisms import reference, slider_crank
 from test_spread import child, ended
 
 import jaxnc as nc
-from jaxnc.io.archive import read
+from jaxnc.io.archive import read_archive
 from jaxnc.io.tables import load_npz
 
 CHUNK = 8
@@ -191,7 +191,7 @@ def test_mapped_reads_what_numpy_writes(tmp_path):
     arrays |= {"words": np.array(["x", "yz"]), "one": np.array(3.5)}
     for write, kind in ((np.savez, np.memmap), (np.savez_compressed, np.ndarray)):
         write(tmp_path / "p.npz", **arrays)
-        got = read(tmp_path / "p.npz", "an archive", mmap=True)
+        got = read_archive(tmp_path / "p.npz", "an archive", mmap=True)
         assert list(got) == list(arrays) and type(got["a"]) is kind
         for name, array in arrays.items():
             np.testing.assert_array_equal(got[name], array)

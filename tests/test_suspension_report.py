@@ -11,8 +11,8 @@ from independent.jets import Jet
 
 import jaxnc as nc
 from jaxnc.errors import InputError
-from jaxnc.kinematics.wheel_report import _turning, suspension_report
 from jaxnc.library.suspensions import double_wishbone, five_link, macpherson
+from jaxnc.vehicle.report import _turn_differences, suspension_report
 from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial.scene import Solid
 from jaxnc.viz.spatial.sketch import sketch_space
@@ -225,12 +225,12 @@ def test_ackermann():
     inner = np.radians(0.5 * np.abs(rack))
     outer = np.arctan2(np.sin(inner), np.cos(inner) + track / wheelbase * np.sin(inner))  # cot δo = cot δi + t / L
     ideal = np.degrees(np.where(rack < 0, inner, -outer))
-    found = _turning(ideal + 0.1, rack, track, "left", wheelbase, 1.0)
+    found = _turn_differences(ideal + 0.1, rack, track, "left", wheelbase, 1.0)
     np.testing.assert_allclose(np.delete(found["ackermann"], 5), 100.0, rtol=1e-9)
     np.testing.assert_allclose(found["toe_out_in_turns"], np.degrees(inner - outer), atol=1e-12)
-    parallel = _turning(-0.5 * rack, rack, track, "left", wheelbase, 1.0)
+    parallel = _turn_differences(-0.5 * rack, rack, track, "left", wheelbase, 1.0)
     np.testing.assert_allclose(np.delete(parallel["ackermann"], 5), 0.0, atol=1e-9)
-    assert not _turning(-0.5 * rack[:-1], rack[:-1], track, "left", wheelbase, 1.0)  # not as far either way
+    assert not _turn_differences(-0.5 * rack[:-1], rack[:-1], track, "left", wheelbase, 1.0)  # not as far either way
 
 
 def test_the_report_says_all_of_it(tmp_path):

@@ -11,7 +11,7 @@ import pytest
 
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar, lengths
-from jaxnc.kinematics.redesign import flattened, rebuilt
+from jaxnc.kinematics.design import geometry_vector, with_geometry
 from jaxnc.progress import watched
 from jaxnc.synthesis import loops
 from jaxnc.synthesis.evaluate import (
@@ -174,9 +174,9 @@ def test_a_drawing_that_does_not_fit_its_dimensions_is_assembled_as_ever():
     found = solve_poses(problem, x, 0)
     assert (found.status == 0).all()
     for one, q in zip(x, found.q, strict=True):
-        flat = np.array(flattened(problem.system))
+        flat = np.array(geometry_vector(problem.system))
         flat[problem.variables.at] = one
-        motion = nc.sweep(rebuilt(problem.system, flat), {problem.driven: problem.values}, hold=problem.hold)
+        motion = nc.sweep(with_geometry(problem.system, flat), {problem.driven: problem.values}, hold=problem.hold)
         np.testing.assert_allclose(q, motion.q, atol=1e-13)
 
 

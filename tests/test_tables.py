@@ -12,8 +12,7 @@ import pytest
 
 from jaxnc.errors import InputError, MechanismError, ModelFileError, OutputError
 from jaxnc.io.files import load
-from jaxnc.io.headed import load_csv
-from jaxnc.io.tables import load_npz, to_csv, to_npz
+from jaxnc.io.tables import load_csv, load_npz, to_csv, to_npz
 from jaxnc.kinematics.position import motion, solve_position, sweep
 from jaxnc.library.suspensions import macpherson
 from jaxnc.mechanism import Mechanism

@@ -107,12 +107,12 @@ Z, HELD = np.linspace(290.0, 330.0, 4), ("10.y", "7.x")
 
 
 def test_few_poses_of_a_large_block_are_followed_by_the_host(strut, monkeypatch):
-    from jaxnc.kinematics import solved
+    from jaxnc.kinematics import traced
 
     def never(*args):
         raise AssertionError("compiled code followed what is left to the host")
 
-    monkeypatch.setattr(solved, "quick", never)
+    monkeypatch.setattr(traced, "solve_fixed_steps", never)
     wanted = nc.sweep(strut, {"6.z": Z}, hold=HELD)
     q, status = nc.jit(lambda s, z: (lambda m: (m.q, m.status))(nc.sweep(s, {"6.z": z}, hold=HELD)))(strut, Z)
     np.testing.assert_allclose(q, wanted.q, atol=1e-10 * 350.0)

@@ -9,9 +9,9 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.cli import main
-from jaxnc.io.robots import Exported
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reporting.verdict import Verdict
+from jaxnc.robots import Exported
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -157,7 +157,7 @@ LOOP = '<loop_joint name="close" type="{kind}"><link1 link="two" xyz="0.1 0 -0.2
 def arm(folder: Path, kind: str = "spherical", name: str = "arm.urdf") -> Path:
     """An arm whose third link meets the second; the place on the third is computed from the file's home."""
     (folder / name).write_text(ROBOT.format(loop=""))
-    home = nc.from_urdf(folder / name)._described.links
+    home = nc.from_urdf(folder / name)._description.links
     two, three = (next(x for x in home if x.name == n) for n in ("two", "three"))
     local = three.turn.T @ (two.origin + two.turn @ np.array([0.1, 0.0, -0.2]) - three.origin)
     second = f'<link2 link="three" xyz="{" ".join(map(repr, map(float, local)))}"/><axis xyz="0 1 0"/>'
@@ -172,7 +172,7 @@ def test_a_file_by_hand(folder):
     for said in ("limits of joints: j1", "dry friction of joints: j1", "pictures of links: one", "elements: <sensor>"):
         assert said in robot.left_out
     full = np.asarray(robot.positions(np.linspace(-0.3, 0.3, 20)[:, None]))
-    home = {link.name: link for link in robot._described.links}
+    home = {link.name: link for link in robot._description.links}
 
     def in_plane(v):  # all axes are y of the leaning frame
         x, _, z = home["one"].turn.T @ v

@@ -15,9 +15,9 @@ from scipy.spatial import ConvexHull
 import jaxnc as nc
 from jaxnc import viz
 from jaxnc.errors import InputError
-from jaxnc.kinematics.wheel_report import suspension_report
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.system.assemble import assemble
+from jaxnc.vehicle.report import suspension_report
 from jaxnc.viz.bodies import outline, rank
 from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial import mesh

@@ -199,7 +199,7 @@ def test_what_cannot_be_drawn_is_said_and_never_raised():
         def __str__(self):
             raise ValueError("no <words>")
 
-    nothing: list[Any] = [""] * 13
+    nothing: list[Any] = [""] * 14
     broken = Broken(*nothing)
     assert Words(broken._repr_html_()).words == "Broken: no <words>"
 

@@ -13,8 +13,8 @@ import pytest
 import jaxnc as nc
 from jaxnc.cli.main import main
 from jaxnc.io.drives import sweep_arguments
-from jaxnc.io.workshop.contours import rounded
-from jaxnc.io.workshop.layers import Rule, Search
+from jaxnc.workshop.stacking import LayerSearch, Rule
+from jaxnc.workshop.stock import Contour
 from tests.test_writing import full_disk
 
 ezdxf, shapely = pytest.importorskip("ezdxf"), pytest.importorskip("shapely")
@@ -170,12 +170,12 @@ def test_nothing_collides_as_an_independent_judge_sees_it(made, name):
 def test_drawings_read_back_are_true_to_scale(made, name):
     motion, assembly, out = made(name)
     shop = assembly.shop
-    for file, _, _ in assembly.sheets():
+    for file, *_ in assembly.drawings():
         document = ezdxf.readfile(out / f"{file}.dxf")
         assert document.header["$INSUNITS"] == 4 and not document.audit().has_errors
     home = {p: complex(*np.asarray(motion[p])[0]) * shop.unit for p in motion.system.topology.points}
     rows = {r["name"]: r for r in table(out)}
-    for (file, part, _), made_of in zip(assembly.sheets(), assembly.parts, strict=False):
+    for (file, part, *_), made_of in zip(assembly.drawings(), assembly.parts, strict=False):
         outlines, circles = drawn(out / f"{file}.dxf")
         names = rows[part]["holes"].split(", ") if rows[part]["holes"] and "guide" not in rows[part]["holes"] else []
         centres = [w for w, radius in circles.get("", []) if radius == pytest.approx(shop.hole / 2, abs=1e-12)]
@@ -194,7 +194,7 @@ def test_drawings_read_back_are_true_to_scale(made, name):
 
 def test_svg_is_in_millimetres_and_agrees_with_dxf(made):
     _, assembly, out = made("four-bar")
-    for name, _, _ in assembly.sheets():
+    for name, *_ in assembly.drawings():
         text = (out / f"{name}.svg").read_text()
         wide, high = map(float, re.search(r'width="([\d.]+)mm" height="([\d.]+)mm"', text).groups())
         assert list(map(float, re.search(r'viewBox="([^"]*)"', text)[1].split()))[2:] == [wide, high]
@@ -375,7 +375,7 @@ def test_the_search_agrees_with_trying_every_stack():
         count = 5
         rules = random_rules(rng, count)
         pins = [r.one for r in rules if len(r.one) > 1]
-        search = Search(count, rules, pins)
+        search = LayerSearch(count, rules, pins)
         stacks = [dict(enumerate((0, *levels))) for levels in itertools.product(range(1, count), repeat=count - 1)]
         good = [s for s in stacks if not any(r.broken(s) for r in rules)]
         found = search.fewest(count - 1)
@@ -532,8 +532,8 @@ def test_the_picture_shows_every_part_and_pin(made):
 
 
 def test_contours_are_closed_arcs():
-    ends = rounded(np.array([0, 10, 10 + 5j]), 2.0)
+    ends = Contour("outline", np.array([0, 10, 10 + 5j]), 2.0).bulges()
     turns = [4 * np.arctan(bulge) for _, bulge in ends]
     assert sum(turns) == pytest.approx(2 * np.pi) and min(turns) >= 0
-    bar = rounded(np.array([0j, 10]), 2.0)
+    bar = Contour("slot", np.array([0j, 10]), 2.0).bulges()
     assert [b for _, b in bar] == pytest.approx([1, 0, 1, 0])

@@ -1,4 +1,4 @@
-"""Wrenches on bodies: each body's own balance, written without the library's rows, and joints that do no work."""
+"""Wrenches on bodies: each body's own balance, write_out without the library's rows, and joints that do no work."""
 
 import functools
 import itertools
@@ -16,10 +16,10 @@ from scipy.sparse.csgraph import connected_components
 
 import jaxnc as nc
 from jaxnc import library
-from jaxnc.dynamics.extended import extended, shown
+from jaxnc.dynamics.extended import extended, shown_places
 from jaxnc.dynamics.model import dynamics, forces
-from jaxnc.dynamics.moments import cross
-from jaxnc.dynamics.wrenches import all_parts
+from jaxnc.dynamics.reactions import all_parts
+from jaxnc.dynamics.wrenches import cross
 from jaxnc.mechanism import model as record
 from jaxnc.system.assemble import assemble
 from jaxnc.system.equations import places
@@ -169,7 +169,7 @@ class Bench:
             assert np.abs(short).max() <= 1e-9 * np.abs(wanted).max(), top.coordinates[rest[np.abs(short).argmax()]]
             self.efforts[k] = (j.T @ lam[k] - wanted)[at]
             lam[k] /= units
-        zero, shown_at = np.zeros(STATES), shown(self.system.topology)
+        zero, shown_at = np.zeros(STATES), shown_places(self.system.topology)
         q = np.tile(q, (STATES, 1))
         rates = tuple(jnp.asarray(x[:, shown_at]) for x in (v, a))
         arrays = jnp.asarray(q[:, shown_at]), rates, jnp.zeros((STATES, len(m.model.run.inputs)))
@@ -461,7 +461,7 @@ def test_the_pivot_of_a_slotted_arm_does_not_carry_the_slot():
 
 
 def test_weights_are_drawn_at_the_centre_of_mass():
-    from jaxnc.dynamics.nodal import nodal_forces
+    from jaxnc.dynamics.reactions import nodal_forces
 
     m = nc.Mechanism("plate")
     m.ground("O", (0, 0))

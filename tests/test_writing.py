@@ -11,8 +11,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.io import target
-from jaxnc.io.archive import read
-from jaxnc.io.parts import Parts
+from jaxnc.io.archive import PartialTable, read_archive
 from tests.mechanisms import four_bar, four_bar_mechanism
 
 
@@ -34,7 +33,7 @@ def full_disk():
 
 def stream_parts(motion, path):
     """What `stream` does when all poses are found."""
-    parts = Parts(path, {"question": 1})
+    parts = PartialTable(path, {"question": 1})
     if not parts.rows:
         with no_limit():
             parts.append({"x": np.arange(100.0)}, {}, {})
@@ -141,7 +140,7 @@ def test_other_compressions_and_passwords(swept, tmp_path, at, value):
         raw[raw.index(start) + at + shift] = value
     (tmp_path / "x.npz").write_bytes(raw)
     with pytest.raises(nc.ModelFileError, match=r"x\.npz is not a table of mine, or is damaged \(.+\); write"):
-        read(tmp_path / "x.npz", "a table of mine")
+        read_archive(tmp_path / "x.npz", "a table of mine")
 
 
 def test_keys_of_many_parts(tmp_path):

@@ -180,6 +180,8 @@ def _gradients(one: Class) -> list[Way]:
 
 def _all(suite: Suite, count: int, gradients: bool = False) -> None:
     for one in (*_robots(), *_library()):
+        if suite.only and one.name not in suite.only:
+            continue
         _compared(suite, one, count, gradients)
         jax.clear_caches()
 

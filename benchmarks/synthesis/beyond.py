@@ -7,9 +7,8 @@ import numpy as np
 
 from benchmarks.synthesis.case import Case
 from jaxnc.io.problems import load_problem
-from jaxnc.io.schema import decode
-from jaxnc.io.source import Source
-from jaxnc.io.statement import Statement
+from jaxnc.io.source import Source, decode
+from jaxnc.io.statement import ProblemFile
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.result import Result
 
@@ -27,7 +26,7 @@ def largest(problem: Problem, unit: float = 1.0) -> float:
 def _file(name: str, title: str, target: float, known: str, degrees: bool = False, keys=(0,)) -> Case:
     """The case of a problem file, judged by its largest error."""
     path, unit = FOLDER / f"{name}.toml", 180.0 / np.pi if degrees else 1.0
-    search = decode(Source(path), Statement).search
+    search = decode(Source(path), ProblemFile).search
     settings = {k: getattr(search, k) for k in ("starts", "refine", "iterations", "keep", "enough")}
 
     def error(result: Result) -> float:

@@ -98,32 +98,41 @@ def said(value: Any) -> str:
     raise ExtensionError(f"the reference does not know what to say of {value!r}")
 
 
+def purpose(value: Any) -> str:
+    """Say what a thing is for: the subject of the module that it stands in."""
+    about = inspect.getdoc(inspect.getmodule(value)) if kind(value) != "data" else ""
+    return re.split(r"[.:,] |[.:]$", about.splitlines()[0])[0].replace("`", "") if about else "Constants"
+
+
+def place(value: Any) -> tuple[int, str]:
+    """Order things by the package that they come from, then by the module; constants come last."""
+    module = getattr(value, "__module__", "") if kind(value) != "data" else ""
+    known = [k for k, package in enumerate(ABOUT) if package != "jaxnc" and module.startswith(f"{package}.")]
+    return (max(known), module) if known else (-1 if module else len(ABOUT), module)
+
+
 def page(package: str) -> dict[str, str]:
     """The pages of a package in the site's sources."""
     here = {n: v for n, v in public(package).items() if where(n, v, package) == package}
     elsewhere = {n: v for n, v in public(package).items() if n not in here}
-    groups = {
-        "Functions": [n for n, v in here.items() if kind(v) == "function"],
-        "Classes": [n for n, v in here.items() if kind(v) == "class"],
-        "Errors": [n for n, v in here.items() if kind(v) == "exception"],
-        "Constants": [n for n, v in here.items() if kind(v) == "data"],
-    }
+    groups: dict[str, list[str]] = {}
+    for name, value in sorted(here.items(), key=lambda item: place(item[1])):
+        groups.setdefault(purpose(value), []).append(name)
     out = [package, "=" * len(package), "", ABOUT[package].replace("`", "``"), "", f".. currentmodule:: {package}", ""]
     if elsewhere:
         out += ["Also here: " + ", ".join(f":py:obj:`{n}`" for n in elsewhere) + ".", ""]
     pages = {}
-    own = [n for n in groups["Classes"] if len(methods(here[n])) >= OWN_PAGE]
+    own = [n for n, v in here.items() if kind(v) == "class" and len(methods(v)) >= OWN_PAGE]
     if own:
         out += [".. toctree::", "   :maxdepth: 1", "", *(f"   {package}.{n}" for n in own), ""]
     for n in own:
         head = [n, "=" * len(n), "", f".. currentmodule:: {package}", ""]
         pages[f"api/{package}.{n}.rst"] = "\n".join([*head, *described(n, here[n])])
     for title, members in groups.items():
-        if not members:
-            continue
         out += [title, "-" * len(title), ""]
-        if title in ("Functions", "Classes"):
-            out += [".. autosummary::", "   :nosignatures:", "", *(f"   {n}" for n in members), ""]
+        some = [n for n in members if kind(here[n]) != "data"]
+        if len(some) > 1 or set(some) & set(own):
+            out += [".. autosummary::", "   :nosignatures:", "", *(f"   {n}" for n in some), ""]
         for n in members:
             out += [] if n in own else described(n, here[n])
     return pages | {f"api/{package}.rst": "\n".join(out)}
@@ -222,6 +231,7 @@ def signature(app: Sphinx, what: str, name: str, value: Any, options: Any, text:
             return said
         said = re.sub(r"~?[\w.]*\bArray \| ~?[\w.]*ndarray \|.*?complex", "~jax.typing.ArrayLike", said)
         said = said.replace("jaxlib._jax.Array", "~jax.Array").replace("~~", "~")
+        said = re.sub(r"~?[\w.]*\bAnnotated\[float, [^\]]*\]", "float", said)
         return re.sub(r"<[^<>]*>", "...", re.sub(r",? _\w+: [\w.]+ = \w+", "", said))
 
     if what == "class" and text and any(n not in names() for n in re.findall(r"~?(jaxnc[\w.]*)", text)):

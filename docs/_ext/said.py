@@ -10,6 +10,7 @@ from jaxnc.mechanism import model as record
 PACKAGES = {  # pages of the reference, in this order
     "jaxnc": "What is used most: `import jaxnc as nc`.",
     "jaxnc.kinematics": "What motions and reports hold, and what is asked for less often.",
+    "jaxnc.vehicle": "Wheel suspensions: what is read off a motion, and reports.",
     "jaxnc.dynamics": "What simulations and reactions hold; masses, energies, momenta.",
     "jaxnc.synthesis": "Design: problems, conditions, searches, exact synthesis, tolerances.",
     "jaxnc.library": "Ready mechanisms.",
@@ -19,7 +20,8 @@ PACKAGES = {  # pages of the reference, in this order
     "jaxnc.forces": "Kinds of forces, and what a kind of your own is made of.",
     "jaxnc.system": "What `compile()` makes, and its equations.",
     "jaxnc.io": "Tables, and outlines from drawings.",
-    "jaxnc.io.robots": "Files of robot simulators, in and out.",
+    "jaxnc.robots": "Files of robot simulators, in and out.",
+    "jaxnc.workshop": "Parts of planar mechanisms for a workshop, as plates in layers.",
     "jaxnc.viz": "Drawings, plots, films and pages.",
     "jaxnc.reporting": "Reports: a page for people, a verdict for machines.",
 }
@@ -137,17 +139,12 @@ def where(name: str) -> str:
     return f"jaxnc.{name}"
 
 
-ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
+ADAPTIVE = ("dopri8", "kvaerno5")
 
 METHODS = {
     "dopri8": "Dormand and Prince, order 8, index 1; every step ends on the constraints (default)",
-    "dopri5": "Dormand and Prince, order 5, likewise",
-    "tsit5": "Tsitouras, order 5, likewise",
     "kvaerno5": "Kværnø, implicit, order 5: stiff forces in small mechanisms",
     "rk4": "Runge and Kutta, position and velocity projected; the one for batches",
-    "baumgarte": "index 1 with Baumgarte's terms: drifts a little",
-    "null space": "accelerations by the matrix of the admissible velocities",
-    "augmented lagrangian": "trapezoidal rule on index 3, positions, velocities and accelerations projected",
     "generalised alpha": "index 3, spectral radius 0.7: the one for stiff mechanisms",
 }
 
@@ -271,16 +268,16 @@ RECORDS = {
 }
 
 PROBLEMS = {
-    "At the top": (statement.Statement, synthesis.PathGeneration.__init__),
-    "[[conditions]]": (statement.Condition, None),
-    "[search]": (statement.Search, synthesis.solve),
-    "target = { svg = … }": (statement.Drawing, outline),
+    "At the top": (statement.ProblemFile, synthesis.PathGeneration.__init__),
+    "[[conditions]]": (statement.ConditionEntry, None),
+    "[search]": (statement.SearchOptions, synthesis.solve),
+    "target = { svg = … }": (statement.SvgTarget, outline),
 }
 
 KEYS_AS = {  # keys that the builder's methods call otherwise
     "Friction.point": "at",
-    "Drawing.svg": "path",
-    "Drawing.points": "count",
+    "SvgTarget.svg": "path",
+    "SvgTarget.points": "count",
 }
 
 _PAIR = "a point of each body"
@@ -305,31 +302,31 @@ KEYS = {
     "Simulation.duration": "seconds",
     "Simulation.times": "how many times are kept",
     "Simulation.start": "values at the start, of as many coordinates as there are freedoms",
-    "Statement.mechanism": "the model file of the starting idea",
-    "Statement.kind": "which problem: [guide](../synthesis.md#problems)",
-    "Statement.output": "of a function: a coordinate, or a number of a suspension",
-    "Statement.body": "of a motion: the body that is guided",
-    "Statement.values": "of a function: the input's value at each target, where the target has no column of them",
-    "Statement.orientations": "of a motion: angles, in space rotation vectors",
-    "Statement.input_offset": "of a function: the input counts from a value that is free",
-    "Statement.output_offset": "of a function: the output counts from a value that is free",
-    "Statement.conditions": "what designs must meet, below",
-    "Statement.search": "how long to search, below",
-    "Condition.type": "which condition: [guide](../synthesis.md#conditions)",
-    "Condition.kind": "crank turns: which of the two",
-    "Condition.margin": "crank turns: by how much, in parts of the size",
-    "Condition.min": "transmission angle, length, direction: at least",
-    "Condition.max": "length, size, direction: at most",
-    "Condition.joint": "transmission angle, circuit: three points, the joint in the middle",
-    "Condition.points": "names of the points it is about",
-    "Condition.other": "equal: the other two points",
-    "Condition.value": "equal, direction: the value",
-    "Condition.about": "symmetric: a line, by two points; the y axis if not given",
-    "Condition.variable": "integer, stock: the design variable",
-    "Condition.sizes": "stock: the sizes that there are",
-    "Condition.step": "integer: the step",
-    "Condition.side": "circuit: which one",
-    "Condition.point": "within, local: the point",
-    "Condition.x": "within: from, to; local: the value",
-    "Condition.y": "within: from, to; local: the value",
+    "ProblemFile.mechanism": "the model file of the starting idea",
+    "ProblemFile.kind": "which problem: [guide](../synthesis.md#problems)",
+    "ProblemFile.output": "of a function: a coordinate, or a number of a suspension",
+    "ProblemFile.body": "of a motion: the body that is guided",
+    "ProblemFile.values": "of a function: the input's value at each target, where the target has no column of them",
+    "ProblemFile.orientations": "of a motion: angles, in space rotation vectors",
+    "ProblemFile.input_offset": "of a function: the input counts from a value that is free",
+    "ProblemFile.output_offset": "of a function: the output counts from a value that is free",
+    "ProblemFile.conditions": "what designs must meet, below",
+    "ProblemFile.search": "how long to search, below",
+    "ConditionEntry.type": "which condition: [guide](../synthesis.md#conditions)",
+    "ConditionEntry.kind": "crank turns: which of the two",
+    "ConditionEntry.margin": "crank turns: by how much, in parts of the size",
+    "ConditionEntry.min": "transmission angle, length, direction: at least",
+    "ConditionEntry.max": "length, size, direction: at most",
+    "ConditionEntry.joint": "transmission angle, circuit: three points, the joint in the middle",
+    "ConditionEntry.points": "names of the points it is about",
+    "ConditionEntry.other": "equal: the other two points",
+    "ConditionEntry.value": "equal, direction: the value",
+    "ConditionEntry.about": "symmetric: a line, by two points; the y axis if not given",
+    "ConditionEntry.variable": "integer, stock: the design variable",
+    "ConditionEntry.sizes": "stock: the sizes that there are",
+    "ConditionEntry.step": "integer: the step",
+    "ConditionEntry.side": "circuit: which one",
+    "ConditionEntry.point": "within, local: the point",
+    "ConditionEntry.x": "within: from, to; local: the value",
+    "ConditionEntry.y": "within: from, to; local: the value",
 }

@@ -22,7 +22,7 @@ from jaxnc.constraints import CATALOGUE as KINDS
 from jaxnc.constraints import RATES
 from jaxnc.dynamics.simulate import FIXED
 from jaxnc.forces import CATALOGUE as FORCES
-from jaxnc.io import schema, statement
+from jaxnc.io import source, statement
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.forms import angle_forms, distance_forms
@@ -136,7 +136,7 @@ def _fields(
     spec: type, where: Callable[..., Any] | None, own: Mapping[str, str] = {}
 ) -> list[tuple[str, str, str, str]]:
     """Keys of a record: name, type in words, default, meaning."""
-    info: Any = schema._shape(spec)
+    info: Any = source.inspect_record(spec)
     texts = (arguments(where) if where else {}) | own
     out = []
     for field in info.fields:
@@ -146,7 +146,7 @@ def _fields(
         if not what:
             raise NothingSaid(f"key {name!r} of {spec.__name__}: docs/_ext/said.py says nothing of it (KEYS)")
         default = "needed" if field.required else _default(field)
-        out.append((code(name), schema._words(field.type), default, what))
+        out.append((code(name), source.describe(field.type), default, what))
     return out
 
 
@@ -459,9 +459,9 @@ def model_files() -> str:
     """Keys of model files."""
     texts = told("model files", said.TABLES, record.Model.__struct_fields__)
     rows = []
-    info: Any = schema._shape(record.Model)
+    info: Any = source.inspect_record(record.Model)
     for field in info.fields:
-        rows.append((code(field.encode_name), schema._words(field.type), texts[field.encode_name]))
+        rows.append((code(field.encode_name), source.describe(field.type), texts[field.encode_name]))
     parts = [table(("at the top", "what it is", "meaning"), rows)]
     for title, (spec, where) in said.RECORDS.items():
         parts += [f"## {title}\n", first(spec) + "\n", table(HEAD, _fields(spec, where))]

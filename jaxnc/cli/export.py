@@ -7,9 +7,9 @@ from jaxnc.cli.question import Question, stem
 from jaxnc.cli.written import listing
 from jaxnc.errors import AssemblyError, MechanismError
 from jaxnc.io.files import blame
-from jaxnc.io.robots import to_mjcf, to_urdf
 from jaxnc.io.target import folder
 from jaxnc.reporting.checked import assembly
+from jaxnc.robots import to_mjcf, to_urdf
 
 _FORMATS = {"mjcf": (".xml", to_mjcf, "for MuJoCo"), "urdf": (".urdf", to_urdf, "for other simulators of robots")}
 

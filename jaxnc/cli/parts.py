@@ -8,7 +8,7 @@ from jaxnc.cli.question import Question
 from jaxnc.cli.written import listing
 from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.io.files import blame
-from jaxnc.io.workshop.shop import SIZES
+from jaxnc.workshop.shop import SIZES
 
 
 def parts(asked: Question, options: argparse.Namespace, importing: float) -> int:
@@ -30,7 +30,7 @@ def parts(asked: Question, options: argparse.Namespace, importing: float) -> int
     if options.out is None:
         print("  no files written; --out DIR writes drawings of the parts, and this table")
         return 0
-    files = [(f"{name}.{ending}", f"{title}, at true scale") for name, title, _ in found.sheets() for ending in formats]
+    files = [(f"{d.name}.{ending}", f"{d.title}, at true scale") for d in found.drawings() for ending in formats]
     files += [("parts.csv", "the table of parts"), ("pins.csv", "what lies on each pin")]
     files += [("parts.txt", "both, to be read")]
     files += [("assembly.png", "a picture of the stack")]

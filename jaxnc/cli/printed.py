@@ -1,4 +1,4 @@
-"""The report that is printed: short, aligned, in the units of the model."""
+"""The report that is printed: short, align_columns, in the units of the model."""
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
@@ -9,9 +9,8 @@ import numpy as np
 from jaxnc.cli.analysis import Analysis
 from jaxnc.cli.progress import progress
 from jaxnc.errors import counted
+from jaxnc.kinematics.inputs import doubtful_size
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.sizes import doubtful_size
-from jaxnc.kinematics.wheel_report import SuspensionReport, aligned
 from jaxnc.reporting.outcome import (
     CROSSING,
     crossings,
@@ -25,6 +24,7 @@ from jaxnc.reporting.outcome import (
 from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Verdict
 from jaxnc.status import Status
+from jaxnc.vehicle.report import SuspensionReport, align_columns
 
 _WAYS = {
     "sweep": "in order along the branch",
@@ -98,12 +98,12 @@ def _extremes(analysis: Analysis) -> list[str]:
     scales = scales_of(found)
     if len(motion.status) == 1:
         in_reading_units = [q for q in found if not idle(q, scales[q.unit])]
-        return aligned([[f"{q.label} [{q.unit}]", _short(float(q.values[0]))] for q in in_reading_units])
+        return align_columns([[f"{q.label} [{q.unit}]", _short(float(q.values[0]))] for q in in_reading_units])
     units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
     where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
     rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]
     rows += [_extreme_row(motion, q, scales[q.unit]) for q in found if not idle(q, scales[q.unit])]
-    lines = aligned(rows)
+    lines = align_columns(rows)
     if any("~" in cell for row in rows[1:] for cell in row):
         lines.append("  ~ refined by a parabola through three poses; the others are at a pose")
     return lines

@@ -11,8 +11,7 @@ from jaxnc.cli.settings import names_of, settings
 from jaxnc.errors import InputError, OutputError, nearest
 from jaxnc.io.drives import check_run, is_angle
 from jaxnc.io.files import load
-from jaxnc.io.schema import decode
-from jaxnc.io.source import SUFFIXES, Source
+from jaxnc.io.source import SUFFIXES, Source, decode
 from jaxnc.io.statement import statement
 from jaxnc.io.target import folder, stem
 from jaxnc.mechanism import Mechanism

@@ -13,9 +13,8 @@ from jaxnc.cli.progress import progress
 from jaxnc.cli.question import Question, stem
 from jaxnc.cli.settings import number, pair
 from jaxnc.cli.written import listing
-from jaxnc.dynamics.resume import after, joined, saved
 from jaxnc.dynamics.simulate import simulate as integrate
-from jaxnc.dynamics.simulation import Simulation
+from jaxnc.dynamics.simulation import Simulation, append_run, join, load_states
 from jaxnc.errors import InputError, MechanismError
 from jaxnc.io.drives import check_driven
 from jaxnc.io.files import blame
@@ -45,7 +44,7 @@ def simulate(asked: Question, options: argparse.Namespace, importing: float) -> 
     assert section.duration is not None
     earlier = None
     if options.resume:
-        earlier = saved(system, options.resume)
+        earlier = load_states(system, options.resume)
         state, rates = earlier.pose(-1), None
         first = float(np.asarray(earlier.time)[-1])
         if first >= section.duration:
@@ -69,7 +68,7 @@ def simulate(asked: Question, options: argparse.Namespace, importing: float) -> 
             if int(np.asarray(run.status)[-1]):
                 break
             state, rates = run.pose(-1), None
-    run = joined(parts)
+    run = join(parts)
     whole = time.perf_counter() - begin
     enter_simulation(options.verdict, run, section.duration)
     print(run.report())
@@ -86,8 +85,8 @@ def simulate(asked: Question, options: argparse.Namespace, importing: float) -> 
 
 def _whole(earlier: Motion | None, parts: list[Simulation]) -> Motion:
     """All that is known: what a table held, and what was added to it."""
-    run = joined(parts)
-    return run if earlier is None else after(earlier, run)
+    run = join(parts)
+    return run if earlier is None else append_run(earlier, run)
 
 
 def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simulation:

@@ -10,8 +10,8 @@ from jaxnc.cli.progress import progress
 from jaxnc.cli.question import stem
 from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.io.target import folder
-from jaxnc.kinematics.wheel_report import SuspensionReport
 from jaxnc.reporting.verdict import File, Verdict
+from jaxnc.vehicle.report import SuspensionReport
 
 
 def write_files(

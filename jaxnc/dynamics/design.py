@@ -1,4 +1,9 @@
-"""What changes of a motion's numbers mean for its design: the host knows, also where compiled code asks for it."""
+"""How the numbers of a motion change with its design: the host knows, also where compiled code asks for it.
+
+Every number of a motion follows from few parameters by functions that the host can read, so that the derivative of a
+simulation by the design needs nothing compiled but what goes through the simulation itself. In NumPy, numbers carry
+their changes along the last axis.
+"""
 
 import functools
 from typing import Any
@@ -7,22 +12,118 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.dynamics import redesign
-from jaxnc.dynamics.adjoint import Law
-from jaxnc.dynamics.asked import Asked
+from jaxnc.dynamics.extended import across_vectors, lift, shown_places
+from jaxnc.dynamics.flow import Law
+from jaxnc.dynamics.mass import group_inertias, sum_inertias
+from jaxnc.dynamics.model import drawn_parameters, force_constants
+from jaxnc.dynamics.runs import SimulationSpec
 from jaxnc.solvers.answers import PIECE, ask_host, short
+from jaxnc.solvers.assembly import free_plan, hosted
+from jaxnc.solvers.host import HostView
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.equations import Equations
-from jaxnc.system.system import Parameters
+from jaxnc.system.design import Drawn, carry_design, unit_formula
+from jaxnc.system.equations import Equations, equations, renumbered
+from jaxnc.system.host import from_jax
+from jaxnc.system.host_kinds import readable
+from jaxnc.system.system import Parameters, System
+from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Float
 
-_GEOMETRY = "points", "vectors", "markers", "dimensions", "physical"
+DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "forces"
+"""Numbers of a `Law` that follow from the design."""
+
 Origin = Plan | tuple[int, ...] | None
 """What a start follows from: the known coordinates of a plan, the drawing but for some coordinates, or nothing."""
 
+_DEPENDENT = 1e-7  # of the largest singular value: rows below are redundant
+_GEOMETRY = "points", "vectors", "markers", "dimensions", "physical"
 
-def of_design(
-    asked: Asked,
+
+def host_differentiates(top: Topology) -> bool:
+    """Tell whether the host can differentiate all that a mechanism's motion is made of."""
+    inner = top.extended or top
+    kinds = all(f.kind.drawn is None or drawn_parameters(f.kind, inner.dim)[0].program for f in inner.loads.forces)
+    return not inner.rates and not inner.large and not inner.loads.friction and readable(inner) and kinds
+
+
+class DesignChanges:
+    """The numbers of a motion with their changes by all parameters of the design.
+
+    `eq` are the equations that its dynamics works on.
+    """
+
+    def __init__(self, system: System, eq: Equations):
+        top, self.eq, self.system = system.topology, eq, system
+        self.top = inner = top.extended or top
+        par = {name: np.asarray(getattr(system.parameters, name)) for name in _GEOMETRY}
+        ends = np.cumsum([0, *(x.size for x in par.values())])
+        self.count = int(ends[-1])
+        values = np.concatenate([x.reshape(-1) for x in par.values()])
+        flat = np.concatenate([values[:, None], np.eye(self.count)], axis=1)
+        self.given = x = {
+            name: flat[a:b].reshape(*value.shape, 1 + self.count)
+            for (name, value), a, b in zip(par.items(), ends[:-1], ends[1:], strict=True)
+        }
+        with np.errstate(all="ignore"):
+            vectors = x["vectors"]
+            if inner is not top:
+                units = np.stack(unit_formula(top.dim).carrying(list(np.moveaxis(vectors, 1, 0))), axis=1)
+                vectors = np.concatenate([vectors, across_vectors(top, x["points"], units)])
+            self.drawn = self._carry(inner, vectors)
+
+    def _carry(self, top: Topology, vectors: np.ndarray) -> Drawn:
+        parts = (self.given["points"], vectors, self.given["markers"], self.given["dimensions"])
+        return carry_design(top, np.concatenate([part.reshape(-1, 1 + self.count) for part in parts]))
+
+    def law(self) -> Law:
+        """Return all numbers that accelerations depend on, but parameters that are used as they are given."""
+        top, x, drawn, loads = self.top, self.given, self.drawn, self.top.loads
+        physical, constants = x["physical"], drawn.constants
+        eq = renumbered(self.eq, constants, [np.asarray(scale) for scale in self.eq.scales])
+        found = group_inertias(top, x["points"], drawn.drawing, drawn.vectors, physical)
+        mass, moments, _ = sum_inertias(top, found)
+        gravity = physical[list(loads.gravity)] if loads.gravity else np.zeros((top.dim, 1 + self.count))
+        forces = tuple(force_constants(top, drawn.home, block, physical) for block in loads.forces)
+        return Law(constants, eq.linear, eq.quadratic, mass, moments, gravity, forces, (), (), ())
+
+    def pose(self, view: Plan, q: np.ndarray) -> np.ndarray:
+        """Return changes of a pose ``(N, changes + known)``, by the parameters, then by a plan's known coordinates."""
+        host, home = HostView(view, hosted(self.eq)), self.drawn.home
+        count, more = self.count, len(view.known)
+        at = np.zeros((len(q), 1, 1 + count + more))
+        at[:, 0, 0] = q
+        at[view.fixed, 0, 1 : 1 + count] = home[view.fixed, 1:]
+        at[view.known, 0, 1 + count + np.arange(more)] = 1.0
+        wide = tuple(np.concatenate([c, np.zeros((*c.shape[:-1], more))], axis=-1) for c in self.drawn.constants)
+        right = np.moveaxis(host.eq.changes(at, (), wide)[view.rows], 1, 0)
+        at[view.unknown, 0, 1:] = -host.solve(host.matrices(q[:, None])[0], right)[0]
+        return np.where(np.isfinite(at).all(), at[:, 0, 1:], 0.0)
+
+    def start(self, q: np.ndarray, still: tuple[int, ...]) -> np.ndarray:
+        """Return changes of an assembled start ``(N, changes)``: see `jaxnc.solvers.newton.attach_start`."""
+        top, x = self.system.topology, q
+        drawn, eq, view = self.drawn, self.eq, free_plan(top)
+        if self.top is not top:  # hidden vectors follow from what is moved
+            drawn, x = self._carry(top, self.given["vectors"]), q[shown_places(top)]
+            eq = equations(System(top, self.system.parameters.in_numpy()))
+        host, at = hosted(eq) if eq is self.eq else from_jax(eq), drawn.home.copy()
+        at[:, 0] = x
+        put = np.isin(view.unknown, still)
+        at[view.unknown[put], 1:] = 0.0
+        weight = host.weights[view.unknown]
+        slopes = host.jacobian(x[:, None])[0][np.ix_(view.rows, view.unknown)] / weight
+        left = host.changes(at[:, None], (), drawn.constants)[view.rows, 0]
+        if not (np.isfinite(slopes).all() and np.isfinite(left).all()):
+            return np.zeros((len(q), self.count))
+        for some in [np.where(put, 0.0, slopes), slopes] if put.any() else [slopes]:
+            step = np.linalg.pinv(some, rcond=_DEPENDENT) @ left
+            at[view.unknown, 1:] -= step / weight[:, None]
+            left = left - slopes @ step
+        return lift(top, at)[:, 1:]
+
+
+def pull_back_design(
+    spec: SimulationSpec,
     origin: Origin,
     parameters: Parameters,
     eq: Any,
@@ -30,27 +131,36 @@ def of_design(
     pose_bar: np.ndarray,
     law_bar: Law,
 ) -> np.ndarray:
-    """The same of all parameters, and of the known coordinates of an assembled start, one after the other.
+    """Pull changes of a start and of the numbers of a motion back to the design, in NumPy.
 
-    The start follows from its `origin`. `pose_bar` and `law_bar` are what changes of the start and of the numbers of
-    the motion mean.
+    Args:
+        spec: the simulation.
+        origin: what the start follows from.
+        parameters: of the design.
+        eq: the equations that its dynamics works on.
+        at: the start.
+        pose_bar: the changes of the start.
+        law_bar: the changes of the numbers.
+
+    Returns:
+        Changes of all parameters, then of the known coordinates of an assembled start, one after the other.
     """
     with np.errstate(all="ignore"):
-        carried = redesign.Carried(asked.system(parameters), eq)
-        found, law = np.zeros(carried.count), carried.law()
-        for name in redesign.DERIVED:
+        changes = DesignChanges(spec.system(parameters), eq)
+        found, law = np.zeros(changes.count), changes.law()
+        for name in DERIVED:
             for bar, value in zip(*(jax.tree.leaves(getattr(x, name)) for x in (law_bar, law)), strict=True):
                 found = found + np.tensordot(bar, value[..., 1:], bar.ndim)
         if origin is None:
             return found
         if not isinstance(origin, Plan):
-            return found + pose_bar @ carried.start(at, origin)
-        through = pose_bar @ carried.pose(origin, at)
-    return np.concatenate([found + through[: carried.count], through[carried.count :]])
+            return found + pose_bar @ changes.start(at, origin)
+        through = pose_bar @ changes.pose(origin, at)
+    return np.concatenate([found + through[: changes.count], through[changes.count :]])
 
 
-def asked_back(
-    asked: Asked,
+def request_pull_back(
+    spec: SimulationSpec,
     origin: Origin,
     parameters: Parameters,
     eq: Equations,
@@ -58,44 +168,45 @@ def asked_back(
     pose_bar: Any,
     law_bar: Law,
 ) -> Float[Array, " changes"] | None:
-    """`of_design` from traced code; None where the host is not to be asked: what it would be given is large."""
-    known = len(origin.known) if isinstance(origin, Plan) else 0
+    """Ask the host for `pull_back_design` in traced code; None where its arguments are too large for that."""
+    count = len(origin.known) if isinstance(origin, Plan) else 0
     par = tuple(getattr(parameters, name) for name in _GEOMETRY)
-    law = tuple(getattr(law_bar, name) for name in redesign.DERIVED)
+    law = tuple(getattr(law_bar, name) for name in DERIVED)
     given = (par, short(eq), at, jnp.zeros(0) if origin is None else pose_bar, law)
     if max(x.size for x in jax.tree.leaves(given)) > PIECE:
         return None
-    shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), given)
-    leaves, structure = jax.tree.flatten(shapes)
-    _ready(asked, origin, tuple((x.shape, x.dtype.name) for x in leaves), structure)
-    like = jax.ShapeDtypeStruct((sum(x.size for x in par) + known,), at.dtype)
-    answer, nothing = (functools.partial(f, asked, origin) for f in (_called, _nothing))
-    return ask_host("differentiated a design", like, answer, *given, given_up=nothing)
+    leaves, structure = jax.tree.flatten(given)
+    _read_programs(spec, origin, tuple((x.shape, x.dtype.name) for x in leaves), structure)
+    like = jax.ShapeDtypeStruct((sum(x.size for x in par) + count,), at.dtype)
+    answer = functools.partial(_answer, spec, origin)
+    return ask_host(
+        "differentiated a design", like, answer, *given, given_up=lambda *_: np.zeros(like.shape, like.dtype)
+    )
 
 
-def _called(asked: Asked, origin: Origin, par: Any, eq: Any, at: Any, pose: Any, law: Any) -> Any:
-    whole = Law(**dict.fromkeys(Law._fields, ()) | dict(zip(redesign.DERIVED, law, strict=True)))
-    return of_design(asked, origin, Parameters(*par), eq, at, pose, whole).astype(at.dtype)
-
-
-def _nothing(asked: Asked, origin: Origin, par: Any, eq: Any, at: Any, *rest: Any) -> np.ndarray:
-    return np.zeros(sum(x.size for x in par) + (len(origin.known) if isinstance(origin, Plan) else 0), at.dtype)
+def _answer(spec: SimulationSpec, origin: Origin, par: Any, eq: Any, at: Any, pose: Any, law: Any) -> Any:
+    whole = Law(**dict.fromkeys(Law._fields, ()) | dict(zip(DERIVED, law, strict=True)))
+    return pull_back_design(spec, origin, Parameters(*par), eq, at, pose, whole).astype(at.dtype)
 
 
 @functools.lru_cache(maxsize=256)
-def _ready(asked: Asked, origin: Origin, shapes: tuple, structure: Any) -> None:
+def _read_programs(spec: SimulationSpec, origin: Origin, shapes: tuple, structure: Any) -> None:
     """Have the host read all programs that it needs, on any numbers: inside of compiled code it may not trace."""
     rng = np.random.default_rng(0)
     numbers = [rng.uniform(0.5, 1.5, shape).astype(dtype) for shape, dtype in shapes]
-    _called(asked, origin, *jax.tree.unflatten(structure, numbers))
+    _answer(spec, origin, *jax.tree.unflatten(structure, numbers))
 
 
-def taken_apart(parameters: Parameters, found: Any, own: Any) -> Parameters:
-    """Changes of all parameters, ``(changes,)``, and those of the functions' own, as parameters."""
+def join_parameters(parameters: Parameters, found: Any, own: Any) -> tuple[Parameters, Any]:
+    """Put changes of all parameters ``(changes,)``, and of the functions' own, together as parameters.
+
+    Returns:
+        The changes as parameters, and changes behind them.
+    """
     parts, start = [], 0
     for name in _GEOMETRY:
         shape = np.shape(getattr(parameters, name))
         end = start + int(np.prod(shape, dtype=int))
         parts.append(found[start:end].reshape(shape))
         start = end
-    return Parameters(*parts, own=own)
+    return Parameters(*parts, own=own), found[start:]

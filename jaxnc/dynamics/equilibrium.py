@@ -14,10 +14,10 @@ from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
-from jaxnc.dynamics.initial import start_pose
 from jaxnc.dynamics.model import check_loads, dynamics, forces, potential
-from jaxnc.dynamics.reactions import Reactions, held
+from jaxnc.dynamics.reactions import Reactions, motion_reactions
 from jaxnc.dynamics.saddle import saddle
+from jaxnc.dynamics.start import start_pose
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside
 from jaxnc.kinematics.motion import Motion
@@ -72,7 +72,7 @@ class Equilibrium:
 
     @property
     def stable(self) -> Array:
-        """Whether every admissible motion meets a restoring force: the potential energy is at a minimum.
+        """True where every admissible motion meets a restoring force: the potential energy is at a minimum.
 
         False where some motion meets no force at all: there the equilibrium is indifferent, and its stiffness zero;
         and where no equilibrium was found.
@@ -83,7 +83,7 @@ class Equilibrium:
     @property
     def reactions(self) -> Reactions:
         """Reactions in the joints."""
-        return held(self.motion, self.multipliers)
+        return motion_reactions(self.motion, self.multipliers)
 
 
 @public
@@ -153,55 +153,49 @@ def equilibrium(
     return Equilibrium(motion, rows, values[:free], left)
 
 
+@dataclasses.dataclass(frozen=True)
 class _Constant:
     """A constant function of time that is equal to another of the same value."""
 
-    def __init__(self, value: float):
-        self.value = value
+    value: float
 
-    def __call__(self, t):
+    def __call__(self, t: Array) -> Array:
         return 0.0 * t + self.value
 
-    def __eq__(self, other):
-        return isinstance(other, _Constant) and self.value == other.value
 
-    def __hash__(self):
-        return hash(self.value)
-
-
-def _unbalanced(flow: Flow, q: Array, lam: Array) -> Array:
-    """What the forces and the rows together leave on the unknowns, ``(n,)``: zero in an equilibrium."""
+def _residual_forces(flow: Flow, q: Array, lam: Array) -> Array:
+    """Return what the forces and the rows together leave on the unknowns, ``(n,)``: zero in an equilibrium."""
     _, j, _ = flow.view.linearise(flow.dyn.eq, q)
     return -forces(flow.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[flow.view.unknown] + j.T @ lam
 
 
 def _stiffness(flow: Flow, q: Array, lam: Array) -> Array:
-    """Its derivative by the unknowns, coordinates as lengths; symmetric where all forces have a potential."""
+    """Differentiate `_unbalanced` by the unknowns as lengths; symmetric where all forces have a potential."""
     u = flow.view.unknown
     weight = weights(flow.dyn.eq)[u]
-    return jax.jacfwd(lambda x: _unbalanced(flow, q.at[u].set(x), lam))(q[u]) / (weight[:, None] * weight[None])
+    return jax.jacfwd(lambda x: _residual_forces(flow, q.at[u].set(x), lam))(q[u]) / (weight[:, None] * weight[None])
 
 
-def _tangent(flow: Flow, q: Array, lam: Array) -> Array:
-    """The stiffness that a potential would have."""
+def _symmetric_stiffness(flow: Flow, q: Array, lam: Array) -> Array:
+    """Return the stiffness that a potential would have."""
     k = _stiffness(flow, q, lam)
     return 0.5 * (k + k.T)
 
 
-def _admitted(j: Array) -> Array:
-    """The projection on the motions that rows ``(m, n)`` admit."""
+def _project_admissible(j: Array) -> Array:
+    """Return the projection on the motions that rows ``(m, n)`` admit."""
     eye = jnp.eye(j.shape[1])
     return jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
 
 
-def _largest(k: Array) -> Array:
-    """The largest stiffness, 1 where there is none at all."""
+def _largest_stiffness(k: Array) -> Array:
+    """Return the largest stiffness, 1 where there is none at all."""
     size = largest(k)
     return jnp.where(size > 0, size, 1.0)
 
 
 def _indifferent(k: Array, p: Array) -> Array:
-    """A projection on the admissible motions that meet no force: a step along them is not determined, and left out.
+    """Project on the admissible motions that meet no force: a step along them is not determined, and left out.
 
     The stiffness `k` ``(n, n)`` is of size one, or zero; `p` is the projection on what is admissible.
     """
@@ -211,20 +205,20 @@ def _indifferent(k: Array, p: Array) -> Array:
 
 
 def _balanced_change(_: None, found: tuple[Array, Array], args: tuple, changes: tuple) -> tuple[Array, Array]:
-    """Change of an equilibrium and its multipliers with the design: forces stay balanced, and rows are met."""
+    """Change an equilibrium and its multipliers with the design: forces stay balanced, and rows are met."""
     flow, ok = args
     view, eq = flow.view, flow.dyn.eq
     q, lam = jnp.where(ok, found[0], eq.home), jnp.where(ok, found[1], 0.0)
 
-    def left(flow: Flow) -> tuple[Array, Array, Array]:
+    def imbalance(flow: Flow) -> tuple[Array, Array, Array]:
         at = q.at[view.fixed].set(flow.dyn.eq.home[view.fixed])
-        return at, _unbalanced(flow, at, lam), residual(flow.dyn.eq, at)[view.rows]
+        return at, _residual_forces(flow, at, lam), residual(flow.dyn.eq, at)[view.rows]
 
-    at, wrong, miss = (jnp.where(ok, x, 0.0) for x in jax.jvp(left, (flow,), changes[:1])[1])
+    at, wrong, miss = (jnp.where(ok, x, 0.0) for x in jax.jvp(imbalance, (flow,), changes[:1])[1])
     weight = weights(eq)[view.unknown]
     j, k = view.linearise(eq, q)[1] / weight, _stiffness(flow, q, lam)
-    spread = jax.lax.stop_gradient(_largest(k))
-    k, p = k / spread, _admitted(j)
+    spread = jax.lax.stop_gradient(_largest_stiffness(k))
+    k, p = k / spread, _project_admissible(j)
     still = _indifferent(*jax.lax.stop_gradient((0.5 * (k + k.T), p)))
     rows = saddle(jnp.eye(len(k)), j, True)
     dx = rows(jnp.zeros(len(k)), -miss)[0]
@@ -235,7 +229,7 @@ def _balanced_change(_: None, found: tuple[Array, Array], args: tuple, changes: 
 
 @record
 class _Place:
-    """What is asked of a place on the way to an equilibrium.
+    """A place on the way to an equilibrium.
 
     Attributes:
         f: forces on the unknowns, coordinates as lengths.
@@ -259,7 +253,7 @@ class _Place:
 
 
 def _gain(old: _Place, new: _Place, way: Array) -> Array:
-    """Gain of energy on a short way: of the potential, less the work of the loads that have none."""
+    """Return the gain of energy on a short way: of the potential, less the work of the loads that have none."""
     return new.energy - old.energy - 0.5 * jnp.dot(old.other + new.other, way)
 
 
@@ -283,7 +277,8 @@ def _find(flow: Flow, q: Array, downhill: bool):
         j = j / weight
         free, lam = saddle(eye, j, True)(f, jnp.zeros(j.shape[0]))
         energy, slope = jax.value_and_grad(lambda x: potential(fixed.dyn, x))(q) if downhill else (jnp.zeros(()), q)
-        return _Place(f, free, lam, j, _tangent(fixed, q, lam), _admitted(j), energy, every + slope)
+        k = _symmetric_stiffness(fixed, q, lam)
+        return _Place(f, free, lam, j, k, _project_admissible(j), energy, every + slope)
 
     def more(state):
         i, *_, stop = state
@@ -300,7 +295,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
         shift = jnp.where(shift < 1e-8, 0.0, shift)
         stop = (i > 0) & ((largest(at.free) <= 1e-13 * size) | (far < 1e-15 * length) | (shift > 1e8))
         k, p = at.k, at.p
-        spread = _largest(k)
+        spread = _largest_stiffness(k)
         if downhill:
             # Newton on the admissible motions, every one of them taken as stiff as it is curved: downhill in any case.
             values, vectors = dense.symmetric_eigen(p @ k @ p)
@@ -320,7 +315,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     f, lam, k, p = at.f, at.lam, at.k, at.p
     left = largest(at.free)
     gap = largest(residual(fixed.dyn.eq, q)[view.rows])
-    spread = _largest(k)
+    spread = _largest_stiffness(k)
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
     rounding = jnp.maximum(_ROUND * 1e3 * jnp.maximum(largest(f), 1e-300), _PLACE * largest(k) * length)
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))

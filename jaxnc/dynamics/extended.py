@@ -6,6 +6,8 @@ the two; its kinematic counts, rows and coordinates stay as they are, and result
 """
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -13,43 +15,46 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import on_device
+from jaxnc.compiling import jit, on_device
 from jaxnc.constraints.directions import unit
-from jaxnc.records import record
+from jaxnc.reading import function, rate
 from jaxnc.remembered import with_owner
-from jaxnc.solvers.assembly import by_identity
+from jaxnc.solvers.assembly import by_identity, derive, evaluate, rank_of, sample_poses
+from jaxnc.solvers.special import noted
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.frames import spread
+from jaxnc.system.host_kinds import Formula
+from jaxnc.system.on_lanes import reading
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
 
-def known(*trees: Any) -> bool:
-    """Whether all numbers are known (not traced), so that NumPy can calculate with them; of one design."""
+def is_concrete(*trees: Any) -> bool:
+    """Tell whether all numbers are known (not traced) and of one design, so that NumPy can calculate with them."""
     leaves = jax.tree.leaves(trees)
     single = all(x.parameters.points.ndim == 2 for x in trees if isinstance(x, System))
     return single and not any(isinstance(x, Tracer) for x in leaves)
 
 
 def extended(system: System) -> System:
-    """The system that dynamics works on: with hidden vectors, or the same one if it needs none."""
+    """Give a system its hidden vectors for dynamics; a system that needs none is returned itself."""
     if system.topology.extended is None:
         return system
-    return _on_host(system) if known(system) else _extended(system, system.parameters)
+    return _extend_on_host(system) if is_concrete(system) else _extend(system, system.parameters)
 
 
 @by_identity
-def _on_host(system: System) -> System:
+def _extend_on_host(system: System) -> System:
     with np.errstate(all="ignore"):
-        return _extended(system, system.parameters.in_numpy())
+        return _extend(system, system.parameters.in_numpy())
 
 
-def _extended(system: System, par: Parameters) -> System:
+def _extend(system: System, par: Parameters) -> System:
     top = system.topology
     assert top.extended is not None
-    across = _across(top, par.points, design_numbers(top, par, 1)[design(top).vectors])
+    across = across_vectors(top, par.points, design_numbers(top, par, 1)[design(top).vectors])
     given: Any = par.vectors
     host = isinstance(given, np.ndarray)
     vectors = on_device(np.concatenate([given, across])) if host else jnp.concatenate([given, across])
@@ -57,10 +62,7 @@ def _extended(system: System, par: Parameters) -> System:
 
 
 def look_around(system: System) -> System:
-    """The system, knowing what is special about the extended one of its design."""
-    from jaxnc.solvers.assembly import derive, evaluate, rank_of, sample_poses
-    from jaxnc.solvers.special import noted
-
+    """Note in a system what is special about the extended one of its design."""
     inner = extended(system)
     top = inner.topology
     if top is system.topology or top.large:
@@ -70,91 +72,115 @@ def look_around(system: System) -> System:
     for sample in sample_poses(system):
         found.append(np.asarray(evaluate(eq, lift(system.topology, np.asarray(sample.q)))[1]) / weight)
     found.sort(key=lambda j: rank_of(j[:, top.unknown])[0])
-    known = noted(top, found, rank_of(found[-1][:, top.unknown])[0])
-    return dataclasses.replace(system, topology=dataclasses.replace(system.topology, extended=known))
+    special = noted(top, found, rank_of(found[-1][:, top.unknown])[0])
+    return dataclasses.replace(system, topology=dataclasses.replace(system.topology, extended=special))
 
 
-def _across(top: Topology, points: Any, vectors: Any) -> Any:
-    """The hidden vectors, unit, in the order of the extended topology ``(hidden, 3)``: NumPy's of NumPy arrays."""
-    if isinstance(points, np.ndarray):
-        found = [np.cross(a, b) for a, b in spans(top, points, vectors)]
-        return np.array([a / np.linalg.norm(a) for a in found], points.dtype)
-    return jnp.stack([unit(jnp.cross(a, b)) for a, b in spans(top, points, vectors)])
+# -- vectors across two segments --------------------------------------------------------------------------------------
 
 
-def spans(top: Topology, points: Any, vectors: Any) -> list[tuple[Any, Any]]:
-    """The two segments that each hidden vector is across."""
+def _normal(x: Array) -> Array:
+    """Return the unit vector across two segments, given as six numbers."""
+    return unit(jnp.cross(x[:3], x[3:]))
+
+
+@functools.cache
+def _normal_formula() -> Formula:
+    return Formula(reading(_normal, (), ((6,),))[0])
+
+
+@functools.cache
+def _normal_rate(order: int) -> Callable:
+    """Read the time derivative of a normal of some order on NumPy's lanes, of both segments and their rates."""
+    program = _normal_formula().program
+    assert program is not None
+    return function(rate(program, range(6), order))
+
+
+def _spans(top: Topology, points: Any, vectors: Any) -> list[tuple[Any, Any]]:
+    """Return the two segments that each hidden vector is across."""
     assert top.extended is not None
     frames = {f"{b.name} across": b.segments for b in top.bodies}
 
-    def span(segment):
+    def span(segment: tuple[int, ...]) -> Any:
         return vectors[~segment[0]] if len(segment) == 1 else points[segment[1]] - points[segment[0]]
 
-    return [tuple(map(span, frames[name][:2])) for name in top.extended.loads.hidden]  # pyright: ignore
+    return [(span(first), span(second)) for first, second, *_ in (frames[name] for name in top.extended.loads.hidden)]
+
+
+def across_vectors(top: Topology, points: Any, vectors: Any) -> Any:
+    """Return the hidden vectors in the order of the extended topology, ``(hidden, 3)``: NumPy's of NumPy arrays.
+
+    NumPy's points and vectors may carry changes along a last axis; then the hidden vectors do too.
+    """
+    pairs = _spans(top, points, vectors)
+    if not isinstance(points, np.ndarray):
+        return jnp.stack([unit(jnp.cross(a, b)) for a, b in pairs])
+    lanes = np.stack([np.concatenate(pair) for pair in pairs], axis=1)
+    run = _normal_formula().carrying if points.ndim == 3 else _normal_formula().on_lanes
+    return np.stack(run(list(lanes)), axis=1).astype(points.dtype)
+
+
+# -- coordinates ------------------------------------------------------------------------------------------------------
 
 
 @with_owner
-def shown(top: Topology) -> np.ndarray:
-    """Where the coordinates of a topology are among those of its extended one."""
+def shown_places(top: Topology) -> np.ndarray:
+    """Return where the coordinates of a topology are among those of its extended one."""
     if top.extended is None:
         return np.arange(len(top.coordinates))
     return np.array([top.extended.position[name] for name in top.coordinates])
 
 
+def lower(top: Topology, x: Array) -> Array:
+    """Drop the hidden vectors' part of coordinates, rates or forces ``(..., extended)``."""
+    return x if top.extended is None else x[..., shown_places(top)]
+
+
 def lift(top: Topology, q: Any) -> Any:
-    """A pose ``(N,)`` with its hidden vectors: NumPy's, if it is."""
+    """Give a pose ``(N,)`` its hidden vectors: in NumPy, if it is NumPy's.
+
+    NumPy's coordinates ``(N, 1 + changes)`` may carry changes.
+    """
     if top.extended is None:
         return q
-    points, vectors = spread(top, q)
-    split = (len(top.points) + len(top.vectors)) * top.dim
+    split, tail = (len(top.points) + len(top.vectors)) * top.dim, q.shape[1:]
+    points, vectors = spread(top, q.T)
+    if tail:
+        points, vectors = (np.moveaxis(np.asarray(x), 0, -1) for x in (points, vectors))
     xp: Any = np if isinstance(q, np.ndarray) else jnp
-    return xp.concatenate([q[:split], _across(top, points, vectors).reshape(-1), q[split:]])
+    return xp.concatenate([q[:split], across_vectors(top, points, vectors).reshape(-1, *tail), q[split:]])
 
 
 def lift_rates(top: Topology, q: Array, v: Array) -> Array:
-    """Rates ``(N,)`` with those of the hidden vectors."""
+    """Give rates ``(N,)`` those of the hidden vectors."""
     return v if top.extended is None else jax.jvp(lambda x: lift(top, x), (q,), (v,))[1]
 
 
-def lifted(top: Topology, q: Any, v: Any, a: Any = None) -> tuple[Any, ...]:
-    """Poses, rates and (if given) accelerations ``(poses, N)`` with those of the hidden vectors, on the host."""
-    given = (q, v) if a is None else (q, v, a)
+def lift_second_rates(top: Topology, q: Array, v: Array, a: Array) -> Array:
+    """Give accelerations ``(N,)`` those of the hidden vectors."""
+    return a if top.extended is None else jax.jvp(lambda q, v: lift_rates(top, q, v), (q, v), (v, a))[1]
+
+
+def lift_states(top: Topology, q: Any, v: Any, *a: Any) -> tuple[Any, ...]:
+    """Give poses, rates and (if given) accelerations ``(P, N)`` those of the hidden vectors: in NumPy, if they are."""
+    states = (q, v, *a)
     if top.extended is None:
-        return given
-    parts = [[np.moveaxis(np.asarray(x), 0, -1) for x in spread(top, state)] for state in given]
-    split, out = (len(top.points) + len(top.vectors)) * top.dim, [[] for _ in given]
-    for both in zip(*(spans(top, *x) for x in parts), strict=True):
-        (a0, b0), (a1, b1) = both[:2]
-        c, dc = np.cross(a0, b0, axis=0), np.cross(a1, b0, axis=0) + np.cross(a0, b1, axis=0)
-        size = np.linalg.norm(c, axis=0)
-        n = c / size
-        grows = np.sum(n * dc, axis=0)
-        dn = (dc - n * grows) / size
-        out[0].append(n)
-        out[1].append(dn)
-        if a is not None:
-            a2, b2 = both[2]
-            ddc = np.cross(a2, b0, axis=0) + 2 * np.cross(a1, b1, axis=0) + np.cross(a0, b2, axis=0)
-            out[2].append((ddc - n * np.sum(dn * dc + n * ddc, axis=0) - 2 * dn * grows) / size)
-    return tuple(
-        np.concatenate([x[:, :split], np.concatenate(y).T, x[:, split:]], axis=1)
-        for x, y in zip(given, out, strict=True)
-    )
+        return states
+    if not isinstance(q, np.ndarray):
+        return _lift_traced(top, q, v, *a)
+    split, lanes, out = (len(top.points) + len(top.vectors)) * top.dim, [], []
+    for order, x in enumerate(states):
+        pairs = _spans(top, *(np.moveaxis(np.asarray(part), 0, -1) for part in spread(top, x)))
+        lanes += list(np.stack([np.concatenate(pair) for pair in pairs], axis=1))
+        hidden = np.stack(_normal_rate(order)(lanes), axis=1)
+        out.append(np.concatenate([x[:, :split], hidden.reshape(-1, len(q)).T, x[:, split:]], axis=1))
+    return tuple(out)
 
 
-def lower(top: Topology, x: Array) -> Array:
-    """What is shown of coordinates, rates or forces ``(..., extended)``."""
-    return x if top.extended is None else x[..., shown(top)]
+@functools.partial(jit, static_argnums=0)
+def _lift_traced(top: Topology, q: Array, v: Array, *a: Array) -> tuple[Array, ...]:
+    def one(q: Array, v: Array, *a: Array) -> tuple[Array, ...]:
+        return (lift(top, q), lift_rates(top, q, v), *(lift_second_rates(top, q, v, x) for x in a))
 
-
-@record
-class Pair:
-    """A system and the one that its dynamics works on."""
-
-    system: System
-    inner: System
-
-    @classmethod
-    def of(cls, system: System) -> "Pair":
-        """Both, for a compiled system."""
-        return cls(system, extended(system))
+    return jax.vmap(one)(q, v, *a)

@@ -11,15 +11,22 @@ import numpy as np
 from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, on_device
-from jaxnc.dynamics.extended import extended, known, lift, lift_rates, lower
+from jaxnc.dynamics.extended import extended, is_concrete, lift, lift_rates, lower
 from jaxnc.dynamics.flow import POSITION, VELOCITY, Flow
-from jaxnc.dynamics.friction import settled
-from jaxnc.dynamics.indeterminate import check_count, check_inertia, check_inputs
-from jaxnc.dynamics.initial import Rates, given_rates, pose_of, start_numbers, start_rates
-from jaxnc.dynamics.model import check_loads, check_mass, dynamics
+from jaxnc.dynamics.friction import accelerate_with_friction
+from jaxnc.dynamics.model import State, check_loads, check_mass, dynamics
 from jaxnc.dynamics.simulate import hoist_drives
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.dynamics.state import State
+from jaxnc.dynamics.start import (
+    Rates,
+    assemble_pose,
+    check_count,
+    check_inertia,
+    check_inputs,
+    check_rates,
+    check_start,
+    start_rates,
+)
 from jaxnc.errors import InputError, brief, nearest
 from jaxnc.kinematics.inputs import doubt_degrees, in_radians, positive, worst_rows
 from jaxnc.kinematics.motion import Motion
@@ -110,12 +117,12 @@ class VectorField:
         system, flow = self.system, self._flow
         doubt_degrees(system, unit, state)
         state, rates = in_radians(system, unit, state, rates)
-        given = start_numbers(system, state)
-        wanted = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
-        q = pose_of(system, given)
-        single = known(system, q, t, flow.more)
+        given = check_start(system, state)
+        wanted = check_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
+        q = assemble_pose(system, given)
+        single = is_concrete(system, q, t, flow.drive_args)
         if single and given is None and flow.drives and len(flow.drives) == system.degrees_of_freedom:
-            values = flow.prescribed(jnp.asarray(t, float))[0]
+            values = flow.drive_values(jnp.asarray(t, float))[0]
             ends = {name: value for (name, _), value in zip(flow.drives, values, strict=True)}
             found = solve_position(system, ends, throw=False)  # along the drawing's branch, if it leads there
             q = q if int(found.status) else found.q
@@ -187,7 +194,7 @@ class VectorField:
                 f"{self.system.name!r}: change its numbers by replace(), or make another vector field"
             )
         flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, self._flow.drives)
-        flow = dataclasses.replace(flow, redundant=self._flow.redundant, more=self._flow.more)
+        flow = dataclasses.replace(flow, redundant=self._flow.redundant, drive_args=self._flow.drive_args)
         return dataclasses.replace(self, system=system, _flow=flow)
 
     def _pair(self, y: Any, *lead: int) -> Phase:
@@ -203,7 +210,7 @@ class VectorField:
 
     def _refuse(self, t: Any, q: Array, v: Array) -> None:
         """Refuse a state that is known and does not meet the constraints."""
-        if not known(self, t, q, v):
+        if not is_concrete(self, t, q, v):
             return
         top, flow = self.system.topology, self._flow
         for x, which in ((q, "q"), (v, "v")):
@@ -227,9 +234,9 @@ class VectorField:
 def _rates(field: VectorField, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
     top, flow = field.system.topology, field._flow
     x, w = flow.impose(t, lift(top, q), lift_rates(top, q, v))
-    back, slower = flow.answer(POSITION, t, x, w), flow.answer(VELOCITY, t, x, w)
+    back, slower = flow.solve_stage(POSITION, t, x, w), flow.solve_stage(VELOCITY, t, x, w)
     met = w + slower.change
-    bent = settled(flow, t, x, met)
+    bent = accelerate_with_friction(flow, t, x, met)
     # JAX cannot go back through a linear solve of which a part is not looked at: diffrax's BacksolveAdjoint asks it to.
     nothing = sum(0.0 * jnp.sum(found.multipliers) for found in (back, slower, bent))
     speed, change = met + field.stabilise * back.change, bent.change + field.stabilise * slower.change
@@ -271,8 +278,8 @@ def _motion(field: VectorField, t: Array, q: Array, v: Array) -> Simulation:
 
     def one(t, q, v):
         x, w = flow.impose(t, lift(top, q), lift_rates(top, q, v))
-        found = settled(flow, t, x, w)
-        return lower(top, w), lower(top, found.change), flow.all_rows(found.multipliers), found.gap, found.slip
+        found = accelerate_with_friction(flow, t, x, w)
+        return lower(top, w), lower(top, found.change), flow.place_multipliers(found.multipliers), found.gap, found.slip
 
     v, a, multipliers, gap, slip = jax.vmap(one)(t, q, v)
     apart = jnp.cumsum(~(whole & (gap <= _APART * flow.dyn.eq.length))) > 0
@@ -284,7 +291,7 @@ def _motion(field: VectorField, t: Array, q: Array, v: Array) -> Simulation:
         held=(),
         poses=q,
         rates=(v, jnp.where(ok, a, 0.0)),
-        asked=jax.vmap(lambda t: flow.prescribed(t)[0])(t),
+        asked=jax.vmap(lambda t: flow.drive_values(t)[0])(t),
         status=status,
         residual=jnp.where(whole, gap, jnp.nan),
         conditioning=None,
@@ -332,6 +339,6 @@ def vector_field(
     check_count(system.topology, system.degrees_of_freedom, tuple(driven))
     drives, more = hoist_drives(tuple(driven.items()))
     flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, drives, bool(singular))
-    flow = dataclasses.replace(flow, more=more)
+    flow = dataclasses.replace(flow, drive_args=more)
     rate = stabilise if isinstance(stabilise, jax.Array) else on_device(np.asarray(stabilise, float))
-    return VectorField(system, rate, flow.prepared())
+    return VectorField(system, rate, flow.prepare())

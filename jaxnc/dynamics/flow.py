@@ -1,7 +1,13 @@
-"""Motion under forces: accelerations, and the projections that keep positions and velocities on the constraints."""
+"""Motion under forces: accelerations, and the projections that keep positions and velocities on the constraints.
+
+Rows, their derivatives and their second rates are read from each kind as one straight-line program. A simulation
+compiles it with every stage and differentiates it for a gradient, so the program is kept short: values, slopes and
+second rates of a kind share what they have in common, or follow from coefficients.
+"""
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -9,16 +15,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.constraints import Kind
 from jaxnc.dynamics.model import Dynamics, forces
-from jaxnc.dynamics.rows import evaluate
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError, nearest
+from jaxnc.reading import Builder, function, partials, rate
 from jaxnc.records import record, static
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import weights
+from jaxnc.system.equations import Equations, weights
+from jaxnc.system.host_kinds import jax_function
 from jaxnc.system.rates import coefficients, slips
+from jaxnc.system.structure import program, quadratic, size
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 
@@ -26,10 +35,13 @@ Drive = tuple[str, Callable]
 """A coordinate that follows a function of time."""
 
 ACCELERATION, POSITION, VELOCITY = range(3)
-"""What a motion can be asked for, see `Flow.answer`."""
+"""Stages that a motion solves, see `Flow.solve_stage`."""
 
 
-class Rows(NamedTuple):
+# -- rows -------------------------------------------------------------------------------------------------------------
+
+
+class RowValues(NamedTuple):
     """Constraints of a motion in a state."""
 
     values: Array  # what the plan's rows are off by, lengths (rows,)
@@ -39,8 +51,128 @@ class Rows(NamedTuple):
     bent: Array  # how they accelerate without accelerations of the coordinates, d²Φ/dt² - Φ_q q̈, (m,)
 
 
-class Answer(NamedTuple):
-    """What a motion says of a state."""
+_KindReading = tuple[Callable[[list[Any]], Any], tuple[tuple[int, int], ...]]
+
+
+@functools.lru_cache(maxsize=1024)
+def _read_kind(kind: Kind, dim: int) -> _KindReading:
+    """Read a kind's rows, slopes and second rates at constant speed as one function, and the places of the slopes.
+
+    Of a quadratic kind the function returns the rows only: the rest follows from coefficients. It takes variables,
+    constants and the variables' rates, each with an instance in each place.
+    """
+    found, count = program(kind, "residual", dim), size(kind, dim)
+    if found is None:
+        return _read_by_jax(kind, dim)
+    if quadratic(kind, dim):
+        return function(found, jnp), ()
+    slopes, places = partials(found, range(count))
+    b = Builder(found.inputs + count)
+    at = [where[k] for part in (found, slopes) for where in (b.append(part, b.first),) for k in part.outputs]
+    still, bent = b.number(0.0), rate(found, range(count), 2)
+    where = b.append(bent, [*b.first, *(still,) * count])
+    return function(b.program([*at, *(where[k] for k in bent.outputs)]), jnp), places
+
+
+def _read_by_jax(kind: Kind, dim: int) -> _KindReading:
+    """Read a kind through JAX that has no program."""
+    count, both = size(kind, dim), size(kind, dim) + len(kind.constants)
+    places = tuple(itertools.product(range(len(kind.rows)), range(count)))
+    rows = jax_function(kind, "residual", dim)
+
+    def one(x: Array) -> Array:
+        x, way = x[:both], jnp.zeros(both, x.dtype).at[:count].set(x[both:])
+        slopes = jax.jacfwd(rows)(x)
+        bent = jax.jvp(lambda y: jax.jvp(rows, (y,), (way,))[1], (x,), (way,))[1]
+        return jnp.concatenate([rows(x), jnp.stack([slopes[r, v] for r, v in places]), bent])
+
+    return lambda x: tuple(jax.vmap(one, out_axes=1)(jnp.stack(jnp.broadcast_arrays(*x), axis=1))), places
+
+
+@with_owner
+def _row_order(view: Plan) -> np.ndarray:
+    """Return the places of the plan's rows among the rows of all blocks, row by row of each."""
+    rows = [np.zeros(0, int), *(layout.rows.T.reshape(-1) for layout in view.topology.layout)]
+    back = np.empty(len(view.topology.rows), int)
+    back[np.concatenate(rows)] = np.arange(len(back))
+    return back[view.rows]
+
+
+def evaluate_rows(view: Plan, eq: Equations, q: Coordinates, v: Coordinates) -> tuple[Array, Array, Array, Array]:
+    """Return rows of a plan as lengths, slopes by unknown and known coordinates, and unaccelerated second rates."""
+    top = view.topology
+    values, slopes, bent = [jnp.zeros(0)], [], [jnp.zeros(0)]
+    for b, (block, layout) in enumerate(zip(top.blocks, top.layout, strict=True)):
+        if block.kind.rows:
+            found = _evaluate_block(top, b, eq, q[layout.variables], v[layout.variables])
+            values.append(found[0].reshape(-1))
+            slopes.append(found[1].reshape(-1))
+            bent.append(found[2].reshape(-1))
+    padded = jnp.concatenate([*slopes, jnp.zeros(1)])
+    both = sum((padded[g] for g in view.gathers[1:]), padded[view.gathers[0]])
+    n, at = len(view.unknown), _row_order(view)
+    return jnp.concatenate(values)[at], both[:, :n], both[:, n:], jnp.concatenate(bent)[at]
+
+
+def _evaluate_block(top: Topology, b: int, eq: Equations, x: Array, dx: Array) -> tuple[Array, Array, Array]:
+    """Return a block's rows ``(rows, instances)``, slopes ``(instances, rows, variables)`` and second rates."""
+    block, g, h = top.blocks[b], eq.linear[b], eq.quadratic[b]
+    count, width = len(block.kind.rows), x.shape[1]
+    run, places = _read_kind(block.kind, top.dim)
+    found = run([*x.T, *eq.constants[b].T, *dx.T])
+    found = jnp.stack([jnp.broadcast_to(f, (block.count,)) for f in found])
+    scale = eq.scales[b].T
+    values = found[:count] * scale
+    if not places and g is not None and h is not None:
+        curved = jnp.sum(h * (dx[:, :, None] * dx[:, None, :])[:, None], axis=(2, 3))
+        return values, g + jnp.sum(h * x[:, None, None, :], axis=-1), curved.T
+    own = np.full((count, width), len(places))  # a zero stands behind the slopes
+    own[tuple(np.array(places, int).reshape(-1, 2).T)] = np.arange(len(places))
+    local = found[count : count + len(places)] * scale[np.array([r for r, _ in places], int)]
+    local = jnp.concatenate([local, jnp.zeros((1, block.count), local.dtype)])
+    return values, jnp.moveaxis(local[own], 2, 0), found[count + len(places) :] * scale
+
+
+class RowWeights(NamedTuple):
+    """Weights that a sum over a plan's rows is made with."""
+
+    values: Array  # of their values (m,)
+    speeds: Array  # of their rates (m,)
+    bent: Array  # of their second rates without accelerations (m,)
+    rows: Array  # of their derivatives along `way` (m,)
+    way: Array  # a way of all coordinates (N,)
+    columns: Array  # of their derivatives by all coordinates (N,), the rows weigh_rows by `by`
+    by: Array  # those weights (m,)
+
+
+def weigh_rows(view: Plan, eq: Equations, q: Coordinates, v: Coordinates, weights: RowWeights) -> Array:
+    """Sum a plan's rows and their derivatives to one number, to be differentiated; no matrix is put together."""
+    top, total = view.topology, jnp.zeros(())
+    used = [b for b, block in enumerate(top.blocks) if block.kind.rows]
+    if not used:
+        return total
+    full = [jnp.zeros(len(top.rows)).at[view.rows].set(x) for x in weights[:4] + weights[6:]]
+    shapes = [top.layout[b].variables.shape for b in used]
+    # One gather for all: in reverse it is a loop over what it took.
+    local = jnp.stack([q, v], axis=1)[np.concatenate([top.layout[b].variables.reshape(-1) for b in used])]
+    ends = np.cumsum([0, *(n * k for n, k in shapes)])
+    for b, start, end, shape in zip(used, ends[:-1], ends[1:], shapes, strict=True):
+        x, dx = local[start:end, 0].reshape(shape), local[start:end, 1].reshape(shape)
+        layout = top.layout[b]
+        values, slopes, bent = _evaluate_block(top, b, eq, x, dx)
+        of_values, of_speeds, of_bent, of_rows, by = (w[layout.rows] for w in full)
+        way, columns = weights.way[layout.variables], weights.columns[layout.variables]
+        of_slopes = of_speeds[:, :, None] * dx[:, None] + of_rows[:, :, None] * way[:, None]
+        of_slopes = of_slopes + by[:, :, None] * columns[:, None]
+        total = total + jnp.sum(of_values.T * values + of_bent.T * bent) + jnp.sum(of_slopes * slopes)
+    return total
+
+
+# -- motion -----------------------------------------------------------------------------------------------------------
+
+
+class StageSolution(NamedTuple):
+    """The solution of a stage in a state."""
 
     change: Any  # the accelerations, or by how much the coordinates or rates change, (N,)
     multipliers: Any  # those of the rows that are solved with, (m,)
@@ -48,18 +180,18 @@ class Answer(NamedTuple):
     slip: Array  # the largest of their rates
 
 
-def pick(what: Any, *options: Callable[[], Any]) -> Any:
-    """One of several values, pytrees: only that is calculated, where it is known which."""
-    if isinstance(what, int):
-        return options[what]()
+def select_stage(stage: Any, *options: Callable[[], Any]) -> Any:
+    """Return the option of a stage, a pytree; of a stage that is known only this option is calculated."""
+    if isinstance(stage, int):
+        return options[stage]()
     return jax.tree.map(
-        lambda *values: jax.lax.select_n(what, *(jnp.asarray(x, float) for x in values)), *(f() for f in options)
+        lambda *values: jax.lax.select_n(stage, *(jnp.asarray(x, float) for x in values)), *(f() for f in options)
     )
 
 
 @with_owner
-def free_view(topology: Topology, driven: tuple[str, ...]) -> Plan:
-    """The plan of a motion: what is neither fixed nor driven is solved for."""
+def motion_plan(topology: Topology, driven: tuple[str, ...]) -> Plan:
+    """Plan a motion: coordinates that are neither fixed nor driven are solved for."""
     if topology.large:
         raise InputError(
             f"{topology.name!r} has {len(topology.unknown)} unknowns and is kept sparse; dynamics works with dense "
@@ -80,44 +212,44 @@ class Flow:
     view: Plan = static()  # which coordinates are solved for
     drives: tuple[Drive, ...] = static()  # the driven coordinates, functions of time
     redundant: bool = static()  # whether rows are redundant, or may become so at a singular position
-    ready: tuple[Array, Array, Array] | None = None  # what `prepared` has put together
+    ready: tuple[Array, Array, Array] | None = None  # what `prepare` has put together
     # Further arguments of the drives' functions, arrays for each; none if it is empty.
-    more: tuple[tuple[Array, ...], ...] = ()
+    drive_args: tuple[tuple[Array, ...], ...] = ()
 
     @classmethod
     def of(cls, dyn: Dynamics, freedom: int, drives: Sequence[Drive] = (), singular: bool = False) -> "Flow":
-        """The flow of a design with some coordinates driven."""
+        """Return the motion of a design with some coordinates driven."""
         top = dyn.topology
-        view = free_view(top, tuple(name for name, _ in drives))
+        view = motion_plan(top, tuple(name for name, _ in drives))
         rank = len(top.unknown) - freedom
         many = len(view.rows) > rank or bool(drives) or bool(top.rates)
         return cls(dyn, view, tuple(drives), singular or many)
 
-    # -- what is driven -----------------------------------------------------------------------------------------
+    # -- what is driven -------------------------------------------------------------------------------------------
 
-    def prescribed(self, t: Array) -> tuple[Array, Array, Array]:
-        """Values, rates and accelerations of the driven coordinates, each ``(k,)``."""
+    def drive_values(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return values, rates and accelerations of the driven coordinates, each ``(k,)``."""
         if not self.drives:
             none = jnp.zeros(0)
             return none, none, none
         out = []
         for k, (_, f) in enumerate(self.drives):
-            g = functools.partial(_value, f, self.more[k] if self.more else ())
-            dg = functools.partial(_rate, g)
-            out.append((g(t), dg(t), _rate(dg, t)))
+            g = functools.partial(_call_drive, f, self.drive_args[k] if self.drive_args else ())
+            dg = functools.partial(_time_rate, g)
+            out.append((g(t), dg(t), _time_rate(dg, t)))
         return tuple(jnp.stack(x) for x in zip(*out, strict=True))  # pyright: ignore[reportReturnType]
 
     def impose(self, t: Array, q: Coordinates, v: Coordinates) -> tuple[Coordinates, Coordinates]:
-        """The state with driven coordinates on their functions of time, and the ground at rest."""
-        u, du, _ = self.prescribed(t)
+        """Put driven coordinates of a state on their functions of time, and the ground at rest."""
+        u, du, _ = self.drive_values(t)
         fixed = self.view.fixed
         q = q.at[self.view.known].set(u)
         return q, v.at[self.view.known].set(du).at[fixed].set(0.0)
 
-    # -- scaled matrices ----------------------------------------------------------------------------------------
+    # -- scaled matrices ------------------------------------------------------------------------------------------
 
-    def scaled(self) -> tuple[Array, Array, Array]:
-        """Weights of the unknowns as lengths, the size of the mass matrix, and that matrix in both."""
+    def scale(self) -> tuple[Array, Array, Array]:
+        """Return weights of the unknowns as lengths, the size of the mass matrix, and that matrix in both."""
         if self.ready is not None:
             return self.ready
         u = self.view.unknown
@@ -127,112 +259,132 @@ class Flow:
         size = jnp.where(size > 0, size, 1.0)
         return weight, size, mass / size
 
-    def prepared(self) -> "Flow":
-        """The same with all at hand that does not depend on the state: XLA would put it together in every step."""
-        return dataclasses.replace(self, ready=self.scaled())
+    def prepare(self) -> "Flow":
+        """Keep the scaled matrices, which do not depend on the state: XLA would put them together in every step."""
+        return dataclasses.replace(self, ready=self.scale())
 
-    # -- rows ---------------------------------------------------------------------------------------------------
+    # -- rows -----------------------------------------------------------------------------------------------------
 
-    def rows(self, q: Coordinates, v: Coordinates) -> Rows:
-        """The plan's rows and, behind them, those on velocities alone, in a state."""
+    def rows(self, q: Coordinates, v: Coordinates) -> RowValues:
+        """Evaluate in a state the plan's rows and, behind them, the rows on velocities alone."""
         top, u, known = self.dyn.topology, self.view.unknown, self.view.known
-        found = evaluate(self.view, self.dyn.eq, q, v)
+        found = evaluate_rows(self.view, self.dyn.eq, q, v)
         if top.rates:
             b = coefficients(top, self.dyn.rates, q)
             rest, bent = jax.jvp(lambda x: slips(top, self.dyn.rates, x, v), (q,), (v,))
             by_unknown, by_known = (jnp.concatenate(x) for x in ((found[1], b[:, u]), (found[2], b[:, known])))
             slip = jnp.concatenate([found[1] @ v[u] + found[2] @ v[known], rest])
-            return Rows(found[0], by_unknown, by_known, slip, jnp.concatenate([found[3], bent]))
-        return Rows(*found[:3], found[1] @ v[u] + found[2] @ v[known], found[3])
+            return RowValues(found[0], by_unknown, by_known, slip, jnp.concatenate([found[3], bent]))
+        return RowValues(*found[:3], found[1] @ v[u] + found[2] @ v[known], found[3])
 
-    def all_rows(self, multipliers: Array) -> Array:
-        """Multipliers ``(m,)`` in their places among all rows, those on velocities last."""
+    def place_multipliers(self, multipliers: Array) -> Array:
+        """Put multipliers ``(m,)`` in their places among all rows, rows on velocities last."""
         top = self.dyn.topology
         count = len(top.rows)
         at = np.concatenate([self.view.rows, count + np.arange(len(top.rate_rows), dtype=self.view.rows.dtype)])
         return jnp.zeros(count + len(top.rate_rows)).at[at].set(multipliers)
 
-    def no_multipliers(self) -> Array:
-        """Zeros in place of the multipliers that `answer` gives."""
+    def zero_multipliers(self) -> Array:
+        """Return zeros in place of the multipliers of `solve_stage`."""
         return jnp.zeros(len(self.view.rows) + len(self.dyn.topology.rate_rows))
 
-    # -- motion -------------------------------------------------------------------------------------------------
+    # -- motion ---------------------------------------------------------------------------------------------------
 
-    def answer(
-        self,
-        what: Any,
-        t: Array | float,
-        q: Coordinates,
-        v: Coordinates,
-        extra: Array | None = None,
-        baumgarte: tuple[Any, Any] | None = None,
-    ) -> Answer:
+    def solve_stage(
+        self, stage: Any, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
+    ) -> StageSolution:
         """Solve for accelerations, or for the changes that bring a pose or rates back onto the constraints.
 
-        All three are one system of equations with other right-hand sides, ``M q̈ + Φ_qᵀ λ + Bᵀ μ = Q`` and the same
-        without forces: a program that asks in turn, with a traced `what`, contains it once.
+        All three stages are one system of equations with other right-hand sides, ``M q̈ + Φ_qᵀ λ + Bᵀ μ = Q`` with
+        forces or without. A program that solves them in turn, with a traced `stage`, contains the system once.
 
         Args:
-            what: `ACCELERATION`; `POSITION`, the nearest pose that meets the constraints to first order, by the masses;
-                or `VELOCITY`, the rates that meet them, least changed in kinetic energy.
+            stage: `ACCELERATION`; `POSITION`, the nearest pose that meets the constraints to first order, by the
+                masses; or `VELOCITY`, the rates that meet them, least changed in kinetic energy.
             t: time.
             q: pose.
             v: rates.
             extra: further generalised forces ``(N,)``.
-            baumgarte: stabilisation of accelerations ``(2α, β²)``, or None.
         """
         view, dyn, u = self.view, self.dyn, self.view.unknown
         r, j, known, slip, bent = self.rows(q, v)
-        apart, still = jnp.concatenate([r, jnp.zeros(len(slip) - len(r))]), jnp.zeros_like(q)
-        weight, size, inner = self.scaled()
+        gaps, still = jnp.concatenate([r, jnp.zeros(len(slip) - len(r))]), jnp.zeros_like(q)
+        weight, size, inner = self.scale()
 
-        def driven() -> Array:
-            return still.at[view.known].set(self.prescribed(jnp.asarray(t, float))[2])
+        def drive() -> Array:
+            return still.at[view.known].set(self.drive_values(jnp.asarray(t, float))[2])
 
         def push() -> Array:
-            right = forces(dyn, jnp.asarray(t, float), q, v) - dyn.mass @ driven()
+            right = forces(dyn, jnp.asarray(t, float), q, v) - dyn.mass @ drive()
             return (right if extra is None else right + extra)[u] / (weight * size)
 
         def bend() -> Array:
-            g = -bent - known @ driven()[view.known]
-            return g if baumgarte is None else g - baumgarte[0] * slip - baumgarte[1] * apart
+            return -bent - known @ drive()[view.known]
 
-        f = pick(what, push, lambda: still[u], lambda: still[u])
-        g = pick(what, bend, lambda: -apart, lambda: -slip)
+        f = select_stage(stage, push, lambda: still[u], lambda: still[u])
+        g = select_stage(stage, bend, lambda: -gaps, lambda: -slip)
         if len(slip) > len(r):  # rows on velocities say nothing of where a pose belongs
-            j = j.at[len(r) :].multiply(pick(what, lambda: 1.0, lambda: 0.0, lambda: 1.0))
+            j = j.at[len(r) :].multiply(select_stage(stage, lambda: 1.0, lambda: 0.0, lambda: 1.0))
         x, y = saddle(inner, j / weight, self.redundant)(f, g)
-        base = pick(what, driven, lambda: still, lambda: still)
-        return Answer(base.at[u].set(x / weight), y * size, largest(r), largest(slip))
+        base = select_stage(stage, drive, lambda: still, lambda: still)
+        return StageSolution(base.at[u].set(x / weight), y * size, largest(r), largest(slip))
 
     def accelerate(
-        self,
-        t: Array | float,
-        q: Coordinates,
-        v: Coordinates,
-        extra: Array | None = None,
-        baumgarte: tuple[Any, Any] | None = None,
+        self, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
     ) -> tuple[Coordinates, Array]:
-        """Accelerations ``(N,)`` and multipliers of the plan's rows and of those on velocities ``(m,)``."""
-        return self.answer(ACCELERATION, t, q, v, extra, baumgarte)[:2]
+        """Solve for accelerations ``(N,)`` and multipliers of the plan's rows and of rows on velocities ``(m,)``."""
+        return self.solve_stage(ACCELERATION, t, q, v, extra)[:2]
 
     def project_position(self, q: Coordinates, iterations: int = 2) -> Coordinates:
-        """The nearest pose that meets the constraints, by the masses, from one close by."""
+        """Project a pose on the constraints: to the nearest one by the masses, from one close by."""
         still = jnp.zeros_like(q)
 
         def closer(q, _):
-            return q + self.answer(POSITION, 0.0, q, still).change, None
+            return q + self.solve_stage(POSITION, 0.0, q, still).change, None
 
         return closer(q, None)[0] if iterations == 1 else jax.lax.scan(closer, q, None, length=iterations)[0]
 
     def project_velocity(self, q: Coordinates, v: Coordinates) -> Coordinates:
-        """The rates that meet the constraints, least changed in kinetic energy."""
-        return v + self.answer(VELOCITY, 0.0, q, v).change
+        """Project rates on the constraints, with the least change in kinetic energy."""
+        return v + self.solve_stage(VELOCITY, 0.0, q, v).change
 
 
-def _value(f: Callable, more: Sequence[Array], t: Array) -> Array:
-    return jnp.asarray(f(t, *more), float)
+class Law(NamedTuple):
+    """The numbers of a motion that its accelerations depend on."""
+
+    constants: tuple[Any, ...]  # of the constraints
+    linear: tuple[Any, ...]  # coefficients of quadratic kinds
+    quadratic: tuple[Any, ...]
+    mass: Any
+    moments: Any
+    gravity: Any
+    forces: tuple[Any, ...]  # parameters of the kinds of force
+    own: tuple[Any, ...]  # parameters of the forces that are functions
+    rates: tuple[Any, ...]  # constants of the rows on velocities
+    drive_args: tuple[tuple[Any, ...], ...]
+
+    @classmethod
+    def of(cls, flow: Flow) -> "Law":
+        """Collect the numbers of a motion."""
+        dyn, eq = flow.dyn, flow.dyn.eq
+        return cls(
+            eq.constants, eq.linear, eq.quadratic, dyn.mass, dyn.moments, dyn.gravity, dyn.constants, dyn.own,
+            dyn.rates, flow.drive_args,
+        )  # fmt: skip
+
+    def put(self, flow: Flow) -> Flow:
+        """Return a motion with these numbers."""
+        eq = dataclasses.replace(flow.dyn.eq, constants=self.constants, linear=self.linear, quadratic=self.quadratic)
+        dyn = dataclasses.replace(
+            flow.dyn, eq=eq, mass=self.mass, moments=self.moments, gravity=self.gravity, constants=self.forces,
+            own=self.own, rates=self.rates,
+        )  # fmt: skip
+        return dataclasses.replace(flow, dyn=dyn, drive_args=self.drive_args)
 
 
-def _rate(f: Callable, t: Array) -> Array:
+def _call_drive(f: Callable, args: Sequence[Array], t: Array) -> Array:
+    return jnp.asarray(f(t, *args), float)
+
+
+def _time_rate(f: Callable, t: Array) -> Array:
     return jax.jvp(f, (t,), (jnp.ones_like(t),))[1]

@@ -1,7 +1,9 @@
-"""From time to time: steps of adapted or equal length between the times that are kept, and where an event ends them.
+"""From time to time: steps of adapted or equal length between the times that are kept, forward and in reverse.
 
 Every kept time is the end of a step, so that its state lies on the constraints and has its accelerations. Steps of no
-length take the start there, so that a program contains one step only.
+length take the start there, so that a program contains one step only. An event ends the motion where it happens.
+
+In reverse every interval is gone through again from what was kept at its start, and its steps are kept, some at a time.
 """
 
 from collections.abc import Callable
@@ -12,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.dynamics.runge_kutta import METHODS, State
+from jaxnc.dynamics.steps import METHODS, MotionState
 from jaxnc.status import Status
 from jaxnc.types import Array
 
@@ -24,11 +26,16 @@ START = 3
 
 ALL = np.iinfo(np.int32).max
 
-Advance = Callable[[Any, Array, Array, State], tuple[State, tuple[Any, Any]]]
-"""A step of a motion, ``(moving, t, h, state)``; where it ends, and its errors."""
+_KEPT = 512  # steps that are kept at a time, in reverse
 
-Event = Callable[[Any, Array, State], Array]
+Advance = Callable[..., Any]
+"""A step of a motion, ``(moving, t, h, state)``: its end, its errors, and what is needed to go back through it."""
+
+Event = Callable[[Any, Array, MotionState], Array]
 """A number ``(parameters, t, state)`` whose change of sign ends the motion."""
+
+Note = Callable[..., Any]
+"""A memory of steps ``(memory, number, t, h, state, *more)`` with one step more."""
 
 
 class Control(NamedTuple):
@@ -41,15 +48,52 @@ class Control(NamedTuple):
     equal: Any  # so many equal steps between two times, by a method that estimates no errors
 
 
+class Integration(NamedTuple):
+    """A motion to be integrated, and the way to do it."""
+
+    advance: Advance
+    method: str  # its steps are adapted if it estimates errors, else equal
+    moving: Any  # the motion, as `advance` takes it
+    control: Control
+    t: Array  # the times that are kept, (T,)
+    event: Event | None = None  # of steps that are adapted
+    parameters: Any = ()  # of the event
+
+    @property
+    def order(self) -> int:
+        """Order of the method's estimate of errors; 0 if it has none."""
+        return METHODS[self.method].order * bool(METHODS[self.method].error.any())
+
+    @property
+    def intervals(self) -> tuple[Array, Array, Array]:
+        """Begins and ends of all intervals, the first of no length, and counts of the steps of no length in each."""
+        t = self.t
+        return jnp.concatenate([t[:1], t[:-1]]), t, jnp.where(jnp.arange(len(t)) == 0, START, 0)
+
+    def begin(self, state: MotionState) -> "Course":
+        """Begin at the first time."""
+        zero = jnp.zeros((), jnp.int32)
+        return Course(state, self.t[0], jnp.zeros(()), (zero, zero), zero, jnp.zeros(()))
+
+
 class Course(NamedTuple):
     """An integration on its way."""
 
-    state: State  # where it is
+    state: MotionState  # where it is
     t: Array  # the time there
     h: Array  # the step that is wanted next
     made: tuple[Array, Array]  # steps made, and steps made in vain
     status: Array  # `jaxnc.Status`, zero while it goes on
     value: Array  # the event's function there
+
+
+class History(NamedTuple):
+    """An integration at all kept times ``(T, …)``: what going back through it needs."""
+
+    state: MotionState
+    t: Array
+    h: Array
+    status: Array
 
 
 class _Bracket(NamedTuple):
@@ -63,16 +107,16 @@ class _Bracket(NamedTuple):
 
     @classmethod
     def none(cls) -> "_Bracket":
-        """No event in sight."""
+        """Return a bracket with no event in sight."""
         return cls(*(jnp.zeros(()) for _ in range(5)))
 
     def guess(self) -> Array:
-        """The next step to be tried."""
+        """Return the next step to be tried."""
         found = (self.low * self.at_high - self.high * self.at_low) / (self.at_high - self.at_low)
         return jnp.where((found > self.low) & (found < self.high), found, 0.5 * (self.low + self.high))
 
     def after(self, h: Array, value: Array, at_start: Array) -> "_Bracket":
-        """With what a step of length h has found (Illinois' rule)."""
+        """Return the bracket with what a step of length h has found (Illinois' rule)."""
         beyond = value * at_start <= 0.0
         first = self.high <= 0.0
         again_low, again_high = (self.last == self.low) & ~first, (self.last == self.high) & ~first
@@ -84,7 +128,7 @@ class _Bracket(NamedTuple):
 
 
 def _norm(errors: Any, old: Any, new: Any, control: Control) -> Array:
-    """Errors of poses and rates in parts of what is allowed, the larger one."""
+    """Measure errors of poses and rates in parts of what is allowed; return the larger one."""
 
     def part(e, a, b):
         return jnp.sqrt(jnp.mean((e / (control.atol + control.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b)))) ** 2))
@@ -92,8 +136,8 @@ def _norm(errors: Any, old: Any, new: Any, control: Control) -> Array:
     return jnp.maximum(*(part(*x) for x in zip(errors, old, new, strict=True)))
 
 
-def first_step(state: State, control: Control) -> Array:
-    """A hundredth of the time in which the state changes by its own size.
+def _first_step(state: MotionState, control: Control) -> Array:
+    """Choose a hundredth of the time in which the state changes by its own size.
 
     Source: E. Hairer, S. P. Nørsett, G. Wanner, Solving Ordinary Differential Equations I, II.4.
     """
@@ -103,40 +147,18 @@ def first_step(state: State, control: Control) -> Array:
     return jnp.where(control.first > 0.0, control.first, chosen)
 
 
-Told = Callable[..., Any]
+def _march(
+    job: Integration, course: Course, ends: tuple[Array, Array], warm: Array, whole: tuple[Array, Array],
+    note: Note | None = None, memory: Any = (), until: Any = ALL,
+) -> tuple[Course, Array, Any]:  # fmt: skip
+    """Step from one kept time to the next; return the course there, the count of steps, and the memory of them.
 
-
-def interval(
-    advance: Advance,
-    order: int,
-    event: Event | None,
-    arguments: tuple[Any, Any, Control],
-    course: Course,
-    ends: tuple[Array, Array],
-    warm: Array,
-    whole: tuple[Array, Array],
-    note: Told | None = None,
-    memory: Any = (),
-    until: Any = ALL,
-) -> tuple[Course, Array, Any]:
-    """Steps from one kept time to the next.
-
-    Args:
-        advance: a step.
-        order: of its estimate of errors.
-        event: what ends the motion.
-        arguments: the motion, the event's parameters, and how long steps are.
-        course: where it begins.
-        ends: the two times.
-        warm: so many steps of no length are made instead.
-        whole: first and last time of the whole motion.
-        note: is told the number of each step, its start, length and state, and what more `advance` says of it,
-            ``(memory, …)``; returns memory anew.
-        memory: what that keeps.
-        until: so many steps are made at most.
+    `warm` steps of no length are made instead, where it is not 0. `whole` are first and last time of the whole motion,
+    `note` remembers each step in a memory, and `until` is the most that are made.
     """
-    moving, parameters, control = arguments
-    t0, t1 = ends
+    if not job.order:
+        return _march_evenly(job, course, ends, warm, note, memory, until)
+    control, event, (t0, t1) = job.control, job.event, ends
     span = jnp.abs(whole[1] - whole[0])
 
     def more(carry):
@@ -154,11 +176,11 @@ def interval(
         # Steps keep their share of the interval where its ends are changed.
         wide = jnp.where(t1 > t0, t1 - t0, 1.0)
         h = jnp.where(warm > 0, 0.0, lax.stop_gradient(h / wide) * wide)
-        new, errors, *more = advance(moving, t, h, state)
+        new, errors, *more = job.advance(job.moving, t, h, state)
         size = _norm(errors, (state.q, state.v), (new.q, new.v), control)
         size = lax.stop_gradient(jnp.where(jnp.isfinite(size), size, 1e30))
         good = (size < 1.0) | (warm > 0)
-        factor = jnp.clip(SAFE * jnp.maximum(size, 1e-30) ** (-1.0 / order), LEAST, MOST)
+        factor = jnp.clip(SAFE * jnp.maximum(size, 1e-30) ** (-1.0 / job.order), LEAST, MOST)
         # A step that was shortened to meet a time says little against the one that was wanted.
         wanted = jnp.where(
             good,
@@ -168,7 +190,7 @@ def interval(
         wanted = jnp.where(warm > 0, course.h, lax.stop_gradient(wanted))
         status, value, there, taken = course.status, course.value, jnp.where(last, t1, t + h), good
         if event is not None:
-            value = event(parameters, there, new)
+            value = event(job.parameters, there, new)
             crossed = (value * course.value < 0.0) | ((value == 0.0) & (course.value != 0.0))
             looking = good & (warm == 0) & (crossed | (bracket.high > 0.0))
             met = looking & ((jnp.abs(h - bracket.last) <= 1e-14 * span) | (value == 0.0))
@@ -195,79 +217,109 @@ def interval(
     return course, count, memory
 
 
-def _evenly(
-    advance: Advance, arguments: tuple[Any, Any, Control], course: Course, ends: tuple[Array, Array], warm: Array
-) -> Course:
-    """As `interval`, by equal steps."""
-    moving, _, control = arguments
+def _march_evenly(
+    job: Integration, course: Course, ends: tuple[Array, Array], warm: Array, note: Note | None, memory: Any, until: Any
+) -> tuple[Course, Array, Any]:
+    """Step as `_march`, by equal steps."""
     t0, t1 = ends
-    steps = jnp.where(t1 > t0, control.equal, 0).astype(course.made[0].dtype)
-    h = (t1 - t0) / control.equal
+    made, vain = course.made
+    h, wanted = (t1 - t0) / job.control.equal, jnp.where(t1 > t0, job.control.equal, 0)
+    count = jnp.minimum(jnp.where(warm > 0, warm, wanted), until).astype(made.dtype)
 
-    def once(k, state):
-        return advance(moving, t0 + k * h, h, state)[0]
+    def once(k, carry):
+        state, memory = carry
+        at = t0 + k * h
+        new, _, *more = job.advance(job.moving, at, h, state)
+        return new, memory if note is None else note(memory, k, at, h, state, *more)
 
-    state = lax.fori_loop(0, jnp.where(warm > 0, warm, steps), once, course.state)
-    return course._replace(state=state, t=t1, made=(course.made[0] + steps, course.made[1]))
-
-
-class Kept(NamedTuple):
-    """What is kept of an integration at all times ``(T, …)``: all that going back through it needs."""
-
-    state: State
-    t: Array
-    h: Array
-    status: Array
+    state, memory = lax.fori_loop(0, count, once, (course.state, memory))
+    return course._replace(state=state, t=t1, made=(made + wanted.astype(made.dtype), vain)), count, memory
 
 
-def integrate(
-    advance: Advance,
-    method: str,
-    event: Event | None,
-    arguments: tuple[Any, Any, Control],
-    t: Array,
-    state: State,
-) -> tuple[Kept, Course]:
-    """What had become of a motion at all times ``(T, …)``, and the course at its end."""
-    order, whole = order_of(method), (t[0], t[-1])
+def integrate(job: Integration, state: MotionState) -> tuple[History, Course]:
+    """Move from a start, which need not lie on the constraints; return the motion at all times and its last course."""
+    whole = job.t[0], job.t[-1]
 
     def between(course, xs):
         *ends, warm = xs
-        if order:
-            course, _, _ = interval(advance, order, event, arguments, course, tuple(ends), warm, whole)
-            begun = lax.stop_gradient(first_step(course.state, arguments[2]))
+        course, _, _ = _march(job, course, tuple(ends), warm, whole)
+        if job.order:
+            begun = lax.stop_gradient(_first_step(course.state, job.control))
             course = course._replace(h=jnp.where(course.h > 0.0, course.h, begun))
-        else:
-            course = _evenly(advance, arguments, course, tuple(ends), warm)
-        if event is not None:
-            first = event(arguments[1], course.t, course.state)
+        if job.event is not None:
+            first = job.event(job.parameters, course.t, course.state)
             course = course._replace(value=jnp.where(warm > 0, first, course.value))
-        return course, Kept(course.state, course.t, course.h, course.status)
+        return course, History(course.state, course.t, course.h, course.status)
 
-    course, kept = lax.scan(between, course_of(state, t), intervals(t))
-    return kept, course
-
-
-def order_of(method: str) -> int:
-    """Of a method's estimate of errors; 0 if it has none."""
-    return METHODS[method].order * bool(METHODS[method].error.any())
+    course, history = lax.scan(between, job.begin(state), job.intervals)
+    return history, course
 
 
-def course_of(state: State, t: Array) -> Course:
-    """An integration that is about to begin."""
-    zero = jnp.zeros((), jnp.int32)
-    return Course(state, t[0], jnp.zeros(()), (zero, zero), zero, jnp.zeros(()))
+def pull_back(
+    job: Integration, again: Callable, start: MotionState, history: History, change: MotionState
+) -> tuple[Any, MotionState, Array]:
+    """Go back through `integrate`: pull changes of the states back to the motion, the start and the times.
 
+    `again` is a step once more, ``(moving, t, h, state, *more)`` with what more `job.advance` has returned.
+    """
+    moving, t, first = job.moving, job.t, job.begin(start)
+    before = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b[:-1]]), start, history.state)
+    wanted = jnp.concatenate([jnp.zeros(1), history.h[:-1]])
+    going = jnp.concatenate([jnp.zeros(1, history.status.dtype), history.status[:-1]])
+    number = lambda x: jnp.zeros((_KEPT, *jnp.shape(x)), jnp.result_type(x))  # noqa: E731
+    returned = jax.eval_shape(job.advance, moving, t[0], t[0], start)[2:]
+    blank = jax.tree.map(number, (t[0], t[0], start, *(jax.tree.map(lambda x: jnp.zeros(x.shape), returned))))
 
-def intervals(t: Array) -> tuple[Array, Array, Array]:
-    """Where they begin and end, the first of no length, and how many steps of no length are made in each."""
-    return jnp.concatenate([t[:1], t[:-1]]), t, jnp.where(jnp.arange(len(t)) == 0, START, 0)
+    def note(memory, count, *step):
+        return jax.tree.map(lambda m, x: m.at[count % _KEPT].set(x), memory, step)
+
+    def between(carry, xs):
+        state_bar, moving_bar = carry
+        state, h, status, reached, (t0, t1, warm), more = xs
+        state_bar = jax.tree.map(jnp.add, state_bar, more)
+        course = first._replace(state=state, t=t0, h=h, status=status)
+        wide = jnp.where(reached > t0, reached - t0, 1.0)
+        ends, whole = (t0, reached if job.order else t1), (t[0], reached)
+
+        def back(carry):
+            count, low, memory, state_bar, moving_bar, (t0_bar, t1_bar) = carry
+            count = count - 1
+            at, h, state, *more = jax.tree.map(lambda m: m[count % _KEPT], memory)
+            _, pull = jax.vjp(lambda *x: again(*x, *more), moving, at, h, state)
+            # Behind where a motion failed nothing is asked for: it passes nothing on, however steep it was.
+            asked = jnp.any(jnp.stack([jnp.any(x != 0.0) for x in jax.tree.leaves(state_bar)]))
+            pulled = pull(state_bar)
+            more, t_bar, h_bar, state_bar = jax.tree.map(lambda x: jnp.where(asked, x, 0.0), pulled)
+            part, share = (at - t0) / wide, h / wide
+            t0_bar = t0_bar + (1.0 - part) * t_bar - share * h_bar
+            t1_bar = t1_bar + part * t_bar + share * h_bar
+            moving_bar = jax.tree.map(jnp.add, moving_bar, more)
+            return count, low, memory, state_bar, moving_bar, (t0_bar, t1_bar)
+
+        def some(carry):
+            high, state_bar, moving_bar, ends_bar = carry
+            _, count, memory = _march(job, course, ends, warm, whole, note, blank, high)
+            low = jnp.maximum(count - _KEPT, 0)
+            _, _, _, state_bar, moving_bar, ends_bar = lax.while_loop(
+                lambda c: c[0] > c[1], back, (count, low, memory, state_bar, moving_bar, ends_bar)
+            )
+            return low, state_bar, moving_bar, ends_bar
+
+        begin = (jnp.asarray(ALL, jnp.int32), state_bar, moving_bar, (jnp.zeros(()), jnp.zeros(())))
+        _, state_bar, moving_bar, ends_bar = lax.while_loop(lambda c: c[0] > 0, some, begin)
+        return (state_bar, moving_bar), ends_bar
+
+    nothing = jax.tree.map(jnp.zeros_like, (start, moving))
+    xs = before, wanted, going, history.t, job.intervals, change
+    (start_bar, moving_bar), (t0_bar, t1_bar) = lax.scan(between, nothing, xs, reverse=True)
+    t_bar = t1_bar.at[:-1].add(t0_bar[1:]).at[0].add(t0_bar[0])
+    return moving_bar, start_bar, t_bar
 
 
 def equal_steps(
     advance: Callable[[Array, Array, Any], Any], seen: Callable[[Array, Any], Any], t: Array, carry: Any, steps: int
 ) -> Any:
-    """States at all times after the first by as many equal steps between two times, differentiable both ways.
+    """Return states at all times after the first by as many equal steps between two times, differentiable both ways.
 
     `advance` is a step ``(t, h, carry)``; `seen` what is kept of it, ``(t, carry)``.
     """

@@ -1,4 +1,4 @@
-"""Inverse dynamics: the efforts that a prescribed motion takes, and the multipliers that go with it."""
+"""Inverse dynamics: the efforts that a prescribed motion takes, its multipliers, and the reactions of any motion."""
 
 import dataclasses
 from typing import Any
@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.compiling import filter_jit
-from jaxnc.dynamics.extended import extended, lift, lift_rates, shown
+from jaxnc.compiling import filter_jit, refuse_fork
+from jaxnc.dynamics.extended import extended, lift, lift_rates, lift_second_rates, shown_places
 from jaxnc.dynamics.friction import friction_forces, has_friction
 from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, forces
-from jaxnc.dynamics.reactions import Reactions
+from jaxnc.dynamics.reactions import Reactions, motion_reactions
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
@@ -65,7 +65,7 @@ class InverseDynamics:
 
 @public
 def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
-    """The efforts of the inputs for a prescribed motion, and the reactions in every joint.
+    """Find the efforts of the inputs for a prescribed motion, and the reactions in every joint.
 
     Args:
         system: the system; its bodies have masses. It may be the motion's own, or one with other masses and forces.
@@ -111,7 +111,7 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
 
 @filter_jit
 def _inverse(system: System, dyn: Dynamics, view: Plan, t: Any, q: Array, v: Array, a: Array, ok: Array):
-    """Efforts, multipliers and supports of poses ``(..., N)``; zero of those that are not `ok`."""
+    """Find efforts, multipliers and supports of poses ``(..., N)``; zero of poses that are not `ok`."""
     top, lead = system.topology, q.shape[:-1]
     t, ok = jnp.broadcast_to(t, lead).reshape(-1), ok.reshape(-1, 1)
     flat = (x.reshape(-1, x.shape[-1]) for x in (q, v, a))
@@ -121,7 +121,7 @@ def _inverse(system: System, dyn: Dynamics, view: Plan, t: Any, q: Array, v: Arr
 
     def one(t, q, v, a):
         x, dx = lift(top, q), lift_rates(top, q, v)
-        ddx = a if top.extended is None else _second_rates(top, q, v, a)
+        ddx = lift_second_rates(top, q, v, a)
         right = forces(dyn, t, x, dx) - dyn.mass @ ddx
         _, j, _ = view.linearise(dyn.eq, x)
         everything = jacobian(dyn.eq, x)
@@ -145,13 +145,30 @@ def _inverse(system: System, dyn: Dynamics, view: Plan, t: Any, q: Array, v: Arr
                 lam = multipliers(total)
         whole = everything.T @ lam - total
         supports = jnp.zeros_like(whole).at[view.fixed].set(whole[view.fixed])
-        return whole[view.known], lam, supports[shown(top)]
+        return whole[view.known], lam, supports[shown_places(top)]
 
     return tuple(jnp.where(ok, x, 0.0).reshape(*lead, -1) for x in jax.vmap(one)(t, *flat))
 
 
-def _second_rates(top: Any, q: Array, v: Array, a: Array) -> Array:
-    def first(q, v):
-        return lift_rates(top, q, v)
+@public
+def reactions(motion: Any) -> Reactions:
+    """The reactions in the joints of a simulation, or of a motion that its inputs drive.
 
-    return jax.jvp(first, (q, v), (v, a))[1]
+    Args:
+        motion: a simulation, a motion with rates (its inputs then take the efforts that it needs), or the result of
+            `jaxnc.inverse_dynamics`.
+
+    Returns:
+        The reactions; ``.at("B", on="coupler")`` is the wrench on a body at a shared point.
+    """
+    refuse_fork()
+    if isinstance(motion, Reactions):
+        return motion
+    if isinstance(motion, InverseDynamics):
+        return motion.reactions
+    if not isinstance(motion, Motion):
+        raise InputError(f"reactions() takes a simulation, or a motion with rates, got {type(motion).__name__}")
+    multipliers = getattr(motion, "multipliers", None)  # of a simulation
+    if multipliers is not None:
+        return motion_reactions(motion, multipliers)
+    return inverse_dynamics(motion.system, motion).reactions

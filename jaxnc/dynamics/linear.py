@@ -12,15 +12,17 @@ from jaxnc.calls import public
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.equilibrium import Equilibrium
 from jaxnc.dynamics.extended import extended, lift, lower
-from jaxnc.dynamics.flow import Flow
-from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
+from jaxnc.dynamics.flow import Flow, evaluate_rows
 from jaxnc.dynamics.model import check_loads, check_mass, dynamics
-from jaxnc.dynamics.reduced import Reduced
+from jaxnc.dynamics.saddle import saddle
+from jaxnc.dynamics.start import Rates, check_rates, start_pose, start_rates
 from jaxnc.errors import InputError, brief, nearest
 from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
+from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.equations import weights
 from jaxnc.system.precision import limits
 from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
@@ -87,7 +89,7 @@ class Linearisation:
 
     @property
     def stable(self) -> bool:
-        """Whether no eigenvalue has a positive real part."""
+        """True if no eigenvalue has a positive real part."""
         values = self.eigenvalues
         return bool(np.max(np.real(values), initial=-np.inf) <= 1e-9 * np.max(np.abs(values), initial=1e-300))
 
@@ -159,9 +161,10 @@ def linearise(
     doubt_degrees(system, unit, state)
     begin, rates = in_radians(system, unit, state.motion if isinstance(state, Equilibrium) else state, rates)
     given = start_pose(system, begin)
-    known_rates = given_rates(system, rates if rates is not None else begin if isinstance(begin, Motion) else None)
+    known_rates = check_rates(system, rates if rates is not None else begin if isinstance(begin, Motion) else None)
     flow, q, v = _steady(system, given, known_rates)
-    reduced = Reduced.of(system, flow, q, coordinates)
+    view = _independent_plan(system, flow, q, coordinates)
+    names = flow.dyn.topology.named(view.driven)
     for name in inputs:
         if name not in top.position:
             raise InputError(
@@ -169,14 +172,14 @@ def linearise(
                 f"{nearest(name, top.coordinates)}"
             )
     at = np.array([flow.dyn.topology.position[name] for name in inputs], dtype=int)
-    mass, c, k, basis, a, b, rest, acceleration, rows = _linearise(reduced, v, at.tolist())
+    mass, c, k, basis, a, b, rest, acceleration, rows = _linearise(flow, view, q, v, at.tolist())
     if rows.size and not isinstance(rows, Tracer):
         sizes = np.linalg.svd(np.asarray(rows), compute_uv=False)
     else:
         sizes = np.ones(1)
     if not sizes[-1] > limits(rows).singular * sizes[0]:
         raise InputError(
-            f"{top.name!r}: the rest does not follow from {', '.join(reduced.names)} at this state, which is singular "
+            f"{top.name!r}: the rest does not follow from {', '.join(names)} at this state, which is singular "
             f"for them; give other coordinates="
         )
     zero = jnp.zeros(())
@@ -184,8 +187,8 @@ def linearise(
         system, (), (), lower(top, q), (lower(top, v), lower(top, acceleration)), jnp.zeros(0), zero.astype(int), None,
         None, zero,
     )  # fmt: skip
-    shown = lower(top, basis.T).T
-    return Linearisation(pose, reduced.names, mass, c, k, shown, a, b, rest)
+    shown_places = lower(top, basis.T).T
+    return Linearisation(pose, names, mass, c, k, shown_places, a, b, rest)
 
 
 @filter_jit
@@ -196,21 +199,79 @@ def _steady(system: System, given: Array, rates: Rates) -> tuple[Flow, Array, Ar
     return flow, q, start_rates(system.topology, flow, q, rates)[0]
 
 
+def _independent_plan(system: System, flow: Flow, q: Array, names: Sequence[str] | None) -> Plan:
+    """Plan a motion whose inputs are independent coordinates, chosen at a pose if their names are not given.
+
+    The pose, in the coordinates of the dynamics, meets the constraints.
+    """
+    top, freedom = system.topology, system.degrees_of_freedom
+    chosen = tuple(names) if names is not None else _choose_independent(system, flow, q)
+    for name in chosen:
+        if name not in top.position:
+            raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
+    if len(chosen) != freedom:
+        raise InputError(f"{top.name!r} has {freedom} degrees of freedom; {len(chosen)} coordinates were given")
+    return plan(flow.dyn.topology, chosen, (), freedom)
+
+
+def _choose_independent(system: System, flow: Flow, q: Array) -> tuple[str, ...]:
+    """Choose coordinates that the others follow from, well conditioned at a pose (where it was compiled, if traced)."""
+    inner, top, view = flow.dyn.topology, system.topology, flow.view
+    if isinstance(q, Tracer) or isinstance(flow.dyn.mass, Tracer):
+        return system.independent
+    _, j, _ = view.linearise(flow.dyn.eq, q)
+    rows = np.asarray(j) / np.asarray(weights(flow.dyn.eq))[view.unknown]
+    shown_places = [k for k, c in enumerate(view.unknown) if inner.coordinates[c] in top.position]
+    free = np.linalg.svd(rows)[2][rows.shape[1] - system.degrees_of_freedom :][:, shown_places]
+    from scipy.linalg import qr
+
+    # An angle or a distance is easier to read than a component of a point: preferred where it serves nearly as well.
+    names = [inner.coordinates[view.unknown[k]] for k in shown_places]
+    liked = np.array([2.0 if n in top.scalars else 1.0 for n in names])
+    order: np.ndarray = qr(free * liked, pivoting=True, mode="r")[-1]
+    return tuple(names[k] for k in order[: system.degrees_of_freedom])
+
+
+def _state_changes(flow: Flow, view: Plan, q: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Find how a state changes with its independent coordinates z and their rates, by derivatives of the rows alone.
+
+    Where all rates are v, rows ``Φ(q) = 0`` go on being met if ``Φ_q δq = 0`` and ``Φ_q δv = -Φ_qq v δq``.
+
+    Returns:
+        R, how all coordinates change with z (and their rates with those of z), ``(N, g)``; how their rates change
+        with z, ``(N, g)``; what the unknown coordinates are found from, rows and columns as lengths.
+    """
+    eq, n = flow.dyn.eq, len(view.unknown)
+    weight = weights(eq)[view.unknown]
+    _, unknown, known, _ = evaluate_rows(view, eq, q, v)
+    solve = saddle(jnp.eye(n), unknown / weight, unknown.shape[0] > n)
+
+    def follow(right: Array) -> Array:
+        some = jax.vmap(lambda g: solve(jnp.zeros(n), -g)[0] / weight, in_axes=1, out_axes=1)(right)
+        return jnp.zeros((len(q), right.shape[1])).at[view.unknown].set(some)
+
+    def bend(way: Array) -> Array:
+        return 0.5 * jax.jvp(lambda v: evaluate_rows(view, eq, q, v)[3], (v,), (way,))[1]
+
+    basis = follow(known).at[view.known].set(jnp.eye(known.shape[1]))
+    return basis, follow(jax.vmap(bend, in_axes=1, out_axes=1)(basis)), unknown / weight
+
+
 @filter_jit
-def _linearise(reduced: Reduced, v: Array, at: list[int]):
-    """All of it from one derivative of the accelerations, along the ways of a state."""
-    flow, known, g, count = reduced.flow, reduced.view.known, len(reduced.names), len(at)
-    basis, turned, rows = reduced.ways(v)
+def _linearise(flow: Flow, view: Plan, q: Array, v: Array, at: list[int]):
+    """Return mass, damping, stiffness and the rest from one derivative of the accelerations along `_state_changes`."""
+    known, g, count = view.known, len(view.known), len(at)
+    basis, turned, rows = _state_changes(flow, view, q, v)
     mass = basis.T @ flow.dyn.mass @ basis
 
-    def moved(q, v, efforts):
+    def accelerate(q, v, efforts):
         extra = jnp.zeros_like(v).at[np.array(at)].add(efforts) if at else None
         return flow.accelerate(jnp.zeros(()), q, v, extra)[0]
 
-    zero, state = jnp.zeros_like(basis), (reduced.q, v, jnp.zeros(count))
+    zero, state = jnp.zeros_like(basis), (q, v, jnp.zeros(count))
     none = jnp.zeros((len(v), count))
     ways = jnp.block([basis, zero, none]), jnp.block([turned, basis, none]), jnp.eye(count, 2 * g + count, 2 * g)
-    whole, slopes = jax.vmap(lambda *way: jax.jvp(moved, state, way), in_axes=1, out_axes=(None, 1))(*ways)
+    whole, slopes = jax.vmap(lambda *way: jax.jvp(accelerate, state, way), in_axes=1, out_axes=(None, 1))(*ways)
     by_z, by_dz, by_efforts = jnp.split(slopes[known], (g, 2 * g), axis=1)
     a = jnp.block([[jnp.zeros((g, g)), jnp.eye(g)], [by_z, by_dz]])
     b = jnp.concatenate([jnp.zeros((g, count)), by_efforts])

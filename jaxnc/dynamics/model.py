@@ -1,7 +1,6 @@
 """Mass matrix and forces of one design, on all coordinates: what of its dynamics does not depend on the pose."""
 
 import functools
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -10,14 +9,14 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.asking import ask, listed, real
+from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device
-from jaxnc.dynamics.extended import known
-from jaxnc.dynamics.inertia import inertias, summed
-from jaxnc.dynamics.state import State
-from jaxnc.errors import InputError
+from jaxnc.dynamics.extended import is_concrete
+from jaxnc.dynamics.mass import inertias, sum_inertias
+from jaxnc.errors import InputError, nearest
 from jaxnc.forces import ForceKind
 from jaxnc.kinematics.inputs import check_parameters, check_system
-from jaxnc.reading import Unreadable, function
+from jaxnc.reading import Unreadable
 from jaxnc.records import record
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.assembly import by_identity, derive
@@ -30,6 +29,44 @@ from jaxnc.system.rates import rate_constants
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates, Float
+
+
+@public
+class State:
+    """Position and velocity of a mechanism at one time, by name: the state that is handed to a user's force.
+
+    Args:
+        topology: the mechanism.
+        t: the time, s.
+        q: all coordinates, ``(N,)``.
+        v: their rates, ``(N,)``.
+    """
+
+    def __init__(self, topology: Topology, t: Any, q: Array, v: Array):
+        self.topology, self.t, self.q, self.v = topology, t, q, v
+
+    def __getitem__(self, name: str) -> Array:
+        """A point ``(dim,)``, a vector ``(3,)``, a coordinate, or a single component such as ``"P.x"``."""
+        return self._pick(self.q, name)
+
+    def velocity(self, name: str) -> Array:
+        """The rate of a point, vector or coordinate."""
+        return self._pick(self.v, name)
+
+    def _pick(self, x: Array, name: str) -> Array:
+        top = self.topology
+        spread = (*top.points, *top.vectors)
+        if name in spread:
+            i = spread.index(name) * top.dim
+            return x[i : i + top.dim]
+        if name in top.position:
+            return x[top.position[name]]
+        raise InputError(f"{top.name!r} has no point or coordinate {name!r}; {nearest(name, (*spread, *top.scalars))}")
+
+
+jax.tree_util.register_pytree_node(
+    State, lambda s: ((s.t, s.q, s.v), s.topology), lambda top, parts: State(top, *parts)
+)
 
 
 @record
@@ -79,13 +116,16 @@ def check_mass(system: System) -> None:
 
 
 def dynamics(system: System) -> Dynamics:
-    """Derive mass matrix and constants of the forces from a system's parameters; compiled once for its topology."""
-    return _on_host(system) if known(system) else _dynamics(system)
+    """Derive mass matrix and constants of the forces from a system's parameters.
+
+    Known numbers are derived by the host, with nothing compiled, and remembered; traced ones are compiled once for the
+    topology.
+    """
+    return _derive_on_host(system) if is_concrete(system) else _derive_traced(system)
 
 
 @by_identity
-def _on_host(system: System) -> Dynamics:
-    """Derive the same of numbers that are known, with nothing compiled, and remember it."""
+def _derive_on_host(system: System) -> Dynamics:
     with numbers(system.parameters.points):
         eq = derive(system)
         parts: Any = on_device(_parts(system, np.asarray(eq.home), system.parameters.in_numpy()))
@@ -93,15 +133,15 @@ def _on_host(system: System) -> Dynamics:
 
 
 @jit
-def _dynamics(system: System) -> Dynamics:
+def _derive_traced(system: System) -> Dynamics:
     eq = equations(system)
     return Dynamics(eq, *_parts(system, eq.home, system.parameters), system=system)
 
 
 def _parts(system: System, home: Any, par: Parameters) -> Any:
-    """The fields of `Dynamics` between equations and system: NumPy's of NumPy parameters."""
+    """Return the fields of `Dynamics` between equations and system: NumPy's of NumPy parameters."""
     top, loads = system.topology, system.topology.loads
-    mass, moments, total = summed(top, inertias(system))
+    mass, moments, total = sum_inertias(top, inertias(system))
     gravity = par.physical[np.array(loads.gravity)] if loads.gravity else np.zeros(top.dim, home.dtype)
     constants = tuple(force_constants(top, home, block, par.physical) for block in loads.forces)
     friction = tuple(par.physical[np.array(f.numbers)] for f in loads.friction)
@@ -109,8 +149,8 @@ def _parts(system: System, home: Any, par: Parameters) -> Any:
 
 
 @with_owner
-def variables(top: Topology, number: int) -> np.ndarray:
-    """Coordinates of every force of a block, ``(forces, variables)``."""
+def force_variables(top: Topology, number: int) -> np.ndarray:
+    """Return the coordinates of every force of a block, ``(forces, variables)``."""
     block, dim = top.loads.forces[number], top.dim
     count, axes = len(block.names), np.arange(dim)
 
@@ -123,70 +163,59 @@ def variables(top: Topology, number: int) -> np.ndarray:
 
 
 def _split(dim: int, kind: ForceKind, x: Array) -> tuple[Array, Array, Array]:
-    """Points, vectors and scalars of one force."""
+    """Part the variables of one force into points, vectors and scalars."""
     a, b = kind.points * dim, (kind.points + kind.vectors) * dim
     return x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim), x[b:]
 
 
 def force_constants(top: Topology, home: Any, block: ForceBlock, physical: Any) -> Any:
-    """Parameters of a block's forces, as given and as drawn ``(forces, parameters)``: NumPy's of NumPy arrays.
+    """Return the parameters of a block's forces, given or drawn ``(forces, parameters)``: NumPy's of NumPy arrays.
 
     NumPy's coordinates and physical parameters may carry changes along a last axis; then these do too.
     """
-    kind, count, tail = block.kind, len(block.names), home.shape[1:]
+    kind, (count, tail) = block.kind, (len(block.names), home.shape[1:])
+    host = isinstance(home, np.ndarray)
+    xp: Any = np if host else jnp
     out: Any = np.zeros((count, len(kind.parameters), *tail), home.dtype)
     if kind.drawn is not None:
-        empty = read_off(kind, top.dim)[1]
-        missing = {(i, k) for i in range(count) for k in np.flatnonzero(empty)}
-        missing -= {(i, k) for i, k, _ in block.given}
-        if missing:
-            i, k = min(missing)
+        formula, missing = drawn_parameters(kind, top.dim)
+        open_places = {(i, int(k)) for i in range(count) for k in np.flatnonzero(missing)}
+        if lacking := open_places - {(i, k) for i, k, _ in block.given}:
+            i, k = min(lacking)
             raise InputError(f"{kind.name} {block.names[i]!r}: {kind.parameters[k]} must be given")
-        x, read = home[variables(top, top.loads.forces.index(block))], force_formula(kind, top.dim)
-        if isinstance(home, np.ndarray):
-            values = (read.carrying if tail else read.on_lanes)(list(np.moveaxis(x, 1, 0)))
-            out = np.stack([np.broadcast_to(y, (count, *tail)) for y in values], axis=1).astype(home.dtype)
-        else:
-            out = jax.vmap(read_off(kind, top.dim)[0])(x)
+        x = home[force_variables(top, top.loads.forces.index(block))]
+        run = formula.traced if not host else formula.carrying if tail else formula.on_lanes
+        values = run([x[:, k] for k in range(x.shape[1])])
+        out = xp.stack([xp.broadcast_to(y, (count, *tail)) for y in values], axis=1).astype(home.dtype)
     if block.given:
         i, k, at = (np.array(z) for z in zip(*block.given, strict=True))
-        if not isinstance(home, np.ndarray):
+        if not host:
             return jnp.asarray(out).at[i, k].set(physical[at])
         out[i, k] = physical[at]
     return out
 
 
-@functools.lru_cache(maxsize=256)
-def force_formula(kind: ForceKind, dim: int) -> Formula:
-    """Read off a drawing what it says of a force's parameters."""
-    drawn, width = read_off(kind, dim)[0], (kind.points + kind.vectors) * dim + kind.scalars
-    try:
-        return Formula(reading(drawn, (), ((width,),))[0])
-    except Unreadable:  # a user's kind, with an operation that the host does not know
-        return Formula(None, drawn, kind)
-
-
 @functools.lru_cache(maxsize=1024)
-def read_off(kind: ForceKind, dim: int) -> tuple[Callable[[Array], Array], list[bool]]:
-    """What a drawing says of a force's parameters, as a function of its variables, and which it says nothing of."""
+def drawn_parameters(kind: ForceKind, dim: int) -> tuple[Formula, list[bool]]:
+    """Read off a kind what a drawing says of a force's parameters, and which parameters it says nothing of."""
     assert kind.drawn is not None
     drawn, width = kind.drawn, (kind.points + kind.vectors) * dim + kind.scalars
     what = f"kind {kind.name!r}: drawn="
 
-    def called(y: Array) -> tuple[Any, ...]:
+    def call(y: Array) -> tuple[Any, ...]:
         return listed(ask(drawn, what, "p, v, s", *_split(dim, kind, y)), what, len(kind.parameters), drawn=True)
 
-    values = jax.eval_shape(lambda y: _plain(called(y)), jax.ShapeDtypeStruct((width,), float))
-
     def read(y: Array) -> Array:
-        found = called(y)
-        return jnp.stack([jnp.zeros((), y.dtype) if c is None else jnp.asarray(c, y.dtype) for c in found])
+        return jnp.stack([jnp.zeros((), y.dtype) if c is None else jnp.asarray(c, y.dtype) for c in call(y)])
 
-    return read, [value is None for value in values]
+    def say(y: Array) -> tuple[Any, ...]:
+        return tuple(None if c is None else jnp.asarray(c, float) for c in call(y))
 
-
-def _plain(values):
-    return tuple(None if v is None else jnp.asarray(v, float) for v in values)
+    missing = [value is None for value in jax.eval_shape(say, jax.ShapeDtypeStruct((width,), float))]
+    try:
+        return Formula(reading(read, (), ((width,),))[0]), missing
+    except Unreadable:  # a user's kind, with an operation that the host does not know
+        return Formula(None, read, kind), missing
 
 
 def potential(dyn: Dynamics, q: Coordinates) -> Array:
@@ -195,39 +224,25 @@ def potential(dyn: Dynamics, q: Coordinates) -> Array:
     total = -jnp.dot(dyn.gravity, dyn.moments @ q)
     for number, block in enumerate(top.loads.forces):
         if block.kind.potential is not None:
-            x = q[variables(top, number)]
-            total = total + jnp.sum(jax.vmap(functools.partial(_stored, block.kind, top.dim))(x, dyn.constants[number]))
+            each = jax.vmap(functools.partial(_instance_energy, block.kind, top.dim))
+            total = total + jnp.sum(each(q[force_variables(top, number)], dyn.constants[number]))
     return total
 
 
 @functools.lru_cache(maxsize=256)
-def stored(kind: ForceKind, dim: int) -> Callable:
-    """The energy of a kind of force on NumPy's lanes: a function of its variables and parameters."""
+def energy_formula(kind: ForceKind, dim: int) -> Formula:
+    """Read a kind's energy as a function of its variables and parameters."""
     width = (kind.points + kind.vectors) * dim + kind.scalars
-    return function(reading(_stored, (kind, dim), ((width,), (len(kind.parameters),)))[0])
+    try:
+        return Formula(reading(_instance_energy, (kind, dim), ((width,), (len(kind.parameters),)))[0])
+    except Unreadable:
+        return Formula(None, lambda x: _instance_energy(kind, dim, x[:width], x[width:])[None], kind)
 
 
-def _stored(kind: ForceKind, dim: int, y: Array, c: Array) -> Array:
+def _instance_energy(kind: ForceKind, dim: int, y: Array, c: Array) -> Array:
     assert kind.potential is not None
     what = f"kind {kind.name!r}: potential="
     return real(ask(kind.potential, what, "p, v, s, c", *_split(dim, kind, y), c), what, "one number", ())
-
-
-@with_owner
-def can_store(top: Topology) -> bool:
-    """Whether the host knows the energies of all forces."""
-    try:
-        for block in top.loads.forces:
-            if block.kind.potential is not None:
-                stored(block.kind, top.dim)
-    except Unreadable:
-        return False
-    return True
-
-
-def kinetic(dyn: Dynamics, v: Coordinates) -> Array:
-    """Kinetic energy, J."""
-    return 0.5 * jnp.dot(v, dyn.mass @ v)
 
 
 def forces(dyn: Dynamics, t: Array, q: Coordinates, v: Coordinates) -> Float[Array, " N"]:
@@ -236,38 +251,37 @@ def forces(dyn: Dynamics, t: Array, q: Coordinates, v: Coordinates) -> Float[Arr
     out = dyn.gravity @ dyn.moments
     local, functions = force_values(dyn, t, q, v)
     for number, values in enumerate(local):
-        out = out.at[variables(top, number).reshape(-1)].add(values.reshape(-1))
+        out = out.at[force_variables(top, number).reshape(-1)].add(values.reshape(-1))
     return sum(functions, out)
 
 
 def force_values(dyn: Dynamics, t: Array, q: Array, v: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """The forces one by one.
+    """Evaluate the forces one by one.
 
     Returns:
-        Those of each block on their own variables, ``(forces, variables)``; those that are functions, on all
+        Forces of each block on their own variables, ``(forces, variables)``; forces that are functions, on all
         coordinates ``(N,)``.
     """
     top, local = dyn.topology, []
     for number, block in enumerate(top.loads.forces):
-        at = variables(top, number)
-        local.append(
-            jax.vmap(lambda y, dy, c, b=block: _force(top, b, t, y, dy, c))(q[at], v[at], dyn.constants[number])
-        )
-    return tuple(local), tuple(_functions(dyn, t, q, v))
+        at, each = force_variables(top, number), functools.partial(instance_force, top, block, t)
+        local.append(jax.vmap(each)(q[at], v[at], dyn.constants[number]))
+    return tuple(local), tuple(function_forces(dyn, t, q, v))
 
 
-def _force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: Array) -> Array:
+def instance_force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: Array) -> Array:
+    """Evaluate one force of a block on its own variables: of these, their rates and its parameters."""
     kind, total = block.kind, jnp.zeros_like(x)
     if kind.potential is not None:
-        total = total - jax.grad(lambda y: _stored(kind, top.dim, y, c))(x)
+        total = total - jax.grad(lambda y: _instance_energy(kind, top.dim, y, c))(x)
     if loss := kind.dissipation:
         what, at = f"kind {kind.name!r}: dissipation=", _split(top.dim, kind, x)
 
-        def lost(dy: Array) -> Array:
+        def dissipate(dy: Array) -> Array:
             found = ask(loss, what, "p, v, s, dp, dv, ds, c", *at, *_split(top.dim, kind, dy), c)
             return real(found, what, "one number", ())
 
-        total = total - jax.grad(lost)(dx)
+        total = total - jax.grad(dissipate)(dx)
     if kind.force is not None:
         what, returns = f"kind {kind.name!r}: force=", "forces on its points, vectors and scalars, an array of each"
         at = *_split(top.dim, kind, x), *_split(top.dim, kind, dx)
@@ -278,40 +292,28 @@ def _force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: A
     return total
 
 
-def _functions(dyn: Dynamics, t: Array, q: Array, v: Array) -> list[Array]:
+def function_forces(dyn: Dynamics, t: Array, q: Array, v: Array) -> list[Array]:
+    """Evaluate the forces that are functions, each on all coordinates ``(N,)``."""
     top, found = dyn.topology, []
     state = State(top, t, q, v)
     plain = np.array([i for i, name in enumerate(top.coordinates) if name.rpartition(".")[0] not in top.loads.hidden])
     for f, parameters in zip(top.loads.functions, dyn.own, strict=True):
         out = jnp.zeros_like(q)
         if f.acts == "load":
-            out = out.at[plain].add(_value(f, (len(plain),), "t, q, v, parameters", t, q[plain], v[plain], parameters))
+            at, takes, given = plain, "t, q, v, parameters", (t, q[plain], v[plain])
         else:
             at = f.at if f.acts == "effort" else slice(f.at * top.dim, (f.at + 1) * top.dim)
-            out = out.at[at].add(_value(f, out[at].shape, "t, state, parameters", t, state, parameters))
-        found.append(out)
+            takes, given = "t, state, parameters", (t, state)
+        what, shape = f"force {f.name!r}", out[at].shape
+        returns = f"{shape[0]} numbers in JAX" if shape else "one number in JAX"
+        found.append(out.at[at].add(real(ask(f.function, what, takes, *given, parameters), what, returns, shape)))
     return found
 
 
-def _value(f: Any, shape: tuple[int, ...], takes: str, *args: Any) -> Array:
-    """What a force that is a function returns."""
-    what = f"force {f.name!r}"
-    returns = f"{shape[0]} numbers in JAX" if shape else "one number in JAX"
-    return real(ask(f.function, what, takes, *args), what, returns, shape)
-
-
 def blame_force(dyn: Dynamics, t: Array, q: Array, v: Array) -> str | None:
-    """Name of the first force that is not finite in a state, on the host."""
-    top = dyn.topology
-    for f, parameters in zip(top.loads.functions, dyn.own, strict=True):
-        state = State(top, t, q, v)
-        value = f.function(t, q, v, parameters) if f.acts == "load" else f.function(t, state, parameters)
-        if not bool(jnp.all(jnp.isfinite(jnp.asarray(value)))):
-            return f.name
-    for number, block in enumerate(top.loads.forces):
-        at = variables(top, number)
-        local = jax.vmap(lambda y, dy, c, b=block: _force(top, b, t, y, dy, c))(q[at], v[at], dyn.constants[number])
-        bad = np.flatnonzero(~np.isfinite(np.asarray(local)).all(axis=1))
-        if len(bad):
-            return block.names[bad[0]]
-    return None
+    """Name the first force that is not finite in a state, on the host."""
+    local, functions = force_values(dyn, t, q, v)
+    named = [(f.name, value) for f, value in zip(dyn.topology.loads.functions, functions, strict=True)]
+    for block, values in zip(dyn.topology.loads.forces, local, strict=True):
+        named += zip(block.names, values, strict=True)
+    return next((name for name, value in named if not np.isfinite(np.asarray(value)).all()), None)

@@ -1,9 +1,11 @@
 """Reactions: what passes through each joint, also where the joint is a shared point and no row stands for it.
 
-The wrenches themselves are made in `jaxnc.dynamics.wrenches`; here they are asked for by name.
+The wrenches themselves are made in `jaxnc.dynamics.wrenches`; here they are asked for by name. Beside them stand the
+loads by name (springs, dampers, actuators), and all forces of a mechanism at the places where they are drawn.
 """
 
 import functools
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
@@ -13,37 +15,149 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
-from jaxnc.compiling import filter_jit, jit, refuse_fork
-from jaxnc.dynamics import sides
-from jaxnc.dynamics.exerted import Load, load_of, loads_on, named_rows
-from jaxnc.dynamics.extended import extended, known, lift, lift_rates, lifted, shown
-from jaxnc.dynamics.model import Dynamics, dynamics, forces
-from jaxnc.dynamics.moments import cross
-from jaxnc.dynamics.wrenches import Ledger, Parts, all_parts, row_forces
+from jaxnc.compiling import filter_jit
+from jaxnc.constraints.elementary import ratio
+from jaxnc.constraints.kind import dot, norm
+from jaxnc.dynamics.extended import extended, is_concrete, lift_states, shown_places
+from jaxnc.dynamics.friction import friction_forces, frictions, has_friction
+from jaxnc.dynamics.mass import inertias
+from jaxnc.dynamics.model import Dynamics, dynamics, force_variables, forces
+from jaxnc.dynamics.wrenches import (
+    Ledger,
+    Masses,
+    Parts,
+    body_masses,
+    cross,
+    item_holders,
+    joint_rows,
+    pose_parts,
+    row_forces,
+)
 from jaxnc.errors import InputError, nearest
+from jaxnc.forces import COUPLE, EFFORT
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
-from jaxnc.system.frames import turns
+from jaxnc.system.frames import spread, turns
 from jaxnc.system.identity import Owner, Thing, addresses, find
 from jaxnc.system.rates import coefficients
+from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
+
+@public
+class Load(NamedTuple):
+    """Value and power of a spring, damper, stop, actuator, force or friction.
+
+    Attributes:
+        value: of what acts between two points the tension, N ``(...,)``, positive where it draws them together; on an
+            angle, distance or single coordinate the effort, N m or N ``(...,)``, positive where it drives it up; of a
+            force on a point its components, N ``(..., dim)``; of a couple on a body the couple, N m ``(...,)``; of
+            everything else the generalised forces on all coordinates ``(..., N)``.
+        power: what it gives to the mechanism, W ``(...,)``: negative where it stores or dissipates.
+    """
+
+    value: Array
+    power: Array
+
+
+def _load_by_name(top: Topology, found: Parts, v: Array, name: str, seen: np.ndarray) -> Load:
+    """Return a load of poses ``(P, …)`` by name; the user's system has the coordinates that are `seen`."""
+    owner = find(top.names, name, (Thing.FORCE, Thing.FRICTION))
+    if owner is None:
+        known = [*top.names[Thing.FORCE], *top.names[Thing.FRICTION]]
+        hint = nearest(name, known) if known else "it has no springs, dampers, forces or frictions"
+        raise InputError(f"{top.name!r} has no load {name!r}; {hint}")
+    plain = top.names[owner.thing][owner.number]
+    blocks = [b for b, block in enumerate(top.loads.forces) if plain in block.names]
+    if owner.thing is not Thing.FRICTION and blocks:
+        return _load_of_kind(top, found, v, blocks[0], top.loads.forces[blocks[0]].names.index(plain), seen)
+    at: Any = seen
+    if owner.thing is Thing.FRICTION:
+        force = sum(found.friction[[index.name for index in top.loads.friction].index(plain)], v * 0.0)
+    else:
+        number = [f.name for f in top.loads.functions].index(plain)
+        function, force = top.loads.functions[number], found.functions[number]
+        if function.acts == "effort":
+            at = function.at
+        elif function.acts == "force":
+            at = slice(function.at * top.dim, (function.at + 1) * top.dim)
+    return Load(force[:, at], (force * v).sum(-1))
+
+
+def _load_of_kind(top: Topology, found: Parts, v: Array, b: int, i: int, seen: np.ndarray) -> Load:
+    block = top.loads.forces[b]
+    kind, at, force = block.kind, force_variables(top, b)[i], found.loads[b][:, i]
+    takes = kind.points, kind.vectors, kind.scalars
+    if takes == (0, 0, 1):
+        value = force[:, 0]
+    elif takes == (1, 0, 0):
+        value = force
+    elif takes == (2, 0, 0):
+        points = spread(top, found.q)[0]
+        start, end = block.points[i]
+        along = points[:, end] - points[:, start]
+        first, second = force[:, : top.dim], force[:, top.dim :]
+        if kind == COUPLE:
+            value = cross(along, second)
+        else:
+            value = 0.5 * jax.vmap(lambda f, d: ratio(dot(f, d), norm(d)))(first - second, along)
+    else:
+        value = jnp.zeros_like(v).at[:, at].add(force)[:, seen]
+    return Load(value, (force * v[:, at]).sum(-1))
+
+
+def _loads_on(top: Topology, coordinate: str) -> list[str]:
+    """Name the actuators, then the springs, dampers and stops, that act on a coordinate."""
+    at = top.position.get(coordinate)
+    found = [
+        (block.kind != EFFORT, name)
+        for block in top.loads.forces
+        for name, scalars in zip(block.names, block.scalars, strict=True)
+        if at in scalars
+    ]
+    found += [(False, f.name) for f in top.loads.functions if f.acts == "effort" and f.at == at]
+    return [name for _, name in sorted(found, key=lambda entry: entry[0])]
+
+
+def _row_names(top: Topology) -> list[str]:
+    """Name all rows that have multipliers, rows on velocities last, each name once."""
+    names = [*top.rows, *top.rate_rows]
+    often = Counter(names)
+    return [f"{name} (row {k + 1})" if often[name] > 1 else name for k, name in enumerate(names)]
+
+
 R = TypeVar("R")
 _OTHERS = (Thing.RELATION, Thing.CONSTRAINT, Thing.COORDINATE)
-"""What `Reactions.joint` is asked for where no joint has the name."""
+"""Things whose wrench `Reactions.joint` returns where no joint has the name."""
 
 
-def _in_one(f: Callable[..., R]) -> Callable[..., R]:
+def _in_one_program(f: Callable[..., R]) -> Callable[..., R]:
     """Compile a method's small steps as one program where numbers are traced; known ones are NumPy's."""
     compiled = filter_jit(f)
 
     @functools.wraps(f)
-    def call(self: Any, *args: Any) -> R:
-        return (f if known(self) else compiled)(self, *args)
+    def call(self: Any, *args: Any, **named: Any) -> R:
+        return (f if is_concrete(self) else compiled)(self, *args, **named)
 
     return call
+
+
+def all_parts(system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
+    """Evaluate `Parts` of poses ``(P, …)``, with the frictions that belong to their multipliers."""
+    return _all_parts(system, dyn, body_masses(system), t, q, v, a, lam)
+
+
+@filter_jit
+def _all_parts(
+    system: System, dyn: Dynamics, masses: Masses, t: Array, q: Array, v: Array, a: Array, lam: Array
+) -> Parts:
+    def one(t, q, v, a, lam):
+        found = pose_parts(system, dyn, t, q, v, a, lam, masses)
+        return found._replace(friction=tuple(frictions(dyn, q, v, a, lam, None, t)))
+
+    return jax.vmap(one)(t, q, v, a, lam)
 
 
 @public
@@ -86,15 +200,16 @@ class Reactions:
         Raises:
             InputError: an unknown body or point.
         """
-        return self._listed(self._ledger(), _number(extended(self.motion.system).topology, body), about, frame)
+        return self._name_wrenches(self._ledger(), _number(extended(self.motion.system).topology, body), about, frame)
 
     def all(self) -> dict[str, dict[str, Wrench]]:
-        """What `on` gives of every body, about the centre of mass of each."""
+        """All wrenches on every body, as `on` returns them, about the centre of mass of each."""
         ledger = self._ledger()
-        return {body.name: self._listed(ledger, b, None, None) for b, body in enumerate(ledger.top.bodies)}
+        return {body.name: self._name_wrenches(ledger, b, None, None) for b, body in enumerate(ledger.top.bodies)}
 
+    @_in_one_program
     def at(self, point: str, on: str, frame: str | None = None) -> Wrench:
-        """What passes into a body where it holds a point (and the vectors that it shares there).
+        """The wrench that passes into a body where it holds a point (and the vectors that it shares there).
 
         Args:
             point: a point of the body. Where it shares further points or vectors with the same neighbours, as along a
@@ -115,15 +230,12 @@ class Reactions:
         if point not in top.points or top.points.index(point) not in top.bodies[b].points:
             names = [top.points[p] for p in top.bodies[b].points]
             raise InputError(f"body {on!r} has no point {point!r}; {nearest(point, names)}")
-        return self._at(b, top.points.index(point), frame)
+        ledger, p = self._ledger(), top.points.index(point)
+        return self._in_frame(self._move_to(ledger.at(b, p), ledger.points[..., p, :]), frame)
 
-    @_in_one
-    def _at(self, b: int, p: int, frame: str | None) -> Wrench:
-        ledger = self._ledger()
-        return self._framed(self._reduced(ledger.at(b, p), ledger.points[..., p, :]), frame)
-
+    @_in_one_program
     def joint(self, name: str, on: str, about: str | None = None, frame: str | None = None) -> Wrench:
-        """What a joint that writes rows does to a body, with all that belongs to it: one wrench for a physical joint.
+        """The wrench of a joint that writes rows on a body, with all that belongs to it: one for a physical joint.
 
         Of a gear it is the force at the pitch point, of a rolling disc that at the contact.
 
@@ -148,51 +260,41 @@ class Reactions:
         if owner is None:
             hint = nearest(name, [top.called(o) for o in writing])
             raise InputError(f"{top.name!r} has no joint {name!r} that writes rows; {hint}")
-        return self._joint(b, owner, top.bodies[b].points[0] if about is None else _point(top, about), frame)
-
-    @_in_one
-    def _joint(self, b: int, owner: Owner, first: int, frame: str | None) -> Wrench:
-        ledger = self._ledger()
-        wrench = ledger.wrenches[b].get((owner.thing.noun, ledger.top.called(owner)))
+        ledger, first = self._ledger(), top.bodies[b].points[0] if about is None else _point(top, about)
+        wrench = ledger.wrenches[b].get((owner.thing.noun, top.called(owner)))
         if wrench is None:
-            wrench = ledger.pressed(b, owner)
-        return self._framed(self._reduced(wrench, ledger.points[..., first, :]), frame)
+            wrench = ledger.press_on(b, owner)
+        return self._in_frame(self._move_to(wrench, ledger.points[..., first, :]), frame)
 
+    @_in_one_program
     def support(self, point: str) -> Array:
         """Force of the ground on a point in its fixed coordinates, ``(..., dim)``; zero in the others."""
-        return self._support(_point(extended(self.motion.system).topology, point))
-
-    @_in_one
-    def _support(self, p: int) -> Array:
         top = extended(self.motion.system).topology
+        p = _point(top, point)
         at = slice(p * top.dim, (p + 1) * top.dim)
         fixed = np.array(top.fixed[at])
         whole = self._whole()[..., at]
         elsewhere = jnp.reshape(self._ledger().grounded.get(p, 0.0) + whole.reshape(-1, top.dim) * 0.0, whole.shape)
         return jnp.where(fixed, whole - elsewhere, 0.0)
 
+    @_in_one_program
     def load(self, name: str) -> Load:
-        """What a spring, damper, stop, force, torque or friction does, by its name: a spring's tension, its power.
+        """The effect of a spring, damper, stop, force, torque or friction by its name: a spring's tension, its power.
 
         Args:
             name: as it was given when it was added; where a friction is called as a force, ``"friction rub"`` or
                 ``"force rub"``.
 
         Returns:
-            Its value, N or N m (what it means for which load: `jaxnc.dynamics.exerted.Load`), and the power that it
+            Its value, N or N m (what it means for which load: `jaxnc.dynamics.reactions.Load`), and the power that it
             gives to the mechanism, W ``(...,)``.
 
         Raises:
             InputError: there is none of this name, or a force and a friction have it.
         """
-        return self._load(name)
-
-    @_in_one
-    def _load(self, name: str) -> Load:
-        dyn, t, _, v, _ = self._states()
-        seen = shown(self.motion.system.topology)
-        found = load_of(dyn.topology, self._parts(), v.reshape(t.size, v.shape[-1]), name, seen)
-        return Load(*(x.reshape((*t.shape, *x.shape[1:])) for x in found))
+        dyn, _, _, v, *_ = self._flat()
+        found = _load_by_name(dyn.topology, self._parts(), v, name, shown_places(self.motion.system.topology))
+        return Load(*(x.reshape((*self.motion.status.shape, *x.shape[1:])) for x in found))
 
     def effort(self, name: str) -> Array:
         """Effort of the input on a driven or held coordinate: a torque on an angle, the thrust of a leg, ``(...,)``.
@@ -204,7 +306,7 @@ class Reactions:
         names = (*self.motion.driven, *self.motion.held)
         if name not in names:
             top = self.motion.system.topology
-            if loads := loads_on(top, name):
+            if loads := _loads_on(top, name):
                 many = f"the loads {', '.join(map(repr, loads))} act" if loads[1:] else f"the load {loads[0]!r} acts"
                 raise InputError(
                     f"{name!r} is not driven in this motion; {many} on it: reactions.load({loads[0]!r}).value is its "
@@ -241,7 +343,7 @@ class Reactions:
                 hint = nearest(of, [top.called(o) for o in writing])
                 raise InputError(f"{top.name!r}: nothing that writes rows is called {of!r}; {hint}")
             chosen = [k for k, those in enumerate(owners) if owner in those]
-        names = named_rows(top)
+        names = _row_names(top)
         return {names[k]: self.multipliers[..., k] for k in chosen}
 
     def unique(self) -> dict[str, bool]:
@@ -266,11 +368,11 @@ class Reactions:
         # Self-stress: multipliers that put no force on what moves. A reaction is unique if none of them reaches it.
         stress = np.zeros((left.shape[1] - rank, len(top.rows) + len(top.rate_rows)))
         stress[:, view.rows] = left[:, rank:].T
-        reached = _reached(self, dyn, view, q, stress)
+        reached = _stress_reaches(self, dyn, view, q, stress)
         largest = max((float(np.abs(x).max(initial=0.0)) for x in reached.values()), default=0.0)
         return {name: bool(np.abs(x).max(initial=0.0) <= 1e-8 * max(largest, 1e-6)) for name, x in reached.items()}
 
-    # -- inside -------------------------------------------------------------------------------------------------
+    # -- inside ---------------------------------------------------------------------------------------------------
 
     @property
     def _q(self) -> Array:
@@ -279,43 +381,45 @@ class Reactions:
     def _states(self) -> tuple[Dynamics, Any, Any, Any, Any]:
         return states_of(self.motion)
 
+    def _flat(self) -> tuple[Dynamics, Any, Any, Any, Any, Any]:
+        """Return equations of motion, and times, states and multipliers of all poses, one after another."""
+        dyn, t, *states = self._states()
+        q, v, a, lam = (x.reshape(t.size, x.shape[-1]) for x in (*states, self.multipliers))
+        return dyn, t.reshape(-1), q, v, a, lam
+
     def _parts(self) -> Parts:
-        dyn, t, q, v, a = self._states()
-        flat = [x.reshape(t.size, x.shape[-1]) for x in (q, v, a, self.multipliers)]
-        return all_parts(extended(self.motion.system), dyn, t.reshape(-1), *flat)
+        return all_parts(extended(self.motion.system), *self._flat())
 
     def _ledger(self) -> Ledger:
         """All wrenches of all poses, one after another."""
-        dyn, t, q, *_ = self._states()
+        dyn, _, q, *_ = self._flat()
         found = self._parts()
         at = [dyn.topology.position[name] for name in (*self.motion.driven, *self.motion.held)]
         at = [c for c in at if c < len(dyn.topology.coordinates) - len(dyn.topology.scalars)]
-        whole = self._whole().reshape(t.size, q.shape[-1]) if at else q
+        whole = self._whole().reshape(q.shape) if at else q
         efforts = {c: whole[:, c] for c in at}  # of angles and distances they are in their rows
         if not any(isinstance(x, Tracer) for x in jax.tree.leaves((found, efforts))):
             found, efforts = jax.tree.map(np.asarray, (found, efforts))
         return Ledger(dyn.topology, found, efforts)
 
-    def _listed(self, ledger: Ledger, b: int, about: str | None, frame: str | None) -> dict[str, Wrench]:
+    def _name_wrenches(self, ledger: Ledger, b: int, about: str | None, frame: str | None) -> dict[str, Wrench]:
         place = ledger.centre(b) if about is None else ledger.points[..., _point(ledger.top, about), :]
         return {
-            " ".join(key).strip(): self._framed(self._reduced(wrench, place), frame)
+            " ".join(key).strip(): self._in_frame(self._move_to(wrench, place), frame)
             for key, wrench in ledger.wrenches[b].items()
         }
 
-    def _reduced(self, wrench: tuple[Any, Any], place: Any) -> Wrench:
-        """A wrench about the origin as one about places ``(P, dim)``, in the shape of the motion."""
+    def _move_to(self, wrench: tuple[Any, Any], place: Any) -> Wrench:
+        """Return a wrench about the origin as one about places ``(P, dim)``, in the shape of the motion."""
         force, moment = wrench[0], wrench[1] - cross(place, wrench[0])
         lead = self.motion.q.shape[:-1]
         return Wrench(*(jnp.asarray(x.reshape((*lead, *x.shape[1:]))) for x in (force, moment)))
 
     def _whole(self) -> Array:
-        """What holds the fixed coordinates: M q̈ + Φ_qᵀ λ - Q."""
-        dyn, t, q, v, a = self._states()
-        flat = [x.reshape(t.size, x.shape[-1]) for x in (q, v, a, self.multipliers)]
-        return _open(dyn, t.reshape(-1), *flat).reshape(q.shape)
+        """Return what holds the fixed coordinates: M q̈ + Φ_qᵀ λ - Q."""
+        return _open_forces(*self._flat()).reshape((*self.motion.status.shape, -1))
 
-    def _framed(self, wrench: Wrench, frame: str | None) -> Wrench:
+    def _in_frame(self, wrench: Wrench, frame: str | None) -> Wrench:
         if frame is None:
             return wrench
         inner = extended(self.motion.system)
@@ -328,15 +432,13 @@ class Reactions:
 
 
 @filter_jit
-def _open(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
-    """What rows and known forces leave open on all coordinates of poses ``(P, N)``."""
-    return jax.vmap(lambda t, q, v, a, lam: left_open(dyn, t, q, v, a, lam))(t, q, v, a, lam)
+def _open_forces(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
+    """Evaluate `open_forces` of poses ``(P, N)``."""
+    return jax.vmap(lambda t, q, v, a, lam: open_forces(dyn, t, q, v, a, lam))(t, q, v, a, lam)
 
 
-def left_open(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
-    """The same of one pose: the efforts of inputs, and what holds the fixed coordinates."""
-    from jaxnc.dynamics.friction import friction_forces, has_friction
-
+def open_forces(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
+    """Return what rows and known forces leave open in one pose: efforts of inputs, and what holds the ground."""
     top = dyn.topology
     out = dyn.mass @ a + row_forces(dyn.eq, np.arange(len(top.rows)), q, lam) - forces(dyn, t, q, v)
     if top.rates:
@@ -344,8 +446,8 @@ def left_open(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array)
     return out - friction_forces(dyn, q, v, a, lam, None, t) if has_friction(dyn) else out
 
 
-def _reached(found: Reactions, dyn: Dynamics, view: Any, q: Array, stress: np.ndarray) -> dict[str, np.ndarray]:
-    """What multipliers ``(k, rows)`` alone put on joints, supports and inputs, by the names of `Reactions.unique`."""
+def _stress_reaches(found: Reactions, dyn: Dynamics, view: Any, q: Array, stress: np.ndarray) -> dict[str, np.ndarray]:
+    """Return what multipliers ``(k, rows)`` alone put on joints, supports and inputs, named as by `unique`."""
     top, count = dyn.topology, len(stress) + 1
     rest = jnp.zeros((count, len(q)))
     lam = jnp.concatenate([stress, jnp.zeros((1, stress.shape[1]))])
@@ -355,14 +457,14 @@ def _reached(found: Reactions, dyn: Dynamics, view: Any, q: Array, stress: np.nd
     for b, body in enumerate(top.bodies):
         for p in body.points:
             passing = ledger.through(b, p)
-            if passing is None or not (len(sides.holders(top)[p]) > 1):
+            if passing is None or not (len(item_holders(top)[p]) > 1):
                 continue
             force, moment = ledger.wrenches[b][passing[0]]
             moment = moment - cross(ledger.points[:, p], force)
             wrench = np.concatenate([force, moment.reshape(count, -1)], axis=1)
             out.append((None, f"{top.points[p]} on {body.name}", wrench[:-1] - wrench[-1]))
     for j, joint in enumerate(top.joints):
-        at = sides.rows(top, j)
+        at = joint_rows(top, j)
         if len(at):
             pull = jax.vmap(lambda x, at=at: row_forces(dyn.eq, at, q, x))(jnp.asarray(stress))
             out.append((joint.owner, "", np.asarray(pull)))
@@ -379,34 +481,8 @@ def _reached(found: Reactions, dyn: Dynamics, view: Any, q: Array, stress: np.nd
     return {name: force for name, (_, _, force) in zip(names, out, strict=True)}
 
 
-@public
-def reactions(motion: Any) -> Reactions:
-    """The reactions in the joints of a simulation, or of a motion that its inputs drive.
-
-    Args:
-        motion: a simulation, a motion with rates (its inputs then take the efforts that it needs), or the result of
-            `jaxnc.inverse_dynamics`.
-
-    Returns:
-        The reactions; ``.at("B", on="coupler")`` is the wrench on a body at a shared point.
-    """
-    from jaxnc.dynamics.inverse import InverseDynamics, inverse_dynamics
-    from jaxnc.dynamics.simulation import Simulation
-
-    refuse_fork()
-    if isinstance(motion, Reactions):
-        return motion
-    if isinstance(motion, InverseDynamics):
-        return motion.reactions
-    if isinstance(motion, Simulation) and motion.multipliers is not None:
-        return held(motion, motion.multipliers)
-    if not isinstance(motion, Motion):
-        raise InputError(f"reactions() takes a simulation, or a motion with rates, got {type(motion).__name__}")
-    return inverse_dynamics(motion.system, motion).reactions
-
-
-def held(motion: Motion, multipliers: Array) -> Reactions:
-    """The reactions of a motion with its multipliers, with the efforts that its inputs then take."""
+def motion_reactions(motion: Motion, multipliers: Array) -> Reactions:
+    """Return the reactions of a motion with its multipliers, with the efforts that its inputs then take."""
     found = Reactions(motion, multipliers, jnp.zeros((*motion.status.shape, len(motion.driven) + len(motion.held))))
     if not found.efforts.size:
         return found
@@ -417,32 +493,18 @@ def held(motion: Motion, multipliers: Array) -> Reactions:
 
 
 def states_of(motion: Motion) -> tuple[Dynamics, Any, Any, Any, Any]:
-    """Equations of motion, times, and poses, rates and accelerations in the coordinates of the dynamics.
+    """Return equations of motion, times, and poses, rates and accelerations in the coordinates of the dynamics.
 
     The latter are NumPy's where they are known.
     """
     system = motion.system
-    top, dyn = system.topology, dynamics(extended(system))
     t = np.zeros(motion.status.shape) if motion.time is None else motion.time
     given: Any = motion.q, motion.rates[0], motion.rates[1]
-    if host := known(given):
+    if is_concrete(given):
         given = tuple(map(np.asarray, given))
-    if top.extended is None:
-        return dyn, t, *given
-    flat = [x.reshape(-1, x.shape[-1]) for x in given]
-    found = lifted(top, *flat) if host else _lifted(top, *flat)
-    q, v, a = (x.reshape(*given[0].shape[:-1], x.shape[-1]) for x in found)
-    return dyn, t, q, v, a
-
-
-@functools.partial(jit, static_argnums=0)
-def _lifted(top: Topology, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-    """As `jaxnc.dynamics.extended.lifted`, of numbers that are traced."""
-
-    def rates(q, v):
-        return lift_rates(top, q, v)
-
-    return jax.vmap(lambda q, v, a: (lift(top, q), rates(q, v), jax.jvp(rates, (q, v), (v, a))[1]))(q, v, a)
+    flat = (x.reshape(-1, x.shape[-1]) for x in given)
+    q, v, a = (x.reshape(*given[0].shape[:-1], x.shape[-1]) for x in lift_states(system.topology, *flat))
+    return dynamics(extended(system)), t, q, v, a
 
 
 def _number(top: Topology, name: str) -> int:
@@ -456,3 +518,62 @@ def _point(top: Topology, name: str) -> int:
     if name not in top.points:
         raise InputError(f"{top.name!r} has no point {name!r}; {nearest(name, top.points)}")
     return top.points.index(name)
+
+
+KINDS = ("weight", "applied", "reaction")
+"""Forces that are drawn: gravity; springs, dampers, stops and loads; what joints and the ground do."""
+
+
+def nodal_forces(found: Reactions) -> dict[str, tuple[Array, Array]]:
+    """Return where forces act in the poses of a motion with rates, and how large they are, N.
+
+    Args:
+        found: the reactions of a simulation, or of a motion that carries rates.
+
+    Returns:
+        By kind, places and forces, each ``(..., arrows, dim)``. A weight acts at the centre of mass, what is applied at
+        the points. A reaction is that of the ground on a fixed point, and where bodies share a point, what the first of
+        them feels; joints that write rows of their own, and efforts on angles, have none.
+    """
+    motion = found.motion
+    dyn, t, q, v, _ = found._states()
+    top = dyn.topology
+    count = len(motion.system.topology.points)
+    places = spread(top, q)[0][..., :count, :]
+    applied = _apply_loads(dyn, t.reshape(-1), *(x.reshape(-1, q.shape[-1]) for x in (q, v))).reshape(q.shape)
+    centres, weights = [], []
+    for at, _, first, masses in inertias(extended(motion.system)):
+        moments = jnp.einsum("...bk,bdk->...bd", q[..., at], first)
+        heavy = masses > 0
+        centres.append(jnp.where(heavy[:, None], moments / jnp.where(heavy, masses, 1.0)[:, None], 0.0))
+        weights.append(jnp.broadcast_to(masses[:, None] * dyn.gravity, centres[-1].shape))
+    shared = _shared_points(found)
+    held = [
+        found.support(top.points[point]) if on is None else found.at(top.points[point], on).force
+        for point, on in shared.items()
+    ]
+    return {
+        "weight": (jnp.concatenate(centres, axis=-2), jnp.concatenate(weights, axis=-2)),
+        "applied": (places, spread(top, applied)[0][..., :count, :]),
+        "reaction": (places[..., list(shared), :], jnp.stack([*held, places[..., 0, :] * 0.0], axis=-2)[..., :-1, :]),
+    }
+
+
+@filter_jit
+def _apply_loads(dyn: Dynamics, t: Array, q: Array, v: Array) -> Array:
+    """Return what springs, dampers, stops and loads put on all coordinates of poses ``(P, N)``."""
+    return jax.vmap(lambda t, q, v: forces(dyn, t, q, v) - dyn.gravity @ dyn.moments)(t, q, v)
+
+
+def _shared_points(found: Reactions) -> dict[int, str | None]:
+    """Return points that bodies share, with the first of them, and fixed points that a body holds, with None."""
+    top = found.motion.system.topology
+    out: dict[int, str | None] = {}
+    for p in range(len(top.points)):
+        holders = [b.name for b in top.bodies if p in b.points]
+        fixed = np.array(top.fixed[p * top.dim : (p + 1) * top.dim])
+        if holders and fixed.any():
+            out[p] = None
+        elif len(holders) > 1:
+            out[p] = holders[0]
+    return out

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -13,20 +14,15 @@ from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from jaxnc.asking import ask, real
 from jaxnc.calls import public
-from jaxnc.compiling import filter_jit, on_device
-from jaxnc.dynamics import runs, steppers
-from jaxnc.dynamics.asked import Asked, Numbers, flow_of, without_names
-from jaxnc.dynamics.derivatives import simulated
-from jaxnc.dynamics.extended import known, lift, lift_rates
+from jaxnc.dynamics.derivative import differentiable_run, run_known
+from jaxnc.dynamics.extended import is_concrete, lift, lift_rates
 from jaxnc.dynamics.flow import Flow
-from jaxnc.dynamics.indeterminate import check_count, check_inertia, check_inputs
-from jaxnc.dynamics.initial import Rates, given_rates, pose_of, rates_on_host, start_numbers, start_rates
 from jaxnc.dynamics.integrate import Control
-from jaxnc.dynamics.model import blame_force, check_loads, check_mass
-from jaxnc.dynamics.parts import watched
-from jaxnc.dynamics.runs import Run
+from jaxnc.dynamics.model import State, blame_force, check_loads, check_mass
+from jaxnc.dynamics.runs import RunNumbers, SimulationSpec, run_in_parts
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.dynamics.state import State
+from jaxnc.dynamics.start import assemble_pose, check_count, check_inertia, check_inputs, check_rates, check_start
+from jaxnc.dynamics.steps import count_steps
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
 from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside, positive, whole
@@ -37,8 +33,8 @@ from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
-ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
-FIXED = ("rk4", "baumgarte", "null space", "augmented lagrangian", "generalised alpha")
+ADAPTIVE = ("dopri8", "kvaerno5")
+FIXED = ("rk4", "generalised alpha")
 
 
 @public
@@ -69,8 +65,8 @@ def simulate(
             many coordinates as there are freedoms; places to start near to. The assembled drawing if not given. A
             simulation's last pose resumes it.
         rates: rates at the start by name, of coordinates, points or vectors; at rest if not given.
-        method: adaptive ``"dopri8"``, ``"dopri5"``, ``"tsit5"``, ``"kvaerno5"`` (implicit, stiff); of fixed step
-            ``"rk4"``, ``"baumgarte"``, ``"null space"``, ``"augmented lagrangian"``, ``"generalised alpha"``.
+        method: adaptive ``"dopri8"``, ``"kvaerno5"`` (implicit, for stiff forces); of fixed step ``"rk4"``,
+            ``"generalised alpha"`` (implicit, for stiff mechanisms).
         inputs: coordinates that follow functions of time; the forces that this takes are left to the constraints.
         step: longest step of a method of fixed step, s; one step between two times if not given.
         rtol: relative tolerance of an adaptive step.
@@ -126,111 +122,57 @@ def simulate(
     fixed = method not in ADAPTIVE
     if fixed:
         _check_fixed(system, method, event, t, step)
-    given = start_numbers(system, state)
-    wanted = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
+    given = check_start(system, state)
+    wanted = check_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
     places, wanted = wanted if isinstance(wanted, tuple) else (None, wanted)
-    n = steppers.count(np.asarray(t), step) if fixed else 0
-    drives, more = hoist_drives(tuple((inputs or {}).items()))
-    event, event_parameters = _hoisted_event(system, _event(event), event_parameters)
-    numbers = Numbers(
-        system.parameters, given, wanted, t, event_parameters, more,
-        Control(rtol, atol, 0.0 if first is None else first, most, n),
+    drives, drive_args = hoist_drives(tuple((inputs or {}).items()))
+    event, event_parameters = _hoist_event(system, _three_arguments(event), event_parameters)
+    control = Control(
+        rtol, atol, 0.0 if first is None else first, most, count_steps(np.asarray(t), step) if fixed else 0
+    )
+    numbers = RunNumbers(system.parameters, given, wanted, t, event_parameters, drive_args, control)
+    spec = SimulationSpec(
+        system.topology, system.degrees_of_freedom, system.independent, method, drives, singular, control.equal, event,
+        places,
     )  # fmt: skip
-    asked = Asked(
-        system.topology, system.degrees_of_freedom, system.independent, method, drives, singular, n, event, places
-    )
-    free = known(system, numbers) and outermost()
-    if free:
+    known = is_concrete(system, numbers) and outermost()
+    if known:
         _check_drives(drives, t)
-        flow = flow_of(asked, system)
-        begin = pose_of(system, given)
-        if given is None and drives and len(drives) == system.degrees_of_freedom:
-            # Nothing else to find: the drawing's branch is followed to there, if it leads there.
-            ends = {name: np.asarray(f(jnp.asarray(t[0]))) for name, f in drives}
-            found = solve_position(system, ends, throw=False)
-            begin = begin if int(found.status) else found.q
-        numbers = numbers._replace(state=begin)
-        check_inputs(flow, lift(system.topology, np.asarray(numbers.state)))
-        check_inertia(flow, lift(system.topology, np.asarray(numbers.state)))
-        run = watched(functools.partial(_known, flow=flow), asked.nameless(), numbers, system.topology.name)
-        found = run.smooth | run.other
+        flow = spec.flow(system)
+        numbers = numbers._replace(state=_known_start(system, given, drives, t))
+        begin = lift(system.topology, np.asarray(numbers.state))
+        check_inputs(flow, begin)
+        check_inertia(flow, begin)
+        run = functools.partial(run_known, flow=flow)
+        fields = run_in_parts(run, spec.without_names(), numbers, system.topology.name)
     else:
-        found = simulated(asked if isinstance(given, dict) else asked.nameless(), numbers, _known)
+        fields = differentiable_run(spec if isinstance(given, dict) else spec.without_names(), numbers)
     made = Simulation(
-        system=system, driven=tuple(name for name, _ in drives), held=(), conditioning=None, time=t, **found
+        system=system, driven=tuple(name for name, _ in drives), held=(), conditioning=None, time=t, **fields
     )
-    if free if throw is None else throw:
+    if known if throw is None else throw:
         outside(made.status, "throw=True")
-        _raise(flow_of(asked, system), made, method)
+        _check_reached(spec.flow(system), made, method)
     return made
 
 
-def _known(asked: Asked, numbers: Numbers, flow: Flow | None = None) -> Run:
-    """A run of known numbers; with its motion where that is at hand."""
-    system = asked.system(numbers.parameters)
-    top, method, t = asked.topology, asked.method, np.asarray(numbers.t)
-    found = without_names(flow_of(asked, system) if flow is None else flow, asked)
-    found = dataclasses.replace(found, more=numbers.more)
-    given = np.asarray(pose_of(system, numbers.state, throw=False))
-    start = _start(system, found, given, asked.places, numbers.rates)
-    motion, count = (found, runs.written_out(found, asked.degrees_of_freedom, method)), len(t)
-    control = Control(*map(np.asarray, numbers.control))
-    if method in FIXED and method != "rk4":
-        run = runs.equal(top, motion, method, t, start, asked.steps)
-    else:
-        run = runs.controlled(top, motion, method, _padded(t), start, control, asked.event, numbers.event)
-    smooth, other = (x | _cut({k: v for k, v in x.items() if k not in _WHOLE}, count) for x in (run.smooth, run.other))
-    kept = run.kept if flow is not None or run.kept is None else _cut(run.kept, count)
-    return Run(smooth, other, run.start, kept)
-
-
-def _padded(t: np.ndarray) -> np.ndarray:
-    """Times with the last one repeated, so that few numbers of times are compiled for: a power of two, and one."""
-    count = 1 + 2 ** int(np.ceil(np.log2(len(t) - 1)))
-    return np.concatenate([t, np.full(count - len(t), t[-1])])
-
-
-_WHOLE = ("violation", "correction", "steps", "end")
-"""Fields of a run that are not of each time."""
-
-
-def _cut(tree: Any, count: int) -> Any:
-    """What is of all times, without what was padded."""
-    return on_device(jax.tree.map(lambda x: np.asarray(x)[:count], tree))
-
-
-def _start(system: System, flow: Flow, given: Any, places: tuple[int, ...] | None, rates: Any) -> runs.Start:
-    """Where it begins: rates by name are made consistent here, all else by the first steps."""
-    top = system.topology
-    q = lift(top, given)
-    if rates is None:
-        return runs.Start(q, None, None, None)
-    if places is None:
-        return runs.Start(q, lift_rates(top, given, rates), None, None)
-    if not flow.drives and not top.rates:
-        v = rates_on_host(system, flow, given, (places, rates))
-    else:
-        v = _named(system, flow, q, (places, rates))
-    return runs.Start(q, v, places, rates)
-
-
-@filter_jit
-def _named(system: System, flow: Flow, q: Array, rates: Rates) -> Array:
-    q, _ = flow.impose(jnp.zeros(()), q, q)
-    return start_rates(system.topology, flow, flow.project_position(q, 3 if flow.drives else 2), rates)[0]
+def _known_start(system: System, given: Any, drives: tuple[tuple[str, Callable], ...], t: Any) -> Any:
+    """Find the start of known numbers; where all freedoms are driven, follow the drawing's branch to the drives."""
+    begin = assemble_pose(system, given)
+    if given is not None or not drives or len(drives) != system.degrees_of_freedom:
+        return begin
+    found = solve_position(system, {name: np.asarray(f(jnp.asarray(t[0]))) for name, f in drives}, throw=False)
+    return begin if int(found.status) else found.q
 
 
 def _check_fixed(system: System, method: str, event: Callable | None, t: Any, step: float | None) -> None:
     """Refuse what methods of fixed step cannot do."""
     if event is not None:
         raise InputError(f"event= works with the adaptive methods, not with {method!r}; {', '.join(ADAPTIVE)}")
-    rubbing = ", ".join(repr(f.name) for f in system.topology.loads.friction)
-    if rubbing and method not in ("rk4", "baumgarte"):
-        raise InputError(
-            f"method={method!r} has no friction, and {rubbing} rubs; use 'rk4', 'baumgarte' or an adaptive method"
-        )
-    if method in steppers.STEPPERS:
-        remedy = "use 'rk4', 'null space', 'baumgarte' or an adaptive method"
+    if method == "generalised alpha":
+        remedy = "use 'rk4' or an adaptive method"
+        if rubbing := ", ".join(repr(f.name) for f in system.topology.loads.friction):
+            raise InputError(f"method={method!r} has no friction, and {rubbing} rubs; {remedy}")
         refuse_rates(system.topology, f"method={method!r} works with constraints on positions", remedy)
     if isinstance(t, Tracer) and step is not None:
         raise InputError("step= needs times that are known; inside jit give times as a constant")
@@ -253,14 +195,14 @@ def _check_drives(drives: tuple[tuple[str, Callable], ...], t: Array) -> None:
 def hoist_drives(
     drives: tuple[tuple[str, Callable], ...],
 ) -> tuple[tuple[tuple[str, Callable], ...], tuple[tuple[Array, ...], ...]]:
-    """Functions of time that close over nothing that is traced, and for each what it closed over."""
-    found = [_hoisted(f, 0.0) for _, f in drives]
+    """Return functions of time that close over nothing that is traced, and for each what it closed over."""
+    found = [_hoist(f, 0.0) for _, f in drives]
     pure = tuple((name, f) for (name, _), (f, _) in zip(drives, found, strict=True))
     return pure, tuple(more for _, more in found) if any(more for _, more in found) else ()
 
 
-def _hoisted(f: Callable, *example: Any) -> tuple[Callable, tuple]:
-    """A function of a number as one that closes over nothing traced, and what more it is given then.
+def _hoist(f: Callable, *example: Any) -> tuple[Callable, tuple]:
+    """Return a function of a number as one that closes over nothing traced, and what more it is given then.
 
     `jax.closure_convert` does so for what is differentiated only; what is mapped may not stay behind either.
     """
@@ -280,48 +222,35 @@ def _hoisted(f: Callable, *example: Any) -> tuple[Callable, tuple]:
     return pure, tuple(c for c, traced in zip(found.consts, which, strict=True) if traced)
 
 
-def _hoisted_event(system: System, event: Callable | None, parameters: Any) -> tuple[Callable | None, Any]:
-    """The same of an event: what it closed over comes with its parameters."""
+def _hoist_event(system: System, event: Callable | None, parameters: Any) -> tuple[Callable | None, Any]:
+    """Return an event that closes over nothing traced; what it closed over comes with its parameters."""
     if event is None:
         return None, ()
     top = system.topology if system.topology.extended is None else system.topology.extended
     still: Any = np.zeros(len(top.coordinates))
-    pure, more = _hoisted(event, 0.0, State(top, 0.0, still, still), parameters)
+    pure, more = _hoist(event, 0.0, State(top, 0.0, still, still), parameters)
     return (lambda t, state, p: pure(t, state, p[0], *p[1]), (parameters, more)) if more else (event, parameters)
 
 
-def _event(event: Callable | None) -> Callable | None:
+def _three_arguments(event: Callable | None) -> Callable | None:
+    """Give an event of two arguments a third one."""
     if event is None:
         return None
-    import inspect
-
     try:
         wanted = len(inspect.signature(event).parameters)
     except (TypeError, ValueError):  # of what is no function of Python's
         raise InputError(f"event= is a function (t, state) or (t, state, parameters), got {brief(event)}") from None
-    return event if wanted >= 3 else _Short(event)
+    return event if wanted >= 3 else _TwoArguments(event)
 
 
-class _Short:
+@dataclasses.dataclass(frozen=True)
+class _TwoArguments:
     """An event of two arguments as one of three; equal where its function is, so that nothing is traced anew."""
 
-    def __init__(self, f: Callable):
-        self.f = f
+    f: Callable
 
-    def __call__(self, t, state, parameters):
+    def __call__(self, t: Array, state: State, parameters: Any) -> Any:
         return ask(self.f, "event=", "t, state", t, state)
-
-    def __eq__(self, other):
-        return isinstance(other, _Short) and self.f == other.f
-
-    def __hash__(self):
-        return hash(self.f)
-
-
-def _last(run: Simulation) -> tuple[Array, Array]:
-    """The last state, in the coordinates of the dynamics."""
-    top, q, v = run.system.topology, run.q[-1], run.rates[0][-1]
-    return lift(top, q), lift_rates(top, q, v)
 
 
 _STIFF = "for stiff forces method='generalised alpha' with a step="
@@ -332,13 +261,16 @@ _HINTS = {
 }
 
 
-def _raise(flow: Flow, run: Simulation, method: str) -> None:
+def _check_reached(flow: Flow, run: Simulation, method: str) -> None:
+    """Raise an error of a simulation that broke off: when, where, and why."""
     status, time = np.asarray(run.status), np.asarray(run.time)
     bad = np.flatnonzero((status != 0) & (status != int(Status.STOPPED)))
     if not len(bad):
         return
     k, end, top = max(int(bad[0]) - 1, 0), float(run.end), run.system.topology
-    blamed = next(filter(None, (blame_force(flow.dyn, jnp.asarray(x), *_last(run)) for x in (end, time[bad[0]]))), None)
+    q, v = run.q[-1], run.rates[0][-1]
+    last = lift(top, q), lift_rates(top, q, v)
+    blamed = next(filter(None, (blame_force(flow.dyn, jnp.asarray(x), *last) for x in (end, time[bad[0]]))), None)
     names = (
         top.scalars[:3] or [top.coordinates[c] for c in flow.view.unknown if top.coordinates[c] in top.position][-3:]
     )

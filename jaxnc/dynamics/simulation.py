@@ -1,5 +1,11 @@
-"""`Simulation`: a motion under forces, with its multipliers, its energy, and what the integration says of itself."""
+"""`Simulation`: a motion under forces, with its multipliers, its energy, and what the integration says of itself.
 
+Simulations are put together from parts, and taken up again from a table that was saved.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -9,13 +15,14 @@ from jax.core import Tracer
 
 from jaxnc.calls import public
 from jaxnc.compiling import on_device
-from jaxnc.dynamics.balance import EnergyBalance, energy_balance
-from jaxnc.dynamics.energy import energy
+from jaxnc.dynamics.energy import EnergyBalance, energy, energy_balance
+from jaxnc.errors import InputError, ModelFileError
 from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.status import Status
+from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
@@ -59,7 +66,7 @@ class Simulation(Motion):
         return energy_balance(self)
 
     def report(self) -> str:
-        """What the integration says of itself, in a few lines."""
+        """Report on the integration, in a few lines."""
         outside(self, "report()")
         t, status = np.asarray(self.time), np.asarray(self.status)
         bad = int(np.sum(status != 0))
@@ -70,7 +77,7 @@ class Simulation(Motion):
             made, rejected = (int(x) for x in self.steps)
             lines.append(f"  steps                 {made}" + (f" and {rejected} rejected" if rejected else ""))
         lines += [
-            *_account(self.balance),
+            *_balance_lines(self.balance),
             f"  constraints           met to {first:.3g}, their rates to {second:.3g}",
             f"  start corrected by    {pose:.3g} (pose), {rate:.3g} (rates)",
         ]
@@ -89,8 +96,8 @@ class Simulation(Motion):
             return f"Simulation({self.system.name!r}: traced)"
 
 
-def _account(found: EnergyBalance) -> list[str]:
-    """The energy balance in lines: what is stored, what came and went, and the error."""
+def _balance_lines(found: EnergyBalance) -> list[str]:
+    """Write the energy balance in lines: what is stored, what came and went, and the error."""
     last = np.flatnonzero(np.isfinite(found.error))[-1:]
     if not len(last):
         return []
@@ -103,3 +110,89 @@ def _account(found: EnergyBalance) -> list[str]:
         *([f"  work                  {', '.join(work)}"] if work else []),
         f"  energy balance        {found.sentence}",
     ]
+
+
+def join_fields(
+    parts: Sequence[Mapping[str, Any]], lengths: Sequence[int] | None = None, count: int = 0
+) -> dict[str, Any]:
+    """Join the fields of simulations, each of which begins where the one before ends.
+
+    Args:
+        parts: the fields by name.
+        lengths: how many times of each part count; all if not given.
+        count: so many times there are in the end: what was not reached holds the last state.
+    """
+
+    def together(*each: Any) -> Any:
+        ends = lengths or [len(x) for x in each]
+        whole = np.concatenate([np.asarray(x)[bool(k) : n] for k, (x, n) in enumerate(zip(each, ends, strict=True))])
+        return on_device(np.concatenate([whole, np.repeat(whole[-1:], max(count - len(whole), 0), axis=0)]))
+
+    def pairs(name: str) -> Any:
+        return zip(*(jax.tree.map(np.asarray, part[name]) for part in parts), strict=True)
+
+    names = ("poses", "rates", "asked", "status", "residual", "multipliers")
+    return {name: jax.tree.map(together, *(part[name] for part in parts)) for name in names} | {
+        "violation": tuple(on_device(np.max(x, axis=0)) for x in pairs("violation")),
+        "correction": parts[0]["correction"],
+        "steps": tuple(on_device(np.sum(x, axis=0, dtype=np.int32)) for x in pairs("steps")),
+        "end": parts[-1]["end"],
+    }
+
+
+def join(parts: Sequence[Simulation]) -> Simulation:
+    """Join simulations to one, each of which begins where the one before ends."""
+    if len(parts) == 1:
+        return parts[0]
+    names = ("rates", "asked", "status", "residual", "multipliers", "violation", "correction", "steps", "end")
+    fields = join_fields([{"poses": part.q, **{name: getattr(part, name) for name in names}} for part in parts])
+    time = np.concatenate([np.asarray(part.time)[bool(k) :] for k, part in enumerate(parts)])
+    return dataclasses.replace(parts[0], time=on_device(time), **fields)
+
+
+def load_states(system: System, path: str | Path) -> Motion:
+    """Read the states of a table that `Motion.to_npz` wrote, as far as they were reached.
+
+    Returns:
+        Poses with their rates and times; accelerations too, if the table has them. The last one resumes the motion.
+    """
+    top = system.topology
+    try:
+        with np.load(path) as table:
+            data = dict(table)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or "it is no npz file"
+        raise ModelFileError(f"{path}: no table of a simulation can be read there ({why})") from None
+    names = (*top.points, *top.vectors, *top.scalars)
+    orders = _orders(data)
+    if "time" not in data or len(orders) < 2:
+        raise InputError(f"{path}: this table carries no time or no velocities; resume from one that simulate wrote")
+    if any(f"{order}/{n}" not in data for n in names for order in orders):
+        raise InputError(f"{path}: this table is of another mechanism than {top.name!r}")
+    good = np.flatnonzero(data["status"] == 0)
+    if not len(good):
+        raise InputError(f"{path}: no time of it was reached")
+    count = len(data["status"])
+    q, *rates = (
+        jnp.asarray(np.concatenate([data[f"{order}/{n}"].reshape(count, -1) for n in names], axis=1)[good])
+        for order in orders
+    )
+    zero, residual, time = jnp.zeros(len(good)), *(jnp.asarray(data[k])[good] for k in ("residual", "time"))
+    none = jnp.zeros((len(good), 0))
+    return Motion(system, (), (), q, tuple(rates), none, zero.astype(int), residual, None, time)
+
+
+def append_run(earlier: Motion, run: Motion) -> Motion:
+    """Join an earlier motion and a run that begins where it ends."""
+    orders = min(len(earlier.rates), len(run.rates))
+    residual = None if earlier.residual is None else run.residual
+    both = (earlier, earlier.residual), (run, residual)
+    parts = [(m.q, m.rates[:orders], m.asked, m.status, size, None, m.time) for m, size in both]
+    q, rates, *rest = jax.tree.map(lambda a, b: jnp.concatenate([a, b[1:]]), *parts)
+    return Motion(run.system, run.driven, (), q, rates, *rest)
+
+
+def _orders(data: dict) -> list[str]:
+    """List the folders of the table in the order of differentiation."""
+    found = {k.split("/")[0] for k in data if "/" in k}
+    return [o for o in ("position", "velocity", "acceleration") if o in found]

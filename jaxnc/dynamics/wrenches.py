@@ -6,35 +6,280 @@ counts for the body whose point or vector it is. What f_b then has left on what 
 there: a joint, though no row stands for it. Reduced to a wrench, none of it depends on how rows inside of a body share
 their load.
 
-A relation between coordinates transmits couples. Where it is a mesh they are those of the tooth force about the
-wheels' axes, which acts at the pitch point and so on the bearings: `jaxnc.dynamics.meshes` puts it there.
+Items are points i and vectors k as ~k. A row or load names items; an item that one body alone holds is that body's. Of
+an item that several hold, a joint's sides say whose it is (the line of a slot belongs to the rocker, though its pivot
+is also the ground's). What stays open acts on the pin itself, and passes through it to each body that shares it.
+
+A relation between coordinates transmits couples. Where it is a mesh (of gears, bevel gears, a rack) they are those of
+the tooth force about the wheels' axes. The multiplier of the row alone puts a couple on each wheel and the opposite
+ones on the body that carries their bearings. A single force at the pitch point has the same couples about both axes,
+and does the same work. What it has more is held by the bearings, and passes through them to the carrier.
 """
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.compiling import filter_jit
-from jaxnc.dynamics import sides
-from jaxnc.dynamics.inertia import coordinates_of, inertias
-from jaxnc.dynamics.meshes import MESHES, mesh
+from jaxnc.dynamics.mass import inertia_coordinates, inertia_nodes, inertias
 from jaxnc.dynamics.model import Dynamics, force_values
-from jaxnc.dynamics.moments import cross, library
-from jaxnc.dynamics.sides import NOBODY, Key, key_of
 from jaxnc.forces import COUPLE
+from jaxnc.remembered import with_owner
 from jaxnc.system.equations import Equations, entries, places
 from jaxnc.system.frames import spread
-from jaxnc.system.identity import GROUND, Owner
+from jaxnc.system.identity import GROUND, Owner, Thing
+from jaxnc.system.loads import FrictionIndex
 from jaxnc.system.rates import coefficients
 from jaxnc.system.system import System
-from jaxnc.system.topology import Topology
+from jaxnc.system.topology import JointIndex, Topology
 from jaxnc.types import Array
+
+# -- vectors of poses -------------------------------------------------------------------------------------------------
+
+
+def array_library(*arrays: Any) -> Any:
+    """Return NumPy where all is known, so that reading a wrench compiles nothing; else JAX."""
+    return np if all(isinstance(a, np.ndarray) for a in arrays) else jnp
+
+
+def cross(a: Any, b: Any) -> Any:
+    """Return the moment of a force b with the arm a: ``(...,)`` in the plane, ``(..., 3)`` in space."""
+    if a.shape[-1] == 2:
+        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    parts = [a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in ((1, 2), (2, 0), (0, 1))]
+    return array_library(*parts).stack(parts, -1)
+
+
+def magnitude(x: Any) -> Any:
+    """Return the length of vectors ``(..., dim)``; zero, with derivative zero, of none."""
+    square = (x * x).sum(-1)
+    where = array_library(square).where
+    return where(square > 0, where(square > 0, square, 1.0) ** 0.5, 0.0)
+
+
+def _unit(x: Any) -> Any:
+    return x / magnitude(x)[..., None]
+
+
+# -- whose force it is: static, no numbers ----------------------------------------------------------------------------
+
+NOBODY = -2
+"""In place of a body's number: none alone."""
+
+MESHES = ("gear", "internal gear", "bevel gear", "internal bevel gear", "rack and pinion")
+_SEPARATE = (*MESHES, "cable", "relation")
+"""Joints that are something else than what their bodies share."""
+
+
+Key = tuple[str, str]
+"""Source of a wrench: its sort (``"joint"``, ``"relation"``, ``"point"``, ``"load"``, ``"coordinate"``) and name."""
+
+
+def key_of(joint: JointIndex) -> Key:
+    """Name the wrenches of a joint, relation or constraint."""
+    return joint.owner.thing.noun, joint.name
+
+
+@dataclass(frozen=True)
+class Group:
+    """Items that a body shares with the same neighbours: a pin, a hinge's point and axis, a point that is fixed."""
+
+    items: tuple[int, ...]
+    neighbours: tuple[int, ...]
+
+
+def body_items(top: Topology, body: int) -> tuple[int, ...]:
+    """List points and ~vectors of a body."""
+    found = top.bodies[body]
+    return (*found.points, *(~u for u in found.vectors))
+
+
+def instance_items(block: Any, i: int) -> tuple[int, ...]:
+    """List points and ~vectors of an instance of a constraint or force."""
+    return (*block.points[i], *(~u for u in block.vectors[i]))
+
+
+def _fixed_axes(top: Topology, item: int) -> tuple[bool, ...]:
+    first = (item if item >= 0 else len(top.points) + ~item) * top.dim
+    return top.fixed[first : first + top.dim]
+
+
+@with_owner
+def item_holders(top: Topology) -> dict[int, tuple[int, ...]]:
+    """Return the bodies that hold each item, and the ground where it is fixed."""
+    out: dict[int, list[int]] = {}
+    for b in range(len(top.bodies)):
+        for i in body_items(top, b):
+            out.setdefault(i, []).append(b)
+    for i in (*range(len(top.points)), *(~u for u in range(len(top.vectors)))):
+        if all(_fixed_axes(top, i)):
+            out.setdefault(i, []).append(GROUND)
+    return {i: tuple(found) for i, found in out.items()}
+
+
+def owner_of(top: Topology, item: int, among: tuple[int, ...] = ()) -> int:
+    """Return the body that an item acts for; NOBODY where that is open."""
+    found = item_holders(top).get(item, ())
+    if len(found) > 1:
+        found = tuple(b for b in found if b in among)
+    return found[0] if len(found) == 1 else NOBODY
+
+
+def owner_of_segment(top: Topology, segment: tuple[int, ...], others: tuple[int, ...] = ()) -> int:
+    """Return the body that a direction acts for; NOBODY where that is open.
+
+    The ground comes before others. Of several that share the direction it is the one that holds most of the other
+    items, as the axis it turns about; the first of several that share two points.
+    """
+    both = [set(item_holders(top).get(i, ())) for i in segment]
+    common = set.intersection(*both)
+    if GROUND in common:
+        return GROUND
+    near = {b: len({*body_items(top, b)} & {*others}) for b in common}
+    best = [b for b in sorted(common) if near[b] == max(near.values())]
+    return best[0] if len(best) == 1 or (best and len(segment) == 2) else NOBODY
+
+
+@with_owner
+def riding_bodies(top: Topology) -> dict[int, tuple[int, int]]:
+    """Return bodies of one point that keep the direction of a line of another, with that line."""
+    return {
+        b: body.segments[0]
+        for b, body in enumerate(top.bodies)
+        if top.dim == 2 and len(body.points) == 1 and body.segments and not set(body.segments[0]) <= {*body.points}
+    }  # pyright: ignore[reportReturnType]
+
+
+@with_owner
+def joint_sides(top: Topology) -> tuple[tuple[int, ...], ...]:
+    """Return the bodies that each joint holds together, one for each of its sides; NOBODY where that is open."""
+    out = []
+    for joint in top.joints:
+        found = []
+        for side in joint.sides:
+            both = [set(item_holders(top).get(i, ())) for i in side]
+            common = set.intersection(*both) if both else set()
+            riders = [b for b, line in riding_bodies(top).items() if b in common and set(line) <= set(joint.points)]
+            if GROUND in common:
+                found.append(GROUND)
+            elif len(riders) == 1:
+                found.append(riders[0])
+            else:
+                found.append(common.pop() if len(common) == 1 else NOBODY)
+        out.append(tuple(found))
+    return tuple(out)
+
+
+@with_owner
+def shared_groups(top: Topology, body: int) -> tuple[Group, ...]:
+    """Part the items that a body shares by neighbours; a vector belongs to the first part with a common neighbour."""
+    held = item_holders(top)
+    shared = {i: {*held[i]} - {body} for i in body_items(top, body) if len(held[i]) > 1 or any(_fixed_axes(top, i))}
+    parts: list[tuple[list[int], set[int]]] = []
+    for i in (i for i in shared if i >= 0):
+        joined = [part for part in parts if part[1] & shared[i]]
+        one = [k for part in joined for k in part[0]] + [i], shared[i].union(*(part[1] for part in joined))
+        parts = [part for part in parts if part not in joined] + [one]
+    parts.sort(key=lambda part: min(top.bodies[body].points.index(i) for i in part[0]))
+    for i in (i for i in shared if i < 0):
+        part = next((part for part in parts if part[1] & shared[i]), None)
+        if part is None:
+            parts.append(([i], shared[i]))
+        else:
+            part[0].append(i)
+    return tuple(Group(tuple(found), tuple(sorted(near))) for found, near in parts)
+
+
+@with_owner
+def slot_owners(top: Topology) -> tuple[np.ndarray, ...]:
+    """Return per block the body that each item of each instance acts for, ``(instances, points + vectors)``."""
+    makers = _makers(top)
+    out = []
+    for b, block in enumerate(top.blocks):
+        found = np.full((block.count, block.kind.points + block.kind.vectors), NOBODY)
+        for i in range(block.count):
+            among = joint_sides(top)[makers[b, i]] if (b, i) in makers else ()
+            at = instance_items(block, i)
+            found[i] = [owner_of(top, item, among) for item in at]
+            if block.kind.measure is not None:
+                for k in range(0, block.kind.points - 1, 2):
+                    one = owner_of_segment(top, at[k : k + 2], at)
+                    if one != NOBODY:
+                        found[i, k : k + 2] = one
+                for k in range(block.kind.points, len(at)):
+                    found[i, k] = owner_of_segment(top, at[k : k + 1], at)
+        out.append(found)
+    return tuple(out)
+
+
+@with_owner
+def _makers(top: Topology) -> dict[tuple[int, int], int]:
+    """Return the joint that wrote each instance, those of the coordinates that it makes included."""
+    number = {joint.owner: j for j, joint in enumerate(top.joints)}
+    out = {
+        (b, i): number[owners[0]]
+        for b, block in enumerate(top.blocks)
+        for i, owners in enumerate(block.owners)
+        if owners[0] in number
+    }
+    first = len(top.coordinates) - len(top.scalars)
+    for (b, i), j in list(out.items()):
+        if top.joints[j].type in ("rolling", "screw"):
+            out |= {top.measures[c - first]: j for c in top.blocks[b].scalars[i]}
+    return out
+
+
+def joint_instances(top: Topology, joint: int) -> list[tuple[int, int]]:
+    """List blocks and instances of a joint's own rows, without those of the coordinates that it makes."""
+    return [at for at, j in _makers(top).items() if j == joint and top.blocks[at[0]].kind.measure is None]
+
+
+def joint_rows(top: Topology, joint: int) -> np.ndarray:
+    """Return the rows that a joint writes, with those of the coordinates that it makes."""
+    found = [top.layout[b].rows[i] for (b, i), j in _makers(top).items() if j == joint]
+    return np.concatenate(found) if found else np.zeros(0, int)
+
+
+def rigid_rows(top: Topology, body: int) -> np.ndarray:
+    """Return the rows that keep a body rigid."""
+    me = Owner(Thing.BODY, body)
+    return np.flatnonzero([owners[0] == me for owners in top.row_owners])
+
+
+@with_owner
+def contact_points(top: Topology) -> dict[int, tuple[int, int, int]]:
+    """Return contacts of rolling discs that no body holds: the disc's centre, the disc, the body it rolls on."""
+    out = {}
+    for joint, (first, *rest) in zip(top.joints, (s or (NOBODY,) for s in joint_sides(top)), strict=True):
+        if joint.type == "rolling" and not item_holders(top).get(joint.sides[2][0]):
+            out[joint.sides[2][0]] = joint.sides[1][0], rest[0], first
+    return out
+
+
+def joints_between(top: Topology, first: int, second: int) -> list[int]:
+    """List joints that hold two bodies together, apart from meshes, cables and relations."""
+    pair = {first, second}
+    return [
+        j for j, joint in enumerate(top.joints) if joint.type not in _SEPARATE and pair == set(joint_sides(top)[j][:2])
+    ]
+
+
+def friction_bodies(top: Topology, index: FrictionIndex) -> tuple[int, int]:
+    """Return the two bodies that a friction acts between."""
+    if index.bodies is not None:
+        return index.bodies
+    if index.point >= 0:
+        return owner_of(top, index.point), GROUND
+    found = next(joint_sides(top)[j] for j, joint in enumerate(top.joints) if joint.owner == index.joint)
+    return found[1], found[0]
+
+
+# -- what wrenches are made of ----------------------------------------------------------------------------------------
 
 
 class Parts(NamedTuple):
-    """What the wrenches of poses are made of, everything with a leading axis of poses."""
+    """Parts of the wrenches of poses, everything with a leading axis of poses."""
 
     q: Any  # poses, (P, N)
     entries: Any  # derivatives of all rows
@@ -54,13 +299,18 @@ Masses = list[tuple[Any, Any, Any]]
 """Per group of bodies of one form: mass matrices, first moments and masses."""
 
 
-def _masses(system: System) -> Masses:
+def body_masses(system: System) -> Masses:
+    """Return masses and their moments, which do not depend on the pose."""
     return [found[1:] for found in inertias(system)]
 
 
-def _parts(system: System, dyn: Dynamics, masses: Masses, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
+def pose_parts(
+    system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array, masses: Masses | None = None
+) -> Parts:
+    """Evaluate `Parts` in one pose, without an axis of poses and without friction."""
     top = system.topology
-    at = [coordinates_of(top, group) for group in top.loads.inertias]
+    masses = body_masses(system) if masses is None else masses
+    at = [inertia_coordinates(top, group) for group in top.loads.inertias]
     loads, functions = force_values(dyn, t, q, v)
     return Parts(
         q=q,
@@ -80,34 +330,25 @@ def _parts(system: System, dyn: Dynamics, masses: Masses, t: Array, q: Array, v:
     )
 
 
-def parts(system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
-    """Everything of one pose that the wrenches are made of, with a leading axis of one; without friction."""
-    return jax.tree.map(lambda x: x[None], _parts(system, dyn, _masses(system), t, q, v, a, lam))
+def row_forces(eq: Equations, at: np.ndarray, q: Array, lam: Array) -> Array:
+    """Return Σ Φ_qᵀ λ over some rows, ``(N,)``."""
+    top = eq.topology
+    rows, columns, _ = places(top)
+    chosen = np.isin(rows, at)
+    return jnp.zeros(len(top.coordinates)).at[columns].add(jnp.where(chosen, entries(eq, q) * lam[rows], 0.0))
 
 
-def all_parts(system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
-    """The same of poses ``(P, …)``, with the frictions that belong to their multipliers."""
-    return _all_parts(system, dyn, _masses(system), t, q, v, a, lam)
-
-
-@filter_jit
-def _all_parts(
-    system: System, dyn: Dynamics, masses: Masses, t: Array, q: Array, v: Array, a: Array, lam: Array
-) -> Parts:
-    from jaxnc.dynamics.friction import frictions
-
-    def one(t, q, v, a, lam):
-        found = _parts(system, dyn, masses, t, q, v, a, lam)
-        return found._replace(friction=tuple(frictions(dyn, q, v, a, lam, None, t)))
-
-    return jax.vmap(one)(t, q, v, a, lam)
+# -- wrenches ---------------------------------------------------------------------------------------------------------
 
 
 class Ledger:
     """All wrenches of some poses, about the origin, by body and by what exerts them.
 
-    `efforts` are those of driven and held coordinates, by their index. If one body alone is asked for, and there are no
-    meshes, it is `only` that.
+    Args:
+        top: the mechanism.
+        found: what the wrenches are made of.
+        efforts: on driven and held coordinates, by their index.
+        only: the body whose wrenches are wanted, if there are no meshes; all if not given.
     """
 
     def __init__(self, top: Topology, found: Parts, efforts: dict[int, Any], only: int | None = None):
@@ -134,50 +375,50 @@ class Ledger:
                 self.coordinate(("coordinate", top.coordinates[c]), c, effort)
         self._pins()
         for j in range(len(top.joints)):
-            mesh(self, j)
+            _put_mesh(self, j)
 
-    # -- entries ------------------------------------------------------------------------------------------------
+    # -- entries --------------------------------------------------------------------------------------------------
 
     def arm(self, item: int) -> Any:
-        """Place of a point, or a vector."""
+        """Return the place of a point, or a vector."""
         return self.points[..., item, :] if item >= 0 else self.vectors[..., ~item, :]
 
-    def wanted(self, body: int) -> bool:
-        """Whether a body's wrenches are kept."""
+    def keeps(self, body: int) -> bool:
+        """Tell whether a body's wrenches are kept."""
         return body >= 0 and self.only in (None, body)
 
     def add(self, body: int, key: Key, force: Any, moment: Any) -> None:
         """Add to a body's wrench."""
-        if self.wanted(body):
+        if self.keeps(body):
             before = self.wrenches[body].get(key)
             now = (force, moment) if before is None else (before[0] + force, before[1] + moment)
             self.wrenches[body][key] = now
 
     def put(self, body: int, key: Key, item: int, force: Any, there: bool = True) -> None:
-        """A force on a point, or a couple on a vector, of a body; what is open stays with those who share the item.
+        """Put a force on a point, or a couple on a vector, of a body; an open one stays with those who share the item.
 
         Not `there` are forces that only stand for a couple.
         """
-        if self.wanted(body):
+        if self.keeps(body):
             moment = cross(self.arm(item), force)
             self.add(body, key, force if item >= 0 else force * 0.0, moment)
             self.taken[body, item] = self.taken.get((body, item), 0.0) + force
             if there and key[0] not in ("weight", "point"):
                 self.pressing.setdefault((body, item), []).append((key, force))
-        elif body == NOBODY and item in sides.contacts(self.top):
+        elif body == NOBODY and item in contact_points(self.top):
             # Where a disc touches is no place of a body: it goes with the centre, and turns with the line.
-            centre, disc, line = sides.contacts(self.top)[item]
+            centre, disc, line = contact_points(self.top)[item]
             self.put(disc, key, centre, force, there)
             moment = cross(self.arm(item) - self.arm(centre), force)
             self.add(line, key, force * 0.0, moment)
 
     def coordinate(self, key: Key, c: int, force: Any) -> None:
-        """A generalised force on one coordinate, by what the coordinate measures."""
+        """Put a generalised force on one coordinate, by what the coordinate measures."""
         top, dim = self.top, self.top.dim
         if c < self.first_scalar:
             item, axis = divmod(c, dim)
             item = item if item < len(top.points) else ~(item - len(top.points))
-            self.put(sides.whose(top, item), key, item, force[..., None] * np.eye(dim)[axis])
+            self.put(owner_of(top, item), key, item, force[..., None] * np.eye(dim)[axis])
             return
         b, i = top.measures[c - self.first_scalar]
         rows = self.rows[b][:, i]
@@ -193,16 +434,19 @@ class Ledger:
             self.grounded[item] = self.grounded.get(item, 0.0) + force
 
     def instance(self, key: Key, b: int, i: int, force: Any, there: bool = True) -> None:
-        """Forces on the points and vectors of an instance of a kind, ``(P, variables)``."""
-        block, dim = self.top.blocks[b], self.top.dim
-        at = (*block.points[i], *(~u for u in block.vectors[i]))
-        for k, (item, body) in enumerate(zip(at, sides.slots(self.top)[b][i], strict=True)):
-            self.put(int(body), key, item, force[..., k * dim : (k + 1) * dim], there)
+        """Put forces ``(P, variables)`` on the points and vectors of an instance of a constraint."""
+        for (item, f), body in zip(self.split(self.top.blocks[b], i, force), slot_owners(self.top)[b][i], strict=True):
+            self.put(int(body), key, item, f, there)
 
-    # -- what there is ------------------------------------------------------------------------------------------
+    def split(self, block: Any, i: int, force: Any) -> list[tuple[int, Any]]:
+        """Part forces on the variables of an instance ``(..., variables)`` by the items that they act on."""
+        dim = self.top.dim
+        return [(item, force[..., k * dim : (k + 1) * dim]) for k, item in enumerate(instance_items(block, i))]
+
+    # -- what there is --------------------------------------------------------------------------------------------
 
     def _local_rows(self) -> list[Any]:
-        """Per block, derivatives ``(P, instances, rows, variables)``."""
+        """Return per block the derivatives of its rows ``(P, instances, rows, variables)``."""
         out, first = [], 0
         for block, layout in zip(self.top.blocks, self.top.layout, strict=True):
             shape = (block.count, len(block.kind.rows), layout.variables.shape[1])
@@ -212,58 +456,57 @@ class Ledger:
         return out
 
     def pull(self, b: int, i: int) -> Any:
-        """What an instance's multipliers put on its variables, ``(P, variables)``: -Φ_qᵀ λ."""
+        """Return what an instance's multipliers put on its variables, ``(P, variables)``: -Φ_qᵀ λ."""
         lam = self.parts.multipliers[:, self.top.layout[b].rows[i]]
         return -(self.rows[b][:, i] * lam[..., None]).sum(-2)
 
     def _own(self) -> None:
-        """What each body's own balance leaves to others on its items: ``M q̈ + Φ_bᵀ λ``; its weight; point masses."""
+        """Find what each body's balance leaves to others, ``M q̈ + Φ_bᵀ λ``; put weights and point masses."""
         top, dim = self.top, self.top.dim
         self.left: dict[tuple[int, int], Any] = {}
         number = {body.name: b for b, body in enumerate(top.bodies)}
         for group, inertia, weight in zip(top.loads.inertias, self.parts.inertia, self.parts.weight, strict=True):
             for k, index in enumerate(group):
-                nodes = [index.origin, *(i for s in index.segments for i in s)]
-                for n, item in enumerate(nodes):
+                for n, item in enumerate(inertia_nodes(index)):
                     at = slice(n * dim, (n + 1) * dim)
                     f, w = inertia[:, k, at], weight[:, k, at]
                     if not index.body:
-                        body = sides.whose(top, item)
+                        body = owner_of(top, item)
                         self.put(body, ("load", f"mass at {top.points[item]}"), item, w - f)
                         continue
                     b = number[index.body]
                     self.left[b, item] = self.left.get((b, item), 0.0) + f
                     self.put(b, ("weight", ""), item, w)
         for b in range(len(top.bodies)) if self.only is None else [self.only]:
-            mine = set(sides.body_rows(top, b).tolist())
+            mine = set(rigid_rows(top, b).tolist())
             for n, layout in enumerate(top.layout):
                 for i in range(len(layout.rows)):
                     if mine & set(layout.rows[i].tolist()):
-                        block, pull = top.blocks[n], self.pull(n, i)
-                        for k, item in enumerate((*block.points[i], *(~u for u in block.vectors[i]))):
-                            f = pull[:, k * dim : (k + 1) * dim]
+                        for item, f in self.split(top.blocks[n], i, self.pull(n, i)):
                             self.left[b, item] = self.left.get((b, item), 0.0) - f
 
     def _measures(self) -> None:
-        """What the rows of angles and distances transmit: efforts, and what others put on them, taken out below."""
-        dim = self.top.dim
+        """Put what the rows of angles and distances transmit: efforts, and others' shares, taken out by `on_scalar`."""
         for s, (b, i) in enumerate(self.top.measures):
             pull = self.pull(b, i)
             self.instance(("coordinate", self.top.scalars[s]), b, i, pull, not self.top.angles[s])
-            for k, item in enumerate(self.top.blocks[b].points[i]):
-                if sides.slots(self.top)[b][i][k] == GROUND:
-                    self.ground(item, -pull[..., k * dim : (k + 1) * dim])
+            for (item, f), body in zip(
+                self.split(self.top.blocks[b], i, pull), slot_owners(self.top)[b][i], strict=True
+            ):
+                if body == GROUND:
+                    self.ground(item, -f)
 
     def on_scalar(self, key: Key, c: int, force: Any) -> None:
-        """What something puts on a coordinate is its own, and no effort."""
+        """Put a force on a coordinate that is what exerts it, and no effort."""
         self.coordinate(key, c, force)
         if c >= self.first_scalar:
             self.coordinate(("coordinate", self.top.coordinates[c]), c, -force)
 
     def _joints(self) -> None:
+        """Put what the rows of joints transmit, and rows on velocities."""
         top = self.top
         for j, joint in enumerate(top.joints):
-            for b, i in sides.instances(top, j):
+            for b, i in joint_instances(top, j):
                 pull = self.pull(b, i)
                 self.instance(key_of(joint), b, i, pull)
                 for k, c in enumerate(top.blocks[b].scalars[i]):
@@ -273,59 +516,53 @@ class Ledger:
             for i, owners in enumerate(block.owners):
                 key = owners[0].thing.noun, top.called(owners[0])
                 force = self.parts.slips[:, layout.rows[i]][..., layout.variables[i]].sum(1)
-                at = (*block.points[i], *(~u for u in block.vectors[i]))
-                for item in dict.fromkeys(at):  # a point named twice has the whole of its coordinates' forces already
-                    k = at.index(item)
-                    self.put(sides.whose(top, item), key, item, force[:, k * top.dim : (k + 1) * top.dim])
+                # A point named twice has the whole of its coordinates' forces already.
+                for item, f in dict(self.split(block, i, force)).items():
+                    self.put(owner_of(top, item), key, item, f)
                 for k, c in enumerate(block.scalars[i]):
                     self.on_scalar(key, c, force[:, k - len(block.scalars[i])])
 
     def _loads(self) -> None:
-        top, dim = self.top, self.top.dim
+        """Put springs, dampers, stops, forces and functions."""
+        top = self.top
         for block, local in zip(top.loads.forces, self.parts.loads, strict=True):
             for i, name in enumerate(block.names):
-                key = ("load", name)
-                at = (*block.points[i], *(~u for u in block.vectors[i]))
-                bodies = [sides.whose(top, item) for item in at]
-                if block.kind == COUPLE:
-                    bodies = [sides.whose_segment(top, at)] * 2
-                for k, (item, body) in enumerate(zip(at, bodies, strict=True)):
-                    self.put(body, key, item, local[:, i, k * dim : (k + 1) * dim], block.kind != COUPLE)
+                key, couple = ("load", name), block.kind == COUPLE
+                for item, f in self.split(block, i, local[:, i]):
+                    body = owner_of_segment(top, instance_items(block, i)) if couple else owner_of(top, item)
+                    self.put(body, key, item, f, not couple)
                 for k, c in enumerate(block.scalars[i]):
-                    self.on_scalar(key, c, local[:, i, len(at) * dim + k])
+                    self.on_scalar(key, c, local[:, i, k - len(block.scalars[i])])
         for f, out in zip(top.loads.functions, self.parts.functions, strict=True):
-            for c in range(len(top.coordinates)) if f.acts == "load" else self._places(f):
+            places = range(f.at * top.dim, (f.at + 1) * top.dim) if f.acts == "force" else [f.at]
+            for c in range(len(top.coordinates)) if f.acts == "load" else places:
                 self.on_scalar(("load", f.name), c, out[:, c])
 
     def _frictions(self) -> None:
+        """Put what rubs on both of its bodies."""
         for index, force in zip(self.top.loads.friction, self.parts.friction, strict=False):
-            for body, f in zip(sides.rubbing(self.top, index), force, strict=True):
-                on = spread(self.top, f)
-                for item in sides.items(self.top, body) if body >= 0 else ():
-                    self.put(
-                        body, ("load", index.name), item, on[item < 0][..., item if item >= 0 else ~item, :], False
-                    )
-
-    def _places(self, f: Any) -> range:
-        first = f.at * self.top.dim if f.acts == "force" else f.at
-        return range(first, first + (self.top.dim if f.acts == "force" else 1))
+            for body, f in zip(friction_bodies(self.top, index), force, strict=True):
+                points, vectors = spread(self.top, f)
+                for item in body_items(self.top, body) if body >= 0 else ():
+                    push = points[..., item, :] if item >= 0 else vectors[..., ~item, :]
+                    self.put(body, ("load", index.name), item, push, False)
 
     def _pins(self) -> None:
-        """What is left on what bodies share, under the joint if there is one between them, else under the point."""
+        """Put what is left on shared items, under the joint if there is one between the bodies, else the point."""
         top = self.top
-        for b, line in sides.rides(top).items():
+        for b, line in riding_bodies(top).items():
             self._ridden(b, line)
         for b in range(len(top.bodies)) if self.only is None else [self.only]:
-            for group in sides.groups(top, b):
+            for group in shared_groups(top, b):
                 key = self.key(b, group)
                 for item in group.items:
                     force = self.left.get((b, item), 0.0) - self.taken.get((b, item), 0.0)
                     self.put(b, key, item, force + self.points[..., 0, :] * 0.0)
 
     def _ridden(self, b: int, line: tuple[int, int]) -> None:
-        """A body of one point is turned by a line of another one: a couple, which no row carries."""
-        top, other = self.top, sides.whose_segment(self.top, line)
-        found = sides.between(top, b, other)
+        """Put the couple by which a body of one point is turned by a line of another one, which no row carries."""
+        top, other = self.top, owner_of_segment(self.top, line)
+        found = joints_between(top, b, other)
         key = key_of(top.joints[found[0]]) if found else ("body", top.bodies[b].name)
         for item in line:
             if (b, item) in self.left:
@@ -333,22 +570,20 @@ class Ledger:
                 self.put(b, key, item, force)
                 self.put(other, key, item, -force)
 
-    def pressed(self, b: int, owner: Owner) -> tuple[Any, Any]:
-        """What a joint's own rows put on all that a body holds, also where others hold it too."""
-        top, dim = self.top, self.top.dim
+    def press_on(self, b: int, owner: Owner) -> tuple[Any, Any]:
+        """Return what a joint's own rows put on all that a body holds, also where others hold it too."""
+        top = self.top
         force = self.points[..., 0, :] * 0.0
         total = force, cross(force, force)
         number = next((j for j, joint in enumerate(top.joints) if joint.owner == owner), None)
-        for n, i in sides.instances(top, number) if number is not None else ():
-            pull = self.pull(n, i)
-            for k, item in enumerate((*top.blocks[n].points[i], *(~u for u in top.blocks[n].vectors[i]))):
-                if item in sides.items(top, b):
-                    f = pull[..., k * dim : (k + 1) * dim]
+        for n, i in joint_instances(top, number) if number is not None else ():
+            for item, f in self.split(top.blocks[n], i, self.pull(n, i)):
+                if item in body_items(top, b):
                     total = total[0] + f * (item >= 0), total[1] + cross(self.arm(item), f)
         return total
 
     def at(self, b: int, p: int) -> tuple[Any, Any]:
-        """What acts on a body where it holds a point: what passes there, loads and masses; on its own also joints.
+        """Return what acts on a body where it holds a point: what passes, loads and masses; on its own also joints.
 
         A joint counts as a whole: of what its rows put on single points only the sum is a wrench. A cable, relation or
         constraint is a force on the point itself.
@@ -368,35 +603,192 @@ class Ledger:
         return force, moment
 
     def centre(self, b: int) -> Any:
-        """Centre of mass of a body; its first point if it has no mass."""
+        """Return the centre of mass of a body; its first point if it has no mass."""
         top = self.top
         for group, (first, masses) in zip(top.loads.inertias, self.parts.moments, strict=True):
             for k, index in enumerate(group):
                 if index.body == top.bodies[b].name:
-                    nodes = [index.origin, *(i for s in index.segments for i in s)]
-                    x = library(self.points).concatenate([self.arm(i) for i in nodes], -1)
+                    x = array_library(self.points).concatenate([self.arm(i) for i in inertia_nodes(index)], -1)
                     return (first[:, k] * x[:, None]).sum(-1) / masses[:, k, None]
         return self.points[..., top.bodies[b].points[0], :]
 
-    def through(self, b: int, item: int) -> tuple[Key, sides.Group] | None:
-        """The name and the group under which a body shares an item."""
-        for group in sides.groups(self.top, b):
+    def through(self, b: int, item: int) -> tuple[Key, Group] | None:
+        """Return the name and the group under which a body shares an item."""
+        for group in shared_groups(self.top, b):
             if item in group.items:
                 return self.key(b, group), group
         return None
 
-    def key(self, b: int, group: sides.Group) -> Key:
-        """What a group of shared items is called: by the joint between the two bodies, or by its first point."""
+    def key(self, b: int, group: Group) -> Key:
+        """Name a group of shared items: by the joint between the two bodies, or by its first point."""
         for near in group.neighbours:
-            if len(group.neighbours) == 1 and (found := sides.between(self.top, b, near)):
+            if len(group.neighbours) == 1 and (found := joints_between(self.top, b, near)):
                 return key_of(self.top.joints[found[0]])
         item = group.items[0]
         return "point", self.top.points[item] if item >= 0 else self.top.vectors[~item]
 
 
-def row_forces(eq: Equations, at: np.ndarray, q: Array, lam: Array) -> Array:
-    """Σ Φ_qᵀ λ over some rows, ``(N,)``."""
-    top = eq.topology
-    rows, columns, _ = places(top)
-    chosen = np.isin(rows, at)
-    return jnp.zeros(len(top.coordinates)).at[columns].add(jnp.where(chosen, entries(eq, q) * lam[rows], 0.0))
+# -- meshes -----------------------------------------------------------------------------------------------------------
+
+_AT_APEX = 1e-9  # of the wheels' size: closer centres stand where the axes meet, which then point to the wheels
+_PARALLEL = 1e-12  # square of the sine below which axes count as parallel
+
+
+def _put_mesh(ledger: Ledger, j: int) -> None:
+    """Put the tooth force of a joint where it acts, if it is a mesh whose wheels one body carries."""
+    top = ledger.top
+    joint = top.joints[j]
+    if joint.type not in MESHES:
+        return
+    (b, i) = joint_instances(top, j)[0]
+    scalars = top.blocks[b].scalars[i]
+    rack = joint.type == "rack and pinion"
+    if rack:
+        scalars = scalars[::-1]  # the pinion's angle first
+    wheels, carriers = zip(*(_turning_bodies(ledger, joint, k, c) for k, c in enumerate(scalars)), strict=True)
+    bearings = [(_bearing(ledger, w, c), _bearing(ledger, c, w)) for w, c in zip(wheels, carriers, strict=True)]
+    keys = [tuple(k for k in pair if k is not None) for pair in bearings]
+    if NOBODY in wheels or carriers[0] in {NOBODY, *wheels} or carriers[0] != carriers[1] or min(map(len, keys)) < 2:
+        return
+    place, force = (_on_rack if rack else _on_wheel)(ledger, j, b, i)
+    key = key_of(joint)
+    for sign, wheel, (mine, theirs) in zip((1.0, -1.0), wheels, keys, strict=True):
+        before = ledger.wrenches[wheel][key]
+        more = sign * force - before[0], sign * cross(place, force) - before[1]
+        ledger.add(wheel, key, *more)
+        ledger.add(wheel, mine, -more[0], -more[1])
+        if carriers[0] == GROUND:
+            _bear(ledger, wheel, mine, *more)
+        ledger.add(carriers[0], theirs, *more)
+        ledger.add(carriers[0], key, -more[0], -more[1])
+
+
+def _turning_bodies(ledger: Ledger, joint: JointIndex, k: int, c: int) -> tuple[int, int]:
+    """Return the body whose motion an angle or distance is, and the body that it is counted from."""
+    top = ledger.top
+    b, i = top.measures[c - ledger.first_scalar]
+    block = top.blocks[b]
+    if not top.angles[c - ledger.first_scalar]:
+        start, to = slot_owners(top)[b][i][:2]
+        return int(to), int(start)
+    points = block.points[i]
+    rest = [points[n : n + 2] for n in range(0, len(points), 2)] + [(~u,) for u in block.vectors[i]]
+    rest.remove(joint.sides[2 + k])
+    if joint.sides[k][1:]:
+        rest.remove(joint.sides[k][1:])
+    at = (*points, *(~u for u in block.vectors[i]))
+    start = owner_of_segment(top, rest[0], at) if rest else GROUND
+    return owner_of_segment(top, joint.sides[2 + k], at), start
+
+
+def _bearing(ledger: Ledger, body: int, other: int) -> Key | None:
+    """Return the name of a body's wrench from another one; None if nothing joins them."""
+    top = ledger.top
+    if body == GROUND:
+        return "point", ""
+    for group in shared_groups(top, body):
+        if other in group.neighbours or (other == GROUND and not group.neighbours):
+            return ledger.key(body, group)
+    found = joints_between(top, body, other)
+    return key_of(top.joints[found[0]]) if found else None
+
+
+def _bear(ledger: Ledger, wheel: int, key: "Key", force: Any, moment: Any) -> None:
+    """Let the ground's points under a bearing hold a wrench (about the origin): one, or two along a hinge."""
+    top = ledger.top
+    joint = next((joint for joint in top.joints if key == key_of(joint)), None)
+    near = {i for group in shared_groups(top, wheel) if ledger.key(wheel, group) == key for i in group.items}
+    near |= {i for side in (joint.sides[:2] if joint else ()) for i in side}
+    points = sorted(i for i in near if i >= 0 and GROUND in item_holders(top).get(i, ()))[:2]
+    if not points:
+        return
+    first = ledger.points[..., points[0], :]
+    if len(points) == 2 and top.dim == 3:
+        apart = ledger.points[..., points[1], :] - first
+        held = cross(moment - cross(first, force), apart) / (apart * apart).sum(-1)[..., None]
+        ledger.ground(points[1], held)
+        force = force - held
+    ledger.ground(points[0], force)
+
+
+def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Any, Any]:
+    """Return pitch point and force on the first wheel of a gear pair."""
+    top, xp = ledger.top, array_library(ledger.points)
+    constants = [c[:, None] for c in ledger.parts.constants[b][:, i].T]
+    pull = ledger.pull(b, i)
+    couple = pull[..., -2]
+    centres = [ledger.points[..., side[0], :] for side in top.joints[j].sides[:2]]
+    apart = centres[1] - centres[0]
+    if top.dim == 2:
+        # Of both couples, so that the sign of the row is its own: R1 φ1 ± R2 φ2.
+        ratio = (1.0 if top.joints[j].type == "gear" else -1.0) * constants[1] / constants[0]
+        place = centres[0] + apart / (1.0 + ratio)
+        arm = place - centres[0]
+        along = xp.stack([-arm[..., 1], arm[..., 0]], -1)
+        generator = arm * 0.0
+    else:
+        axes = [_axis(ledger, side[1:]) for side in top.joints[j].sides[:2]]
+        place, arm, generator, ratio = _pitch(xp, centres, axes, constants)
+        along = cross(axes[0], arm)
+    force = along * (couple / (arm * arm).sum(-1))[..., None]
+    pressure = ledger.parts.pressure.get(j)
+    if pressure is not None:
+        # Away from the other wheel, across the pitch line; inside a ring the other way round.
+        across = arm - generator * (arm * generator).sum(-1)[..., None]
+        ring = xp.where((ratio < 0.0) & (ratio > -1.0), -1.0, 1.0)[..., 0]
+        force = force - _unit(across) * (ring * xp.tan(pressure) * magnitude(force))[..., None]
+    return place, force
+
+
+def _pitch(xp: Any, centres: list[Any], axes: list[Any], constants: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the pitch point in space, its arm from the first axis, the pitch line, and signed ratio of the radii."""
+    (a, b), w = axes, centres[1] - centres[0]
+    ab = (a * b).sum(-1)[..., None]
+    wa, wb = (w * a).sum(-1)[..., None], (w * b).sum(-1)[..., None]
+    square = 1.0 - ab * ab
+    parallel = square <= _PARALLEL
+    safe = xp.where(parallel, 1.0, square)
+    t1, t2 = (wa - ab * wb) / safe, (ab * wa - wb) / safe
+    apex = centres[0] + t1 * a
+    ratio = constants[1] / constants[0] * constants[2]
+    # Axes that meet: seen from there, each towards its wheel.
+    least = _AT_APEX * (magnitude(w)[..., None] + constants[0])
+    side1, side2 = (xp.where(t > least, -1.0, 1.0) for t in (t1, t2))
+    u1, u2, met = side1 * a, side2 * b, ratio * side1 * side2
+    cosine = (u1 * u2).sum(-1)[..., None]
+    n = u2 - cosine * u1
+    sine = magnitude(n)[..., None]
+    n = n / xp.where(parallel, 1.0, sine)
+    h = xp.sqrt(sine**2 + (met + cosine) ** 2)
+    s = xp.where(parallel, 1.0, sine / xp.where(h > 0, h, 1.0))
+    c = (met + cosine) / xp.where(h > 0, h, 1.0)
+    half = xp.where(met < 0.0, -1.0, 1.0)  # inside a ring the pitch line is beyond the other axis
+    g = half * (c * u1 + s * n)
+    crossed_arm = half * constants[0] * n
+    # Parallel ones: half way between the wheels along the axes.
+    side = xp.where(ab < 0.0, -1.0, 1.0) * ratio
+    flat_arm = (w - wa * a) / (1.0 + side)
+    arm = xp.where(parallel, flat_arm, crossed_arm)
+    place = xp.where(parallel, centres[0] + 0.5 * wa * a + flat_arm, apex + constants[0] / s * g)
+    return place, arm, xp.where(parallel, a, g), xp.where(parallel, side, met)
+
+
+def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Any, Any]:
+    """Return pitch point and force on the pinion of a rack."""
+    top, xp = ledger.top, array_library(ledger.points)
+    (centre, *_), (start, *along) = top.joints[j].sides[:2]
+    line = _unit(_axis(ledger, along))
+    w = ledger.points[..., start, :] - ledger.points[..., centre, :]
+    out = _unit(w - line * (w * line).sum(-1)[..., None])
+    force = -line * ledger.pull(b, i)[..., -2][..., None]
+    place = ledger.points[..., centre, :] + out * ledger.parts.constants[b][:, i, :1]
+    pressure = ledger.parts.pressure.get(j)
+    if pressure is not None:
+        force = force - out * (xp.tan(pressure) * magnitude(force))[..., None]
+    return place, force
+
+
+def _axis(ledger: Ledger, segment: Any) -> Any:
+    if len(segment) == 1:
+        return ledger.vectors[..., ~segment[0], :]
+    return _unit(ledger.points[..., segment[1], :] - ledger.points[..., segment[0], :])

@@ -17,8 +17,9 @@ from jax import lax
 from jax.core import Tracer
 
 from jaxnc.compiling import on_device
-from jaxnc.dynamics.flow import Answer, Flow
-from jaxnc.dynamics.model import Dynamics, _force, _functions, variables
+from jaxnc.dynamics.flow import Flow, StageSolution
+from jaxnc.dynamics.mass import inertia_coordinates
+from jaxnc.dynamics.model import Dynamics, force_variables, function_forces, instance_force
 from jaxnc.records import record, static
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import linear
@@ -33,8 +34,8 @@ LARGEST = 16  # unknowns and rows that are written out: beyond, compiling takes 
 Elements = Sequence[Any]
 
 
-class Written:
-    """The rows of a view, and the order in which its massless coordinates follow. Make it with `written`."""
+class WrittenRows:
+    """The rows of a plan, and the order in which its massless coordinates follow. Make it with `write_out`."""
 
     def __init__(self, view: Plan, massless: tuple[tuple[int, int], ...]):
         top = view.topology
@@ -50,7 +51,7 @@ class Written:
         self.kept = tuple(r for r in range(len(view.rows)) if r not in {r for _, r in massless})
 
     def rates(self, eq: Any, x: Elements, v: Elements) -> tuple[list[Any], list[Any], list[Any]]:
-        """Φ, dΦ/dt, and d²Φ/dt² without accelerations, row by row."""
+        """Return Φ, dΦ/dt, and d²Φ/dt² without accelerations, row by row."""
 
         def first(*x):
             return jax.jvp(lambda *y: tuple(self.rows.values(eq, y)), x, tuple(v))
@@ -61,9 +62,9 @@ class Written:
     def correct(
         self, eq: Any, inverse: Array, x: Elements, miss: Sequence[Any], push: dict[int, Any] | None
     ) -> tuple[dict[int, Any], list[Any]]:
-        """Changes of unknowns that take the rows' `miss` away and answer forces `push`, and `kept` rows' multipliers.
+        """Solve ``M δ + Jᵀ λ = push, J δ = -miss`` for changes of the unknowns and multipliers of the `kept` rows.
 
-        The rows change by their derivatives; ``M δ + Jᵀ λ = push, J δ = -miss``.
+        The changes take the rows' `miss` away, as the rows change by their derivatives.
         """
         slopes = self.rows.slopes(eq, x)
         local = {c: k for k, c in enumerate(self.massed)}
@@ -73,7 +74,7 @@ class Written:
 
         follow: dict[int, tuple[dict[int, Any], Any]] = {}
 
-        def reduced(r: int, skip: int = -1) -> tuple[dict[int, Any], Any]:
+        def reduce_row(r: int, skip: int = -1) -> tuple[dict[int, Any], Any]:
             """A row in the massed coordinates alone, and its miss."""
             out: dict[int, Any] = {}
             rest = miss[r]
@@ -91,9 +92,9 @@ class Written:
 
         for c, r in self.massless:
             back = -1.0 / slopes[r, self.place[c]]
-            terms, rest = reduced(r, c)
+            terms, rest = reduce_row(r, c)
             follow[c] = {d: back * f for d, f in terms.items()}, back * rest
-        rows = [reduced(r) for r in self.kept]
+        rows = [reduce_row(r) for r in self.kept]
         n, m = len(self.massed), len(rows)
         w = [[inverse[i, k] for k in range(n)] for i in range(n)]
         pushed = [0.0] * n
@@ -148,22 +149,23 @@ def _solve(a: list[list[Any]], b: list[Any]) -> list[Any]:
 
 
 @with_owner
-def written(view: Plan, massed: tuple[int, ...], freedom: int) -> Written | None:
-    """The written-out form of a view.
+def write_out(view: Plan, massed: tuple[int, ...], freedom: int) -> WrittenRows | None:
+    """Write out the motion of a plan.
 
-    None in space, where rows are redundant, where it is large, or where a massless coordinate does not follow from a
-    row that is regular in every pose.
+    Returns:
+        The form; None in space, where rows are redundant, of a large plan, or where a massless coordinate does not
+        follow from a row that is regular in every pose.
     """
     top = view.topology
     unknown = [int(c) for c in view.unknown]
     if top.dim == 3 or len(unknown) + len(view.rows) > LARGEST or len(view.rows) != len(unknown) - freedom:
         return None
-    pairs = _order(top, view, [c for c in unknown if c not in massed])
-    return None if pairs is None else Written(view, pairs)
+    pairs = _eliminate_massless(top, view, [c for c in unknown if c not in massed])
+    return None if pairs is None else WrittenRows(view, pairs)
 
 
-def _order(top: Topology, view: Plan, wanted: list[int]) -> tuple[tuple[int, int], ...] | None:
-    """A row for every massless coordinate, in an order in which each row needs only earlier ones."""
+def _eliminate_massless(top: Topology, view: Plan, wanted: list[int]) -> tuple[tuple[int, int], ...] | None:
+    """Choose a row for every massless coordinate, in an order in which each row needs only earlier ones."""
     place = {int(r): k for k, r in enumerate(view.rows)}
     options: dict[int, list[tuple[int, set[int]]]] = {c: [] for c in wanted}
     for block, layout in zip(top.blocks, top.layout, strict=True):
@@ -200,72 +202,57 @@ def _order(top: Topology, view: Plan, wanted: list[int]) -> tuple[tuple[int, int
 
 
 def massed_coordinates(top: Topology) -> tuple[int, ...]:
-    """Coordinates that some inertia lives on."""
-    from jaxnc.dynamics.inertia import nodes
-
-    out = set()
-    for group in top.loads.inertias:
-        for index in group:
-            for node in nodes(index):
-                at = node if node >= 0 else len(top.points) + ~node
-                out |= set(range(at * top.dim, (at + 1) * top.dim))
-    return tuple(sorted(out))
+    """List the coordinates that some inertia lives on."""
+    return tuple(sorted({int(c) for group in top.loads.inertias for c in inertia_coordinates(top, group).reshape(-1)}))
 
 
 @record
-class Fast:
-    """The motion of one design in written-out form: the same questions as to a `Flow`, asked element by element."""
+class WrittenFlow:
+    """The motion of one design in written-out form: a `Flow` that works element by element."""
 
     flow: Flow  # the motion
     inverse: Array  # inverse of the mass matrix on the massed unknowns
-    freedom: int = static()  # degrees of freedom
+    form: WrittenRows = static()  # the rows, and what follows from which
 
     @classmethod
-    def of(cls, flow: Flow, freedom: int) -> "Fast | None":
-        """The written-out form, or None where there is none."""
+    def of(cls, flow: Flow, freedom: int) -> "WrittenFlow | None":
+        """Return the written-out form of a motion, or None where there is none."""
         top = flow.dyn.topology
         if flow.drives or flow.redundant or top.loads.friction or not len(flow.view.unknown):
             return None
-        form = written(flow.view, massed_coordinates(top), freedom)
+        form = write_out(flow.view, massed_coordinates(top), freedom)
         if form is None or not form.massed:
             return None
         at = np.array(form.massed)
         if not isinstance(flow.dyn.mass, Tracer):
-            return cls(flow, on_device(np.linalg.inv(np.asarray(flow.dyn.mass)[np.ix_(at, at)])), freedom)
+            return cls(flow, on_device(np.linalg.inv(np.asarray(flow.dyn.mass)[np.ix_(at, at)])), form)
         solve = linear.solver(flow.dyn.mass[at[:, None], at[None]])
-        return cls(flow, jax.vmap(solve, out_axes=1)(jnp.eye(len(at))), freedom)
-
-    @property
-    def form(self) -> Written:
-        """The static part."""
-        found = written(self.flow.view, massed_coordinates(self.flow.dyn.topology), self.freedom)
-        assert found is not None
-        return found
+        return cls(flow, jax.vmap(solve, out_axes=1)(jnp.eye(len(at))), form)
 
     def impose(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
-        """The state: nothing is driven."""
+        """Return the state as it is: nothing is driven."""
         return q, v
 
-    def answer(self, what: Any, t: Any, q: Any, v: Any) -> Answer:
-        """As `Flow.answer`; of arrays ``(N,)``, or of tuples of their elements."""
+    def solve_stage(self, stage: Any, t: Any, q: Any, v: Any) -> StageSolution:
+        """Solve a stage as `Flow.solve_stage`; of arrays ``(N,)``, or of tuples of their elements."""
         if not isinstance(q, tuple):
-            found = self.answer(what, t, tuple(q), tuple(v))
+            found = self.solve_stage(stage, t, tuple(q), tuple(v))
             return found._replace(change=jnp.stack(found.change))
-        ways = (self._accelerations, self._correction, functools.partial(self._correction, rates=True))
-        return ways[what](t, q, v) if isinstance(what, int) else lax.switch(what, ways, t, q, v)
+        solvers = (self._accelerate, self._correct, functools.partial(self._correct, rates=True))
+        return solvers[stage](t, q, v) if isinstance(stage, int) else lax.switch(stage, solvers, t, q, v)
 
-    def _correction(self, t: Any, x: Elements, v: Elements, rates: bool = False) -> Answer:
-        """What brings a pose, or its rates, back onto the constraints."""
+    def _correct(self, t: Any, x: Elements, v: Elements, rates: bool = False) -> StageSolution:
+        """Bring a pose, or its rates, back onto the constraints."""
         form, eq, zero = self.form, self.flow.dyn.eq, jnp.zeros_like(x[0])
         miss = form.rates(eq, x, v)[1] if rates else form.rows.values(eq, x)
         change, _ = form.correct(eq, self.inverse, x, miss, None)
         none = jnp.zeros(len(form.view.rows), zero.dtype)
-        return Answer(tuple(change.get(c, zero) for c in range(len(x))), none, zero, zero)
+        return StageSolution(tuple(change.get(c, zero) for c in range(len(x))), none, zero, zero)
 
-    def _accelerations(self, t: Any, x: Elements, v: Elements) -> Answer:
+    def _accelerate(self, t: Any, x: Elements, v: Elements) -> StageSolution:
         form, dyn, zero = self.form, self.flow.dyn, jnp.zeros_like(x[0])
         values, rates, bias = form.rates(dyn.eq, x, v)
-        push = pushes(dyn, t, x, v, form.place)
+        push = force_elements(dyn, t, x, v, form.place)
         change, kept = form.correct(dyn.eq, self.inverse, x, bias, push)
         lam: dict[int, Any] = dict(zip(form.kept, kept, strict=True))
         slopes = form.rows.slopes(dyn.eq, x)
@@ -278,25 +265,25 @@ class Fast:
             lam[r] = rest / slopes[r, k]
         gap, slip = (functools.reduce(jnp.maximum, map(jnp.abs, rows), zero) for rows in (values, rates))
         multipliers = jnp.stack([lam[r] for r in range(len(lam))]) if lam else jnp.zeros(0)
-        return Answer(tuple(change.get(c, zero) for c in range(len(x))), multipliers, gap, slip)
+        return StageSolution(tuple(change.get(c, zero) for c in range(len(x))), multipliers, gap, slip)
 
 
-def pushes(dyn: Dynamics, t: Any, x: Elements, v: Elements, wanted: dict[int, int]) -> dict[int, Any]:
-    """Generalised forces by coordinate; what has none is left out."""
+def force_elements(dyn: Dynamics, t: Any, x: Elements, v: Elements, wanted: dict[int, int]) -> dict[int, Any]:
+    """Evaluate generalised forces by coordinate; a coordinate without forces is left out."""
     top, out = dyn.topology, {}
     if top.loads.gravity:
         weight = dyn.gravity @ dyn.moments
         out = {c: weight[c] for c in massed_coordinates(top) if c in wanted}
     for number, block in enumerate(top.loads.forces):
-        for i, at in enumerate(variables(top, number)):
-            local = _force(
+        for i, at in enumerate(force_variables(top, number)):
+            local = instance_force(
                 top, block, t, jnp.stack([x[c] for c in at]), jnp.stack([v[c] for c in at]), dyn.constants[number][i]
             )
             for k, c in enumerate(map(int, at)):
                 if c in wanted:
                     out[c] = out[c] + local[k] if c in out else local[k]
     if top.loads.functions:
-        total = sum(_functions(dyn, t, jnp.stack(list(x)), jnp.stack(list(v))), jnp.zeros(len(x)))
+        total = sum(function_forces(dyn, t, jnp.stack(list(x)), jnp.stack(list(v))), jnp.zeros(len(x)))
         for c in wanted:
             out[c] = out[c] + total[c] if c in out else total[c]
     return out

@@ -1,12 +1,20 @@
-"""The rigid parts of a mechanism, as its one description gives them: ground, bodies, and what belongs to no body.
+"""The rigid parts of a mechanism, as its one description gives them, and the joints between them.
 
-Bodies that are welded, or share so much that they cannot move against each other, are one part. A point of no body (a
-pin that slides in a slot, a planar body of one point, a point of contact) is a part of its own without orientation.
+The ground is a part, and so is every body. Bodies that are welded, or share so much that they cannot move against each
+other, are one part. A point of no body (a pin that slides in a slot, a planar body of one point, a point of contact) is
+a part of its own without orientation.
+
+A joint that shares a point is found from the point, the others are those of the description. A spanning tree of the
+joints gives the variables of relative coordinates: every joint left out closes one independent loop. In space a part
+that is a bar between two others (a rod with ball joints) is no link of the tree: it is one equation, the distance
+between its ends. Joints that a tree has no variables for (planar, constant-velocity, a pin in a slot) close loops.
 """
 
+import functools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,6 +27,10 @@ from jaxnc.system.spatial import SpatialAssembler
 
 _GROUND = Owner(Thing.BODY, GROUND)
 _ALONG = 1e-9  # sine of an angle below which directions are parallel
+
+
+Line = tuple[tuple[int, ...], tuple[int, ...]]
+"""A direction in space: two points, or a vector."""
 
 
 class Origin(NamedTuple):
@@ -56,6 +68,10 @@ class Part:
     def __post_init__(self):
         self.origin = self.origin if self.origin.points else Origin(self.points)
 
+    def holds(self, points: Iterable[int], vectors: Iterable[int] = ()) -> bool:
+        """Say whether all of these are of the part."""
+        return set(points) <= set(self.points) and set(vectors) <= set(self.vectors)
+
 
 class Parts:
     """All parts of a mechanism; the ground is number 0."""
@@ -67,7 +83,7 @@ class Parts:
         self.a: Assembler = forms(mechanism)
         self.a.system()
         self.parts: list[Part] = [self._ground()]
-        groups = self._merged()
+        groups = self._merge()
         for members in groups:
             self.parts.append(self._part(members))
         held = {p for part in self.parts for p in part.points}
@@ -85,10 +101,22 @@ class Parts:
         moving = self.parts[1:]
         for part, name in zip(moving, addresses(self.a.owners, [(p.owner, "") for p in moving]), strict=True):
             part.name = name
-        self.of_point = {p: [k for k, part in enumerate(self.parts) if p in part.points] for p in self.a.index.values()}
-        self.of_vector = {
-            v: [k for k, part in enumerate(self.parts) if v in part.vectors] for v in self.a.vector_index.values()
-        }
+        self._note_holders()
+
+    def _note_holders(self) -> None:
+        parts = list(enumerate(self.parts))
+        self.of_point = {p: [k for k, part in parts if p in part.points] for p in self.a.index.values()}
+        self.of_vector = {v: [k for k, part in parts if v in part.vectors] for v in self.a.vector_index.values()}
+
+    def drop_rods(self) -> None:
+        """Leave out bars whose ends other parts hold."""
+        for part in list(self.parts):
+            others = [p for p in self.parts if p is not part and p.turns == "fully"]
+            points = {i for p in others for i in p.points}
+            vectors = {v for p in others for v in p.vectors}
+            if part.turns == "bar" and set(part.points) <= points and set(part.vectors) <= vectors:
+                self.parts.remove(part)
+        self._note_holders()
 
     def _ground(self) -> Part:
         points = tuple(i for i, f in enumerate(self.a.fixed) if f.all())
@@ -96,7 +124,7 @@ class Parts:
         return Part("ground", points, vectors)
 
     def _rigid(self, points: set[int], vectors: set[int]) -> bool:
-        """Whether two parts that share this cannot move against each other."""
+        """Say whether two parts that share this cannot move against each other."""
         if not points:
             return False
         if self.dim == 2:
@@ -106,7 +134,7 @@ class Parts:
         units = [d / np.linalg.norm(d) for d in spans if np.linalg.norm(d) > 0]
         return any(np.linalg.norm(np.cross(d, e)) > _ALONG for d, e in combinations(units, 2))
 
-    def _merged(self) -> list[list[str]]:
+    def _merge(self) -> list[list[str]]:
         """Bodies by part, in order; those that are the ground become part of it."""
         specs = {b.name: b for b in self.a.bodies if self.dim == 3 or len(b.points) > 1}
         members: dict[str, tuple[set[int], set[int]]] = {n: (set(b.points), set(b.vectors)) for n, b in specs.items()}
@@ -170,10 +198,13 @@ class Parts:
             out.append(max(holders, key=lambda k: (sum(q in self.parts[k].points for q in points), k == 0, -k)))
         return out
 
-    def holder(self, points: tuple[int, ...], vectors: tuple[int, ...] = ()) -> int | None:
-        """The part that holds all of these."""
+    def holder(
+        self, points: Iterable[int], vectors: Iterable[int] = (), but: int | None = None, turning: bool = False
+    ) -> int | None:
+        """The first part that holds all of these, apart from one; with `turning` one that has an orientation."""
+        points, vectors = tuple(points), tuple(vectors)
         for k, part in enumerate(self.parts):
-            if set(points) <= set(part.points) and set(vectors) <= set(part.vectors):
+            if k != but and part.holds(points, vectors) and not (turning and part.turns == "no"):
                 return k
         return None
 
@@ -184,3 +215,314 @@ class Parts:
     def point(self, k: int) -> str:
         """A point's name."""
         return self.a.names[k]
+
+    # -- directions ---------------------------------------------------------------------------------------------
+
+    def line(self, direction: record.Direction, at: str | None = None) -> Line:
+        """A direction of the description: a vector, two points, or a point as seen from the point `at`."""
+        name = direction if isinstance(direction, str) else direction[1]
+        if name in self.a.vector_index:
+            return (), (self.a.vector_index[name],)
+        return self.a.pair((at or "", direction) if isinstance(direction, str) else direction), ()
+
+    def unit_along(self, line: Line) -> np.ndarray:
+        """A direction as drawn, a unit vector."""
+        points, vectors = line
+        d = self.a.vectors[vectors[0]] if vectors else self.a.home[points[1]] - self.a.home[points[0]]
+        return d / np.linalg.norm(d)
+
+    def ends(self, angle: record.Angle) -> tuple[Line, Line | None, Line] | None:
+        """Axis, start and end of an angle about an axis."""
+        if angle.about is None:
+            return None
+        start = None if angle.start is None else self.line(angle.start, angle.at)
+        return self.line(angle.about), start, self.line(angle.to, angle.at)
+
+    def along(self, distance: record.Distance) -> Line:
+        """The direction of a distance along a line."""
+        assert distance.along is not None
+        return self.line(distance.along, distance.start)
+
+
+Joined = dict[int, dict[int, int]]
+"""For every point (vector) a forest over the parts that hold it: the part before each, or itself."""
+
+
+def apart(holders: Mapping[int, Sequence[int]]) -> Joined:
+    """Nothing joined yet."""
+    return {item: {k: k for k in parts} for item, parts in holders.items()}
+
+
+def root(group: Mapping[int, int], k: int) -> int:
+    """The representative of a group."""
+    while group[k] != k:
+        k = group[k]
+    return k
+
+
+def join(group: dict[int, int], first: int, second: int) -> None:
+    """Make one group of two."""
+    group[root(group, second)] = root(group, first)
+
+
+def closures(joined: Joined) -> list[tuple[int, int, int]]:
+    """List the items that parts still have to share, ``(item, part, part)``."""
+    out = []
+    for item, group in joined.items():
+        group = dict(group)
+        first, *others = group or {-1: -1}
+        for k in others:
+            if root(group, first) != root(group, k):
+                join(group, first, k)
+                out.append((item, first, k))
+    return out
+
+
+@dataclass(kw_only=True)
+class Edge:
+    """A joint between two parts."""
+
+    # "revolute", "prismatic", "free"; in the plane "slot", "held" (a slot along an axis of the ground); in space
+    # "cylindrical", "universal", "spherical".
+    how: str
+    first: int  # the part that carries the line, or either of them
+    second: int  # the other
+    owner: Owner  # the joint, the point that is shared, or what hangs free
+    turns: bool = True  # of a point in a slot, whether its part has an orientation
+    angle: str = ""  # the user's coordinate that is its angle
+    distance: str = ""  # the user's coordinate that is its distance
+
+    @property
+    def freedoms(self) -> int:
+        """Relative freedoms of a joint that a tree may take."""
+        two = ("slot", "held", "cylindrical", "universal")
+        return (3 if self.how == "spherical" else 2 if self.how in two else 1) - (not self.turns)
+
+
+@dataclass(kw_only=True)
+class PlanarEdge(Edge):
+    """A joint between two parts in the plane."""
+
+    point: int  # the pin, or the point that slides
+    line: tuple[int, int] = (0, 0)  # the line, two points; of a distance, the direction that it is counted in
+    on: tuple[int, int] = (0, 0)  # of a prismatic joint, the direction that slides
+    start: int = 0  # where the distance is counted from
+
+
+@dataclass(kw_only=True)
+class SpatialEdge(Edge):
+    """A joint between two parts in space."""
+
+    at: tuple[int, int]  # the point of the joint on each of them
+    # Directions of the joint on each of them: the axis, or the two arms of a universal joint.
+    axes: tuple[Line, Line] = (((), ()), ((), ()))
+    shared: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())  # points and vectors that it joins
+    drops: bool = False  # whether the rows of its name are met by its variables
+
+
+_AnyEdge = TypeVar("_AnyEdge", bound=Edge)
+
+
+def spanning_tree(
+    count: int, edges: Iterable[_AnyEdge], free: Callable[[int], _AnyEdge]
+) -> Iterator[tuple[_AnyEdge, int, int]]:
+    """The joints of a spanning tree, each with the part before it and the part that hangs on it, from the ground on.
+
+    Args:
+        count: how many parts there are.
+        edges: joints; the first that join what is not joined yet are those of the tree.
+        free: what holds a part that no joint leads to.
+    """
+    group, chosen = {k: k for k in range(count)}, []
+    for edge in edges:
+        if root(group, edge.first) != root(group, edge.second):
+            join(group, edge.first, edge.second)
+            chosen.append(edge)
+    reached = {0}
+    while len(reached) < count:
+        edge = next((e for e in chosen if (e.first in reached) != (e.second in reached)), None)
+        if edge is None:
+            edge = free(next(k for k in range(1, count) if k not in reached))
+        parent, child = (edge.first, edge.second) if edge.first in reached else (edge.second, edge.first)
+        reached.add(child)
+        yield edge, parent, child
+
+
+def planar_edges(parts: Parts) -> list[PlanarEdge]:
+    """All joints of a planar mechanism that a tree may be made of."""
+    found: list[PlanarEdge] = []
+    for p, holders in parts.of_point.items():
+        owner = Owner(Thing.POINT, p)
+        found += [
+            PlanarEdge(how="revolute", first=a, second=b, point=p, owner=owner) for a, b in combinations(holders, 2)
+        ]
+        axes = parts.a.fixed[p]
+        if axes.any() and not axes.all():
+            for k in holders:
+                turns = parts.parts[k].turns != "no"
+                found.append(PlanarEdge(how="held", first=0, second=k, point=p, owner=owner, turns=turns))
+    for name, joint in parts.model.joints.items():
+        owner = parts.a.owning(Thing.JOINT, name)
+        if not isinstance(joint, record.Prismatic | record.Slot):
+            continue
+        line = parts.a.pair(joint.line)
+        i = parts.holder(line)
+        if i is None:
+            continue
+        edge = functools.partial(PlanarEdge, first=i, line=line, start=line[0], owner=owner)
+        if isinstance(joint, record.Prismatic):
+            on = parts.a.pair(joint.on)
+            j = parts.holder(on)
+            if j is not None and i != j:
+                found.append(edge(how="prismatic", second=j, point=on[0], on=on))
+        else:
+            pin = parts.a.index[joint.point]
+            found += [
+                edge(how="slot", second=j, point=pin, turns=parts.parts[j].turns != "no")
+                for j in parts.of_point[pin]
+                if j != i
+            ]
+    for edge in found:
+        _name_planar(parts, edge)
+    return found
+
+
+def _name_planar(parts: Parts, edge: PlanarEdge) -> None:
+    """Find the user's coordinates of a joint."""
+    for name, data in parts.a.measured.items():
+        ends: tuple[int, ...] = data.points
+        if name in parts.model.angles and edge.how in ("revolute", "slot", "held") and not edge.angle:
+            start = 0 if len(ends) == 2 else parts.holder((ends[0], ends[1]))
+            to = parts.holder((ends[-2], ends[-1]))
+            turn = "no" not in (parts.parts[edge.first].turns, parts.parts[edge.second].turns)
+            if start is not None and to is not None and turn and {start, to} == {edge.first, edge.second}:
+                edge.angle = name
+        if name in parts.model.distances and edge.how in ("prismatic", "slot") and not edge.distance:
+            along = len(ends) == 4 and set(ends[2:]) == set(edge.line)
+            if along and ends[0] in edge.line and ends[1] == edge.point:
+                edge.distance, edge.start, edge.line = name, ends[0], parts.a.pair([parts.point(p) for p in ends[2:]])
+
+
+def spatial_edges(parts: Parts) -> list[SpatialEdge]:
+    """All joints of a spatial mechanism that a tree may be made of."""
+    found: list[SpatialEdge] = []
+    described = [
+        edge
+        for name, joint in parts.model.joints.items()
+        if (edge := _describe_edge(parts, parts.a.owning(Thing.JOINT, name), joint)) is not None
+    ]
+    whole = [k for k, p in enumerate(parts.parts) if p.turns != "no"]
+    for i, j in combinations(whole, 2):
+        a, b = parts.parts[i], parts.parts[j]
+        points = tuple(p for p in a.points if p in b.points)
+        vectors = tuple(v for v in a.vectors if v in b.vectors)
+        if not points or any({e.first, e.second} == {i, j} and e.how == "universal" for e in described):
+            continue
+        pin = points[0]
+        edge = functools.partial(SpatialEdge, first=i, second=j, at=(pin, pin), owner=Owner(Thing.POINT, pin))
+        if vectors or len(points) > 1:
+            axis: Line = ((), vectors[:1]) if vectors else (points[:2], ())
+            found.append(edge(how="revolute", axes=(axis, axis), shared=(points, vectors)))
+        else:
+            found.append(edge(how="spherical", shared=(points, ())))
+    found += described
+    for edge in found:
+        _name_spatial(parts, edge)
+    return found
+
+
+def _describe_edge(parts: Parts, owner: Owner, joint: record.Joint) -> SpatialEdge | None:
+    """A joint of the description as an edge; None for one that a tree has no variables for."""
+    edge = functools.partial(SpatialEdge, owner=owner, drops=True)
+    if isinstance(joint, record.Prismatic | record.Cylindrical | record.Screw):
+        axis, start = parts.line(joint.line), parts.a.index[joint.line[0]]
+        if isinstance(joint.on, str):
+            on, other = parts.a.index[joint.on], axis if axis[1] else None
+        else:
+            on, other = parts.a.index[joint.on[0]], parts.line(joint.on)
+        if other is None:
+            return None
+        directions = getattr(joint, "directions", None)
+        first, second = (None, None) if directions is None else map(parts.line, directions)
+        i = _hold_line(parts, start, axis, first)
+        j = _hold_line(parts, on, other, second, i)
+        if i is None or j is None:
+            return None
+        found = edge(
+            how="prismatic" if isinstance(joint, record.Prismatic) else "cylindrical",
+            first=i,
+            second=j,
+            at=(start, on),
+            axes=(axis, other),
+            shared=((), axis[1] if axis == other else ()),
+        )
+        if isinstance(joint, record.Screw):
+            found.angle, found.distance = joint.angle, joint.distance
+        return found
+    if isinstance(joint, record.Revolute | record.Universal):
+        assert joint.axes is not None
+        a, b = map(parts.line, joint.axes)
+        first, second = (joint.points and parts.a.pair(joint.points)) or (None, None)
+        i = _hold_line(parts, first, a)
+        j = _hold_line(parts, second, b, None, i)
+        if i is None or j is None:
+            return None
+        points: tuple[int, ...] = ()
+        if first is None or second is None:
+            points = tuple(p for p in parts.parts[i].points if p in parts.parts[j].points)
+            if not points:
+                return None
+            first = second = points[0]
+        how = "revolute" if isinstance(joint, record.Revolute) else "universal"
+        return edge(how=how, first=i, second=j, at=(first, second), axes=(a, b), shared=(points[:1], ()))
+    if isinstance(joint, record.Spherical):
+        p, q = parts.a.pair(joint.points)
+        i = parts.holder((p,), turning=True)
+        j = parts.holder((q,), but=i, turning=True)
+        if i is not None and j is not None:
+            return edge(how="spherical", first=i, second=j, at=(p, q))
+    return None
+
+
+def _hold_line(
+    parts: Parts, point: int | None, axis: Line, across: Line | None = None, but: int | None = None
+) -> int | None:
+    """The part that holds a point and a direction, and if one does a direction across it too."""
+    points, vectors = (*axis[0], *(() if point is None else (point,))), axis[1]
+    if across is not None:
+        found = parts.holder((*points, *across[0]), (*vectors, *across[1]), but, True)
+        if found is not None:
+            return found
+    return parts.holder(points, vectors, but, True)
+
+
+def _name_spatial(parts: Parts, edge: SpatialEdge) -> None:
+    """Find the user's coordinates that are a joint's."""
+    pair = {edge.first, edge.second}
+
+    def parallel(line: Line) -> bool:
+        return bool(np.linalg.norm(np.cross(parts.unit_along(line), parts.unit_along(edge.axes[0]))) < _ALONG)
+
+    if edge.how in ("revolute", "cylindrical"):
+        for name, angle in parts.model.angles.items():
+            ends = parts.ends(angle)
+            if edge.angle or ends is None:
+                continue
+            about, start, to = ends
+            one = 0 if start is None else parts.holder(*start, turning=True)
+            other = parts.holder(*to, turning=True)
+            if start is not None and {one, other} != pair:
+                # A direction that several parts hold: any pair will do.
+                one = next((k for k in pair if parts.parts[k].holds(*start)), None)
+                other = next((k for k in pair if k != one and parts.parts[k].holds(*to)), None)
+            if parallel(about) and one is not None and other is not None and {one, other} == pair:
+                edge.angle = name
+    if edge.how in ("prismatic", "cylindrical"):
+        for name, distance in parts.model.distances.items():
+            if edge.distance or distance.along is None:
+                continue
+            start, to = parts.a.pair((distance.start, distance.to))
+            along, sides = parts.along(distance), [parts.parts[k] for k in (edge.first, edge.second)]
+            held = any(i.holds((start,)) and j.holds((to,)) for i, j in (sides, sides[::-1]))
+            if parallel(along) and held and any(part.holds(*along) for part in sides):
+                edge.distance = name

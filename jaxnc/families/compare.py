@@ -18,8 +18,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.families.formulate import FAMILIES, formulate
-from jaxnc.families.formulation import Formulation
-from jaxnc.families.natural import carried_along
+from jaxnc.families.formulation import Formulation, measure_all
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, evaluate
@@ -91,7 +90,7 @@ class Comparison:
 
     def __str__(self) -> str:
         table = [[title for title, _ in _COLUMNS]]
-        table += [[_shown(getattr(row, key)) for _, key in _COLUMNS] for row in self.families]
+        table += [[_show_cell(getattr(row, key)) for _, key in _COLUMNS] for row in self.families]
         widths = [max(len(line[k]) for line in table) for k in range(len(_COLUMNS))]
         lines = ["  ".join(f"{cell:>{w}}" if k else f"{cell:{w}}" for k, (cell, w) in enumerate(
             zip(line, widths, strict=True))).rstrip() for line in table]  # fmt: skip
@@ -128,7 +127,7 @@ class Comparison:
         return json.dumps(whole, indent=2, ensure_ascii=False)
 
 
-def _shown(value: Any) -> str:
+def _show_cell(value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, tuple):
@@ -175,9 +174,9 @@ def compare(
         row = Row(family)
         rows.append(row)
         try:
-            made[family] = _evaluate(mechanism, row, names)
+            made[family] = _count_family(mechanism, row, names)
             if row.r or family != "independent":
-                _solve(mechanism, row, names, moved, starts)
+                _solve_family(mechanism, row, names, moved, starts)
         except JaxncError as error:
             row.note = str(error)
     return Comparison(natural.name, moved, rows, made)
@@ -196,10 +195,10 @@ def _starts(natural: System, home: np.ndarray, seed: int) -> np.ndarray:
             q = home.copy()
             q[free] += np.where(free < first, size, 1.0) * spread * rng.normal(size=len(free)) / np.sqrt(top.dim)
             out.append(q)
-    return np.asarray(carried_along(natural, np.array(out)))
+    return np.asarray(measure_all(natural, np.array(out)))
 
 
-def _evaluate(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formulation:
+def _count_family(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formulation:
     """The counts of a family."""
     f = formulate(mechanism, row.family, keep=names if row.family == "independent" else ())
     row.n, row.r, row.g, row.rows = f.n, f.r, f.g, f.rows
@@ -212,7 +211,9 @@ def _evaluate(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formula
     return f
 
 
-def _solve(mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[str, float], starts: np.ndarray) -> None:
+def _solve_family(
+    mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[str, float], starts: np.ndarray
+) -> None:
     """The position problem of a family with the inputs kept."""
     known = mechanism.scalar_names if row.family == "natural" else names
     keep = tuple(n for n in names if n in known) if row.family in ("natural", "relative", "reference") else ()

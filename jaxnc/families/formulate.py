@@ -1,24 +1,52 @@
-"""`formulate`: one mechanism in any family of coordinates."""
+"""`formulate`: one mechanism in any family of coordinates; independent ones and all their assemblies.
 
+Independent coordinates are as many as there are freedoms (source text §1). Of an open chain they are its relative
+coordinates, and every pose follows from them directly. Of a closed one they are inputs of the position problem, which
+may have several solutions: these are found from many starts, in which bodies as rigid as they are have been thrown into
+the mechanism's space.
+
+Source of the rule by which starts are enough: I. J. Good, "The population frequencies of species and the estimation of
+population parameters", Biometrika 40, 1953: species that were seen once tell of those that were not seen.
+"""
+
+import copy
 from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Parts
-from jaxnc.families.formulation import Formulation
-from jaxnc.families.independent import Chosen, Independent
-from jaxnc.families.natural import natural as without
+from jaxnc.families.formulation import Formulation, measure_all
 from jaxnc.families.planner import Planner, Variable
 from jaxnc.families.reference import Reference
-from jaxnc.families.relative import Relative
-from jaxnc.families.spatial import SpatialRelative
-from jaxnc.families.turns import PARAMETERS
+from jaxnc.families.relative import Relative, SpatialRelative
+from jaxnc.families.shapes import PARAMETERS
+from jaxnc.kinematics.inputs import make_plan
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.traced import analyse_traced
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.place import Place
+from jaxnc.mechanism.place import Place as Spot
+from jaxnc.records import record as recorded
+from jaxnc.solvers.assembly import derive, settle
+from jaxnc.status import Status
 from jaxnc.system.system import System
+from jaxnc.types import Array
 
 FAMILIES = ("independent", "relative", "reference", "natural", "mixed")
+
+_SAME = 1e-6  # of the mechanism's size: poses closer than this are one assembly
+_BLURRED = 1e-10  # of the size, over the conditioning: so far may Newton be off, and more apart are two assemblies
+_LANES = 512  # starts that are solved together
+_LEAST = 4 * _LANES  # starts before which no list is called stable
+_SEEN = 5  # times that every pose was found in a stable list: one that comes as often was missed once in 150
+_QUIET = 4  # times as many starts as the last new pose took
+_MOST = 32 * _LANES  # starts after which a list is returned as it is
+_SPREADS = (1.0, 2.0, 4.0)  # of the drawing's box, batch by batch: legs may be longer than they are drawn
 
 
 @public
@@ -28,7 +56,7 @@ def formulate(
     keep: Sequence[str] = (),
     orientation: str = "euler parameters",
     closed: str = "joint",
-    reference: str | Mapping[str, str | Place] = "mass",
+    reference: str | Mapping[str, str | Spot] = "mass",
 ) -> Formulation:
     """Formulate a mechanism in a family of coordinates.
 
@@ -73,43 +101,41 @@ def formulate(
             f"coordinates writes; leave them out, or compile() and simulate() the mechanism"
         )
     if family in ("natural", "mixed"):
-        return _natural(mechanism, without(mechanism, keep) if family == "natural" else mechanism, family)
+        return _formulate_natural(
+            mechanism, _without_scalars(mechanism, keep) if family == "natural" else mechanism, family
+        )
     system = mechanism.compile()
     parts = Parts(mechanism)
     if family == "reference":
-        return planned(Reference(parts, system, keep, orientation, reference), system, family)
+        planner = Reference(parts, system, keep, orientation, reference)
+        planner.plan()
+        return compile_family(planner, system, family)
     if family == "relative":
-        return planned(relative(parts, system, keep, orientation, closed), system, family)
-    return _independent(mechanism, parts, system, keep)
+        return compile_family(plan_relative(parts, system, keep, orientation, closed), system, family)
+    return _formulate_independent(mechanism, parts, system, keep)
 
 
-def relative(
+def plan_relative(
     parts: Parts,
     natural: System,
     keep: tuple[str, ...] = (),
     orientation: str = "euler parameters",
     closed: str = "joint",
-) -> Planner:
-    """The planner of relative coordinates, in the plane or in space."""
-    if parts.dim == 2:
-        return Relative(parts, natural, keep)
-    return SpatialRelative(parts, natural, keep, orientation, closed)
-
-
-def planned(planner: Planner, natural: System, family: str) -> Formulation:
-    """The formulation of a planner."""
+) -> Relative | SpatialRelative:
+    """Plan relative coordinates, in the plane or in space."""
+    flat = parts.dim == 2
+    planner = Relative(parts, natural, keep) if flat else SpatialRelative(parts, natural, keep, orientation, closed)
     planner.plan()
-    return _compiled(planner, natural, family)
+    return planner
 
 
-def _compiled(planner: Planner, natural: System, family: str) -> Formulation:
-    atlas = planner.atlas()
-    system = planner.system()
-    listed = tuple(planner.variables.values())
+def compile_family(planner: Planner, natural: System, family: str) -> Formulation:
+    """The formulation of a planner that has noted its variables and rows."""
+    atlas, system, listed = planner.atlas(), planner.system(), tuple(planner.variables.values())
     return Formulation(natural, family, system.topology, listed, atlas, system.degrees_of_freedom, system.independent)
 
 
-def _natural(mechanism: Mechanism, chosen: Mechanism, family: str) -> Formulation:
+def _formulate_natural(mechanism: Mechanism, chosen: Mechanism, family: str) -> Formulation:
     whole = mechanism.compile()
     system = whole if chosen is mechanism else chosen.compile()
     top = system.topology
@@ -123,12 +149,11 @@ def _natural(mechanism: Mechanism, chosen: Mechanism, family: str) -> Formulatio
     return Formulation(whole, family, top, tuple(listed), None, system.degrees_of_freedom, system.independent)
 
 
-def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tuple[str, ...]) -> Formulation:
+def _formulate_independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tuple[str, ...]) -> Formulation:
     if not keep:
-        direct = relative(parts, natural)
-        direct.plan()
+        direct = plan_relative(parts, natural)
         if not direct.rows:
-            return _compiled(direct, natural, "independent")
+            return compile_family(direct, natural, "independent")
     freedom = natural.degrees_of_freedom
     names = keep or tuple(natural.topology.scalars)[:freedom]
     if len(names) != freedom:
@@ -136,8 +161,191 @@ def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tupl
             f"{natural.name!r} has {freedom} degrees of freedom; name as many of its angles, distances or coordinates "
             f"of points as independent coordinates, keep=[…]; got {len(names)}"
         )
-    chosen = Chosen(parts, natural, names)
-    chosen.plan()
-    system = chosen.system()
-    listed = tuple(chosen.variables.values())
+    chosen = Reference(parts, natural, names, reference="middle")
+    chosen.choose("independent")
+    system, listed = chosen.system(), tuple(chosen.variables.values())
     return Independent(natural, "independent", system.topology, listed, None, freedom, system.independent)
+
+
+def _without_scalars(mechanism: Mechanism, keep: tuple[str, ...]) -> Mechanism:
+    """The description without its angles and distances, but for some."""
+    m = mechanism.model
+    for name in keep:
+        if name not in mechanism.scalar_names:
+            raise InputError(f"keep={name!r}: {m.name!r} has no angle or distance of that name")
+    gone = set(mechanism.scalar_names) - set(keep)
+    used: list[tuple[str, Sequence[str]]] = []
+    for name, joint in m.joints.items():
+        if isinstance(joint, record.Gear | record.BevelGear):
+            used.append((f"the gear pair {name!r}", joint.angles))
+        elif isinstance(joint, record.Rolling | record.Screw | record.RackAndPinion):
+            noun = (
+                "rack and pinion"
+                if isinstance(joint, record.RackAndPinion)
+                else f"{joint.__class__.__name__.lower()} joint"
+            )
+            used.append((f"the {noun} {name!r}", (joint.angle, joint.distance)))
+    used += [(f"the relation {n!r}", [s for s in x.terms if s in gone]) for n, x in m.relations.items()]
+    for noun, table in (("constraint", m.constraints), ("force", m.forces)):
+        used += [(f"the {noun} {n!r}", [s for s in x.scalars if s in gone]) for n, x in table.items()]
+    for what, names in used:
+        if gone & set(names):
+            raise InputError(
+                f"{what} is an equation between {' and '.join(names)}, and natural coordinates have no angles and "
+                f"distances; use family='mixed', or keep={list(names)!r}"
+            )
+    other = copy.copy(mechanism)
+    other.model = copy.deepcopy(m)
+    other.model.angles = {n: a for n, a in m.angles.items() if n not in gone}
+    other.model.distances = {n: d for n, d in m.distances.items() if n not in gone}
+    return other
+
+
+@recorded
+class Independent(Formulation):
+    """A closed chain in independent coordinates."""
+
+    def to_natural(self, z: Any) -> Array:
+        """Natural coordinates from the independent ones, on the drawing's assembly; by solving the position problem."""
+        z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
+        self._check(z.shape, len(self.listed), "variables of the family")
+        flat = z.reshape(-1, z.shape[-1])
+        found = solve_position(self.natural, {v.name: flat[:, k] for k, v in enumerate(self.listed)}, throw=False)
+        return found.q.reshape(*z.shape[:-1], -1)
+
+    def pose(self, z: Array) -> Array:
+        """`to_natural` of one pose."""
+        return self.to_natural(z)
+
+    def assemblies(self, values: dict[str, float], starts: int | None = None, seed: int = 0) -> Motion:
+        """All poses with these values of the independent coordinates that are found from many starts.
+
+        The list is observed, not proved: a pose that hardly any start leads to may be missing.
+
+        Args:
+            values: a number for every independent coordinate.
+            starts: how many random starts, in each of which every body is whole and somewhere else. If not given, so
+                many that the list is stable: 2048 at least, four times as many as the last new pose took, and every
+                pose found five times; 16,384 at most.
+            seed: another number gives other starts.
+
+        Returns:
+            The poses of the natural mechanism, ``(assemblies,)``; the one nearest to the drawing first. Each is a
+            solution to rounding, and no two are the same.
+
+        Raises:
+            InputError: coordinates that are missing, or not of this formulation.
+        """
+        names = [v.name for v in self.listed]
+        if set(values) != set(names):
+            raise InputError(f"assemblies() takes a value of each of {', '.join(names)}; got {', '.join(values)}")
+        values = {name: float(values[name]) for name in names}
+        system, top, eq = self.natural, self.natural.topology, derive(self.natural)
+        view = make_plan(system, tuple(values), (), "least squares")
+        home = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q)
+        rng, lanes = np.random.default_rng(seed), min(_LANES, starts or _LANES)
+        asked = jnp.broadcast_to(jnp.array(list(values.values())), (lanes, len(values)))
+        found = _Poses(home, len(top.coordinates) - len(top.scalars))
+        while found.starts < starts if starts else not found.stable:
+            spread = _SPREADS[found.starts // lanes % len(_SPREADS)]
+            begun = _rigid_starts(system, home, lanes, rng, spread)
+            one = analyse_traced(view, "guess", eq, jnp.array(begun), asked, ())
+            count = lanes if starts is None else min(lanes, starts - found.starts)
+            found.add(*(np.asarray(a)[:count] for a in (one.q, one.status, one.size, one.conditioning)))
+        q, status, residual, conditioning = found.sort()
+        return Motion(
+            system, tuple(values), (), jnp.array(q), (), jnp.broadcast_to(asked[0], (len(q), len(values))),
+            jnp.array(status), jnp.array(residual), jnp.array(conditioning),
+        )  # fmt: skip
+
+
+class _Poses:
+    """Distinct poses, each as well as it is known so far, and how often it was found."""
+
+    def __init__(self, home: np.ndarray, spread: int):
+        self.home, self.spread, self.size = home, spread, max(float(np.ptp(home[:spread])), 1e-300)
+        self.starts = self.newest = 0  # how many there were, and how many when the last new pose was found
+        self.seen = np.zeros(0, int)
+        # Coordinates, statuses, residuals and conditionings.
+        self.known = np.zeros((0, len(home))), np.zeros(0, int), np.zeros(0), np.zeros(0)
+
+    def add(self, *ends: np.ndarray) -> None:
+        """Sort the ends of some starts into the list: coordinates, statuses, residuals and conditionings."""
+        self.starts += len(ends[0])
+        q, status, residual, conditioning = (np.concatenate(a) for a in zip(self.known, ends, strict=True))
+        often = np.append(self.seen, np.ones(len(ends[0]), int))
+        good = np.flatnonzero((status == int(Status.CONVERGED)) | (status == int(Status.SINGULAR)))
+        kept, seen, places = [], [], np.zeros((0, self.spread))
+        # Of one assembly the pose that is known best is kept.
+        for i in good[np.argsort(residual[good] / np.maximum(conditioning[good], 1e-300), kind="stable")]:
+            same = self.size * min(1e-3, max(_SAME, _BLURRED / max(conditioning[i], 1e-300)))
+            like = np.flatnonzero(np.abs(places - q[i, : self.spread]).max(axis=1) <= same)
+            if len(like):
+                seen[like[0]] += often[i]
+            else:
+                kept, seen = [*kept, i], [*seen, often[i]]
+                places = np.concatenate([places, q[i : i + 1, : self.spread]])
+        if len(kept) > len(self.seen):
+            self.newest = self.starts
+        self.known, self.seen = (q[kept], status[kept], residual[kept], conditioning[kept]), np.array(seen, int)
+
+    @property
+    def stable(self) -> bool:
+        """True if many more starts than the last new pose took brought none, and every pose came several times."""
+        quiet = self.starts >= max(_LEAST, _QUIET * self.newest) and bool((self.seen >= _SEEN).all())
+        return quiet or self.starts >= _MOST
+
+    def sort(self) -> tuple[np.ndarray, ...]:
+        """Coordinates, statuses, residuals and conditionings, those of the pose nearest to the drawing first."""
+        away = np.abs(self.known[0][:, : self.spread] - self.home[: self.spread]).sum(axis=1)
+        return tuple(a[np.argsort(away, kind="stable")] for a in self.known)
+
+
+def _rigid_starts(system: System, home: np.ndarray, starts: int, rng: np.random.Generator, spread: float) -> np.ndarray:
+    """Poses ``(starts, N)`` in which every body is as long and wide as it is, turned and placed at random.
+
+    A body that shares a point with the ground, or with a body before it, hangs on that point; others lie in a box that
+    is `spread` times as wide as the drawing's.
+    """
+    top = system.topology
+    dim, count = top.dim, len(top.points)
+    points = home[: count * dim].reshape(count, dim)
+    vectors = home[count * dim : count * dim + len(top.vectors) * dim].reshape(len(top.vectors), dim)
+    fixed = np.array(top.fixed)
+    fixed_points = np.asarray(fixed[: count * dim].reshape(count, dim).all(axis=1))
+    fixed_vectors = np.asarray(fixed[count * dim : (count + len(top.vectors)) * dim].reshape(-1, dim).all(axis=1))
+    size, middle = spread * float(np.ptp(points, axis=0).max()), points.mean(axis=0)
+    out = np.broadcast_to(home, (starts, len(home))).copy()
+    p = middle + size * rng.uniform(-1.0, 1.0, (starts, count, dim))
+    v = np.broadcast_to(vectors, (starts, *vectors.shape)).copy()
+    p[:, fixed_points] = points[fixed_points]
+    placed, directed = fixed_points.copy(), fixed_vectors.copy()
+    waiting = list(top.bodies)
+    while waiting:
+        # Bodies that hang on something come first.
+        body = next((b for b in waiting if placed[list(b.points)].any()), waiting[0])
+        waiting.remove(body)
+        own, axes = list(body.points), list(body.vectors)
+        turn = _draw_rotations(rng, starts, dim)
+        hung = [k for k in own if placed[k]][:1]
+        if own:
+            pivot, where = (points[hung[0]], p[:, hung[0]]) if hung else (points[own].mean(axis=0), p[:, own[0]])
+            free = [k for k in own if not placed[k]]
+            p[:, free] = where[:, None] + np.einsum("sij,kj->ski", turn, points[free] - pivot)
+            placed[own] = True
+        free = [k for k in axes if not directed[k]]
+        v[:, free] = np.einsum("sij,kj->ski", turn, vectors[free])
+        directed[axes] = True
+    thrown = np.concatenate([p.reshape(starts, -1), v.reshape(starts, -1)], axis=1)
+    out[:, : thrown.shape[1]] = np.where(fixed[: thrown.shape[1]], home[: thrown.shape[1]], thrown)
+    if top.scalars:
+        out = np.asarray(measure_all(system, out))
+    return out
+
+
+def _draw_rotations(rng: np.random.Generator, count: int, dim: int) -> np.ndarray:
+    """Rotations ``(count, dim, dim)``, uniform over all of them."""
+    q, r = np.linalg.qr(rng.normal(size=(count, dim, dim)))
+    q = q * np.sign(np.diagonal(r, axis1=1, axis2=2))[:, None, :]
+    q[np.linalg.det(q) < 0.0, :, 0] *= -1.0
+    return q

@@ -1,7 +1,10 @@
-"""`formulate`: one mechanism in any family of coordinates."""
+"""`Formulation`: a mechanism in one family of coordinates, with the maps to natural ones and back."""
 
+import dataclasses
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -9,15 +12,15 @@ from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, brief
-from jaxnc.families.natural import measured
-from jaxnc.families.planner import Atlas, Variable
-from jaxnc.families.program import Numbers
+from jaxnc.families.planner import Atlas, Variable, fit_parameters
+from jaxnc.families.program import Evaluator
 from jaxnc.families.shapes import values
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.equations import Equations as Numbered
+from jaxnc.system.equations import measured
 from jaxnc.system.frames import along, over
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -57,7 +60,8 @@ class Formulation:
     @property
     def system(self) -> System:
         """The compiled system of this family."""
-        return System(self.topology, self.natural.parameters, self.freedom, self.independent)
+        parameters = fit_parameters(self.natural.parameters, self.topology)
+        return System(self.topology, parameters, self.freedom, self.independent)
 
     @property
     def variables(self) -> dict[str, str]:
@@ -85,14 +89,14 @@ class Formulation:
         return len(self.topology.rows)
 
     def replace(self, *values: Any, **more: Any) -> "Formulation":
-        """The same for another design; see `System.replace`."""
+        """Take another design; see `System.replace`."""
         return self.of(self.natural.replace(*values, **more))
 
     def of(self, natural: System) -> "Formulation":
-        """The same for another design of the compiled mechanism. Nothing recompiles."""
+        """Take another design of the compiled mechanism. Nothing recompiles."""
         if not isinstance(natural, System) or natural.topology != self.natural.topology:
             raise InputError(f"{self.natural.name!r}: of() takes a design of the same compiled mechanism")
-        return Formulation(natural, self.family, self.topology, self.listed, self.atlas, self.freedom, self.independent)
+        return dataclasses.replace(self, natural=natural)
 
     # -- maps ---------------------------------------------------------------------------------------------------
 
@@ -107,7 +111,7 @@ class Formulation:
         """
         z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else self._numbers(z, "to_natural(): z")
         self._check(z.shape, len(self.listed), "variables of the family")
-        return _poses(self, derive(self.natural), z)
+        return _place_poses(self, derive(self.natural), z)
 
     def pose(self, z: Array) -> Array:
         """`to_natural` of one pose, ``(n,)``."""
@@ -118,7 +122,7 @@ class Formulation:
         top, par = self.natural.topology, self.natural.parameters
         if self.atlas is None:
             q = eq.home.at[np.array([top.position[v.name] for v in self.listed], int)].set(z)
-            return measured(top, eq, q, [n for n in top.scalars if n not in self.variables])
+            return measure_scalars(top, eq, q, [n for n in top.scalars if n not in self.variables])
         at = self.atlas
         drawing = design_numbers(top, par, 1)[design(top).drawing]
         first = top.dim * len(top.points)
@@ -126,12 +130,12 @@ class Formulation:
         v = eq.home[first : first + top.dim * len(top.vectors)].reshape(-1, top.dim)
         p_drawn, v_drawn = drawing[np.array(at.drawn, int)], v[np.array(at.vectors, int)]
         c = [x for r in at.recipes for x in values(r, p_drawn, v_drawn)]
-        numbers = Numbers(p[np.array(at.points, int)], v_drawn, z[np.array(at.variables, int)], c)
+        numbers = Evaluator(p[np.array(at.points, int)], v_drawn, z[np.array(at.variables, int)], c)
         spread = [x for place in at.places for x in numbers.place(place)]
         spread += [x for arm in at.directions for x in numbers.arm(arm)]
         scalars = [jnp.zeros(()) if s is None else numbers.scalar(s) for s in at.scalars]
         q = jnp.stack([jnp.asarray(x) for x in (*spread, *scalars)])
-        return measured(top, eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
+        return measure_scalars(top, eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
 
     def from_natural(self, q: Any, continuous: bool = True) -> Array:
         """Coordinates of the family from natural ones, exact and differentiable.
@@ -215,9 +219,9 @@ class Formulation:
         Returns:
             The equations, one for each row.
         """
-        from jaxnc.families.written import write
+        from jaxnc.families.written import write_equations
 
-        return write(self, numbers, names or {})
+        return write_equations(self, numbers, names or {})
 
     def __repr__(self) -> str:
         return (
@@ -231,10 +235,22 @@ class Formulation:
 
 
 @jit
-def _poses(formulation: Formulation, eq: Numbered, z: Array) -> Array:
+def _place_poses(formulation: Formulation, eq: Numbered, z: Array) -> Array:
     return over(lambda x: formulation.place(eq, x), z)
 
 
 @jit
 def _readings(formulation: Formulation, eq: Numbered, q: Array) -> Array:
     return over(lambda x: formulation._read(eq, x), q)
+
+
+def measure_all(system: System, q: np.ndarray) -> Array:
+    """Poses ``(B, N)`` with their angles and distances measured anew from their points."""
+    top, eq = system.topology, derive(system)
+    return jit(jax.vmap(lambda x: measure_scalars(top, eq, x, top.scalars)))(q)
+
+
+def measure_scalars(top: Topology, eq: Numbered, q: Array, names: Sequence[str]) -> Array:
+    """A pose ``(N,)`` with some of its angles and distances measured from its points."""
+    at = np.array([top.position[n] for n in names], int)
+    return q.at[at].set(measured(top, eq.constants, q)[at - len(top.coordinates)]) if names else q

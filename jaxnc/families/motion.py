@@ -16,14 +16,14 @@ from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.dynamics.extended import extended, lift
-from jaxnc.dynamics.flow import ACCELERATION, Answer, pick
+from jaxnc.dynamics.flow import ACCELERATION, StageSolution, select_stage
 from jaxnc.dynamics.integrate import equal_steps
 from jaxnc.dynamics.model import Dynamics, dynamics, forces
-from jaxnc.dynamics.runge_kutta import State, on_constraints, step
 from jaxnc.dynamics.saddle import saddle
+from jaxnc.dynamics.steps import MotionState, settle, step
 from jaxnc.errors import AssemblyError, InputError
+from jaxnc.families.formulate import Independent
 from jaxnc.families.formulation import Formulation
-from jaxnc.families.independent import Independent
 from jaxnc.kinematics.inputs import array, finite, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
@@ -48,8 +48,8 @@ def mass_matrix(formulation: Formulation, z: Any) -> Array:
     Raises:
         InputError: nothing has a mass, or a closed chain in independent coordinates.
     """
-    _check(formulation)
-    return _mass(formulation, _known(formulation), jnp.asarray(shaped(z, "the variables z", formulation.n)))
+    _check_formulation(formulation)
+    return _mass(formulation, _derive_known(formulation), jnp.asarray(shaped(z, "the variables z", formulation.n)))
 
 
 @public
@@ -68,10 +68,10 @@ def accelerations(formulation: Formulation, z: Any, dz: Any, t: float = 0.0) -> 
     Raises:
         InputError: as `mass_matrix`; the mechanism has friction.
     """
-    _check(formulation)
+    _check_formulation(formulation)
     n = formulation.n
     z, dz = (jnp.asarray(shaped(x, what, n)) for x, what in ((z, "the variables z"), (dz, "their rates dz")))
-    return _accelerations(formulation, _known(formulation), jnp.asarray(shaped(t, "time t")), z, dz)
+    return _accelerations(formulation, _derive_known(formulation), jnp.asarray(shaped(t, "time t")), z, dz)
 
 
 @public
@@ -94,7 +94,7 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
         InputError: as `accelerations`; times that do not grow.
         AssemblyError: it breaks off.
     """
-    _check(formulation)
+    _check_formulation(formulation)
     times = np.asarray(array(t, "time t"), float)
     finite(times, "time t")
     if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
@@ -111,7 +111,7 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
     for what, x in (("z", z), ("dz", dz)):
         finite(x, what)
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
-    qs, vs, accs, gaps = _integrate(formulation, _known(formulation), jnp.array(times), z, dz, count)
+    qs, vs, accs, gaps = _integrate(formulation, _derive_known(formulation), jnp.array(times), z, dz, count)
     bad = np.flatnonzero(~np.isfinite(np.asarray(gaps)) | (np.asarray(gaps) > 1.0))
     if len(bad):
         raise AssemblyError(
@@ -124,7 +124,7 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
                   jnp.array(times))  # fmt: skip
 
 
-def _check(formulation: Formulation) -> None:
+def _check_formulation(formulation: Formulation) -> None:
     if isinstance(formulation, Independent):
         raise InputError(
             "a closed chain in independent coordinates has no map to natural ones without solving for it; use "
@@ -138,39 +138,39 @@ def _check(formulation: Formulation) -> None:
 
 @record
 class _Known:
-    """What of a design does not depend on the pose: derived once, by programs that others need too."""
+    """The numbers of a design that do not depend on the pose: derived once, by programs that others need too."""
 
     dyn: Dynamics
     natural: Equations
     own: Equations
 
 
-def _known(f: Formulation) -> _Known:
+def _derive_known(f: Formulation) -> _Known:
     return _Known(dynamics(extended(f.natural)), derive(f.natural), derive(f.system))
 
 
-def _lifted(f: Formulation, known: _Known, z: Array) -> Array:
+def _lift(f: Formulation, known: _Known, z: Array) -> Array:
     """Coordinates of the dynamics, with hidden vectors."""
     return lift(f.natural.topology, f.place(known.natural, z))
 
 
-def _second(function, x: Array, v: Array) -> Array:
+def _second_derivative(function, x: Array, v: Array) -> Array:
     """Second derivative of a function along a straight line."""
     return jax.jvp(lambda y: jax.jvp(function, (y,), (v,))[1], (x,), (v,))[1]
 
 
 @jit
 def _mass(f: Formulation, known: _Known, z: Array) -> Array:
-    j = jax.jacfwd(lambda x: _lifted(f, known, x))(z)
+    j = jax.jacfwd(lambda x: _lift(f, known, x))(z)
     return j.T @ known.dyn.mass @ j
 
 
 @jit
 def _accelerations(f: Formulation, known: _Known, t: Array, z: Array, dz: Array) -> Array:
-    return _Family(f, known).answer(ACCELERATION, t, z, dz).change
+    return _Family(f, known).solve_stage(ACCELERATION, t, z, dz).change
 
 
-def _rows(f: Formulation, known: _Known, z: Array) -> Array:
+def _family_rows(f: Formulation, known: _Known, z: Array) -> Array:
     eq = known.own
     view = free_plan(f.topology)
     return residual(eq, eq.home.at[f.topology.unknown].set(z))[view.rows]
@@ -178,7 +178,7 @@ def _rows(f: Formulation, known: _Known, z: Array) -> Array:
 
 @record
 class _Family:
-    """The motion of a design in the variables of a family, as `jaxnc.dynamics.runge_kutta` integrates it."""
+    """The motion of a design in the variables of a family, as `jaxnc.dynamics.steps` integrates it."""
 
     formulation: Formulation
     known: _Known
@@ -187,23 +187,23 @@ class _Family:
         """The state: nothing is driven."""
         return q, v
 
-    def answer(self, what: Any, t: Any, q: Array, v: Array) -> Answer:
-        """As `jaxnc.dynamics.flow.Flow.answer`: one system of equations with other right-hand sides."""
+    def solve_stage(self, stage: Any, t: Any, q: Array, v: Array) -> StageSolution:
+        """Solve a stage as `jaxnc.dynamics.flow.Flow` does: one system of equations with other right-hand sides."""
         z, dz = q, v
         f, known, dyn = self.formulation, self.known, self.known.dyn
-        lift_z, rows_z = functools.partial(_lifted, f, known), functools.partial(_rows, f, known)
+        lift_z, rows_z = functools.partial(_lift, f, known), functools.partial(_family_rows, f, known)
         q, v = jax.jvp(lift_z, (z,), (dz,))
         j, slope = jax.jacfwd(lift_z)(z), jax.jacfwd(rows_z)(z)
         mass, rows, rates = j.T @ dyn.mass @ j, rows_z(z), slope @ dz
         size = jnp.max(jnp.diagonal(mass))
 
         def push() -> Array:
-            return j.T @ (forces(dyn, t, q, v) - dyn.mass @ _second(lift_z, z, dz)) / size
+            return j.T @ (forces(dyn, t, q, v) - dyn.mass @ _second_derivative(lift_z, z, dz)) / size
 
-        right = pick(what, push, lambda: jnp.zeros_like(z), lambda: jnp.zeros_like(z))
-        wanted = pick(what, lambda: -_second(rows_z, z, dz), lambda: -rows, lambda: -rates)
+        right = select_stage(stage, push, lambda: jnp.zeros_like(z), lambda: jnp.zeros_like(z))
+        wanted = select_stage(stage, lambda: -_second_derivative(rows_z, z, dz), lambda: -rows, lambda: -rates)
         change, multipliers = saddle(mass / size, slope, f.rows > f.r)(right, wanted)
-        return Answer(change, multipliers * size, largest(rows), largest(rates))
+        return StageSolution(change, multipliers * size, largest(rows), largest(rates))
 
 
 @functools.partial(jit, static_argnums=5)
@@ -212,18 +212,18 @@ def _integrate(
 ) -> tuple[Array, Array, Array, Array]:
     eq, held, moving = known.own, f.rows > 0, _Family(f, known)
     zero, none = jnp.zeros(()), jnp.zeros(len(free_plan(f.topology).rows))
-    first = on_constraints(moving, times[0], State(z, dz, jnp.zeros_like(z), none, zero, zero))
+    first = settle(moving, times[0], MotionState(z, dz, jnp.zeros_like(z), none, zero, zero))
     states = equal_steps(
         lambda t, h, state: step(moving, "rk4", held, t, h, state)[0], lambda t, state: state, times, first, steps
     )
     place = functools.partial(f.place, known.natural)
 
-    def keep(state: State) -> tuple[Array, Array, Array, Array]:
+    def keep(state: MotionState) -> tuple[Array, Array, Array, Array]:
         z, dz, a = state.q, state.v, state.a
         q, v = jax.jvp(place, (z,), (dz,))
-        acceleration = jax.jvp(place, (z,), (a,))[1] + _second(place, z, dz)
+        acceleration = jax.jvp(place, (z,), (a,))[1] + _second_derivative(place, z, dz)
         full = eq.home.at[f.topology.unknown].set(z)
-        gap = largest(_rows(f, known, z)) / tolerance(eq, full) if held else 0.0 * z[0]
+        gap = largest(_family_rows(f, known, z)) / tolerance(eq, full) if held else 0.0 * z[0]
         return q, v, acceleration, gap
 
     return lax.map(keep, jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, states))

@@ -1,41 +1,42 @@
 """What every family has in common: variables, rows over places, and the system they are compiled to."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jaxnc.constraints import COINCIDENT, COINCIDENT_IN_SPACE
 from jaxnc.constraints.kind import Kind
 from jaxnc.errors import InputError, nearest
-from jaxnc.families.between import Between
-from jaxnc.families.bodies import Origin, Parts
-from jaxnc.families.joined import Joined, closures
-from jaxnc.families.planar import EQUAL, drawn_angle, segment
+from jaxnc.families.bodies import Joined, Origin, Part, Parts, apart, closures
 from jaxnc.families.program import (
+    AT,
+    COORDINATE,
+    DIRECTION,
+    EQUAL,
+    HELD,
+    NORMALISED,
+    PAIR,
     Arm,
     Frame,
     Linear,
     Measured,
-    Oriented,
     Place,
     Program,
-    Reading,
+    Scribe,
     Turn,
     Vector,
-    composed,
-    scaled,
-    silent,
-    variable,
+    compose_kind,
+    fixed,
+    scale,
+    silence,
+    variable_kind,
 )
-from jaxnc.families.rows import AT, COORDINATE, HELD, PAIR
-from jaxnc.families.scribe import Scribe, fixed
-from jaxnc.families.shapes import Recipe
-from jaxnc.families.turns import DIRECTION
+from jaxnc.families.shapes import ANGLES, HOME, PARAMETERS, Between, Reading, Recipe, Segments
 from jaxnc.solvers.assembly import derive, with_degrees_of_freedom
 from jaxnc.system.assembler import Instance, grouped
 from jaxnc.system.identity import Owner, Thing
-from jaxnc.system.system import System
+from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 
 
@@ -73,14 +74,19 @@ class Planner(ABC):
 
     family = ""
 
-    def __init__(self, parts: Parts, natural: System, keep: tuple[str, ...] = ()):
+    def __init__(
+        self, parts: Parts, natural: System, keep: tuple[str, ...] = (), orientation: str = "euler parameters"
+    ):
         self.parts, self.a, self.natural, self.keep = parts, parts.a, natural, keep
+        self.orientation = orientation
         home = np.asarray(derive(natural).home)
         self.drawn = {name: float(home[natural.topology.position[name]]) for name in natural.topology.scalars}
         self.variables: dict[str, Variable] = {}
         self.readings: dict[str, Instance] = {}
         self.angles: dict[str, float] = {}
         self.rows: list[Instance] = []
+        self.used: set[Owner] = set()  # joints whose rows the variables meet
+        self.held: set[int] = set()  # points in part fixed, whose free coordinates are variables
         for name in keep:
             if name not in self.a.scalars and self.component(name) is None:
                 raise InputError(
@@ -110,13 +116,115 @@ class Planner(ABC):
     def _frame(self, scribe: Scribe, k: int) -> Frame:
         """The frame of a part that is not the ground."""
 
-    @abstractmethod
+    def origin_of(self, k: int) -> Origin:
+        """The origin of a part's frame."""
+        return self.parts.parts[k].origin
+
     def place(self, scribe: Scribe, k: int, point: int) -> Place:
         """A point of a part."""
+        if k == 0:
+            i = scribe.p(point)
+            return (Arm(None, tuple(((1.0, x, i),) for x in "xyz"[: self.parts.dim])),)
+        part, frame, origin = self.parts.parts[k], self.frame(scribe, k), self.origin_of(k)
+        if part.turns == "no" or origin == Origin((point,)):
+            return frame.origin
+        if self.parts.dim == 2:
+            return (*frame.origin, Arm(frame.turn, self.local(scribe, part, point, self.axis(k), origin)))
+        if part.turns == "bar":
+            return (*frame.origin, *self.out(scribe, k, point, origin))
+        vectors = tuple(scribe.v(v) for v in origin.vectors)
+        at = tuple(scribe.c("from", scribe.at((point, *origin.points), part), vectors, origin.how))
+        return (*frame.origin, Arm(frame.turn, at))
 
     @abstractmethod
+    def place_parts(self, points: Joined, vectors: Joined) -> None:
+        """Note the variables of all parts, and join the points and vectors that the parts share by them."""
+
+    def met(self, data: Instance) -> bool:
+        """Say that the variables of a joint meet a row, or write it otherwise than over points and vectors."""
+        return not self.used.isdisjoint(data.owners)
+
     def plan(self) -> None:
         """Write variables and rows."""
+        points, vectors = apart(self.parts.of_point), apart(self.parts.of_vector)
+        self.place_parts(points, vectors)
+        for name in self.keep:
+            self.keep_variable(name)
+        self.share(points, vectors)
+        self.hold()
+        for data in self.a.instances:
+            if data.kind.measure is None and data.kind.rows and not self.rigid(data) and not self.met(data):
+                self.compose(data)
+
+    # -- parts by a point and their orientation -----------------------------------------------------------------
+
+    def names(self, k: int) -> tuple[str, ...]:
+        """Names of the coordinates of a part's reference point, and of what says how it is turned."""
+        part, dim = self.parts.parts[k], self.parts.dim
+        names = tuple(f"{part.name}.{x}" for x in "xyz"[:dim])
+        if part.turns == "no":
+            return names
+        if dim == 2:
+            return (*names, part.angle or f"{part.name}.psi")
+        return (*names, *(self.bar(k) if part.turns == "bar" else self.parameters(part.name)))
+
+    def parameters(self, owner: str) -> tuple[str, ...]:
+        """Names of orientation parameters."""
+        return tuple(f"{owner}.{x}" for x in PARAMETERS[self.orientation])
+
+    def free_frame(self, scribe: Scribe, k: int) -> Frame:
+        """The frame of a part by its reference point and its orientation."""
+        found, dim = [scribe.s(name) for name in self.names(k)], self.parts.dim
+        how = "angle" if dim == 2 else self.orientation
+        turn = Turn(how, tuple(found[dim:])) if self.parts.parts[k].turns == "fully" else None
+        return Frame((Arm(None, tuple(found[:dim])),), turn)
+
+    def free(self, k: int, point: str, what: str) -> None:
+        """Note the variables of a part by its reference point and its orientation, and the rows that normalise these.
+
+        Args:
+            k: the part.
+            point: what its reference point is called in words.
+            what: what the part is called.
+        """
+        part, dim, names = self.parts.parts[k], self.parts.dim, self.names(k)
+        if not part.points:
+            for i, name in enumerate(names):  # a unit vector of no body
+                reading = Reading(Recipe("unit", (), (0,)), i)
+                self.add_variable(name, f"component of {part.name}", reading, (), part.vectors, pure=True)
+            return
+        origin, mean = part.origin, "mean" if dim == 2 else "mean in space"
+        at = tuple(range(len(origin.points))), tuple(range(len(origin.vectors)))
+        for i, name in enumerate(names[:dim]):
+            reading = Reading(Recipe(mean, *at, origin.how), i)
+            self.add_variable(name, f"{'xyz'[i]} of {point}", reading, origin.points, origin.vectors)
+        if part.turns == "bar":
+            self.direct(k)
+        elif part.turns == "fully" and dim == 2:
+            reading = Reading(Recipe("direction", (0, 1)))
+            self.add_variable(names[2], f"angle of {what}", reading, part.axis, angle=True)
+            self.angles[names[2]] = drawn_angle(self.a.home, part.axis)
+        elif part.turns == "fully":
+            scribe = Scribe()
+            between = Between(self.orientation, 0, (), self.segments(scribe, k), ())
+            self.orient(names[3:], between, scribe, f"{self.orientation} of {what}", part.owner)
+
+    def segments(self, scribe: Scribe, k: int) -> Segments:
+        """The segments of a part's frame, in the numbers of an instance; none for the ground."""
+        if k == 0:
+            return ()
+        return tuple(scribe.at(s) if len(s) == 2 else (~scribe.v(~s[0]),) for s in self.parts.parts[k].segments)
+
+    def orient(self, names: tuple[str, ...], between: Between, scribe: Scribe, meaning: str, owner: Owner) -> None:
+        """Note orientation parameters, and write the rows that normalise them; angles need none."""
+        how, points = self.orientation, tuple(p for p, _ in scribe.points)
+        for i, name in enumerate(names):
+            reading = replace(between, part=i)
+            self.add_variable(name, meaning, reading, points, tuple(scribe.vectors), how in ANGLES, True)
+            self.angles[name] = HOME[how][i]
+        if how in NORMALISED:
+            scribe = Scribe()
+            self.write(NORMALISED[how], (owner,), scribe, scalars=tuple(scribe.s(n) for n in names))
 
     def direction(self, scribe: Scribe, k: int, vector: int) -> Arm | Vector:
         """A unit vector of a part."""
@@ -154,13 +262,6 @@ class Planner(ABC):
             self.add_variable(name, f"direction of body {part.name}", reading, points, vectors, pure=True)
         self.write(DIRECTION, (part.owner,), scribe, scalars=tuple(map(scribe.s, self.bar(k))))
 
-    def lone(self, k: int) -> None:
-        """Note the components of a unit vector that is of no body."""
-        part = self.parts.parts[k]
-        for i, x in enumerate("xyz"):
-            reading = Reading(Recipe("unit", (), (0,)), i)
-            self.add_variable(f"{part.name}.{x}", f"component of {part.name}", reading, (), part.vectors, pure=True)
-
     def along(self, scribe: Scribe, k: int, vector: int) -> Arm:
         """A unit vector of a bar: its direction, or against it."""
         part = self.parts.parts[k]
@@ -173,16 +274,11 @@ class Planner(ABC):
 
     # -- tools --------------------------------------------------------------------------------------------------
 
-    def ground(self, scribe: Scribe, point: int) -> Place:
-        """A point where it is drawn."""
-        i = scribe.p(point)
-        return (Arm(None, tuple(((1.0, x, i),) for x in "xyz"[: self.parts.dim])),)
-
     def add_variable(
         self,
         name: str,
         meaning: str,
-        reading: Reading | Oriented | Between,
+        reading: Reading | Between,
         points: tuple[int, ...],
         vectors: tuple[int, ...] = (),
         angle: bool = False,
@@ -193,24 +289,19 @@ class Planner(ABC):
             raise InputError(f"two variables would be called {name!r}; rename the body or point of that name")
         counted = None if isinstance(reading, Reading) else (reading, points, vectors)
         self.variables[name] = Variable(name, meaning, angle, pure or angle, counted)
-        kind = variable(reading, len(points), len(vectors))
+        kind = variable_kind(reading, len(points), len(vectors))
         at, along = ((), ()) if counted else (points, vectors)
         self.readings[name] = Instance(kind, at, (name,), (), at, along)  # pyright: ignore[reportArgumentType]
 
     def own(self, name: str, meaning: str) -> None:
         """Note a user's coordinate as a variable that needs no equation."""
-        angle, data = self._turning(name), self.a.measured[name]
+        angle, data = self.is_angle(name), self.a.measured[name]
         self.variables[name] = Variable(name, meaning, angle, angle)
         self.angles[name] = self.drawn[name]
         self.readings[name] = Instance(
-            silent(data.kind), data.points, (name,), data.owners, data.drawn, data.vectors,  # pyright: ignore[reportArgumentType]
+            silence(data.kind), data.points, (name,), data.owners, data.drawn, data.vectors,  # pyright: ignore[reportArgumentType]
             dict(data.lengths), dict(data.given),
         )  # fmt: skip
-
-    def angle_of(self, a: int, b: int) -> float:
-        """Angle of a drawn segment in the plane."""
-        d = self.a.home[b] - self.a.home[a]
-        return float(np.arctan2(d[1], d[0]))
 
     def estimate(self, scribe: Scribe, value: Linear) -> float:
         """About what a sum of angles is in the drawing."""
@@ -235,7 +326,30 @@ class Planner(ABC):
         part, turn = self.parts.parts[k], self.frame(scribe, k).turn
         if turn is None or part.turns == "no":
             return None
-        return segment(scribe, part, ends, self.axis(k), turn.of[0])
+        return self.segment_angle(scribe, part, ends, self.axis(k), turn.of[0])
+
+    def segment_angle(
+        self, scribe: Scribe, part: Part, ends: tuple[int, int], axis: tuple[int, int], angle: Linear
+    ) -> Linear:
+        """The angle of a segment of a part whose axis has an angle."""
+        if ends == axis:
+            return angle
+        if ends == axis[::-1]:
+            return angle + fixed(-np.pi)
+        (turn,) = scribe.c("between", scribe.at((*axis, *ends), part))
+        return angle + turn
+
+    def local(
+        self, scribe: Scribe, part: Part, point: int, axis: tuple[int, int], origin: Origin
+    ) -> tuple[Linear, ...]:
+        """Components of a point in the frame of a planar part with an axis."""
+        if not origin.how:
+            middle = set(origin.points) == set(axis)
+            if point in axis and (middle or (origin.points[0] in axis and len(origin.points) == 1)):
+                (length,) = scribe.c("length", scribe.at(axis, part))
+                return scale(length, (1.0 if point == axis[1] else -1.0) * (0.5 if middle else 1.0)), ()
+        along, across = scribe.c("local", scribe.at((point, *axis, *origin.points), part), (), origin.how)
+        return along, across
 
     def axis(self, k: int) -> tuple[int, int]:
         """The two points whose direction is a planar part's angle."""
@@ -246,13 +360,13 @@ class Planner(ABC):
         if name in self.variables:
             return scribe.s(name)
         data = self.a.measured[name]
-        if name in self.a.model.distances or not self._turning(name):
+        if name in self.a.model.distances or not self.is_angle(name):
             kind = data.kind
             constants = []
             for c in kind.constants:
                 i, j = (int(p) for p in data.lengths[c])
-                constants.append(scribe.c("length", tuple(_both(scribe, p, self.a) for p in (i, j)))[0])
-            places, directions = self.carried(scribe, data)
+                constants.append(scribe.c("length", tuple(self._pair_redrawn(scribe, p) for p in (i, j)))[0])
+            places, directions = self.carry(scribe, data)
             return Measured(kind, places, directions, tuple(constants))
         if self.parts.dim == 3:
             return None
@@ -261,15 +375,16 @@ class Planner(ABC):
         start = () if len(ends) == 2 else self.angle(scribe, (ends[0], ends[1]))
         if to is None or start is None:
             return None
-        value = to + scaled(start, -1.0)
+        value = to + scale(start, -1.0)
         turns = round((self.drawn[name] - self.estimate(scribe, value)) / (2 * np.pi))
         return value + fixed(2 * np.pi * turns)
 
-    def _turning(self, name: str) -> bool:
+    def is_angle(self, name: str) -> bool:
+        """Say whether a user's coordinate is an angle."""
         m = self.a.model
         return name in m.angles or any(getattr(j, "angle", None) == name for j in m.joints.values())
 
-    def carried(self, scribe: Scribe, data: Instance) -> tuple[tuple[Place, ...], tuple]:
+    def carry(self, scribe: Scribe, data: Instance) -> tuple[tuple[Place, ...], tuple]:
         """The points and vectors of a natural constraint, each on the part that carries it."""
         holders = self.parts.best(data.points)
         places = tuple(self.place(scribe, k, p) for k, p in zip(holders, data.points, strict=True))
@@ -296,10 +411,10 @@ class Planner(ABC):
         own: tuple[int, ...] = ()
         own_vectors: tuple[int, ...] = ()
         if data is not None and (kind.constants or measured):
-            own = tuple(_pair(scribe, p, d) for p, d in zip(data.points, data.drawn, strict=True))
+            own = tuple(scribe.pair(p, d) for p, d in zip(data.points, data.drawn, strict=True))
             own_vectors = tuple(scribe.v(v) for v in data.vectors)
         program = Program(kind, places, directions, scalars, tuple(scribe.recipes), own, own_vectors)
-        made = composed(program, len(scribe.points), len(scribe.vectors), len(scribe.scalars), measured)
+        made = compose_kind(program, len(scribe.points), len(scribe.vectors), len(scribe.scalars), measured)
         points, drawn = (tuple(x[i] for x in scribe.points) for i in (0, 1))
         row = Instance(made, points, tuple(scribe.scalars), owners, drawn, tuple(scribe.vectors))  # pyright: ignore[reportArgumentType]
         if data is not None:
@@ -311,14 +426,14 @@ class Planner(ABC):
     def compose(self, data: Instance, name: str | None = None) -> None:
         """Write a natural constraint over places; of a user's coordinate that is a variable, its equation."""
         scribe = Scribe()
-        places, directions = self.carried(scribe, data)
+        places, directions = self.carry(scribe, data)
         scalars = []
         for i in data.scalars:
             if i >= self.a.first_scalar:
                 own = self.a.scalars[i - self.a.first_scalar]
                 found = scribe.s(own) if own == name else self.scalar(scribe, own)
                 if found is None:
-                    self.kept(own)
+                    self.keep_variable(own)
                     found = scribe.s(own)
                 scalars.append(found)
                 continue
@@ -332,29 +447,38 @@ class Planner(ABC):
                 scalars.append(Measured(COORDINATE[False][axis], (place,)))
         self.write(data.kind, data.owners, scribe, places, tuple(scalars), directions, data, name is not None)
 
-    def kept(self, name: str) -> None:
+    def keep_variable(self, name: str) -> None:
         """Make a user's coordinate a variable, with the equation that defines it."""
         if name in self.variables:
             return
         if name not in self.a.scalars:
-            self.spotted(name)
+            point, axis = self.spot(name)
+            scribe = Scribe()
+            place = self.place(scribe, self.parts.best((point,))[0], point)
+            self.write(AT[axis], (Owner(Thing.POINT, point),), scribe, (place,), (scribe.s(name),))
             return
-        angle = self._turning(name)
+        angle = self.is_angle(name)
         self.variables[name] = Variable(name, f"the {'angle' if angle else 'distance'} {name}", angle, angle)
         data = self.a.measured[name]
         self.angles[name] = self.drawn[name]
         self.compose(data, name)
 
-    def spotted(self, name: str) -> None:
-        """Make a coordinate of a point a variable."""
+    def spot(self, name: str) -> tuple[int, int]:
+        """Note a coordinate of a point as a variable: the point, and the axis."""
         found = self.component(name)
         assert found is not None
-        point, axis = found
-        reading = Reading(Recipe("mean" if self.parts.dim == 2 else "mean in space", (0,)), axis)
-        self.add_variable(name, f"coordinate {name}", reading, (point,))
-        scribe = Scribe()
-        place = self.place(scribe, self.parts.best((point,))[0], point)
-        self.write(AT[axis], (Owner(Thing.POINT, point),), scribe, (place,), (scribe.s(name),))
+        reading = Reading(Recipe("mean" if self.parts.dim == 2 else "mean in space", (0,)), found[1])
+        self.add_variable(name, f"coordinate {name}", reading, found[:1])
+        return found
+
+    def choose(self, family: str) -> None:
+        """Note the kept coordinates alone, without rows: everything else follows from the position problem."""
+        self.family = family
+        for name in self.keep:
+            if name in self.a.scalars:
+                self.own(name, f"the coordinate {name}")
+            else:
+                self.spot(name)
 
     def coincide(self, first: int, second: int, point: int) -> None:
         """Write that a point is the same on two parts."""
@@ -407,18 +531,18 @@ class Planner(ABC):
         arms = (Arm(turn, tuple(across[:3])), Arm(turn, tuple(across[3:])))
         self.write(PAIR, (owner,), scribe, directions=(one, *arms))
 
-    def hold(self, but: frozenset[int] = frozenset()) -> None:
-        """Write the coordinates of points that do not change, but for some points."""
+    def hold(self) -> None:
+        """Write the coordinates of points that do not change, but for those that variables hold."""
         for p, axes in enumerate(self.a.fixed):
-            if axes.all() or p in but:
+            if axes.all() or p in self.held:
                 continue
             for axis in np.flatnonzero(axes):
                 scribe = Scribe()
                 place = self.place(scribe, self.parts.best((p,))[0], p)
-                self.write(HELD[axis], (Owner(Thing.POINT, p),), scribe, (place, self.ground(scribe, p)))
+                self.write(HELD[axis], (Owner(Thing.POINT, p),), scribe, (place, self.place(scribe, 0, p)))
 
     def rigid(self, data: Instance) -> bool:
-        """Whether a natural constraint holds because its points are of one part, or concerns no variable."""
+        """Say whether a natural constraint holds because its points are of one part, or concerns no variable."""
         return not data.scalars and self.parts.holder(data.points, data.vectors) is not None
 
     # -- out ----------------------------------------------------------------------------------------------------
@@ -478,19 +602,26 @@ class Planner(ABC):
             angle_unit=top.angle_unit,
             sparse=top.sparse,
         )
-        return with_degrees_of_freedom(System(topology, self.natural.parameters))
+        return with_degrees_of_freedom(System(topology, fit_parameters(self.natural.parameters, topology)))
+
+    def _pair_redrawn(self, scribe: Scribe, drawn: int) -> int:
+        """A place in the drawing or in a redrawn shape, and the point that it is of."""
+        for places in self.a.redrawn.values():
+            for point, where in places.items():
+                if where == drawn:
+                    return scribe.pair(point, drawn)
+        return scribe.pair(drawn, drawn)
 
 
-def _pair(scribe: Scribe, point: int, drawn: int) -> int:
-    if (point, drawn) not in scribe.points:
-        scribe.points.append((point, drawn))
-    return scribe.points.index((point, drawn))
+def drawn_angle(home: np.ndarray, ends: tuple[int, ...]) -> float:
+    """The drawn angle of a segment from the x axis, or from another segment, as the recipes read it."""
+    spans = [home[b] - home[a] for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    d, w = (np.array([1.0, 0.0]), spans[0]) if len(spans) == 1 else spans
+    return float(np.arctan2(d[0] * w[1] - d[1] * w[0], d @ w))
 
 
-def _both(scribe: Scribe, drawn: int, a) -> int:
-    """A place in the drawing or in a redrawn shape, and the point that it is of."""
-    for places in a.redrawn.values():
-        for point, where in places.items():
-            if where == drawn:
-                return _pair(scribe, point, drawn)
-    return _pair(scribe, drawn, drawn)
+def fit_parameters(parameters: Parameters, topology: Topology) -> Parameters:
+    """The parameters of a mechanism for the system of a family, which may have no markers."""
+    if len(parameters.markers) == len(topology.markers):
+        return parameters
+    return replace(parameters, markers=parameters.markers[:0])

@@ -15,16 +15,14 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.constraints import Kind
+from jaxnc.constraints.kind import Kind, dot
 from jaxnc.constraints.small import Small
 from jaxnc.constraints.symbols import Expression
 from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families import shapes
-from jaxnc.families.between import Between
-from jaxnc.families.shapes import Recipe
-from jaxnc.families.turns import HOME, parameters, turned
-from jaxnc.pickling import factory
-from jaxnc.system.frames import body_axes
+from jaxnc.families.bodies import Part
+from jaxnc.families.shapes import Between, Reading, Recipe, rotation_rows
+from jaxnc.pickling import factory, listed
 
 Linear = tuple[tuple[float, str, int], ...]
 """A sum ``factor · what[index]``: ``"s"`` a variable, ``"c"`` a constant, ``"1"`` one, ``"x"``, ``"y"``, ``"z"`` a
@@ -78,12 +76,12 @@ class Measured:
     constants: tuple[Linear, ...] = ()
 
 
-def scaled(value: Linear, factor: float) -> Linear:
+def scale(value: Linear, factor: float) -> Linear:
     """A linear form times a number."""
     return tuple((factor * f, what, i) for f, what, i in value)
 
 
-class Numbers:
+class Evaluator:
     """Evaluates pieces, with the numbers of one instance."""
 
     def __init__(self, p: Any, v: Any, s: Any, c: Any):
@@ -95,7 +93,7 @@ class Numbers:
         out: Any = None
         for factor, what, i in value:
             if what == "1":
-                term = _pi(factor, self.s)
+                term = _in_pi(factor, self.s)
             else:
                 x = self.s[i] if what == "s" else self.c[i] if what == "c" else self.p[i]["xyz".index(what)]
                 term = x if factor == 1.0 else -x if factor == -1.0 else factor * x
@@ -111,10 +109,10 @@ class Numbers:
                 co, si = cos(of[0]), sin(of[0])
                 found = ((co, -si), (si, co))
             else:
-                found = turned(turn.how, of, axis)
+                found = rotation_rows(turn.how, of, axis)
             if turn.before is not None:
                 first = self.turn(turn.before)
-                found = tuple(tuple(_sum(r[k] * found[k][j] for k in range(3)) for j in range(3)) for r in first)
+                found = tuple(tuple(_add_up(r[k] * found[k][j] for k in range(3)) for j in range(3)) for r in first)
             self.turns[turn] = found
         return self.turns[turn]
 
@@ -126,52 +124,44 @@ class Numbers:
         if arm.turn is None:
             return at
         rows = self.turn(arm.turn)
-        return [_sum(r[k] * x for k, x in enumerate(at) if x is not None) for r in rows]
+        return [_add_up(r[k] * x for k, x in enumerate(at) if x is not None) for r in rows]
 
     def place(self, place: Place) -> list[Any]:
         """Coordinates of a point."""
         parts = [self.arm(arm) for arm in place]
-        return [_filled(_sum(x for x in column if x is not None), self) for column in zip(*parts, strict=True)]
+        return [_fill_zero(_add_up(x for x in column if x is not None), self) for column in zip(*parts, strict=True)]
 
     def scalar(self, scalar: "Linear | Measured") -> Any:
         """A linear form, or a measure."""
         if not isinstance(scalar, Measured):
-            return _filled(self.linear(scalar), self)
+            return _fill_zero(self.linear(scalar), self)
         assert scalar.kind.measure is not None
         p, v = self.together([self.place(x) for x in scalar.places], [self.arm(d) for d in scalar.directions])
         return scalar.kind.measure(p, v, [self.linear(c) for c in scalar.constants])  # pyright: ignore[reportArgumentType]
 
     def together(self, places: Sequence[list], directions: Sequence[list]) -> tuple[Any, Any]:
         """Points and vectors in the form in which a kind takes them."""
-        return self._stack(places), self._stack([[_filled(x, self) for x in d] for d in directions])
+        return self.gather(places), self.gather([[_fill_zero(x, self) for x in d] for d in directions])
 
-    def _stack(self, rows: Sequence[list]) -> Any:
-        if not rows:
-            return Small(())
-        first = rows[0][0]
-        if isinstance(self.s, Small) or isinstance(first, Expression):
-            return Small(Small(row) for row in rows)
+    def gather(self, values: Sequence[Any]) -> Any:
+        """Numbers, or rows of numbers, in the form in which a kind takes them."""
+        nested = bool(values) and isinstance(values[0], list)
+        first = values[0][0] if nested else values[0] if values else None
+        if not values or isinstance(self.s, Small) or isinstance(first, Expression):
+            return Small(map(Small, values) if nested else values)
         if isinstance(first, float):
-            return np.array(rows)
-        return jnp.stack([jnp.stack([jnp.asarray(x) for x in row]) for row in rows])
-
-    def scalars(self, values: Sequence[Any]) -> Any:
-        """Scalars in the form in which a kind takes them."""
-        if not values:
-            return Small(())
-        if isinstance(self.s, Small) or isinstance(values[0], Expression):
-            return Small(values)
-        return np.array(values) if isinstance(values[0], float) else jnp.stack([jnp.asarray(x) for x in values])
+            return np.array(values)
+        return jnp.stack([self.gather(x) if nested else jnp.asarray(x) for x in values])
 
 
-def _sum(values) -> Any:
+def _add_up(values) -> Any:
     out = None
     for x in values:
         out = x if out is None else out + x
     return out
 
 
-def _filled(value: Any, numbers: Numbers) -> Any:
+def _fill_zero(value: Any, numbers: Evaluator) -> Any:
     """Zero, of the type that is calculated with, for what has no pieces."""
     if value is not None:
         return value
@@ -179,7 +169,7 @@ def _filled(value: Any, numbers: Numbers) -> Any:
     return 0.0 * some
 
 
-def _pi(factor: float, s: Any) -> Any:
+def _in_pi(factor: float, s: Any) -> Any:
     """A fixed number; a multiple of π where symbols are written."""
     if len(s) and isinstance(s[0], Expression):
         from jaxnc.constraints.symbols import PI
@@ -207,11 +197,11 @@ class Program:
 
     def arguments(self, p: Any, v: Any, s: Any, c: Any) -> tuple[Any, Any, Any]:
         """The kind's points, vectors and scalars."""
-        numbers = Numbers(p, v, s, c)
+        numbers = Evaluator(p, v, s, c)
         points, vectors = numbers.together(
             [numbers.place(x) for x in self.places], [numbers.arm(d) for d in self.directions]
         )
-        return points, vectors, numbers.scalars([numbers.scalar(x) for x in self.scalars])
+        return points, vectors, numbers.gather([numbers.scalar(x) for x in self.scalars])
 
     def __call__(self, p: Any, v: Any, s: Any, c: Any) -> Any:
         """The rows."""
@@ -227,8 +217,8 @@ class Program:
         constants = [x for r in self.recipes for x in shapes.values(r, p, v)]
         if self.kind.drawn is None or not self.kind.constants:
             return constants
-        given = Numbers(p, v, s, constants)
-        scalars = given.scalars([given.scalar(x) for x in self.scalars]) if self.scalars else s
+        given = Evaluator(p, v, s, constants)
+        scalars = given.gather([given.scalar(x) for x in self.scalars]) if self.scalars else s
         own = self.kind.drawn(
             p[jnp.array(self.own, int)], v[jnp.array(self.own_vectors, int)], scalars, c[self.first :]
         )
@@ -241,7 +231,7 @@ class Program:
 
 
 @factory
-def composed(program: Program, points: int, vectors: int, scalars: int, measured: bool) -> Kind:
+def compose_kind(program: Program, points: int, vectors: int, scalars: int, measured: bool) -> Kind:
     """The kind of a program: the same rows, of a family's variables."""
     kind = program.kind
     names = tuple(f"{name} {k}" for k, r in enumerate(program.recipes) for name in r.names)
@@ -262,43 +252,8 @@ def composed(program: Program, points: int, vectors: int, scalars: int, measured
     )
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What a variable is in a pose of the natural coordinates: one of the values of a recipe."""
-
-    recipe: Recipe
-    part: int = 0
-
-    def __call__(self, p: Any, v: Any, c: Any) -> Any:
-        """The variable's value."""
-        return shapes.values(self.recipe, p, v)[self.part]
-
-
-@dataclass(frozen=True)
-class Oriented:
-    """An orientation parameter of a body in a pose of the natural coordinates, from the segments of its frame."""
-
-    how: str  # which parameters
-    part: int  # which of them
-    segments: tuple[tuple[int, ...], ...]  # pairs of points (i, j), or vectors (~k,), of the instance
-
-    @property
-    def home(self) -> float:
-        """Its value in the drawing."""
-        return HOME[self.how][self.part]
-
-    def drawn(self, p: Any, v: Any) -> Any:
-        """The frame as drawn, row by row."""
-        return tuple(body_axes(self.segments, p, v).reshape(-1))
-
-    def __call__(self, p: Any, v: Any, c: Any) -> Any:
-        """The parameter's value."""
-        frame = jnp.stack(list(c)).reshape(3, 3)
-        return parameters(self.how, body_axes(self.segments, p, v).T @ frame)[self.part]
-
-
 @factory
-def variable(reading: "Reading | Oriented | Between", points: int, vectors: int) -> Kind:
+def variable_kind(reading: Reading | Between, points: int, vectors: int) -> Kind:
     """A kind without rows, that says what a variable is in the drawing.
 
     What is counted from the drawing is known there, and nothing of it need be compiled.
@@ -306,26 +261,197 @@ def variable(reading: "Reading | Oriented | Between", points: int, vectors: int)
     counted = not isinstance(reading, Reading)
     return Kind(
         "variable, " + (f"counted from {reading.home:g}" if counted else f"{reading.recipe.how} {reading.part}"),
-        _nothing,
+        _no_rows,
         rows=(),
         powers=(),
         points=0 if counted else points,
         vectors=0 if counted else vectors,
         scalars=1,
-        measure=_known(reading.home) if counted else reading,
+        measure=_constant_measure(reading.home) if counted else reading,
     )
 
 
 @functools.cache
-def _known(value: float):
+def _constant_measure(value: float):
     return lambda p, v, c: jnp.asarray(value)
 
 
 @factory
-def silent(kind: Kind) -> Kind:
+def silence(kind: Kind) -> Kind:
     """A kind that measures, and writes no row."""
-    return dataclasses.replace(kind, name=f"{kind.name}, measured", residual=_nothing, rows=(), powers=(), guard=None)
+    return dataclasses.replace(kind, name=f"{kind.name}, measured", residual=_no_rows, rows=(), powers=(), guard=None)
 
 
-def _nothing(p, v, s, c):
+def _no_rows(p, v, s, c):
     return ()
+
+
+class Scribe:
+    """Collects the points, vectors, variables and readings of one instance."""
+
+    def __init__(self):
+        self.points: list[tuple[int, int]] = []  # pairs (point, where it is read)
+        self.vectors: list[int] = []  # unit vectors
+        self.scalars: list[str] = []  # names of variables
+        self.recipes: list[Recipe] = []  # readings of constants
+        self.frames: dict[int, Frame] = {}  # frames of parts that are made
+
+    def p(self, point: int, part: Part | None = None) -> int:
+        """A point as drawn, or of the (redrawn) shape of a part."""
+        return self.pair(point, part.drawn.get(point, point) if part else point)
+
+    def pair(self, point: int, drawn: int) -> int:
+        """A point, and where in the drawing it is read."""
+        return _index_of(self.points, (point, drawn))
+
+    def at(self, points: tuple[int, ...], part: Part | None = None) -> tuple[int, ...]:
+        """Several points."""
+        return tuple(self.p(p, part) for p in points)
+
+    def v(self, vector: int) -> int:
+        """A unit vector."""
+        return _index_of(self.vectors, vector)
+
+    def s(self, name: str, factor: float = 1.0) -> Linear:
+        """A variable."""
+        return ((factor, "s", _index_of(self.scalars, name)),)
+
+    def c(self, how: str, points: tuple[int, ...], vectors: tuple[int, ...] = (), extra: tuple = ()) -> list[Linear]:
+        """Constants read off the drawing."""
+        recipe = Recipe(how, points, vectors, extra)
+        before = sum(r.count for r in self.recipes[: _index_of(self.recipes, recipe)])
+        return [((1.0, "c", before + k),) for k in range(recipe.count)]
+
+
+def _index_of(found: list, item) -> int:
+    if item not in found:
+        found.append(item)
+    return found.index(item)
+
+
+def fixed(value: float) -> Linear:
+    """A number."""
+    return ((value, "1", 0),) if value else ()
+
+
+# -- kinds of rows that are the families' own -------------------------------------------------------------------
+
+PROJECTION = Kind(
+    "projection",
+    lambda p, v, s, c: ((p[0][0] - p[1][0]) * cos(s[0]) + (p[0][1] - p[1][1]) * sin(s[0]) - s[1],),
+    rows=("distance",),
+    points=2,
+    scalars=2,
+    source="(10): the projection of a vector on a direction of a body is constant",
+)
+
+EQUAL = Kind(
+    "equal",
+    lambda p, v, s, c: (s[0] - s[1],),
+    rows=("angle",),
+    powers=(0,),
+    scalars=2,
+    source="(9)",
+)
+
+PAIR = Kind(
+    "parallel in two rows",
+    lambda p, v, s, c: (
+        v[0][0] * v[1][0] + v[0][1] * v[1][1] + v[0][2] * v[1][2],
+        v[0][0] * v[2][0] + v[0][1] * v[2][1] + v[0][2] * v[2][2],
+    ),
+    rows=("across 1", "across 2"),
+    powers=(0, 0),
+    vectors=3,
+    source="§4.2.2: a direction of one body stays across two directions of the other",
+)
+
+
+SAME_TURN = Kind(
+    "same orientation",
+    lambda p, v, s, c: (dot(v[1], v[5]), dot(v[2], v[3]), dot(v[0], v[4])),
+    rows=("about x", "about y", "about z"),
+    powers=(0, 0, 0),
+    vectors=6,
+    # Half turns and the cyclic third of a turn meet the rows too; their matrices have a trace below one.
+    guard=lambda p, v, s, c: (dot(v[0], v[3]) + dot(v[1], v[4]) + dot(v[2], v[5]) - 1.0,),
+    source="the paper: a loop that is closed by six equations, three of them about its orientation",
+)
+
+
+@factory
+def _held_kind(axis: int) -> Kind:
+    return Kind(
+        f"held {'xyz'[axis]}",
+        lambda p, v, s, c: (p[0][axis] - p[1][axis],),
+        rows=("xyz"[axis],),
+        points=2,
+        source="a coordinate of a point that does not change",
+    )
+
+
+@factory
+def _coordinate_kind(axis: int, vector: bool) -> Kind:
+    return Kind(
+        f"coordinate {'xyz'[axis]}",
+        lambda p, v, s, c: (),
+        rows=(),
+        powers=(),
+        points=int(not vector),
+        vectors=int(vector),
+        measure=lambda p, v, c: (v if vector else p)[0][axis],
+    )
+
+
+@factory
+def _at_kind(axis: int) -> Kind:
+    return Kind(
+        f"at {'xyz'[axis]}",
+        lambda p, v, s, c: (p[0][axis] - s[0],),
+        rows=("xyz"[axis],),
+        points=1,
+        scalars=1,
+        source="a coordinate of a point as a variable",
+    )
+
+
+AT = tuple(map(_at_kind, range(3)))
+HELD = tuple(map(_held_kind, range(3)))
+COORDINATE = {vector: tuple(_coordinate_kind(axis, vector) for axis in range(3)) for vector in (False, True)}
+
+NORM = Kind(
+    "Euler parameters",
+    lambda p, v, s, c: (s[0] * s[0] + s[1] * s[1] + s[2] * s[2] + s[3] * s[3] - 1.0,),
+    rows=("unit length",),
+    powers=(0,),
+    scalars=4,
+    source="normalisation of Euler parameters",
+)
+
+DIRECTION = Kind(
+    "direction of a bar",
+    lambda p, v, s, c: (s[0] * s[0] + s[1] * s[1] + s[2] * s[2] - 1.0,),
+    rows=("unit length",),
+    powers=(0,),
+    scalars=3,
+    source="§4: a unit vector",
+)
+
+
+def _orthonormal(p, v, s, c):
+    rows = [s[0:3], s[3:6], s[6:9]]
+    return tuple(dot(rows[i], rows[j]) - (1.0 if i == j else 0.0) for i in range(3) for j in range(i + 1))
+
+
+ORTHONORMAL = Kind(
+    "rotation matrix",
+    _orthonormal,
+    rows=("xx", "yx", "yy", "zx", "zy", "zz"),
+    powers=(0,) * 6,
+    scalars=9,
+    source="the rows of a rotation matrix are unit vectors at right angles",
+)
+
+NORMALISED = {"euler parameters": NORM, "rotation matrix": ORTHONORMAL}
+
+listed(__name__, (PROJECTION, EQUAL, PAIR, SAME_TURN, NORM, DIRECTION, ORTHONORMAL))

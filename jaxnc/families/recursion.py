@@ -20,12 +20,11 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.families.bodies import Parts
-from jaxnc.families.formulate import planned, relative
+from jaxnc.families.formulate import compile_family, plan_relative
 from jaxnc.families.formulation import Formulation
-from jaxnc.families.relative import Relative
-from jaxnc.families.scribe import Scribe
-from jaxnc.families.spatial import SpatialRelative
-from jaxnc.families.spatial_graph import drawn
+from jaxnc.families.program import Scribe
+from jaxnc.families.relative import Relative, SpatialRelative
+from jaxnc.families.shapes import rotation, skew_matrix
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.solvers import dense
@@ -34,13 +33,16 @@ from jaxnc.types import Array
 
 
 @dataclass(frozen=True)
-class Joint:
+class ChainJoint:
     """One screw of the chain."""
 
     link: int  # the link that it moves
     before: int  # the joint before it; -1 for none
     variable: int  # which variable it is
     sign: float  # +1 if the variable grows with it
+    axis: np.ndarray  # along or about which it moves, as drawn
+    point: np.ndarray  # a point of that axis
+    slides: bool  # whether it is a slide, and not a turn
 
 
 @public
@@ -60,8 +62,8 @@ class Chain:
 
     def __init__(self, mechanism: Mechanism):
         natural = mechanism.compile()
-        planner = relative(Parts(mechanism), natural)
-        self.formulation: Formulation = planned(planner, natural, "relative")
+        planner = plan_relative(Parts(mechanism), natural)
+        self.formulation: Formulation = compile_family(planner, natural, "relative")
         if self.formulation.r:
             raise InputError(
                 f"{natural.name!r} has loops: {self.formulation.r} equations in relative coordinates; the recursion is "
@@ -71,22 +73,21 @@ class Chain:
         if m.forces or m.masses or m.friction:
             name = next(iter((*m.forces, *m.masses, *m.friction)))
             raise InputError(f"{name!r}: the recursion knows bodies and gravity only; give other efforts as tau=")
-        assert isinstance(planner, Relative | SpatialRelative)
-        self.joints: list[Joint] = []
-        self.axes: list[np.ndarray] = []
-        self.points: list[np.ndarray] = []
-        self.slides: list[bool] = []
+        self.joints: list[ChainJoint] = []
         self.names = list(self.formulation.variables)
         self.last = {0: -1}
         for k in planner.hung:
-            (self._plane if isinstance(planner, Relative) else self._space)(planner, k)
+            if isinstance(planner, Relative):
+                self._plane(planner, k)
+            else:
+                self._space(planner, k)
         home = np.asarray(derive(self.formulation.system).home)
         self.home = jnp.array(home[self.formulation.topology.unknown])
         gravity = np.zeros(3)
         gravity[: m.dim] = m.gravity or (0.0,) * m.dim
         self.gravity = jnp.array(gravity)
         specs = {n: b if isinstance(b, record.Body) else record.Body(b) for n, b in m.bodies.items()}
-        self._efforts, self._mass = jit(self._recursed), jit(self._composed)
+        self._efforts, self._mass = jit(self._recurse), jit(self._compose)
         self.inertias: dict[int, np.ndarray] = {}
         for k, part in enumerate(planner.parts.parts):
             for n in (n for n in part.bodies if specs[n].mass):
@@ -94,13 +95,10 @@ class Chain:
                 self.inertias[k] = self.inertias.get(k, np.zeros((6, 6))) + _inertia(n, specs[n], at, m.dim)
 
     def _add(self, k: int, before: int, name: str, axis: np.ndarray, point: np.ndarray, slides: bool, sign: float):
-        self.joints.append(Joint(k, before, self.names.index(name), sign))
-        self.axes.append(_three(axis))
-        self.points.append(_three(point))
-        self.slides.append(slides)
+        self.joints.append(ChainJoint(k, before, self.names.index(name), sign, _three(axis), _three(point), slides))
         self.last[k] = len(self.joints) - 1
 
-    def _plane(self, planner: Any, k: int) -> None:
+    def _plane(self, planner: Relative, k: int) -> None:
         hung, home = planner.hung[k], planner.a.home
         edge, before = hung.edge, self.last[hung.parent]
         self.last[k] = before
@@ -125,7 +123,7 @@ class Chain:
             sign = -1.0 if hung.backwards else 1.0
             self._add(k, self.last[k], hung.angle, np.array([0.0, 0.0, 1.0]), home[edge.point], False, sign)
 
-    def _space(self, planner: Any, k: int) -> None:
+    def _space(self, planner: SpatialRelative, k: int) -> None:
         hung, home = planner.hung[k], planner.a.home
         edge, (mine, other) = hung.edge, hung.sides
         self.last[k] = self.last[hung.parent]
@@ -134,12 +132,12 @@ class Chain:
                 f"{planner.a.text(edge.owner)!r} has Euler parameters, which are not independent; the recursion "
                 f"takes revolute, prismatic, cylindrical and universal joints"
             )
-        axis = drawn(planner.parts, edge.axes[mine])
+        axis = planner.parts.unit_along(edge.axes[mine])
         if hung.distance:
             sign = float(next(f for f, what, _ in planner.displacement(Scribe(), hung) if what == "s"))
             self._add(k, self.last[k], hung.distance, axis, home[edge.at[mine]], True, sign)
         for i, name in enumerate(hung.angles):
-            about = axis if i == 0 else drawn(planner.parts, edge.axes[other])
+            about = axis if i == 0 else planner.parts.unit_along(edge.axes[other])
             sign = 1.0
             if edge.how != "universal":
                 sign = float(next(f for f, what, _ in planner.rotation(Scribe(), hung) if what == "s"))
@@ -150,24 +148,23 @@ class Chain:
     def _screws(self, z: Array) -> tuple[list[Array], list[tuple[Array, Array]]]:
         """Screws of all joints, and the places (rotation, shift) of what follows each, from the drawing."""
         screws, places = [], []
-        for k, joint in enumerate(self.joints):
+        for joint in self.joints:
             r, t = places[joint.before] if joint.before >= 0 else (jnp.eye(3), jnp.zeros(3))
-            axis, point = r @ self.axes[k], r @ self.points[k] + t
+            axis, point = r @ joint.axis, r @ joint.point + t
             by = joint.sign * (z[joint.variable] - self.home[joint.variable])
-            if self.slides[k]:
+            if joint.slides:
                 screws.append(joint.sign * jnp.concatenate([jnp.zeros(3), axis]))
                 places.append((r, t + by * axis))
                 continue
             screws.append(joint.sign * jnp.concatenate([axis, jnp.cross(point, axis)]))
-            cross = _skew(axis)
-            turn = jnp.eye(3) + jnp.sin(by) * cross + (1.0 - jnp.cos(by)) * (cross @ cross)
+            turn = rotation(axis, by)
             places.append((turn @ r, turn @ (t - point) + point))
         return screws, places
 
-    def _moved(self, place: tuple[Array, Array], inertia: np.ndarray) -> Array:
+    def _carry(self, place: tuple[Array, Array], inertia: np.ndarray) -> Array:
         """An inertia at the origin, carried along with its link."""
         r, t = place
-        back = jnp.block([[r.T, jnp.zeros((3, 3))], [-(r.T @ _skew(t)), r.T]])
+        back = jnp.block([[r.T, jnp.zeros((3, 3))], [-(r.T @ skew_matrix(t)), r.T]])
         return back.T @ inertia @ back
 
     def efforts(self, z: Any, dz: Any, ddz: Any) -> Array:
@@ -183,7 +180,7 @@ class Chain:
         """
         return self._efforts(*(jnp.asarray(x, float) for x in (z, dz, ddz)))
 
-    def _recursed(self, z: Array, dz: Array, ddz: Array) -> Array:
+    def _recurse(self, z: Array, dz: Array, ddz: Array) -> Array:
         screws, places = self._screws(z)
         velocity, acceleration = [], []
         still = jnp.concatenate([jnp.zeros(3), -self.gravity])
@@ -191,13 +188,13 @@ class Chain:
             before = joint.before
             v, a = (velocity[before], acceleration[before]) if before >= 0 else (jnp.zeros(6), still)
             rate = screw * dz[joint.variable]
-            acceleration.append(a + screw * ddz[joint.variable] + _motion(v, rate))
+            acceleration.append(a + screw * ddz[joint.variable] + _cross_motion(v, rate))
             velocity.append(v + rate)
         forces = [jnp.zeros(6) for _ in self.joints]
         for link, inertia in self.inertias.items():
             k = self.last[link]
-            carried = self._moved(places[k], inertia)
-            forces[k] = forces[k] + carried @ acceleration[k] + _force(velocity[k], carried @ velocity[k])
+            carried = self._carry(places[k], inertia)
+            forces[k] = forces[k] + carried @ acceleration[k] + _cross_force(velocity[k], carried @ velocity[k])
         out = jnp.zeros(len(self.names))
         for k in reversed(range(len(self.joints))):
             out = out.at[self.joints[k].variable].add(jnp.dot(screws[k], forces[k]))
@@ -209,12 +206,12 @@ class Chain:
         """The mass matrix ``(n, n)`` in a pose (composite rigid bodies)."""
         return self._mass(jnp.asarray(z, float))
 
-    def _composed(self, z: Array) -> Array:
+    def _compose(self, z: Array) -> Array:
         screws, places = self._screws(z)
         composite = [jnp.zeros((6, 6)) for _ in self.joints]
         for link, inertia in self.inertias.items():
             k = self.last[link]
-            composite[k] = composite[k] + self._moved(places[k], inertia)
+            composite[k] = composite[k] + self._carry(places[k], inertia)
         out = jnp.zeros((len(self.names), len(self.names)))
         for k in reversed(range(len(self.joints))):
             force, j = composite[k] @ screws[k], k
@@ -239,16 +236,12 @@ def _three(x: np.ndarray) -> np.ndarray:
     return np.concatenate([x, np.zeros(3 - len(x))])
 
 
-def _skew(a: Any) -> Array:
-    return jax.vmap(lambda e: jnp.cross(jnp.asarray(a), e), out_axes=1)(jnp.eye(3))
-
-
-def _motion(v: Array, m: Array) -> Array:
+def _cross_motion(v: Array, m: Array) -> Array:
     """Rate of a motion vector that is carried along with a velocity."""
     return jnp.concatenate([jnp.cross(v[:3], m[:3]), jnp.cross(v[:3], m[3:]) + jnp.cross(v[3:], m[:3])])
 
 
-def _force(v: Array, f: Array) -> Array:
+def _cross_force(v: Array, f: Array) -> Array:
     """Rate of a force vector that is carried along with a velocity."""
     return jnp.concatenate([jnp.cross(v[:3], f[:3]) + jnp.cross(v[3:], f[3:]), jnp.cross(v[:3], f[3:])])
 
@@ -271,5 +264,5 @@ def _inertia(name: str, spec: record.Body, at: np.ndarray, dim: int) -> np.ndarr
         tensor = mass / 12.0 * (d @ d * np.eye(3) - np.outer(d, d))
     elif spec.shape is not None:
         raise InputError(f"body {name!r}: the recursion takes inertia= or shape='rod', not shape={spec.shape!r}")
-    c = np.array([[0.0, -com[2], com[1]], [com[2], 0.0, -com[0]], [-com[1], com[0], 0.0]])
+    c = np.asarray(skew_matrix(com))
     return np.block([[tensor - mass * c @ c, mass * c], [-mass * c, mass * np.eye(3)]])

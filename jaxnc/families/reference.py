@@ -5,19 +5,20 @@ from collections.abc import Mapping
 import numpy as np
 
 from jaxnc.constraints import ALIGNED, FIXED_ANGLE, SCALAR_PRODUCT
-from jaxnc.families import planar
-from jaxnc.families.bodies import Parts
-from jaxnc.families.joined import apart
-from jaxnc.families.origins import refer
+from jaxnc.dynamics.mass import body_inertia
+from jaxnc.errors import InputError, nearest
+from jaxnc.families.bodies import Joined, Origin, Part, Parts
 from jaxnc.families.planner import Planner
-from jaxnc.families.program import Arm, Frame, Oriented, Place, Reading, Turn
-from jaxnc.families.scribe import Scribe, fixed
-from jaxnc.families.shapes import Recipe
-from jaxnc.families.turns import ANGLES, NORMALISED, PARAMETERS
+from jaxnc.families.program import EQUAL, PROJECTION, Frame, Scribe, fixed
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism import place
+from jaxnc.mechanism.place import Place as Spot
+from jaxnc.solvers.assembly import derive
+from jaxnc.system.assembler import Instance
+from jaxnc.system.design import design, design_numbers
 from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
+
+_SAME = 1e-9  # of the mechanism's size: places that are one
 
 
 class Reference(Planner):
@@ -34,96 +35,21 @@ class Reference(Planner):
         natural: System,
         keep: tuple[str, ...] = (),
         orientation: str = "euler parameters",
-        reference: str | Mapping[str, str | place.Place] = "mass",
+        reference: str | Mapping[str, str | Spot] = "mass",
     ):
-        super().__init__(parts, natural, keep)
-        self.orientation = orientation
-        refer(parts, natural, reference)
-
-    def names(self, k: int) -> tuple[str, ...]:
-        """Names of the variables of a part in space."""
-        part = self.parts.parts[k]
-        turn = {"fully": PARAMETERS[self.orientation], "bar": ("ux", "uy", "uz"), "no": ()}[part.turns]
-        return tuple(f"{part.name}.{x}" for x in ("x", "y", "z", *turn))
+        super().__init__(parts, natural, keep, orientation)
+        self.refer(reference)
 
     def _frame(self, scribe: Scribe, k: int) -> Frame:
-        part = self.parts.parts[k]
-        if self.parts.dim == 2:
-            return planar.frame(scribe, part)
-        found = [scribe.s(name) for name in self.names(k)]
-        turn = Turn(self.orientation, tuple(found[3:])) if part.turns == "fully" else None
-        return Frame((Arm(None, tuple(found[:3])),), turn)
+        return self.free_frame(scribe, k)
 
-    def place(self, scribe: Scribe, k: int, point: int) -> Place:
-        """A point of a part."""
-        if k == 0:
-            return self.ground(scribe, point)
-        part, frame = self.parts.parts[k], self.frame(scribe, k)
-        if part.turns == "no":
-            return frame.origin
-        if self.parts.dim == 2:
-            at = planar.local(scribe, part, point, part.axis, part.origin.points, part.origin.how)
-            return (*frame.origin, Arm(frame.turn, at))
-        if part.turns == "bar":
-            return (*frame.origin, *self.out(scribe, k, point, part.origin))
-        origin = part.origin
-        vectors = tuple(scribe.v(v) for v in origin.vectors)
-        at = tuple(scribe.c("from", scribe.at((point, *origin.points), part), vectors, origin.how))
-        return (*frame.origin, Arm(frame.turn, at))
-
-    def plan(self) -> None:
-        """Write variables and rows."""
+    def place_parts(self, points: Joined, vectors: Joined) -> None:
+        """Note the variables of every part, and the rows that normalise its orientation."""
         for k, part in enumerate(self.parts.parts[1:], start=1):
-            self.body(k)
-            if self.parts.dim == 2 and part.turns == "fully":
-                self.angles[planar.names(part)[2]] = self.angle_of(*part.axis)
-        for name in self.keep:
-            self.kept(name)
-        self.share(apart(self.parts.of_point), apart(self.parts.of_vector))
-        self.hold()
-        for data in self.a.instances:
-            if data.kind.measure is None and data.kind.rows and not self.rigid(data) and not self.special(data):
-                self.compose(data)
+            what = f"body {part.name}" if part.turns != "no" else f"point {part.name}"
+            self.free(k, f"the reference point of {what}", what)
 
-    def body(self, k: int) -> None:
-        """The variables of a part, and the rows that normalise its orientation."""
-        part, dim = self.parts.parts[k], self.parts.dim
-        what = f"body {part.name}" if part.turns != "no" else f"point {part.name}"
-        if dim == 2:
-            for name, how, points, i in planar.readings(part):
-                made = part.origin.how if how == "mean" else ()
-                reading = Reading(Recipe(how, tuple(range(len(points))), (), made), i)
-                meaning = f"angle of {what}" if how == "direction" else f"{'xy'[i]} of the reference point of {what}"
-                self.add_variable(name, meaning, reading, points, angle=how == "direction")
-            return
-        names = self.names(k)
-        if not part.points:
-            self.lone(k)
-            return
-        for i, name in enumerate(names[:3]):
-            origin = part.origin
-            at = tuple(range(len(origin.points))), tuple(range(len(origin.vectors)))
-            reading = Reading(Recipe("mean in space", *at, origin.how), i)
-            meaning = f"{'xyz'[i]} of the reference point of {what}"
-            self.add_variable(name, meaning, reading, origin.points, origin.vectors)
-        scribe = Scribe()
-        if part.turns == "fully":
-            points = tuple(p for s in part.segments if len(s) == 2 for p in s)
-            vectors = tuple(~s[0] for s in part.segments if len(s) == 1)
-            segments = tuple(
-                tuple(points.index(p) for p in s) if len(s) == 2 else (~vectors.index(~s[0]),) for s in part.segments
-            )
-            for i, name in enumerate(names[3:]):
-                reading = Oriented(self.orientation, i, segments)
-                angle = self.orientation in ANGLES
-                self.add_variable(name, f"{self.orientation} of {what}", reading, points, vectors, angle, True)
-            if self.orientation in NORMALISED:
-                scalars = tuple(scribe.s(n) for n in names[3:])
-                self.write(NORMALISED[self.orientation], (part.owner,), scribe, scalars=scalars)
-        elif part.turns == "bar":
-            self.direct(k)
-
-    def special(self, data) -> bool:
+    def met(self, data: Instance) -> bool:
         """Write what the text writes otherwise than in points: the prismatic joint (9)-(10), the pin in a slot."""
         if self.parts.dim != 2 or data.kind not in (ALIGNED, FIXED_ANGLE, SCALAR_PRODUCT):
             return False
@@ -154,7 +80,7 @@ class Reference(Planner):
         one, other = self.angle(scribe, line), self.angle(scribe, on)
         assert one is not None and other is not None
         turns = round((self.estimate(scribe, other) - self.estimate(scribe, one + kept)) / (2 * np.pi))
-        self.write(planar.EQUAL, owners, scribe, scalars=(other, one + kept + fixed(2 * np.pi * turns)))
+        self.write(EQUAL, owners, scribe, scalars=(other, one + kept + fixed(2 * np.pi * turns)))
 
     def slide(self, owners: tuple[Owner, ...], i: int, j: int, line: tuple[int, ...], on: tuple[int, ...]) -> None:
         """A body slides along a line of another (10)."""
@@ -171,7 +97,7 @@ class Reference(Planner):
         gamma, offset = scribe.c("prismatic", points, (), extra)
         one, other = self.frame(scribe, i), self.frame(scribe, j)
         assert other.turn is not None
-        self.write(planar.PROJECTION, owners, scribe, (one.origin, other.origin), (other.turn.of[0] + gamma, offset))
+        self.write(PROJECTION, owners, scribe, (one.origin, other.origin), (other.turn.of[0] + gamma, offset))
 
     def pin(self, owners: tuple[Owner, ...], i: int, line: tuple[int, ...], point: int) -> None:
         """A point slides along a line of a body (37), as its projection on the line's normal."""
@@ -183,4 +109,92 @@ class Reference(Planner):
         assert frame.turn is not None
         holder = next(k for k in self.parts.of_point[point] if k != i)
         place = self.place(scribe, holder, point)
-        self.write(planar.PROJECTION, owners, scribe, (place, frame.origin), (frame.turn.of[0] + gamma, offset))
+        self.write(PROJECTION, owners, scribe, (place, frame.origin), (frame.turn.of[0] + gamma, offset))
+
+    # -- reference points -----------------------------------------------------------------------------------------
+
+    def refer(self, reference: str | Mapping[str, str | Spot]) -> None:
+        """Set the reference points of all parts: the centre of mass, the middle, or any place (source text §2.2)."""
+        parts, natural = self.parts, self.natural
+        chosen = {} if isinstance(reference, str) else dict(reference)
+        if isinstance(reference, str) and reference not in ("mass", "middle"):
+            raise InputError(f"reference={reference!r}; use 'mass', 'middle', or points of bodies, {{body: point}}")
+        of = {body: part for part in parts.parts[1:] for body in part.bodies}
+        for body in chosen:
+            if body not in of:
+                raise InputError(f"reference={{{body!r}: …}}: no moving body has that name; {nearest(body, of)}")
+        top, home = natural.topology, np.asarray(derive(natural).home)
+        drawing = design_numbers(top, natural.parameters.in_numpy(), 1)[design(top).drawing]
+        for part in parts.parts[1:]:
+            if part.turns == "no" or not part.points:
+                continue
+            drawn = {p: parts.a.home[p] for p in part.points}
+            given = next((chosen[b] for b in part.bodies if b in chosen), None)
+            if given is not None:
+                at = self.locate(part, given)
+            elif reference == "middle":
+                continue
+            else:
+                drawn = {p: drawing[i] for p, i in part.drawn.items()}
+                at = _centre_of_mass(natural, part, home, drawn)
+            if at is not None:
+                part.origin = self.origin(part, at, drawn)
+
+    def locate(self, part: Part, given: str | Spot) -> np.ndarray:
+        """A point, a marker or a place of a part, as drawn."""
+        if not isinstance(given, str):
+            found = np.asarray(given, dtype=float)
+            if found.shape != (self.parts.dim,) or not np.isfinite(found).all():
+                raise InputError(
+                    f"reference point {given!r} of body {part.name!r}: give a point's name or {self.parts.dim} numbers"
+                )
+            return found
+        names = {self.parts.point(p): self.a.home[p] for p in part.points}
+        for name, marker in self.a.model.markers.items():
+            if marker.on in part.bodies and marker.at is not None:
+                names[name] = np.asarray(marker.at, dtype=float)
+        if given not in names:
+            raise InputError(
+                f"reference point {given!r}: body {part.name!r} has no such point; {nearest(given, names)}"
+            )
+        return names[given]
+
+    def origin(self, part: Part, at: np.ndarray, drawn: Mapping[int, np.ndarray]) -> Origin:
+        """A place of a part as an origin."""
+        near = _SAME * self.a.size
+        for p, spot in drawn.items():
+            if np.linalg.norm(spot - at) <= near:
+                return Origin((p,))
+        if np.linalg.norm(np.mean(list(drawn.values()), axis=0) - at) <= near:
+            return Origin(part.points)
+        segments = (part.axis,) if self.parts.dim == 2 else part.segments[:2]
+        axes = [drawn[s[1]] - drawn[s[0]] if len(s) == 2 else self.a.vectors[~s[0]] for s in segments]
+        if self.parts.dim == 2:
+            axes.append(np.array([-axes[0][1], axes[0][0]]))
+        elif len(axes) == 2:
+            axes.append(np.cross(axes[0], axes[1]))
+        first = segments[0][0] if len(segments[0]) == 2 else part.points[0]
+        factors, *_ = np.linalg.lstsq(np.array(axes).T, at - drawn[first], rcond=None)
+        off = np.linalg.norm(np.array(axes).T @ factors + drawn[first] - at)
+        if off > near:
+            raise InputError(
+                f"the reference point of {part.name!r} is {off:.3g} beside its line, and a bar does not know its "
+                f"rotation; put it on the line, or give the bar a point or vector across it"
+            )
+        points = (first, *(p for s in segments if len(s) == 2 for p in s))
+        forms = "".join("p" if len(s) == 2 else "v" for s in segments)
+        return Origin(points, tuple(~s[0] for s in segments if len(s) == 1), (forms, *map(float, factors)))
+
+
+def _centre_of_mass(
+    natural: System, part: Part, home: np.ndarray, drawn: Mapping[int, np.ndarray]
+) -> np.ndarray | None:
+    """The centre of mass of a part's bodies as drawn; None without mass."""
+    q, dim = home.copy(), natural.topology.dim
+    for p, at in drawn.items():
+        q[dim * p : dim * p + dim] = at
+    moment, mass = np.zeros(dim), 0.0
+    for body in part.bodies:
+        at, _, first, m = body_inertia(natural, body)
+        moment, mass = moment + np.asarray(first) @ q[at], mass + float(m)
+    return moment / mass if mass else None

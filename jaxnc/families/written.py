@@ -34,7 +34,7 @@ _NEAR = 1e-12  # constants closer than this, relative, to a plain number are wri
 
 
 @dataclass(frozen=True)
-class Line:
+class EquationLine:
     """One equation."""
 
     row: str  # name of the row
@@ -48,7 +48,7 @@ class Line:
         return f"{self.expression.text(latex, digits)} = 0"
 
 
-class Equations(tuple[Line, ...]):
+class Equations(tuple[EquationLine, ...]):
     """The equations of a formulation, to be printed, typeset, or looked into."""
 
     digits = 6
@@ -76,11 +76,11 @@ class Equations(tuple[Line, ...]):
 
     @property
     def trigonometric(self) -> int:
-        """How many sines and cosines are written."""
+        """The number of sines and cosines that are written."""
         return sum(line.expression.trigonometric for line in self if line.expression is not None)
 
 
-def symbol(name: str, variable: bool = True, value: float | None = None) -> Symbol:
+def as_symbol(name: str, variable: bool = True, value: float | None = None) -> Symbol:
     """The symbol of a coordinate: ``psi1`` is ψ with the index 1, ``crank.x`` is x with the index crank."""
     owner, _, letter = name.rpartition(".")
     found = re.fullmatch(r"([A-Za-zΑ-ω]+?)_?(\d*)(?:_(.+))?", letter)
@@ -102,7 +102,7 @@ def _symbol(base: str, digit: str, index: list[str], variable: bool, value: floa
     return Symbol(text, latex + (f"_{{{below}}}" if below else ""), variable, value, axis)
 
 
-class _Writer:
+class _EquationWriter:
     """Symbols of one system."""
 
     def __init__(self, top: Topology, eq: Numbers, variables: set[int], names: dict[str, str]):
@@ -123,15 +123,15 @@ class _Writer:
         if given is None:
             return Expression.of(made)
         sign, given = (-1.0, given[1:]) if given.startswith("-") else (1.0, given)
-        new = symbol(given, made.variable, None if made.value is None else sign * made.value)
+        new = as_symbol(given, made.variable, None if made.value is None else sign * made.value)
         return sign * Expression.of(Symbol(new.name, new.latex, made.variable, new.value, made.axis))
 
     def coordinate(self, at: int) -> Expression:
         """A coordinate of the topology."""
         name = self.top.coordinates[at].replace(" drawn", "")
         if at in self.variables:
-            return self.final(symbol(name))
-        return self.final(symbol(name, False, float(self.home[at])))
+            return self.final(as_symbol(name))
+        return self.final(as_symbol(name, False, float(self.home[at])))
 
     def constant(self, letter: str, index: list[str], value: float, angle: bool = False) -> Expression:
         """A constant of the drawing; a plain number where it is one."""
@@ -214,7 +214,7 @@ class _Writer:
         names = kind.constants[first:]
         if names == ("cosine", "sine"):
             turn = self.constant("α", [owned], float(np.arctan2(c[first + 1], c[first])), True)
-            if _plain(turn):
+            if _is_plain(turn):
                 return [*out, *(Expression.of(float(round(x))) for x in c[first:])]
             return [*out, turn.apply("cos"), turn.apply("sin")]
         for k, name in enumerate(names):
@@ -229,7 +229,7 @@ class _Writer:
                 out.append(self.constant(_LETTERS.get(name, _GREEK.get(name, name)), index, value))
         return out
 
-    def lines(self) -> Iterator[Line]:
+    def lines(self) -> Iterator[EquationLine]:
         """All equations, in the order of the rows."""
         row = iter(self.top.rows)
         for b, block in enumerate(self.top.blocks):
@@ -242,9 +242,11 @@ class _Writer:
                     at = [self.called(p) for p in block.points[i]] + [self.top.coordinates[s] for s in block.scalars[i]]
                     found = [None] * len(labels)
                     said = f"{kind.name}({', '.join(dict.fromkeys(at))}) = 0"
-                    yield from (Line(label.replace(" drawn", ""), None, said) for label in labels)
+                    yield from (EquationLine(label.replace(" drawn", ""), None, said) for label in labels)
                     continue
-                yield from (Line(label.replace(" drawn", ""), e) for label, e in zip(labels, found, strict=True))
+                yield from (
+                    EquationLine(label.replace(" drawn", ""), e) for label, e in zip(labels, found, strict=True)
+                )
 
     def rows(self, block: Block, b: int, i: int) -> list[Expression]:
         """The rows of one instance."""
@@ -259,23 +261,26 @@ class _Writer:
         return [Expression.of(r) for r in rows]
 
 
-def _plain(turn: Expression) -> bool:
+def _is_plain(turn: Expression) -> bool:
     return all(factors in ((), ((PI, 1),)) for _, factors in turn.terms)
 
 
-def write(formulation: "Formulation", numbers: bool, names: dict[str, str]) -> Equations:
+def write_equations(formulation: "Formulation", numbers: bool, names: dict[str, str]) -> Equations:
     """The equations of a formulation; see `Formulation.equations`."""
     system = formulation.system
     top = system.topology
-    writer = _Writer(top, derive(system), set(map(int, top.unknown)), names)
+    writer = _EquationWriter(top, derive(system), set(map(int, top.unknown)), names)
     lines = list(writer.lines())
     for name in names:
         if name not in writer.used:
             raise InputError(f"names={{{name!r}: …}}: there is no such symbol; {nearest(name, writer.used)}")
     if numbers:
-        lines = [Line(x.row, None if x.expression is None else x.expression.map(_number), x.otherwise) for x in lines]
+        lines = [
+            EquationLine(x.row, None if x.expression is None else x.expression.map(_put_number), x.otherwise)
+            for x in lines
+        ]
     return Equations(lines)
 
 
-def _number(letter: Symbol) -> float | Symbol:
+def _put_number(letter: Symbol) -> float | Symbol:
     return letter if letter.variable or letter.value is None or letter == PI else letter.value

@@ -1,16 +1,23 @@
-"""npz archives whose arrays lie in them as they are in memory: written array by array, mapped instead of read."""
+"""npz archives whose arrays lie in them as they are in memory: written array by array or chunk by chunk, mapped."""
 
+import json
+import os
 import shutil
 import struct
 import zipfile
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from jaxnc.errors import ModelFileError
+from jaxnc.errors import InputError, ModelFileError
+from jaxnc.io.target import replacing, unwritable, write
 
+_INDEX = "index.json"
 _ALIGNED = 64  # bytes: where an array begins, so that it can be used where it lies
 _BLOCK = 1 << 20  # bytes copied at a time
 _LOCAL = struct.Struct("<26xHH")  # what stands before a member: 26 bytes, lengths of its name and of what is added
@@ -25,13 +32,13 @@ class Column:
     shape: tuple[int, ...]  # shape of the array, row number first
 
 
-def pack(path: Path, contents: Mapping[str, np.ndarray | Column]) -> None:
+def write_archive(path: Path, contents: Mapping[str, np.ndarray | Column]) -> None:
     """Write an npz archive; arrays that lie in files are never held in memory."""
     with path.open("wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, array in contents.items():
             # Whether a member is larger than 4 GiB must be known when it is begun.
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
-                member.write(_header(array.dtype, array.shape, file.tell()))
+                member.write(_npy_header(array.dtype, array.shape, file.tell()))
                 if isinstance(array, Column):
                     with array.file.open("rb") as column:
                         shutil.copyfileobj(column, member, _BLOCK)
@@ -39,18 +46,18 @@ def pack(path: Path, contents: Mapping[str, np.ndarray | Column]) -> None:
                     member.write(array.tobytes())
 
 
-def _header(dtype: np.dtype, shape: tuple[int, ...], start: int) -> bytes:
-    """The beginning of an npy file at byte `start` of another, filled up so that the numbers are aligned in that."""
+def _npy_header(dtype: np.dtype, shape: tuple[int, ...], start: int) -> bytes:
+    """Make the head of an npy file at byte `start` of another, filled up so that the numbers are aligned in that."""
     text = repr({"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape})
     room = -(start + 10 + len(text) + 1) % _ALIGNED
     return np.lib.format.magic(1, 0) + struct.pack("<H", len(text) + room + 1) + (text + " " * room + "\n").encode()
 
 
-def read(path: str | Path, what: str, mmap: bool = False) -> dict[str, np.ndarray]:
-    """Arrays of an npz archive by name."""
+def read_archive(path: str | Path, what: str, mmap: bool = False) -> dict[str, np.ndarray]:
+    """Read the arrays of an npz archive by name."""
     try:
         if mmap:
-            return _mapped(path)
+            return _map_arrays(path)
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as contents:
             return {key: contents[key] for key in contents.files}
     except Exception as error:  # of a damaged archive zipfile, its decompressors and NumPy raise nearly anything
@@ -61,7 +68,7 @@ def read(path: str | Path, what: str, mmap: bool = False) -> dict[str, np.ndarra
         raise ModelFileError(f"{path} is not {what}, or is damaged ({reason}); write it again") from None
 
 
-def _mapped(path: str | Path) -> dict[str, np.ndarray]:
+def _map_arrays(path: str | Path) -> dict[str, np.ndarray]:
     arrays = {}
     with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
         for info in archive.infolist():
@@ -82,3 +89,106 @@ def _mapped(path: str | Path) -> dict[str, np.ndarray]:
                 with archive.open(info) as member:
                     arrays[name] = np.lib.format.read_array(member, allow_pickle=False)
     return arrays
+
+
+class PartialTable:
+    """A long table on its way: one file for each array, and an index that says how far the files are valid.
+
+    The files lie in a folder beside the table, which is made of them at the end. The index is replaced after every
+    chunk, so that it counts a whole number of chunks, whatever happened after it.
+
+    Args:
+        path: the table.
+        question: what the table is the answer to, as words and numbers that say whether two questions are the same.
+        go_on: go on with what an interrupted call has left, instead of throwing it away.
+
+    Raises:
+        InputError: what is there is of another question.
+        ModelFileError: what is there is damaged.
+        OutputError: the folder cannot be written.
+    """
+
+    def __init__(self, path: Path, question: Mapping[str, Any], go_on: bool = True):
+        self.path, self.folder = path, path.with_name(path.name + ".part")
+        self.rows: int = 0
+        self.inputs: dict[str, int] = {}
+        self.counts: dict[str, int] = {}
+        self._question = json.loads(json.dumps(question))
+        self._columns: dict[str, tuple[str, list[int]]] = {}
+        with self._writing():
+            if not go_on and self.folder.exists():
+                shutil.rmtree(self.folder)
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if (self.folder / _INDEX).exists():
+                self._read_index()
+
+    def _read_index(self) -> None:
+        try:
+            index = json.loads((self.folder / _INDEX).read_text(encoding="utf-8"))
+            self.rows, self.inputs, self.counts = index["rows"], index["inputs"], index["counts"]
+            self._columns, question = index["columns"], index["question"]
+            for k, (dtype, shape) in enumerate(self._columns.values()):
+                if (self.folder / f"{k}.bin").stat().st_size < self.rows * _row_bytes(dtype, shape):
+                    raise ValueError
+        except (ValueError, KeyError, TypeError, FileNotFoundError):
+            raise ModelFileError(
+                f"{self.folder} is what an interrupted call left, and it is damaged; delete it, or pass resume=False"
+            ) from None
+        keys = {**question, **self._question}
+        if other := [key for key in keys if question.get(key) != self._question.get(key)]:
+            raise InputError(
+                f"{self.folder} is what an interrupted call left, and that was another question ({', '.join(other)} "
+                f"differ); finish that one, or delete the folder, or pass resume=False to begin anew"
+            )
+
+    def append(self, arrays: Mapping[str, np.ndarray], inputs: dict[str, int], counts: Mapping[str, int]) -> None:
+        """Write a chunk."""
+        if not self._columns:
+            self._columns = {name: (a.dtype.str, list(a.shape[1:])) for name, a in arrays.items()}
+        with self._writing():
+            for k, (name, (dtype, shape)) in enumerate(self._columns.items()):
+                # What lies beyond the index was written by a call that did not come as far as to count it.
+                with (self.folder / f"{k}.bin").open("r+b" if self.rows else "wb") as file:
+                    file.seek(self.rows * _row_bytes(dtype, shape))
+                    file.write(np.ascontiguousarray(arrays[name]).data)
+                    file.truncate()
+            self.rows += len(next(iter(arrays.values())))
+            self.inputs, self.counts = inputs, dict(counts)
+            index = {
+                "rows": self.rows,
+                "inputs": inputs,
+                "counts": self.counts,
+                "columns": self._columns,
+                "question": self._question,
+            }
+            write(self.folder / _INDEX, json.dumps(index).encode())
+
+    def finish(self, more: Mapping[str, np.ndarray]) -> None:
+        """Put the table together, and clear away the files that it was made of."""
+        columns = {
+            name: Column(self.folder / f"{k}.bin", np.dtype(dtype), (self.rows, *shape))
+            for k, (name, (dtype, shape)) in enumerate(self._columns.items())
+        }
+        with self._writing():
+            whole = self.folder / "whole.npz"  # in there, so that nothing stays beside the table if this is ended
+            with replacing(whole) as new:
+                write_archive(new, {**more, **columns})
+            os.replace(whole, self.path)
+            shutil.rmtree(self.folder)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise unwritable(self.path, error) from None
+
+
+def checksums(arrays: Mapping[str, np.ndarray], before: Mapping[str, int]) -> dict[str, int]:
+    """Return checksums of arrays by name, going on from those `before`: chunks of any length give the same."""
+    return {name: zlib.crc32(np.ascontiguousarray(a).data, before.get(name, 0)) for name, a in arrays.items()}
+
+
+def _row_bytes(dtype: str, shape: Sequence[int]) -> int:
+    """Count the bytes of a row."""
+    return np.dtype(dtype).itemsize * int(np.prod(shape, dtype=int))

@@ -37,7 +37,7 @@ def cache(folder: str | Path | None = None) -> Path | None:
     import jax
 
     told = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    where = Path(folder).expanduser() if folder is not None else place(os.environ, sys.platform, told)
+    where = Path(folder).expanduser() if folder is not None else cache_folder(os.environ, sys.platform, told)
     if where is None:
         jax.config.update("jax_enable_compilation_cache", False)
         return None
@@ -67,8 +67,8 @@ def _quiet() -> None:
         jax.config.update("jax_logging_level", level)
 
 
-def place(environment: Mapping[str, str], platform: str, told: str | None) -> str | Path | None:
-    """Where compiled programs are kept; `told` is what JAX knows by its own means. None if the cache is turned off."""
+def cache_folder(environment: Mapping[str, str], platform: str, told: str | None) -> str | Path | None:
+    """Return where compiled programs are kept; `told` is what JAX knows by its own means. None if turned off."""
     wish = environment.get(VARIABLE, "").strip()
     if wish.lower() in _OFF:
         return None

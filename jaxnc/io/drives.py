@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> dict[str, Any]:
-    """What `jaxnc.sweep` takes to do as a model's run section says.
+    """Return what `jaxnc.sweep` takes to do as a model's run section says.
 
     Args:
         mechanism: the mechanism.
@@ -43,13 +43,13 @@ def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> di
 
 
 def is_angle(mechanism: "Mechanism", name: str) -> bool:
-    """Whether a coordinate is an angle."""
+    """Tell whether a coordinate is an angle."""
     made = [j.angle for j in mechanism.model.joints.values() if isinstance(j, record.Rolling | record.Screw)]
     return name in (*mechanism.model.angles, *made)
 
 
 def unit_of(mechanism: "Mechanism", name: str) -> float:
-    """What one unit of a coordinate in a model's run section is in radians or lengths: π/180 for angles in degrees."""
+    """Return one unit of a coordinate in a run section in radians or lengths: π/180 for angles in degrees."""
     return math.pi / 180 if mechanism.model.units.angle == "deg" and is_angle(mechanism, name) else 1.0
 
 
@@ -67,17 +67,17 @@ def check_run(
         _check_poses(run)
     for name in run.hold:
         with blamed(("run", "hold")):
-            _known(name, scalars, f"there is no coordinate {name!r} to hold")
+            _check_name(name, scalars, f"there is no coordinate {name!r} to hold")
     for name in run.outputs:
         with blamed(("run", "outputs")):
             everything = [*places, *scalars, *markers]
             noun = "point, marker" if mechanism.model.dim == 2 else "point, vector, marker"
-            _known(name, everything, f"there is no {noun} or coordinate {name!r} to show")
+            _check_name(name, everything, f"there is no {noun} or coordinate {name!r} to show")
 
 
 def check_driven(mechanism: "Mechanism", name: str, what: str = "") -> None:
     """Refuse a name that is no coordinate; `what` stands before the message."""
-    _known(name, _scalars(mechanism), f"{what}{': ' if what else ''}there is no coordinate {name!r} to drive")
+    _check_name(name, _scalars(mechanism), f"{what}{': ' if what else ''}there is no coordinate {name!r} to drive")
 
 
 def _scalars(mechanism: "Mechanism") -> list[str]:
@@ -85,7 +85,7 @@ def _scalars(mechanism: "Mechanism") -> list[str]:
     return [*mechanism.scalar_names, *(f"{p}.{a}" for p in places for a in mechanism.axes)]
 
 
-def _known(name: str, names: list[str], what: str) -> None:
+def _check_name(name: str, names: list[str], what: str) -> None:
     if name not in names:
         raise InputError(f"{what}; {nearest(name, names)}")
 

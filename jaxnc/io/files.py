@@ -6,27 +6,32 @@ are used: with ``units.angle = "deg"``, the drives of inputs that are angles (`f
 ``[run.inputs]``). Everything else is taken as it stands; constants of relations between angles are in radians.
 """
 
+import json
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from jaxnc.calls import public
-from jaxnc.errors import MechanismError, ModelFileError, nearest
+from jaxnc.errors import InputError, MechanismError, ModelFileError, nearest
 from jaxnc.io.drives import check_run
-from jaxnc.io.layout import json_text, toml
-from jaxnc.io.loads import add_loads, check_savable
-from jaxnc.io.schema import decode
-from jaxnc.io.source import SUFFIXES, Source
+from jaxnc.io.source import SUFFIXES, Source, decode
 from jaxnc.io.target import file_name, write
-from jaxnc.kinematics.hardpoints import trade_names
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.vehicle.hardpoints import trade_names
 
 if TYPE_CHECKING:
     from jaxnc.constraints import Kind, RateKind
+
+_WIDTH = 100  # of a line in a file
+_NO_COMMENTS: Mapping[str, str] = {}
+# Fields of joints that are two arguments of the builder's methods.
+_PAIRS = {"points": ("point", "other"), "angles": ("angle1", "angle2"), "bodies": ("body", "other")}
 
 
 @public
@@ -60,7 +65,7 @@ def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | Rat
                 f"constraint {name!r} is of your own kind {kind!r}, which a file can only name: call "
                 f"save(path, kinds={{{kind!r}: …}}), and give the same kinds to load()"
             )
-    check_savable(mechanism)
+    _check_savable(mechanism)
     data = plain(mechanism.model)
     if path.suffix.lower() != ".toml":
         return write(path, json_text(data).encode())
@@ -70,7 +75,7 @@ def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | Rat
 
 
 def blame(path: str | Path, error: MechanismError) -> ModelFileError:
-    """A complaint about the mechanism of a model file, with the line where its cause stands, to be raised instead."""
+    """Find the line of a model file that a complaint about its mechanism is about; return an error to raise instead."""
     source = Source(file_name(path))
     quoted = str(error).split("'")[1::2]
     for name in quoted:
@@ -89,7 +94,7 @@ def _catalogue(name: str) -> "Kind | RateKind | None":
 
 
 def plain(model: record.Model) -> dict[str, Any]:
-    """A model as plain data: tables that say nothing left out, bodies that are only points as lists of them."""
+    """Return a model as plain data: tables that say nothing left out, bodies that are only points as lists of them."""
     data = msgspec.to_builtins(model)
     for name, body in data.get("bodies", {}).items():
         if isinstance(body, dict) and set(body) == {"points"}:
@@ -104,55 +109,97 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | Ra
     """Call the builder for every record, in the order of the schema."""
     with source.blamed():
         m = Mechanism(model.name, model.dim, model.description, model.units.length, model.units.angle)
-    for name, at in model.ground.items():
-        with source.blamed(("ground", name)):
-            m.ground(name, at)
-    for name, point in model.points.items():
-        with source.blamed(("points", name)):
-            point = point if isinstance(point, record.Point) else record.Point(point)
-            m.point(name, point.at, point.fixed)
-    for name, direction in model.ground_vectors.items():
-        with source.blamed(("ground_vectors", name)):
-            m.ground_vector(name, direction)
-    for name, direction in model.vectors.items():
-        with source.blamed(("vectors", name)):
-            m.vector(name, direction)
-    for name, body in model.bodies.items():
-        with source.blamed(("bodies", name)):
-            body = body if isinstance(body, record.Body) else record.Body(body)
-            lengths = {_ends(key, name): value for key, value in body.lengths.items()}
-            m.body(
-                name, body.points, lengths, body.local, body.form, body.along, body.vectors,
-                body.mass, body.com, body.inertia, body.shape, body.size,
-            )  # fmt: skip
-    for name, marker in model.markers.items():
-        with source.blamed(("markers", name)):
-            m.marker(name, marker.on, marker.at, marker.direction)
-    for name, a in model.angles.items():
-        with source.blamed(("angles", name)):
-            m.angle(name, a.at, a.to, a.start, a.form, a.about)
-    for name, d in model.distances.items():
-        with source.blamed(("distances", name)):
-            m.distance(name, d.start, d.to, d.along, d.form)
-    for name, joint in model.joints.items():
-        with source.blamed(("joints", name)):
-            _add_joint(m, name, joint)
-    for name, relation in model.relations.items():
-        with source.blamed(("relations", name)):
-            m.relation(name, relation.terms, relation.constant)
-    for name, c in model.constraints.items():
-        with source.blamed(("constraints", name)):
-            kind = kinds.get(c.kind) or _catalogue(c.kind)
-            if kind is None:
-                raise _unknown_kind(name, c.kind, kinds)
-            m.constrain(name, kind, c.points, c.vectors, c.scalars, c.constants)
-    add_loads(m, model, source)
+
+    def call(method: Callable[..., Any]) -> Callable[[str, Any], Any]:
+        """Make of a method of the builder one that takes a record, whose fields are its arguments."""
+        return lambda name, entry: method(name, **msgspec.structs.asdict(entry))
+
+    def add_point(name: str, entry: Any) -> None:
+        call(m.point)(name, entry if isinstance(entry, record.Point) else record.Point(entry))
+
+    def add_body(name: str, entry: Any) -> None:
+        body = msgspec.structs.asdict(entry if isinstance(entry, record.Body) else record.Body(entry))
+        body["lengths"] = {_split_ends(key, name): value for key, value in body["lengths"].items()}
+        m.body(name, **body)
+
+    def add_constraint(name: str, c: record.Constraint) -> None:
+        kind = kinds.get(c.kind) or _catalogue(c.kind)
+        if kind is None:
+            raise _unknown_kind(name, c.kind, kinds)
+        m.constrain(name, kind, c.points, c.vectors, c.scalars, c.constants)
+
+    def add_friction(name: str, entry: record.Friction) -> None:
+        given = msgspec.structs.asdict(entry)
+        m.friction(name, at=given.pop("point"), **given)
+
+    with source.blamed(("gravity",)):
+        m.gravity = model.gravity
+    sections: dict[str, Callable[[str, Any], Any]] = {
+        "ground": m.ground,
+        "points": add_point,
+        "ground_vectors": m.ground_vector,
+        "vectors": m.vector,
+        "bodies": add_body,
+        "markers": call(m.marker),
+        "angles": call(m.angle),
+        "distances": call(m.distance),
+        "joints": partial(_add_joint, m),
+        "relations": call(m.relation),
+        "constraints": add_constraint,
+        "masses": call(m.point_mass),
+        "forces": partial(_add_force, m),
+        "friction": add_friction,
+    }
+    for section, add in sections.items():
+        for name, entry in getattr(model, section).items():
+            with source.blamed((section, name)):
+                add(name, entry)
+    _check_simulation(m, model.simulate, source)
+    m.model.simulate = model.simulate
     check_run(m, model.run, source.blamed)
     m.model.run = model.run
     return m
 
 
-def _ends(key: str, body: str) -> tuple[str, str]:
+def _add_joint(m: Mechanism, name: str, joint: record.Joint) -> None:
+    """Create a joint by the method that is called as its record, whose fields are its arguments, pairs one by one."""
+    given, method = msgspec.structs.asdict(joint), str(joint.__struct_config__.tag).replace(" ", "_")
+    pairs = {} if isinstance(joint, record.Cable) else _PAIRS
+    for field, names in pairs.items():
+        if field in given:
+            given |= zip(names, given.pop(field) or (None, None), strict=True)
+    getattr(m, method)(name, **given)
+
+
+def _add_force(m: Mechanism, name: str, force: record.Force) -> None:
+    from jaxnc.forces import CATALOGUE  # and JAX with it, which a model without forces can do without
+
+    kind = CATALOGUE.get(force.kind)
+    if kind is None:
+        raise MechanismError(f"force {name!r}: unknown kind {force.kind!r}; {nearest(force.kind, CATALOGUE)}")
+    m.apply(name, kind, force.points, force.vectors, force.scalars, force.parameters)
+
+
+def _check_simulation(m: Mechanism, section: record.Simulation, source: Source) -> None:
+    names = (*m.all_points, *m.all_vectors, *m.scalar_names, *(f"{p}.{a}" for p in m.all_points for a in m.axes))
+    for key, values in (("start", section.start), ("rates", section.rates)):
+        for name, value in values.items():
+            with source.blamed(("simulate", key, name)):
+                if name not in names:
+                    raise InputError(f"there is no coordinate {name!r}; {nearest(name, names)}")
+                if not math.isfinite(value):
+                    raise InputError(f"{key} of {name!r} must be a finite number")
+    for key in ("duration", "step", "rtol"):
+        value = getattr(section, key)
+        with source.blamed(("simulate", key)):
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise InputError(f"{key} = {value} must be a positive number")
+    with source.blamed(("simulate", "times")):
+        if section.times < 2:
+            raise InputError(f"times = {section.times}; keep at least 2")
+
+
+def _split_ends(key: str, body: str) -> tuple[str, str]:
     ends = [end.strip() for end in key.split("-")]
     if len(ends) != 2 or not all(ends):
         raise MechanismError(f"body {body!r}: length {key!r}; write two of its points with a dash, as in 'B-C'")
@@ -168,51 +215,96 @@ def _unknown_kind(name: str, kind: str, kinds: "Mapping[str, Kind | RateKind]") 
     )
 
 
-def _add_joint(m: Mechanism, name: str, joint: record.Joint) -> None:
-    """Create a joint from its record."""
-    match joint:
-        case record.Revolute():
-            m.revolute(name, *(joint.points or (None, None)), joint.axes)
-        case record.Prismatic():
-            m.prismatic(name, joint.line, joint.on, joint.form, joint.directions)
-        case record.Slot():
-            m.slot(name, joint.point, joint.line)
-        case record.Gear():
-            m.gear(name, *joint.angles, joint.radii, joint.internal, joint.pressure_angle)
-        case record.Rolling():
-            m.rolling(
-                name,
-                joint.centre,
-                joint.rim,
-                joint.contact,
-                joint.line,
-                joint.angle,
-                joint.distance,
-                joint.radius,
-                joint.form,
-                joint.axis,
+def _check_savable(m: Mechanism) -> None:
+    """Refuse forces that are functions or of the user's own kinds."""
+    for name, f in m.model.forces.items():
+        if f.kind.startswith("function: "):
+            raise MechanismError(
+                f"force {name!r} is a function, which a file cannot hold; save the mechanism without it, and add it "
+                f"again after load()"
             )
-        case record.Cable():
-            m.cable(name, joint.points, joint.length)
-        case record.Weld():
-            m.weld(name, *joint.bodies)
-        case record.Spherical():
-            m.spherical(name, *joint.points)
-        case record.Cylindrical():
-            m.cylindrical(name, joint.line, joint.on)
-        case record.Universal():
-            m.universal(name, joint.axes, *(joint.points or (None, None)))
-        case record.Screw():
-            m.screw(name, joint.line, joint.on, joint.directions, joint.angle, joint.distance, joint.lead, joint.pitch)
-        case record.Planar():
-            m.planar(name, joint.plane, joint.on)
-        case record.BevelGear():
-            m.bevel_gear(name, *joint.angles, joint.radii, joint.internal, joint.pressure_angle)
-        case record.RackAndPinion():
-            m.rack_and_pinion(name, joint.angle, joint.distance, joint.radius, joint.pressure_angle)
-        case record.ConstantVelocity():
-            m.constant_velocity(name, joint.axes, joint.marks, *(joint.points or (None, None)))
-        case record.Skate():
-            m.skate(name, joint.point, joint.heading)
-        case record.RollingDisc():
-            m.rolling_disc(name, joint.centre, joint.axis, joint.mark, joint.plane, joint.radius)
+        from jaxnc.forces import CATALOGUE
+
+        if m.force_kinds.get(f.kind) != CATALOGUE.get(f.kind):
+            raise MechanismError(
+                f"force {name!r} is of your own kind {f.kind!r}, which a file cannot hold; add it after load()"
+            )
+
+
+# -- layout -----------------------------------------------------------------------------------------------------------
+
+
+def toml(data: Mapping[str, Any], comments: Mapping[str, str] = _NO_COMMENTS) -> str:
+    """Lay out the data of a model as TOML: reading it gives the same data, floats bit for bit.
+
+    Tables that are empty are left out; comments stand behind the points and vectors that they are on.
+    """
+    top = [f"{_toml_key(k)} = {_toml_value(v)}" for k, v in data.items() if not isinstance(v, dict)]
+    parts = ["\n".join(top)]
+    for name, table in data.items():
+        if isinstance(table, dict) and table:
+            inner = {k: v for k, v in table.items() if name == "run" and isinstance(v, dict)}
+            rows = [_toml_entry(k, v) for k, v in table.items() if k not in inner]
+            if name in ("ground", "points", "ground_vectors", "vectors", "markers"):
+                rows = [f"{r}  # {comments[k]}" if k in comments else r for r, k in zip(rows, table, strict=True)]
+            if rows:
+                parts.append("\n".join([f"[{_toml_key(name)}]", *rows]))
+            for key, entries in inner.items():
+                rows = [_toml_entry(k, v) for k, v in entries.items()]
+                parts.append("\n".join([f"[{_toml_key(name)}.{_toml_key(key)}]", *rows]))
+    return "\n\n".join(p for p in parts if p) + "\n"
+
+
+def json_text(data: Mapping[str, Any]) -> str:
+    """Lay out the data of a model as JSON: what fits on a line stays on it. Reading it gives the same data."""
+    return _json_text({k: v for k, v in data.items() if v != {}}, "") + "\n"
+
+
+def _json_text(value: Any, indent: str) -> str:
+    flat = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    if not isinstance(value, dict) or not value or (len(indent) >= 4 and len(flat) + len(indent) <= _WIDTH):
+        return flat
+    deeper = indent + "  "
+    rows = [f"{deeper}{json.dumps(k, ensure_ascii=False)}: {_json_text(v, deeper)}" for k, v in value.items()]
+    return "{\n" + ",\n".join(rows) + f"\n{indent}}}"
+
+
+def _toml_entry(key: str, value: Any) -> str:
+    row = f"{_toml_key(key)} = {_toml_value(value)}"
+    if len(row) <= _WIDTH or not isinstance(value, dict | list | tuple):
+        return row
+    if isinstance(value, dict):
+        return "\n".join(f"{_toml_key(key)}.{_toml_entry(k, v)}" for k, v in value.items())
+    rows, line = [], "   "
+    for item in map(_toml_value, value):
+        if len(line) + len(item) + 2 > _WIDTH:
+            rows.append(line)
+            line = "   "
+        line += f" {item},"
+    return f"{_toml_key(key)} = [\n" + "\n".join([*rows, line]) + "\n]"
+
+
+def _toml_key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml_value(key)
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, dict):
+        return (
+            "{ " + ", ".join(f"{_toml_key(k)} = {_toml_value(v)}" for k, v in value.items()) + " }" if value else "{}"
+        )
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml_value, value)) + "]"
+    return _toml_number(value)
+
+
+def _toml_number(value: float) -> str:
+    """Write the shortest text that reads back as the same float: whole numbers without a point, -0.0 with its sign."""
+    number = float(value)
+    if number.is_integer() and abs(number) < 1e15 and (number or math.copysign(1.0, number) > 0):
+        return str(int(number))
+    return repr(number)

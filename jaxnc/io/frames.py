@@ -9,7 +9,7 @@ import numpy as np
 from jaxnc.dynamics.energy import kinetic_energy, potential_energy
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError
-from jaxnc.io.tables import AXES, ORDERS, PER, SHORT, arrays_of, chosen, listed
+from jaxnc.io.tables import AXES, ORDERS, PER, SHORT, arrays_of, list_columns, select_quantities
 from jaxnc.kinematics.inputs import angle_unit, outside
 from jaxnc.status import Status
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def to_frame(motion: "Motion", names: Sequence[str] | None = None, unit: str | None = None) -> "pandas.DataFrame":
-    """A motion as a data frame: the columns of `jaxnc.io.tables.to_csv`, under the same names without units.
+    """Put a motion into a data frame: the columns of `jaxnc.io.tables.to_csv`, under the same names without units.
 
     Args:
         motion: the motion; any batch of poses, whose axes become levels of the index.
@@ -38,7 +38,7 @@ def to_frame(motion: "Motion", names: Sequence[str] | None = None, unit: str | N
         InputError: an unknown name or unit, or a batch of designs.
         JaxncError: pandas is not installed.
     """
-    found = listed(motion, names, unit, "to_frame()")
+    found = list_columns(motion, names, unit, "to_frame()")
     pandas = _package("pandas", "to_frame()")
     units = {label: own for label, (own, _) in found.columns.items()}
     data: dict[str, Any] = {label: column for label, (_, column) in found.columns.items()}
@@ -56,7 +56,7 @@ def to_frame(motion: "Motion", names: Sequence[str] | None = None, unit: str | N
 
 
 def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | None = None) -> "xarray.Dataset":
-    """A motion as a data set with named dimensions, and the unit of each array in its ``attrs["units"]``.
+    """Put a motion into a data set with named dimensions, and the unit of each array in its ``attrs["units"]``.
 
     ``position`` is ``(pose, point, axis)``, and so are ``velocity``, ``acceleration`` and ``jerk`` if the motion has
     them; in space ``direction`` is ``(pose, vector, axis)``. Angles, distances and single coordinates are arrays
@@ -88,7 +88,7 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
     vectors: list[tuple[list[str], list[np.ndarray]]] = [([], []) for _ in ORDERS]
     numbers: dict[str, tuple] = {}
     inputs: dict[str, tuple] = {}
-    for order, entries in enumerate(arrays_of(motion, chosen(motion, names))):
+    for order, entries in enumerate(arrays_of(motion, select_quantities(motion, names))):
         for name, values in entries.items():
             own = motion.system.topology.unit(name)
             values = np.where((status != 0).reshape(status.shape + (1,) * (values.ndim - status.ndim)), np.nan, values)
@@ -98,7 +98,7 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
                 kind[1].append(values)
                 continue
             turned = own == "rad" and angles == "deg"
-            attrs = {"units": (angles if own == "rad" else own) + PER[order], "long_name": _said(name, order)}
+            attrs = {"units": (angles if own == "rad" else own) + PER[order], "long_name": _long_name(name, order)}
             if order == 0 and name in motion.driven:
                 asked = np.asarray(motion.inputs[name], float)
                 inputs[name] = over, np.rad2deg(asked) if turned else asked, attrs
@@ -138,7 +138,7 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
 
 
 def designs_to_frame(result: "Result") -> "pandas.DataFrame":
-    """What a search has found as a data frame: one row for each design, best first, numbered from 1 as its table is.
+    """Put what a search has found into a data frame: a row for each design, best first, numbered from 1.
 
     Args:
         result: what was found.
@@ -170,12 +170,12 @@ def designs_to_frame(result: "Result") -> "pandas.DataFrame":
     return frame
 
 
-def _said(name: str, order: int) -> str:
+def _long_name(name: str, order: int) -> str:
     return name if not order else f"{ORDERS[order]} of {name}"
 
 
 def _energies(motion: "Motion") -> dict[str, np.ndarray]:
-    """Energies of a simulation."""
+    """Return the energies of a simulation, by name."""
     if not isinstance(motion, Simulation):
         return {}
     found = {"kinetic energy": kinetic_energy, "potential energy": potential_energy}
@@ -183,7 +183,7 @@ def _energies(motion: "Motion") -> dict[str, np.ndarray]:
 
 
 def _package(name: str, what: str) -> Any:
-    """A package that is installed only where it is wanted."""
+    """Import a package that is installed only where it is wanted."""
     try:
         return importlib.import_module(name)
     except ImportError:

@@ -10,9 +10,8 @@ from jaxnc.errors import ModelFileError
 from jaxnc.io.drives import unit_of
 from jaxnc.io.files import load
 from jaxnc.io.source import Source
-from jaxnc.io.statement import Condition, Drawing, Search, Statement, statement
+from jaxnc.io.statement import ConditionEntry, ProblemFile, SearchOptions, SvgTarget, statement
 from jaxnc.io.svg import outline
-from jaxnc.kinematics.suspension import ATTITUDE
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import conditions as kinds
 from jaxnc.synthesis.conditions import direction, on_circuit
@@ -20,9 +19,10 @@ from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search.stock import integer, stock
+from jaxnc.vehicle.suspension import ATTITUDE
 
 
-def load_problem(path: str | Path) -> tuple[Problem, Search]:
+def load_problem(path: str | Path) -> tuple[Problem, SearchOptions]:
     """Read a problem file.
 
     Angles are in the angle unit of the model file: orientations (in space rotation vectors: the axis, as long as the
@@ -37,7 +37,7 @@ def load_problem(path: str | Path) -> tuple[Problem, Search]:
         return _problem(said, mechanism, folder, source), said.search
 
 
-def _problem(said: Statement, mechanism: Mechanism, folder: Path, source: Source) -> Problem:
+def _problem(said: ProblemFile, mechanism: Mechanism, folder: Path, source: Source) -> Problem:
     angle = math.pi / 180.0 if mechanism.model.units.angle == "deg" else 1.0
     names = [*mechanism.model.angles, *mechanism.model.distances]
     driven = said.input or (names[0] if len(names) == 1 else None)
@@ -53,19 +53,19 @@ def _problem(said: Statement, mechanism: Mechanism, folder: Path, source: Source
     }
     target, closed = _target(said, folder, source)
 
-    def need(name: str) -> Any:
+    def require(name: str) -> Any:
         value = getattr(said, name)
         if value is None:
             raise source.fault(f"kind = {said.kind!r} needs {name} = …")
         return value
 
     if said.kind == "function":
-        output = need("output")
+        output = require("output")
         target = np.asarray(target, dtype=float)
         if said.values is None and target.ndim == 2 and target.shape[1] == 2:
             values, target = target.T
         else:
-            values = need("values")
+            values = require("values")
         turned = output in names and unit_of(mechanism, output)
         out = turned or (angle if ATTITUDE.get(output) == "angle" else 1.0)
         offsets = {"input_offset": said.input_offset, "output_offset": said.output_offset}
@@ -76,13 +76,13 @@ def _problem(said: Statement, mechanism: Mechanism, folder: Path, source: Source
     begun = None if said.start_timing is None else np.asarray(said.start_timing) * unit
     if said.kind == "path":
         common |= {"ordered": said.ordered, "start_timing": begun, "either_sense": said.either_sense}
-        return PathGeneration(mechanism, need("point"), target, closed=closed, **common)
-    turns = _turns(need("orientations"), mechanism.model.dim, angle, source)
-    return MotionGeneration(mechanism, need("body"), need("point"), target, turns, **common)
+        return PathGeneration(mechanism, require("point"), target, closed=closed, **common)
+    turns = _orientations(require("orientations"), mechanism.model.dim, angle, source)
+    return MotionGeneration(mechanism, require("body"), require("point"), target, turns, **common)
 
 
-def _turns(given: list[Any], dim: int, angle: float, source: Source) -> np.ndarray:
-    """Angles, or of rotation vectors their matrices."""
+def _orientations(given: list[Any], dim: int, angle: float, source: Source) -> np.ndarray:
+    """Read angles, or rotation vectors as matrices."""
     try:
         found = np.asarray(given, dtype=float) * angle
     except (TypeError, ValueError, OverflowError):
@@ -93,10 +93,10 @@ def _turns(given: list[Any], dim: int, angle: float, source: Source) -> np.ndarr
     return found if dim == 2 else np.stack([np.asarray(rotation_matrix(v)) for v in found])
 
 
-def _condition(c: Condition, angle: float, k: int, source: Source) -> kinds.Condition:
-    """The condition that an entry means."""
+def _condition(c: ConditionEntry, angle: float, k: int, source: Source) -> kinds.Condition:
+    """Make the condition that an entry means."""
 
-    def need(what: str, value: Any, count: int | None = None) -> Any:
+    def require(what: str, value: Any, count: int | None = None) -> Any:
         if value is None or (count is not None and len(value) != count):
             wanted = f"{count} names" if count else "a value"
             raise source.fault(f"condition {c.type!r} needs {what} = …, {wanted}", ("conditions", k))
@@ -106,41 +106,41 @@ def _condition(c: Condition, angle: float, k: int, source: Source) -> kinds.Cond
         if c.type == "crank turns":
             return kinds.crank_turns(c.kind, c.margin)
         if c.type == "transmission angle":
-            return kinds.transmission_angle(need("min", c.min) * angle, c.joint)
+            return kinds.transmission_angle(require("min", c.min) * angle, c.joint)
         if c.type == "size":
-            return kinds.size(need("max", c.max))
+            return kinds.size(require("max", c.max))
         if c.type in ("stock", "integer"):
-            what = c.variable if c.variable is not None else tuple(need("points", c.points, 2))
-            return integer(what, c.step) if c.type == "integer" else stock(what, need("sizes", c.sizes))
+            what = c.variable if c.variable is not None else tuple(require("points", c.points, 2))
+            return integer(what, c.step) if c.type == "integer" else stock(what, require("sizes", c.sizes))
         if c.type == "within":
-            return kinds.within(need("point", c.point), c.x, c.y)
+            return kinds.within(require("point", c.point), c.x, c.y)
         if c.type == "circuit":
-            return on_circuit(need("side", c.side), c.joint)
-        start, end = need("points", c.points, 2)
+            return on_circuit(require("side", c.side), c.joint)
+        start, end = require("points", c.points, 2)
         if c.type == "direction":
             return direction(start, end, *(None if v is None else v * angle for v in (c.value, c.min, c.max)))
         if c.type == "length":
             return kinds.length(start, end, c.min, c.max)
         if c.type == "local":
-            return kinds.local(need("point", c.point), (start, end), c.x, c.y)
+            return kinds.local(require("point", c.point), (start, end), c.x, c.y)
         if c.type == "symmetric":
             return kinds.symmetric(start, end, *([] if c.about is None else [c.about]))
         if c.value is not None:
             return kinds.equal((start, end), c.value)
-        first, second = need("other", c.other, 2)
+        first, second = require("other", c.other, 2)
         return kinds.equal((start, end), (first, second))
 
 
-def _target(said: Statement, folder: Path, source: Source) -> tuple[Any, bool]:
-    """The target's numbers, and whether it is closed."""
+def _target(said: ProblemFile, folder: Path, source: Source) -> tuple[Any, bool]:
+    """Return the target's numbers, and whether it is closed."""
     target = said.target
     if isinstance(target, str) and target.lower().endswith(".svg"):
         raise source.fault(
             f'a drawing needs the number of points: target = {{ svg = "{target}", points = 60 }}', ("target",)
         )
     if isinstance(target, str):
-        return _table(folder / target, source), bool(said.closed)
-    if isinstance(target, Drawing):
+        return _read_csv(folder / target, source), bool(said.closed)
+    if isinstance(target, SvgTarget):
         if said.kind == "function":
             raise source.fault(
                 "a function is a table of numbers; a path of a drawing is a target of a path", ("target",)
@@ -152,8 +152,8 @@ def _target(said: Statement, folder: Path, source: Source) -> tuple[Any, bool]:
     return target, bool(said.closed)
 
 
-def _table(path: Path, source: Source) -> np.ndarray:
-    """Numbers of a CSV file; lines that do not begin with a number are headings."""
+def _read_csv(path: Path, source: Source) -> np.ndarray:
+    """Read the numbers of a CSV file; lines that do not begin with a number are headings."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:

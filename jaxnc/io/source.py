@@ -1,21 +1,25 @@
-"""The text of a model file: parsed into plain data, and able to say on which line an entry stands."""
+"""The text of a model file: parsed into plain data and records; errors name the line of what is wrong."""
 
 import json
 import re
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cached_property
-from json.decoder import scanstring  # pyright: ignore[reportAttributeAccessIssue]
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import msgspec
+import msgspec.inspect as kinds_of
 
 from jaxnc.errors import InputError, MechanismError, ModelFileError, nearest, writable
+from jaxnc.mechanism.model import Model
 
 SUFFIXES = (".toml", ".json")
 _DEEPEST = 50  # tables in tables; a model has five
 Place = tuple[str | int, ...]
 """Keys from the top of a file down to an entry."""
+T = TypeVar("T")
 
 
 class Source:
@@ -24,21 +28,22 @@ class Source:
     def __init__(self, path: Path):
         self.path = path  # where it is
         self.suffix = path.suffix.lower()
-        self.text = _read(path)  # what it says
+        self.text = _read_text(path)  # what it says
         self.data = self._parse()  # the same as nested dictionaries and lists
         self._check(self.data)
 
     # -- where -------------------------------------------------------------------------------------------------
 
     def line(self, place: Place) -> int | None:
-        """Line number of an entry, or of the nearest table around it that has one."""
+        """Return the line number of an entry, or of the nearest table around it that has one."""
         for end in range(len(place), 0, -1):
-            if place[:end] in self._lines:
-                return self._lines[place[:end]]
+            found = _toml_line(self.text, place[:end]) if self.suffix == ".toml" else self._lines.get(place[:end])
+            if found:
+                return found
         return None
 
     def fault(self, what: str, place: Place = (), line: int | None = None, column: int = 0) -> ModelFileError:
-        """An error that names the file, the line if it is known, and what is wrong there."""
+        """Make an error that names the file, the line if it is known, and what is wrong there."""
         line = line or self.line(place)
         where = f", line {line}" if line else ""
         where += f", column {column}" if column else ""
@@ -54,7 +59,7 @@ class Source:
 
     @cached_property
     def _lines(self) -> dict[Place, int]:
-        return dict(_toml_lines(self.text) if self.suffix == ".toml" else _json_lines(self.text))
+        return dict(_json_lines(self.text))
 
     # -- what --------------------------------------------------------------------------------------------------
 
@@ -62,7 +67,7 @@ class Source:
         try:
             return tomllib.loads(self.text) if self.suffix == ".toml" else self._parse_json()
         except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
-            raise self._malformed(error) from None
+            raise self._syntax_fault(error) from None
         except RecursionError:
             raise self.fault("it is nested too deeply to be a model") from None
         except ModelFileError:
@@ -94,7 +99,7 @@ class Source:
             seen.add(place)
         return data
 
-    def _malformed(self, error: ValueError) -> ModelFileError:
+    def _syntax_fault(self, error: ValueError) -> ModelFileError:
         language = self.suffix[1:].upper()
         if isinstance(error, json.JSONDecodeError):
             what, line, column = error.msg, error.lineno, error.colno
@@ -112,7 +117,7 @@ class Source:
         return self.fault(f"{what}; this is not valid {language}", line=line, column=column)
 
 
-def _read(path: Path) -> str:
+def _read_text(path: Path) -> str:
     if path.is_dir():
         raise ModelFileError(f"{path} is a folder; name a model file in it")
     if path.suffix.lower() not in SUFFIXES:
@@ -142,42 +147,31 @@ def _read(path: Path) -> str:
     return text
 
 
-def _toml_lines(text: str) -> Iterator[tuple[Place, int]]:
-    """Entries of a TOML text and their lines: statement by statement, a statement being what parses on its own."""
-    rows = text.split("\n")
-    table: Place = ()
-    seen: set[Place] = set()
-    first = 0
-    while first < len(rows):
-        for last in range(first, len(rows)):
-            try:
-                data = tomllib.loads("\n".join(rows[first : last + 1]))
-                break
-            except tomllib.TOMLDecodeError:
-                continue
-        else:
-            return
-        header = rows[first].lstrip().startswith("[")
-        prefix: Place = () if header else table
-        for keys in _keys(data):
-            if header:
-                table = keys
-            if prefix + keys not in seen:
-                seen.add(prefix + keys)
-                yield prefix + keys, first + 1
-        first = last + 1
+def _toml_line(text: str, place: Place) -> int | None:
+    """Return the line where the statement of a TOML text begins that is the first to give an entry."""
+    rows, first = text.split("\n"), 1
+    for count in range(1, len(rows) + 1):
+        try:
+            data = tomllib.loads("\n".join(rows[:count]))
+        except tomllib.TOMLDecodeError:
+            continue  # in the midst of a statement
+        if _has(data, place):
+            return first
+        first = count + 1
+    return None
 
 
-def _keys(data: Any) -> Iterator[Place]:
-    if isinstance(data, dict):
-        for key, value in data.items():
-            yield (key,)
-            for rest in _keys(value):
-                yield (key, *rest)
+def _has(data: Any, place: Place) -> bool:
+    for key in place:
+        try:
+            data = data[key]
+        except (KeyError, IndexError, TypeError):
+            return False
+    return True
 
 
 def _json_lines(text: str) -> Iterator[tuple[Place, int]]:
-    """Entries of a JSON text that parses, and their lines; a key given twice comes twice."""
+    """Yield entries of a JSON text that parses, and their lines; a key given twice comes twice."""
     decoder = json.JSONDecoder()
     space = re.compile(r"[\s:,]*")
     known = [0, 1]  # an offset and its line number; offsets only grow
@@ -199,7 +193,7 @@ def _json_lines(text: str) -> Iterator[tuple[Place, int]]:
             line = line_at(inside)
             key: str | int = number
             if text[i] == "{":
-                key, inside = scanstring(text, inside + 1, True)
+                key, inside = decoder.raw_decode(text, inside)
                 inside = skip(inside)
             yield (*place, key), line
             inside = skip((yield from walk(inside, (*place, key))))
@@ -207,3 +201,170 @@ def _json_lines(text: str) -> Iterator[tuple[Place, int]]:
         return inside + 1
 
     yield from walk(skip(0), ())
+
+
+# -- records ----------------------------------------------------------------------------------------------------------
+
+
+def decode(source: Source, record: type[T]) -> T:
+    """Turn the data of a file into records."""
+    _not_the_other(source, record)
+    try:
+        return msgspec.convert(source.data, record)
+    except msgspec.ValidationError as error:
+        place, what = _explain(str(error), source.data, record)
+    where = ".".join(map(str, place))
+    raise source.fault(f"{where}: {what}" if where else what, place)
+
+
+def _not_the_other(source: Source, record: type) -> None:
+    """Tell a model file from a problem file by their first keys, and refuse the one for the other."""
+    keys = set(source.data) if isinstance(source.data, dict) else set()
+    if record is Model and {"mechanism", "kind"} <= keys:
+        raise source.fault(f"this is a problem file, for `jaxnc synthesise`; its model is {source.data['mechanism']!r}")
+    if record is not Model and "mechanism" not in keys and {"ground", "points"} & keys:
+        raise source.fault(
+            f"this is a model file; a problem says what is wanted of one: mechanism = {source.path.name!r}, kind = "
+            f"'path', target = …, as in examples/problems"
+        )
+
+
+def _explain(message: str, data: Any, record: type) -> tuple[Place, str]:
+    """Find the entry that an error of msgspec is about, and what is wrong with it."""
+    fault, _, path = message.partition(" - at `$")
+    place = _resolve(re.findall(r"\.(\w+)|\[(\.\.\.|\d+)\]", path), data, message)
+    expected: Any = inspect_record(record)
+    value = data
+    for key in place:
+        expected, value = _entry_type(expected, key, value), value[key]
+    if isinstance(value, dict) and (axis := {"x", "y", "z"} & set(value)):
+        # TOML reads  B.x = …  as a table B with an entry x.
+        return place, f'a name with a dot is written in quotes: "{place[-1] if place else ""}.{min(axis)}" = …'
+    name = fault.partition("`")[2].rstrip("`")
+    if fault.startswith("Object contains unknown field"):
+        noun = "field" if place else "table or field"
+        return (*place, name), f"unknown {noun}; {nearest(name, _field_names(expected, value))}"
+    if fault.startswith("Object missing required field"):
+        return place, f"{name!r} is missing; it is {describe(_entry_type(expected, name, value))}"
+    if place == ("dim",):
+        return place, f"mechanisms are planar, dim = 2, or spatial, dim = 3; got {value!r}"
+    if fault.startswith("Invalid"):
+        choices = [str(v) for t in _alternatives(expected) if isinstance(t, kinds_of.LiteralType) for v in t.values]
+        return place, f"{value!r} is not {describe(expected)}; {nearest(str(value), choices)}"
+    if fault.startswith("Number out of range"):
+        return place, "the number is too large"
+    return place, f"expected {describe(expected)}, got {_describe_value(value)}"
+
+
+def _resolve(tokens: list[tuple[str, str]], data: Any, message: str) -> Place:
+    """Find the keys that a path stands for: an unnamed one is the key that, alone in its table, is still refused."""
+    place: Place = ()
+    for name, index in tokens:
+        node = data
+        for key in place:
+            node = node[key]
+        if name or index != "...":
+            place += (name or int(index),)
+            continue
+        for key in node:
+            try:
+                msgspec.convert(_replace(data, place, {key: node[key]}), Model)
+            except msgspec.ValidationError as error:
+                if str(error) == message:
+                    place += (key,)
+                    break
+        else:
+            return place
+    return place
+
+
+def _replace(data: Any, place: Place, value: Any) -> Any:
+    if not place:
+        return value
+    return {**data, place[0]: _replace(data[place[0]], place[1:], value)}
+
+
+@cache
+def inspect_record(record: type) -> Any:
+    """Return the fields of a record and their types, as msgspec has them."""
+    return kinds_of.type_info(record)
+
+
+def _alternatives(expected: Any) -> tuple[Any, ...]:
+    types = expected.types if isinstance(expected, kinds_of.UnionType) else (expected,)
+    return tuple(t for t in types if not isinstance(t, kinds_of.NoneType))
+
+
+def _struct(expected: Any, value: Any) -> Any:
+    """Find the record that a table is meant to be; among joints the one that its tag names."""
+    structs = [t for t in _alternatives(expected) if isinstance(t, kinds_of.StructType)]
+    tagged = [t for t in structs if isinstance(value, dict) and t.tag is not None and t.tag == value.get(t.tag_field)]
+    return (tagged or structs or [None])[0]
+
+
+def _entry_type(expected: Any, key: str | int, value: Any) -> Any:
+    """Return the shape of one entry of something of a known shape."""
+    struct = _struct(expected, value)
+    if struct is not None and isinstance(key, str):
+        if key == struct.tag_field:
+            return kinds_of.LiteralType(tuple(t.tag for t in _alternatives(expected)))
+        return next((f.type for f in struct.fields if f.encode_name == key), kinds_of.AnyType())
+    for t in _alternatives(expected):
+        if isinstance(t, kinds_of.DictType):
+            return t.value_type
+        if isinstance(t, kinds_of.ListType | kinds_of.VarTupleType):
+            return t.item_type
+        if isinstance(t, kinds_of.TupleType):
+            return t.item_types[0]
+    return kinds_of.AnyType()
+
+
+def _field_names(expected: Any, value: Any) -> list[str]:
+    struct = _struct(expected, value)
+    names = [f.encode_name for f in struct.fields] if struct is not None else []
+    return [*names, struct.tag_field] if struct is not None and struct.tag_field else names
+
+
+def describe(expected: Any) -> str:
+    """Say what is expected, as a phrase."""
+    phrases = []
+    for t in _alternatives(expected):
+        if isinstance(t, kinds_of.FloatType):
+            phrases.append("a number")
+        elif isinstance(t, kinds_of.IntType):
+            phrases.append("a whole number")
+        elif isinstance(t, kinds_of.BoolType):
+            phrases.append("true or false")
+        elif isinstance(t, kinds_of.LiteralType):
+            phrases.append("one of " + ", ".join(repr(v) for v in t.values))
+        elif isinstance(t, kinds_of.TupleType):
+            phrases.append(f"a list of {len(t.item_types)} {_plural(t.item_types[0])}")
+        elif isinstance(t, kinds_of.ListType | kinds_of.VarTupleType):
+            phrases.append(f"a list of {_plural(t.item_type)}")
+        elif isinstance(t, kinds_of.StructType):
+            needed = [f.encode_name for f in t.fields if f.required]
+            phrase = "a table" + (f" with {', '.join(needed)}" if needed else "")
+            phrases.append(phrase if t.tag is None else "a table with joint = …")
+        elif isinstance(t, kinds_of.DictType):
+            phrases.append("a table")
+        else:
+            phrases.append("a name in quotes")
+    return " or ".join(dict.fromkeys(phrases))
+
+
+def _plural(item: Any) -> str:
+    return "numbers" if isinstance(item, kinds_of.FloatType) else "names"
+
+
+def _describe_value(value: Any) -> str:
+    """Say what was found instead, as a phrase."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list):
+        inside = ", ".join(repr(v) for v in value[:4]) + (", …" if len(value) > 4 else "")
+        return f"a list of {len(value)}: [{inside}]"
+    if value is None:
+        return "nothing (null)"
+    return f"the text {value!r}" if isinstance(value, str) else f"{value}"

@@ -5,8 +5,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from jaxnc.io.schema import decode
-from jaxnc.io.source import Source
+from jaxnc.io.source import Source, decode
 from jaxnc.io.target import file_name
 
 
@@ -14,8 +13,8 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     pass
 
 
-class Condition(_Record):
-    """One entry of ``[[conditions]]``; which fields it has depends on its type."""
+class ConditionEntry(_Record):
+    """An entry of ``[[conditions]]``; which fields there are depends on its type."""
 
     type: Literal[
         "crank turns",
@@ -49,7 +48,7 @@ class Condition(_Record):
     y: tuple[float | None, float | None] | None = None
 
 
-class Drawing(_Record):
+class SvgTarget(_Record):
     """A target that is a path of an SVG file; see `jaxnc.io.svg.outline`."""
 
     svg: str
@@ -61,7 +60,7 @@ class Drawing(_Record):
     up: bool = True
 
 
-class Search(_Record):
+class SearchOptions(_Record):
     """How long to search; see `jaxnc.synthesis.solve`."""
 
     starts: int = 20_000
@@ -73,12 +72,12 @@ class Search(_Record):
     enough: float = 0.0
 
 
-class Statement(_Record):
+class ProblemFile(_Record):
     """A problem file."""
 
     mechanism: str
     kind: Literal["path", "function", "motion"]
-    target: str | list[Any] | Drawing
+    target: str | list[Any] | SvgTarget
     point: str | None = None
     output: str | None = None
     body: str | None = None
@@ -99,11 +98,11 @@ class Statement(_Record):
     travel: tuple[float, float] | None = None
     weights: list[float] | None = None
     bounds: dict[str, list[Any]] = {}
-    conditions: list[Condition] = []
-    search: Search = msgspec.field(default_factory=Search)
+    conditions: list[ConditionEntry] = []
+    search: SearchOptions = msgspec.field(default_factory=SearchOptions)
 
 
-def statement(path: str | Path) -> tuple[Statement, Source]:
+def statement(path: str | Path) -> tuple[ProblemFile, Source]:
     """Read what a problem file says, without making a problem of it; that takes JAX."""
     source = Source(file_name(path))
-    return decode(source, Statement), source
+    return decode(source, ProblemFile), source

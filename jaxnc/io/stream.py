@@ -2,25 +2,25 @@
 
 import dataclasses
 import hashlib
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError, counted
-from jaxnc.io.blocks import Block, blocks_of, count, part
-from jaxnc.io.parts import Parts, checksums
-from jaxnc.io.tables import ORDERS, Table, arrays_of, chosen, load_npz
+from jaxnc.errors import InputError, counted, nearest
+from jaxnc.io.archive import PartialTable, checksums
+from jaxnc.io.tables import ORDERS, Table, arrays_of, load_npz, select_quantities
 from jaxnc.io.target import file_name
-from jaxnc.kinematics.devices import Devices
-from jaxnc.kinematics.inputs import angle_unit, check_system, doubt_degrees, in_radians, make_plan, whole
+from jaxnc.kinematics.inputs import angle_unit, array, check_system, doubt_degrees, in_radians, make_plan, whole
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.spread import Devices
 from jaxnc.progress import bar as progress_bar
 from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
@@ -31,6 +31,11 @@ from jaxnc.types import Inputs
 if TYPE_CHECKING:
     from tqdm import tqdm
 
+Block: TypeAlias = dict[str, np.ndarray]
+"""As many lanes each of inputs, rates and accelerations: ``"0/phi"``, ``"1/phi"``, ``"2/phi"``."""
+
+_NOUNS = ("inputs", "rates", "accelerations")
+_HOW = "such as {'phi': values}"
 _OTHER = (
     "the inputs {what} of the call that was interrupted, which has written {rows} poses in {parts}; give the same "
     "again, or pass resume=False to begin anew"
@@ -40,7 +45,7 @@ _OTHER = (
 @public
 @dataclass(frozen=True)
 class Streamed:
-    """What became of a batch that was written to disk.
+    """A batch that was written to disk, and what became of its poses.
 
     Attributes:
         name: the mechanism.
@@ -62,7 +67,7 @@ class Streamed:
         return self.lanes - self.statuses.get(Status.CONVERGED, 0)
 
     def table(self) -> Table:
-        """The table, its arrays mapped into memory; only what is looked at is read."""
+        """Open the table, its arrays mapped into memory; only what is looked at is read."""
         return load_npz(self.path, mmap=True)
 
     def __repr__(self) -> str:
@@ -129,13 +134,13 @@ def stream(
         raise InputError("accelerations follow from rates: give rates={...} as well")
     doubt_degrees(system, unit, inputs, start)
     (start,) = in_radians(system, unit, start)
-    names, blocks, total = blocks_of(inputs, (rates, accelerations), chunk)
+    names, blocks, total = cut_blocks(inputs, (rates, accelerations), chunk)
     if angle_unit(unit) == "deg":
-        blocks = _turned(system, blocks)
+        blocks = _in_radians(system, blocks)
     view = make_plan(system, names, hold)
     held = system.topology.named(view.held)
-    drawn = _drawn(system, names, held)
-    shown = chosen(drawn, quantities)
+    drawn = drawing_as_motion(system, names, held)
+    shown = select_quantities(drawn, quantities)
     arrays_of(drawn, shown)  # complains of unknown names before anything is solved
     settings = {"hold": hold, "start": start, "branch": branch, "devices": devices}
     question = {
@@ -149,10 +154,10 @@ def stream(
         "branch": _digest(branch),
     }
     path = file_name(path)
-    parts = Parts(path, question, resume)
+    parts = PartialTable(path, question, resume)
     resumed = parts.rows
     with progress_bar(total, system.name, " poses", progress, initial=resumed, unit_scale=True) as bar:
-        _run(parts, bar, blocks, lambda block: _solve(system, block, chunk, settings), shown)
+        _solve_blocks(parts, bar, blocks, lambda block: _solve_block(system, block, chunk, settings), shown)
     if not parts.rows:
         raise InputError("the inputs are empty; give at least one pose")
     units = np.array([drawn.system.topology.unit(name) for name in shown], dtype=np.str_)
@@ -162,15 +167,17 @@ def stream(
     return Streamed(system.name, path, parts.rows, statuses, resumed)
 
 
-def _turned(system: System, blocks: Iterator[Block]) -> Iterator[Block]:
-    """Blocks whose angles are in degrees, in radians."""
+def _in_radians(system: System, blocks: Iterator[Block]) -> Iterator[Block]:
+    """Turn blocks whose angles are in degrees into radians."""
     for block in blocks:
         names = {key: key.partition("/")[2] for key in block}
         turned = in_radians(system, "deg", *({names[key]: values} for key, values in block.items()))
         yield {key: np.asarray(one[names[key]]) for key, one in zip(block, turned, strict=True)}
 
 
-def _run(parts: Parts, bar: "tqdm", blocks: Iterator[Block], solve: Callable, shown: Sequence[str]) -> None:
+def _solve_blocks(
+    parts: PartialTable, bar: "tqdm", blocks: Iterator[Block], solve: Callable, shown: Sequence[str]
+) -> None:
     """Solve block by block; while one is being solved, the one before is written."""
     seen, solved = parts.inputs, None
     for block in _not_done(blocks, parts):
@@ -178,16 +185,18 @@ def _run(parts: Parts, bar: "tqdm", blocks: Iterator[Block], solve: Callable, sh
         try:
             motion = solve(block)
         except InputError as error:
-            raise InputError(f"poses {first} to {first + count(block) - 1}: {error}") from None
+            raise InputError(f"poses {first} to {first + count_lanes(block) - 1}: {error}") from None
         if solved:
-            _write(parts, bar, *solved, shown)
+            _write_block(parts, bar, *solved, shown)
         seen = checksums(block, seen)
-        solved = motion, count(block), seen
+        solved = motion, count_lanes(block), seen
     if solved:
-        _write(parts, bar, *solved, shown)
+        _write_block(parts, bar, *solved, shown)
 
 
-def _write(parts: Parts, bar: "tqdm", motion: Motion, lanes: int, seen: dict[str, int], shown: Sequence[str]) -> None:
+def _write_block(
+    parts: PartialTable, bar: "tqdm", motion: Motion, lanes: int, seen: dict[str, int], shown: Sequence[str]
+) -> None:
     # Numbers of the host from here on, so that picking a quantity out of them compiles nothing.
     fields = ("q", "rates", "status", "residual", "conditioning")
     got = {name: jax.tree.map(lambda x: np.asarray(x)[:lanes], getattr(motion, name)) for name in fields}
@@ -206,41 +215,135 @@ def _write(parts: Parts, bar: "tqdm", motion: Motion, lanes: int, seen: dict[str
     bar.update(lanes)
 
 
-def _solve(system: System, block: Block, chunk: int, settings: Mapping[str, Any]) -> Motion:
-    """The poses of a block, which is filled up with its last lane: one shape is compiled."""
-    lanes = np.minimum(np.arange(chunk), count(block) - 1)
+def _solve_block(system: System, block: Block, chunk: int, settings: Mapping[str, Any]) -> Motion:
+    """Find the poses of a block, which is filled up with its last lane: one shape is compiled."""
+    lanes = np.minimum(np.arange(chunk), count_lanes(block) - 1)
     by_order = [{key[2:]: v[lanes] for key, v in block.items() if key[0] == k} for k in "012"]
     moving = {"rates": by_order[1], "accelerations": by_order[2]} if by_order[1] else {}
     return solve_position(system, by_order[0], throw=False, unit="rad", **moving, **settings)
 
 
-def _not_done(blocks: Iterator[Block], parts: Parts) -> Iterator[Block]:
-    """The blocks without the poses that an earlier call has written, whose inputs must be the same."""
+def _not_done(blocks: Iterator[Block], parts: PartialTable) -> Iterator[Block]:
+    """Leave out of blocks the poses that an earlier call has written, whose inputs must be the same."""
     left, seen = parts.rows, {}
     for block in blocks:
-        done = min(left, count(block))
+        done = min(left, count_lanes(block))
         if done:
-            seen = checksums(part(block, 0, done), seen)
+            seen = checksums(take_lanes(block, 0, done), seen)
             left -= done
             if not left and seen != parts.inputs:
                 raise InputError(_OTHER.format(parts=parts.folder, what="differ from those", rows=parts.rows))
-        if done < count(block):
-            yield part(block, done, count(block))
+        if done < count_lanes(block):
+            yield take_lanes(block, done, count_lanes(block))
     if left:
         raise InputError(_OTHER.format(parts=parts.folder, what="are fewer than those", rows=parts.rows))
 
 
-def _drawn(system: System, driven: tuple[str, ...], held: tuple[str, ...]) -> Motion:
-    """The drawing as a motion: what can be asked of poses can be asked of it."""
+def drawing_as_motion(system: System, driven: tuple[str, ...], held: tuple[str, ...]) -> Motion:
+    """Return the drawing as a motion, which has the quantities that poses have."""
     home, good = derive(system).home, jnp.asarray(int(Status.CONVERGED))
     asked = home[np.array([system.topology.position[name] for name in driven], int)]
     return Motion(system, driven, held, home, (), asked, good, None, None)
 
 
 def _digest(*things: Any) -> str:
-    """A checksum of numbers and words, the same in every process."""
+    """Return a checksum of numbers and words, the same in every process."""
     found = hashlib.sha256()
     for leaf in jax.tree.leaves(things):
         found.update(np.asarray(leaf).tobytes())
     names = [sorted(map(str, thing)) for thing in things if isinstance(thing, Mapping)]
     return hashlib.sha256(found.digest() + repr(names).encode()).hexdigest()
+
+
+def count_lanes(block: Block) -> int:
+    """Count the lanes of a block."""
+    return len(next(iter(block.values())))
+
+
+def take_lanes(columns: Mapping[str, Any], start: int, stop: int) -> Block:
+    """Take some lanes of columns, one an array at least; numbers are repeated, and what is in a file is read."""
+    lanes = {name: v[start:stop] if np.ndim(v) else v for name, v in columns.items()}
+    size = max(len(v) for v in lanes.values() if np.ndim(v))
+    return {name: np.broadcast_to(array(v, f"input {name[2:]!r}"), (size,)) for name, v in lanes.items()}
+
+
+def cut_blocks(
+    inputs: Inputs | Iterable[Inputs], rates: Sequence[Inputs | None], size: int
+) -> tuple[tuple[str, ...], Iterator[Block], int | None]:
+    """Cut inputs into blocks.
+
+    Args:
+        inputs: arrays ``(L,)`` by name, or an iterable of such mappings, pieces of any length.
+        rates: rates and accelerations by name, or None: numbers, beside whole inputs also arrays ``(L,)``.
+        size: how many lanes a block has; the last one may be shorter.
+
+    Returns:
+        Names of the inputs, the blocks, and how many lanes there are, if that is known.
+    """
+    if isinstance(inputs, Mapping):
+        names = tuple(map(str, inputs))
+        columns, total = _read_columns(inputs, rates, "inputs")  # pyright: ignore[reportArgumentType]
+        return names, (take_lanes(columns, i, i + size) for i in range(0, total, size)), total
+    if isinstance(inputs, str) or not isinstance(inputs, Iterable):
+        kind = type(inputs).__name__
+        raise InputError(f"inputs are arrays by name, {_HOW}, or an iterable of such mappings; got {kind}")
+    pieces = iter(inputs)
+    first = next(pieces, {})
+    if not isinstance(first, Mapping) or not first:
+        raise InputError(f"inputs: the first piece must be arrays by name, {_HOW}; got {first!r}")
+    names = tuple(map(str, first))
+    return names, _join_read_pieces(_read_pieces(names, itertools.chain([first], pieces), rates), size), None
+
+
+def _read_columns(
+    inputs: Inputs, rates: Sequence[Inputs | None], what: str, whole: bool = True
+) -> tuple[dict[str, Any], int]:
+    """Return arrays of one length or single numbers of everything that is given by name, and that length."""
+    if not inputs:
+        raise InputError(f"{what}: nothing is driven; give arrays by name, {_HOW}")
+    columns = {f"0/{name}": _unread(value, f"input {name!r}") for name, value in inputs.items()}
+    lengths = {v.shape[0] for v in columns.values() if v.ndim == 1}
+    if len(lengths) != 1 or any(v.ndim > 1 for v in columns.values()):
+        shapes = ", ".join(f"{name[2:]}: {v.shape}" for name, v in columns.items())
+        raise InputError(f"{what} need one shape (L,) together, with or without single numbers beside; got {shapes}")
+    total = lengths.pop()
+    for order, given in enumerate(rates, start=1):
+        noun = _NOUNS[order]
+        if given is not None and not isinstance(given, Mapping):
+            raise InputError(f"{noun} are given by name, such as {{'phi': 10.0}}; got {given!r}")
+        for name, value in (given or {}).items():
+            if name not in inputs:
+                raise InputError(f"{noun}: {name!r} is not one of the inputs; {nearest(name, inputs)}")
+            value = columns[f"{order}/{name}"] = _unread(value, f"{noun} of {name!r}")
+            if value.shape not in ((), (total,) if whole else ()):
+                want = f"shape {(total,)} or a single number" if whole else "a number, as the inputs come in pieces"
+                raise InputError(f"{noun} of {name!r} has shape {value.shape}; give {want}")
+    return columns, total
+
+
+def _unread(value: Any, what: str) -> Any:
+    """Return an array; one that lies in a file stays there, and its numbers are checked when they are read."""
+    return value if isinstance(value, np.ndarray | jax.Array) else array(value, what)
+
+
+def _read_pieces(names: tuple[str, ...], pieces: Iterable[Inputs], rates: Sequence[Inputs | None]) -> Iterator[Block]:
+    for k, piece in enumerate(pieces):
+        if not isinstance(piece, Mapping) or set(piece) != set(names):
+            got = ", ".join(map(str, piece)) if isinstance(piece, Mapping) else type(piece).__name__
+            raise InputError(f"inputs: every piece must give {', '.join(names)} by name; piece {k} gives {got}")
+        columns, total = _read_columns({n: piece[n] for n in names}, rates, f"inputs, piece {k},", whole=False)
+        if total:
+            yield take_lanes(columns, 0, total)
+
+
+def _join_read_pieces(pieces: Iterator[Block], size: int) -> Iterator[Block]:
+    """Cut pieces of any length into blocks of one length, but for the last."""
+    waiting: Block = {}
+    for piece in pieces:
+        waiting = {name: np.concatenate([waiting[name], v]) if waiting else v for name, v in piece.items()}
+        there = count_lanes(waiting)
+        for start in range(0, there - size + 1, size):
+            yield take_lanes(waiting, start, start + size)
+        waiting = take_lanes(waiting, there - there % size, there) if there % size else {}
+    if waiting:
+        yield waiting

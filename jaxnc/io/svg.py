@@ -75,8 +75,8 @@ def outline(
         raise InputError(f"outline: size={size!r} must be positive")
     if centre is not None and (np.shape(centre) != (2,) or not np.isfinite(centre).all()):
         raise InputError(f"outline: centre={centre!r} must be two finite numbers (x, y)")
-    data, matrix, label = _chosen(path, id)
-    pieces = _pieces(data, f"{path}, {label}")
+    data, matrix, label = _find_path(path, id)
+    pieces = _read_path(data, f"{path}, {label}")
     if piece is None and len(pieces) > 1:
         raise ModelFileError(
             f"{path}, {label}: it has {len(pieces)} pieces, a curve is one; say which: piece = 0 … {len(pieces) - 1}"
@@ -85,20 +85,20 @@ def outline(
         raise ModelFileError(f"{path}, {label}: no piece {piece}; it has {len(pieces)}, counted from 0")
     segments, closed = pieces[piece or 0]
     flip = np.diag([1.0, -1.0 if up else 1.0])
-    curve = _Curve([s.moved(flip @ matrix[:, :2], flip @ matrix[:, 2]) for s in segments], f"{path}, {label}")
+    curve = _Path([s.map(flip @ matrix[:, :2], flip @ matrix[:, 2]) for s in segments], f"{path}, {label}")
     low, high = curve.box()
     factor = 1.0 if size is None else size / float(np.max(high - low))
     middle = 0.5 * (low + high)
     at = middle if centre is None else np.asarray(centre, dtype=float)
-    found = at + factor * (curve.spaced(count, closed) - middle)
+    found = at + factor * (curve.spread_points(count, closed) - middle)
     return Outline(found, closed, factor * curve.length)
 
 
 # -- the file --------------------------------------------------------------------------------------------------------
 
 
-def _chosen(path: Path, id: str | None) -> tuple[str, np.ndarray, str]:
-    """Data of a path, its transformation ``(2, 3)``, and what messages call it."""
+def _find_path(path: Path, id: str | None) -> tuple[str, np.ndarray, str]:
+    """Find data of a path, its transformation ``(2, 3)``, and what messages call it."""
     try:
         root = ElementTree.fromstring(path.read_bytes())
     except OSError as error:
@@ -107,7 +107,7 @@ def _chosen(path: Path, id: str | None) -> tuple[str, np.ndarray, str]:
         raise ModelFileError(f"{path} is not a drawing in SVG ({error})") from None
     if _tag(root) != "svg":
         raise ModelFileError(f"{path} is not a drawing in SVG: its first element is <{_tag(root)}>")
-    found = [(e, m) for e, m in _drawn(root, np.eye(2, 3), str(path)) if _tag(e) == "path"]
+    found = [(e, m) for e, m in _elements(root, np.eye(2, 3), str(path)) if _tag(e) == "path"]
     if not found:
         others = sorted({_tag(e) for e in root.iter()} & set(_SHAPES))
         hint = f"; turn <{'>, <'.join(others)}> into paths in the drawing program" if others else ""
@@ -122,21 +122,21 @@ def _chosen(path: Path, id: str | None) -> tuple[str, np.ndarray, str]:
     return element.get("d", ""), matrix, label
 
 
-def _drawn(element: ElementTree.Element, matrix: np.ndarray, where: str) -> Iterator[tuple]:
-    """Elements in the order in which they are drawn, each with the transformation to the drawing."""
-    matrix = _joined(matrix, _transform(element.get("transform", ""), where))
+def _elements(element: ElementTree.Element, matrix: np.ndarray, where: str) -> Iterator[tuple]:
+    """Yield elements in the order in which they are drawn, each with the transformation to the drawing."""
+    matrix = _combine(matrix, _transform(element.get("transform", ""), where))
     yield element, matrix
     for child in element:
         if _tag(child) not in _UNSEEN:
-            yield from _drawn(child, matrix, where)
+            yield from _elements(child, matrix, where)
 
 
 def _tag(element: ElementTree.Element) -> str:
     return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
 
 
-def _joined(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
-    """One affine map after another, each ``(2, 3)``."""
+def _combine(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """Combine affine maps, each ``(2, 3)``, the inner one first."""
     return np.column_stack([outer[:, :2] @ inner[:, :2], outer[:, :2] @ inner[:, 2] + outer[:, 2]])
 
 
@@ -164,7 +164,7 @@ def _transform(text: str, where: str) -> np.ndarray:
                 one = np.array([[1.0, 0.0, 0.0], [np.tan(np.radians(angle)), 1.0, 0.0]])
             case _:
                 raise ModelFileError(f"{where}: transform {name}({inside}) is not understood")
-        out = _joined(out, one)
+        out = _combine(out, one)
     return out
 
 
@@ -172,14 +172,15 @@ def _transform(text: str, where: str) -> np.ndarray:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Bezier:
-    """A curve by its coefficients in powers of t, ``(degree + 1, 2)``."""
+class _Segment:
+    """A curve over t from 0 to 1: coefficients ``(n, 2)`` of powers of t, or of 1, cos and sin of an angle."""
 
-    powers: np.ndarray
+    coefficients: np.ndarray
+    angles: tuple[float, float] | None = None  # of an arc: where it begins, and how far it goes
 
     @classmethod
-    def through(cls, *p: np.ndarray) -> "_Bezier":
-        """From its control points."""
+    def through(cls, *p: np.ndarray) -> "_Segment":
+        """Make a Bézier curve of its control points."""
         a = np.array(p)
         if len(p) == 2:
             return cls(np.array([a[0], a[1] - a[0]]))
@@ -187,48 +188,33 @@ class _Bezier:
             return cls(np.array([a[0], 2 * (a[1] - a[0]), a[0] - 2 * a[1] + a[2]]))
         return cls(np.array([a[0], 3 * (a[1] - a[0]), 3 * (a[0] - 2 * a[1] + a[2]), a[3] - a[0] + 3 * (a[1] - a[2])]))
 
-    def moved(self, matrix: np.ndarray, shift: np.ndarray) -> "_Bezier":
-        out = self.powers @ matrix.T
+    def map(self, matrix: np.ndarray, shift: np.ndarray) -> "_Segment":
+        out = self.coefficients @ matrix.T
         out[0] += shift
-        return _Bezier(out)
+        return dataclasses.replace(self, coefficients=out)
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        return np.stack([t**k for k in range(len(self.powers))], axis=-1) @ self.powers
+        if self.angles is None:
+            basis = [t**k for k in range(len(self.coefficients))]
+        else:
+            angle = self.angles[0] + t * self.angles[1]
+            basis = [np.ones_like(t), np.cos(angle), np.sin(angle)]
+        return np.stack(basis, axis=-1) @ self.coefficients
 
     def rate(self, t: np.ndarray) -> np.ndarray:
-        n = len(self.powers)
-        return np.stack([k * t ** (k - 1) for k in range(1, n)], axis=-1) @ self.powers[1:]
-
-
-@dataclasses.dataclass(frozen=True)
-class _Arc:
-    """Part of an ellipse: centre + axes · (cos, sin)(begin + t sweep)."""
-
-    centre: np.ndarray
-    axes: np.ndarray
-    begin: float
-    sweep: float
-
-    def moved(self, matrix: np.ndarray, shift: np.ndarray) -> "_Arc":
-        return _Arc(matrix @ self.centre + shift, matrix @ self.axes, self.begin, self.sweep)
-
-    def at(self, t: np.ndarray) -> np.ndarray:
-        angle = self.begin + t * self.sweep
-        return self.centre + np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ self.axes.T
-
-    def rate(self, t: np.ndarray) -> np.ndarray:
-        angle = self.begin + t * self.sweep
-        return self.sweep * np.stack([-np.sin(angle), np.cos(angle)], axis=-1) @ self.axes.T
-
-
-_Segment = _Bezier | _Arc
+        if self.angles is None:
+            basis = [k * t ** (k - 1) for k in range(1, len(self.coefficients))]
+        else:
+            angle, sweep = self.angles[0] + t * self.angles[1], self.angles[1]
+            basis = [-sweep * np.sin(angle), sweep * np.cos(angle)]
+        return np.stack(basis, axis=-1) @ self.coefficients[1:]
 
 
 def _arc(a: np.ndarray, rx: float, ry: float, tilt: float, large: bool, forward: bool, b: np.ndarray) -> _Segment:
-    """An arc between two points by its radii; a straight line if a radius is zero."""
+    """Make an arc between two points by its radii; a straight line if a radius is zero."""
     rx, ry = abs(rx), abs(ry)
     if rx == 0.0 or ry == 0.0:
-        return _Bezier.through(a, b)
+        return _Segment.through(a, b)
     c, s = np.cos(np.radians(tilt)), np.sin(np.radians(tilt))
     turn = np.array([[c, -s], [s, c]])
     half = turn.T @ (a - b) / 2 / [rx, ry]  # where both ends lie on the unit circle about `middle`
@@ -241,15 +227,15 @@ def _arc(a: np.ndarray, rx: float, ry: float, tilt: float, large: bool, forward:
     begin, end = np.arctan2(first[1], first[0]), np.arctan2(last[1], last[0])
     sweep = np.mod(end - begin, 2 * np.pi) if forward else -np.mod(begin - end, 2 * np.pi)
     axes = turn * (grow * np.array([rx, ry]))
-    return _Arc((a + b) / 2 + axes @ middle, axes, float(begin), float(sweep))
+    return _Segment(np.vstack([(a + b) / 2 + axes @ middle, axes.T]), (float(begin), float(sweep)))
 
 
-def _words(data: str, where: str) -> Iterator[tuple[str, list[float]]]:
-    """Commands with their numbers, repeated ones written out."""
+def _commands(data: str, where: str) -> Iterator[tuple[str, list[float]]]:
+    """Yield commands with their numbers, repeated ones written out."""
     for letter, inside in re.findall(r"([A-Za-z]|^[^A-Za-z]+)([^A-Za-z]*(?:[eE][+-]?\d[^A-Za-z]*)*)", data.strip()):
         if letter.upper() not in _COUNTS:
             raise ModelFileError(f"{where}: path data has {letter.strip()[:12]!r}; commands are {' '.join(_COUNTS)}")
-        count, numbers = _COUNTS[letter.upper()], _numbers(letter, inside, where)
+        count, numbers = _COUNTS[letter.upper()], _command_numbers(letter, inside, where)
         if count == 0 and not numbers:
             yield letter, []
             continue
@@ -260,8 +246,8 @@ def _words(data: str, where: str) -> Iterator[tuple[str, list[float]]]:
             letter = {"M": "L", "m": "l"}[letter] if letter in "Mm" else letter
 
 
-def _numbers(letter: str, text: str, where: str) -> list[float]:
-    """Numbers of a command; the two flags of an arc may stand without anything between them."""
+def _command_numbers(letter: str, text: str, where: str) -> list[float]:
+    """Read numbers of a command; the two flags of an arc may stand without anything between them."""
     out, at = [], 0
     while True:
         at += len(text[at:]) - len(text[at:].lstrip(" ,\t\r\n"))
@@ -277,13 +263,13 @@ def _numbers(letter: str, text: str, where: str) -> list[float]:
         at = found.end()
 
 
-def _pieces(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
-    """Segments of each piece of a path, and whether it is closed."""
+def _read_path(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
+    """Read the segments of each piece of a path, and whether it is closed."""
     out: list[tuple[list[_Segment], bool]] = []
     here = start = np.zeros(2)
     control, before = here, ""
     some: list[_Segment] = []
-    for letter, v in _words(data, where):
+    for letter, v in _commands(data, where):
         kind = letter.upper()
         if not before and kind != "M":
             raise ModelFileError(f"{where}: path data begins with {letter}; it must begin with M")
@@ -294,7 +280,7 @@ def _pieces(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
             start = control = here
         elif kind == "Z":
             if np.any(here != start):
-                some.append(_Bezier.through(here, start))
+                some.append(_Segment.through(here, start))
             out += [(some, True)] if some else []
             some, here = [], start
             control = here
@@ -313,10 +299,10 @@ def _pieces(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
             elif kind in "CSQT":
                 inner = [base + v[k : k + 2] for k in range(0, len(v) - 2, 2)]
                 inner = [mirrored, *inner] if kind in "ST" else inner
-                some.append(_Bezier.through(here, *inner, end))
+                some.append(_Segment.through(here, *inner, end))
                 control = inner[-1]
             else:
-                some.append(_Bezier.through(here, end))
+                some.append(_Segment.through(here, end))
             here = end
         before = kind
     out += [(some, bool(some) and bool(np.all(here == start)))] if some else []
@@ -325,25 +311,25 @@ def _pieces(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
     return out
 
 
-class _Curve:
+class _Path:
     """Segments one after another, by the length along them."""
 
     def __init__(self, segments: list[_Segment], where: str):
         self.segments = segments
         edges = np.linspace(0.0, 1.0, _PARTS + 1)
-        lengths = np.concatenate([_length(s, edges[:-1], edges[1:]) for s in segments])
+        lengths = np.concatenate([_arc_length(s, edges[:-1], edges[1:]) for s in segments])
         self.along = np.concatenate([[0.0], np.cumsum(lengths)])
         self.length = float(self.along[-1])
         if not (np.isfinite(self.length) and self.length > 0):
             raise ModelFileError(f"{where}: its path has no length")
 
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower left and upper right corner, from many points."""
+        """Return the lower left and the upper right corner, from many points."""
         some = np.concatenate([s.at(np.linspace(0.0, 1.0, 16 * _PARTS + 1)) for s in self.segments])
         return some.min(axis=0), some.max(axis=0)
 
-    def spaced(self, count: int, closed: bool) -> np.ndarray:
-        """Points at equal distances along the curve; the ends of an open one are among them."""
+    def spread_points(self, count: int, closed: bool) -> np.ndarray:
+        """Return points at equal distances along the curve; the ends of an open one are among them."""
         wanted = self.length * np.arange(count) / (count if closed else count - 1)
         part = np.clip(np.searchsorted(self.along, wanted, side="right") - 1, 0, len(self.along) - 2)
         out = np.empty((count, 2))
@@ -352,14 +338,14 @@ class _Curve:
             low, high = begin, begin + 1.0 / _PARTS
             for _ in range(60):  # to the last digit by halving: the speed may be zero at an end
                 t = 0.5 * (low + high)
-                less = self.along[n] + _length(segment, np.array([begin]), np.array([t]))[0] < s
+                less = self.along[n] + _arc_length(segment, np.array([begin]), np.array([t]))[0] < s
                 low, high = (t, high) if less else (low, t)
             out[k] = segment.at(np.array([0.5 * (low + high)]))[0]
         return out
 
 
-def _length(segment: _Segment, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Lengths of parts of a segment, by Gauss's rule."""
+def _arc_length(segment: _Segment, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Measure parts of a segment, by Gauss's rule."""
     half = 0.5 * (end - begin)
     t = begin[:, None] + half[:, None] * (_NODES + 1.0)
     return half * (np.linalg.norm(segment.rate(t), axis=-1) @ _WEIGHTS)

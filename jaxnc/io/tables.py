@@ -2,6 +2,8 @@
 
 import csv
 import io
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +13,8 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, ModelFileError, nearest
-from jaxnc.io.archive import read
-from jaxnc.io.target import write
+from jaxnc.io.archive import read_archive
+from jaxnc.io.target import file_name, write
 from jaxnc.kinematics.inputs import angle_unit, outside
 from jaxnc.status import Status
 
@@ -24,12 +26,15 @@ SHORT = ("", "v", "a", "j")
 PER = ("", "/s", "/s^2", "/s^3")
 AXES = "xyz"
 _RESERVED = "time", "residual"  # columns of tables with a unit, as those of coordinates have
+_HEADER = re.compile(r"(?:(?P<rate>[vaj])\((?P<inner>.+)\)|(?P<name>.+?)) \[(?P<unit>[^\[\]]*)\]")
+_COUNTER = re.compile(r"pose|lane( \d+)?")
+_AFTER = re.compile(r'[]]\s*"?([,;\t])')  # what stands between columns
 
 
 @public
 @dataclass(frozen=True)
 class Table:
-    """Named arrays of a motion. Poses that failed are NaN in all of them.
+    """Named arrays of a motion. Poses that failed are NaN in all arrays.
 
     Attributes:
         name: the mechanism.
@@ -79,7 +84,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Listed:
+class MotionColumns:
     """A motion as columns, one number for each pose."""
 
     places: np.ndarray  # numbers of lanes and poses, (axes, poses)
@@ -91,13 +96,13 @@ class Listed:
 
     @property
     def axes(self) -> list[str]:
-        """What the places are called."""
+        """Names of the places."""
         lanes = len(self.places) - 1
         return [*(["lane"] if lanes == 1 else [f"lane {k + 1}" for k in range(lanes)]), "pose"]
 
 
-def listed(motion: "Motion", names: Sequence[str] | None, unit: str | None, what: str) -> Listed:
-    """A motion as columns: time, inputs, places, coordinates, then their rates.
+def list_columns(motion: "Motion", names: Sequence[str] | None, unit: str | None, what: str) -> MotionColumns:
+    """Return a motion as columns: time, inputs, places, coordinates, then their rates.
 
     Args:
         motion: the motion; any batch of poses of one design.
@@ -113,19 +118,19 @@ def listed(motion: "Motion", names: Sequence[str] | None, unit: str | None, what
     columns: dict[str, tuple[str, np.ndarray]] = {}
     if motion.time is not None:
         columns["time"] = "s", np.broadcast_to(np.asarray(motion.time, float), status.shape).reshape(-1)
-    for order, entries in enumerate(arrays_of(motion, chosen(motion, names))):
+    for order, entries in enumerate(arrays_of(motion, select_quantities(motion, names))):
         for name, array in entries.items():
             own = motion.system.topology.unit(name)
             turned = own == "rad" and angles == "deg"
             own = (angles if own == "rad" else own) + PER[order]
-            for label, column in _spread(name, np.rad2deg(array) if turned else array, status.ndim):
+            for label, column in _columns_of(name, np.rad2deg(array) if turned else array, status.ndim):
                 if order == 0 and label in motion.driven:
                     asked = np.asarray(motion.inputs[label], float).reshape(-1)
                     columns[label] = own, np.rad2deg(asked) if turned else asked
                 else:
                     columns[f"{SHORT[order]}({label})" if order else label] = own, np.where(failed, np.nan, column)
     residual = np.where(failed, np.nan, np.asarray(motion.residual, float).reshape(-1))
-    return Listed(places, columns, status.reshape(-1), residual)
+    return MotionColumns(places, columns, status.reshape(-1), residual)
 
 
 def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = None, unit: str | None = None) -> Path:
@@ -145,7 +150,7 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
         InputError: an unknown name or unit, or a batch of designs.
         OutputError: the file cannot be written.
     """
-    found = listed(motion, names, unit, "to_csv()")
+    found = list_columns(motion, names, unit, "to_csv()")
     if taken := [name for name in motion.system.topology.scalars if name in found.columns and name in _RESERVED]:
         raise InputError(
             f"to_csv(): a table has a column {taken[0]!r} of its own, and a coordinate has this name; call the "
@@ -217,7 +222,7 @@ def load_npz(path: str | Path, mmap: bool = False) -> Table:
     Raises:
         ModelFileError: the file is missing, damaged or not such a table.
     """
-    arrays = read(path, "a table that to_npz wrote", mmap)
+    arrays = read_archive(path, "a table that to_npz wrote", mmap)
     try:
         names = [str(n) for n in arrays["names"]]
         pose, first, second, third = (
@@ -241,8 +246,119 @@ def load_npz(path: str | Path, mmap: bool = False) -> Table:
         raise ModelFileError(f"{path} is not a table that to_npz wrote, or is damaged; write it again") from None
 
 
-def chosen(motion: "Motion", names: Sequence[str] | None) -> tuple[str, ...]:
-    """Inputs first, then what is asked for: everything that moves, or the names given."""
+@public
+def load_csv(path: str | Path) -> Table:
+    """Read what `to_csv` wrote, or any table whose header has units in the same way: ``P.x [m]``, ``v(phi) [deg/s]``.
+
+    Args:
+        path: the file; one column for each number, and ``pose`` and ``status`` as `to_csv` writes them, if it has them.
+            What a spreadsheet made of it is read too: semicolons or tabs between columns, decimal commas, ``°``.
+
+    Returns:
+        Its arrays by name, angles in radians. A table does not say what was driven, so `Table.driven` is empty, and its
+        name is that of the file.
+
+    Raises:
+        ModelFileError: the file is missing or not such a table; the message names line and column.
+    """
+    path = file_name(path)
+    try:
+        first, *_ = written = path.read_text(encoding="utf-8-sig").splitlines()
+        found = _AFTER.search(first)
+        between = found[1] if found else ","
+        header, *lines = csv.reader(written, delimiter=between, skipinitialspace=True)
+    except OSError as error:
+        raise ModelFileError(f"{path} cannot be read ({error.strerror}); give a table that to_csv wrote") from None
+    except (UnicodeDecodeError, ValueError, csv.Error):
+        raise ModelFileError(f"{path} is not a table in CSV (UTF-8, a header in its first line)") from None
+    header = [label.strip() for label in header]
+    if twice := sorted({label for label in header if header.count(label) > 1}):
+        raise ModelFileError(f"{path}: column {twice[0]!r} is there twice; names say which column is which")
+    rows = [(number, line) for number, line in enumerate(lines, start=2) if any(cell.strip() for cell in line)]
+    for number, line in rows:
+        if len(line) != len(header):
+            raise ModelFileError(f"{path}, line {number}: {len(line)} cells, and the header has {len(header)}")
+    columns = zip(*(line for _, line in rows), strict=True) if rows else [()] * len(header)
+    text = dict(zip(header, columns, strict=True))
+    places, point = [number for number, _ in rows], "." if between == "," else ","
+
+    def parse(label: str, cells: Sequence[str]) -> np.ndarray:
+        """Read the numbers of a column, NaN where a cell is empty."""
+        out = np.full(len(cells), np.nan)
+        for k, cell in enumerate(cells):
+            try:
+                out[k] = float(cell.replace(point, ".")) if cell.strip() else np.nan
+            except ValueError:
+                raise ModelFileError(f"{path}, line {places[k]}, column {label!r}: {cell!r} is not a number") from None
+        return out
+
+    lanes = [label for label in header if _COUNTER.fullmatch(label)]
+    counters = np.array([parse(label, text.pop(label)) for label in lanes] or [np.arange(len(rows))])
+    shape = tuple(1 + int(max(last, -1)) for last in np.nan_to_num(counters).max(axis=1, initial=-1.0))
+    order = np.lexsort(counters[::-1])  # lines may have been sorted by something else
+    if math.prod(shape) != len(rows) or (counters[:, order] != np.indices(shape).reshape(len(shape), -1)).any():
+        raise ModelFileError(f"{path}: {len(rows)} lines are no whole batch of {' × '.join(map(str, shape))} poses")
+    words = np.array(text.pop("status", ["converged"] * len(rows)))[order].tolist()
+    known = {s.name.lower(): int(s) for s in Status}
+    if unknown := sorted(set(words) - set(known)):
+        raise ModelFileError(f"{path}: status {unknown[0]!r}; {nearest(unknown[0], known)}")
+    orders: list[dict[str, np.ndarray]] = [{}, {}, {}, {}]
+    units: dict[str, str] = {}
+    for label, cells in text.items():
+        found = _HEADER.fullmatch(label)
+        if not found:
+            raise ModelFileError(f"{path}: column {label!r}; write a name and its unit, as in 'P.x [m]'")
+        rate, own = SHORT.index(found["rate"] or ""), found["unit"]
+        name = found["inner"] or found["name"]
+        if rate and not own.endswith(PER[rate]):
+            raise ModelFileError(f"{path}: column {label!r}: the unit of {found['rate']}(…) ends in {PER[rate]}")
+        base = own.removesuffix(PER[rate])
+        base = "deg" if base == "°" else base
+        numbers = parse(label, cells)[order].reshape(shape)
+        orders[rate][name] = np.deg2rad(numbers) if base == "deg" else numbers
+        read = "rad" if base == "deg" else base
+        if read != (unit := units.setdefault(_place_of(name), "s" if name == "time" else read)):
+            raise ModelFileError(f"{path}: column {label!r}: write {_place_of(name)!r} in one unit, here {unit}")
+    time, residual = (orders[0].pop(name, None) for name in ("time", "residual"))
+    first, second, third, fourth = (_join_axes(entries) for entries in orders)
+    return Table(
+        name=path.stem,
+        driven=(),
+        units={name: units[name] if name in units else units[_place_of(name)] for name in first},
+        positions=first,
+        velocities=second,
+        accelerations=third,
+        jerks=fourth,
+        status=np.array([known[word] for word in words], dtype=int).reshape(shape),
+        residual=np.full(shape, np.nan) if residual is None else residual,
+        conditioning=None,
+        time=time,
+    )
+
+
+def _place_of(name: str) -> str:
+    """Return what a column is of: ``P`` of ``P.x``."""
+    place, _, axis = name.rpartition(".")
+    return place if place and axis in tuple(AXES) else name
+
+
+def _join_axes(entries: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Put places ``P`` ``(..., dim)`` in place of their columns ``P.x``, ``P.y``."""
+    out: dict[str, np.ndarray] = {}
+    for label, column in entries.items():
+        name, _, axis = label.rpartition(".")
+        if not name:
+            out[label] = column
+        elif axis == "x" and f"{name}.y" in entries:
+            parts = [entries[f"{name}.{a}"] for a in AXES if f"{name}.{a}" in entries]
+            out[name] = np.stack(parts, axis=-1)
+        elif name not in out:
+            out[label] = column
+    return out
+
+
+def select_quantities(motion: "Motion", names: Sequence[str] | None) -> tuple[str, ...]:
+    """Return names of inputs, then of what is asked for: everything that moves, or the names given."""
     top = motion.system.topology
     places = (*top.points, *top.vectors)
     still = {p for i, p in enumerate(places) if all(top.fixed[i * top.dim : (i + 1) * top.dim])}
@@ -252,7 +368,7 @@ def chosen(motion: "Motion", names: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def arrays_of(motion: "Motion", names: Sequence[str]) -> list[Mapping[str, np.ndarray]]:
-    """Positions by name, and as many time derivatives as the motion carries."""
+    """Return positions by name, and as many time derivatives as the motion carries."""
     if motion.system.parameters.points.ndim != 2:
         raise InputError(
             "a table is of one design, this motion is of a batch of them; take one, for instance the first: "
@@ -262,8 +378,8 @@ def arrays_of(motion: "Motion", names: Sequence[str]) -> list[Mapping[str, np.nd
     return [{n: np.array(read(n)) for n in names} for read in orders[: 1 + len(motion.rates)]]
 
 
-def _spread(name: str, array: np.ndarray, batch: int) -> list[tuple[str, np.ndarray]]:
-    """Columns of a quantity: one for a coordinate, one an axis for a place."""
+def _columns_of(name: str, array: np.ndarray, batch: int) -> list[tuple[str, np.ndarray]]:
+    """Return the columns of a quantity: one for a coordinate, one an axis for a place."""
     if array.ndim == batch:
         return [(name, array.reshape(-1))]
     return [(f"{name}.{axis}", array[..., k].reshape(-1)) for k, axis in enumerate(AXES[: array.shape[-1]])]

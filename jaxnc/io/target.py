@@ -31,7 +31,7 @@ _LONGEST = 120  # bytes of a name: with endings it stays below the 255 that file
 
 
 def stem(name: str, fallback: str = "mechanism") -> str:
-    """The beginning of file names, of at most 120 bytes: what somebody called a thing, the same on every system.
+    """Make the beginning of file names, of at most 120 bytes, of what somebody called a thing.
 
     Slashes, colons and what else is no letter, digit, ``.``, ``_`` or ``-`` become dashes; `fallback` is taken if
     nothing is left.
@@ -43,7 +43,7 @@ def stem(name: str, fallback: str = "mechanism") -> str:
 
 
 def file_name(path: str | Path) -> Path:
-    """What a user calls a file, with ``~`` for the home folder."""
+    """Read the name of a file from a user, with ``~`` for the home folder."""
     if isinstance(path, str) and not path.strip():
         raise InputError(f"path={path!r} names no file; give one")
     try:
@@ -110,7 +110,7 @@ def folder(path: str | Path) -> Path:
 
 
 def unwritable(path: Path, error: OSError) -> OutputError:
-    """The error that says why a path cannot be written and what to do."""
+    """Make the error that says why a path cannot be written and what to do."""
     reason = (error.strerror or str(error)).lower()
     remedy = _REMEDIES.get(error.errno or 0, "check the path, or choose another folder")
     return OutputError(f"cannot write {path} ({reason}): {remedy}")

@@ -9,29 +9,25 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.arc import Interval as Interval
     from jaxnc.kinematics.arc import Travel as Travel
     from jaxnc.kinematics.closure import ClosedEquations as ClosedEquations
-    from jaxnc.kinematics.columns import Columns as Columns
     from jaxnc.kinematics.diagnosis import Diagnosis as Diagnosis
+    from jaxnc.kinematics.diagnosis import Remedy as Remedy
     from jaxnc.kinematics.diagnosis import Violation as Violation
+    from jaxnc.kinematics.instant import Axodes as Axodes
     from jaxnc.kinematics.instant import Centrodes as Centrodes
     from jaxnc.kinematics.instant import InstantMotion as InstantMotion
     from jaxnc.kinematics.instant import PathCurvature as PathCurvature
+    from jaxnc.kinematics.instant import ScrewAxis as ScrewAxis
+    from jaxnc.kinematics.instant import axodes as axodes
     from jaxnc.kinematics.instant import centrodes as centrodes
     from jaxnc.kinematics.instant import instant_centres as instant_centres
     from jaxnc.kinematics.instant import instant_motion as instant_motion
     from jaxnc.kinematics.instant import path_curvature as path_curvature
+    from jaxnc.kinematics.mobility import Grashof as Grashof
     from jaxnc.kinematics.mobility import Mobility as Mobility
+    from jaxnc.kinematics.mobility import grashof_type as grashof_type
+    from jaxnc.kinematics.motion import Columns as Columns
     from jaxnc.kinematics.motion import Motion as Motion
-    from jaxnc.kinematics.planar import Grashof as Grashof
-    from jaxnc.kinematics.planar import grashof_type as grashof_type
-    from jaxnc.kinematics.remedies import Remedy as Remedy
-    from jaxnc.kinematics.screw import Axodes as Axodes
-    from jaxnc.kinematics.screw import ScrewAxis as ScrewAxis
-    from jaxnc.kinematics.screw import axodes as axodes
     from jaxnc.kinematics.sensitivity import Sensitivity as Sensitivity
-    from jaxnc.kinematics.suspension import Suspension as Suspension
-    from jaxnc.kinematics.wheel_report import SuspensionReport as SuspensionReport
-    from jaxnc.kinematics.wheel_report import SuspensionRow as SuspensionRow
-    from jaxnc.kinematics.wheel_report import suspension_report as suspension_report
 
 
 __getattr__, __dir__ = on_demand(__name__)

@@ -191,7 +191,7 @@ def travel(
 
 
 def _intervals(dead: list[tuple[float, str]], ahead: int, closed: bool, least: float) -> tuple[Interval, ...]:
-    """What lies between dead points, given as met: those ahead, then those behind the drawing, the nearest first."""
+    """List the intervals between dead points, given as met: those ahead, then those behind, the nearest first."""
 
     def between(points: Sequence[tuple[float, str]], drawn: bool) -> Interval:
         lower = [value for value, kind in points if kind == "minimum"]
@@ -244,12 +244,12 @@ def circuit(
     check_system(system, "circuit()")
     dense_only(system.topology, "circuit()")
     poses = whole(poses, "circuit(): poses=, how many are wanted,", 2, 10**8)
-    given = {} if between is None else {name: tuple(_range(between))}
+    given = {} if between is None else {name: tuple(_input_range(between))}
     doubt_degrees(system, unit, {n: np.asarray(ends) for n, ends in given.items()}, start)
     ends, start = in_radians(system, unit, given, start)
     if between is None:
         view, q = _prepare(system, (name,), hold, start)
-        nodes = _whole(view, q)
+        nodes = _whole_curve(view, q)
     else:
         first, last = map(float, ends[name])
         begin = solve_position(system, {name: first}, start=start, hold=hold, throw=True, unit="rad")
@@ -266,7 +266,7 @@ def circuit(
     return _pose(system, (name,), hold, np.ascontiguousarray(found))
 
 
-def _range(between: Any) -> tuple[float, float]:
+def _input_range(between: Any) -> tuple[float, float]:
     values = array(between, "circuit(): between")
     finite(values, "circuit(): between")
     if values.shape != (2,):
@@ -274,7 +274,7 @@ def _range(between: Any) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _whole(view: HostView, q: np.ndarray) -> Curve:
+def _whole_curve(view: HostView, q: np.ndarray) -> Curve:
     """All of the curve through a pose; one that does not close, from one end to the other."""
     t = first_tangent(view, q)
     ahead = trace(view, q, t)

@@ -12,7 +12,6 @@ from jax.core import Tracer
 from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted, nearest
-from jaxnc.kinematics.guess import guessed
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,
     check_parameters,
@@ -24,7 +23,7 @@ from jaxnc.kinematics.inputs import (
     stack,
 )
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import held_as_drawn
+from jaxnc.kinematics.position import held_as_drawn, start_poses
 from jaxnc.records import record, static
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.newton import largest, tolerance
@@ -204,7 +203,8 @@ def closed(
     if start is None:
         q = held_as_drawn(system.topology, view, eq, drawn, drawn)
     else:
-        q = guessed(system, eq, drawn, start, dict(zip(names, values, strict=True)), system.topology.named(view.held))
+        top, known = system.topology, dict(zip(names, values, strict=True))
+        q = start_poses(top, eq, drawn, start, known, top.named(view.held))
         if isinstance(start, Mapping):
             q = held_as_drawn(system.topology, view, eq, drawn, q, start)
     q = jnp.asarray(q)

@@ -1,30 +1,166 @@
-"""Bodies and joints of a spatial mechanism as twists: Grübler's count, and which joints hold it more than they need to.
+"""Freedoms by name: those hardly meant, what locks a mechanism, and which joints hold it more than they need to.
 
-What bodies share in natural coordinates (a point, a vector, two points) is a joint that no row shows. Here every body
+For the last, bodies and joints of a spatial mechanism are looked at as twists, which gives Grübler's count too. What
+bodies share in natural coordinates (a point, a vector, two points) is a joint that no row shows. Here every body
 gets its own six velocities (a bar five), every joint, shared or written, the conditions it puts on them; so joints can
 be counted, and exchanged for others, one by one.
 """
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from jaxnc.solvers.assembly import evaluate
+from jaxnc.solvers.assembly import derive, evaluate, free_plan, hosted, rank_of, sample_poses, settle
+from jaxnc.solvers.plan import plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.frames import spread
 from jaxnc.system.identity import Owner, Thing
+from jaxnc.system.precision import widened
+from jaxnc.system.system import System, unheld
 from jaxnc.system.topology import JointIndex, Topology
 
 GROUND = -1
 _RANK = 1e-7  # of the largest singular value
+_STILL = 1e-6  # of the largest velocity
+_LISTED = 6  # names that a sentence gives
+_LOCKING = (Thing.BODY, Thing.JOINT, Thing.RELATION, Thing.CONSTRAINT)
+
+
+@widened
+def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
+    """Name what can still move without anything else: bodies that spin about their own line, and what nothing holds.
+
+    Returns:
+        For each such body a phrase that names it and its line, and a coordinate that would hold it; also points and
+        vectors that nothing holds at all.
+    """
+    top = system.topology
+    stray = unheld(top)
+    eq = derive(system)
+    q, *_ = settle(eq, np.zeros(len(top.coordinates)))
+    view = plan(top, tuple(driven))
+    weight = hosted(eq).weights
+    _, null = rank_of(np.asarray(evaluate(eq, q)[1])[np.ix_(view.rows, view.unknown)] / weight[view.unknown])
+    found = []
+    for body in top.bodies:
+        spin = _own_spin(system, np.asarray(q), body)
+        if spin is None:
+            continue
+        change, line = spin[0] * weight, spin[1]
+        size = np.linalg.norm(change[view.unknown])
+        if size == 0.0 or np.abs(change[view.known]).max(initial=0.0) > _STILL * size:
+            continue
+        rest = change[view.unknown] - null.T @ (null @ change[view.unknown])
+        others = np.delete(change, view.unknown)
+        if np.linalg.norm(rest) <= _STILL * size and np.abs(others).max(initial=0.0) <= _STILL * size:
+            name = top.coordinates[int(np.argmax(np.abs(change)))]
+            found.append(f"body {body.name!r} can spin about its own line {line} (hold or drive {name!r})")
+    return [*stray, *found]
+
+
+@widened
+def explain_lock(system: System) -> list[str]:
+    """Name the bodies, joints and equations that lock a mechanism together, and as few as possible to leave out.
+
+    Returns:
+        One sentence; none where the mechanism moves, is large, or stands still without any of them.
+    """
+    top = system.topology
+    if top.large:
+        return []
+    sample, view = sample_poses(system, 1)[0], free_plan(top)
+    if sample.rank < len(view.unknown):
+        return []
+    owners = [set(top.row_owners[i]) for i in view.rows]
+    things = sorted(o for o in top.owners if o.thing in _LOCKING)
+
+    def count_freed(without: set[Owner]) -> int:
+        rest = sample.jacobian[[k for k, of in enumerate(owners) if not of or not of <= without]]
+        return len(view.unknown) - (rank_of(rest)[0] if len(rest) else 0)
+
+    # Of equals the one that was added last is the likely slip. Where several are too many, the last go first.
+    without: list[Owner] = []
+    while not (unlocking := {o: n for o in things if o not in without and (n := count_freed({*without, o}))}):
+        if len(without) == len(things):
+            return []
+        without.append(next(o for o in reversed(things) if o not in without))
+    least = min(unlocking.values())
+    *others, last = [o for o, gained in unlocking.items() if gained == least]
+    for o in list(without):
+        if count_freed({*without, last} - {o}):
+            without.remove(o)
+    least = count_freed({*without, last})
+    rest, out = ([f"{o.thing.noun} {top.called(o)!r}" for o in some] for some in (others, sorted([last, *without])))
+    also = f" (or {', '.join(rest[:_LISTED])}{', …' if len(rest) > _LISTED else ''})" if others and not without else ""
+    freedoms = f"{least} degree{'s' if least != 1 else ''} of freedom"
+    locks = [*rest[:_LISTED], *out]
+    together = f"{', '.join(locks)} lock each other" if len(locks) > 1 else f"{locks[0]} locks it"
+    return [f"{together}; leave out {' and '.join(out)}{also} and it has {freedoms}"]
+
+
+@widened
+def undriven_freedoms(system: System) -> list[str]:
+    """Name what still moves while every angle and distance of a mechanism is driven; none where nothing does."""
+    top = system.topology
+    view = free_plan(top)
+    if top.large or not top.scalars or loose_motions(system, ()):  # these have been named by themselves
+        return []
+    sample = sample_poses(system, 1)[0]
+    scalars = np.asarray(view.unknown) >= len(top.coordinates) - len(top.scalars)
+    null = rank_of(np.concatenate([sample.jacobian, np.eye(len(view.unknown))[scalars]]))[1]
+    if not len(null):
+        return []
+    moving = np.zeros(len(top.coordinates))
+    moving[view.unknown] = np.abs(null).max(axis=0)
+    points = moving[: len(top.points) * top.dim].reshape(-1, top.dim).max(axis=1) > _STILL
+    bodies = [b.name for b in top.bodies if any(points[i] for i in b.points)]
+    names = bodies or [name for name, moves in zip(top.points, points, strict=True) if moves]
+    if not names:
+        return []
+    count = f"{len(null)} degree{'s' if len(null) != 1 else ''} of freedom"
+    return [
+        f"with {', '.join(top.scalars[:_LISTED])} driven {count} would be left, of {', '.join(names[:_LISTED])}: "
+        f"a body or a joint is missing there, or drive or hold as many coordinates more"
+    ]
+
+
+def _own_spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | None:
+    """Find the velocity of all coordinates while one body turns about the line between the joints that hold it."""
+    top = system.topology
+    if top.dim != 3 or len(body.segments) < 2:
+        return None
+    count = len(top.points)
+    points = q[: 3 * count].reshape(-1, 3)
+    vectors = q[3 * count : 3 * (count + len(top.vectors))].reshape(-1, 3)
+    others = [b for b in top.bodies if b is not body]
+    tied = {i for b in others for i in b.points} | {i for joint in top.joints for i in joint.points}
+    tied |= {i for i in range(count) if any(top.fixed[3 * i : 3 * i + 3])}
+    held = [i for i in body.points if i in tied]
+    shared = [k for k in body.vectors if top.fixed[3 * (count + k)] or any(k in b.vectors for b in others)]
+    axes = [(i, vectors[k], top.vectors[k]) for i in held[:1] for k in shared]
+    axes += [(i, points[j] - points[i], f"{top.points[i]}-{top.points[j]}") for i in held for j in held if i < j]
+    if not axes:
+        return None
+    start, direction, line = axes[0]
+    direction = direction / np.linalg.norm(direction)
+    change = np.zeros(len(q))
+    for i in body.points:
+        change[3 * i : 3 * i + 3] = np.cross(direction, points[i] - points[start])
+    for k in body.vectors:
+        at = 3 * (count + k)
+        change[at : at + 3] = np.cross(direction, vectors[k])
+    return change, line
+
+
+# -- bodies and joints as twists --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class JointTwists:
-    """One joint and its conditions on the velocities of all bodies."""
+    """A joint and its conditions on the velocities of all bodies."""
 
     name: str  # what it is called in reports
     rows: np.ndarray  # conditions, (conditions, velocities)
@@ -34,8 +170,8 @@ class JointTwists:
     axis: np.ndarray | None = None  # a direction of it, None where it has none
 
 
-def rank(matrix: np.ndarray) -> int:
-    """Numerical rank."""
+def matrix_rank(matrix: np.ndarray) -> int:
+    """Numerical rank of a matrix."""
     if not matrix.size:
         return 0
     values = np.linalg.svd(matrix, compute_uv=False)
@@ -66,17 +202,19 @@ class Freedoms:
         self.place = {item: first + 3 * k for k, item in enumerate(self.loose)}
         self.scalars = first + 3 * len(self.loose)
         self.count = self.scalars + len(top.scalars)
-        self.joints = [*self._shared(), *self._written()]
+        self.joints = [*self._shared_joints(), *self._written_joints()]
 
     @property
     def grubler(self) -> int:
         """Freedoms by Grübler's count: velocities of the bodies less the conditions of each joint by itself."""
-        return self.count - sum(rank(joint.rows) for joint in self.joints)
+        return self.count - sum(matrix_rank(joint.rows) for joint in self.joints)
 
     @property
     def excess(self) -> int:
         """How many conditions the joints put more than once."""
-        return sum(rank(joint.rows) for joint in self.joints) - rank(np.vstack([j.rows for j in self.joints]))
+        return sum(matrix_rank(joint.rows) for joint in self.joints) - matrix_rank(
+            np.vstack([j.rows for j in self.joints])
+        )
 
     # -- velocities ---------------------------------------------------------------------------------------------
 
@@ -92,7 +230,7 @@ class Freedoms:
             arm = self.points[item] if item >= 0 else self.vectors[~item]
             if item >= 0:
                 out[:, at : at + 3] = np.eye(3)
-            out[:, at + 3 : at + 6] = -_cross(arm)
+            out[:, at + 3 : at + 6] = -_cross_matrix(arm)
         return out
 
     def holder(self, item: int) -> int | None:
@@ -101,7 +239,7 @@ class Freedoms:
 
     # -- joints -------------------------------------------------------------------------------------------------
 
-    def _shared(self) -> Iterator[JointTwists]:
+    def _shared_joints(self) -> Iterator[JointTwists]:
         """The joints that sharing makes, and what a bar does not know."""
         top = self.top
         for place, body in enumerate(self.moving):
@@ -152,7 +290,7 @@ class Freedoms:
         d = self.points[segment[1]] - self.points[segment[0]]
         return d / np.linalg.norm(d)
 
-    def _written(self) -> Iterator[JointTwists]:
+    def _written_joints(self) -> Iterator[JointTwists]:
         """The joints, coordinates and relations that rows are written for."""
         top = self.top
         matrix = np.asarray(evaluate(self.eq, self.q)[1])
@@ -170,9 +308,9 @@ class Freedoms:
                 groups.setdefault(others[0], []).append(row)
         noted = {j.owner: j for j in top.joints}
         for owner, rows in groups.items():
-            yield self._noted(owner, matrix[rows] @ motion / self.size, noted.get(owner))
+            yield self._written_joint(owner, matrix[rows] @ motion / self.size, noted.get(owner))
 
-    def _noted(self, owner: Owner, rows: np.ndarray, noted: JointIndex | None) -> JointTwists:
+    def _written_joint(self, owner: Owner, rows: np.ndarray, noted: JointIndex | None) -> JointTwists:
         """A written joint; with its two bodies where its conditions are on just two."""
         called = self.top.called(owner)
         name = called if noted is None else f"{noted.type} joint {called!r}"
@@ -195,19 +333,19 @@ class Freedoms:
         One sentence for each; empty if nothing is held twice or if no exchange of single joints helps.
         """
         joints = list(self.joints)
-        full = rank(np.vstack([j.rows for j in joints]))
+        full = matrix_rank(np.vstack([j.rows for j in joints]))
         changed: dict[int, tuple[str, int]] = {}
-        while (excess := sum(rank(j.rows) for j in joints) - full) > 0:
+        while (excess := sum(matrix_rank(j.rows) for j in joints) - full) > 0:
             best = None
             for k, joint in enumerate(joints):
                 if joint.bodies is None:
                     continue
                 for usual, kind, rows in self._freer(joint):
-                    gain = rank(joint.rows) - rank(rows)
+                    gain = matrix_rank(joint.rows) - matrix_rank(rows)
                     score = (usual, GROUND not in joint.bodies, gain, k)
                     if gain > excess or (best is not None and score <= best[0]):
                         continue
-                    if rank(np.vstack([rows, *(j.rows for i, j in enumerate(joints) if i != k)])) == full:
+                    if matrix_rank(np.vstack([rows, *(j.rows for i, j in enumerate(joints) if i != k)])) == full:
                         best = (score, k, kind, rows)
             if best is None:
                 break
@@ -229,19 +367,19 @@ class Freedoms:
             if body in self.first:
                 relative[:, self.first[body] : self.first[body] + 6] = sign * np.eye(6)
         rows = joint.rows @ np.linalg.pinv(relative)
-        held = rank(rows)
+        held = matrix_rank(rows)
         for usual, kind, twists in _joints_at(joint.point, joint.axis):
             allowed = np.array(twists)
             if len(allowed) > 6 - held:
                 # Whatever this joint allows must be allowed still.
                 _, _, right = np.linalg.svd(rows)
                 free = right[held:]
-                if rank(np.vstack([allowed, free])) == rank(allowed) == len(allowed):
+                if matrix_rank(np.vstack([allowed, free])) == matrix_rank(allowed) == len(allowed):
                     _, _, right = np.linalg.svd(allowed)
                     yield usual, kind, right[len(allowed) :] @ relative
 
 
-def _cross(a: np.ndarray) -> np.ndarray:
+def _cross_matrix(a: np.ndarray) -> np.ndarray:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 

@@ -1,4 +1,4 @@
-"""Inputs as the user gives them, checked and brought into one form."""
+"""Inputs as the user gives them, checked and brought into one form, and doubted where a unit looks wrong."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ from jax.core import Tracer
 from jaxnc.asking import numbers
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, WrongCount, brief, nearest
-from jaxnc.kinematics.loose import explain_lock, loose_motions
+from jaxnc.kinematics.freedoms import explain_lock, loose_motions
 from jaxnc.solvers.assembly import by_identity, derive, evaluate, meets, settle
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
@@ -27,6 +27,12 @@ from jaxnc.types import Array, Inputs
 _SMALL = 65_536  # numbers that are worth having on the host
 _COUNTED = 2**31 - 1  # poses, samples, steps: more are taken for a slip
 _FEW = 1000  # values that show how large steps are
+
+METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
+"""What the usual length units are in metres."""
+
+_MACHINE = (1e-3, 300.0)  # metres: watches to bucket-wheel excavators
+_USUAL = (0.04, 8.0)  # metres: sizes that a unit is proposed for
 
 
 def array(value: Any, what: str) -> Any:
@@ -121,7 +127,7 @@ def make_plan(system: System, driven: Sequence[str], hold: Sequence[str], redund
 
 
 def _notes(system: System, asked: tuple[str, ...]) -> list[str]:
-    """What there is to know of a system for which there are too few or too many inputs."""
+    """Say what there is to know of a system for which there are too few or too many inputs."""
     notes = loose_motions(system, asked) if len(asked) < system.degrees_of_freedom else explain_lock(system)
     eq = derive(system)
     q, gap, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
@@ -191,16 +197,16 @@ def in_radians(system: System, unit: str | None, *given: Any) -> tuple[Any, ...]
     def one(mapping: Any) -> Any:
         if not isinstance(mapping, Mapping):
             return mapping
-        return {n: _turned(n, x) if n in angles else x for n, x in mapping.items()}
+        return {n: _to_radians(n, x) if n in angles else x for n, x in mapping.items()}
 
     return tuple(one(mapping) for mapping in given)
 
 
-def _turned(name: str, value: Any) -> Any:
+def _to_radians(name: str, value: Any) -> Any:
     if callable(value):
         return _InRadians(value)
     if isinstance(value, tuple):
-        return tuple(_turned(name, x) for x in value)
+        return tuple(_to_radians(name, x) for x in value)
     return array(value, f"{name!r}") * (math.pi / 180.0)
 
 
@@ -246,7 +252,7 @@ def doubt_degrees(system: System, unit: str | None, *given: Any) -> None:
 
 
 def _like_degrees(value: Any) -> str:
-    """What makes numbers look like degrees; "" if they do not, or are no numbers."""
+    """Say what makes numbers look like degrees; "" if they do not, or are no numbers."""
     try:
         x = np.asarray(value)
         x = x.astype(float) if x.dtype.kind in "iuf" else np.zeros(0)
@@ -269,8 +275,28 @@ def _like_degrees(value: Any) -> str:
     return f"runs through {turns:.0f} turn{'s' * (round(turns) != 1)} in steps of {step:.3g} rad"
 
 
+def doubtful_size(system: System, noun: str = "mechanism", sizes: tuple[float, float] = _MACHINE) -> str:
+    """Write a sentence on a drawing whose size is absurd in its length unit, with the remedy; empty if it is not.
+
+    Its numbers are taken in the `length_unit` of its mechanism. Sizes are the least and the largest, in metres, of what
+    the noun names.
+    """
+    points, unit = system.parameters.points, system.topology.length_unit
+    if isinstance(points, Tracer) or np.ndim(points) != 2 or unit not in METRES or not len(points):
+        return ""
+    size = float(np.max(np.ptp(np.asarray(points), axis=0)))
+    metres = size * METRES[unit]
+    if size == 0.0 or sizes[0] <= metres <= sizes[1]:
+        return ""
+    fits = [u for u in ("mm", "m", "in", "cm") if u != unit and _USUAL[0] <= size * METRES[u] <= _USUAL[1]]
+    text = f"the drawing is {size:.3g} {unit} wide, which is hardly meant for a {noun}"
+    if not fits:
+        return f"{text}: check its numbers and its length unit, {unit!r}"
+    return f"{text}: its numbers look like {fits[0]}; set the length unit to {fits[0]!r} or convert the numbers"
+
+
 def _levels() -> int:
-    """How many calls lie between the caller and the user's own line."""
+    """Count the calls between the caller and the user's own line."""
     frame, levels = sys._getframe(1), 1
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("jaxnc."):
         frame, levels = frame.f_back, levels + 1

@@ -1,10 +1,10 @@
-"""Motion at an instant: instant centres, centrodes, inflection circles, and curvature of paths.
+"""Motion at an instant: instant centres, screw axes and what they run along, inflection circles, curvature of paths.
 
 A body is seen from the ground or from another body. All is a function of positions, velocities and accelerations; what
 lies at infinity, or is not defined because nothing moves, is said by flags, and every number is finite.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,10 +13,12 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.motion import Motion
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.topology import BodyIndex
 from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from jaxnc.kinematics.motion import Motion
 
 GROUND = "ground"
 """What is no body, and no body may be called."""
@@ -92,7 +94,41 @@ class Centrodes(NamedTuple):
     finite: Array
 
 
-class State(NamedTuple):
+@public
+class ScrewAxis(NamedTuple):
+    """A body's velocity as a rotation about a line and a translation along it.
+
+    Attributes:
+        point: the point of the axis closest to the body's reference point, ``(..., 3)``; the reference point itself
+            where the body does not rotate.
+        direction: unit vector of the axis, along the angular velocity, ``(..., 3)``; along the velocity where the body
+            does not rotate, zero where it stands still.
+        rate: rotation about the axis, rad/s, ``(...,)``.
+        advance: velocity along the axis, length/s, ``(...,)``.
+        pitch: ``advance / rate``, a length per radian, ``(...,)``; infinite for a pure translation, 0 at rest.
+    """
+
+    point: Array
+    direction: Array
+    rate: Array
+    advance: Array
+    pitch: Array
+
+
+@public
+class Axodes(NamedTuple):
+    """The ruled surfaces that the instantaneous screw axis makes: the moving one rolls on the fixed one, and slides.
+
+    Attributes:
+        fixed: the axes on the ground or on the other body, as it lies in one pose, each ``(T, ...)``.
+        moving: the axes on the body, as it lies in that pose; there the two touch along a line.
+    """
+
+    fixed: ScrewAxis
+    moving: ScrewAxis
+
+
+class BodyState(NamedTuple):
     """A body's reference point and its turning: positions and rates, and how large a rate is none."""
 
     place: Any  # (..., dim)
@@ -105,114 +141,130 @@ class State(NamedTuple):
     size: Any  # of the mechanism, a length, by which angles are measured
 
 
-def _of(*given: Any) -> Any:
+def _library_of(*given: Any) -> Any:
     return np if all(isinstance(x, np.ndarray | np.generic) for x in given if x is not None) else jnp
 
 
-def _norm(x: Any) -> Any:
+def _vector_norm(x: Any) -> Any:
     """Length of vectors, with a finite derivative at zero."""
-    numeric, square = _of(x), (x * x).sum(axis=-1)
+    numeric, square = _library_of(x), (x * x).sum(axis=-1)
     return numeric.where(square > 0, numeric.sqrt(numeric.where(square > 0, square, 1.0)), 0.0)
 
 
-def _over(a: Any, b: Any, sound: Any) -> Any:
+def _safe_ratio(a: Any, b: Any, sound: Any) -> Any:
     """``a / b``, zero where not `sound`."""
-    numeric = _of(a, b)
+    numeric = _library_of(a, b)
     return numeric.where(sound, a / numeric.where(sound, b, 1.0), 0.0)
 
 
 def quarter(x: Any) -> Any:
     """Vectors of the plane ``(..., 2)`` turned by a quarter, anticlockwise."""
-    return _of(x).stack([-x[..., 1], x[..., 0]], axis=-1)
+    return _library_of(x).stack([-x[..., 1], x[..., 0]], axis=-1)
 
 
-def crossed(spin: Any, arm: Any) -> Any:
+def cross_spin(spin: Any, arm: Any) -> Any:
     """Angular velocity × arm, of the plane or of space."""
-    return spin[..., None] * quarter(arm) if arm.shape[-1] == 2 else _of(spin, arm).cross(spin, arm)
+    return spin[..., None] * quarter(arm) if arm.shape[-1] == 2 else _library_of(spin, arm).cross(spin, arm)
 
 
-def _least(x: Any) -> float:
+def _rounding_share(x: Any) -> float:
     """Which share of rates is rounding."""
     return float(np.finfo(x.dtype).eps) ** _NOISE
 
 
-def instant_of(state: State) -> InstantMotion:
+def instant_of(state: BodyState) -> InstantMotion:
     """The motion of a planar body at an instant, from positions and rates."""
     p, velocity, spin, acceleration, turning, speed, pull, size = state
-    numeric, tiny = _of(p, velocity, spin), _least(velocity)
-    run, whirl = _norm(velocity), abs(spin) * size
+    numeric, tiny = _library_of(p, velocity, spin), _rounding_share(velocity)
+    run, whirl = _vector_norm(velocity), abs(spin) * size
     finite = whirl > tiny * speed
     moving = finite | (run > tiny * speed)
     spin = numeric.where(finite, spin, 0.0)
     across = quarter(velocity)
     running = run > tiny * speed
     sense = numeric.where(spin < 0, -1.0, 1.0)
-    direction = sense[..., None] * _over(across, run[..., None], running[..., None])
-    arm = _over(across, spin[..., None], finite[..., None])
+    direction = sense[..., None] * _safe_ratio(across, run[..., None], running[..., None])
+    arm = _safe_ratio(across, spin[..., None], finite[..., None])
     centre = p + arm
     if acceleration is None:
         return InstantMotion(centre, direction, spin, finite, moving)
     at_centre = acceleration + turning[..., None] * quarter(arm) - (spin * spin)[..., None] * arm
-    diameter = _over(at_centre, (spin * spin)[..., None], finite[..., None])
-    pole_velocity = _over(quarter(at_centre), spin[..., None], finite[..., None])
+    diameter = _safe_ratio(at_centre, (spin * spin)[..., None], finite[..., None])
+    pole_velocity = _safe_ratio(quarter(at_centre), spin[..., None], finite[..., None])
     accelerating = (spin * spin + abs(turning)) * size > tiny * pull
     square = spin**4 + turning**2
     lift = (spin * spin)[..., None] * acceleration + turning[..., None] * quarter(acceleration)
-    pole = p + _over(lift, square[..., None], (accelerating & (square > 0))[..., None])
+    pole = p + _safe_ratio(lift, square[..., None], (accelerating & (square > 0))[..., None])
     return InstantMotion(
         centre, direction, spin, finite, moving, turning, pole_velocity, diameter, pole, accelerating & (square > 0)
     )
 
 
-def settled(state: State) -> tuple[Any, Any, Any]:
-    """Place, velocity and angular velocity of a body in space, zero where they are no more than rounding."""
-    numeric, tiny = _of(state.velocity, state.spin), _least(state.velocity)
-    turns = (_norm(state.spin) * state.size > tiny * state.speed)[..., None]
-    moves = turns | (_norm(state.velocity) > tiny * state.speed)[..., None]
+def without_noise(state: BodyState) -> tuple[Any, Any, Any]:
+    """Place, velocity and angular velocity of a body in space, rates set to zero where they are only rounding."""
+    numeric, tiny = _library_of(state.velocity, state.spin), _rounding_share(state.velocity)
+    turns = (_vector_norm(state.spin) * state.size > tiny * state.speed)[..., None]
+    moves = turns | (_vector_norm(state.velocity) > tiny * state.speed)[..., None]
     return state.place, numeric.where(moves, state.velocity, 0.0), numeric.where(turns, state.spin, 0.0)
 
 
-def curvature_of(state: State) -> PathCurvature:
+def screw_axis(place: Any, velocity: Any, spin: Any) -> ScrewAxis:
+    """Find the screw of a rigid velocity field: of a point of the body, its velocity and spin, all ``(..., 3)``."""
+    numeric = _library_of(place, velocity, spin)
+    square, speed2 = (spin * spin).sum(axis=-1), (velocity * velocity).sum(axis=-1)
+    turning, moving = square > 0, speed2 > 0
+    rate, speed = _vector_norm(spin), _vector_norm(velocity)
+    along, size = numeric.where(turning[..., None], spin, velocity), numeric.where(turning, rate, speed)
+    direction = along * _safe_ratio(numeric.ones_like(rate), size, size != 0)[..., None]
+    advance = (velocity * direction).sum(axis=-1)
+    offset = numeric.cross(spin, velocity) * _safe_ratio(numeric.ones_like(square), square, turning)[..., None]
+    pitch = numeric.where(turning, _safe_ratio(advance, rate, turning), numeric.where(moving, np.inf, 0.0))
+    return ScrewAxis(place + offset, direction, rate, advance, pitch)
+
+
+def curvature_of(state: BodyState) -> PathCurvature:
     """How the path of a point bends, from its position, velocity and acceleration."""
     p, velocity, _, acceleration, _, speed, pull, size = state
-    numeric, tiny = _of(p, velocity, acceleration), _least(velocity)
-    run = _norm(velocity)
+    numeric, tiny = _library_of(p, velocity, acceleration), _rounding_share(velocity)
+    run = _vector_norm(velocity)
     moving = run > tiny * speed
-    tangent = _over(velocity, run[..., None], moving[..., None])
+    tangent = _safe_ratio(velocity, run[..., None], moving[..., None])
     across = acceleration - (acceleration * tangent).sum(axis=-1)[..., None] * tangent
-    bend = _over(across, (run * run)[..., None], moving[..., None])
-    size_of = _norm(bend)
+    bend = _safe_ratio(across, (run * run)[..., None], moving[..., None])
+    size_of = _vector_norm(bend)
     # What is left of an acceleration that has no part across the path is rounding.
     bent = moving & (size_of * run * run > tiny * pull) & (size_of * size > tiny)
-    centre = p + _over(bend, (size_of * size_of)[..., None], bent[..., None])
+    centre = p + _safe_ratio(bend, (size_of * size_of)[..., None], bent[..., None])
     curvature = numeric.where(bent, size_of, 0.0)
     if p.shape[-1] == 2:
         curvature = numeric.where((quarter(tangent) * bend).sum(axis=-1) < 0, -curvature, curvature)
     return PathCurvature(curvature, centre, tangent, bent, moving)
 
 
-def seen_from(state: State, other: State) -> State:
+def seen_from(state: BodyState, other: BodyState) -> BodyState:
     """A body's state as it is seen from another body, in the axes of the ground."""
     arm, spin = state.place - other.place, other.spin
-    carried = crossed(spin, arm)
+    carried = cross_spin(spin, arm)
     velocity = state.velocity - other.velocity - carried
-    speed = state.speed + other.speed + _norm(carried)
+    speed = state.speed + other.speed + _vector_norm(carried)
     relative = state.spin - spin
     if state.acceleration is None or other.acceleration is None:
-        return State(state.place, velocity, relative, None, None, speed, None, state.size)
-    led = other.acceleration + crossed(other.turning, arm) + crossed(spin, carried)
-    coriolis = 2 * crossed(spin, velocity)
+        return BodyState(state.place, velocity, relative, None, None, speed, None, state.size)
+    led = other.acceleration + cross_spin(other.turning, arm) + cross_spin(spin, carried)
+    coriolis = 2 * cross_spin(spin, velocity)
     turning = state.turning - other.turning
     if arm.shape[-1] == 3:
-        turning = turning - crossed(spin, state.spin)
-    pull = state.pull + other.pull + _norm(led) + _norm(coriolis)
-    return State(state.place, velocity, relative, state.acceleration - led - coriolis, turning, speed, pull, state.size)
+        turning = turning - cross_spin(spin, state.spin)
+    pull = state.pull + other.pull + _vector_norm(led) + _vector_norm(coriolis)
+    return BodyState(
+        state.place, velocity, relative, state.acceleration - led - coriolis, turning, speed, pull, state.size
+    )
 
 
 # -- of a motion ------------------------------------------------------------------------------------------------------
 
 
-def body_of(motion: Motion, body: str) -> BodyIndex:
+def body_of(motion: "Motion", body: str) -> BodyIndex:
     """A body by its name."""
     top = motion.system.topology
     names = [b.name for b in top.bodies]
@@ -221,7 +273,7 @@ def body_of(motion: Motion, body: str) -> BodyIndex:
     return top.bodies[names.index(body)]
 
 
-def state_of(motion: Motion, body: str | None = None, point: str | None = None) -> State:
+def state_of(motion: "Motion", body: str | None = None, point: str | None = None) -> BodyState:
     """Position and rates of a body's reference point, its first one, and how it turns.
 
     If no body is named it is that of a point by itself; a point may stand for the reference point.
@@ -245,44 +297,44 @@ def state_of(motion: Motion, body: str | None = None, point: str | None = None) 
     zero = velocity if top.dim == 3 else velocity[..., 0]
     turn: Any = given[3:] if turns else (zero * 0.0, zero * 0.0 if second else None)
     spin, turning = turn
-    size = _norm(drawn.max(axis=-2) - drawn.min(axis=-2))
-    size = _of(size).where(size > 0, size, 1.0)
+    size = _vector_norm(drawn.max(axis=-2) - drawn.min(axis=-2))
+    size = _library_of(size).where(size > 0, size, 1.0)
     if size.ndim:  # of several designs, each with its own poses
         size = size.reshape(*size.shape, *[1] * (velocity.ndim - 1 - size.ndim))
-    whirl = abs(spin) if top.dim == 2 else _norm(spin)
+    whirl = abs(spin) if top.dim == 2 else _vector_norm(spin)
     speed, pull = _fastest(motion, 1) + whirl * size, None
     if second:
-        rise: Any = abs(turning) if top.dim == 2 else _norm(turning)
+        rise: Any = abs(turning) if top.dim == 2 else _vector_norm(turning)
         pull = _fastest(motion, 2) + (whirl * whirl + rise) * size
-    return State(place, velocity, spin, acceleration, turning, speed, pull, size)
+    return BodyState(place, velocity, spin, acceleration, turning, speed, pull, size)
 
 
-def _fastest(motion: Motion, order: int) -> Any:
+def _fastest(motion: "Motion", order: int) -> Any:
     """The largest rate of any point, ``(...,)``, of which rounding in the others is a share."""
     top = motion.system.topology
     rate: Any = motion.rates[order - 1]
     rate = np.asarray(rate) if on_host(np.zeros(()), rate) else rate
-    return _norm(rate[..., : len(top.points) * top.dim].reshape(*rate.shape[:-1], -1, top.dim)).max(axis=-1)
+    return _vector_norm(rate[..., : len(top.points) * top.dim].reshape(*rate.shape[:-1], -1, top.dim)).max(axis=-1)
 
 
-def finished(found: Any) -> Any:
-    """What was found as JAX's arrays; nothing is compiled for those of NumPy."""
+def as_jax(found: Any) -> Any:
+    """Turn NumPy's arrays in a pytree into JAX's; nothing is compiled for them."""
     return jax.tree.map(lambda x: on_device(x) if isinstance(x, np.ndarray | np.generic) else x, found)
 
 
-def _planar(motion: Motion, what: str, instead: str) -> None:
+def _require_plane(motion: "Motion", what: str, instead: str) -> None:
     if motion.system.topology.dim != 2:
         raise InputError(f"{what} is for planar mechanisms; in space see {instead}")
 
 
-def relative_state(motion: Motion, body: str, relative_to: str) -> State:
+def relative_state(motion: "Motion", body: str, relative_to: str) -> BodyState:
     """`state_of` a body as it is seen from the ground or another body."""
     state = state_of(motion, body)
     return state if relative_to == GROUND else seen_from(state, state_of(motion, relative_to))
 
 
 @public
-def instant_motion(motion: Motion, body: str, relative_to: str = GROUND) -> InstantMotion:
+def instant_motion(motion: "Motion", body: str, relative_to: str = GROUND) -> InstantMotion:
     """Instant centre, inflection circle and pole of accelerations of a planar body.
 
     Args:
@@ -299,12 +351,12 @@ def instant_motion(motion: Motion, body: str, relative_to: str = GROUND) -> Inst
     Source:
         Hartenberg & Denavit, Kinematic Synthesis of Linkages, ch. 7; Bottema & Roth, Theoretical Kinematics, ch. VIII.
     """
-    _planar(motion, "instant_motion()", "motion.screw_axis()")
-    return finished(instant_of(relative_state(motion, body, relative_to)))
+    _require_plane(motion, "instant_motion()", "motion.screw_axis()")
+    return as_jax(instant_of(relative_state(motion, body, relative_to)))
 
 
 @public
-def instant_centres(motion: Motion) -> dict[tuple[str, str], InstantMotion]:
+def instant_centres(motion: "Motion") -> dict[tuple[str, str], InstantMotion]:
     """The instant centres of every pair of bodies, and of every body and the ground.
 
     Args:
@@ -317,18 +369,18 @@ def instant_centres(motion: Motion) -> dict[tuple[str, str], InstantMotion]:
     Raises:
         InputError: a spatial mechanism, or a motion without rates.
     """
-    _planar(motion, "instant_centres()", "motion.screw_axis()")
+    _require_plane(motion, "instant_centres()", "motion.screw_axis()")
     names = [b.name for b in motion.system.topology.bodies]
     states = {name: state_of(motion, name) for name in names}
     found: dict[tuple[str, str], Any] = {(name, GROUND): instant_of(states[name]) for name in names}
     for k, other in enumerate(names):
         for name in names[k + 1 :]:
             found[name, other] = instant_of(seen_from(states[name], states[other]))
-    return finished(found)
+    return as_jax(found)
 
 
 @public
-def instant_centre(motion: Motion, body: str, relative_to: str = GROUND) -> Array:
+def instant_centre(motion: "Motion", body: str, relative_to: str = GROUND) -> Array:
     """Instant centre of rotation of a body, relative to the ground or to another body.
 
     Args:
@@ -343,13 +395,13 @@ def instant_centre(motion: Motion, body: str, relative_to: str = GROUND) -> Arra
     Raises:
         InputError: unknown body, a spatial mechanism, or a motion without rates.
     """
-    _planar(motion, "instant_centre()", "motion.screw_axis()")
+    _require_plane(motion, "instant_centre()", "motion.screw_axis()")
     found = instant_of(relative_state(motion, body, relative_to))
-    return finished(_of(*found[:2]).where(found.finite[..., None], found.centre, np.inf))
+    return as_jax(_library_of(*found[:2]).where(found.finite[..., None], found.centre, np.inf))
 
 
 @public
-def path_curvature(motion: Motion, point: str, relative_to: str = GROUND) -> PathCurvature:
+def path_curvature(motion: "Motion", point: str, relative_to: str = GROUND) -> PathCurvature:
     """Curvature of a point's path and its centre.
 
     Args:
@@ -367,29 +419,29 @@ def path_curvature(motion: Motion, point: str, relative_to: str = GROUND) -> Pat
     state = state_of(motion, point=point)
     if relative_to != GROUND:
         state = seen_from(state, state_of(motion, relative_to))
-    return finished(curvature_of(state))
+    return as_jax(curvature_of(state))
 
 
-def _lying(motion: Motion, body: str, places: Any, pose: int) -> Any:
+def _lay_places(motion: "Motion", body: str, places: Any, pose: int) -> Any:
     """Places ``(T, 2)`` that ride on a body, each in its own pose, as they lie in one pose."""
     found, points = body_of(motion, body), motion.system.topology.points
-    a = _alike(motion[points[found.points[0]]], places)
+    a = _in_library_of(motion[points[found.points[0]]], places)
     w = places - a
     if found.base is None:
         return a[pose] + w
-    d = _alike(motion[points[found.base[1]]], places) - _alike(motion[points[found.base[0]]], places)
-    length = _norm(d)
-    e = _over(d, length[..., None], (length > 0)[..., None])
+    d = _in_library_of(motion[points[found.base[1]]], places) - _in_library_of(motion[points[found.base[0]]], places)
+    length = _vector_norm(d)
+    e = _safe_ratio(d, length[..., None], (length > 0)[..., None])
     along, across = (w * e).sum(axis=-1)[..., None], (w * quarter(e)).sum(axis=-1)[..., None]
     return a[pose] + along * e[pose] + across * quarter(e[pose])
 
 
-def _alike(x: Any, like: Any) -> Any:
+def _in_library_of(x: Any, like: Any) -> Any:
     return np.asarray(x) if isinstance(like, np.ndarray) else x
 
 
 @public
-def centrodes(motion: Motion, body: str, relative_to: str = GROUND, pose: int = 0) -> Centrodes:
+def centrodes(motion: "Motion", body: str, relative_to: str = GROUND, pose: int = 0) -> Centrodes:
     """Fixed and moving centrode of a body over a motion.
 
     Args:
@@ -404,15 +456,85 @@ def centrodes(motion: Motion, body: str, relative_to: str = GROUND, pose: int = 
     Source:
         Hartenberg & Denavit, Kinematic Synthesis of Linkages, ch. 7.
     """
-    _planar(motion, "centrodes()", "axodes()")
+    _require_plane(motion, "centrodes()", "axodes()")
     sequence(motion, "centrodes()")
     found = instant_of(relative_state(motion, body, relative_to))
-    fixed = found.centre if relative_to == GROUND else _lying(motion, relative_to, found.centre, pose)
-    return finished(Centrodes(fixed, _lying(motion, body, found.centre, pose), found.finite))
+    fixed = found.centre if relative_to == GROUND else _lay_places(motion, relative_to, found.centre, pose)
+    return as_jax(Centrodes(fixed, _lay_places(motion, body, found.centre, pose), found.finite))
 
 
-def sequence(motion: Motion, what: str) -> None:
+def relative_screw(motion: "Motion", body: str, relative_to: str) -> ScrewAxis:
+    """The screw of a body over the ground or over another body; see `jaxnc.kinematics.Motion.screw_axis`."""
+    if motion.system.topology.dim != 3:
+        raise InputError("screw_axis() is for spatial mechanisms; in the plane see jaxnc.instant_centre")
+    return as_jax(screw_axis(*without_noise(relative_state(motion, body, relative_to))))
+
+
+@public
+def axodes(motion: "Motion", body: str, relative_to: str = "ground", pose: int = 0) -> Axodes:
+    """Fixed and moving axode of a body over a motion in space.
+
+    Args:
+        motion: a sequence of poses with rates, of a spatial mechanism.
+        body: name of a body that knows its orientation.
+        relative_to: name of the body that it is seen from, or ``"ground"``.
+        pose: the pose in which the surfaces are shown; there they touch.
+
+    Returns:
+        See `Axodes`; where the body does not turn, the direction is that of its velocity, and its rate is zero.
+
+    Raises:
+        InputError: unknown body, one without an orientation, a planar mechanism, a motion without rates, or not one
+            sequence of poses.
+
+    Source:
+        Bottema & Roth, Theoretical Kinematics, ch. VI.
+    """
+    sequence(motion, "axodes()")
+    found = motion.screw_axis(body, relative_to)
+    fixed = found if relative_to == "ground" else _lay_axes(motion, relative_to, found, pose)
+    return as_jax(Axodes(fixed, _lay_axes(motion, body, found, pose)))
+
+
+def _lay_axes(motion: "Motion", body: str, axes: ScrewAxis, pose: int) -> ScrewAxis:
+    """Axes that ride on a body, each in its own pose, as they lie in one pose."""
+    given: list[Any] = [motion.position(body), motion.orientation(body), axes.point, axes.direction]
+    if on_host(np.zeros(()), given):
+        given = [np.asarray(x) for x in given]
+    place, turn, point, direction = given
+    back = turn[pose] @ turn.swapaxes(-1, -2)
+
+    def carry(x: Any) -> Any:
+        return (back @ x[..., None])[..., 0]
+
+    return axes._replace(point=place[pose] + carry(point - place), direction=carry(direction))
+
+
+def sequence(motion: "Motion", what: str) -> None:
     """Raise unless a motion is one sequence of poses."""
     if motion.status.ndim != 1 or motion.system.parameters.points.ndim != 2:
         shape = tuple(motion.status.shape)
         raise InputError(f"{what} wants one sequence of poses, (T,), as nc.sweep() gives it; these are {shape}")
+
+
+@public
+def transmission_angle(motion: "Motion", start: str, joint: str, end: str) -> Array:
+    """Transmission angle at a joint: the acute angle between the bars that meet there.
+
+    Args:
+        motion: the motion.
+        start: the far point of the coupler.
+        joint: the joint of coupler and driven bar.
+        end: the far point of the driven bar.
+
+    Returns:
+        Angle in 0 … π/2, radians, ``(...,)``.
+    """
+    places: list[Any] = [motion[start], motion[joint], motion[end]]
+    if on_host(motion.poses, places):
+        places = [np.asarray(x) for x in places]
+    a, b, c = places
+    d, w = a - b, c - b
+    cosine = abs((d * w).sum(axis=-1))
+    sine = abs(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0])
+    return as_jax(_library_of(sine).arctan2(sine, cosine))

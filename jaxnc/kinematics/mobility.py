@@ -1,25 +1,25 @@
-"""Mobility: coordinates, rows, rank and degrees of freedom, with redundant and conflicting constraints by name."""
+"""Mobility: rows, rank and degrees of freedom, redundant and conflicting constraints by name; Grashof's types."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError
-from jaxnc.kinematics.freedoms import Freedoms
+from jaxnc.compiling import on_device
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.freedoms import Freedoms, explain_lock, loose_motions
 from jaxnc.kinematics.inputs import check_system, dense_only
-from jaxnc.kinematics.loose import explain_lock, loose_motions
-from jaxnc.kinematics.redesign import rebuilt
 from jaxnc.notebooks import Shown
-from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, sample_poses
+from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, sample_poses, settle
 from jaxnc.solvers.kernel import LARGEST_WRITTEN, kernel, writes_out
 from jaxnc.solvers.large import by_lu
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
-from jaxnc.system.precision import widened
+from jaxnc.system.precision import on_host, widened
 from jaxnc.system.rates import coefficients, rate_constants
 from jaxnc.system.system import System, drivable, unheld
 from jaxnc.system.topology import Topology
@@ -37,7 +37,7 @@ _PART = 1e-6  # of the largest share of a row in a dependency: less is rounding
 @public
 @dataclass(frozen=True)
 class Mobility(Shown):
-    """What a mechanism's constraints amount to; ``str()`` is a report.
+    """A count of what a mechanism's constraints amount to; ``str()`` is a report.
 
     Attributes:
         name: the mechanism.
@@ -80,20 +80,16 @@ class Mobility(Shown):
     conflicting: tuple[str, ...]
     gap: float
     momentary: int
+    velocities: int
     proposals: tuple[str, ...] = ()
     idle: tuple[str, ...] = ()
     loose: tuple[str, ...] = ()
     locked: tuple[str, ...] = ()
     slips: tuple[str, ...] = ()
-    velocities: int = -1
     driven: tuple[str, ...] = ()
     blocks: tuple[int, ...] = ()
     solves: str = ""
     system: System | None = field(default=None, repr=False, compare=False)
-
-    def __post_init__(self):
-        if self.velocities < 0:
-            object.__setattr__(self, "velocities", self.dof)
 
     def __str__(self) -> str:
         lines = [
@@ -102,11 +98,11 @@ class Mobility(Shown):
         ]
         if self.slips:
             lines.append(f"  {self.velocities} freedoms of velocity, by rows that positions do not see: "
-                         f"{_listed(self.slips)}")  # fmt: skip
+                         f"{_join_first(self.slips)}")  # fmt: skip
         if self.redundant:
             harmless = "" if self.overconstrained else ", whatever its dimensions"
-            lines.append(f"  redundant{harmless}: {_listed(self.redundant)}")
-            lines.append(f"  rows that depend on each other: {_listed(self.involved)}")
+            lines.append(f"  redundant{harmless}: {_join_first(self.redundant)}")
+            lines.append(f"  rows that depend on each other: {_join_first(self.involved)}")
         if self.overconstrained:
             general = len(self.redundant) - self.overconstrained
             lines.append(
@@ -128,7 +124,7 @@ class Mobility(Shown):
     __repr__ = __str__
 
 
-def _listed(names: tuple[str, ...], most: int = 12) -> str:
+def _join_first(names: tuple[str, ...], most: int = 12) -> str:
     return "; ".join(names[:most]) + (f"; … ({len(names)} in all)" if len(names) > most else "")
 
 
@@ -246,7 +242,7 @@ def _join_counts(noun: str, numbers: list[int]) -> str:
 
 
 def _slipping(system: System, eq: Equations, sample: Any) -> int:
-    """How many freedoms the rows on velocities take away in a pose."""
+    """Count the freedoms that the rows on velocities take away in a pose."""
     top = system.topology
     if not top.rates:
         return 0
@@ -262,18 +258,19 @@ def _rate_rows(system: System, q: Any) -> Any:
 
 
 def _special(system: System, rank: int, by_count: int) -> int:
-    """How many redundancies hold for these dimensions only: what the rank gains by a general change of the drawing.
+    """Count the redundancies of these dimensions only: what the rank gains by a general change of the drawing.
 
     Where that leaves no motion at all the rank cannot show them all; the count of joints then says how many there are.
     """
     par = system.parameters
     size = float(np.ptp(np.asarray(par.points), axis=0).max())
     rng = np.random.default_rng(3)
-    changed = []
-    for leaf, scale in ((par.points, size), (par.vectors, 1.0), (par.markers, size), (par.dimensions, None)):
-        amount = np.abs(np.asarray(leaf)) if scale is None else scale
-        changed.append(np.ravel(np.asarray(leaf) + _CHANGE * amount * rng.standard_normal(leaf.shape)))
-    other = rebuilt(system, np.concatenate(changed))
+    changed = {}
+    for name, scale in (("points", size), ("vectors", 1.0), ("markers", size), ("dimensions", None)):
+        leaf = np.asarray(getattr(par, name))
+        amount = np.abs(leaf) if scale is None else scale
+        changed[name] = on_device(leaf + _CHANGE * amount * rng.standard_normal(leaf.shape))
+    other = replace(system, parameters=replace(par, **changed))
     samples = sample_poses(other, 2)
     general = max(sample.rank for sample in samples)
     if samples[0].gap > _CLOSED * size:
@@ -311,7 +308,7 @@ def _idle(matrix: Any) -> list[int]:
 
 
 def _dependent_sparse(matrix: Any) -> tuple[list[int], list[int]]:
-    """The same of a large mechanism, from the few combinations of rows that vanish."""
+    """Find dependent rows of a large mechanism, from the few combinations of rows that vanish."""
     from jaxnc.solvers.rank import dependencies
 
     left = dependencies(matrix)
@@ -326,7 +323,7 @@ def _dependent_sparse(matrix: Any) -> tuple[list[int], list[int]]:
 
 
 def _dependent(matrix: Any) -> tuple[list[int], list[int]]:
-    """Rows that depend on earlier ones, and all rows that take part in a dependency."""
+    """Find the rows that depend on earlier ones, and all rows that take part in a dependency."""
     if not isinstance(matrix, np.ndarray):
         return _dependent_sparse(matrix)
     if not matrix.size:
@@ -343,3 +340,108 @@ def _dependent(matrix: Any) -> tuple[list[int], list[int]]:
         else:
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
     return redundant, involved
+
+
+# -- four bars --------------------------------------------------------------------------------------------------------
+
+
+@public
+@dataclass(frozen=True)
+class Grashof:
+    """Type of a four-bar linkage; ``str()`` is a sentence.
+
+    Attributes:
+        type: crank-rocker, rocker-crank, double-crank, double-rocker, triple-rocker or change-point.
+        margin: (sum of the other two) - (shortest + longest), a length: positive if some bar turns fully.
+        lengths: ground, input, coupler and output.
+    """
+
+    type: str
+    margin: float
+    lengths: tuple[float, float, float, float]
+
+    def __str__(self) -> str:
+        return f"{self.type}, Grashof margin {self.margin:.6g}"
+
+    __repr__ = __str__
+
+
+@public
+def grashof_type(ground: float, crank: float, coupler: float, rocker: float) -> Grashof:
+    """Classify a four-bar linkage by its lengths (Grashof; Barker's names of the types).
+
+    Args:
+        ground: distance of the fixed pivots.
+        crank: length of the input bar.
+        coupler: length of the coupler.
+        rocker: length of the output bar.
+
+    Returns:
+        Type and margin.
+
+    Raises:
+        InputError: a length that is not positive and finite, or four lengths that do not close.
+    """
+    lengths = (float(ground), float(crank), float(coupler), float(rocker))
+    for name, x in zip(("ground", "crank", "coupler", "rocker"), lengths, strict=True):
+        if not (math.isfinite(x) and x > 0):
+            raise InputError(f"Grashof type: length {name!r} must be positive, got {x}")
+    ordered = sorted(lengths)
+    if ordered[3] > sum(ordered[:3]):
+        name = ("ground", "crank", "coupler", "rocker")[lengths.index(ordered[3])]
+        raise InputError(
+            f"Grashof type: the loop does not close, {name!r} = {ordered[3]:g} exceeds the other three together"
+        )
+    margin = ordered[1] + ordered[2] - ordered[0] - ordered[3]
+    if abs(margin) <= 1e-12 * ordered[3]:
+        kind = "change-point"
+    elif margin < 0:
+        kind = "triple-rocker"
+    else:
+        kind = ("double-crank", "crank-rocker", "double-rocker", "rocker-crank")[lengths.index(ordered[0])]
+    return Grashof(kind, margin, lengths)
+
+
+@public
+@on_host
+def grashof(system: System, crank: str, coupler: str, rocker: str) -> Grashof:
+    """Classify the four-bar loop of three bodies and the ground in a system.
+
+    Args:
+        system: the system.
+        crank: name of the input body.
+        coupler: name of the coupler body.
+        rocker: name of the output body.
+
+    Returns:
+        Type and margin, from the assembled drawing.
+
+    Raises:
+        InputError: unknown body, or bodies that do not form a loop with two ground pivots.
+    """
+    check_system(system, "grashof()")
+    top = system.topology
+    names = [b.name for b in top.bodies]
+    for name in (crank, coupler, rocker):
+        if name not in names:
+            raise InputError(f"{top.name!r} has no body {name!r}; {nearest(name, names)}")
+    sets = {b.name: set(b.points) for b in top.bodies}
+    fixed = {i for i in range(len(top.points)) if all(top.fixed[i * top.dim : (i + 1) * top.dim])}
+
+    def common_point(a: set[int], b: set[int], what: str) -> int:
+        both = a & b
+        if len(both) != 1:
+            raise InputError(f"Grashof type: {what} must share exactly one point, they share {len(both)}")
+        return both.pop()
+
+    joints = [
+        common_point(sets[crank], fixed, f"{crank!r} and the ground"),
+        common_point(sets[crank], sets[coupler], f"{crank!r} and {coupler!r}"),
+        common_point(sets[coupler], sets[rocker], f"{coupler!r} and {rocker!r}"),
+        common_point(sets[rocker], fixed, f"{rocker!r} and the ground"),
+    ]
+    eq = derive(system)
+    q = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q)
+    p = [q[i * top.dim : (i + 1) * top.dim] for i in joints]
+    a, b, c = (float(np.linalg.norm(p[k + 1] - p[k])) for k in range(3))
+    return grashof_type(float(np.linalg.norm(p[3] - p[0])), a, b, c)

@@ -1,4 +1,4 @@
-"""`Motion`: solved poses with their rates, what became of each, and ways to look at them."""
+"""`Motion`: solved poses with their rates, what became of each, and ways to look at them; `Columns` of many poses."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
@@ -8,11 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.compiling import filter_jit, on_device
+from jaxnc.compiling import filter_jit, jit, on_device
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
-from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.inputs import dense_only, outside
-from jaxnc.kinematics.screw import ScrewAxis, relative_screw
+from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, relative_screw
 from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
@@ -25,8 +24,8 @@ from jaxnc.system.host import from_jax
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.precision import numbers
 from jaxnc.system.system import System
-from jaxnc.system.topology import BodyIndex
-from jaxnc.types import Array, Float
+from jaxnc.system.topology import BodyIndex, Topology
+from jaxnc.types import Array, Coordinates, Float
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,8 +33,72 @@ if TYPE_CHECKING:
     import pandas  # pyright: ignore[reportMissingImports]
     import xarray  # pyright: ignore[reportMissingImports]
 
-    from jaxnc.io.workshop.assembly import Assembly
     from jaxnc.system.equations import Equations
+    from jaxnc.workshop import Assembly
+
+
+@public
+@record
+class Columns:
+    """Coordinates of many poses of one design or several, one by one as they are solved, put together on demand.
+
+    Attributes:
+        rest: a pose with the coordinates that do not change, ``(N,)``; with the first of the poses' axes, ``(..., N)``,
+            where they are of several designs.
+        lanes: those that were solved for, an array ``(...,)`` each.
+        driven: those that were driven, ``(..., driven)``.
+        places: which coordinates these are, first the lanes.
+    """
+
+    rest: Coordinates
+    lanes: tuple[Array, ...]
+    driven: Float[Array, "... driven"]
+    places: tuple[int, ...] = static()
+
+    def column(self, coordinate: int) -> Array:
+        """A coordinate of all poses."""
+        if coordinate not in self.places:
+            return jnp.broadcast_to(self._rest()[..., coordinate], self.driven.shape[:-1])
+        k = self.places.index(coordinate)
+        return self.lanes[k] if k < len(self.lanes) else self.driven[..., k - len(self.lanes)]
+
+    def _rest(self) -> Float[Array, "... N"]:
+        """The pose that holds what does not change, to be broadcast to all poses."""
+        lead, more = self.rest.shape[:-1], self.driven.ndim - self.rest.ndim
+        return self.rest.reshape(*lead, *[1] * more, self.rest.shape[-1]) if lead else self.rest
+
+    def whole(self) -> Float[Array, "... N"]:
+        """All coordinates of all poses."""
+        return _stack_all(self)
+
+    def with_axes(self, shape: tuple[int, ...]) -> "Columns":
+        """Give the poses other leading axes."""
+        if shape == self.driven.shape[:-1]:
+            return self
+        lanes = tuple(x.reshape(shape) for x in self.lanes)
+        return Columns(self.rest, lanes, self.driven.reshape(*shape, self.driven.shape[-1]), self.places)
+
+    def __getitem__(self, index: Any) -> "Columns":
+        """Some of the poses: any index of the leading axes."""
+        lanes, driven = jax.tree.map(lambda x: x[index], (self.lanes, self.driven))
+        rest = self.rest
+        if rest.ndim > 1:
+            rest = jnp.broadcast_to(self._rest(), (*self.driven.shape[:-1], rest.shape[-1]))[index]
+        return Columns(rest, lanes, driven, self.places)
+
+
+def coordinates_of(top: Topology, name: str) -> slice | int | None:
+    """Find where a point, a vector or a single coordinate stands among all coordinates; None of other names."""
+    spread = (*top.points, *top.vectors)
+    if name in spread:
+        first = spread.index(name) * top.dim
+        return slice(first, first + top.dim)
+    return top.position.get(name)
+
+
+@jit
+def _stack_all(columns: Columns) -> Array:
+    return jnp.stack([columns.column(c) for c in range(columns.rest.shape[-1])], axis=-1)
 
 
 @public
@@ -75,25 +138,25 @@ class Motion(Drawn):
     @property
     def q(self) -> Float[Array, "... N"]:
         """All coordinates. Where a pose was not found: the last pose on the branch, or the closest one."""
-        return self.poses.whole() if isinstance(self.poses, Columns) else _as_jax(self.poses)
+        return self.poses.whole() if isinstance(self.poses, Columns) else as_jax(self.poses)
 
     @property
-    def _found(self) -> Any:
+    def _q(self) -> Any:
         """The poses as they were found, ``(..., N)``: NumPy's, if on the host."""
         return self.q if isinstance(self.poses, Columns) else self.poses
 
     @property
     def converged(self) -> Array:
         """Which poses are right, ``(...,)`` of booleans."""
-        return _as_jax(self.status == int(Status.CONVERGED))
+        return as_jax(self.status == int(Status.CONVERGED))
 
     @property
     def inputs(self) -> dict[str, Array]:
         """The values asked for of every driven coordinate, also where the pose was not found."""
-        return {name: _as_jax(self.asked[..., k]) for k, name in enumerate(self.driven)}
+        return {name: as_jax(self.asked[..., k]) for k, name in enumerate(self.driven)}
 
     def pose(self, index: Any) -> "Motion":
-        """One pose of a sweep, or a part of it: any index of the leading axes."""
+        """Take a pose of a sweep, or a part of it: any index of the leading axes."""
         if isinstance(index, int) and not -(count := (*self.status.shape, 0)[0]) <= index < count:
             raise InputError(f"pose({index}): this motion of {self.system.name!r} has {count or 'no axis of'} poses")
         arrays = (self.rates, self.asked, self.status, self.residual, self.conditioning, self.time)
@@ -132,19 +195,14 @@ class Motion(Drawn):
             found = self._columns(self.poses, name)
             if found is not None:
                 return found
-        x = self.rates[order - 1] if order else self._found
-        spread = (*top.points, *top.vectors)
-        if name in spread:
-            i = spread.index(name) * top.dim
-            return _as_jax(x[..., i : i + top.dim])
-        if name in top.position:
-            return _as_jax(x[..., top.position[name]])
+        if (at := coordinates_of(top, name)) is not None:
+            return as_jax((self.rates[order - 1] if order else self._q)[..., at])
         point, _, axis = name.partition(".")
         markers = [m.name for m in top.markers]
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
             with numbers(self.system.parameters.points):
-                place = marker_along(derive(self.system), markers.index(point), self._found, self.rates[:order])
-            return _as_jax(place if not axis else place[..., "xyz".index(axis)])
+                place = marker_along(derive(self.system), markers.index(point), self._q, self.rates[:order])
+            return as_jax(place if not axis else place[..., "xyz".index(axis)])
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
 
     def _columns(self, poses: Columns, name: str) -> Array | None:
@@ -155,15 +213,16 @@ class Motion(Drawn):
             every = [poses.column(c) for c in range(poses.rest.shape[-1])]
             with numbers(self.system.parameters.points):
                 return marker_in_lanes(derive(self.system), markers.index(name), every)
-        if name in (*top.points, *top.vectors):
-            return jnp.stack([poses.column(top.position[f"{name}.{axis}"]) for axis in "xyz"[: top.dim]], axis=-1)
-        return poses.column(top.position[name]) if name in top.position else None
+        at = coordinates_of(top, name)
+        if isinstance(at, slice):
+            return jnp.stack([poses.column(c) for c in range(at.start, at.stop)], axis=-1)
+        return None if at is None else poses.column(at)
 
     def __getitem__(self, name: str) -> Array:
         """Positions of a point or marker, directions of a vector, or values of a coordinate."""
         return self._pick(0, name)
 
-    def _need(self, order: int, noun: str) -> None:
+    def _require(self, order: int, noun: str) -> None:
         if len(self.rates) < order:
             have = "no rates" if not self.rates else f"{len(self.rates)} time derivatives"
             extra = "pass rates={'" + (self.driven[0] if self.driven else "phi") + "': ...}"
@@ -171,7 +230,7 @@ class Motion(Drawn):
             raise InputError(f"this motion carries {have}, so it has no {noun}; {hint} when you make it")
 
     def _rate(self, order: int, noun: str, name: str) -> Array:
-        self._need(order, noun)
+        self._require(order, noun)
         return self._pick(order, name)
 
     def velocity(self, name: str) -> Array:
@@ -189,11 +248,8 @@ class Motion(Drawn):
     # -- bodies -------------------------------------------------------------------------------------------------
 
     def _body(self, body: str) -> BodyIndex:
-        top = self.system.topology
-        names = [b.name for b in top.bodies]
-        if body not in names:
-            raise InputError(f"{top.name!r} has no body {body!r}; {nearest(body, names)}")
-        found = top.bodies[names.index(body)]
+        """A body that knows its orientation."""
+        top, found = self.system.topology, body_of(self, body)
         if not found.segments:
             raise InputError(f"body {body!r} has one point and keeps the ground's orientation; it does not turn")
         if top.dim == 3 and len(found.segments) == 1:
@@ -205,11 +261,7 @@ class Motion(Drawn):
 
     def position(self, body: str) -> Array:
         """Where a body's reference point is, its first one, ``(..., dim)``."""
-        top = self.system.topology
-        names = [b.name for b in top.bodies]
-        if body not in names:
-            raise InputError(f"{top.name!r} has no body {body!r}; {nearest(body, names)}")
-        return self[top.points[top.bodies[names.index(body)].points[0]]]
+        return self[self.system.topology.points[body_of(self, body).points[0]]]
 
     def orientation(self, body: str) -> Array:
         """Orientation of a body.
@@ -228,12 +280,12 @@ class Motion(Drawn):
         found, top = self._body(body), self.system.topology
         if top.dim == 3:
             with numbers(self.system.parameters.points):
-                return _as_jax(turns(top, found.segments, derive(self.system).home, self._found))
+                return as_jax(turns(top, found.segments, derive(self.system).home, self._q))
         assert found.base is not None
         a, b = (2 * k for k in found.base)
-        x, numeric = self._found, cast(Any, np if isinstance(self._found, np.ndarray) else jnp)
+        x, numeric = self._q, cast(Any, np if isinstance(self._q, np.ndarray) else jnp)
         angle = numeric.arctan2(x[..., b + 1] - x[..., a + 1], x[..., b] - x[..., a])
-        return _as_jax(numeric.unwrap(angle, axis=-1) if angle.ndim else angle)
+        return as_jax(numeric.unwrap(angle, axis=-1) if angle.ndim else angle)
 
     def quaternion(self, body: str) -> Array:
         """Rotation of a body of a spatial mechanism from its drawing as Euler parameters ``(..., 4)``, scalar first.
@@ -244,22 +296,22 @@ class Motion(Drawn):
             raise InputError("quaternion() is for spatial mechanisms; in the plane orientation() is the angle")
         rotation: Any = self.orientation(body)
         rotation = np.asarray(rotation) if on_host(self.poses, rotation) else rotation
-        return _as_jax(quaternions(rotation))
+        return as_jax(quaternions(rotation))
 
     def angular_velocity(self, body: str) -> Array:
         """Angular velocity of a body, rad/s: anticlockwise ``(...,)``, in space in the ground's axes ``(..., 3)``."""
-        self._need(1, "angular velocity")
+        self._require(1, "angular velocity")
         return self._spin(body, 1)
 
     def angular_acceleration(self, body: str) -> Array:
         """Angular acceleration of a body, rad/s²; as `angular_velocity`."""
-        self._need(2, "angular acceleration")
+        self._require(2, "angular acceleration")
         return self._spin(body, 2)
 
     def _spin(self, body: str, order: int) -> Array:
         found = self._body(body)
         with numbers(self.system.parameters.points):
-            return _as_jax(spins(self.system.topology, found.segments, self._found, self.rates[:order]))
+            return as_jax(spins(self.system.topology, found.segments, self._q, self.rates[:order]))
 
     def screw_axis(self, body: str, relative_to: str = "ground") -> "ScrewAxis":
         """The instantaneous screw axis of a body's motion, of a spatial mechanism; see `ScrewAxis`.
@@ -282,7 +334,7 @@ class Motion(Drawn):
     def failures(self) -> Array:
         """How many poses failed."""
         failed: Any = (self.status != int(Status.CONVERGED)).sum()
-        return _as_jax(failed)
+        return as_jax(failed)
 
     def check(self) -> "Motion":
         """Raise if any pose failed, on the host.
@@ -314,7 +366,7 @@ class Motion(Drawn):
         """Singular values of every pose's Jacobian with respect to the unknowns, largest first."""
         dense_only(self.system.topology, "singular_values()")
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
-        q: Any = self._found
+        q: Any = self._q
         flat = q.reshape(-1, q.shape[-1])
         with numbers(self.system.parameters.points):
             if on_host(q, self.system):
@@ -377,24 +429,14 @@ class Motion(Drawn):
             folder: where drawings of the parts and their table are written, if anywhere.
             formats: ``"dxf"`` (``pip install "jaxnc[dxf]"``), ``"svg"`` or both.
             **sizes: ``width``, ``pin``, ``thickness``, and ``clearance``, ``play``, ``washer``, ``spacer``, ``unit``,
-                ``layers``, ``density``, as `jaxnc.io.Shop.of` says.
+                ``layers``, ``density``, as `jaxnc.workshop.Shop.of` says.
 
         Returns:
             Parts, pins, layers and the clearances that remain.
         """
-        from jaxnc.io.workshop.assembly import asked_formats, assembly
-        from jaxnc.io.workshop.shop import SIZES
+        from jaxnc import workshop
 
-        outside(self.status, "to_parts()")
-        if unknown := [name for name in sizes if name not in SIZES]:
-            raise InputError(f"to_parts(): there is no {unknown[0]}=; {nearest(unknown[0], SIZES)}")
-        formats = asked_formats(formats)
-        if missing := [f"{name}=" for name in ("width", "pin", "thickness") if name not in sizes]:
-            raise InputError(f"to_parts(): give {', '.join(missing)} in mm")
-        found = assembly(self, **sizes)
-        if folder is not None:
-            found.save(folder, formats)
-        return found
+        return workshop.to_parts(self, folder, formats, **sizes)
 
     def to_frame(self, names: Sequence[str] | None = None, unit: str | None = None) -> "pandas.DataFrame":
         """A pandas data frame, one row a pose; see `jaxnc.io.frames.to_frame`."""
@@ -422,8 +464,3 @@ class Motion(Drawn):
 @filter_jit
 def _singular_values(view, eq: "Equations", q: Array) -> Array:
     return jax.vmap(lambda x: dense.singular_values(view.linearise(eq, x)[1]))(q)
-
-
-def _as_jax(x: Any) -> Array:
-    """An array of JAX; what was solved on the host is kept as NumPy's, whose parts are taken without compiling."""
-    return on_device(x) if isinstance(x, np.ndarray | np.generic) else x

@@ -1,10 +1,10 @@
-"""Solving poses: one input, many inputs as lanes, or a sequence followed along its branch."""
+"""Solving poses: one input, many inputs as lanes, or a sequence followed along its branch; and where it begins."""
 
 import dataclasses
 import functools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +14,9 @@ from jax.core import Tracer
 from jaxnc.asking import ask, real
 from jaxnc.calls import public
 from jaxnc.compiling import blame_callback, jit
-from jaxnc.errors import AssemblyError, InputError
-from jaxnc.kinematics import on_host
-from jaxnc.kinematics.columns import Columns
-from jaxnc.kinematics.devices import Devices
-from jaxnc.kinematics.guess import guessed
+from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.internals import outermost
+from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,
     array,
@@ -33,19 +31,66 @@ from jaxnc.kinematics.inputs import (
     stack,
     worst_rows,
 )
-from jaxnc.kinematics.motion import Motion
-from jaxnc.solvers.assembly import derive, evaluate, free_plan, settle
-from jaxnc.solvers.plan import Plan
+from jaxnc.kinematics.motion import Columns, Motion, coordinates_of
+from jaxnc.kinematics.spread import Devices, choose, solve_on
+from jaxnc.remembered import with_owner
+from jaxnc.solvers import host
+from jaxnc.solvers.answers import ask_of_equations
+from jaxnc.solvers.assembly import closest, derive, evaluate, free_plan, hosted, settle
+from jaxnc.solvers.host import view_of
+from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations
+from jaxnc.system.equations import Equations, guards, measured, weights
+from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.rates import rate_constants, slips
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Inputs
+from jaxnc.types import Array, Float, Inputs
 
 _SLIPS = 1e-6  # of the largest rate: below, a motion rolls
+_TRIES = 24  # places of the missing points that are begun from, the drawing's among them
+_ITERATIONS = 60
+_FEW = 64  # guesses that are completed on the host
+_FROM_DRAWING = 1e-4  # of assemblies equally near to what was given, the one nearest to the drawing counts
+
+
+class _Question(NamedTuple):
+    """A call, checked and brought into one form."""
+
+    system: System
+    view: Plan
+    values: Array  # of the driven coordinates, (*shape, driven)
+    orders: tuple[Array, ...]  # their time derivatives
+    time: Array | None = None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Leading axes of the poses."""
+        return self.values.shape[:-1]
+
+    def answer(self, found: PoseBatch) -> Motion:
+        """Make a motion of what was found."""
+        top, shape = self.system.topology, self.shape
+        return Motion(
+            system=self.system,
+            driven=top.named(self.view.driven),
+            held=top.named(self.view.held),
+            poses=found.q.with_axes(shape) if isinstance(found.q, Columns) else _with_lead(found.q, shape),
+            rates=tuple(_with_lead(r, shape) for r in found.rates),
+            asked=_with_lead(self.values, shape),
+            status=_with_lead(found.status, shape, 0),
+            residual=_with_lead(found.size, shape, 0),
+            conditioning=_with_lead(found.conditioning, shape, 0),
+            time=self.time,
+        )
+
+
+def _with_lead(x: Any, shape: tuple[int, ...], own: int = 1) -> Any:
+    """Put an array's last axes, its own, behind other leading axes."""
+    wanted = (*shape, *x.shape[x.ndim - own :])
+    return x if x.shape == wanted else x.reshape(wanted)
 
 
 @public
@@ -94,39 +139,33 @@ def solve_position(
         InputError: unknown, too many or too few inputs, values that are not finite, devices that are not there.
         AssemblyError: no pose found, if `throw`.
     """
-    solve = poses if devices is None else _spread(devices)
-    doubt_degrees(system, unit, inputs, start)
-    inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
-    view = make_plan(system, named(inputs), hold)
-    names, values, shape = stack(inputs)
-    check_parameters(system)
-    orders = _orders(names, shape, rates, accelerations)
+    question, start = _check_call(system, inputs, hold, rates, accelerations, start, unit)
+    view, shape = question.view, question.shape
     eq = derive(system)
     q0: Any = None  # an earlier pose needs no drawing
     if not isinstance(start, Motion):
         q0 = settle(eq, np.zeros(len(system.topology.coordinates)), repair).q
-    count = math.prod(shape)
-    flat = values.reshape(count, len(names))
-    flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
+    count, driven = math.prod(shape), len(view.driven)
+    flat = question.values.reshape(count, driven)
+    orders = tuple(o.reshape(count, driven) for o in question.orders)
     if start is None:
-        q0 = held_as_drawn(system.topology, view, eq, q0, q0)
-        out = solve(view, "lanes", eq, q0, flat, flat_orders, repair)
+        begin = held_as_drawn(system.topology, view, eq, q0, q0)
     else:
-        inputs = {name: values[..., k] for k, name in enumerate(names)}
-        held = system.topology.named(view.held)
-        begin = guessed(system, eq, q0, start, inputs, held, shape).reshape(count, -1)
+        top = system.topology
+        known = {name: question.values[..., k] for k, name in enumerate(top.named(view.driven))}
+        begin = start_poses(top, eq, q0, start, known, top.named(view.held), shape).reshape(count, -1)
         if isinstance(start, Mapping):
             begin = held_as_drawn(system.topology, view, eq, q0, begin, start)
-        near = devices is None and on_host.suits(view, "guess", flat, flat_orders, eq, begin)
-        out = (on_host.analyse if near else _spread(devices))(view, "guess", eq, begin, flat, flat_orders)
-    motion = _motion(system, view, values, out, shape)
+    chosen = None if devices is None else choose(devices)
+    found = _find_poses(view, "lanes" if start is None else "guess", eq, begin, flat, orders, repair, chosen)
+    motion = question.answer(found)
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)
     if throw is None:
         throw = shape == () and not isinstance(motion.status, Tracer)
     if throw:
         outside(motion.status, "throw=True")
-        _raise(view, eq, motion, start is not None)
+        _raise_failure(view, eq, motion, start is not None)
     return motion
 
 
@@ -175,18 +214,13 @@ def sweep(
         InputError: unknown, too many or too few inputs, no sequence, values that are not finite.
         AssemblyError: a pose failed, if `throw`.
     """
-    doubt_degrees(system, unit, inputs, start)
-    inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
-    view = make_plan(system, named(inputs), hold, redundancy)
-    names, values, shape = stack(inputs)
-    if len(shape) != 1 or shape[0] == 0:
+    question, start = _check_call(system, inputs, hold, rates, accelerations, start, unit, redundancy, jerk)
+    if len(question.shape) != 1 or question.shape[0] == 0:
         raise InputError(
-            f"a sweep needs a sequence of values for its inputs, shape (T,); got shape {shape}. "
+            f"a sweep needs a sequence of values for its inputs, shape (T,); got shape {question.shape}. "
             f"For one pose or other batches use solve_position"
         )
-    check_parameters(system)
-    orders = _orders(names, shape, rates, accelerations, jerk)
-    return _checked(_moved(system, view, values, orders, start, repair), throw)
+    return _follow_inputs(question, start, repair, throw)
 
 
 @public
@@ -239,7 +273,27 @@ def motion(
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
     ]
-    return _checked(_moved(system, view, orders[0], tuple(orders[1:]), start, repair, t), throw)
+    return _follow_inputs(_Question(system, view, orders[0], tuple(orders[1:]), t), start, repair, throw)
+
+
+def _check_call(
+    system: System,
+    inputs: Inputs,
+    hold: Sequence[str],
+    rates: Inputs | None,
+    accelerations: Inputs | None,
+    start: Any,
+    unit: str | None,
+    redundancy: str = REDUNDANCY[0],
+    jerk: bool = False,
+) -> tuple[_Question, Any]:
+    """Check a call and bring it into one form; the start comes back in radians."""
+    doubt_degrees(system, unit, inputs, start)
+    inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
+    view = make_plan(system, named(inputs), hold, redundancy)
+    names, values, shape = stack(inputs)
+    check_parameters(system)
+    return _Question(system, view, values, _rate_orders(names, shape, rates, accelerations, jerk)), start
 
 
 def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
@@ -278,7 +332,7 @@ def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
     return out
 
 
-def _orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]:
+def _rate_orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]:
     if rates is None:
         if accelerations is not None or jerk:
             raise InputError("accelerations and jerk follow from rates: give rates={...} as well")
@@ -288,54 +342,22 @@ def _orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]
     return (first, second, 0.0 * first) if jerk else (first, second)
 
 
-def start_of(
-    system: System,
-    eq: Equations,
-    start: Motion | Mapping[str, Any] | None,
-    what: str = "start",
-    repair: bool = True,
-) -> Array:
-    """The pose an analysis begins with: the assembled drawing, an earlier pose, or the pose closest to a guess.
-
-    `what` is what messages call it; without `repair` traced code does not ask the host.
-    """
-    q = settle(eq, np.zeros(len(system.topology.coordinates)), repair).q
+def _follow_inputs(question: _Question, start: Motion | Mapping[str, Any] | None, repair: bool, throw: bool) -> Motion:
+    """Follow a sequence of inputs along one branch."""
+    view, eq = question.view, derive(question.system)
+    q0 = start_of(question.system, eq, start, repair=repair)
     if start is None:
-        return q
-    q = guessed(system, eq, q, start, what=what)
-    if isinstance(start, Motion):
-        return q
-    return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home), repair).q
+        q0 = held_as_drawn(question.system.topology, view, eq, q0, q0)
+    found = _find_poses(view, "continuation", eq, q0, question.values, question.orders, repair)
+    motion = _check_rolling(question.answer(found))
+    if throw:
+        outside(motion.status, "throw=True")
+        motion.check()
+    return motion
 
 
-def held_as_drawn(
-    top: Topology, view: Plan, eq: Equations, q0: Array, begin: Array, given: Collection[str] = ()
-) -> Array:
-    """Poses `begin`, whose held coordinates change in traced code with the drawing, as the start pose `q0` does.
-
-    But for those that are `given`, by their name or that of their point or vector; `top` has the names.
-    """
-    names = [(c, top.coordinates[c]) for c in view.held]
-    held = np.array([c for c, name in names if not {name, name.rpartition(".")[0]} & {*given}], int)
-    if not len(held) or not any(isinstance(x, Tracer) for x in jax.tree.leaves(eq)):
-        return begin
-    from jaxnc.solvers.newton import attach_start  # with all that XLA needs, and the host does not
-
-    drawn = attach_start(free_plan(view.topology), jax.lax.stop_gradient(q0), eq)
-    return jnp.asarray(begin).at[..., held].set(drawn[held])
-
-
-def _moved(system, view, values, orders, start, repair, t=None) -> Motion:
-    eq = derive(system)
-    q0 = start_of(system, eq, start, repair=repair)
-    if start is None:
-        q0 = held_as_drawn(system.topology, view, eq, q0, q0)
-    out = poses(view, "continuation", eq, q0, values, orders, repair)
-    return _rolls(_motion(system, view, values, out, (values.shape[0],), t))
-
-
-def _rolls(motion: Motion) -> Motion:
-    """A motion in time, refused where its velocities break a row on velocities; unchecked in traced code."""
+def _check_rolling(motion: Motion) -> Motion:
+    """Refuse a motion whose velocities break a row on velocities; traced code is not checked."""
     top = motion.system.topology
     if not top.rates or not motion.rates or isinstance(motion.q, Tracer) or isinstance(motion.rates[0], Tracer):
         return motion
@@ -352,62 +374,37 @@ def _rolls(motion: Motion) -> Motion:
     return motion
 
 
-def _checked(motion: Motion, throw: bool) -> Motion:
-    if throw:
-        outside(motion.status, "throw=True")
-        motion.check()
-    return motion
-
-
-def _spread(devices: Devices | None) -> Callable[..., PoseBatch]:
-    from jaxnc.kinematics.spread import on
-
-    return on(devices)
-
-
-def poses(
-    view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...], repair: bool = True
+def _find_poses(
+    view: Plan,
+    method: str,
+    eq: Equations,
+    q0: Array,
+    values: Any,
+    orders: tuple[Array, ...],
+    repair: bool = True,
+    devices: tuple[Any, ...] | None = None,
 ) -> PoseBatch:
-    """Solve for poses and their rates where they are found soonest; arguments and result as of `analysis.analyse`.
+    """Solve for poses and their rates where they are found soonest; arguments and result as of `traced.analyse_traced`.
 
-    Few on the host, many by XLA; in traced code all by XLA, which asks the host for what it does not find.
+    Few on the host, many by XLA; in traced code, and on `devices`, all by XLA, which asks the host for what it does not
+    find.
     """
     if not len(values):
-        return on_host.nothing(eq, orders)
-    if (repair or view.large) and on_host.suits(view, method, values, orders, eq, q0):
-        return on_host.analyse(view, method, eq, q0, values, orders)
-    from jaxnc.kinematics import many  # imported where few poses do not wait for it
-    from jaxnc.kinematics.analysis import analyse, in_columns
+        return host_solve.no_poses(eq, orders)
+    if devices is not None:
+        return solve_on(devices, view, method, eq, q0, values, orders, repair)
+    guess = method == "guess"
+    if (repair or view.large or guess) and host_solve.suits_host(view, method, values, orders, eq, q0):
+        return host_solve.analyse_on_host(view, method, eq, q0, values, orders)
+    from jaxnc.kinematics import traced  # with all that XLA needs, and the host does not
 
-    if view.large:
-        return analyse(view, method, eq, q0, values, orders, repair)
-    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, q0, values, orders)))
-    return (in_columns if traced else many.analyse)(view, method, eq, q0, values, orders, repair)
-
-
-def _motion(system: System, view: Plan, values: Array, out: PoseBatch, shape: tuple[int, ...], t=None) -> Motion:
-    return Motion(
-        system=system,
-        driven=system.topology.named(view.driven),
-        held=system.topology.named(view.held),
-        poses=out.q.reshaped(shape) if isinstance(out.q, Columns) else _led(out.q, shape),
-        rates=tuple(_led(r, shape) for r in out.rates),
-        asked=_led(values, shape),
-        status=_led(out.status, shape, 0),
-        residual=_led(out.size, shape, 0),
-        conditioning=_led(out.conditioning, shape, 0),
-        time=t,
-    )
-
-
-def _led(x: Any, shape: tuple[int, ...], own: int = 1) -> Any:
-    """An array with other leading axes in front of its own."""
-    wanted = (*shape, *x.shape[x.ndim - own :])
-    return x if x.shape == wanted else x.reshape(wanted)
+    if view.large or guess or any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, q0, values, orders))):
+        return traced.analyse_traced(view, method, eq, q0, values, orders, repair)
+    return traced.analyse_many(view, method, eq, q0, values, orders, repair)
 
 
 @functools.partial(jit, static_argnums=0)
-def _alike(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
+def _is_on_branch(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
     wanted = view.linearise(eq, branch)[1]
     return jax.vmap(lambda x: view.alike(view.linearise(eq, x)[1], wanted))(q)
 
@@ -416,12 +413,12 @@ def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> M
     if not isinstance(branch, Motion) or branch.q.ndim != 1:
         shape = f"a motion of shape {branch.status.shape}" if isinstance(branch, Motion) else repr(branch)
         raise InputError(f"branch= is one earlier pose, such as solve_position returns; got {shape}")
-    same = _alike(view, eq, motion.q.reshape(-1, motion.q.shape[-1]), branch.q).reshape(motion.status.shape)
+    same = _is_on_branch(view, eq, motion.q.reshape(-1, motion.q.shape[-1]), branch.q).reshape(motion.status.shape)
     status = jnp.where((motion.status == 0) & ~same, int(Status.BRANCH_JUMP), motion.status)
     return dataclasses.replace(motion, status=status)
 
 
-def _raise(view: Plan, eq: Equations, motion: Motion, start: bool) -> None:
+def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> None:
     """Raise for a single failed pose, saying how far the motion got and what is in the way."""
     status = np.asarray(motion.status)
     if status.shape:
@@ -449,3 +446,225 @@ def _raise(view: Plan, eq: Equations, motion: Motion, start: bool) -> None:
     raise AssemblyError(
         text + " jaxnc.diagnose(system, inputs) names the constraints in the way and what would mend it."
     )
+
+
+# -- where it begins ---------------------------------------------------------------------------------------------------
+
+
+def start_of(
+    system: System,
+    eq: Equations,
+    start: Motion | Mapping[str, Any] | None,
+    what: str = "start",
+    repair: bool = True,
+) -> Array:
+    """Find the pose an analysis begins with: the assembled drawing, an earlier pose, or the one closest to a guess.
+
+    `what` is what messages call it; without `repair` traced code does not ask the host.
+    """
+    q = settle(eq, np.zeros(len(system.topology.coordinates)), repair).q
+    if start is None:
+        return q
+    q = start_poses(system.topology, eq, q, start, what=what)
+    if isinstance(start, Motion):
+        return q
+    return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home), repair).q
+
+
+def held_as_drawn(
+    top: Topology, view: Plan, eq: Equations, q0: Array, begin: Array, given: Collection[str] = ()
+) -> Array:
+    """Poses `begin`, whose held coordinates change in traced code with the drawing, as the start pose `q0` does.
+
+    But for those that are `given`, by their name or that of their point or vector; `top` has the names.
+    """
+    names = [(c, top.coordinates[c]) for c in view.held]
+    held = np.array([c for c, name in names if not {name, name.rpartition(".")[0]} & {*given}], int)
+    if not len(held) or not any(isinstance(x, Tracer) for x in jax.tree.leaves(eq)):
+        return begin
+    from jaxnc.solvers.newton import attach_start  # with all that XLA needs, and the host does not
+
+    drawn = attach_start(free_plan(view.topology), jax.lax.stop_gradient(q0), eq)
+    return jnp.asarray(begin).at[..., held].set(drawn[held])
+
+
+def start_poses(
+    top: Topology,
+    eq: Equations,
+    q: Any,
+    guess: Mapping[str, Any] | Motion,
+    known: Mapping[str, Array] | None = None,
+    held: Sequence[str] = (),
+    shape: tuple[int, ...] = (),
+    what: str = "start",
+) -> Any:
+    """Complete the poses to begin with, ``(*shape, N)``: NumPy's where they are few and nothing is traced.
+
+    What is not given follows from what is: angles and distances are measured at the points, and missing points are
+    begun from many places, of which the one counts that leads to the assembly nearest to what was given.
+
+    The guess is an earlier pose, or places and values by name; one for all, or one for each of a batch. `known` are
+    values of coordinates that are given otherwise, such as inputs; what is held keeps its value in the drawing unless
+    the guess has another.
+    """
+    given = guess.poses if isinstance(guess, Motion) else None
+    if isinstance(given, np.ndarray) and given.shape == (*shape, len(top.coordinates)):  # as it is asked often
+        return given
+    few = _few_known(top, (guess, eq, q, known), math.prod(shape))
+    if isinstance(guess, Motion):
+        if guess.status.shape not in ((), shape):
+            expected = f"a single pose, or {shape} of them" if shape else "a single pose"
+            raise InputError(f"{what} must be {expected}; this motion has shape {guess.status.shape}")
+        numeric: Any = np if few else jnp
+        found = guess.poses if isinstance(guess.poses, np.ndarray) else numeric.asarray(guess.q)
+        wanted = (*shape, found.shape[-1])
+        return found if found.shape == wanted else numeric.broadcast_to(found, wanted)
+    if not isinstance(guess, Mapping):
+        raise InputError(f"{what} is an earlier pose, or places by name such as {{'B': (0, 1)}}; got {guess!r}")
+    if few:
+        q = np.array(np.broadcast_to(np.asarray(q), (*shape, len(top.coordinates))))
+    else:
+        q = jnp.broadcast_to(jnp.asarray(q), (*shape, len(top.coordinates)))
+
+    def assign(q: Any, columns: Any, value: Any) -> Any:
+        if not few:
+            return q.at[..., columns].set(value)
+        q[..., columns] = value
+        return q
+
+    sure = {top.position[name] for name in (*held, *(known or {}))}
+    for name, value in (known or {}).items():
+        q = assign(q, top.position[name], value)
+    given = set(sure)
+    for name, value in guess.items():
+        columns, value = _guess_entry(top, name, value, shape, what)
+        q = assign(q, np.array(columns), value)
+        given.update(columns)
+    flat, which = q.reshape(math.prod(shape), q.shape[-1]), (tuple(sorted(sure)), tuple(sorted(given)))
+    if few:
+        return _complete_on_host(top.structure, *which, hosted(eq), flat).reshape(q.shape)
+    return _complete_by_xla(top.structure, *which, eq, flat).reshape(q.shape)
+
+
+def _guess_entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], what: str) -> tuple[list[int], Array]:
+    """Find the coordinates that a name of a guess stands for, and their values, ``(..., coordinates)``."""
+    value = array(value, f"{what} of {name!r}")
+    finite(value, f"{what} of {name!r}")
+    at, batch = coordinates_of(top, name), f", or {(*shape, '...')} of them".replace("'", "") if shape else ""
+    if isinstance(at, slice):
+        if value.shape not in ((top.dim,), (*shape, top.dim)):
+            raise InputError(f"{what} of {name!r} must be {top.dim} numbers{batch}, got shape {value.shape}")
+        return list(range(at.start, at.stop)), value
+    if at is not None:
+        if value.shape not in ((), shape):
+            raise InputError(f"{what} of {name!r} must be one number{batch}, got shape {value.shape}")
+        return [at], value[..., None]
+    raise InputError(
+        f"{what}: no point or coordinate {name!r}; {nearest(name, (*top.points, *top.vectors, *top.scalars))}"
+    )
+
+
+def _few_known(top: Topology, given: Any, count: int) -> bool:
+    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
+    return outermost() and not traced and (top.large or count <= _FEW)
+
+
+class _Missing(NamedTuple):
+    """Places of what a guess does not give, and plans that find it."""
+
+    scalars: np.ndarray
+    points: np.ndarray  # components of points and vectors
+    nearly: np.ndarray  # what is given, but only nearly
+    moved: np.ndarray  # where the missing points are begun from, of the size, (tries, points)
+    beside: Plan  # holds what is given
+    whole: Plan  # holds what is sure
+
+
+@with_owner
+def _missing(top: Topology, sure: tuple[int, ...], given: tuple[int, ...]) -> _Missing:
+    first = len(top.coordinates) - len(top.scalars)
+    scalars = np.array([c for c in range(first, len(top.coordinates)) if c not in given], int)
+    points = np.array([c for c in range(first) if not top.fixed[c] and c not in given], int)
+    nearly = np.array([c for c in given if c not in sure], int)
+    moved = np.random.default_rng(11).uniform(-1.0, 1.0, (1 if top.large else _TRIES, len(points)))
+    moved[0] = 0.0
+    beside, whole = (plan(top, (), tuple(top.coordinates[c] for c in w if not top.fixed[c])) for w in (given, sure))
+    return _Missing(scalars, points, nearly, moved, beside, whole)
+
+
+def _complete_on_host(
+    top: Topology, sure: tuple[int, ...], given: tuple[int, ...], inner: HostEquations, q: np.ndarray
+) -> np.ndarray:
+    """Complete poses as `_complete_by_xla` does, in NumPy: the assemblies from all beginnings side by side."""
+    missing = _missing(top, sure, given)
+    first = len(top.coordinates) - len(top.scalars)
+    scalars, points, moved = missing.scalars, missing.points, missing.moved
+    angles, weight = np.array(top.angles, bool)[scalars - first], inner.weights[:, None]
+
+    def with_measures(x: np.ndarray) -> np.ndarray:
+        if len(scalars):
+            new = inner.measured(x)[scalars - first]
+            turns = np.where(angles[:, None], np.round((x[scalars] - new) / (2 * np.pi)), 0.0)
+            x[scalars] = new + 2 * np.pi * turns
+        return x
+
+    with np.errstate(all="ignore"):
+        flat = np.array(q.T, inner.dtype)
+        if not len(points):
+            return with_measures(flat).T
+        beside, whole = view_of(missing.beside, inner), view_of(missing.whole, inner)
+        x = np.repeat(flat, len(moved), axis=1)
+        start = np.array(x)
+        start[points] += np.tile(moved.T, len(q)) * inner.length / weight[points]
+        local = with_measures(host.closest(beside, with_measures(start), _ITERATIONS).q)
+        found = host.closest(whole, np.where(inner.guards(local)[0], local, start), _ITERATIONS)
+        good = inner.guards(found.q)[0] & (found.gap <= limits(flat).close * inner.length)
+        away = (weight * (found.q - x) / inner.length) ** 2
+        score = np.sum(away[missing.nearly], axis=0) + _FROM_DRAWING * np.sum(away[points], axis=0)
+        score = np.where(good & np.isfinite(score), score, np.inf).reshape(len(q), len(moved))
+        at = np.arange(len(q)) * len(moved)
+        best = np.where(np.isfinite(score.min(axis=1)), at + np.argmin(score, axis=1), -1)
+        return np.where(best >= 0, found.q[:, best], local[:, at]).T
+
+
+@functools.partial(jit, static_argnums=(0, 1, 2))
+def _complete_by_xla(
+    top: Topology, sure: tuple[int, ...], given: tuple[int, ...], eq: Equations, q: Float[Array, "B N"]
+) -> Array:
+    """Complete poses of which only some coordinates are given, the sure ones exactly and the others nearly."""
+    eq, first = jax.lax.stop_gradient(eq), len(top.coordinates) - len(top.scalars)
+    scalars, points, nearly, moved, beside, whole = _missing(top, sure, given)
+    angles = np.array(top.angles, bool)[scalars - first]
+    weight = weights(eq)
+
+    def with_measures(x):
+        if not len(scalars):
+            return x
+        new = measured(top, eq.constants, x)[scalars - first]
+        turns = jnp.where(angles, jnp.round((x[scalars] - new) / (2 * jnp.pi)), 0.0)  # counted as in the drawing
+        return x.at[scalars].set(new + 2 * jnp.pi * turns)
+
+    if not len(points):
+        return jax.vmap(with_measures)(q)
+    if top.large:
+        ask = functools.partial(_complete_on_host, top, sure, given)
+        return ask_of_equations("completed a start", ask, q.shape, eq, q)
+
+    def upright(x):
+        return jnp.all(jnp.concatenate(guards(eq, x)) > 0.0)
+
+    def assemble(x, off):
+        """An assembly: first what is missing beside what was given, then all of it."""
+        start = with_measures(x.at[points].add(off * eq.length / weight[points]))
+        local = with_measures(closest(beside, eq, start, _ITERATIONS).q)
+        found = closest(whole, eq, jnp.where(upright(local), local, start), _ITERATIONS)
+        good = upright(found.q) & (found.gap <= limits(x).close * eq.length)
+        away = (weight * (found.q - x) / eq.length) ** 2
+        score = jnp.sum(away[nearly]) + _FROM_DRAWING * jnp.sum(away[points])
+        return found.q, jnp.where(good & jnp.isfinite(score), score, jnp.inf), local
+
+    def one(x):
+        found, score, local = jax.lax.map(functools.partial(assemble, x), jnp.asarray(moved))
+        return jnp.where(jnp.isfinite(jnp.min(score)), found[jnp.argmin(score)], local[0])
+
+    return jax.vmap(one)(q)

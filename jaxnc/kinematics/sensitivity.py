@@ -6,21 +6,16 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import jax
 import numpy as np
 
-from jaxnc.asking import ask, function_name
 from jaxnc.calls import public
 from jaxnc.compiling import shapes_of
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.design_derivatives import DesignDerivatives, plain_outputs
-from jaxnc.kinematics.hardpoints import trade_names
+from jaxnc.kinematics.design import DesignDerivatives, OutputSet, geometry_components, name_outputs, plan_of
 from jaxnc.kinematics.inputs import angle_unit, check_system, dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.kinematics.redesign import components, parts_of
 from jaxnc.notebooks import Shown
-from jaxnc.solvers.plan import plan
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
@@ -28,7 +23,8 @@ from jaxnc.types import Inputs
 if TYPE_CHECKING:
     from pathlib import Path
 
-Outputs = str | Callable[[Motion], Any] | Sequence[str] | Mapping[str, str | Callable[[Motion], Any]]
+Output = str | Callable[[Motion], Any]
+Outputs = Output | Sequence[str] | Mapping[str, Output]
 
 _MOST = 12  # rows of a printed table
 _NOTHING = 1e-12  # of the largest derivative: smaller ones are rounding
@@ -56,7 +52,7 @@ class Sensitivity(Shown):
         exists: whether the mechanism still assembles when a variable alone is changed, ``(variables,)``; where not,
             there is no derivative and zeros stand in its place.
         angle_unit: how tables show angles.
-        hardpoints: what the trade calls points and vectors of a suspension, by name; tables say it beside them.
+        labels: what else points and vectors are called, by name, if an output knows; tables say it beside them.
     """
 
     name: str
@@ -69,7 +65,7 @@ class Sensitivity(Shown):
     converged: np.ndarray
     exists: np.ndarray
     angle_unit: str
-    hardpoints: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    labels: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
     def failures(self) -> int:
@@ -115,7 +111,9 @@ class Sensitivity(Shown):
             lines.append(f"  {self.failures} of {self.converged.size} poses were not found and are left out")
         if not self.exists.all():
             lost = [v for v, good in zip(self.variables, self.exists, strict=True) if not good]
-            lines.append(f"  no derivative exists with respect to {listed(lost)}: changed alone, it does not assemble")
+            lines.append(
+                f"  no derivative exists with respect to {list_first(lost)}: changed alone, it does not assemble"
+            )
         for name in names:
             for label, block in self._components(name):
                 lines += self._block(label, name, block, unit, most)
@@ -142,13 +140,13 @@ class Sensitivity(Shown):
             at = [k for k, u in enumerate(self.variable_units) if u == unit and self.exists[k]]
             if not at:
                 continue
-            factor, shown = _scale(self.units[name], unit, angle)
+            factor, shown = _unit_scale(self.units[name], unit, angle)
             part = block[:, at] * factor + 0.0  # no negative zeros
             size = np.abs(part).max(axis=0)
             order = np.argsort(-size, kind="stable")
             order = order[size[order] > _NOTHING * size.max()]
             rest, order = order[most:] if most is not None else order[:0], order[:most]
-            told = self._told([self.variables[at[k]] for k in order])
+            told = self._with_labels([self.variables[at[k]] for k in order])
             width = max([16, *map(len, told)])
             for k, name_of in zip(order, told, strict=True):
                 worst = part[np.abs(part[:, k]).argmax(), k]
@@ -160,11 +158,11 @@ class Sensitivity(Shown):
                 lines.append(f"    … {nothing} without influence [{shown}]")
         return lines
 
-    def _told(self, variables: Sequence[str]) -> list[str]:
-        """Variables, and beside them what the trade calls the hardpoints."""
+    def _with_labels(self, variables: Sequence[str]) -> list[str]:
+        """Name variables, and beside them what else their points are called."""
         width = max(map(len, variables), default=0)
-        trade = [self.hardpoints.get(variable.rpartition(".")[0], "") for variable in variables]
-        return [f"{v:<{width}}  {t}" if t else v for v, t in zip(variables, trade, strict=True)]
+        labels = [self.labels.get(variable.rpartition(".")[0], "") for variable in variables]
+        return [f"{v:<{width}}  {label}" if label else v for v, label in zip(variables, labels, strict=True)]
 
     def to_csv(self, path: "str | Path") -> "Path":
         """Write all derivatives as a table: a row for every output and pose, a column for every design variable.
@@ -253,28 +251,33 @@ def sensitivity(
         motion.check()
     top = system.topology
     dense_only(top, "sensitivity")
-    output, labels = output_function(motion, outputs)
+    output = OutputSet.of("sensitivity", outputs)
+    for _, name in output.wanted:
+        if isinstance(name, str):
+            motion[name]  # an unknown name is refused here, with those that exist
     names, at, scales = design_components(system, variables)
-    view = plan(top, motion.driven, motion.held, system.degrees_of_freedom)
+    view = plan_of(motion)
     by_design = DesignDerivatives(view, motion, at)
     exists = np.ones(len(names), dtype=bool) if view.square else by_design.assemblable()
     if throw is not False and not exists.all():
         lost = [n for n, good in zip(names, exists, strict=True) if not good]
         kept = [n for n, good in zip(names, exists, strict=True) if good]
         raise AssemblyError(
-            f"{top.name!r} is overconstrained: changed alone, {listed(lost)} "
+            f"{top.name!r} is overconstrained: changed alone, {list_first(lost)} "
             f"{'leaves' if len(lost) == 1 else 'leave'} it no way to assemble, so there is no derivative. "
-            + (f"It exists for {listed(kept)}: ask for some with variables=. " if kept else "")
+            + (f"It exists for {list_first(kept)}: ask for some with variables=. " if kept else "")
             + "throw=False flags them instead"
         )
-    wanted = plain_outputs(outputs)
-    if wanted is None:
+    readers, labels = output.readers(), {}
+    if readers is None:
         record = shapes_of(output, motion)
         values, derivatives = by_design.of_function(output)
     else:
         record = output(motion)
-        values, derivatives = parts_of(record), by_design.of_names(wanted)
+        readings = {label: read(motion) for label, read in readers.items()}
+        values, derivatives = name_outputs(record), by_design.of_readings(readings)
         derivatives = {name: derivatives[name] for name in values}
+        labels = {name: label for reading in readings.values() for name, label in reading.labels.items()}
     units = dict(units or {})
     for name in units:
         if name not in values:
@@ -286,7 +289,7 @@ def sensitivity(
         if jacobian.shape[: good.ndim] == good.shape:
             jacobian = np.where(good.reshape(good.shape + (1,) * (jacobian.ndim - good.ndim)), jacobian, 0.0)
         found[name] = jacobian
-    known = known_units(motion, record, labels)
+    known = _known_units(motion, record, output)
     return Sensitivity(
         name=top.name,
         variables=names,
@@ -298,72 +301,19 @@ def sensitivity(
         converged=good,
         exists=exists,
         angle_unit=top.angle_unit,
-        hardpoints=trade_names(motion.names),
+        labels=labels,
     )
 
 
 # -- what is asked for ----------------------------------------------------------------------------------------------
 
 
-def output_function(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion], Any], dict[str, str]]:
-    """One function from a motion to everything that is asked for, and the outputs that are plain names."""
-    if callable(outputs):
-        return _Function(outputs), {}
-    if isinstance(outputs, str):
-        outputs = [outputs]
-    wanted: dict[str, Any] = dict(outputs) if isinstance(outputs, Mapping) else {name: name for name in outputs}
-    if not wanted:
-        raise InputError("sensitivity: no outputs; name points or coordinates, or give a function of a motion")
-    for name, output in wanted.items():
-        if not callable(output):
-            if not isinstance(output, str):
-                raise InputError(
-                    f"sensitivity: output {name!r} must be a name or a function of a motion, got {output!r}"
-                )
-            motion[output]  # an unknown name is refused here, with those that exist
-
-    return _AllOf(tuple(wanted.items())), {name: output for name, output in wanted.items() if isinstance(output, str)}
-
-
-def asked(output: Callable[[Motion], Any], what: str, motion: Motion) -> Any:
-    """What a user's function of a motion returns, which must be something."""
-    found = ask(output, what, "motion", motion)
-    if not jax.tree.leaves(found):
-        raise InputError(
-            f"{what}: {function_name(output)} must return an array, a mapping of arrays, or a record such as "
-            f"suspension() makes; it returned {found!r}"
-        )
-    return found
-
-
-@dataclasses.dataclass(frozen=True)
-class _Function:
-    """A function of a motion; equal ones are compiled once."""
-
-    output: Callable[[Motion], Any]
-
-    def __call__(self, mo: Motion) -> Any:
-        return asked(self.output, "outputs=", mo)
-
-
-@dataclasses.dataclass(frozen=True)
-class _AllOf:
-    """Several outputs as one function of a motion; equal ones are compiled once."""
-
-    wanted: tuple[tuple[str, Any], ...]
-
-    def __call__(self, mo: Motion) -> dict[str, Any]:
-        return {
-            name: asked(output, f"output {name!r}", mo) if callable(output) else mo[output]
-            for name, output in self.wanted
-        }
-
-
-def known_units(motion: Motion, found: Any, labels: Mapping[str, str]) -> dict[str, str]:
-    """Units of the outputs of which they are known, from what the function of a motion returned."""
+def _known_units(motion: Motion, found: Any, output: OutputSet) -> dict[str, str]:
+    """Find the units of outputs: of names, or, where all are functions, of what these have returned."""
     top = motion.system.topology
-    known = {name: "" if top.is_direction(what) else top.unit(what) for name, what in labels.items()}
-    if not labels:
+    names = {label: name for label, name in output.wanted if isinstance(name, str)}
+    known = {label: "" if top.is_direction(name) else top.unit(name) for label, name in names.items()}
+    if not names:
         if not isinstance(found, Mapping):
             return dict(getattr(found, "units", {}))
         for name, value in found.items():
@@ -374,8 +324,8 @@ def known_units(motion: Motion, found: Any, labels: Mapping[str, str]) -> dict[s
 def design_components(
     system: System, variables: Sequence[str] | None
 ) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
-    """Names of the chosen design variables by component, their places in the flat parameters, and their units."""
-    top, names = system.topology, components(system)
+    """Find the chosen design variables: their names by component, places in `geometry_vector`, and units."""
+    top, names = system.topology, geometry_components(system)
     chosen = range(len(names))
     if variables is not None:
         variables = [variables] if isinstance(variables, str) else list(variables)
@@ -393,7 +343,7 @@ def design_components(
 # -- words ----------------------------------------------------------------------------------------------------------
 
 
-def _scale(output: str, variable: str, angle: str) -> tuple[float, str]:
+def _unit_scale(output: str, variable: str, angle: str) -> tuple[float, str]:
     """Factor and label that show a derivative in the wanted unit of angle."""
     factor, above, below = 1.0, output or "1", variable or "1"
     if angle == "deg":
@@ -403,6 +353,6 @@ def _scale(output: str, variable: str, angle: str) -> tuple[float, str]:
     return factor, f"{above}/{below}"
 
 
-def listed(names: Sequence[str], most: int = 8) -> str:
-    """The first of some names, and how many there are."""
+def list_first(names: Sequence[str], most: int = 8) -> str:
+    """Join the first of some names, and say how many there are."""
     return ", ".join(names[:most]) + (f", … ({len(names)} in all)" if len(names) > most else "")

@@ -6,7 +6,7 @@ batches on every device, and nothing is won.
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -17,14 +17,18 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, brief
-from jaxnc.kinematics.analysis import analyse, columns_of, in_columns
-from jaxnc.kinematics.devices import Device, Devices, choose, several_processes
-from jaxnc.kinematics.on_host import nothing
-from jaxnc.kinematics.solved import apiece
-from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import by_identity
+from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.types import Array
 
+Device: TypeAlias = Any
+"""A `jax.Device`, which type checkers do not know as a type."""
+
+Devices: TypeAlias = str | int | Device | Sequence[Device] | None
+"""Devices by number, as ``"all"`` of this process or ``"global"``, those of all processes, or themselves."""
+
+_FORMS = '"all", "global", a number, or jax devices such as jax.devices()[:2]'
 _AXIS = "lanes"
 _SMALL = 10_000  # numbers of an array whose copies on other devices are kept as long as it is there
 
@@ -68,56 +72,67 @@ def shard(f: Callable, devices: Devices = "all", in_axes: int | Sequence[int | N
         axes = tuple(in_axes) if isinstance(in_axes, Sequence) else (in_axes,) * len(arguments)
         if len(axes) != len(arguments):
             raise InputError(f"in_axes has {len(axes)} entries, but {len(arguments)} arguments were given")
-        if not _length(axes, arguments):
+        if not _batch_length(axes, arguments):
             return f(*arguments)
-        return compiled(axes, *_placed(chosen, axes, arguments))
+        return run(axes, *_place_arguments(chosen, axes, arguments))
 
     @functools.partial(jax.jit, static_argnums=0)
-    def compiled(axes, *arguments):
-        return _over(chosen, f, axes, arguments)
+    def run(axes, *arguments):
+        return _run_over(chosen, f, axes, arguments)
 
     return spread
 
 
-def on(devices: Devices) -> Callable:
-    """`jaxnc.kinematics.analysis.analyse`, its lanes spread over devices; the function itself for None.
+def solve_on(
+    devices: tuple[Device, ...],
+    view: Plan,
+    method: str,
+    eq: Any,
+    q0: Array,
+    values: Array,
+    orders: tuple[Array, ...],
+    repair: bool,
+) -> PoseBatch:
+    """Solve for poses with the lanes spread over devices; arguments and result as of `traced.analyse_traced`.
 
-    Very many poses come as `Columns`.
+    Few poses come in one array, very many as `Columns`.
     """
-    return analyse if devices is None else functools.partial(_analyse, choose(devices))
+    return _solve_on_devices(
+        devices, view, method, repair, *_place_arguments(devices, _lane_axes(method), (eq, q0, values, orders))
+    )
 
 
-def _axes(method: str) -> tuple[int | None, ...]:
-    """Of what an analysis takes, values and their rates carry the lanes, and so do guesses."""
+def _lane_axes(method: str) -> tuple[int | None, ...]:
+    """Mark what carries the lanes among the arguments of an analysis: values, their rates, and guesses."""
     return None, 0 if method == "guess" else None, 0, 0
 
 
-def _analyse(devices, view, method: str, eq, q0: Array, values: Array, orders: tuple[Array, ...], repair: bool = True):
-    if not values.shape[0]:
-        return nothing(eq, orders)
-    return _compiled(devices, view, method, repair, *_placed(devices, _axes(method), (eq, q0, values, orders)))
-
-
 @functools.partial(jax.jit, static_argnums=(0, 1, 2, 3))
-def _compiled(devices, view, method, repair, eq, q0, *lanes):
-    if view.large or method == "guess" or not apiece(view):
-        whole = functools.partial(analyse, view, method, repair=repair)
-        return _over(devices, whole, _axes(method), (eq, q0, *lanes))
+def _solve_on_devices(devices, view, method, repair, eq, q0, *lanes):
+    from jaxnc.kinematics import traced  # with all that XLA needs, and the host does not
+
+    axes = _lane_axes(method)
+
+    def solve(*arguments):
+        return traced.analyse_traced(view, method, *arguments, repair)
+
+    if view.large or method == "guess" or not traced.is_columnar(view):
+        return _run_over(devices, solve, axes, (eq, q0, *lanes))
 
     def part(*arguments):
-        found = in_columns(view, method, *arguments, repair)
+        found = solve(*arguments)
         return found._replace(q=(found.q.lanes, found.q.driven))
 
-    found = _over(devices, part, _axes(method), (eq, q0, *lanes))
-    poses = columns_of(view, eq, q0, *found.q)
-    return found._replace(q=poses if len(found.status) >= batch.LEAST else poses.whole())
+    found = _run_over(devices, part, axes, (eq, q0, *lanes))
+    poses = traced.columns_of(view, eq, q0, *found.q)
+    return found._replace(q=poses if len(found.status) >= traced.batch.LEAST else poses.whole())
 
 
-def _over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], arguments: Sequence[Any]) -> Any:
+def _run_over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], arguments: Sequence[Any]) -> Any:
     """Run `f` on every device with its part of the batch; in traced code."""
     if jax.sharding.get_abstract_mesh().manual_axes:
         raise InputError("this is called inside of a function that is spread over devices already; leave devices= out")
-    count = _length(axes, arguments)
+    count = _batch_length(axes, arguments)
     each = -(-count // len(devices))
     lanes = np.minimum(np.arange(each * len(devices)), count - 1)
     if len(lanes) > count:
@@ -148,8 +163,8 @@ def _over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], ar
     return out
 
 
-def _length(axes: Sequence[int | None], arguments: Sequence[Any]) -> int:
-    """How many elements the batch has."""
+def _batch_length(axes: Sequence[int | None], arguments: Sequence[Any]) -> int:
+    """Count the elements of the batch."""
     shapes = [
         (k, jnp.shape(leaf))
         for k, (axis, argument) in enumerate(zip(axes, arguments, strict=True))
@@ -171,7 +186,7 @@ def _length(axes: Sequence[int | None], arguments: Sequence[Any]) -> int:
     return shapes[0][1][0]
 
 
-def _placed(devices: Sequence[Device], axes: Sequence[int | None], arguments: Sequence[Any]) -> Sequence[Any]:
+def _place_arguments(devices: Sequence[Device], axes: Sequence[int | None], arguments: Sequence[Any]) -> Sequence[Any]:
     """The arguments, where they are known, brought to their devices wherever they were before."""
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
         return arguments
@@ -194,13 +209,13 @@ def _placed(devices: Sequence[Device], axes: Sequence[int | None], arguments: Se
 
 
 def _keeps(leaf: Any) -> bool:
-    """Whether copies of an array, such as the equations have, are kept for the next call: it cannot change."""
+    """Say whether copies of an array, such as the equations have, are kept for the next call: it cannot change."""
     return isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) == 1 and leaf.size <= _SMALL
 
 
 @functools.lru_cache(maxsize=16)
 def _everywhere(target: NamedSharding) -> Callable[[Array], Array]:
-    """What brings an array to all devices, once."""
+    """Make the function that brings an array to all devices, once."""
     return by_identity(lambda leaf: jax.device_put(leaf, target))
 
 
@@ -210,3 +225,61 @@ def _of_all(leaf: Any, target: NamedSharding) -> Array:
         return leaf
     numbers = np.asarray(leaf)
     return jax.make_array_from_callback(numbers.shape, target, lambda index: numbers[index])
+
+
+# -- which devices -----------------------------------------------------------------------------------------------------
+
+
+def choose(devices: Devices) -> tuple[Device, ...]:
+    """Find the devices that a user means.
+
+    Args:
+        devices: ``"all"``: every device of this process; ``"global"``: every device of every process; a number: the
+            first so many of this process; or the devices themselves.
+    """
+    refuse_fork()
+    if isinstance(devices, str):
+        if devices not in ("all", "global"):
+            raise InputError(f"devices={devices!r}; give {_FORMS}")
+        return tuple(jax.local_devices() if devices == "all" else jax.devices())
+    if isinstance(devices, int) and not isinstance(devices, bool):
+        return _first_devices(devices)
+    some = (devices,) if isinstance(devices, jax.Device) else devices
+    if isinstance(some, bool) or not isinstance(some, Sequence):
+        raise InputError(f"devices={devices!r}; give {_FORMS}")
+    chosen = tuple(some)
+    for device in chosen:
+        if not isinstance(device, jax.Device):
+            raise InputError(f"devices: {device!r} is not a jax device; give {_FORMS}")
+    if not chosen:
+        raise InputError(f"devices is empty; give {_FORMS}, or None for one device")
+    if len(set(chosen)) < len(chosen):
+        raise InputError(f"devices: {', '.join(map(str, chosen))}; name each device once")
+    if not any(d.process_index == jax.process_index() for d in chosen):
+        raise InputError(
+            f"devices: none of {', '.join(map(str, chosen))} belongs to this process; take some of jax.local_devices() "
+            f'too, or "global"'
+        )
+    return chosen
+
+
+def several_processes(devices: Sequence[Device]) -> bool:
+    """Say whether some of the devices belong to another process."""
+    return any(d.process_index != jax.process_index() for d in devices)
+
+
+def _first_devices(number: int) -> tuple[Device, ...]:
+    there = jax.local_devices()
+    if number < 1:
+        raise InputError(f"devices={number}; give at least 1, or None for one device")
+    if number > len(there):
+        have = f"are {len(there)} {there[0].platform} devices" if len(there) > 1 else f"is 1 {there[0].platform} device"
+        hint = ""
+        if there[0].platform == "cpu":
+            # JAX counts a whole processor as one device unless it is told otherwise, before it starts.
+            hint = (
+                f". For a device a core, before anything is computed: jax.config.update('jax_num_cpu_devices', "
+                f"{number}), or in the environment XLA_FLAGS=--xla_force_host_platform_device_count={number}"
+            )
+        raise InputError(f"devices={number}, but there {have} in this process{hint}")
+    return tuple(there[:number])

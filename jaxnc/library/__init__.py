@@ -6,25 +6,41 @@ angles in radians.
 """
 
 from jaxnc.library import benchmarks
-from jaxnc.library.bodies import general_body
+from jaxnc.library.bars import (
+    five_bar,
+    four_bar,
+    four_bar_chain,
+    geared_five_bar,
+    parallelogram,
+    stephenson_six_bar,
+    watt_six_bar,
+)
 from jaxnc.library.catalogue import CATALOGUE
-from jaxnc.library.chains import four_bar_chain
-from jaxnc.library.five_bars import five_bar, geared_five_bar
-from jaxnc.library.four_bars import four_bar, parallelogram
-from jaxnc.library.gears import gear_pair
-from jaxnc.library.inversors import hart, peaucellier_lipkin
-from jaxnc.library.legs import jansen_leg, klann_leg
-from jaxnc.library.overconstrained import bennett, bricard, double_hinged_door, four_bar_in_space
-from jaxnc.library.platforms import delta_robot, stewart_platform
-from jaxnc.library.quick_returns import quick_return, shaper, whitworth
-from jaxnc.library.robots import pantograph, planar_3r
-from jaxnc.library.rolling import generic_mechanism, rolling_disc
-from jaxnc.library.shafts import bevel_gears, cardan_joint, cardan_shafts, steering_column
-from jaxnc.library.six_bars import stephenson_six_bar, watt_six_bar
-from jaxnc.library.sliders import crank_slider_on_bar, scotch_yoke, slider_crank
-from jaxnc.library.spatial_loops import rccc, rscr, rssp, rssr
-from jaxnc.library.spherical import spherical_four_bar, wobble_plate
-from jaxnc.library.straight_lines import chebyshev, hoeken, roberts, watt_straight_line
+from jaxnc.library.gears import (
+    bevel_gears,
+    cardan_joint,
+    cardan_shafts,
+    gear_pair,
+    generic_mechanism,
+    rolling_disc,
+    steering_column,
+)
+from jaxnc.library.robots import delta_robot, jansen_leg, klann_leg, pantograph, planar_3r, stewart_platform
+from jaxnc.library.sliders import crank_slider_on_bar, quick_return, scotch_yoke, shaper, slider_crank, whitworth
+from jaxnc.library.spatial_loops import (
+    bennett,
+    bricard,
+    double_hinged_door,
+    four_bar_in_space,
+    general_body,
+    rccc,
+    rscr,
+    rssp,
+    rssr,
+    spherical_four_bar,
+    wobble_plate,
+)
+from jaxnc.library.straight_lines import chebyshev, hart, hoeken, peaucellier_lipkin, roberts, watt_straight_line
 from jaxnc.library.suspensions import double_wishbone, five_link, macpherson
 
 __all__ = [

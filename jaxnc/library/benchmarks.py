@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from jaxnc.library.overconstrained import bricard as _bricard
+from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
@@ -35,7 +35,7 @@ def pendulum(length: float = 1.0, mass: float = 1.0) -> Mechanism:
     m.body("rod", ["O", "P"])
     m.point_mass("mass at P", "P", mass)
     m.angle("phi", at="O", to="P")
-    return _ready(m, 10.0)
+    return _prepare(m, 10.0)
 
 
 def double_pendulum(mass: float = 1.0, length: float = 1.0) -> Mechanism:
@@ -56,7 +56,7 @@ def double_pendulum(mass: float = 1.0, length: float = 1.0) -> Mechanism:
     m.body("second", ["P", "Q"], mass=mass)
     m.angle("alpha", at="O", to="P")
     m.angle("beta", at="P", to="Q")
-    return _ready(m, 10.0)
+    return _prepare(m, 10.0)
 
 
 def n_four_bar(loops: int = 2) -> Mechanism:
@@ -80,7 +80,7 @@ def n_four_bar(loops: int = 2) -> Mechanism:
         m.body(f"upright{k}", [f"A{k}", f"B{k}"], mass=1.0)
     for k in range(loops):
         m.body(f"beam{k}", [f"B{k}", f"B{k + 1}"], mass=1.0)
-    return _ready(m, 10.0, {"B0.x": 1.0})
+    return _prepare(m, 10.0, {"B0.x": 1.0})
 
 
 def andrews() -> Mechanism:
@@ -95,33 +95,33 @@ def andrews() -> Mechanism:
     beta, theta, gamma, delta = -0.0617138900142764496358948458001, 0.0, 0.455279819163070380255912382449, 0.487364979543842550225598953530  # noqa: E501  # fmt: skip
     epsilon = 1.23054744454982119249735015568
 
-    def turned(angle: float, along: float, across: float) -> np.ndarray:
+    def turn(angle: float, along: float, across: float) -> np.ndarray:
         c, s = math.cos(angle), math.sin(angle)
         return np.array([along * c - across * s, along * s + across * c])
 
     a, b, c = np.array([-0.06934, -0.00227]), np.array([-0.03635, 0.03273]), np.array([0.014, 0.072])
-    f = turned(beta, 0.007, 0.0)
-    e = f - turned(beta + theta, 0.028, 0.0)
-    g = a + turned(delta, 0.04, 0.0)
+    f = turn(beta, 0.007, 0.0)
+    e = f - turn(beta + theta, 0.028, 0.0)
+    g = a + turn(delta, 0.04, 0.0)
     # Bodies BDE and AH are measured from an axis a quarter turn behind their angle.
-    h = a + turned(epsilon - math.pi / 2, 0.04, 0.0)
-    d = b + turned(gamma - math.pi / 2, 0.018, 0.02)
+    h = a + turn(epsilon - math.pi / 2, 0.04, 0.0)
+    d = b + turn(gamma - math.pi / 2, 0.018, 0.02)
     m = Mechanism("Andrews' squeezer", description="Seven bodies, one freedom, driven against a spring.")
     for name, at in {"O": (0.0, 0.0), "A": a, "B": b, "C": c}.items():
         m.ground(name, at)
     for name, at in {"F": f, "E": e, "G": g, "H": h, "D": d}.items():
         m.point(name, at)
-    m.body("K1", ["O", "F"], mass=0.04325, com=turned(beta, 0.00092, 0.0), inertia=2.194e-6)
+    m.body("K1", ["O", "F"], mass=0.04325, com=turn(beta, 0.00092, 0.0), inertia=2.194e-6)
     m.body("K2", ["F", "E"], mass=0.00365, com=f + 0.0115 / 0.028 * (e - f), inertia=4.410e-7)
-    m.body("K3", ["B", "E", "D"], mass=0.02373, com=b + turned(gamma - math.pi / 2, 0.01874, 0.01043), inertia=5.255e-6)
+    m.body("K3", ["B", "E", "D"], mass=0.02373, com=b + turn(gamma - math.pi / 2, 0.01874, 0.01043), inertia=5.255e-6)
     m.body("K4", ["G", "E"], mass=0.00706, com=g + (0.02 - 0.01421) / 0.02 * (e - g), inertia=5.667e-7)
-    m.body("K5", ["A", "G"], mass=0.07050, com=a + turned(delta, 0.02308, 0.00916), inertia=1.169e-5)
+    m.body("K5", ["A", "G"], mass=0.07050, com=a + turn(delta, 0.02308, 0.00916), inertia=1.169e-5)
     m.body("K6", ["H", "E"], mass=0.00706, com=h + (0.02 - 0.01421) / 0.02 * (e - h), inertia=5.667e-7)
-    m.body("K7", ["A", "H"], mass=0.05498, com=a + turned(epsilon - math.pi / 2, 0.01228, -0.00449), inertia=1.912e-5)
+    m.body("K7", ["A", "H"], mass=0.05498, com=a + turn(epsilon - math.pi / 2, 0.01228, -0.00449), inertia=1.912e-5)
     m.angle("beta", at="O", to="F")
     m.torque("motor", "beta", 0.033)
     m.spring("spring", "C", "D", stiffness=4530.0, free=0.07785)
-    return _ready(m, 0.03, gravity=None)
+    return _prepare(m, 0.03, gravity=None)
 
 
 def bricard() -> Mechanism:
@@ -134,10 +134,10 @@ def bricard() -> Mechanism:
 
     Source: IFToMM benchmark A04.
     """
-    m = _bricard(1.0)
+    m = CATALOGUE["bricard"](1.0)
     for k in range(1, 6):
         m.mass(f"link{k}", 1.0, shape="box", size=(1.0, 0.1, 0.1))
-    return _ready(m, 10.0, gravity=(0.0, -_EARTH, 0.0))
+    return _prepare(m, 10.0, gravity=(0.0, -_EARTH, 0.0))
 
 
 def flyball_governor(stiffness: float = 8e5, damping: float = 4e4) -> Mechanism:
@@ -179,7 +179,7 @@ def flyball_governor(stiffness: float = 8e5, damping: float = 4e4) -> Mechanism:
         m.point_mass(f"ball{side}", f"P{side}", 5.0)
         m.spring(f"strut{side}", f"M{side}", f"E{side}", stiffness=stiffness)
         m.damper(f"loss{side}", f"M{side}", f"E{side}", damping=damping)
-    return _ready(m, 10.0, {"h.x": -2 * math.pi}, (0.0, 0.0, -_EARTH))
+    return _prepare(m, 10.0, {"h.x": -2 * math.pi}, (0.0, 0.0, -_EARTH))
 
 
 def spatial_slider_crank() -> Mechanism:
@@ -216,7 +216,7 @@ def spatial_slider_crank() -> Mechanism:
     m.universal("cross", axes=("x", "k"))
     m.angle("phi", to=("A", "B"), about="x")
     m.distance("s", "O", "C", along="x")
-    return _ready(m, 5.0, {"phi": 6.0}, (0.0, 0.0, -_EARTH))
+    return _prepare(m, 5.0, {"phi": 6.0}, (0.0, 0.0, -_EARTH))
 
 
 def heavy_top() -> Mechanism:
@@ -241,10 +241,10 @@ def heavy_top() -> Mechanism:
     for name, at in (("C", (0, 1, 0)), ("u", (1, 0, 0))):
         for axis, value in zip("xyz", np.cross(w, at), strict=True):
             rates[f"{name}.{axis}"] = float(value)
-    return _ready(m, 2.0, rates, (0.0, 0.0, -_EARTH))
+    return _prepare(m, 2.0, rates, (0.0, 0.0, -_EARTH))
 
 
-def _ready(
+def _prepare(
     m: Mechanism,
     duration: float,
     rates: dict[str, float] | None = None,

@@ -1,78 +1,62 @@
-"""Ready mechanisms by the names they have on the command line."""
+"""Ready mechanisms by the names they have on the command line, and what is asked of their dimensions."""
 
+import functools
+import inspect
 from collections.abc import Callable
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args, get_origin
 
-from jaxnc.library.bodies import general_body
-from jaxnc.library.chains import four_bar_chain
-from jaxnc.library.five_bars import five_bar, geared_five_bar
-from jaxnc.library.four_bars import four_bar, parallelogram
-from jaxnc.library.gears import gear_pair
-from jaxnc.library.inversors import hart, peaucellier_lipkin
-from jaxnc.library.legs import jansen_leg, klann_leg
-from jaxnc.library.overconstrained import bennett, bricard, double_hinged_door, four_bar_in_space
-from jaxnc.library.platforms import delta_robot, stewart_platform
-from jaxnc.library.quick_returns import quick_return, shaper, whitworth
-from jaxnc.library.robots import pantograph, planar_3r
-from jaxnc.library.rolling import generic_mechanism, rolling_disc
-from jaxnc.library.shafts import bevel_gears, cardan_joint, cardan_shafts, steering_column
-from jaxnc.library.six_bars import stephenson_six_bar, watt_six_bar
-from jaxnc.library.sliders import crank_slider_on_bar, scotch_yoke, slider_crank
-from jaxnc.library.spatial_loops import rccc, rscr, rssp, rssr
-from jaxnc.library.spherical import spherical_four_bar, wobble_plate
-from jaxnc.library.straight_lines import chebyshev, hoeken, roberts, watt_straight_line
-from jaxnc.library.suspensions import double_wishbone, five_link, macpherson
+from jaxnc.calls import public
+from jaxnc.errors import MechanismError
+from jaxnc.library.drawing import Misfit, as_number, as_numbers
 from jaxnc.mechanism import Mechanism
 
-CATALOGUE: dict[str, Callable[..., Mechanism]] = {
-    function.__name__.replace("_", "-"): function
-    for function in (
-        four_bar,
-        parallelogram,
-        four_bar_chain,
-        slider_crank,
-        crank_slider_on_bar,
-        scotch_yoke,
-        quick_return,
-        shaper,
-        whitworth,
-        gear_pair,
-        rolling_disc,
-        generic_mechanism,
-        five_bar,
-        geared_five_bar,
-        watt_six_bar,
-        stephenson_six_bar,
-        chebyshev,
-        hoeken,
-        roberts,
-        watt_straight_line,
-        peaucellier_lipkin,
-        hart,
-        pantograph,
-        planar_3r,
-        jansen_leg,
-        klann_leg,
-        rscr,
-        bevel_gears,
-        macpherson,
-        double_wishbone,
-        five_link,
-        steering_column,
-        cardan_joint,
-        cardan_shafts,
-        rssr,
-        rssp,
-        rccc,
-        spherical_four_bar,
-        wobble_plate,
-        bennett,
-        bricard,
-        four_bar_in_space,
-        double_hinged_door,
-        stewart_platform,
-        delta_robot,
-        general_body,
-    )
-}
+Length: TypeAlias = Annotated[float, "positive"]
+"""A dimension that is above zero; a plain float may have any sign."""
+
+_Draws = TypeVar("_Draws", bound=Callable[..., Mechanism])
+
+CATALOGUE: dict[str, Callable[..., Mechanism]] = {}
 """Every function of the library by its name with dashes. Called without arguments, each returns a mechanism whose
 ``model.run`` holds a default drive."""
+
+
+def offer(draw: _Draws) -> _Draws:
+    """Enter a function that draws a mechanism into the catalogue, and open it to users.
+
+    Annotations say what its dimensions may be: `Length` a positive number, float any finite one, a tuple of floats a
+    place, a literal one of its words. The function gets floats, and what it refuses is said with its name.
+    """
+    signature = inspect.signature(draw)
+
+    @functools.wraps(draw)
+    def draw_checked(*args: Any, **options: Any) -> Mechanism:
+        given = signature.bind(*args, **options)
+        given.apply_defaults()
+        try:
+            for name, value in given.arguments.items():
+                given.arguments[name] = check_dimension(name, value, signature.parameters[name].annotation)
+            return draw(*given.args, **given.kwargs)
+        except Misfit as error:
+            raise MechanismError(f"{draw.__name__}: {error}") from None
+
+    offered: Any = public(draw_checked)
+    CATALOGUE[draw.__name__.replace("_", "-")] = offered
+    return offered
+
+
+def check_dimension(name: str, value: Any, kind: Any) -> Any:
+    """Convert a dimension to what its annotation says; None is left where the annotation has it."""
+    if type(None) in get_args(kind):
+        (kind,) = (k for k in get_args(kind) if k is not type(None))
+        if value is None:
+            return None
+    if get_origin(kind) is Literal:
+        if value not in get_args(kind):
+            raise Misfit(f"{name}={value!r}; use one of {', '.join(map(repr, get_args(kind)))}")
+    elif kind in (float, Length):
+        value = as_number(name, value)
+        if kind is Length and value <= 0:
+            raise Misfit(f"{name} must be positive, got {value:g}; give a length above zero")
+    elif get_origin(kind) is tuple:
+        value = as_numbers(name, value, len(get_args(kind)))
+    return value

@@ -6,19 +6,21 @@ are in millimetres. `jaxnc.suspension` turns a motion of any of them into camber
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from itertools import combinations
+from typing import Literal
 
 import numpy as np
 
-from jaxnc.calls import public
-from jaxnc.errors import MechanismError, nearest
-from jaxnc.kinematics.hardpoints import FIGURE_42
-from jaxnc.library.drawing import choice, drive, positive
+from jaxnc.library.catalogue import Length, offer
+from jaxnc.library.drawing import Misfit, Vector, Z, across_axis, as_places, check_apart, drive, lay_out
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
+from jaxnc.vehicle.hardpoints import FIGURE_42
 
 _RADIUS = 310.0  # mm, of the loaded tyre
 _TRAVEL = 80.0  # mm, of the wheel centre up and down in the default drive
+_UNITS = {"length_unit": "mm", "angle_unit": "deg"}
+_DERIVED = ("4", "7", "9", "v3")  # hardpoints of figure 42 that follow from others unless they are given
 _ROD = {"4": 0.35, "9": 0.62}  # where the strut's inner ends are drawn, as a part of the way from 3 to 8
 
 _DOUBLE_WISHBONE = {
@@ -65,8 +67,10 @@ _MACPHERSON = {
 _NUMBERS = {**FIGURE_42, "v1": "lower_front", "v2": "spindle"}
 
 
-@public
-def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS, form: str = "text") -> Mechanism:
+@offer
+def macpherson(
+    hardpoints: Mapping[str, Place] | None = None, radius: Length = _RADIUS, form: Literal["text", "exact"] = "text"
+) -> Mechanism:
     """MacPherson suspension with its tie rod, figure 42: n = 29, rows = 28, rank 26, g = 3.
 
     Basic points as the text numbers them: 1 of the lower arm on the body, v1 its axis; 2 the lower ball joint; 3 and 4
@@ -95,48 +99,37 @@ def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _R
 
     Source: source text, §4.4, example 2, (158)-(185).
     """
-    what = "macpherson"
-    (radius,) = positive(what, radius=radius)
-    choice(what, "form", form, ("text", "exact"))
-    derived = ("4", "7", "9", "v3")
-    given = _checked(what, hardpoints, (*_MACPHERSON, *_NUMBERS, *derived))
+    given = as_places(hardpoints, dict.fromkeys((*_MACPHERSON, *_NUMBERS, *_DERIVED)), 3, "hardpoints")
     for number, name in _NUMBERS.items():
         if number in given and name in given and number != "v1":
-            raise MechanismError(f"{what}: hardpoints {number!r} and {name!r} are the same; give one of them")
+            raise Misfit(f"hardpoints {number!r} and {name!r} are the same; give one of them")
     for name, number in (("lower_rear", "v1"), ("lower_front", "v1"), ("spindle", "v2")):
         if number in given and name in given:
-            raise MechanismError(f"{what}: hardpoint {name!r} is there to draw {number!r}; give one of them")
+            raise Misfit(f"hardpoint {name!r} is there to draw {number!r}; give one of them")
     at = {name: np.array(place) for name, place in _MACPHERSON.items()} | given
     p = {number: at[name] for number, name in _NUMBERS.items() if number[0] != "v"}
     p |= {"v1": at["lower_front"] - at["lower_rear"], "v2": at["spindle"] - at["wheel_centre"]}
     p |= {name: place for name, place in given.items() if name in p}
-    _apart(what, p, [("1", "2"), ("2", "3"), ("3", "8"), ("5", "10"), ("2", "5")])
-    up = _up(what, p["v2"])
+    check_apart(p, ("1", "2"), ("2", "3"), ("3", "8"), ("5", "10"), ("2", "5"))
+    up = _up(p["v2"])
     p |= {name: p["3"] + part * (p["8"] - p["3"]) for name, part in _ROD.items()}
     p |= {"7": p["6"] + radius * up, "v3": np.cross(p["8"] - p["3"], p["v2"])}
-    p |= {name: given[name] for name in derived if name in given}
-
-    m = _front_left("MacPherson", "Strut suspension of a front left wheel, with tie rod and rack (figure 42).")
-    m.ground("1", tuple(p["1"]))
-    m.ground("8", tuple(p["8"]))
-    m.ground_vector("v1", tuple(p["v1"]))
-    for name in ("2", "3", "4", "5", "6", "7", "9", "10"):
-        m.point(name, tuple(p[name]), fixed="xz" if name == "10" else "")
-    m.vector("v2", tuple(p["v2"]))
-    m.vector("v3", tuple(p["v3"]))
-    m.body("arm", ["1", "2"], vectors=["v1"])
+    p |= {name: given[name] for name in _DERIVED if name in given}
+    said = "Strut suspension of a front left wheel, with tie rod and rack (figure 42)."
+    ground = {name: p[name] for name in ("1", "8", "v1")}
+    moving = {name: p[name] for name in ("2", "3", "4", "5", "6", "7", "9", "10", "v2", "v3")}
+    m = lay_out("MacPherson suspension", said, ground, moving, {"arm": "1 2 v1"}, {"10": "xz"}, **_UNITS)
     m.body("knuckle", ["3", "2", "4", "6", "5"], vectors=["v2"], form=form)
     m.body("strut", ["8", "9"], vectors=["v3"])
     m.body("tie rod", ["5", "10"])
     m.body("wheel", ["6", "7"], vectors=["v2"])
     m.prismatic("damper", line=("3", "4"), on=("8", "9"), directions=("v2", "v3"), form=form)
     m.distance("s", "4", "9")
-    m.marker("contact", on="knuckle", at=tuple(p["6"] - radius * up))
-    return _bump(m, "6", ["10.y", "7.x"], ["s", "contact"])
+    return _drive_bump(m, p["6"], radius * up, "6", ["10.y", "7.x"], "s")
 
 
-@public
-def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS) -> Mechanism:
+@offer
+def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: Length = _RADIUS) -> Mechanism:
     """Double wishbone suspension with its tie rod: n = 23, rows = 20, rank 20, g = 3.
 
     The lower arm turns about lower_front, lower_rear and carries lower_ball and damper_lower; the upper arm turns
@@ -157,24 +150,20 @@ def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float
 
     Source: W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, chapter 17.
     """
-    what = "double_wishbone"
-    (radius,) = positive(what, radius=radius)
-    given = _checked(what, hardpoints, (*_DOUBLE_WISHBONE, "rim"))
-    p = {name: np.array(place) for name, place in _DOUBLE_WISHBONE.items()} | given
     bodies = {
-        "lower arm": ["lower_front", "lower_rear", "lower_ball", "damper_lower"],
-        "upper arm": ["upper_front", "upper_rear", "upper_ball"],
-        "knuckle": ["lower_ball", "upper_ball", "tie_outer", "wheel_centre", "spindle"],
-        "tie rod": ["tie_outer", "tie_inner"],
-        "wheel": ["wheel_centre", "spindle", "rim"],
+        "lower arm": "lower_front lower_rear lower_ball damper_lower",
+        "upper arm": "upper_front upper_rear upper_ball",
+        "knuckle": "lower_ball upper_ball tie_outer wheel_centre spindle",
+        "tie rod": "tie_outer tie_inner",
+        "wheel": "wheel_centre spindle rim",
     }
-    m = _front_left("double wishbone", "Two arms, tie rod and rack of a front left wheel.")
+    said = "Two arms, tie rod and rack of a front left wheel."
     ground = ("lower_front", "lower_rear", "upper_front", "upper_rear", "damper_top")
-    return _outboard(m, what, p, bodies, ground, radius)
+    return _outboard("double wishbone", said, _DOUBLE_WISHBONE, hardpoints, bodies, ground, radius)
 
 
-@public
-def five_link(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS) -> Mechanism:
+@offer
+def five_link(hardpoints: Mapping[str, Place] | None = None, radius: Length = _RADIUS) -> Mechanism:
     """Five-link suspension, four links and a tie rod between body and knuckle: n = 29, rows = 26, rank 26, g = 3.
 
     The links lower_front, lower_rear, upper_front and upper_rear run from their ``_inner`` to their ``_outer`` end. No
@@ -196,87 +185,52 @@ def five_link(hardpoints: Mapping[str, Place] | None = None, radius: float = _RA
 
     Source: W. Matschinsky, Road Vehicle Suspensions, chapters 2 and 3.
     """
-    what = "five_link"
-    (radius,) = positive(what, radius=radius)
-    given = _checked(what, hardpoints, (*_FIVE_LINK, "rim"))
-    p = {name: np.array(place) for name, place in _FIVE_LINK.items()} | given
     links = ("lower_front", "lower_rear", "upper_front", "upper_rear")
-    bodies = {name.replace("_", " ") + " link": [f"{name}_inner", f"{name}_outer"] for name in links}
-    bodies["knuckle"] = [*(f"{name}_outer" for name in links), "tie_outer", "wheel_centre", "spindle", "damper_lower"]
-    bodies |= {"tie rod": ["tie_outer", "tie_inner"], "wheel": ["wheel_centre", "spindle", "rim"]}
+    bodies = {name.replace("_", " ") + " link": f"{name}_inner {name}_outer" for name in links}
+    bodies["knuckle"] = " ".join(f"{name}_outer" for name in links) + " tie_outer wheel_centre spindle damper_lower"
+    bodies |= {"tie rod": "tie_outer tie_inner", "wheel": "wheel_centre spindle rim"}
     ground = (*(f"{name}_inner" for name in links), "damper_top")
     said = "Four links, tie rod and rack of a front left wheel that steers about a moving axis."
-    m = _front_left("five-link", said)
-    return _outboard(m, what, p, bodies, ground, radius)
-
-
-def _front_left(kind: str, said: str) -> Mechanism:
-    return Mechanism(f"{kind} suspension", dim=3, description=said, length_unit="mm", angle_unit="deg")
+    return _outboard("five-link", said, _FIVE_LINK, hardpoints, bodies, ground, radius)
 
 
 def _outboard(
-    m: Mechanism,
-    what: str,
-    p: dict[str, np.ndarray],
-    bodies: dict[str, list[str]],
+    kind: str,
+    said: str,
+    drawn: Mapping[str, Place],
+    given: Mapping[str, Place] | None,
+    bodies: dict[str, str],
     ground: tuple[str, ...],
     radius: float,
 ) -> Mechanism:
-    """Points, bodies, damper and contact of a suspension whose knuckle holds wheel_centre, spindle and tie_outer."""
-    for points in bodies.values():
-        known = [name for name in points if name in p]
-        _apart(what, p, [(a, b) for i, a in enumerate(known) for b in known[i + 1 :]])
-    up = _up(what, p["spindle"] - p["wheel_centre"])
+    """Lay out a suspension whose knuckle holds wheel_centre, spindle and tie_outer, with its damper and contact."""
+    p = {name: np.array(place) for name, place in drawn.items()} | as_places(
+        given, {**drawn, "rim": ()}, 3, "hardpoints"
+    )
+    for names in bodies.values():
+        check_apart(p, *combinations([name for name in names.split() if name in p], 2))
+    up = _up(p["spindle"] - p["wheel_centre"])
     p.setdefault("rim", p["wheel_centre"] + radius * up)
-    for name in ground:
-        m.ground(name, tuple(p[name]))
-    for name in (*(n for n in p if n not in ("rim", "tie_inner", "damper_lower", *ground)), "rim", "damper_lower"):
-        m.point(name, tuple(p[name]))
-    m.point("tie_inner", tuple(p["tie_inner"]), fixed="xz")
-    for name, points in bodies.items():
-        m.body(name, points)
+    last = ("rim", "damper_lower", "tie_inner")
+    moving = {name: p[name] for name in (*(n for n in p if n not in (*last, *ground)), *last)}
+    fixed = {"tie_inner": "xz"}
+    m = lay_out(f"{kind} suspension", said, {n: p[n] for n in ground}, moving, bodies, fixed, **_UNITS)
     m.distance("damper", "damper_lower", "damper_top")
-    m.marker("contact", on="knuckle", at=tuple(p["wheel_centre"] - radius * up))
-    return _bump(m, "wheel_centre", ["tie_inner.y", "rim.x"], ["damper", "contact"])
+    return _drive_bump(m, p["wheel_centre"], radius * up, "wheel_centre", ["tie_inner.y", "rim.x"], "damper")
 
 
-def _bump(m: Mechanism, centre: str, hold: list[str], outputs: list[str]) -> Mechanism:
-    """The default drive: the wheel centre down and up, the rack and the wheel's spin held."""
-    height = m.model.points[centre][2]  # pyright: ignore[reportIndexIssue]
-    drive(m, outputs, {f"{centre}.z": (height - _TRAVEL, height + _TRAVEL)})
+def _drive_bump(m: Mechanism, wheel: Vector, below: Vector, centre: str, hold: list[str], length: str) -> Mechanism:
+    """Mark the contact, and store the default drive: the wheel centre down and up, rack and spin of the wheel held."""
+    m.marker("contact", on="knuckle", at=wheel - below)
+    height = float(wheel[2])
+    drive(m, [length, "contact"], {f"{centre}.z": (height - _TRAVEL, height + _TRAVEL)})
     m.model.run.hold = hold
     return m
 
 
-def _checked(what: str, hardpoints: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """The user's hardpoints as arrays."""
-    out = {}
-    for name, value in (hardpoints or {}).items():
-        if name not in known:
-            raise MechanismError(f"{what} has no hardpoint {name!r}; {nearest(name, known)}")
-        try:
-            place = np.array([float(v) for v in value])
-        except (TypeError, ValueError, OverflowError):
-            place = np.zeros(0)
-        if place.shape != (3,) or not np.isfinite(place).all():
-            raise MechanismError(f"{what}: hardpoint {name!r} must be three finite numbers (x, y, z), got {value!r}")
-        out[name] = place
-    return out
-
-
-def _apart(what: str, p: Mapping[str, np.ndarray], pairs: list[tuple[str, str]]) -> None:
-    for a, b in pairs:
-        if math.dist(p[a], p[b]) == 0.0:
-            raise MechanismError(f"{what}: hardpoints {a!r} and {b!r} are at the same place; move one of them")
-
-
-def _up(what: str, axis: np.ndarray) -> np.ndarray:
+def _up(axis: Vector) -> Vector:
     """Upward unit vector in the plane of a wheel."""
     size = float(np.linalg.norm(axis))
     if size == 0.0 or math.hypot(axis[0], axis[1]) <= 1e-6 * size:
-        raise MechanismError(
-            f"{what}: the wheel's spin axis is drawn vertical or without length; draw it across the car"
-        )
-    axis = axis / size
-    up = np.array([0.0, 0.0, 1.0]) - axis[2] * axis
-    return up / np.linalg.norm(up)
+        raise Misfit("the wheel's spin axis is drawn vertical or without length; draw it across the car")
+    return across_axis(Z, axis / size)

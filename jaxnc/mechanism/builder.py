@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from jaxnc.constraints import Kind, RateKind
     from jaxnc.forces import ForceKind
-    from jaxnc.io.robots import Exported
     from jaxnc.kinematics.motion import Motion
+    from jaxnc.robots import Exported
     from jaxnc.system.system import System
 
 
@@ -427,13 +427,13 @@ class Mechanism(Drawn, CoordinateBuilder):
         return save(self, path, kinds)
 
     def to_mjcf(self, path: "str | Path", at: "System | Motion | None" = None) -> "Exported":
-        """Write a MuJoCo file (MJCF) of the mechanism, a design of it, or a motion; see `jaxnc.io.robots.to_mjcf`."""
-        from jaxnc.io import robots
+        """Write a MuJoCo file (MJCF) of the mechanism, a design of it, or a motion; see `jaxnc.robots.to_mjcf`."""
+        from jaxnc import robots
 
         return robots.to_mjcf(self, path, at)
 
     def to_urdf(self, path: "str | Path", at: "System | Motion | None" = None) -> "Exported":
-        """Write a URDF file of the mechanism, with a table of its loops; see `jaxnc.io.robots.to_urdf`."""
-        from jaxnc.io import robots
+        """Write a URDF file of the mechanism, with a table of its loops; see `jaxnc.robots.to_urdf`."""
+        from jaxnc import robots
 
         return robots.to_urdf(self, path, at)

@@ -323,7 +323,7 @@ class LoadBuilder(SpatialJointBuilder):
             name: its name.
             point: the point.
             value: components in the ground's axes, N; or a function ``f(t, state, parameters)`` that returns them (see
-                `jaxnc.dynamics.state.State`).
+                `jaxnc.dynamics.model.State`).
             parameters: what the function gets: any pytree of float arrays, design variables all.
         """
         self._new_name(name, self.model.forces, "force")

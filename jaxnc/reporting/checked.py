@@ -8,10 +8,10 @@ from jaxnc.errors import AssemblyError, InputError, counted
 from jaxnc.io.drives import is_angle, sweep_arguments, unit_of
 from jaxnc.kinematics.arc import travel
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
-from jaxnc.kinematics.loose import explain_lock, undriven_freedoms
+from jaxnc.kinematics.freedoms import explain_lock, undriven_freedoms
+from jaxnc.kinematics.inputs import doubtful_size
 from jaxnc.kinematics.mobility import IDLE, Mobility
 from jaxnc.kinematics.position import solve_position
-from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.reporting.quantity import shown_in

@@ -9,11 +9,9 @@ import numpy as np
 
 from jaxnc.io.drives import unit_of as unit_in_radians
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
-from jaxnc.kinematics.hardpoints import RACK, usual
+from jaxnc.kinematics.inputs import METRES
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.kinematics.sizes import METRES
-from jaxnc.kinematics.wheel_report import SuspensionReport, suspension_report
 from jaxnc.mechanism import Mechanism
 from jaxnc.reporting.checked import apart
 from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
@@ -21,6 +19,8 @@ from jaxnc.reporting.verdict import Extreme, Poses, Simulated, Verdict, Wheel, W
 from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
 from jaxnc.system.system import System, characteristic_length
+from jaxnc.vehicle.hardpoints import RACK, usual
+from jaxnc.vehicle.report import SuspensionReport, suspension_report
 
 if TYPE_CHECKING:
     from jaxnc.dynamics.simulation import Simulation

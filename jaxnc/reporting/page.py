@@ -10,10 +10,8 @@ import numpy as np
 
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError, counted
-from jaxnc.io.files import plain
-from jaxnc.io.layout import toml
+from jaxnc.io.files import plain, toml
 from jaxnc.io.target import writing
-from jaxnc.kinematics.hardpoints import trade_names
 from jaxnc.kinematics.motion import Motion
 from jaxnc.reporting.checked import parts
 from jaxnc.reporting.curves import Curve, bars, chart, short, with_symbols
@@ -21,6 +19,7 @@ from jaxnc.reporting.outcome import energies, idle, inputs_at, scales_of
 from jaxnc.reporting.quantity import ZERO, Quantity, constant, unit_of
 from jaxnc.reporting.transmission import unexplained_bodies
 from jaxnc.reporting.verdict import Finding, Verdict
+from jaxnc.vehicle.hardpoints import trade_names
 from jaxnc.viz.pages.packing import fill_template
 from jaxnc.viz.pages.page import page_colours
 from jaxnc.viz.poses import poses
@@ -29,8 +28,8 @@ from jaxnc.viz.style import symbol
 from jaxnc.viz.svg import inline_pose
 
 if TYPE_CHECKING:
-    from jaxnc.kinematics.wheel_report import SuspensionReport
     from jaxnc.reporting.study import Report
+    from jaxnc.vehicle.report import SuspensionReport
 
 _LINES = 4  # curves in one chart
 _LABEL = 36  # letters of what a chart has room for

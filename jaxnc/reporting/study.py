@@ -17,8 +17,7 @@ from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.exports import version
 from jaxnc.io.drives import sweep_arguments
-from jaxnc.io.files import plain
-from jaxnc.io.layout import json_text
+from jaxnc.io.files import json_text, plain
 from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.diagnosis import Diagnosis
 from jaxnc.kinematics.inputs import make_plan
@@ -26,7 +25,6 @@ from jaxnc.kinematics.mobility import Mobility, mobility
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.sensitivity import Sensitivity, sensitivity
-from jaxnc.kinematics.wheel_report import SuspensionReport
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.notebooks import Shown
@@ -49,6 +47,7 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.system.assemble import assemble
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
+from jaxnc.vehicle.report import SuspensionReport
 from jaxnc.viz.draft import POSES, whole_range
 
 _LOOKED = 73  # poses at most at which derivatives are taken

@@ -14,7 +14,7 @@ import numpy as np
 from jax import lax
 
 from jaxnc.compiling import on_device
-from jaxnc.kinematics.redesign import flattened
+from jaxnc.kinematics.design import geometry_vector
 from jaxnc.synthesis.conditions import LARGE, Length
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.pytree import Leaves
@@ -41,7 +41,7 @@ class Boxes(NamedTuple):
     def of(cls, problem: Problem) -> "Boxes":
         """Read the bounds of a problem."""
         var, top = problem.variables, problem.system.topology
-        low, high = (np.full(len(np.asarray(flattened(problem.system))), v) for v in (-np.inf, np.inf))
+        low, high = (np.full(len(np.asarray(geometry_vector(problem.system))), v) for v in (-np.inf, np.inf))
         low[var.at], high[var.at] = var.low, var.high
         size = float(problem.length)
         width = np.full(len(low), size)
@@ -117,7 +117,7 @@ def draw_designs(problem: Problem, rng: np.random.Generator, count: int, fit: Fi
     var, dim, boxes = problem.variables, problem.system.topology.dim, Boxes.of(problem)
     spread = rng.uniform(0.1, 1.0, (count, 1)) * var.scale
     chance = rng.uniform(-1.0, 1.0, (count, len(var.at)))
-    flat = np.repeat(np.asarray(flattened(problem.system), float)[None], count, axis=0)
+    flat = np.repeat(np.asarray(geometry_vector(problem.system), float)[None], count, axis=0)
     flat[:, var.at] = var.home + spread * chance
     free = np.zeros(flat.shape[1], bool)
     free[var.at] = True
@@ -165,7 +165,7 @@ class Bounds(Leaves):
         can = free[ends].any(axis=2).astype(float)  # ends that may be moved
         kept = can.any(axis=1)
         share = can[kept] / can[kept].sum(axis=1, keepdims=True)
-        drawing = np.asarray(flattened(problem.system), float)
+        drawing = np.asarray(geometry_vector(problem.system), float)
         rows = problem.low / problem.scale, problem.high / problem.scale, problem.scale, drawing, var.at, share
         rest = ends[kept], boxes.shortest[some][kept], boxes.longest[some][kept]
         return cls(*on_device((*rows, *rest)), lengths=int(kept.sum()))

@@ -16,8 +16,8 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import positive
+from jaxnc.kinematics.instant import transmission_angle as angle_at
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.planar import transmission_angle as angle_at
 from jaxnc.pickling import Remade
 from jaxnc.synthesis.loops import Loop, four_bar_loop, loop_sines
 from jaxnc.synthesis.pytree import Leaves

@@ -11,8 +11,8 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
+from jaxnc.kinematics.mobility import grashof_type
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.planar import grashof_type
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, TransmissionAngle

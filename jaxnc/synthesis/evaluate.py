@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import jit, on_device
+from jaxnc.kinematics.design import attach_poses, geometry_vector
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.redesign import attached, flattened
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.lockstep import Lockstep, determinant, lockstep, matrix
@@ -298,7 +298,7 @@ def _row_scales(problem: Problem) -> list[np.ndarray]:
 def _derive_designs(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:
     """Derive constants and start of designs ``(designs, variables)``, with their changes with these and the input."""
     system, n = problem.system, z.shape[1]
-    flat, at = np.asarray(flattened(system), float), problem.variables.at
+    flat, at = np.asarray(geometry_vector(system), float), problem.variables.at
     every = np.zeros((len(flat), len(z), n + 2 if changes else 1))
     every[:, :, 0] = flat[:, None]
     every[at, :, 0] = z.T
@@ -475,7 +475,7 @@ def _motions_of(problem: Problem, x: Array, found: DesignPoses, poses: Any) -> t
     def motion(way: DesignPoses, q: Array, values: Any) -> Motion:
         zero = jnp.zeros(way.values.shape)
         out = make_motion(system, problem.driven, problem.hold, q, way.status, way.values, zero, zero)
-        return attached(out, system, values()[:, None]) if way.changes is None else out
+        return attach_poses(out, system, values()[:, None]) if way.changes is None else out
 
     def over(way: DesignPoses) -> Array:
         low, high = problem.span(way.values[0], extra)

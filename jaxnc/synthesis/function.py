@@ -11,7 +11,6 @@ from jaxnc.asking import numbers
 from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.problem import Extras, Problem, repeat_drawing
@@ -20,6 +19,7 @@ from jaxnc.synthesis.statement import complete, set_up, turn_of
 from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
 from jaxnc.system.system import System
 from jaxnc.types import Array
+from jaxnc.vehicle.suspension import ATTITUDE, attitude
 
 
 @functools.cache

@@ -13,8 +13,8 @@ from jaxnc.asking import ask, function_name, numbers, real
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
+from jaxnc.kinematics.design import attach_poses
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.redesign import attached
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.newton import tolerance
@@ -212,7 +212,7 @@ class Loss(Problem):
         status = jnp.where(good, int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))[None]
         zero, asked = jnp.zeros(1), known[view.known[:1]]
         motion = make_motion(system, self.driven, self.hold, known[None], status, asked, zero, zero)
-        return attached(motion, system, asked[None]), self.sweep_range(system, extra, poses)
+        return attach_poses(motion, system, asked[None]), self.sweep_range(system, extra, poses)
 
     def misses(self, motion: Motion, extra: Array) -> Array:
         return jnp.zeros((1,))

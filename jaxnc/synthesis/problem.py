@@ -18,9 +18,9 @@ from jax.core import Tracer
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
+from jaxnc.kinematics.design import geometry_vector, with_geometry
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
-from jaxnc.kinematics.redesign import flattened, rebuilt
 from jaxnc.mechanism import Mechanism
 from jaxnc.pickling import Remade, fields_of
 from jaxnc.solvers.assembly import derive, settle
@@ -231,12 +231,12 @@ class Problem(Remade, Leaves):
 
     def designed(self, z: Any) -> System:
         """The system with these values of the variables; pure, for traced values too."""
-        flat, at = flattened(self.system), self.variables.at
+        flat, at = geometry_vector(self.system), self.variables.at
         if isinstance(z, Tracer) or isinstance(flat, Tracer):
-            return rebuilt(self.system, jnp.asarray(flat).at[at].set(z))
+            return with_geometry(self.system, jnp.asarray(flat).at[at].set(z))
         new = np.array(flat)
         new[at] = np.asarray(z)
-        return rebuilt(self.system, new)
+        return with_geometry(self.system, new)
 
     def move(self, x: Any) -> Motion:
         """The motion through the targets."""

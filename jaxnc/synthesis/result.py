@@ -344,7 +344,7 @@ def load(folder: str | Path, problem: Problem) -> Result:
         raise InputError(f"{folder} holds no result of a search: there is no {path.name} in it")
     from jaxnc.io import archive
 
-    arrays = archive.read(path, "a file that Result.save wrote")
+    arrays = archive.read_archive(path, "a file that Result.save wrote")
     try:
         x, history, meta = arrays["x"], arrays["history"], json.loads(str(arrays["meta"]))
         ends, reasons = arrays["ends"], meta["reasons"]

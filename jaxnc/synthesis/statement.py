@@ -7,9 +7,9 @@ import numpy as np
 
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.design import geometry_components, geometry_vector
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.position import sweep
-from jaxnc.kinematics.redesign import components, flattened
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import LARGE, Condition, Equal, Length, Links, Own, Size
@@ -178,7 +178,7 @@ def choose_variables(
     Names are of points, vectors, markers, explicit dimensions or single components such as ``"D.x"``, all if none are
     given. Bounds ``(low, high)`` are None for none; of a point one pair for each axis, or one pair for all.
     """
-    every = components(system)
+    every = geometry_components(system)
     known = [*dict.fromkeys(n for n, _, _ in every), *(c for n, c, _ in every if c != n)]
     chosen = range(len(every))
     if free is not None:
@@ -191,7 +191,7 @@ def choose_variables(
         chosen = [k for k, (name, part, _) in enumerate(every) if name in free or part in free]
     at = np.array(list(chosen), dtype=int)
     names = tuple(every[k][1] for k in at)
-    home = np.asarray(flattened(system), dtype=float)[at]
+    home = np.asarray(geometry_vector(system), dtype=float)[at]
     size = float(characteristic_length(system.parameters.points))
     drawn = len(every) - len(system.topology.dimensions)
     scale = np.where(at < drawn, size, np.maximum(np.abs(home), 1e-3 * size))

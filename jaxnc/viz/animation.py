@@ -57,7 +57,7 @@ def animate(
         velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
         accelerations: the same for accelerations.
         forces: whether forces on points are drawn: True, or some of ``"weight"``, ``"applied"`` (springs, dampers,
-            loads) and ``"reaction"`` (see `jaxnc.dynamics.nodal.nodal_forces`); the motion must carry rates.
+            loads) and ``"reaction"`` (see `jaxnc.dynamics.reactions.nodal_forces`); the motion must carry rates.
         labels: whether points and unit vectors are named.
         title: heading; the mechanism's name if not given, none if ``""``.
         frame: whether axes with coordinates are drawn.

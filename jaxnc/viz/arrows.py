@@ -105,7 +105,7 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
     """Make arrows of forces where they act, all on one scale; kinds and places where nothing acts are left out."""
     if not wanted:
         return []
-    from jaxnc.dynamics.nodal import KINDS, nodal_forces
+    from jaxnc.dynamics.reactions import KINDS, nodal_forces
 
     kinds = KINDS if wanted is True else (wanted,) if isinstance(wanted, str) else tuple(wanted)
     for kind in kinds:

@@ -9,8 +9,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.instant import GROUND, InstantMotion, centrodes, instant_centres, instant_motion, path_curvature
-from jaxnc.kinematics.screw import ScrewAxis, axodes
+from jaxnc.kinematics.instant import (
+    GROUND,
+    InstantMotion,
+    ScrewAxis,
+    axodes,
+    centrodes,
+    instant_centres,
+    instant_motion,
+    path_curvature,
+)
 from jaxnc.viz.bodies import Bodies
 from jaxnc.viz.legend import Legend
 from jaxnc.viz.poses import Poses, evenly

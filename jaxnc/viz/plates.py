@@ -2,7 +2,7 @@
 
 import itertools
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,12 +10,12 @@ from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Curve
 
 from jaxnc.errors import InputError
-from jaxnc.io.workshop.assembly import Assembly
-from jaxnc.io.workshop.contours import rounded
-from jaxnc.io.workshop.lists import plain
-from jaxnc.io.workshop.stock import GROUND, Part
 from jaxnc.viz.picture import Picture, finish
 from jaxnc.viz.style import HEADING, INK, LIGHT, NUMBERS, TEXT, colour_of, furnish, mix, wide, wrap
+
+if TYPE_CHECKING:
+    from jaxnc.workshop.assembly import Assembly
+    from jaxnc.workshop.stock import Contour, Part
 
 _LARGE = (7.2, 6.4)  # the most that the plan takes, inches
 _EDGE = 0.62  # at the left and below, for numbers and names of axes
@@ -23,9 +23,10 @@ _LAYER = 0.2  # height of a layer from the side, inches
 _SMALL = 7.0  # points: names of pins
 _APART = 0.03  # between a pin and its name, inches
 _ARC = 16  # stretches that an arc is drawn by
+_GROUND = 0  # number of the ground plate
 
 
-def draw_plates(assembly: Assembly, path: str | Path | None = None, pose: int = 0, dpi: float = 200.0) -> Figure:
+def draw_plates(assembly: "Assembly", path: str | Path | None = None, pose: int = 0, dpi: float = 200.0) -> Figure:
     """Draw the plates of a mechanism in one pose, from above and from the side.
 
     Args:
@@ -77,12 +78,12 @@ def draw_plates(assembly: Assembly, path: str | Path | None = None, pose: int = 
         origin, direction = stands[pin.part]
         at = origin + pin.at * direction
         top = assembly.span(pin)[1]
-        disc = _circle(at, 0.5 * shop.pin)
+        disc = _plane(_circle(at, 0.5 * shop.pin))
         above.add_patch(PathPatch(Curve(disc, closed=True), facecolor=LIGHT["paper"], edgecolor=LIGHT["ink"],
                                   linewidth=0.7, zorder=2.5 + top, gid=f"pin {pin.name}"))  # fmt: skip
     _names(above, assembly, corners, [stands[p.part][0] + p.at * stands[p.part][1] for p in assembly.pins], scale)
     _from_the_side(edge, assembly, stands, corners)
-    title = f"{plain(assembly.name)}: {len(assembly.parts)} plates in {assembly.layers} layers on the ground plate"
+    title = f"{assembly.plain_name}: {len(assembly.parts)} plates in {assembly.layers} layers on the ground plate"
     note = ""
     if assembly.passing:
         near = assembly.passing[0]
@@ -99,24 +100,26 @@ def draw_plates(assembly: Assembly, path: str | Path | None = None, pose: int = 
 
 def _colours(k: int) -> tuple[str, str]:
     """Choose the colours of a part's area and edge."""
-    own = colour_of("ink", INK) if k == GROUND else colour_of("body", k - 1)
-    return mix(own, LIGHT["paper"], 0.1 if k == GROUND else 0.34), LIGHT["soft"] if k == GROUND else own
+    own = colour_of("ink", INK) if k == _GROUND else colour_of("body", k - 1)
+    return mix(own, LIGHT["paper"], 0.1 if k == _GROUND else 0.34), LIGHT["soft"] if k == _GROUND else own
 
 
-def _outline(assembly: Assembly, part: Part, origin: complex, direction: complex) -> Curve:
+def _outline(assembly: "Assembly", part: "Part", origin: complex, direction: complex) -> Curve:
     """Draw the outline of a part with its holes and slots."""
-    shop = assembly.shop
-    rings = [_ring(part.corners, 0.5 * shop.width)]
-    rings += [_ring(np.array([h.at]), 0.5 * shop.hole)[::-1] for h in part.holes]
-    rings += [_ring(np.array(s.ends), 0.5 * shop.hole)[::-1] for s in part.slots]
+    outline, *cuts = map(_ring, part.contours(assembly.shop))
+    rings = [outline, *(ring[::-1] for ring in cuts)]
     return Curve.make_compound_path(*(Curve(_plane(origin + ring * direction), closed=True) for ring in rings))
 
 
-def _ring(corners: np.ndarray, radius: float) -> np.ndarray:
-    """Write a rounded contour as places, closed, complex."""
-    if len(corners) == 1:
-        return corners[0] + radius * np.exp(2j * np.pi * np.linspace(0, 1, 3 * _ARC + 1))
-    out, ends = [], rounded(corners, radius)
+def _circle(at: complex, radius: float) -> np.ndarray:
+    return at + radius * np.exp(2j * np.pi * np.linspace(0, 1, 3 * _ARC + 1))
+
+
+def _ring(contour: "Contour") -> np.ndarray:
+    """Write a contour as places, closed, complex."""
+    if len(contour.corners) == 1:
+        return _circle(contour.corners[0], contour.radius)
+    out, ends = [], contour.bulges()
     for (w, bulge), (after, _) in zip(ends, [*ends[1:], ends[0]], strict=True):
         out.append(np.array([w]))
         if bulge:
@@ -127,16 +130,12 @@ def _ring(corners: np.ndarray, radius: float) -> np.ndarray:
     return np.append(ring, ring[0])
 
 
-def _circle(at: complex, radius: float) -> np.ndarray:
-    return _plane(_ring(np.array([at]), radius))
-
-
 def _plane(z: np.ndarray) -> np.ndarray:
     """Write complex places as ``(n, 2)``."""
     return np.stack([np.real(z), np.imag(z)], axis=1)
 
 
-def _names(ax, assembly: Assembly, corners: list[np.ndarray], pins: list[complex], scale: float) -> None:
+def _names(ax, assembly: "Assembly", corners: list[np.ndarray], pins: list[complex], scale: float) -> None:
     """Write names of parts with their layers, and of pins, where they do not lie on each other or on pins."""
     low, high = np.array([ax.get_xlim(), ax.get_ylim()]).T
     disc = np.full(2, 0.5 * assembly.shop.pin)
@@ -146,7 +145,7 @@ def _names(ax, assembly: Assembly, corners: list[np.ndarray], pins: list[complex
         half = 0.5 * np.array([wide(text, NUMBERS), 1.3 * NUMBERS]) / 72 / scale
         z = corners[k]
         shares = (0.5, 0.38, 0.62, 0.26, 0.74, 0.5, 0.38, 0.62)
-        ends = (z.mean(), z.mean()) if k == GROUND or len(z) > 2 else (z[0], z[-1])
+        ends = (z.mean(), z.mean()) if k == _GROUND or len(z) > 2 else (z[0], z[-1])
         spots = []
         for i, share in enumerate(shares):
             lift = 0.0 if i < 5 else 1.0
@@ -180,7 +179,7 @@ def _freest(spots: list[np.ndarray], half: np.ndarray, taken: list) -> np.ndarra
     return min(spots, key=over)
 
 
-def _from_the_side(ax, assembly: Assembly, stands: list, corners: list[np.ndarray]) -> None:
+def _from_the_side(ax, assembly: "Assembly", stands: list, corners: list[np.ndarray]) -> None:
     """Draw plates from the side, with pins and spacers; one layer is one unit high."""
     shop = assembly.shop
     thick = shop.thickness / shop.pitch

@@ -11,7 +11,6 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.hardpoints import usual
 from jaxnc.kinematics.inputs import angle_unit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
@@ -20,12 +19,13 @@ from jaxnc.status import Status
 from jaxnc.system.system import System
 from jaxnc.system.topology import Block, MarkerIndex, Topology
 from jaxnc.types import ArrayLike
+from jaxnc.vehicle.hardpoints import usual
 from jaxnc.viz.draft import draft
 
 if TYPE_CHECKING:
     from jaxnc.dynamics.reactions import Reactions
     from jaxnc.dynamics.simulation import Simulation
-    from jaxnc.kinematics.suspension import Suspension
+    from jaxnc.vehicle.suspension import Suspension
 
 _CHORD, _BEND, _BETWEEN = 0.02, 0.08, 8  # of a path's extent, radians: chords that are drawn as so many
 _LEAP = 1.0  # of the largest speed: how much more it changes within a step than accelerations account for, at an impact
@@ -70,7 +70,7 @@ class Poses:
         """Reactions: what passes through the joints."""
         if self.found is None and len(self.motion.rates) < 2:
             self.motion.acceleration(self.topology.points[0])  # says what is missing
-        from jaxnc.dynamics.reactions import reactions
+        from jaxnc.dynamics.inverse import reactions
 
         return reactions(self.motion if self.found is None else self.found)
 
@@ -80,7 +80,7 @@ class Poses:
         names = usual((*self.names, *self.directions)) if self.dim == 3 else None
         if names is None or names.contact not in self.names or not self.motion.driven:
             return None
-        from jaxnc.kinematics.suspension import suspension
+        from jaxnc.vehicle.suspension import suspension
 
         y = np.median(self.places[self.extent_poses, self.names.index(names.wheel_centre), 1])
         return suspension(self.motion, side="left" if y > 0 else "right")

@@ -10,8 +10,8 @@ from jaxnc.dynamics.energy import energy, kinetic_energy, potential_energy
 from jaxnc.errors import InputError, nearest
 from jaxnc.forces import COUPLE
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.suspension import ATTITUDE, NUMBERS
-from jaxnc.kinematics.wheel_report import LABELS
+from jaxnc.vehicle.report import LABELS
+from jaxnc.vehicle.suspension import ATTITUDE, NUMBERS
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import symbol
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, MultipleLocator
 
 from jaxnc.calls import public
-from jaxnc.dynamics.balance import energy_balance
+from jaxnc.dynamics.energy import energy_balance
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.picture import Picture, Size, finish, inches
@@ -20,8 +20,8 @@ from jaxnc.viz.style import BODIES, HEADING, LIGHT, LINES, NUMBERS, TEXT, axis_n
 
 if TYPE_CHECKING:
     from jaxnc.families.compare import Comparison
-    from jaxnc.kinematics.wheel_report import SuspensionReport, SuspensionRow
     from jaxnc.synthesis.tolerance.spread import Tolerance
+    from jaxnc.vehicle.report import SuspensionReport, SuspensionRow
 
 _BARS = 8  # dimensions shown
 _LETTERS = 8.5  # points, of a suspension's numbers

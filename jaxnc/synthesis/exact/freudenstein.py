@@ -10,8 +10,8 @@ from jaxnc.asking import ask, shaped
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import one_number
+from jaxnc.kinematics.instant import transmission_angle
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.planar import transmission_angle
 from jaxnc.kinematics.position import sweep
 from jaxnc.synthesis.exact.linkage import FourBar, wrap_angle
 from jaxnc.system.system import System

@@ -11,8 +11,9 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
+from jaxnc.kinematics.instant import transmission_angle
+from jaxnc.kinematics.mobility import Grashof, grashof_type
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.planar import Grashof, grashof_type, transmission_angle
 from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, settle

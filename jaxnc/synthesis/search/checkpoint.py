@@ -16,7 +16,7 @@ import jax
 import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError
-from jaxnc.kinematics.redesign import flattened
+from jaxnc.kinematics.design import geometry_vector
 from jaxnc.progress import bar
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.pytree import Leaves
@@ -61,7 +61,7 @@ class Course:
         """Bring a search to where it was saved; it is kept in the same file unless it has another one."""
         from jaxnc.io import archive
 
-        arrays = archive.read(path, "a file that a search with checkpoint= wrote")
+        arrays = archive.read_archive(path, "a file that a search with checkpoint= wrote")
         try:
             begun = json.loads(str(arrays["terms"]))
         except (KeyError, ValueError):
@@ -117,7 +117,7 @@ class Course:
 
 def _problem_digest(problem: Problem) -> str:
     """Digest of all numbers and names that make a problem."""
-    out = hashlib.sha256(np.asarray(flattened(problem.system), dtype=float).tobytes())
+    out = hashlib.sha256(np.asarray(geometry_vector(problem.system), dtype=float).tobytes())
     _add_to_digest(out, problem)
     return out.hexdigest()
 

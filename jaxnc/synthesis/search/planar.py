@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxnc.kinematics.redesign import components, flattened, rebuilt
+from jaxnc.kinematics.design import geometry_components, geometry_vector, with_geometry
 from jaxnc.synthesis.bounds import Boxes
 from jaxnc.synthesis.evaluate import marker_places
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration
@@ -57,11 +57,11 @@ def find_linear(problem: PathGeneration) -> Linear | None:
     system, top = problem.system, problem.system.topology
     if top.dim != 2 or top.vectors:
         return None
-    at = np.zeros(len(components(system)), dtype=bool)
+    at = np.zeros(len(geometry_components(system)), dtype=bool)
     at[problem.variables.at] = True
     spread = 2 * (len(top.points) + len(top.markers))
     x_free, y_free = at[:spread:2], at[1:spread:2]
-    flat = np.asarray(flattened(system), dtype=float)
+    flat = np.asarray(geometry_vector(system), dtype=float)
     x, y = flat[:spread:2], flat[1:spread:2]
     long = length_dimensions(problem)
     still = not long.any() or bool(at[spread:][long].all())
@@ -107,7 +107,7 @@ def move_whole(problem: PathGeneration, found: Linear, flat: np.ndarray, z0: Any
 def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
     """Take away from what is linear whatever does not do to the path what it does to the drawing."""
     top, size = problem.system.topology, problem.size
-    flat = np.asarray(flattened(problem.system), dtype=float)
+    flat = np.asarray(geometry_vector(problem.system), dtype=float)
     n = 2 * (len(top.points) + len(top.markers))
     z = flat[:n:2] + 1j * flat[1:n:2]
     ways = [(0.0, 1.0), (0.1 * size, 1.0), (0.1j * size, 1.0), (0.0, 1.1), (0.0, np.exp(1j * _ANGLE))]
@@ -137,7 +137,7 @@ def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
 
 def _point_paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Move a drawing over the range of the input: places of points, and which poses are found."""
-    motion = problem.sweep(rebuilt(problem.system, flat), np.linspace(*problem.travel, _POSES))
+    motion = problem.sweep(with_geometry(problem.system, flat), np.linspace(*problem.travel, _POSES))
     return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
 
 
@@ -412,6 +412,6 @@ class PlanarFit:
 
 def all_parameters(problem: PathGeneration, z: np.ndarray) -> np.ndarray:
     """All parameters of designs ``(B, variables)``."""
-    flat = np.repeat(np.asarray(flattened(problem.system), dtype=float)[None], len(z), axis=0)
+    flat = np.repeat(np.asarray(geometry_vector(problem.system), dtype=float)[None], len(z), axis=0)
     flat[:, problem.variables.at] = z
     return flat

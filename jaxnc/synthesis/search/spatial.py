@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxnc.kinematics.redesign import rebuilt
+from jaxnc.kinematics.design import with_geometry
 from jaxnc.synthesis.bounds import Boxes
 from jaxnc.synthesis.evaluate import assemble_drawings
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix, rotation_vector
@@ -515,7 +515,7 @@ class Spatial:
     def _track_point(self, flat: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Move a drawing over the range: the tracer's places, its body's turns, and which poses are found."""
         problem = self.problem
-        motion = problem.sweep(rebuilt(problem.system, flat[0]), np.linspace(*problem.travel, _POSES))
+        motion = problem.sweep(with_geometry(problem.system, flat[0]), np.linspace(*problem.travel, _POSES))
         q = np.asarray(motion.q)
         turns = np.broadcast_to(np.eye(3), (_POSES, 3, 3))
         if self.segments:

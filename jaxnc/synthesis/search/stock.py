@@ -15,8 +15,8 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.design import geometry_components, geometry_vector
 from jaxnc.kinematics.inputs import positive
-from jaxnc.kinematics.redesign import components, flattened
 from jaxnc.synthesis.conditions import Condition, Seen
 from jaxnc.synthesis.problem import Problem, with_fields
 from jaxnc.system.system import System
@@ -69,7 +69,7 @@ class Stock(Condition):
     def prepare(self, system: System, driven: str) -> "Stock":
         top = system.topology
         points = (*top.points, *(m.name for m in top.markers))
-        every = [part for _, part, _ in components(system)]
+        every = [part for _, part, _ in geometry_components(system)]
         if isinstance(self.what, str) and self.what in every:
             return dataclasses.replace(self, place=every.index(self.what))
         ends = self.what.partition("-")[::2] if isinstance(self.what, str) else self.what
@@ -84,7 +84,7 @@ class Stock(Condition):
     def value(self, seen: Seen) -> Array:
         """Value of the length or variable."""
         if self.place is not None:
-            return flattened(seen.system)[self.place]
+            return geometry_vector(seen.system)[self.place]
         a, b = self.what
         return jnp.linalg.norm(seen.motion[a][0] - seen.motion[b][0])
 

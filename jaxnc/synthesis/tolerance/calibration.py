@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
-from jaxnc.kinematics.redesign import redrawn
+from jaxnc.kinematics.design import shift_geometry
 from jaxnc.synthesis.tolerance.sampling import make_question, variable_components
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
@@ -236,7 +236,7 @@ def calibrate(
         rms[name] = float(np.sqrt(np.nanmean(residuals[name] ** 2))) if shown.any() else math.nan
     drawn = _flat_parameters(system)[at]
     return Calibration(
-        system=redrawn(system, at, jnp.asarray(x)),
+        system=shift_geometry(system, at, jnp.asarray(x)),
         variables=names,
         values=drawn + x,
         drawn=drawn,
@@ -260,7 +260,7 @@ def calibrate(
 def _weighted_residuals(
     asked, angles, system, at, changes, values, measured, weights
 ) -> tuple[Array, tuple[Array, Array]]:
-    motion = asked.move(redrawn(system, at, changes), values)
+    motion = asked.move(shift_geometry(system, at, changes), values)
     found = asked.read(motion)
     parts = []
     for name in sorted(measured):

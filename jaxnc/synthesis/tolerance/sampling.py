@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -13,11 +13,11 @@ import numpy as np
 from jaxnc.asking import numbers
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
+from jaxnc.kinematics.design import OutputSet, name_outputs, shift_geometry
 from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
-from jaxnc.kinematics.redesign import parts_of, redrawn
-from jaxnc.kinematics.sensitivity import Outputs, asked, design_components
+from jaxnc.kinematics.sensitivity import Outputs, design_components
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
@@ -143,9 +143,7 @@ class Question:
 
     driven: tuple[str, ...]  # names of the inputs
     held: tuple[str, ...]  # names of free coordinates that each design keeps at its own start value
-    # Names with what they are: a coordinate, or a function of a motion; one of name "" is the function that returns
-    # them all.
-    outputs: tuple[tuple[str, str | Callable[[Motion], Any]], ...]
+    outputs: OutputSet
     sequence: bool  # whether the inputs are a sequence, followed in order
 
     def move(self, system: System, values: Sequence[ArrayLike]) -> Motion:
@@ -157,13 +155,7 @@ class Question:
 
     def read(self, motion: Motion) -> dict[str, Array]:
         """Read the outputs off a motion."""
-        if self.outputs[0][0] == "":
-            return parts_of(asked(self.outputs[0][1], "outputs=", motion))  # pyright: ignore[reportArgumentType]
-        found = {
-            n: asked(output, f"output {n!r}", motion) if callable(output) else motion[output]
-            for n, output in self.outputs
-        }
-        return parts_of(found)
+        return name_outputs(self.outputs(motion))
 
 
 @widened
@@ -191,14 +183,7 @@ def make_question(
     shape = values[0].shape if values else ()
     if len(shape) > 1:
         raise InputError(f"{what}: inputs have shape {shape}; give one pose or a sequence of them")
-    if callable(outputs):
-        wanted: tuple = (("", outputs),)
-    else:
-        names = [outputs] if isinstance(outputs, str) else outputs
-        wanted = tuple(names.items()) if isinstance(names, Mapping) else tuple((name, name) for name in names)
-        if not wanted:
-            raise InputError(f"{what}: no outputs; name points or coordinates, or give a function of a motion")
-    return Question(tuple(inputs), tuple(hold), wanted, bool(shape)), tuple(values)
+    return Question(tuple(inputs), tuple(hold), OutputSet.of(what, outputs), bool(shape)), tuple(values)
 
 
 @functools.partial(jit, static_argnums=0)
@@ -206,7 +191,7 @@ def solve_batch(asked: Question, system: System, at: Array, changes: Array, valu
     """Outputs of every changed design, by name, and which poses converged; pure, compiled once for each question."""
 
     def one(change):
-        motion = asked.move(redrawn(system, at, change), values)
+        motion = asked.move(shift_geometry(system, at, change), values)
         return asked.read(motion), motion.converged
 
     return jax.vmap(one)(changes)

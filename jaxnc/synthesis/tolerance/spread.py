@@ -222,7 +222,7 @@ def tolerance(
         )
     lead = linear.converged.shape
     spreads: dict[str, Spread] = {}
-    wanted = [name for name, _ in asked.outputs]  # compiled functions return a mapping in alphabetical order
+    wanted = [name for name, _ in asked.outputs.wanted]  # compiled functions return a mapping in alphabetical order
     for name in sorted(found, key=lambda n: wanted.index(n) if n in wanted else len(wanted)):
         value = found[name]
         for label, index in by_component(name, value[0], lead).items():

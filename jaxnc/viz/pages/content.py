@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.kinematics.hardpoints import numbered
+from jaxnc.vehicle.hardpoints import number_names
 from jaxnc.viz.arrows import LONGEST, Arrows, arrows, shafts
 from jaxnc.viz.labels import place_labels
 from jaxnc.viz.pages.packing import pack, pack_places, quantum_of, round_numbers
@@ -231,7 +231,7 @@ def _spatial(
 def _common(data: Poses, scene: Any, traces: Sequence[int], drawn: Sequence[Arrows]) -> dict[str, Any]:
     """Collect points, traces, names and arrows of a scene of the plane or of space."""
     top, dim, quantum = data.topology, data.dim, quantum_of(data.places[data.extent_poses])
-    trade = numbered((*data.names, *data.directions)) if dim == 3 else {}
+    trade = number_names((*data.names, *data.directions)) if dim == 3 else {}
     points = [
         {
             "name": name,

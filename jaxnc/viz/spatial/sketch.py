@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from jaxnc.kinematics.hardpoints import numbered, usual
+from jaxnc.vehicle.hardpoints import number_names, usual
 from jaxnc.viz.bodies import Bodies, inline, outline, rank
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Label
@@ -208,7 +208,7 @@ class _SpaceSketch:
         self.items.append(Solid("road", SpaceFrame(contact, _UP, _ALONG), join(*plates)))
 
     def scene(self) -> SpaceScene:
-        trade = numbered((*self.poses.names, *self.poses.directions))
+        trade = number_names((*self.poses.names, *self.poses.directions))
         names = tuple(
             Label(p, f"{name} {trade[name]}" if name in trade else name) for p, name in enumerate(self.poses.names)
         )

@@ -1,0 +1,322 @@
+"""Analyses of few poses in NumPy: what `jaxnc.kinematics.traced` does by XLA for many, with nothing compiled.
+
+`solve_sequences` and `solve_lanes` take many designs at once and touch no JAX, so that a callback may call them.
+"""
+
+import functools
+import weakref
+from typing import Any
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from jaxnc.solvers import host
+from jaxnc.solvers.assembly import hosted
+from jaxnc.solvers.large import by_lu
+from jaxnc.solvers.plan import Plan, unwound
+from jaxnc.solvers.pose_batch import PoseBatch
+from jaxnc.status import Status
+from jaxnc.system.equations import Equations
+from jaxnc.system.host import HostEquations, from_jax
+from jaxnc.system.precision import farthest
+
+_SECONDS = 0.25  # of NumPy's time: what would take longer is worth compiling
+_LANE = 2e-6  # seconds for a pose of the smallest mechanism
+_ELEMENT = 1.5e-7  # and for each element of its Jacobian
+_BY_LU = 2e-5  # seconds for each unknown of a pose that is followed to by sparse LU
+_FOLLOWED = 10.0  # times as long takes a pose that is followed to
+_GUESSED = 50.0  # and one that is assembled from a guess
+_WORTH = 512  # poses that may be worth compiling
+_AGAIN = 0.2  # seconds of compiling that each batch of them is worth at least: who has asked twice will ask again
+_COMPILED = 0.1  # seconds of compiling for each unknown
+_FAR = 1e-2  # of the size: a longer step is none of the shortest, at which a branch ends
+_NEAR = 0.1  # of the size: a solution so near to a guess is the nearest
+
+
+_asked: weakref.WeakKeyDictionary[Plan, float] = weakref.WeakKeyDictionary()  # what batches were worth so far
+
+
+def suits_host(view: Plan, method: str, *given: Any) -> bool:
+    """Say whether the host finds poses: they are few, or of a large system, and nothing is traced.
+
+    This is the one rule for what XLA compiles. It compiles a batch for which NumPy would take longer than a quarter of
+    a second, and batches of hundreds of poses that are asked for again: each is taken to be worth a fifth of a second
+    of compiling, or as much as NumPy takes for it. A pose takes NumPy two microseconds and 0.15 for each element of the
+    Jacobian: 57,000 poses of a four-bar, 2,300 of a MacPherson strut; ten times as much where each of several inputs is
+    a lane of its own, so that every pose is followed to. More unknowns than can be written out, whose sparse matrices
+    SciPy factorises, are always the host's: XLA takes longer for a pose.
+
+    `given` are values ``(T, driven)`` of the inputs, and whatever else the poses are found from.
+    """
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
+        return False
+    count = len(given[0])
+    if not is_few(view, method, count):
+        return False
+    if count < _WORTH or method == "guess" or is_only_hosts(view, method):
+        return True
+    _asked[view] = _asked.get(view, 0.0) + max(_seconds(view, method, count), _AGAIN)
+    return _asked[view] <= _COMPILED * len(view.unknown)
+
+
+def is_few(view: Plan, method: str, count: int) -> bool:
+    """Say whether so many poses are few for the host; see `suits_host`."""
+    return is_only_hosts(view, method) or _seconds(view, method, count) <= _SECONDS
+
+
+def is_only_hosts(view: Plan, method: str) -> bool:
+    """Say whether poses are the host's however many there are."""
+    if view.large or method == "guess" or not by_lu(view):
+        return view.large
+    from jaxnc.solvers.batch import suits  # with all that XLA needs, and the host does not
+
+    return not suits(view)
+
+
+def _seconds(view: Plan, method: str, count: int) -> float:
+    """Estimate the time that NumPy takes for poses."""
+    lane = _LANE + _ELEMENT * len(view.rows) * len(view.unknown)
+    if by_lu(view) and method != "guess":
+        return count * _BY_LU * len(view.unknown)
+    if method == "guess" or (method == "lanes" and len(view.driven) > 1):
+        lane *= _GUESSED if method == "guess" else _FOLLOWED
+    return count * lane
+
+
+def analyse_on_host(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]) -> PoseBatch:
+    """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.traced.analyse_traced`."""
+    known, start, values = hosted(eq), np.asarray(q0), np.asarray(values)
+    inner = host.view_of(view, known) if orders else None
+    if method == "guess":
+        found = solve_nearest(view, known, start, values)
+    elif method == "lanes":
+        found = solve_lanes(view, known, start[None], values, np.zeros(len(values), int))
+    else:
+        found = solve_sequences(view, known, start[None], values[None], inner=inner).each(lambda x: x[0])
+    rates: tuple[np.ndarray, ...] = ()
+    if inner is not None:
+        good = found.status == int(Status.CONVERGED)
+        still = np.zeros((len(values), len(view.held)), known.dtype)
+        given = [np.concatenate([np.asarray(o, known.dtype), still], axis=1).T[:, good] for o in orders]
+        rates = tuple(np.zeros_like(found.q) for _ in orders)
+        if good.any():
+            with np.errstate(all="ignore"):
+                terms = host.rates(inner, found.q[good].T, given)
+            for out, term in zip(rates, terms, strict=True):
+                out[good] = term.T
+    return found._replace(rates=rates)
+
+
+def solve_sequences(
+    view: Plan,
+    eq: HostEquations,
+    start: np.ndarray,
+    values: np.ndarray,
+    first: np.ndarray | None = None,
+    inner: host.HostView | None = None,
+) -> PoseBatch:
+    """Solve for poses of sequences of inputs, each in order along its branch: many designs in lockstep, NumPy alone.
+
+    Args:
+        view: what is solved for.
+        eq: the equations of one design, or of D designs.
+        start: poses to begin from, ``(D, N)`` or one for all: the drawings, or a pose at the value before the first
+            that is wanted.
+        values: driven coordinates, ``(D, T, k)``.
+        first: which pose of each sequence is the first that is wanted, ``(D,)``; where it is zero, the drawing's turn
+            of a driven angle is the nearest. Zero if not given.
+        inner: what is solved for, on the host, if it is wanted afterwards: it knows the inverses of the last poses.
+
+    Returns:
+        The poses ``(D, T, N)``; what they are before the first one says nothing.
+    """
+    designs, total = values.shape[:2]
+    first = np.zeros(designs, int) if first is None else np.minimum(first, total - 1)
+    each, place = np.arange(designs)[:, None], np.arange(total)
+    values = values[each, np.minimum(place + first[:, None], total - 1)]
+    with np.errstate(all="ignore"):
+        fresh, begin = _grounded(view, eq, np.broadcast_to(start, (designs, start.shape[-1])))
+        inner = inner or fresh
+        known = np.concatenate([values.transpose(1, 2, 0), _held_values(view, begin, total)], axis=1)
+        assembled = _largest_row(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
+        turns = np.where(first[:, None] > 0, 0.0, _count_turns(view, begin, values[:, 0]))
+        turned = np.array(begin)
+        turned[view.known[: turns.shape[1]]] += 2 * np.pi * turns.T
+        found = host.sequences(inner, turned, known, total - first)
+        # The nearest turn may be closed, and the one that the drawing is on open.
+        again = np.flatnonzero(~found.good[::total] & turns.any(axis=1))
+        if len(again):
+            other = host.sequences(inner.taken(again), begin[:, again], known[..., again], total - first[again])
+            found.put((..., (again[:, None] * total + place).reshape(-1)), other)
+        way = inner.weights[view.known] * np.diff(np.concatenate([turned[view.known][None], known]), axis=0)
+        longest = np.abs(way).max(axis=1, initial=0.0).T * inner.least.smallest
+        found.exhausted[(longest > _FAR * np.reshape(inner.eq.length, (-1, 1))).reshape(-1)] = True
+        status = _status(inner, begin, found, _lost_in_order(found, assembled, total), np.repeat(each[:, 0], total))
+    back = (each * total + np.maximum(place - first[:, None], 0)).reshape(-1)
+    told = PoseBatch(found.q.T, found.size, found.conditioning, status=status)
+    return told.each(lambda x: x[back].reshape(designs, total, *x.shape[1:]))
+
+
+def solve_lanes(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> PoseBatch:
+    """Poses ``(L, N)`` of independent inputs, each on the straight way from a start pose: NumPy alone.
+
+    `which` is the start pose (and the design, where they are many) of each value, ``(L,)``; values are ``(L, k)``,
+    start poses ``(D, N)``.
+    """
+    with np.errstate(all="ignore"):
+        inner, begin = _grounded(view, eq, start)
+        values = np.asarray(values, inner.eq.dtype)
+        known = np.concatenate([values, _held_values(view, begin, 1)[0][:, which].T], axis=1)
+        turns = np.zeros_like(known)
+        turns[:, : values.shape[1]] = _count_turns(view, begin[:, which], values)
+        found = host.scattered(inner, begin, unwound(known, turns), which)
+        # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
+        again = np.flatnonzero(~found.good & turns.any(axis=1))
+        if len(again):
+            other = host.scattered(inner, begin, known[again], which[again])
+            turns[again] = 0.0
+            found.put((..., again), other)
+        found.q[view.known] = np.where(found.good, known.T, found.q[view.known] + 2 * np.pi * turns.T)
+        lost = np.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
+        status = _status(inner, begin, found, lost, which)
+    return PoseBatch(np.ascontiguousarray(found.q.T), found.size, found.conditioning, status=status)
+
+
+def solve_nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> PoseBatch:
+    """Poses ``(T, N)``, each the nearest to a guess: Newton, and where that leads far, Levenberg-Marquardt.
+
+    Guesses are ``(T, N)``, inputs ``(T, k)``.
+    """
+    with np.errstate(all="ignore"):
+        inner, begin = _grounded(view, eq, start)
+        begin[view.known[: values.shape[1]]] = values.T
+        q = host.corrected(inner, begin)
+        size, *upright, signs, conditioning = inner.told(q)
+        moved = inner.weights * (q - begin)
+        good = (size <= inner.tolerance(q)) & upright[0]
+        good &= np.sqrt(np.einsum("nl,nl->l", moved, moved)) <= _NEAR * eq.length
+        if view.square:
+            good &= (signs == inner.orientation(begin)).all(axis=0)
+        if not good.all():
+            far = np.flatnonzero(~good)
+            q[:, far] = host.corrected(inner, host.closest(inner, begin[:, far]).q)
+            size, *upright, _, conditioning = inner.told(q)
+            good = (size <= inner.tolerance(q)) & upright[0]
+        none = np.zeros(len(good), bool)
+        found = PoseBatch(q, size, conditioning, good, limit=none, crossed=none, mirrored=upright[1])
+        lost = np.full(len(good), int(Status.DID_NOT_ASSEMBLE))
+        status = _status(inner, None, found, lost, np.zeros(len(good), int))
+    return PoseBatch(np.ascontiguousarray(q.T), size, conditioning, status=status)
+
+
+def _grounded(view: Plan, eq: HostEquations, start: np.ndarray) -> tuple[host.HostView, np.ndarray]:
+    """Put start poses ``(N, D)`` on the ground of their designs; with them what is solved for."""
+    begin = np.array(np.asarray(start).T, eq.dtype)
+    home = eq.home[view.fixed]
+    begin[view.fixed] = home if home.ndim == 2 else home[:, None]
+    return host.view_of(view, eq), begin
+
+
+def _held_values(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
+    """Values of the held coordinates, ``(T, held, D)``."""
+    held = begin[view.known[len(view.driven) :]]
+    return np.broadcast_to(held, (total, *held.shape))
+
+
+def judge_start(view: Plan, eq: Equations, start: Any) -> int:
+    """Judge a start pose: zero where branches can be followed from it, else the status of all poses."""
+    inner, begin = _grounded(view, hosted(eq), np.asarray(start)[None])
+    assembled = _largest_row(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
+    status = 0 if assembled else int(Status.DID_NOT_ASSEMBLE)
+    if any(block.kind.mirror for block in view.topology.blocks) and inner.eq.guards(begin)[1][0]:
+        status = int(Status.MIRRORED)
+    return int(Status.LEFT_CLASS) if inner.eq.misfit > inner.least.misfit else status
+
+
+def repair_lanes(
+    view: Plan, method: str, eq: Any, start: np.ndarray, values: np.ndarray, wanted: np.ndarray
+) -> PoseBatch:
+    """Poses that were not found elsewhere: those that are wanted of several sequences of inputs.
+
+    Args:
+        view: what is solved for.
+        method: as of `analyse_on_host`.
+        eq: the equations for JAX, of arrays that are known; of one design, or designs first.
+        start: poses to begin from ``(S, N)``, or one for all: the drawings; of a sequence in order the last pose that
+            was found, if there is one.
+        values: driven coordinates ``(S, T, k)``.
+        wanted: which poses are asked for, ``(S, T)``; of a sequence in order all from the first one on.
+
+    Returns:
+        Poses ``(S, T, N)``, of each its status, largest residual and conditioning; where they are not wanted, zero.
+    """
+    shape, rows = wanted.shape, np.flatnonzero(wanted.any(axis=1))
+    many = len(start) > 1
+    of_designs = any(np.ndim(x) > y for x, y in ((eq.home, 1), (eq.length, 0)))
+    if of_designs:
+        eq = jax.tree.map(lambda a: a[rows if many else 0], eq)
+    equations, begin = from_jax(eq), start[rows] if many else start
+    none = functools.partial(np.zeros, dtype=start.dtype)
+    found = PoseBatch(none((*shape, start.shape[1])), none(shape), none(shape), status=np.zeros(shape, np.int32))
+    if method == "lanes":
+        row, at = np.nonzero(wanted)
+        owner = np.searchsorted(rows, row) if many else np.zeros(len(row), int)
+        new = solve_lanes(view, equations, begin, values[row, at], owner)
+        found.put((row, at), new)
+    elif len(rows):
+        first = np.argmax(wanted[rows], axis=1)
+        new = solve_sequences(view, equations, begin, values[rows], first)
+
+        def merge(x: np.ndarray, old: np.ndarray) -> np.ndarray:
+            return np.where(wanted[rows].reshape(*x.shape[:2], *[1] * (x.ndim - 2)), x, old[rows])
+
+        found.put(rows, new.each(merge, found))
+    return found
+
+
+def no_poses(eq: Equations, orders: tuple[Any, ...]) -> PoseBatch:
+    """Make the result of an analysis of no poses."""
+    none = np.zeros((0, len(eq.home)), eq.home.dtype)
+    rates = tuple(none for _ in orders)
+    return PoseBatch(none, none[:, 0], none[:, 0], status=np.zeros(0, np.int32), rates=rates)
+
+
+def _largest_row(r: np.ndarray) -> np.ndarray:
+    return np.max(np.abs(r), axis=0, initial=0.0)
+
+
+def _lost_in_order(found: PoseBatch, assembled: np.ndarray, total: int) -> np.ndarray:
+    """Statuses of a sequence's poses that are not on the branch: of the first why it ended, of the others none."""
+    good, limit, exhausted = (x.reshape(-1, total) for x in (found.good, found.limit, found.exhausted))
+    lost = np.where(assembled[:, None], int(Status.NOT_REACHED), int(Status.DID_NOT_ASSEMBLE))
+    lost = np.repeat(lost, total, axis=1)
+    each, first = np.arange(len(good)), np.argmin(good, axis=1)
+    ended = assembled & ~good[each, first] & ~((first > 0) & limit[each, first - 1])
+    why = np.where(exhausted[each, first], int(Status.TOO_FAR), int(Status.SINGULAR))
+    lost[each[ended], first[ended]] = why[ended]
+    return lost.reshape(-1)
+
+
+def _status(
+    view: host.HostView, start: np.ndarray | None, found: PoseBatch, lost: np.ndarray, which: np.ndarray
+) -> np.ndarray:
+    """`jaxnc.Status` of each pose as an integer; `which` are their start poses, which may be mirrored themselves."""
+    status = np.where(found.good, int(Status.CONVERGED), lost)
+    singular = found.good & (found.limit | found.crossed | (found.conditioning <= view.least.singular))
+    status = np.where(singular, int(Status.SINGULAR), status)
+    if any(block.kind.mirror for block in view.plan.topology.blocks):
+        fits = found.size <= view.taken(which).tolerance(found.q)
+        mirrored = (status != 0) & fits & found.mirrored
+        if start is not None:
+            mirrored |= view.eq.guards(start)[1][which]
+        status = np.where(mirrored, int(Status.MIRRORED), status)
+    left = np.asarray(view.eq.misfit > view.least.misfit)
+    return np.where(left[which] if left.ndim else left, int(Status.LEFT_CLASS), status) if left.any() else status
+
+
+def _count_turns(view: Plan, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Count whole turns from poses ``(N, L)`` to driven coordinates ``(L, k)``; zero where turns are counted."""
+    at = view.known[: len(view.driven)]
+    told = view.periodic[: len(at)] & (np.abs(targets) <= farthest(q))
+    return np.where(told, np.round((targets - q[at].T) / (2 * np.pi)), 0.0)

@@ -1,0 +1,387 @@
+"""A robot's description as a mechanism in natural coordinates: points and unit vectors that its links share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxnc.constraints import Kind
+from jaxnc.errors import MechanismError
+from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism.checked import PUNCTUATION
+from jaxnc.pickling import listed
+from jaxnc.robots.description import (
+    Description,
+    ElementaryJoint,
+    Follower,
+    Inertia,
+    LoopClosure,
+    Vec,
+    join_inertias,
+    perpendicular,
+)
+
+_PARALLEL = 1e-9  # sine of an angle below which axes are one direction
+_CLEAR = 0.2  # sine from which a direction is good to count an angle by
+_SAME = 1e-9  # of the robot's size: places that are one
+
+Direction = str | tuple[str, str]
+"""A vector, or two points."""
+
+
+def _polynomial(p, v, s, c):
+    """Let the change of a coordinate from the drawing be a polynomial of that of another."""
+    x = s[1] - c[1]
+    return (s[0] - c[0] - (c[2] + x * (c[3] + x * (c[4] + x * (c[5] + x * c[6])))),)
+
+
+FOLLOWED = Kind(
+    "joint that follows another",
+    _polynomial,
+    rows=("polynomial",),
+    powers=(0,),
+    scalars=2,
+    constants=("home", "of", "a0", "a1", "a2", "a3", "a4"),
+    drawn=lambda p, v, s, c: (s[0], s[1], c[2], c[3], c[4], c[5], c[6]),
+    source="MuJoCo, XML reference, equality/joint",
+)
+listed(__name__, (FOLLOWED,))
+
+
+@dataclass
+class Rigid:
+    """A set of links without joints between them, or a piece between two joints of a link."""
+
+    name: str
+    points: list[str] = field(default_factory=list)
+    vectors: list[str] = field(default_factory=list)
+    links: list[int] = field(default_factory=list)
+    loose: bool = True  # whether only balls hold it
+
+    def hold(self, point: str = "", vector: str = "") -> None:
+        """Add a point or a vector."""
+        for names, name in ((self.points, point), (self.vectors, vector)):
+            if name and name not in names:
+                names.append(name)
+
+
+class Anchor(NamedTuple):
+    """The point of a joint, its axis (none of a ball), and the rigids before and after it."""
+
+    point: str
+    axis: str
+    before: int
+    after: int
+
+
+class MovedPlaces(NamedTuple):
+    """Places of points and markers and unit vectors by name, and which of them the file has elsewhere."""
+
+    places: Mapping[str, Vec]
+    changed: set[str]
+
+
+class ImportTree:
+    """Builds the mechanism of a robot's description.
+
+    Attributes:
+        mechanism: the mechanism.
+        places: of its points.
+        directions: of its vectors.
+        rigids: its bodies, the ground first.
+        rigid_of: number of the rigid of each link.
+        bodies: name of the body of each rigid.
+        coordinates: the angle or distance of every hinge and slide that moves.
+        anchors: what each joint that moves is made of.
+        sliders: of each slide the point that slides.
+        pins: the points of each loop, on either side.
+        marks: markers: sites by link and name, and frames of links by link and "".
+        size: of the robot.
+    """
+
+    def __init__(self, description: Description):
+        self.description = d = description
+        self.places: dict[str, Vec] = {}
+        self.directions: dict[str, Vec] = {}
+        self._taken: set[str] = set()
+        self.rigids = [Rigid("ground", links=[0], loose=False)]
+        self.rigid_of = {0: 0}
+        self.bodies: dict[int, str] = {}
+        self.anchors: dict[str, Anchor] = {}
+        self.sliders: dict[str, str] = {}
+        self.pins: dict[str, tuple[str, str]] = {}
+        self.marks: dict[tuple[int, str], str] = {}
+        joints = d.joints
+        self.coordinates = {n: self._word(n) for n, j in joints.items() if j.kind in ("hinge", "slide") and not j.held}
+        origins = np.array([link.origin for link in d.links] + [j.at for j in joints.values()])
+        self.size = float(np.linalg.norm(np.ptp(origins, axis=0))) or 1.0
+        for k in range(1, len(d.links)):
+            self._hang(k)
+        welds = [loop for loop in d.loops if not self._pin(loop)]
+        for rigid in self.rigids[1:]:
+            self._orient(rigid)
+        angles = [self._angle(j) for j in joints.values() if j.kind == "hinge" and not j.held]
+        self.mechanism = self._write(angles, welds)
+
+    # -- names --------------------------------------------------------------------------------------------------
+
+    def _word(self, name: str) -> str:
+        """Return a name as the mechanism may have it, that nothing has yet."""
+        clean = "".join("_" if c in PUNCTUATION or not c.isprintable() else c for c in name) or "part"
+        k, out = 1, clean
+        while out in self._taken:
+            k += 1
+            out = f"{clean}_{k}"
+        self._taken.add(out)
+        return out
+
+    def _point(self, name: str, at: Vec) -> str:
+        name = self._word(name)
+        self.places[name] = np.array(at)
+        return name
+
+    def _vector(self, name: str, direction: Vec, *rigids: Rigid) -> str:
+        name = self._word(name)
+        self.directions[name] = np.array(direction) / np.linalg.norm(direction)
+        for rigid in rigids:
+            rigid.hold(vector=name)
+        return name
+
+    # -- joints -------------------------------------------------------------------------------------------------
+
+    def _hang(self, k: int) -> None:
+        link = self.description.links[k]
+        before = self.rigid_of[link.parent]
+        joints = [j for j in link.joints if not j.held]
+        held = ""
+        for i, joint in enumerate(joints, start=1):
+            name = link.name if i == len(joints) else f"{link.name} {i}"
+            self.rigids.append(Rigid(name, loose=joint.kind == "ball"))
+            at, axis, held = self._join(joint, self.rigids[before], self.rigids[-1], held)
+            self.rigids[before].loose &= joint.kind == "ball"
+            self.anchors[joint.name] = Anchor(at, axis, before, len(self.rigids) - 1)
+            before = len(self.rigids) - 1
+        self.rigid_of[k] = before
+        self.rigids[before].links.append(k)
+
+    def _join(self, joint: ElementaryJoint, parent: Rigid, child: Rigid, held: str) -> tuple[str, str, str]:
+        """Make a joint between two rigids; its point and axis, and the child's point, which the next may have too."""
+        at = held if held and self._near(self.places[held], joint.at) else self._point(f"{joint.name} at", joint.at)
+        parent.hold(at)
+        if joint.kind == "ball":
+            child.hold(at)
+            return at, "", at
+        parallel = (v for v in parent.vectors if self._sine(v, joint.axis) < _PARALLEL)
+        axis = next(parallel, None) or self._vector(f"{joint.name} axis", joint.axis, parent)
+        child.hold(vector=axis)
+        if joint.kind == "hinge":
+            child.hold(at)
+            return at, axis, at
+        across = (v for v in parent.vectors if self._sine(v, self.directions[axis]) > _CLEAR)
+        other = next(across, None) or self._vector(f"{joint.name} across", perpendicular(self.directions[axis]), parent)
+        child.hold(vector=other)  # with two directions shared the child cannot turn
+        on = self._point(f"{joint.name} on", joint.at)
+        child.hold(on)
+        self.sliders[joint.name] = on
+        return at, axis, on
+
+    def sense(self, joint: ElementaryJoint) -> float:
+        """Tell whether a joint counts along the vector that is its axis, 1, or against it, -1."""
+        return 1.0 if self.directions[self.anchors[joint.name].axis] @ joint.axis > 0 else -1.0
+
+    def _near(self, a: Vec, b: Vec) -> bool:
+        return bool(np.linalg.norm(a - b) <= _SAME * self.size)
+
+    def _sine(self, vector: str, direction: Vec) -> float:
+        return float(np.linalg.norm(np.cross(self.directions[vector], direction)))
+
+    def _pin(self, loop: LoopClosure) -> bool:
+        """Keep a place of two links together; False for a weld."""
+        one, other = (self.rigids[self.rigid_of[k]] for k in (loop.first, loop.second))
+        if loop.kind == "weld":
+            one.loose = other.loose = False
+            return one is other
+        if one is other:
+            return True
+        p = q = self._point(f"{loop.name} at", loop.at[0])
+        if not self._near(*loop.at):
+            q = self._point(f"{loop.name} on", loop.at[1])
+        one.hold(p)
+        other.hold(q)
+        self.pins[loop.name] = (p, q)
+        return True
+
+    def carry(self, frames: Mapping[int, tuple[Vec, np.ndarray]]) -> dict[str, Vec]:
+        """Place points and vectors that are not of the ground as links in other frames (place, axes) carry them."""
+        out: dict[str, Vec] = {}
+        for k, (origin, axes) in frames.items():
+            rigid, link = self.rigids[self.rigid_of[k]], self.description.links[k]
+            if not self.rigid_of[k] or rigid.links[0] != k:
+                continue
+            turn = axes @ link.turn.T
+            for p in rigid.points:
+                out.setdefault(p, origin + turn @ (self.places[p] - link.origin))
+            for v in rigid.vectors:
+                out.setdefault(v, turn @ self.directions[v])
+        ground = self.rigids[0]
+        return {n: x for n, x in out.items() if n not in (*ground.points, *ground.vectors)}
+
+    # -- orientations -------------------------------------------------------------------------------------------
+
+    def _spans(self, rigid: Rigid) -> list[tuple[Direction, Vec]]:
+        """List the directions that a rigid has: vectors first, then pairs of points."""
+        out: list[tuple[Direction, Vec]] = [(v, self.directions[v]) for v in rigid.vectors]
+        for p, q in combinations(rigid.points, 2):
+            d = self.places[q] - self.places[p]
+            if np.linalg.norm(d) > 1e-3 * self.size:
+                out.append(((p, q), d / np.linalg.norm(d)))
+        return out
+
+    def _orient(self, rigid: Rigid) -> None:
+        """Give a rigid the vectors that it needs to know its orientation."""
+        spans = [d for _, d in self._spans(rigid)]
+        if not self.flat(rigid) or self._rod(rigid):
+            return
+        first = spans[0] if spans else np.array([0.0, 0.0, 1.0])
+        if not spans:
+            self._vector(f"{rigid.name} line", first, rigid)
+        self._vector(f"{rigid.name} mark", perpendicular(first), rigid)
+
+    def _rod(self, rigid: Rigid) -> bool:
+        """Tell whether a rigid is a rod between two balls, with its centre of mass on the line."""
+        if not rigid.loose or len(rigid.points) != 2 or rigid.vectors:
+            return False
+        p, q = (self.places[n] for n in rigid.points)
+        u = (q - p) / np.linalg.norm(q - p)
+        whole = self._inertia(rigid)
+        off = 0.0 if whole is None else float(np.linalg.norm(np.cross(whole.com - p, u)))
+        return off <= 1e-3 * float(np.linalg.norm(q - p))
+
+    def flat(self, rigid: Rigid) -> bool:
+        """Tell whether a rigid is a rod, which does not know its rotation about its own line."""
+        spans = [d for _, d in self._spans(rigid)]
+        return max((float(np.linalg.norm(np.cross(a, b))) for a, b in combinations(spans, 2)), default=0.0) <= _CLEAR
+
+    def _angle(self, joint: ElementaryJoint) -> tuple[str, dict[str, Any]]:
+        """Choose how a hinge's angle is measured, from a direction of its parent to one of its child."""
+        anchor = self.anchors[joint.name]
+        start, to = (self._zero(joint, self.rigids[k]) for k in (anchor.before, anchor.after))
+        if self.sense(joint) < 0:
+            start, to = to, start
+        return self.coordinates[joint.name], {"start": start, "to": to, "about": anchor.axis}
+
+    def _zero(self, joint: ElementaryJoint, rigid: Rigid) -> Direction:
+        """Choose the direction of a rigid that is best across a hinge, a vector if there is a good one; or add one."""
+        u = self.directions[self.anchors[joint.name].axis]
+        good = [(s, spec) for spec, d in self._spans(rigid) if (s := float(np.linalg.norm(np.cross(d, u)))) > _CLEAR]
+        vectors = [x for x in good if isinstance(x[1], str)]
+        if good:
+            return max(vectors or good, key=lambda x: x[0])[1]
+        return self._vector(f"{joint.name} zero", perpendicular(u), rigid)
+
+    # -- the mechanism ------------------------------------------------------------------------------------------
+
+    def _write(self, angles: list[tuple[str, dict[str, Any]]], welds: list[LoopClosure]) -> Mechanism:
+        d = self.description
+        m = Mechanism(d.name or "robot", dim=3)
+        ground = self.rigids[0]
+        for name, at in self.places.items():
+            (m.ground if name in ground.points else m.point)(name, at)
+        for name, direction in self.directions.items():
+            (m.ground_vector if name in ground.vectors else m.vector)(name, direction)
+        m.gravity = d.gravity
+        for k, rigid in enumerate(self.rigids[1:], start=1):
+            name = rigid.name if rigid.name not in m.model.bodies and rigid.name != "ground" else f"{rigid.name} {k}"
+            self.bodies[k] = m.body(name, rigid.points, vectors=rigid.vectors, **self._mass(rigid))
+        for name, how in angles:
+            m.angle(name, **how)
+        for joint, on in self.sliders.items():
+            at, axis, *_ = self.anchors[joint]
+            m.slot(f"{joint} slot", on, (at, axis))
+            ends = (at, on) if self.sense(d.joints[joint]) > 0 else (on, at)
+            m.distance(self.coordinates[joint], *ends, along=axis)
+        for name, (p, q) in self.pins.items():
+            if p != q:
+                m.spherical(name, p, q)
+        for loop in welds:
+            one, other = (self.rigid_of[k] for k in (loop.first, loop.second))
+            if 0 in (one, other):
+                held = d.links[max(loop.first, loop.second)].name
+                raise MechanismError(f"weld {loop.name!r}: it holds {held!r} to the ground, so what is between cannot "
+                                     f"move; leave it out with without=[{loop.name!r}]")  # fmt: skip
+            m.weld(loop.name, self.bodies[one], self.bodies[other])
+        for follower in d.followers:
+            self._follow(m, follower)
+        for tie in d.ties:
+            m.relation(tie.name, {self.coordinates[j]: f for j, f in tie.terms.items()})
+        for joint in d.joints.values():
+            self._load(m, joint)
+        for k, link in enumerate(d.links):
+            for name, at in (("", link.origin), *link.sites.items()):
+                self._mark(m, k, name, at)
+        return m
+
+    def _follow(self, m: Mechanism, follower: Follower) -> None:
+        first = self.coordinates[follower.first]
+        if follower.second is None:
+            m.relation(follower.name, {first: 1.0})
+            return
+        second, f = self.coordinates[follower.second], (*follower.factors, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+        if f[0] == 0.0 and not any(f[2:]):
+            m.relation(follower.name, {first: 1.0, second: -f[1]})
+        else:
+            given: dict[str, float] = dict(zip(("a0", "a1", "a2", "a3", "a4"), f, strict=True))
+            m.constrain(follower.name, FOLLOWED, scalars=[first, second], constants=given)
+
+    def _load(self, m: Mechanism, joint: ElementaryJoint) -> None:
+        """Add the spring and the damper of a joint."""
+        name = self.coordinates.get(joint.name)
+        if name is None:
+            if joint.kind == "ball" and not joint.held and (joint.stiffness or joint.damping):
+                self.description.left_out.append(f"spring and damper of ball joint {joint.name!r}")
+            return
+        if joint.stiffness:
+            # A spring is without force where the joint is away from home by so much.
+            away = joint.rest - joint.reference
+            m.spring(f"{joint.name} spring", name, stiffness=joint.stiffness, preload=-joint.stiffness * away)
+        if joint.damping:
+            m.damper(f"{joint.name} damper", name, damping=joint.damping)
+
+    def _inertia(self, rigid: Rigid) -> Inertia | None:
+        masses = [self.description.links[k].inertia for k in rigid.links]
+        return join_inertias([m for m in masses if m is not None and m.mass > 0])
+
+    def _mass(self, rigid: Rigid) -> dict[str, Any]:
+        whole = self._inertia(rigid)
+        if whole is None:
+            return {}
+        com, tensor = whole.com, whole.tensor
+        if self.flat(rigid):
+            p, u = self.places[rigid.points[0]], self._spans(rigid)[0][1]
+            com = p + ((com - p) @ u) * u
+            mean = 0.5 * (np.trace(tensor) - u @ tensor @ u)
+            tensor = mean * (np.eye(3) - np.outer(u, u))
+            self.description.notes.append(
+                f"{rigid.name!r} is a rod between balls: it has no inertia about its own line"
+            )
+        tensor = 0.5 * (tensor + tensor.T)
+        return {"mass": whole.mass, "com": tuple(com), "inertia": tensor}
+
+    def _mark(self, m: Mechanism, k: int, name: str, at: Vec) -> None:
+        """Add a site of a link, or without a name the link's frame, as a marker; those of the ground stand still."""
+        number, link = self.rigid_of[k], self.description.links[k]
+        rigid = self.rigids[number]
+        if not number:
+            return
+        if self.flat(rigid):
+            p, u = self.places[rigid.points[0]], self._spans(rigid)[0][1]
+            if float(np.linalg.norm(np.cross(at - p, u))) > 1e-6 * self.size:
+                what = f"site {name!r}" if name else "frame"
+                self.description.left_out.append(
+                    f"{what} of {link.name!r}: it is beside the line of a rod, which does not know its own rotation"
+                )
+                return
+        self.marks[k, name] = self._word(name or f"{link.name} frame")
+        m.marker(self.marks[k, name], on=self.bodies[number], at=at)

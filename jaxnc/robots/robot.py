@@ -1,0 +1,250 @@
+"""A robot that was read from a file: its mechanism, and all of its joints from those that are actuated."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from jaxnc.calls import public
+from jaxnc.compiling import on_device
+from jaxnc.errors import InputError, MechanismError, ModelFileError
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position
+from jaxnc.mechanism import Mechanism
+from jaxnc.robots.import_tree import ImportTree, MovedPlaces
+from jaxnc.solvers.assembly import derive, rank_of, sample_poses
+from jaxnc.system.frames import quaternions
+from jaxnc.system.on_lanes import on_host
+from jaxnc.system.system import System
+from jaxnc.types import Array, Float
+
+if TYPE_CHECKING:
+    from jaxnc.robots.mjcf import MjcfFile
+    from jaxnc.robots.urdf import UrdfFile
+
+_RISES = 1e-6  # of a null space: what a coordinate must still move to be taken for an input
+
+
+@public
+class Robot:
+    """A robot that was read from a file, as a mechanism.
+
+    Points are where joints and loop constraints are (``<joint>_at``), unit vectors are axes (``<joint>_axis``); the
+    angle or distance of a joint is a coordinate of its name; frames of links (``<link>_frame``) and sites are markers.
+    In names dots, commas, dashes and spaces are underscores.
+
+    Attributes:
+        mechanism: the mechanism.
+        system: it compiled, as the file has it.
+        joints: names of all joints in the order of the file.
+        actuated: coordinates that `positions` takes: of the joints that motors drive, as far as they are independent.
+        held: coordinates that keep the value of the drawing: what else is free (joints with springs first).
+        left_out: what of the file is not in the mechanism, each in a phrase.
+        notes: what was chosen.
+    """
+
+    def __init__(self, file: "MjcfFile | UrdfFile", without: Sequence[str] = (), hold: Sequence[str] = ()):
+        try:
+            self._description = file.read(without, hold)
+            self._tree = ImportTree(self._description)
+        except MechanismError as error:
+            raise ModelFileError(f"{file.path}: {error}") from None
+        self._file: Any = file
+        self.mechanism: Mechanism = self._tree.mechanism
+        self.system: System = self.mechanism.compile()
+        self.joints = tuple(self._description.joints)
+        self.actuated, self.held = self._inputs()
+        self.left_out, self.notes = tuple(self._description.left_out), tuple(self._description.notes)
+
+    @property
+    def coordinates(self) -> dict[str, str]:
+        """The coordinate of every hinge and slide, by the joint's name in the file."""
+        return dict(self._tree.coordinates)
+
+    def _inputs(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Choose independent coordinates: of motors, then of springs, then of any joint, then anything that moves."""
+        top, joints = self.system.topology, self._description.joints
+        own = self._tree.coordinates
+        driven = [own[j] for j in self._description.actuated]
+        sprung = [c for j, c in own.items() if joints[j].stiffness and c not in driven]
+        others = [c for c in own.values() if c not in driven and c not in sprung]
+        dense = self.mechanism.compile(sparse=False)
+        sample = max(sample_poses(dense, 3)[::-1], key=lambda s: s.rank)  # not at home, which may be a dead point
+        _, null = rank_of(sample.jacobian)
+        moves = np.zeros((len(null), len(top.coordinates)))
+        moves[:, top.unknown] = null
+        chosen: list[str] = []
+        for name in (*driven, *sprung, *others, *top.named(top.unknown)):
+            if len(chosen) == len(null):
+                break
+            at = [top.position[c] for c in (*chosen, name)]
+            if np.linalg.svd(moves[:, at], compute_uv=False)[-1] > _RISES:
+                chosen.append(name)
+        motors = set(driven) or set(own.values())
+        return tuple(c for c in chosen if c in motors), tuple(c for c in chosen if c not in motors)
+
+    # -- all joints from some -----------------------------------------------------------------------------------
+
+    def positions(self, values: Any, system: System | None = None, **options: Any) -> Float[Array, "... nq"]:
+        """Values of all joints from those of the actuated ones, the loops closed.
+
+        Args:
+            values: of the joints in `actuated`, ``(..., actuated)``, counted as the file does, radians and lengths.
+            system: a design, other than the file's: `robot.system.replace(...)`.
+            options: those of `jaxnc.solve_position`.
+
+        Returns:
+            Values of all joints in the order of the file, MuJoCo's ``qpos``: one number for a hinge or slide, a
+            quaternion, scalar first, for a ball. May be jitted, mapped and differentiated with respect to both.
+
+        Raises:
+            InputError: another number of values.
+            AssemblyError: a single pose is not found.
+        """
+        return self.joint_values(self.pose(values, system, **options))
+
+    def pose(self, values: Any, system: System | None = None, **options: Any) -> Motion:
+        """Poses of the mechanism: points, vectors, angles, frames of links, from what `positions` takes."""
+        system = self.system if system is None else system
+        values = values if isinstance(values, Tracer) else np.asarray(values, dtype=float)
+        if values.ndim == 0 or values.shape[-1] != len(self.actuated):
+            raise InputError(
+                f"{self.mechanism.name!r} is driven by {len(self.actuated)} joints ({', '.join(self.actuated)}); got "
+                f"values of shape {values.shape}"
+            )
+        away = self._away(system)
+        inputs = {c: values[..., k] + away[c] for k, c in enumerate(self.actuated)}
+        return solve_position(system, inputs, hold=self.held, **options)
+
+    def _away(self, system: System) -> dict[str, Any]:
+        """Return what to add to a joint's value to have its coordinate, as drawn."""
+        home, top = derive(system).home, system.topology
+        if not isinstance(home, Tracer):  # nothing to compile
+            home = np.asarray(home)
+        joints = self._description.joints
+        return {c: home[top.position[c]] - joints[j].reference for j, c in self._tree.coordinates.items()}
+
+    def joint_values(self, motion: Motion) -> Float[Array, "... nq"]:
+        """Values of all joints of poses of the mechanism, in the order of the file."""
+        away, out = self._away(motion.system), []
+        lead, numeric = motion.status.shape, _array_library(motion)
+        for link in self._description.links:
+            for joint in link.joints:
+                if joint.held:
+                    out.append(numeric.broadcast_to(np.array(joint.held), (*lead, joint.width)))
+                elif joint.kind in ("hinge", "slide"):
+                    coordinate = self._tree.coordinates[joint.name]
+                    out.append((numeric.asarray(motion[coordinate]) - away[coordinate])[..., None])
+                else:  # a ball's rotation in the frame of its link
+                    anchor, home = self._tree.anchors[joint.name], _quaternion_matrix(*joint.quaternion)
+                    before, after = self._turn(motion, anchor.before), self._turn(motion, anchor.after)
+                    own = numeric.swapaxes(before, -1, -2) @ after
+                    out.append(quaternions(home @ link.turn.T @ own @ link.turn))
+        return _to_jax(numeric.concatenate(out, axis=-1))
+
+    def _turn(self, motion: Motion, number: int) -> Array:
+        """Rotation of a rigid from the drawing ``(..., 3, 3)``; of a rod the one without spin."""
+        rigid, numeric = self._tree.rigids[number], _array_library(motion)
+        if not number:
+            return numeric.broadcast_to(numeric.eye(3), (*motion.status.shape, 3, 3))
+        if not self._tree.flat(rigid):
+            return numeric.asarray(motion.orientation(self._tree.bodies[number]))
+        p, q = rigid.points
+        home, top = derive(motion.system).home, motion.system.topology
+        drawn = numeric.asarray(home)[: 3 * len(top.points)].reshape(-1, 3)
+        a = drawn[top.points.index(q)] - drawn[top.points.index(p)]
+        return _shortest_turn(a, numeric.asarray(motion[q]) - numeric.asarray(motion[p]))
+
+    def frames(self, motion: Motion) -> dict[str, tuple[Array, Array]]:
+        """Places ``(..., 3)`` and axes, as columns ``(..., 3, 3)``, of the frames of all links."""
+        out = {}
+        for k, link in enumerate(self._description.links[1:], start=1):
+            number = self._tree.rigid_of[k]
+            turn = _to_jax(self._turn(motion, number) @ link.turn)
+            if not number:
+                place = _array_library(motion).broadcast_to(np.asarray(link.origin), (*motion.status.shape, 3))
+                out[link.name] = (_to_jax(place), turn)
+            elif (k, "") in self._tree.marks:
+                out[link.name] = (motion[self._tree.marks[k, ""]], turn)
+        return out
+
+    # -- back ---------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | Path, system: System | None = None) -> Path:
+        """Write the file again, with the dimensions of a design.
+
+        Places of joints, axes, sites and loop constraints are those of the design's drawing; links keep their frames,
+        and everything else in the file stays as it is. Meshes are named as they were: keep the file in the same folder.
+        MuJoCo writes numbers to about seven digits.
+
+        Args:
+            path: where to; a file name of the same ending.
+            system: the design; the file's own if not given.
+
+        Raises:
+            InputError: a system of another robot, or one with other masses or springs, which are not written.
+            OutputError: the file cannot be written.
+        """
+        system = self.system if system is None else system
+        if system.topology != self.system.topology:
+            raise InputError(f"{system!r} is not a design of this robot; change robot.system by replace()")
+        for name in ("physical", "dimensions"):
+            if not np.array_equal(getattr(system.parameters, name), getattr(self.system.parameters, name)):
+                raise InputError(
+                    "save() writes places and directions; masses, springs or constants of relations of this design are "
+                    "not the file's, so change those in the file"
+                )
+        places, before = _named_places(system), _named_places(self.system)
+        changed = {name for name, at in places.items() if not np.array_equal(at, before[name])}
+        return self._file.save(Path(path), self._tree, MovedPlaces(places, changed))
+
+    def __repr__(self) -> str:
+        return (
+            f"Robot({self.mechanism.name!r}: {len(self._description.links) - 1} links, {len(self.joints)} joints, "
+            f"{len(self._description.loops)} loops, driven by {', '.join(self.actuated) or 'nothing'})"
+        )
+
+    def __str__(self) -> str:
+        lines = [repr(self)]
+        if self.held:
+            lines.append(f"  held: {', '.join(self.held)}")
+        lines += [f"  left out: {said}" for said in self.left_out] + [f"  note: {said}" for said in self.notes]
+        return "\n".join(lines)
+
+
+def _named_places(system: System) -> dict[str, np.ndarray]:
+    """Return places of points and markers and unit vectors of a design, by name."""
+    top, par = system.topology, system.parameters
+    out = dict(zip(top.points, np.asarray(par.points), strict=True))
+    out |= {n: v / np.linalg.norm(v) for n, v in zip(top.vectors, np.asarray(par.vectors), strict=True)}
+    return out | {m.name: at for m, at in zip(top.markers, np.asarray(par.markers), strict=True)}
+
+
+def _array_library(motion: Motion) -> Any:
+    """Choose NumPy for poses that are known, which then need nothing compiled; else JAX's arrays."""
+    return np if on_host(motion.poses, motion) else jnp
+
+
+def _to_jax(x: Any) -> Array:
+    return on_device(x) if isinstance(x, np.ndarray) else x
+
+
+def _quaternion_matrix(w: float, x: float, y: float, z: float) -> np.ndarray:
+    """Return the matrix of a unit quaternion."""
+    return np.array([[w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                     [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+                     [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z]])  # fmt: skip
+
+
+def _shortest_turn(a: Any, b: Any) -> Any:
+    """Return the smallest rotations ``(..., 3, 3)`` that take one direction ``(3,)`` to others ``(..., 3)``."""
+    numeric: Any = np if isinstance(b, np.ndarray) else jnp
+    a, b = a / numeric.linalg.norm(a), b / numeric.linalg.norm(b, axis=-1, keepdims=True)
+    v, c = numeric.cross(a, b), b @ a
+    zero = numeric.zeros_like(c)
+    rows = [zero, -v[..., 2], v[..., 1], v[..., 2], zero, -v[..., 0], -v[..., 1], v[..., 0], zero]
+    x = numeric.stack(rows, axis=-1).reshape(*c.shape, 3, 3)
+    return numeric.eye(3) + x + x @ x / (1.0 + c)[..., None, None]

@@ -1,0 +1,459 @@
+"""Plates, holes, slots and pins that a planar mechanism is made of."""
+
+import itertools
+import math
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.errors import InputError
+from jaxnc.kinematics.motion import Motion
+from jaxnc.viz.bodies import hull
+from jaxnc.workshop.clearances import distance
+from jaxnc.workshop.shop import Shop
+
+GROUND = 0
+"""Number of the ground plate."""
+
+_MADE = ("revolute", "prismatic", "slot", "weld")
+_APART = 1.5  # widths: between the two pins that keep a slider from turning
+_SAME = 1e-6  # mm
+
+
+@public
+@dataclass(frozen=True)
+class Frame:
+    """How a part moves: its origin is a point, its x axis turns with a line of two points; or both are constant.
+
+    Attributes:
+        origin: number of a point; None of the ground.
+        line: numbers of two points of one body, which give its direction; None where that is constant.
+        turn: the direction, or what it is turned by, a complex number of size 1.
+        span: distance of the two points, mm.
+    """
+
+    origin: int | None = None
+    line: tuple[int, int] | None = None
+    turn: complex = 1.0
+    span: float = 1.0
+
+    def direction(self, z: np.ndarray) -> np.ndarray:
+        """Return the x axis in poses ``(T, points)``, complex, ``(T,)``."""
+        if self.line is None:
+            return np.full(len(z), self.turn)
+        return (z[:, self.line[1]] - z[:, self.line[0]]) / self.span
+
+    def local(self, z: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """Return places ``(T,)`` as seen from the part."""
+        origin = 0.0 if self.origin is None else z[:, self.origin]
+        return (at - origin) / self.direction(z)
+
+    def row(self, w: complex, points: int) -> tuple[np.ndarray, complex]:
+        """Return a place of the part as a linear function of all points, ``(points,)``, and a constant."""
+        out = np.zeros(points, dtype=complex)
+        if self.origin is not None:
+            out[self.origin] += 1.0
+        if self.line is None:
+            return out, w * self.turn
+        out[self.line[1]] += w / self.span
+        out[self.line[0]] -= w / self.span
+        return out, 0.0
+
+
+@public
+@dataclass(frozen=True)
+class Hole:
+    """A round hole.
+
+    Attributes:
+        name: of the point, or of what its pin guides.
+        at: its place in the part, complex, mm.
+        pin: number of its pin, -1 if there is none.
+    """
+
+    name: str
+    at: complex
+    pin: int
+
+
+@public
+@dataclass(frozen=True)
+class Slot:
+    """A slot with round ends.
+
+    Attributes:
+        ends: middles of its ends in the part, complex, mm.
+        pins: numbers of the pins in it.
+    """
+
+    ends: tuple[complex, complex]
+    pins: tuple[int, ...]
+
+    @property
+    def length(self) -> float:
+        """From middle to middle of its ends, mm."""
+        return abs(self.ends[1] - self.ends[0])
+
+
+@public
+@dataclass(frozen=True)
+class Contour:
+    """All that lies within a radius of a convex shape; of one corner a circle.
+
+    Attributes:
+        kind: ``"outline"``, ``"hole"`` or ``"slot"``.
+        corners: of the shape, anticlockwise, complex, mm.
+        radius: mm.
+    """
+
+    kind: str
+    corners: np.ndarray
+    radius: float
+
+    @property
+    def area(self) -> float:
+        """Area inside, mm²."""
+        after = np.roll(self.corners, -1)
+        shape = 0.5 * float(np.imag(np.conj(self.corners) * after).sum())
+        return shape + self.radius * float(np.abs(after - self.corners).sum()) + np.pi * self.radius**2
+
+    def place(self, origin: complex, direction: complex) -> "Contour":
+        """Return the contour turned by a complex number of size 1, and then shifted."""
+        # One by one: a product of arrays is rounded otherwise, and what lies on an axis would leave it.
+        return Contour(self.kind, np.array([origin + complex(w) * direction for w in self.corners]), self.radius)
+
+    def bulges(self) -> list[tuple[complex, float]]:
+        """Return ends of lines and arcs, anticlockwise, each with the bulge of the way to the next.
+
+        A bulge is the tangent of a quarter of an arc, 0 of a straight line. A circle has none.
+        """
+        edges = np.roll(self.corners, -1) - self.corners
+        edges = edges / np.abs(edges)
+        out: list[tuple[complex, float]] = []
+        for k, corner in enumerate(self.corners):
+            before, after = edges[k - 1], edges[k]
+            turn = math.atan2((after * np.conj(before)).imag, (after * np.conj(before)).real)
+            turn = turn if turn > -1e-9 else turn + 2 * math.pi  # half a turn may come out as minus half
+            out.append((complex(corner - 1j * self.radius * before), math.tan(0.25 * max(turn, 0.0))))
+            out.append((complex(corner - 1j * self.radius * after), 0.0))
+        return out
+
+
+@dataclass
+class Part:
+    """A plate.
+
+    Attributes:
+        name: of its body, or bodies.
+        kind: ``"plate"`` (the ground), ``"link"`` or ``"slider"``.
+        frame: how it moves.
+        holes: its holes.
+        slots: its slots.
+        corners: those of its outline before it is rounded, anticlockwise in the part, complex, mm.
+    """
+
+    name: str
+    kind: str
+    frame: Frame
+    holes: list[Hole] = field(default_factory=list)
+    slots: list[Slot] = field(default_factory=list)
+    corners: np.ndarray = field(default_factory=lambda: np.zeros(0, complex))
+
+    def contours(self, shop: Shop) -> list[Contour]:
+        """Return the outline, holes and slots."""
+        cuts = [Contour("hole", np.array([h.at]), 0.5 * shop.hole) for h in self.holes]
+        cuts += [Contour("slot", np.array(s.ends), 0.5 * shop.hole) for s in self.slots]
+        return [Contour("outline", self.corners, 0.5 * shop.width), *cuts]
+
+    @property
+    def lying(self) -> complex:
+        """What the part is turned by in a drawing of its own: a bar lies along x, as bars are cut."""
+        if len(self.corners) != 2:
+            return 1 + 0j
+        along = self.corners[1] - self.corners[0]
+        return complex(np.conj(along) / abs(along)) * (1 if along.real > -1e-9 * abs(along) else -1)
+
+
+@dataclass
+class Pin:
+    """A pin.
+
+    Attributes:
+        name: of the point where it is.
+        part: number of a part that has a round hole for it.
+        at: its place in that part, complex, mm.
+        parts: numbers of all parts that it goes through.
+    """
+
+    name: str
+    part: int
+    at: complex
+    parts: list[int] = field(default_factory=list)
+
+
+class Guide(NamedTuple):
+    """A line of a part, along which pins slide."""
+
+    carrier: int  # number of the part
+    start: complex  # a place of the line in the part, mm
+    along: complex  # its direction there
+
+
+class _Reach(NamedTuple):
+    """A stretch of a guide that pins run over."""
+
+    start: complex
+    along: complex
+    low: float
+    high: float
+    pins: tuple[int, ...]
+
+
+class PartStock:
+    """Parts and pins of a mechanism in poses ``z``, ``(T, points)``, points as complex numbers in mm.
+
+    Attributes:
+        parts: plates, the ground first.
+        pins: pins, those of one part too.
+    """
+
+    def __init__(self, motion: Motion, z: np.ndarray, shop: Shop):
+        self.top, self.z, self.shop = motion.system.topology, z, shop
+        n = len(self.top.points)
+        self.fixed = np.array(self.top.fixed[: 2 * n], dtype=bool).reshape(n, 2)
+        self.ground: np.ndarray = np.all(self.fixed, axis=1)
+        self.parts = [Part("ground", "plate", Frame())]
+        self.pins: list[Pin] = []
+        self.holders: dict[int, set[int]] = defaultdict(set)  # parts that hold a point
+        self.lines: set[int] = set()  # points that only say where a line is
+        self.pin_at: dict[int, int] = {}  # the pin of a point
+        self.ways: list[tuple[int, Guide]] = []  # pins and the lines that they slide along
+        for joint in self.top.joints:
+            if not joint.drawn or joint.type not in _MADE:
+                what = joint.type if joint.drawn else f"{joint.owner.thing.name.lower()}"
+                raise InputError(
+                    f"to_parts(): {what} {joint.name!r} cannot be made of plates and pins; leave it out, or build the "
+                    f"rest as a mechanism of its own (shared points, {', '.join(_MADE)} can)"
+                )
+        self._group()
+        self._join()
+        self._guide()
+        self._drill()
+        for part in self.parts:
+            self._outline(part)
+            self._check_walls(part)
+
+    # -- parts --------------------------------------------------------------------------------------------------
+
+    def _group(self) -> None:
+        """Make a part of each set of bodies that are rigidly one; the ground takes in what is fixed to it."""
+        sets = [set(body.points) for body in self.top.bodies]
+        number = list(range(len(sets)))
+        welds = [{*joint.bodies} for joint in self.top.joints if joint.drawn and joint.type == "weld"]
+        for i, j in itertools.combinations(range(len(sets)), 2):
+            if len(sets[i] & sets[j]) > 1 or {i, j} in welds:
+                first, second = number[i], number[j]
+                number = [first if k == second else k for k in number]
+        for k in dict.fromkeys(number):
+            members = [i for i, group in enumerate(number) if group == k]
+            points = sorted(set().union(*(sets[i] for i in members)))
+            name = " + ".join(self.top.bodies[i].name for i in members)
+            if sum(self.ground[points]) > 1 or (len(points) == 1 and self.ground[points[0]]):
+                self._hold(GROUND, points)
+                continue
+            self._hold(len(self.parts), points)
+            if len(points) > 1:
+                self.parts.append(Part(name, "link", self._frame_of(points)))
+            else:
+                self.parts.append(Part(name, "slider", Frame(points[0], *self._direction_of(members[0]))))
+        self._hold(GROUND, np.flatnonzero(self.ground).tolist())
+
+    def _hold(self, part: int, points: list[int]) -> None:
+        for p in points:
+            self.holders[p].add(part)
+
+    def _frame_of(self, points: list[int]) -> Frame:
+        """Span the frame of a link by its two points that are farthest apart."""
+        home = self.z[0, points]
+        i, j = np.unravel_index(int(np.abs(home[:, None] - home).argmax()), (len(points),) * 2)
+        a, b = sorted((points[int(i)], points[int(j)]))
+        return Frame(a, (a, b), span=abs(self.z[0, b] - self.z[0, a]))
+
+    def _direction_of(self, body: int) -> tuple[tuple[int, int] | None, complex, float]:
+        """Find the line that a body of one point keeps its direction to, its direction if constant, and its span."""
+        found = self.top.bodies[body]
+        if found.base is None:
+            return None, 1.0 if self.fixed[found.points[0], 1] else 1j, 1.0
+        a, b = found.base
+        span = abs(self.z[0, b] - self.z[0, a])
+        if self.ground[[a, b]].all():
+            return None, (self.z[0, b] - self.z[0, a]) / span, 1.0
+        return (a, b), 1.0, span
+
+    def _holder(self, what: str, *points: int) -> int:
+        """Find the part that holds points; the ground first."""
+        found = set.intersection(*(self.holders[p] for p in points))
+        if not found:
+            names = " and ".join(repr(self.top.points[p]) for p in points)
+            raise InputError(f"to_parts(): {what}: no body holds {names}; put them on one body, so that it can be made")
+        return min(found)
+
+    # -- pins ---------------------------------------------------------------------------------------------------
+
+    def _join(self) -> None:
+        """Put a pin wherever parts meet in a point."""
+        one = list(range(len(self.top.points)))
+        for joint in self.top.joints:
+            if joint.type == "revolute":
+                p, q = joint.points[:2]
+                one = [one[p] if k == one[q] else k for k in one]
+        for k in dict.fromkeys(one):
+            points = [p for p, other in enumerate(one) if other == k]
+            parts = sorted(set().union(*(self.holders[p] for p in points)))
+            if parts:
+                at = self.parts[parts[0]].frame.local(self.z, self.z[:, points[0]])[0]
+                self.pin_at |= dict.fromkeys(points, len(self.pins))
+                self.pins.append(Pin(self.top.points[points[0]], parts[0], complex(at), parts))
+
+    def _guide(self) -> None:
+        """Let pins slide in lines, with a second pin for what slides without turning."""
+        sliders = {k for k, part in enumerate(self.parts) if part.kind == "slider"}  # that have no second pin yet
+        for joint in self.top.joints:
+            what = f"{joint.type} {joint.name!r}"
+            if joint.type == "slot":
+                a, b, p = joint.points
+                guide = self._line(what, a, b)
+                self._slide(p, guide)
+                base = next((x.base for x in self.top.bodies if x.points == (p,)), None)
+                for k in sorted(self.holders[p] & sliders) if base == (a, b) else ():
+                    sliders.remove(k)
+                    self._second_pin(k, p, guide)
+            elif joint.type == "prismatic":
+                a, b, c, d = joint.points
+                slider, guide = self._holder(what, c, d), self._line(what, a, b)
+                if c in (a, b):
+                    raise InputError(
+                        f"to_parts(): {what} begins at {self.top.points[c]!r}, a point of its own line; let it begin "
+                        f"at a point of the sliding body alone"
+                    )
+                self._slide(c, guide)
+                self._second_pin(slider, c, guide)
+        for p in np.flatnonzero(np.any(self.fixed, axis=1) & ~self.ground).tolist():
+            guide = Guide(GROUND, complex(self.z[0, p]), 1.0 if self.fixed[p, 1] else 1j)
+            self._slide(p, guide)
+            for k in sorted(self.holders[p] & sliders):
+                sliders.remove(k)
+                self._second_pin(k, p, guide)
+        if sliders:
+            raise InputError(
+                f"to_parts(): body {self.parts[min(sliders)].name!r} has one point and nothing that keeps it from "
+                f"turning; let its point slide in a slot, or leave the body out"
+            )
+
+    def _line(self, what: str, a: int, b: int) -> Guide:
+        """Find a line of two points in the part that carries it; these points are no holes because of it."""
+        self.lines.update((a, b))
+        carrier = self._holder(what, a, b)
+        start, toward = (self.parts[carrier].frame.local(self.z, self.z[:, k])[0] for k in (a, b))
+        return Guide(carrier, complex(start), complex((toward - start) / abs(toward - start)))
+
+    def _slide(self, p: int, guide: Guide) -> None:
+        """Let the pin of a point slide in a line."""
+        if p not in self.pin_at:
+            raise InputError(
+                f"to_parts(): point {self.top.points[p]!r} slides, and is on no body; add a body for it, so that it is "
+                f"made"
+            )
+        self.ways.append((self.pin_at[p], guide))
+
+    def _second_pin(self, slider: int, p: int, guide: Guide) -> None:
+        """Keep a slider from turning by a pin in the same line as that of its point."""
+        frame = self.parts[slider].frame
+        axis = guide.along * self.parts[guide.carrier].frame.direction(self.z)[0] / frame.direction(self.z)[0]
+        at = frame.local(self.z, self.z[:, p])[0] + _APART * self.shop.width * axis
+        self.ways.append((len(self.pins), guide))
+        self.pins.append(Pin(f"{self.parts[slider].name} guide", slider, complex(at), [slider]))
+
+    # -- holes --------------------------------------------------------------------------------------------------
+
+    def _places(self, pin: Pin) -> np.ndarray:
+        """Find where a pin is in all poses, ``(T,)``."""
+        row, constant = self.parts[pin.part].frame.row(pin.at, self.z.shape[1])
+        return self.z @ row + constant
+
+    def _drill(self) -> None:
+        """Make holes and slots, and note which parts pins go through."""
+        sliding = {k for k, _ in self.ways}
+        for k, pin in enumerate(self.pins):
+            points = {p for p, number in self.pin_at.items() if number == k}
+            if len(pin.parts) < 2 and k not in sliding and points <= self.lines:
+                continue  # a point that only says where a line is
+            for part in pin.parts:
+                at = self.parts[part].frame.local(self.z, self._places(pin))[0]
+                number = k if len(pin.parts) > 1 or k in sliding else -1
+                self.parts[part].holes.append(Hole(pin.name, complex(at), number))
+        reaches: dict[int, list[_Reach]] = defaultdict(list)
+        for k, (carrier, start, along) in self.ways:
+            where = self.parts[carrier].frame.local(self.z, self._places(self.pins[k]))
+            t = ((where - start) * np.conj(along)).real
+            # Between poses a smooth t leaves its samples by an eighth of its second differences; twice that is taken.
+            more = float(np.abs(np.diff(t, 2)).max(initial=0.0)) / 4 + self.shop.clearance
+            reaches[carrier].append(_Reach(start, along, float(t.min()) - more, float(t.max()) + more, (k,)))
+            if carrier not in self.pins[k].parts:
+                self.pins[k].parts.append(carrier)
+        for carrier, own in reaches.items():
+            self.parts[carrier].slots = [
+                Slot((r.start + r.low * r.along, r.start + r.high * r.along), r.pins) for r in self._merge(own)
+            ]
+
+    def _merge(self, own: list[_Reach]) -> list[_Reach]:
+        """Make one slot of those of a part that run into each other."""
+        room, out = self.shop.hole + self.shop.wall, []
+        for reach in own:
+            for k, r in enumerate(out):
+                off, turn = (reach.start - r.start) * np.conj(r.along), reach.along * np.conj(r.along)
+                if abs(off.imag) < _SAME and abs(turn.imag) < _SAME:
+                    ends = sorted(off.real + np.sign(turn.real) * x for x in (reach.low, reach.high))
+                    if ends[0] < r.high + room and ends[1] > r.low - room:
+                        low, high = min(r.low, ends[0]), max(r.high, ends[1])
+                        out[k] = _Reach(r.start, r.along, low, high, (*r.pins, *reach.pins))
+                        break
+            else:
+                out.append(reach)
+        return out if len(out) == len(own) else self._merge(out)
+
+    def _outline(self, part: Part) -> None:
+        places = np.array([h.at for h in part.holes] + [e for s in part.slots for e in s.ends], dtype=complex)
+        if not len(places):
+            raise InputError(f"to_parts(): {part.name!r} has no hole and no slot; pin it to something")
+        xy = np.round(np.stack([np.real(places), np.imag(places)], axis=1), 9)
+        _, first = np.unique(xy, axis=0, return_index=True)
+        kept = np.sort(first)
+        part.corners = places[kept][hull(xy[kept])] if len(kept) > 1 else places[kept]
+
+    def _check_walls(self, part: Part) -> None:
+        """Check that walls are left between holes and slots; holes that nothing is pinned in give way."""
+        least = self.shop.hole + self.shop.wall
+        cuts = [(h.name, (h.at, h.at), h.pin) for h in part.holes]
+        cuts += [(" and ".join(self.pins[k].name for k in s.pins), s.ends, s.pins[0]) for s in part.slots]
+        for (one, ends, pin), (other, others, second) in itertools.combinations(cuts, 2):
+            gap = float(distance(np.array([ends]), np.array([others]))[0][0])
+            if gap >= least:
+                continue
+            loose = [name for name, number in ((one, pin), (other, second)) if number < 0]
+            if loose:
+                part.holes = [h for h in part.holes if h.name != loose[0] or h.pin >= 0]
+                continue
+            slotted = "hole" if ends[0] == ends[1] and others[0] == others[1] else "hole or slot"
+            both = f"to_parts(): {part.name!r}: the {slotted} of {one} and that of {other}"
+            if gap < _SAME and slotted != "hole":
+                raise InputError(
+                    f"{both} run through each other, however thin the pins are: draw the guide where it does not pass "
+                    f"the bearing, such as a Scotch yoke's beside the crank"
+                )
+            raise InputError(
+                f"{both} are {gap:.3g} mm apart, and need {least:.3g}; use thinner pins, or a larger unit= (mm)"
+            )
