@@ -31,12 +31,12 @@ from jaxnc.errors import InputError, brief, nearest
 from jaxnc.kinematics.inputs import doubt_degrees, in_radians, positive, worst_rows
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.records import record
+from jaxnc.records import record, static
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.system.system import System
-from jaxnc.types import Array, Float
+from jaxnc.types import Array
 
 _APART = 1e-3  # of the mechanism's size, and of its largest speed: a state that is farther off is none of it
 
@@ -59,14 +59,31 @@ class VectorField:
     A field is made of a design once. Derivatives by the design are those by the system that it is made of, inside of
     what is differentiated, or by a system in `args`.
 
-    Attributes:
-        system: the system.
-        stabilise: how fast a state returns to the constraints, 1/s.
     """
 
-    system: System
-    stabilise: Float[Array, "..."]
-    _flow: Flow
+    # Arrays alone, of system, rate and flow: diffrax's BacksolveAdjoint takes no tree with an empty tuple in it.
+    _arrays: tuple[Array, ...]
+    _structure: Any = static()
+
+    @classmethod
+    def of(cls, system: System, stabilise: Any, flow: Flow) -> "VectorField":
+        """Put a field together from a system, how fast states return to the constraints (1/s), and its flow."""
+        arrays, structure = jax.tree.flatten((system, stabilise, flow))
+        return cls(tuple(arrays), structure)
+
+    @property
+    def system(self) -> System:
+        """The system."""
+        return jax.tree.unflatten(self._structure, self._arrays)[0]
+
+    @property
+    def stabilise(self) -> Array:
+        """How fast a state returns to the constraints, 1/s."""
+        return jax.tree.unflatten(self._structure, self._arrays)[1]
+
+    @property
+    def _flow(self) -> Flow:
+        return jax.tree.unflatten(self._structure, self._arrays)[2]
 
     def __call__(self, t: Any, y: Phase, args: Any = None) -> Phase:
         """Give the rates of a state.
@@ -195,7 +212,7 @@ class VectorField:
             )
         flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, self._flow.drives)
         flow = dataclasses.replace(flow, redundant=self._flow.redundant, drive_args=self._flow.drive_args)
-        return dataclasses.replace(self, system=system, _flow=flow)
+        return VectorField.of(system, self.stabilise, flow)
 
     def _pair(self, y: Any, *lead: int) -> Phase:
         """A state in two arrays; anything else is refused."""
@@ -341,4 +358,4 @@ def vector_field(
     flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, drives, bool(singular))
     flow = dataclasses.replace(flow, drive_args=more)
     rate = stabilise if isinstance(stabilise, jax.Array) else on_device(np.asarray(stabilise, float))
-    return VectorField(system, rate, flow.prepare())
+    return VectorField.of(system, rate, flow.prepare())
