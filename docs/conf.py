@@ -36,7 +36,7 @@ extensions = [
     "mathml",
     "gallery",
 ]
-exclude_patterns = ["_ext", "**/.ipynb_checkpoints"]
+exclude_patterns = ["_ext", "paper.md", "**/.ipynb_checkpoints"]
 suppress_warnings = ["config.cache"]
 default_role = "named"  # a name in docstrings, `sweep`: a link where it is public, code where not
 

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxnc.errors import CallError, JaxncError, UnknownName, brief, nearest
+from jaxnc.errors import CallError, JaxncError, UnknownName, brief, nearest, not_installed
 from jaxnc.promotion import promoted, promoting
 
 _P = TypeVar("_P", bound=Callable)
@@ -143,6 +143,11 @@ def _check_calls(f: Any, called: str, bound: int = 0) -> Any:
             said = _wrong_call(f, called, bound, args, options)
             if said is None:
                 raise
+        except ModuleNotFoundError as error:
+            missing = not_installed(error)
+            if missing is None:
+                raise
+            raise missing from None
         raise CallError(said)
 
     vars(call)["_public"] = True

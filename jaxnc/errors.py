@@ -43,6 +43,22 @@ class OutputError(JaxncError, OSError):
     """A file that could not be written."""
 
 
+_EXTRAS = {
+    "matplotlib": ("pictures", "Matplotlib", "plot"),
+    "PIL": ("films and the images of meshes", "Pillow", "plot"),
+}
+"""Packages that a minimal installation has not got: what needs them, what they are called, the extra that has them."""
+
+
+def not_installed(error: ModuleNotFoundError) -> JaxncError | None:
+    """What to say where a package is wanted that a minimal installation has not got; None of any other package."""
+    package = (error.name or "").partition(".")[0]
+    if package not in _EXTRAS:
+        return None
+    what, name, extra = _EXTRAS[package]
+    return JaxncError(f'{what} need {name}, which is not installed: pip install "jaxnc[{extra}]"')
+
+
 def writable(text: str) -> bool:
     """Say whether a text can be written to files and screens: it holds no half of a character (a lone surrogate)."""
     return not any("\ud800" <= letter <= "\udfff" for letter in text)

@@ -37,7 +37,15 @@ def on_demand(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str
         home = homes()[name]
         if home == package:
             return importlib.import_module(f"{package}.{name}")
-        found = getattr(importlib.import_module(home), name)
+        try:
+            found = getattr(importlib.import_module(home), name)
+        except ModuleNotFoundError as error:
+            from jaxnc.errors import not_installed  # with more than an import of jaxnc needs
+
+            missing = not_installed(error)
+            if missing is None:
+                raise
+            raise missing from None
         setattr(inside, name, found)
         return found
 

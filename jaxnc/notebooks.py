@@ -1,5 +1,6 @@
 """Things that show themselves in a notebook; the pictures are made by `jaxnc.viz` when they are asked for."""
 
+import importlib.util
 from typing import TYPE_CHECKING, Any
 
 from jaxnc.doors import door
@@ -11,7 +12,9 @@ if TYPE_CHECKING:
 class Shown:
     """A thing that notebooks show as a drawing and a short table; plain text elsewhere."""
 
-    def _repr_html_(self) -> str:
+    def _repr_html_(self) -> str | None:
+        if importlib.util.find_spec("matplotlib") is None:
+            return None  # the text does
         return door("show_html")(self)
 
 

@@ -26,6 +26,18 @@ def posed(s, x):
     return nc.solve_position(s, {"phi": x}, rates={"phi": 1.0}, throw=False)
 
 
+def closing(s, x):
+    """The closed residual of a pose that is off."""
+    equations = nc.system.closed(s, {"phi": x})
+    return equations.residual(whole(s)[2:4] * (1.0 + 0.1 * x))
+
+
+def swinging(s, x):
+    """Accelerations of the pendulum where its angle is x."""
+    field = nc.dynamics.vector_field(s)
+    return field(0.0, field.start({"phi": x}, {"phi": 1.0}))[1]
+
+
 derived = jax.jit(equations)  # as the package has it: operation by operation they are 50 programs in each cell
 
 
@@ -44,6 +56,7 @@ FEWEST = ("closed jit", "passed vmap")
 FUNCTIONS = {
     "residual": (lambda s, x: nc.system.residual(s, whole(s), {"phi": x}), EVERY),
     "jacobian": (lambda s, x: nc.system.jacobian(s, whole(s) * x), EVERY),
+    "closed": (lambda s, x: closing(s, x), EVERY),
     "equations": (lambda s, x: derived(s).constants[0] * x, EVERY),
     "total_mass": (lambda s, x: nc.dynamics.total_mass(s) * x, EVERY),
     "mass_matrix": (lambda s, x: nc.dynamics.mass_matrix(s)[0] * x, FEW),
@@ -58,9 +71,10 @@ FUNCTIONS = {
     "inverse_dynamics": (lambda s, x: nc.inverse_dynamics(s, at_rest(s, x)).efforts, FEWEST),
     "linearise": (lambda s, x: nc.linearise(s, posed(s, x)).stiffness, FEWEST),
     "simulate": (lambda s, x: nc.simulate(s, T, {"phi": x}, method="rk4").q, FEWEST),
+    "vector_field": (lambda s, x: swinging(s, x), FEWEST),
     "equilibrium": (lambda s, x: nc.equilibrium(s, {"phi": x}).motion.q, FEWEST),
 }
-QUICK = ("residual", "jacobian", "equations", "total_mass", "kinetic_energy")
+QUICK = ("residual", "closed", "jacobian", "equations", "total_mass", "kinetic_energy")
 # Answered on the host: an iteration whose length is not known, a text, a file. With numbers that are not known they
 # refuse; closed over they are answered while something else is traced.
 HOST = {

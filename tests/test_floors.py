@@ -395,7 +395,8 @@ def third_parties(root: Path) -> set[str]:
 def test_dependencies_are_declared_as_used(tmp_path):
     """No module imports what may not be installed, and nothing is installed that no module imports."""
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    names = {re.split(r"[^\w-]", text)[0] for text in declared["dependencies"]}
+    drawing = declared["optional-dependencies"]["plot"]
+    names = {re.split(r"[^\w-]", text)[0] for text in (*declared["dependencies"], *drawing)}
     modules = {"pillow": "PIL"}  # distributions that are not called what they are imported as
     optional = {"imageio_ffmpeg", "anywidget", "traitlets", "jaxtyping", "pandas", "xarray", "mujoco"}  # of extras
     optional |= {"ezdxf", "IPython"}  # the latter is there in a notebook, and asked for nowhere else

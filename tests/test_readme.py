@@ -78,8 +78,14 @@ def test_the_film_is_small():
     assert (ROOT / "docs" / "descent.gif").stat().st_size <= 600_000
 
 
-SLOW = {"docs/optimisers.md", "docs/synthesis.md", "docs/dynamics.md"}
-NEEDS = {"docs/widget.md": "anywidget", "docs/robots.md": "mujoco", "docs/files.md": "xarray"}
+SLOW = {"docs/optimisers.md", "docs/synthesis.md", "docs/dynamics.md", "docs/stack.md", "docs/pytorch.md"}
+NEEDS = {
+    "docs/widget.md": "anywidget",
+    "docs/robots.md": "mujoco",
+    "docs/files.md": "xarray",
+    "docs/stack.md": "optimistix",
+    "docs/pytorch.md": "torch",
+}
 PAGES = ["README.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]
 
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from jaxnc.dynamics.energy import potential_energy as potential_energy
     from jaxnc.dynamics.energy import total_mass as total_mass
     from jaxnc.dynamics.equilibrium import Equilibrium as Equilibrium
+    from jaxnc.dynamics.field import VectorField as VectorField
+    from jaxnc.dynamics.field import vector_field as vector_field
     from jaxnc.dynamics.inverse import InverseDynamics as InverseDynamics
     from jaxnc.dynamics.linear import Linearisation as Linearisation
     from jaxnc.dynamics.mass import mass_matrix as mass_matrix

@@ -125,7 +125,7 @@ def simulate(
     given = check_start(system, state)
     wanted = check_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
     places, wanted = wanted if isinstance(wanted, tuple) else (None, wanted)
-    drives, drive_args = _hoist_drives(tuple((inputs or {}).items()))
+    drives, drive_args = hoist_drives(tuple((inputs or {}).items()))
     event, event_parameters = _hoist_event(system, _three_arguments(event), event_parameters)
     control = Control(
         rtol, atol, 0.0 if first is None else first, most, count_steps(np.asarray(t), step) if fixed else 0
@@ -192,7 +192,7 @@ def _check_drives(drives: tuple[tuple[str, Callable], ...], t: Array) -> None:
             jax.eval_shape(lambda t, f=f, what=what: call_user(f, what, "t", t), value)
 
 
-def _hoist_drives(
+def hoist_drives(
     drives: tuple[tuple[str, Callable], ...],
 ) -> tuple[tuple[tuple[str, Callable], ...], tuple[tuple[Array, ...], ...]]:
     """Return functions of time that close over nothing that is traced, and for each what it closed over."""

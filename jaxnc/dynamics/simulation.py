@@ -36,7 +36,7 @@ class Simulation(Motion):
             rows on velocities.
         violation: largest residual of the constraints, and of their rates, over the run: two numbers.
         correction: how much the given start was changed to be consistent: pose (length) and rates.
-        steps: steps made, and steps rejected.
+        steps: steps made, and steps rejected; None where the integrator was not this library's.
         end: the time at which it ended, s.
     """
 
@@ -70,12 +70,13 @@ class Simulation(Motion):
         outside(self, "report()")
         t, status = np.asarray(self.time), np.asarray(self.status)
         bad = int(np.sum(status != 0))
-        made, rejected = (int(x) for x in self.steps)
         first, second = (float(x) for x in self.violation)
         pose, rate = (float(x) for x in self.correction)
-        lines = [
-            f"{self.system.name}: {t[0]:g} s to {float(self.end):.9g} s, {len(t)} times kept",
-            f"  steps                 {made}" + (f" and {rejected} rejected" if rejected else ""),
+        lines = [f"{self.system.name}: {t[0]:g} s to {float(self.end):.9g} s, {len(t)} times kept"]
+        if self.steps is not None:
+            made, rejected = (int(x) for x in self.steps)
+            lines.append(f"  steps                 {made}" + (f" and {rejected} rejected" if rejected else ""))
+        lines += [
             *_balance_lines(self.balance),
             f"  constraints           met to {first:.3g}, their rates to {second:.3g}",
             f"  start corrected by    {pose:.3g} (pose), {rate:.3g} (rates)",

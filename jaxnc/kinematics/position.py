@@ -147,13 +147,13 @@ def solve_position(
     flat = question.values.reshape(count, driven)
     orders = tuple(o.reshape(count, driven) for o in question.orders)
     if start is None:
-        begin = held_as_drawn(view, eq, q0, q0)
+        begin = held_as_drawn(system.topology, view, eq, q0, q0)
     else:
         top = system.topology
         known = {name: question.values[..., k] for k, name in enumerate(top.named(view.driven))}
         begin = start_poses(top, eq, q0, start, known, top.named(view.held), shape).reshape(count, -1)
         if isinstance(start, Mapping):
-            begin = held_as_drawn(view, eq, q0, begin, start)
+            begin = held_as_drawn(system.topology, view, eq, q0, begin, start)
     chosen = None if devices is None else choose(devices)
     found = _find_poses(view, "lanes" if start is None else "guess", eq, begin, flat, orders, repair, chosen)
     motion = question.answer(found)
@@ -345,7 +345,7 @@ def _follow_inputs(question: _Question, start: Motion | Mapping[str, Any] | None
     view, eq = question.view, derive(question.system)
     q0 = start_of(question.system, eq, start, repair=repair)
     if start is None:
-        q0 = held_as_drawn(view, eq, q0, q0)
+        q0 = held_as_drawn(question.system.topology, view, eq, q0, q0)
     found = _find_poses(view, "continuation", eq, q0, question.values, question.orders, repair)
     motion = _check_rolling(question.answer(found))
     if throw:
@@ -469,12 +469,14 @@ def start_of(
     return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home), repair).q
 
 
-def held_as_drawn(view: Plan, eq: Equations, q0: Array, begin: Array, given: Collection[str] = ()) -> Array:
+def held_as_drawn(
+    top: Topology, view: Plan, eq: Equations, q0: Array, begin: Array, given: Collection[str] = ()
+) -> Array:
     """Poses `begin`, whose held coordinates change in traced code with the drawing, as the start pose `q0` does.
 
-    But for those that are `given`, by their name or that of their point or vector.
+    But for those that are `given`, by their name or that of their point or vector; `top` has the names.
     """
-    names = [(c, view.topology.coordinates[c]) for c in view.held]
+    names = [(c, top.coordinates[c]) for c in view.held]
     held = np.array([c for c, name in names if not {name, name.rpartition(".")[0]} & {*given}], int)
     if not len(held) or not any(isinstance(x, Tracer) for x in jax.tree.leaves(eq)):
         return begin

@@ -47,7 +47,7 @@ def write_page(found: "Report", path: str | Path) -> Path:
         text, {"TITLE": title, "COLOURS": page_colours(dark), "BODY": "\n".join(filter(None, _body(found)))}
     )
     with writing(path, (".html", ".htm"), "a page") as new:
-        new.write_text(text, encoding="utf-8")
+        new.write_text(text, encoding="utf-8", newline="\n")
     return Page(Path(path).expanduser())
 
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.errors import InputError, WrongCount, nearest
+from jaxnc.errors import InputError, WrongCount, counted, nearest
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import match_rows, pivot_sizes, strong_components
@@ -48,6 +48,10 @@ class Plan:
     blocks: tuple[tuple[np.ndarray, np.ndarray], ...]  # the same grouped by size b, arrays (count, b)
     # What to do with more rows than unknowns: choose independent ones, instead of least squares.
     independent: bool = False
+
+    def __repr__(self) -> str:
+        sizes = (self.unknown, "unknown"), (self.known, "known coordinate"), (self.rows, "row")
+        return f"{type(self).__name__}({', '.join(counted(len(where), noun) for where, noun in sizes)})"
 
     @property
     def square(self) -> bool:
@@ -143,7 +147,7 @@ class Plan:
         return jnp.concatenate(signs), jnp.concatenate(sizes)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LargePlan(Plan):
     """A plan with a sparse Jacobian; the methods are those of `Plan`, a Jacobian is a vector ``(nnz,)``."""
 

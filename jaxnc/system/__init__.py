@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
+    from jaxnc.kinematics.closure import closed as closed
     from jaxnc.system.equations import Equations as Equations
     from jaxnc.system.equations import jacobian as jacobian
     from jaxnc.system.equations import residual as residual

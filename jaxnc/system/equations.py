@@ -28,7 +28,7 @@ from jaxnc.system.structure import Formula, pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
 from jaxnc.types import Array, Coordinates, Float, Inputs
-from jaxnc.validate import as_shape
+from jaxnc.validate import as_scalars, as_shape, call_user
 
 
 @record

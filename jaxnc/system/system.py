@@ -161,6 +161,67 @@ class System(Drawn):
                     leaves[leaf] = on_device(new)
         return dataclasses.replace(self, parameters=Parameters(**leaves, own=tuple(own)))
 
+    def named(self) -> dict[str, Any]:
+        """Take all design variables by name: what a recipe of optax or equinox takes by name.
+
+        A plain dict, so JAX takes it apart and puts it together, with names as its keys: a place ``(dim,)`` of each
+        point and marker, components ``(dim,)`` of each vector, a number for each explicit dimension (lengths, angles,
+        ratios), mass, stiffness and so on, and a pytree for each force that is a function with parameters. Inside of
+        traced code the values are traced. `from_named` is the way back.
+
+        Returns:
+            The values, in the order of `design_variables`.
+
+        Raises:
+            InputError: the system stands for several designs.
+        """
+        top, par = self.topology, self.parameters
+        if np.ndim(par.points) != 2:
+            raise InputError(
+                f"named() is of one design, and this {top.name!r} is several: map it, jax.vmap(lambda s: s.named())"
+            )
+        out: dict[str, Any] = {}
+        markers = tuple(m.name for m in top.markers)
+        for names, leaf in (
+            (top.points, par.points),
+            (top.vectors, par.vectors),
+            (markers, par.markers),
+            (top.dimensions, par.dimensions),
+            (top.loads.physical, par.physical),
+        ):
+            if isinstance(leaf, Tracer):
+                out.update(zip(names, leaf, strict=True))
+            else:  # nothing to compile
+                with numbers(leaf):
+                    out.update(zip(names, on_device([*np.asarray(leaf)]), strict=True))
+        out.update(zip((f.address for f in top.loads.functions), par.own, strict=True))
+        return out
+
+    def from_named(self, values: Mapping[str, Any]) -> "System":
+        """Put design variables by name back into a system, with every name that `named` gives; `replace` takes some.
+
+        Args:
+            values: the values, as `named` gives them; traced ones too.
+
+        Returns:
+            The system with them, of the same topology. Nothing recompiles.
+
+        Raises:
+            InputError: a name that is no design variable, one that is missing, or a value that `replace` refuses.
+        """
+        known = self.design_variables
+        for name in values:
+            if name not in known:
+                self._locate(name)  # a name that is short for another one is none here
+                raise InputError(f"{self.name!r}: from_named() takes whole names; {nearest(name, known)}")
+        missing = [name for name in known if name not in values]
+        if missing:
+            told = f"{_names(map(repr, missing))} {'is' if len(missing) == 1 else 'are'} missing"
+            raise InputError(
+                f"{self.name!r}: from_named() takes all {len(known)} design variables, and {told}; replace() takes some"
+            )
+        return self.replace(values)
+
     @property
     def dtype(self) -> np.dtype:
         """Type of its numbers, with which everything is calculated for it: float64 or float32."""
@@ -280,4 +341,4 @@ def _alike(old: Any, new: Any, name: str) -> Any:
     new = floats(new, name)
     if jax.tree.structure(old) != jax.tree.structure(new):
         raise InputError(f"parameters of {name!r} have the structure {jax.tree.structure(old)}; keep it")
-    return new
+    return jax.tree.map(lambda x, like: jnp.asarray(x, like.dtype), new, old)

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.constraints import Kind
+from jaxnc.errors import counted
 from jaxnc.pickling import fields_of
 from jaxnc.system.identity import Dimension, Names, Owner, Thing, called
 from jaxnc.system.loads import Loads
@@ -194,6 +195,15 @@ class Topology:
     def __reduce__(self):
         # Hashes of text differ from process to process, and what was derived is derived again.
         return Topology, tuple(value for name, value in fields_of(self).items() if name != "_hash")
+
+    def __repr__(self) -> str:
+        """Stand for all of it in a line: JAX prints a topology with every tree that it complains of.
+
+        The number at the end tells one from another within a process.
+        """
+        counts = (self.points, "point"), (self.bodies, "body", "bodies"), (self.row_owners, "row")
+        told = ", ".join(counted(len(things), *noun) for things, *noun in counts)
+        return f"Topology({self.name!r}: {told}, #{self._hash & 0xFFFF:04x})"
 
     def __copy__(self) -> "Topology":
         return self

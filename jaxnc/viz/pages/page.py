@@ -115,7 +115,7 @@ def to_html(
     )
     parts["COLOURS"] = page_colours("@media (prefers-color-scheme:dark){:root{#}}")
     with writing(path, (".html", ".htm"), "a page") as new:
-        new.write_text(fill_template(page_part("page.html"), parts), encoding="utf-8")
+        new.write_text(fill_template(page_part("page.html"), parts), encoding="utf-8", newline="\n")
     return Page(file_name(path))
 
 
