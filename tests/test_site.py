@@ -99,7 +99,8 @@ def test_pictures_of_pages_are_made_by_their_code():
     exec((ROOT / "docs" / "pictures.py").read_text(), namespace)
     for page, pictures in namespace["MADE"].items():
         text = (ROOT / "docs" / f"{page}.md").read_text()
-        assert set(re.findall(r"!\[[^]]*\]\(([^)]*)\)", text)) == set(pictures.values())
+        shown = {Path(name).name for name in re.findall(r"!\[[^]]*\]\(([^)]*)\)", text)}
+        assert shown - {"descent.gif"} == set(pictures.values())  # the film takes minutes: examples/descent.py
         for made, shown in pictures.items():
             assert f'"{made}"' in text and (ROOT / "docs" / shown).exists()
 

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics.extended import extended, is_concrete, lift, lift_rates, lower
@@ -37,6 +36,7 @@ from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.system.system import System
 from jaxnc.types import Array
+from jaxnc.validate import as_shape
 
 _APART = 1e-3  # of the mechanism's size, and of its largest speed: a state that is farther off is none of it
 
@@ -182,7 +182,7 @@ class VectorField:
             else:
                 hint = nearest(name, (*top.scalars, *top.points))
                 raise InputError(f"efforts: {top.name!r} has no point or coordinate {name!r}; {hint}")
-            push = push.at[at].add(jnp.asarray(shaped(value, f"effort on {name!r}", *np.shape(at))))
+            push = push.at[at].add(jnp.asarray(as_shape(value, f"effort on {name!r}", *np.shape(at))))
         _, added = jax.jvp(lambda extra: flow.accelerate(t, x, w, extra)[0], (still,), (push,))
         return jnp.zeros_like(q), lower(top, added)
 
@@ -200,7 +200,7 @@ class VectorField:
         Raises:
             InputError: states of another form.
         """
-        t = jnp.asarray(shaped(t, "times t", None))
+        t = jnp.asarray(as_shape(t, "times t", None))
         q, v = self._pair(y, len(t))
         return _motion(self, t, q, v)
 
@@ -222,7 +222,9 @@ class VectorField:
                 f"a state of {top.name!r} is a pair (q, v) of all coordinates and their rates, got {brief(y)}; "
                 f"start() makes one"
             )
-        q, v = (shaped(x, f"{which} of a state", *lead, len(top.coordinates)) for x, which in zip(y, "qv", strict=True))
+        q, v = (
+            as_shape(x, f"{which} of a state", *lead, len(top.coordinates)) for x, which in zip(y, "qv", strict=True)
+        )
         return jnp.asarray(q), jnp.asarray(v)
 
     def _refuse(self, t: Any, q: Array, v: Array) -> None:

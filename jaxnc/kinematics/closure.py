@@ -9,7 +9,6 @@ import numpy as np
 from jax import lax
 from jax.core import Tracer
 
-from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted, nearest
 from jaxnc.kinematics.inputs import (
@@ -33,6 +32,7 @@ from jaxnc.system.equations import Equations, derived
 from jaxnc.system.precision import as_its_system, numbers
 from jaxnc.system.system import System
 from jaxnc.types import Array, Float, Inputs
+from jaxnc.validate import as_shape
 
 
 @public
@@ -133,7 +133,7 @@ class ClosedEquations:
     def _checked(self, x: Any) -> Array:
         count = len(self._plan.unknown)
         what = f"x, the unknowns of {self.system.name!r},"
-        return jnp.asarray(shaped(x, what, count, dtype=self.system.dtype))
+        return jnp.asarray(as_shape(x, what, count, dtype=self.system.dtype))
 
     def _scattered(self, x: Array) -> Array:
         return self._plan.join(x, self.known, self._equations.home[self._plan.fixed])

@@ -2,7 +2,7 @@
 
 Poses are solved side by side, in a fixed number of steps. What is not found is asked of the host, once for all lanes,
 and only if one needs it: whatever `jax.vmap` maps becomes lanes here. The solve itself is not differentiated; its
-results are given their derivatives (see `jaxnc.solvers.newton.attach`), and then their rates.
+results are given their derivatives (see `jaxnc.solvers.newton.attach_pose`), and then their rates.
 """
 
 import functools
