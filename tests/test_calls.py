@@ -169,7 +169,6 @@ def own() -> dict[str, dict[str, Any] | None]:
         "from_mjcf": {"path": plane().to_mjcf("robot.xml").path},
         "from_urdf": {"path": plane().to_urdf("robot.urdf").path},
         "load": {"path": plane().save("plane.toml")},
-        "vehicle.attitude": {"motion": known["ride"], "name": "toe"},
         "vehicle.suspension_report": {"motion": known["ride"]},
         "kinematics.grashof_type": dict.fromkeys(("ground", "crank", "coupler", "rocker"), 1.0),
         "io.load_csv": {"path": known["motion"].to_csv("motion.csv")},

@@ -91,7 +91,7 @@ HOST = {
     "stream": lambda s: nc.stream(s, {"phi": np.zeros(3)}, "never.npz"),
 }
 OTHERS = (  # of a motion, a mechanism, a file, a function
-    "attitude axodes cache centrodes energy_balance formulate from_mjcf from_urdf grashof_type instant_centre "
+    "axodes cache centrodes energy_balance formulate from_mjcf from_urdf grashof_type instant_centre "
     "instant_centres instant_motion jit load load_csv load_npz outline path_curvature reactions robust shard "
     "suspension suspension_report transmission_angle widget"
 )

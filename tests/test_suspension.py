@@ -17,7 +17,7 @@ from jaxnc.kinematics import design
 from jaxnc.kinematics.inputs import doubtful_size
 from jaxnc.library import bennett
 from jaxnc.library.suspensions import double_wishbone, macpherson
-from jaxnc.vehicle.suspension import SIZES, attitude
+from jaxnc.vehicle.suspension import SIZES
 
 POSITION, VELOCITY, ACCELERATION = 1e-12, 1e-11, 1e-10  # of a metre and its rates; measured: 1e-14 at most
 ANGLE = 1e-12  # rad; measured: 2e-15
@@ -134,9 +134,9 @@ def test_toe_of_a_traced_motion_derives_no_equations(monkeypatch):
 
     monkeypatch.setattr(design, "derive", refused)
     for name in ("toe", "camber"):
-        assert jax.eval_shape(lambda m, name=name: attitude(m, name), motion).shape == (POSES,)
+        assert jax.eval_shape(lambda m, name=name: getattr(nc.suspension(m), name), motion).shape == (POSES,)
     with pytest.raises(AssertionError, match="axis"):
-        jax.eval_shape(lambda m: attitude(m, "roll_centre_height"), motion)
+        jax.eval_shape(lambda m: nc.suspension(m).roll_centre_height, motion)
 
 
 def test_a_grid_of_bump_and_steer_in_one_call():

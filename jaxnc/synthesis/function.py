@@ -19,12 +19,12 @@ from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, ch
 from jaxnc.system.system import System
 from jaxnc.types import Array
 from jaxnc.validate import as_array
-from jaxnc.vehicle.suspension import ATTITUDE, attitude
+from jaxnc.vehicle.suspension import ATTITUDE, suspension
 
 
 @functools.cache
-def _attitude_function(name: str) -> Callable[[Motion], Any]:
-    return functools.partial(attitude, name=name)
+def _read_attitude(motion: Motion, name: str) -> Any:
+    return getattr(suspension(motion), name)
 
 
 @public
@@ -106,7 +106,7 @@ class FunctionGeneration(Problem):
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
             drawing = repeat_drawing(stated.system, stated.driven, stated.hold, 1)
-            if shapes(_attitude_function(output), drawing) is None:
+            if shapes(functools.partial(_read_attitude, name=output), drawing) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         check_radians(table, f"{what}: values", turn_of(stated, False), "state one turn, which the others repeat")
         if isinstance(output, str) and output in top.scalars and top.periodic[top.scalars.index(output)]:
@@ -160,7 +160,7 @@ class FunctionGeneration(Problem):
         elif self.output in self.system.topology.position:
             found = motion[self.output]
         else:
-            found = attitude(motion, self.output)
+            found = _read_attitude(motion, self.output)
         off = extra[-1] if self.output_offset else 0.0
         return found - off - self.target
 

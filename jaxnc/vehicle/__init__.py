@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from jaxnc.vehicle.report import SuspensionRow as SuspensionRow
     from jaxnc.vehicle.report import suspension_report as suspension_report
     from jaxnc.vehicle.suspension import Suspension as Suspension
-    from jaxnc.vehicle.suspension import attitude as attitude
 
 
 __getattr__, __dir__ = on_demand(__name__)

@@ -185,6 +185,35 @@ class Suspension(Shown):
         return self.table(_ROWS) + note
 
 
+class _TracedSuspension(Suspension):
+    """A suspension in traced code: a number becomes a part of the program when it is asked for, others cost nothing."""
+
+    def __init__(self, motion: Motion, layout: "Layout", radius: Any):
+        vars(self).update(
+            _of=(motion, layout, radius), converged=motion.converged, length_unit=motion.system.topology.length_unit
+        )
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in NUMBERS:
+            raise AttributeError(f"a suspension has no number {name!r}")
+        motion, layout, radius = vars(self)["_of"]
+        return wheel_numbers(motion, layout, (name,), radius)[name]
+
+    def flatten(self) -> tuple[tuple, tuple]:
+        """All numbers, and what is static: what a traced function returns is a `Suspension` like any other."""
+        motion, layout, radius = vars(self)["_of"]
+        found = wheel_numbers(motion, layout, NUMBERS, radius)
+        names = [f.name for f in dataclasses.fields(Suspension) if f.name in NUMBERS]
+        return (*(found[name] for name in names), self.converged), (self.length_unit,)
+
+
+def _unflatten(rest: Any, parts: Any) -> Any:
+    return Suspension(*parts, *rest)
+
+
+jax.tree_util.register_pytree_node(_TracedSuspension, _TracedSuspension.flatten, _unflatten)
+
+
 def _table_columns(record: Suspension, every: bool = False) -> tuple[list[str], list[np.ndarray]]:
     """List headers and columns of a table, wheel travel first."""
     unit = record.length_unit
@@ -220,8 +249,7 @@ def suspension(
 
     The axes are those of ISO 8855: x forward, y to the left with y = 0 in the vehicle's centre plane, z up; the road is
     horizontal, and the wheel a thin disc. Displacements count from the drawing. Rates are exact: they follow from the
-    constraints' derivatives in every pose, also where the motion itself carries none. Differentiable. In traced code
-    all numbers are traced; `jaxnc.vehicle.attitude` tells a single one.
+    constraints' derivatives in every pose, also where the motion itself carries none. Pure JAX and differentiable.
 
     Args:
         motion: any poses of a spatial mechanism: a sweep, a grid, a single pose.
@@ -248,9 +276,11 @@ def suspension(
     Source: ISO 8855:2011, Road vehicles: vehicle dynamics and road-holding ability, vocabulary.
     """
     options = Options(side, wheel_centre, spin_axis, steering_axis, contact, radius, spring, bump, steer, carrier, axle)
-    found = wheel_numbers(motion, resolve(motion, options), NUMBERS, options.radius)
-    rest = {"converged": motion.converged, "length_unit": motion.system.topology.length_unit}
-    return Suspension(**(on_device(found) if outermost() else found), **rest)
+    layout = resolve(motion, options)
+    if not outermost():
+        return _TracedSuspension(motion, layout, options.radius)
+    found = on_device(wheel_numbers(motion, layout, NUMBERS, options.radius))
+    return Suspension(**found, converged=motion.converged, length_unit=motion.system.topology.length_unit)
 
 
 def _pose_reading(motion: Motion, **options: Any) -> PoseReading:
@@ -260,28 +290,6 @@ def _pose_reading(motion: Motion, **options: Any) -> PoseReading:
 
 
 vars(suspension)["pose_reading"] = _pose_reading
-
-
-@public
-def attitude(motion: Motion, name: str, **options: Any) -> Array | None:
-    """Read one number of a `Suspension`, and compute nothing that it does not need.
-
-    Args:
-        motion: as of `jaxnc.suspension`.
-        name: which number, such as ``"toe"``.
-        **options: as `jaxnc.suspension` takes them.
-
-    Returns:
-        The number ``(...,)``, the contact centre ``(..., 3)``; None if it cannot be told.
-
-    Raises:
-        InputError: as `jaxnc.suspension`, or an unknown number.
-    """
-    if name not in NUMBERS:
-        raise InputError(f"attitude: a suspension has no number {name!r}; {nearest(name, NUMBERS)}")
-    given = Options(**options)
-    found = wheel_numbers(motion, resolve(motion, given), (name,), given.radius)[name]
-    return on_device(found) if outermost() else found
 
 
 # -- what is asked ----------------------------------------------------------------------------------------------------
