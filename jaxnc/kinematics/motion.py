@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, jit, on_device
+from jaxnc.doors import door
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
 from jaxnc.kinematics.inputs import dense_only, outside
 from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, relative_screw
@@ -380,45 +381,31 @@ class Motion(Drawn):
 
     def plot(self, *names: "str | Sequence[str]", **options: Any):
         """Plot quantities over the input, or the path of a point; see `jaxnc.viz.plot`."""
-        from jaxnc import viz
-
-        return viz.plot(self, *names, **options)
+        return door("Motion.plot")(self, *names, **options)
 
     def polygon(self, kind: str = "velocity", **options: Any):
         """Draw the velocity or the ``"acceleration"`` polygon of a planar mechanism; see `jaxnc.viz.polygon`."""
-        from jaxnc import viz
-
-        return viz.polygon(self, kind, **options)
+        return door("Motion.polygon")(self, kind, **options)
 
     def sheet(self, path: "str | Path | None" = None, **options: Any):
         """Put drawing, paths, tables and plots on one sheet, for a paper; see `jaxnc.viz.motion_sheet`."""
-        from jaxnc import viz
-
-        return viz.motion_sheet(self, path, **options)
+        return door("Motion.sheet")(self, path, **options)
 
     def animate(self, path: "str | Path", **options: Any) -> "Path":
         """Write a GIF or MP4 of the motion; see `jaxnc.viz.animate`."""
-        from jaxnc import viz
-
-        return viz.animate(self, path, **options)
+        return door("Motion.animate")(self, path, **options)
 
     def to_html(self, path: "str | Path", **options: Any) -> "Path":
         """Write a self-contained page in which the mechanism is dragged and changed; see `jaxnc.viz.to_html`."""
-        from jaxnc import viz
-
-        return viz.to_html(self, path, **options)
+        return door("Motion.to_html")(self, path, **options)
 
     def to_csv(self, path: "str | Path", names: Sequence[str] | None = None, unit: str | None = None) -> "Path":
         """Write a table of inputs, positions, rates and status; see `jaxnc.io.tables.to_csv`."""
-        from jaxnc.io import tables
-
-        return tables.to_csv(self, path, names, unit)
+        return door("Motion.to_csv")(self, path, names, unit)
 
     def to_npz(self, path: "str | Path") -> "Path":
         """Write all arrays; `jaxnc.io.tables.load_npz` reads them back."""
-        from jaxnc.io import tables
-
-        return tables.to_npz(self, path)
+        return door("Motion.to_npz")(self, path)
 
     def to_parts(
         self, folder: "str | Path | None" = None, formats: Sequence[str] = ("dxf", "svg"), **sizes: Any
@@ -434,21 +421,15 @@ class Motion(Drawn):
         Returns:
             Parts, pins, layers and the clearances that remain.
         """
-        from jaxnc import workshop
-
-        return workshop.to_parts(self, folder, formats, **sizes)
+        return door("Motion.to_parts")(self, folder, formats, **sizes)
 
     def to_frame(self, names: Sequence[str] | None = None, unit: str | None = None) -> "pandas.DataFrame":
         """A pandas data frame, one row a pose; see `jaxnc.io.frames.to_frame`."""
-        from jaxnc.io import frames
-
-        return frames.to_frame(self, names, unit)
+        return door("Motion.to_frame")(self, names, unit)
 
     def to_xarray(self, names: Sequence[str] | None = None, unit: str | None = None) -> "xarray.Dataset":
         """An xarray data set with dimensions pose, point and axis; see `jaxnc.io.frames.to_xarray`."""
-        from jaxnc.io import frames
-
-        return frames.to_xarray(self, names, unit)
+        return door("Motion.to_xarray")(self, names, unit)
 
     def __repr__(self) -> str:
         shape = self.status.shape

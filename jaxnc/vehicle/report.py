@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxnc.calls import public
+from jaxnc.doors import door
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import METRES, outside
 from jaxnc.kinematics.motion import Motion
@@ -186,9 +187,7 @@ class SuspensionReport:
             InputError: an unknown number.
             OutputError: the file cannot be written.
         """
-        from jaxnc.viz.studies import plot_suspension
-
-        return plot_suspension(self, path, names, **options)
+        return door("SuspensionReport.plot")(self, path, names, **options)
 
 
 @public
