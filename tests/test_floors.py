@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -233,6 +234,31 @@ def violations(root: Path) -> list[str]:
 def test_the_package_keeps_its_floors():
     assert (ROOT / PACKAGE / "__init__.py").is_file()
     assert not (found := violations(ROOT)), "\n" + "\n".join(found)
+
+
+def circle(root: Path) -> list[str]:
+    """The modules of a circle of imports, those within functions counted; none is []. Packages only re-export."""
+    files = {p: ".".join(p.relative_to(root).with_suffix("").parts) for p in (root / PACKAGE).rglob("*.py")}
+    modules = {name.removesuffix(".__init__") for name in files.values()}
+    needed = {}
+    for path, name in files.items():
+        if path.name != "__init__.py":
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            needed[name] = {i.target for i in imports(tree, name.rpartition(".")[0], modules)} - {name}
+    try:
+        TopologicalSorter({k: v & needed.keys() for k, v in needed.items()}).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_no_module_comes_back_to_itself(tmp_path):
+    assert circle(ROOT) == []
+    plant(
+        tmp_path,
+        CLEAN | {"jaxnc/types.py": "def f():\n    import jaxnc.errors", "jaxnc/errors.py": "import jaxnc.types"},
+    )
+    assert set(circle(tmp_path)) == {"jaxnc.types", "jaxnc.errors"}
 
 
 def test_every_allowance_names_floors_that_exist():

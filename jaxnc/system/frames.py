@@ -6,8 +6,8 @@ one after the other, and the direction across both. A bar in space has one segme
 
 import functools
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, cast
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +25,7 @@ from jaxnc.types import Array, Float
 
 if TYPE_CHECKING:
     from jaxnc.system.equations import Equations
+    from jaxnc.system.system import System
 
 
 def spread(top: Topology, q: Array) -> tuple[Array, Array]:
@@ -219,3 +220,26 @@ def quaternions(rotation: Array | np.ndarray) -> Array:
     turned = numeric.sum(p[..., 1:, :] * p[..., :-1, :], axis=-1) < 0
     signs = numeric.cumprod(numeric.where(turned, -1.0, 1.0), axis=-1)
     return p * numeric.concatenate([numeric.ones_like(p[..., :1, 0]), signs], axis=-1)[..., None]
+
+
+class GivenCentre(NamedTuple):
+    """A centre of mass that is given as a place: its parameters, and where it is in the axes of a segment."""
+
+    body: str
+    at: tuple[int, ...]
+    foot: int
+    segment: tuple[int, int]
+    local: np.ndarray
+
+
+def mass_centres(system: "System") -> Iterator[GivenCentre]:
+    """List centres of mass of planar bodies that are given as places of the drawing."""
+    if system.topology.dim > 2:
+        return
+    par = system.parameters
+    points, physical = np.asarray(par.points, float), np.asarray(par.physical, float)
+    for index in (i for group in system.topology.loads.inertias for i in group if i.com):
+        (start, end), foot = index.home[2][0], index.home[0]
+        x, y = (points[end] - points[start]) / np.linalg.norm(points[end] - points[start])
+        local = np.array([[x, y], [-y, x]]) @ (physical[list(index.com)] - points[foot])
+        yield GivenCentre(index.body, tuple(index.com), foot, (start, end), local)

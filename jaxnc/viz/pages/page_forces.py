@@ -21,11 +21,11 @@ from jaxnc.reading import Unreadable, trace
 from jaxnc.reading.javascript import javascript
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import jacobian, renumbered, weights
+from jaxnc.system.frames import mass_centres
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.viz.arrows import Arrows
-from jaxnc.viz.pages.solver import mass_centres
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.quantities import force_values
 

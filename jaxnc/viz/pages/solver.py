@@ -4,7 +4,7 @@ A page draws a changed mechanism as its pose stands: `page_design` is the progra
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.plan_program import count_numbers, write_rows
 from jaxnc.system.design import Step, design, run_steps
-from jaxnc.system.frames import marker_program
+from jaxnc.system.frames import marker_program, mass_centres
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.identity import Dimension, Owner, Quantity, Thing
 from jaxnc.system.structure import program, readable
@@ -199,29 +199,6 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
         "dimensions": _dimension_fields(top),
         "links": _links(top),
     }
-
-
-class Centre(NamedTuple):
-    """A centre of mass that is given as a place: its parameters, and where it is in the axes of a segment."""
-
-    body: str
-    at: tuple[int, ...]
-    foot: int
-    segment: tuple[int, int]
-    local: np.ndarray
-
-
-def mass_centres(system: System) -> Iterator[Centre]:
-    """List centres of mass of planar bodies that are given as places of the drawing."""
-    if system.topology.dim > 2:
-        return
-    par = system.parameters
-    points, physical = np.asarray(par.points, float), np.asarray(par.physical, float)
-    for index in (i for group in system.topology.loads.inertias for i in group if i.com):
-        (start, end), foot = index.home[2][0], index.home[0]
-        x, y = (points[end] - points[start]) / np.linalg.norm(points[end] - points[start])
-        local = np.array([[x, y], [-y, x]]) @ (physical[list(index.com)] - points[foot])
-        yield Centre(index.body, tuple(index.com), foot, (start, end), local)
 
 
 def _design_file(system: System, model: Mechanism | None) -> dict[str, Any]:
