@@ -71,7 +71,6 @@ def one_step(equations, steps=8):
     [
         ("four-bar", "independent rows"),
         ("parallelogram", "least squares"),
-        pytest.param("rccc", "least squares", marks=pytest.mark.slow),
         pytest.param("bevel-gears", "independent rows", marks=pytest.mark.slow),
     ],
 )

@@ -117,7 +117,6 @@ def test_adjoints_give_the_derivatives_of_simulate():
 
     design, start = jax.grad(ours, argnums=(0, 1))(system, -0.4)
     for adjoint, by_args in (
-        (diffrax.RecursiveCheckpointAdjoint(), False),
         (diffrax.RecursiveCheckpointAdjoint(), True),
         (diffrax.BacksolveAdjoint(), False),
     ):

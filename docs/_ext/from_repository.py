@@ -79,7 +79,9 @@ def unlisted(index: str) -> list[str]:
     trees = " ".join(re.findall(r"^```\{toctree\}(.*?)^```", index, re.S | re.M)).split()
     later = [re.compile(tree.replace("*", ".*")) for tree in trees]
     pages = sorted(path.stem for path in DOCS.glob("*.md"))
-    return [page for page in pages if page != "index" and not any(tree.fullmatch(page) for tree in later)]
+    return [
+        page for page in pages if page not in ("index", "paper") and not any(tree.fullmatch(page) for tree in later)
+    ]
 
 
 def read(app: Sphinx, page: str, source: list[str]) -> None:

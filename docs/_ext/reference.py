@@ -18,7 +18,12 @@ from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
 DOCS = Path(__file__).parent.parent
+JOINTS = (
+    "Revolute Prismatic Gear Rolling Cable Weld Spherical Cylindrical Universal Screw Planar BevelGear RackAndPinion "
+    "ConstantVelocity Skate RollingDisc"
+).split()  # records of joints
 UNNAMED = (
+    "jaxnc.dynamics.flow.Flow",
     "jaxnc.families.compare.Row",
     "jaxnc.families.planner.Atlas",
     "jaxnc.families.planner.Variable",
@@ -28,6 +33,7 @@ UNNAMED = (
     "jaxnc.synthesis.problem.Variables",
     "jaxnc.system.identity.Owner",
     "jaxnc.system.topology.BlockLayout",
+    *(f"jaxnc.mechanism.model.{name}" for name in JOINTS),
 )  # classes that signatures name and no package offers
 OWN_PAGE = 10  # methods: a class with as many has a page of its own
 ABOVE = "object, int, IntEnum, Exception, OSError, ValueError, RuntimeError, Struct, ABC, Generic, AnyWidget"
