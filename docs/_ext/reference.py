@@ -18,10 +18,24 @@ from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
 DOCS = Path(__file__).parent.parent
-JOINTS = (
-    "Revolute Prismatic Gear Rolling Cable Weld Spherical Cylindrical Universal Screw Planar BevelGear RackAndPinion "
-    "ConstantVelocity Skate RollingDisc"
-).split()  # records of joints
+JOINTS = [
+    "Revolute",
+    "Prismatic",
+    "Gear",
+    "Rolling",
+    "Cable",
+    "Weld",
+    "Spherical",
+    "Cylindrical",
+    "Universal",
+    "Screw",
+    "Planar",
+    "BevelGear",
+    "RackAndPinion",
+    "ConstantVelocity",
+    "Skate",
+    "RollingDisc",
+]  # records of joints
 UNNAMED = (
     "jaxnc.dynamics.flow.Flow",
     "jaxnc.families.compare.Row",
