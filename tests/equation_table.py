@@ -47,7 +47,7 @@ def source(function) -> str:
     """What a docstring says of its source; of a builder's method without one, all of it."""
     doc = inspect.getdoc(function) or ""
     _, _, said = doc.partition("Source:")
-    return said or (doc if function.__qualname__.split(".")[0].endswith("Builder") else "")
+    return said or (doc if function.__qualname__.startswith("Mechanism.") else "")
 
 
 def index() -> dict[Number, tuple[list[str], list[str]]]:

@@ -28,7 +28,7 @@ def low(t, state):
 
 @pytest.fixture
 def watching(monkeypatch):
-    monkeypatch.setattr(progress, "watched", lambda: True)
+    monkeypatch.setattr(progress, "is_watched", lambda: True)
     monkeypatch.setattr(runs, "_DELAY", 0.0)
 
 
@@ -39,7 +39,7 @@ def test_a_watched_run_is_the_same_and_has_a_bar(more, watching, monkeypatch, ca
     seen = nc.simulate(pendulum(), T, rates={"phi": 0.3}, rtol=1e-10, **more)
     shown = capsys.readouterr().err
     assert "pendulum" in shown and "times" in shown
-    monkeypatch.setattr(progress, "watched", lambda: False)
+    monkeypatch.setattr(progress, "is_watched", lambda: False)
     alone = nc.simulate(pendulum(), T, rates={"phi": 0.3}, rtol=1e-10, **more)
     assert capsys.readouterr().err == ""
     assert np.array_equal(seen.status, alone.status)

@@ -186,7 +186,7 @@ def test_a_search_shows_its_progress_where_someone_watches_and_nowhere_else(caps
     assert capsys.readouterr().err == ""
     S.solve(function(0.0), **settings, progress=True)
     assert "FunctionGeneration with 'four-bar'" in capsys.readouterr().err
-    monkeypatch.setattr("jaxnc.progress.watched", lambda: True)
+    monkeypatch.setattr("jaxnc.progress.is_watched", lambda: True)
     S.solve(function(0.0), **settings)
     assert "best error" in capsys.readouterr().err
     S.solve(function(0.0), **settings, progress=False)

@@ -51,8 +51,8 @@ def double_crank() -> nc.System:
 @pytest.fixture
 def evaluations(monkeypatch):
     seen = []
-    step = follow._step
-    monkeypatch.setattr(follow, "_step", lambda *args: seen.append(1) or step(*args))
+    step = follow._evaluate_step
+    monkeypatch.setattr(follow, "_evaluate_step", lambda *args: seen.append(1) or step(*args))
     return seen
 
 

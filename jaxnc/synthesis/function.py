@@ -22,9 +22,14 @@ from jaxnc.validate import as_array
 from jaxnc.vehicle.suspension import ATTITUDE, suspension
 
 
-@functools.cache
 def _read_attitude(motion: Motion, name: str) -> Any:
     return getattr(suspension(motion), name)
+
+
+@functools.cache
+def _attitude_reader(name: str) -> Callable[[Motion], Any]:
+    """Return one function for each name, so that what is traced of it is found again."""
+    return functools.partial(_read_attitude, name=name)
 
 
 @public
@@ -106,7 +111,7 @@ class FunctionGeneration(Problem):
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
             drawing = repeat_drawing(stated.system, stated.driven, stated.hold, 1)
-            if shapes(functools.partial(_read_attitude, name=output), drawing) is None:
+            if shapes(_attitude_reader(output), drawing) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         check_radians(table, f"{what}: values", turn_of(stated, False), "state one turn, which the others repeat")
         if isinstance(output, str) and output in top.scalars and top.periodic[top.scalars.index(output)]:
