@@ -294,33 +294,37 @@ BUILDER = {  # of the builder's methods: what they are given in the plane, and i
 }
 
 
-METHODS: dict[str, dict[str, Any] | None] = {  # of the methods of results, as `own`
-    "motion.__getitem__": {"name": "P"},
-    "motion.pose": {"index": 1},
-    "motion.jerk": None,  # the motion has none, as the error says
-    "motion.screw_axis": None,  # in space, as the error says
-    "motion.animate": None,  # a second for each call
-    "motion.to_parts": None,  # tests/test_workshop.py
-    "motion.to_html": {"path": "page.html"},
-    "motion.quaternion": None,
-    "tolerance.plot": None,  # over a sequence of poses
-    "tolerance.ratio": {"name": "C.x"},
-    "linkage.move": {"inputs": {"phi": PHI}},
-    "guidance.four_bar": None,  # of dyads that fit each other
-    "formulation.of": None,
-    "formulation.place": None,
-    "motion.plot": {"names": "P"},
-    **{f"motion.{name}": {"name": "P"} for name in ("velocity", "acceleration")},
-    "system.__getitem__": {"name": "A"},
-    "system.replace": {"values": {"A": (0.01, 0.0)}},
-    "system.astype": {"dtype": "float64"},
-    "tolerance.__getitem__": {"name": "C.x"},
-    "guidance.dyad": {"moving": (0.3, 0.2)},
-    "guidance.pole": {"first": 0, "second": 1},
-    "guidance.curves": None,  # of four poses
-    "guidance.curve_dyad": None,
-    "formulation.motion": None,
-}
+@functools.cache
+def methods() -> dict[str, dict[str, Any] | None]:
+    """Arguments for the methods of results, as `own` has them for functions."""
+    return {
+        "motion.__getitem__": {"name": "P"},
+        "motion.pose": {"index": 1},
+        "motion.jerk": None,  # the motion has none, as the error says
+        "motion.screw_axis": None,  # in space, as the error says
+        "motion.animate": None,  # a second for each call
+        "motion.to_parts": None,  # tests/test_workshop.py
+        "motion.to_html": {"path": "page.html"},
+        "motion.quaternion": None,
+        "tolerance.plot": None,  # over a sequence of poses
+        "tolerance.ratio": {"name": "C.x"},
+        "linkage.move": {"inputs": {"phi": PHI}},
+        "guidance.four_bar": None,  # of dyads that fit each other
+        "formulation.of": None,
+        "formulation.place": None,
+        "motion.plot": {"names": "P"},
+        **{f"motion.{name}": {"name": "P"} for name in ("velocity", "acceleration")},
+        "system.__getitem__": {"name": "A"},
+        "system.replace": {"values": {"A": (0.01, 0.0)}},
+        "system.from_named": {"values": things()["system"].named()},
+        "system.astype": {"dtype": "float64"},
+        "tolerance.__getitem__": {"name": "C.x"},
+        "guidance.dyad": {"moving": (0.3, 0.2)},
+        "guidance.pole": {"first": 0, "second": 1},
+        "guidance.curves": None,  # of four poses
+        "guidance.curve_dyad": None,
+        "formulation.motion": None,
+    }
 
 
 def calls() -> Iterator[tuple[str, Callable[[], Any], dict[str, Any]]]:
@@ -350,15 +354,15 @@ def calls() -> Iterator[tuple[str, Callable[[], Any], dict[str, Any]]]:
         for name, member in inspect.getmembers(type(thing)):
             if (name.startswith("_") and name != "__getitem__") or not inspect.isfunction(member):
                 continue
-            given = dict(METHODS.get(f"{noun}.{name}") or {})
-            if METHODS.get(f"{noun}.{name}", {}) is None:
+            given = dict(methods().get(f"{noun}.{name}") or {})
+            if methods().get(f"{noun}.{name}", {}) is None:
                 continue
             parameters = list(inspect.signature(member).parameters.values())[1:]
             if not parameters:
                 continue
             for p in parameters:
                 if p.default is p.empty and p.name not in given and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD):
-                    assert p.name in known, f"say in METHODS what a valid call of {noun}.{name} has for {p.name}"
+                    assert p.name in known, f"say in methods() what a valid call of {noun}.{name} has for {p.name}"
                     given[p.name] = known[p.name]
             yield f"{noun}.{name}", (lambda thing=thing, name=name: getattr(thing, name)), given
 

@@ -71,7 +71,7 @@ def outline(
     path = file_name(path)
     if count < 3:
         raise InputError(f"outline: count={count!r}; give at least 3 points")
-    if size is not None and not (np.isfinite(size) and size > 0):
+    if size is not None and not 0 < size < np.inf:
         raise InputError(f"outline: size={size!r} must be positive")
     if centre is not None and (np.shape(centre) != (2,) or not np.isfinite(centre).all()):
         raise InputError(f"outline: centre={centre!r} must be two finite numbers (x, y)")

@@ -210,6 +210,8 @@ class System(Drawn):
             InputError: a name that is no design variable, one that is missing, or a value that `replace` refuses.
         """
         known = self.design_variables
+        if not isinstance(values, Mapping):
+            raise InputError(f"{self.name!r}: values= takes a number or array for each name, as named() gives them")
         for name in values:
             if name not in known:
                 self._locate(name)  # a name that is short for another one is none here

@@ -42,9 +42,12 @@ def unit_on(paper: np.ndarray) -> float:
 
 def inches(size: Size, height: Callable[[float], float] = lambda width: width / 1.28) -> tuple[float, float]:
     """Read width and height of a figure, with the height that belongs to a width alone."""
-    given = np.asarray(size, float) if np.ndim(size) < 2 and np.size(size) in (1, 2) else np.array(np.nan)
-    if not np.isfinite(given).all() or given.min() <= 0:
-        raise InputError(f"size={size!r}: expected a width in inches, such as 6.4, or width and height, (6.4, 5.0)")
+    given = np.asarray(size)
+    given = given.astype(float) if given.dtype.kind in "iuf" and given.size in (1, 2) else np.array(np.nan)
+    if not ((given >= 1) & (given <= 200)).all():
+        raise InputError(
+            f"size={size!r}: expected a width in inches, such as 6.4, or width and height, (6.4, 5.0); from 1 to 200"
+        )
     wide, *high = given.reshape(-1).tolist()
     return wide, high[0] if high else height(wide)
 
