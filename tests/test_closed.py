@@ -32,8 +32,8 @@ def four_bar():
 OF_EACH_CLASS = (
     "bennett",
     "bricard",
-    "delta",
-    "peaucellier",
+    "delta-robot",
+    "peaucellier-lipkin",
     "rccc",
     "slider-crank",
     "spherical-four-bar",
