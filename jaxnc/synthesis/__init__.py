@@ -68,6 +68,13 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.tolerance.robust import robust as robust
     from jaxnc.synthesis.tolerance.spread import Spread as Spread
     from jaxnc.synthesis.tolerance.spread import Tolerance as Tolerance
+    from jaxnc.synthesis.tracing.atlas import Atlas as Atlas
+    from jaxnc.synthesis.tracing.atlas import atlas as atlas
+    from jaxnc.synthesis.tracing.chains import Chain as Chain
+    from jaxnc.synthesis.tracing.chains import dyadic_chains as dyadic_chains
+    from jaxnc.synthesis.tracing.trace import TracedDesign as TracedDesign
+    from jaxnc.synthesis.tracing.trace import TraceResult as TraceResult
+    from jaxnc.synthesis.tracing.trace import trace as trace
 
 
 __getattr__, __dir__ = on_demand(__name__)

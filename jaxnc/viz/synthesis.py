@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.problem import Problem
     from jaxnc.synthesis.result import Result, Steps
     from jaxnc.synthesis.search.fronts import Front
+    from jaxnc.synthesis.tracing.trace import TraceResult
 
 _CELL = 3.2  # inches wide
 _TITLE, _KEY = 0.42, 0.26  # inches: of a heading, of what the marks mean
@@ -93,6 +94,36 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
         figure.text(x, y, text, va="top", fontsize=NUMBERS - 1, color=LIGHT["ink"], parse_math=False, gid="lengths")
     if key:
         add_target_key(figure)
+    return finish(figure, path)
+
+
+def traces(result: "TraceResult", path: str | Path | None = None, most: int = 6) -> Figure:
+    """Draw the linkages that trace a curve best, each over the curve that was asked for.
+
+    Args:
+        result: what was found.
+        path: file to write: PNG, SVG, PDF or JPG.
+        most: how many linkages.
+
+    Raises:
+        InputError: there is no linkage.
+    """
+    designs = result.designs[:most]
+    if not designs:
+        raise InputError("no linkage to draw: none that was found meets the conditions")
+    wide = abreast(len(designs), 3)
+    high = math.ceil(len(designs) / wide)
+    figure = Picture(figsize=(wide * _CELL, high * (_CELL + _TITLE)))
+    line = np.vstack([result.points, result.points[:1]]) if result.closed else result.points
+    for k, design in enumerate(designs):
+        row, column = divmod(k, wide)
+        share = 1.0 / high
+        at = (column / wide + 0.02 / wide, 1.0 - (row + 1) * share, 0.96 / wide, share * _CELL / (_CELL + _TITLE))
+        ax = figure.add_axes(at)
+        heading = f"{k + 1}: {'meets all points' if design.exact else f'distance {design.distance:.2g}'}, {design.name}"
+        motion = design.move(91)
+        draw(motion, 12, trace=["P"], ax=ax, title=textwrap.shorten(heading, 2 * _HEADING), labels=False, room=line)
+        ax.plot(*line.T, color=TARGET, lw=1.1, ls=(0, (1, 1.6)), zorder=0.5)
     return finish(figure, path)
 
 

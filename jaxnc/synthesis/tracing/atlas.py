@@ -1,0 +1,311 @@
+"""An atlas: linkages whose crank turns, with the curves that they trace, made from a seed."""
+
+import functools
+import os
+import sys
+import time
+import zipfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.compiling import refuse_fork
+from jaxnc.errors import InputError, JaxncError
+from jaxnc.progress import bar
+from jaxnc.synthesis.tracing import curves
+from jaxnc.synthesis.tracing.chains import Chain, ChainArrays, dyadic_chains
+from jaxnc.synthesis.tracing.descriptors import (
+    closed_coefficients,
+    lay_closed,
+    lay_open,
+    magnitudes,
+    normalise,
+    open_coefficients,
+    upright,
+)
+from jaxnc.synthesis.validate import as_seed, check_counts
+from jaxnc.types import Array
+
+BARS = (4, 6, 8)
+_FORM = 1  # of the files, and of how designs are made; another number when either changes
+_PART = 50_000  # designs of a file
+_POSES = 64  # at which designs are looked at when they are made
+_LEAST = float(np.sin(np.radians(8.0)) ** 2)  # of the transmission angle
+_LANES = 2048  # designs that are made together
+_SHARES = {4: 0.1, 6: 0.3, 8: 0.6}
+_SLIDERS = (0.55, 0.25, 0.12, 0.08)  # shares of designs with none, one, two, three and more sliding pairs
+_LONGEST = 40.0  # of a link, in sizes of its curve
+_CLOSE = 1500  # designs near a curve by the sizes of their harmonics that are looked at with their phases
+_SHORT, _LONG = 6, 60  # steps of the crank in an open piece of a curve
+
+
+class Shelf(NamedTuple):
+    """Designs with the same number of bars; the first axis is that of designs."""
+
+    bars: int
+    chain: np.ndarray  # index in `dyadic_chains`, (N,)
+    sign: np.ndarray  # assemblies, (N, dyads)
+    design: np.ndarray  # (N, 6 dyads + 2)
+    sine: np.ndarray  # square of the sine of the smallest transmission angle, (N,)
+    window: np.ndarray  # an open piece of the curve: where the crank begins and how far it turns, (N, 2)
+    closed: np.ndarray  # coefficients of the whole curve, of size 1, (N, 20, 2)
+    open: np.ndarray  # of the open piece, of size 1, upright, (N, 14, 2)
+
+    @property
+    def chains(self) -> tuple[Chain, ...]:
+        """All chains with so many bars."""
+        return dyadic_chains(self.bars)
+
+    def at(self, index: Any) -> "Shelf":
+        """Select designs."""
+        return Shelf(self.bars, *(array[index] for array in self[1:]))
+
+
+class Candidate(NamedTuple):
+    """Designs whose curves are like a target, the most alike first."""
+
+    shelf: Shelf
+    misfit: np.ndarray  # mean square that is left, of curves of size 1
+    turn: np.ndarray  # by which they have to be turned
+    mirrored: np.ndarray  # whether they have to be mirrored first
+
+
+@public
+class Atlas:
+    """Linkages whose crank turns, with the curves that they trace.
+
+    Attributes:
+        shelves: the designs by their number of bars.
+        seconds: how long it took to make, without what was there.
+    """
+
+    def __init__(self, shelves: dict[int, Shelf], seconds: float = 0.0):
+        self.shelves = shelves
+        self.seconds = seconds
+
+    def __len__(self) -> int:
+        return sum(len(shelf.chain) for shelf in self.shelves.values())
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{len(s.chain):,} of {bars} bars" for bars, s in sorted(self.shelves.items()))
+        return f"Atlas({counts})"
+
+    def find(
+        self, target: Any, closed: bool, bars: int, count: int, allowed: Callable[[Chain], bool] | None = None
+    ) -> Candidate:
+        """Find the designs whose curves are most like a target, in whatever place, size and turn."""
+        shelf = self.shelves[bars]
+        if allowed is not None:
+            may = np.array([allowed(chain) for chain in shelf.chains])
+            shelf = shelf.at(np.flatnonzero(may[shelf.chain]))
+        if closed:
+            goal = normalise(closed_coefficients(target))
+            sizes = self._sizes(shelf) if allowed is None else magnitudes(shelf.closed)
+            queries = np.stack([magnitudes(goal), magnitudes(goal)[::-1]])
+            lay, stored = lay_closed, shelf.closed
+        else:
+            goal = normalise(open_coefficients(target))
+            straight = upright(goal)
+            back = straight * (-1.0) ** np.arange(1, len(goal) + 1)[:, None]
+            mirror = np.array([1.0, -1.0])
+            queries = np.stack([w.reshape(-1) for s in (straight, upright(back)) for w in (s, s * mirror)])
+            sizes, lay, stored = shelf.open.reshape(len(shelf.chain), -1).astype(np.float32), lay_open, shelf.open
+        apart = np.min(_squares(sizes) - 2.0 * (queries.astype(np.float32) @ sizes.T) + 1.0, axis=0)
+        many = min(max(_CLOSE, 2 * count), len(apart))
+        near = np.argpartition(apart, many - 1)[:many] if many else np.zeros(0, int)
+        misfit, turn, mirrored = lay(goal, stored[near].astype(np.float32))
+        order = np.argsort(misfit, kind="stable")[:count]
+        return Candidate(shelf.at(near[order]), misfit[order], turn[order], mirrored[order])
+
+    def _sizes(self, shelf: Shelf) -> np.ndarray:
+        kept = self.__dict__.setdefault("_magnitudes", {})
+        if shelf.bars not in kept:
+            kept[shelf.bars] = magnitudes(shelf.closed)
+        return kept[shelf.bars]
+
+
+def _squares(rows: np.ndarray) -> np.ndarray:
+    return np.einsum("ij,ij->i", rows, rows)
+
+
+@public
+def atlas(
+    count: int = 200_000,
+    bars: Sequence[int] = BARS,
+    key: Array | None = None,
+    folder: str | Path | None = None,
+    progress: bool | None = None,
+) -> Atlas:
+    """Make an atlas of crank-driven linkages and their curves, or read what was made before.
+
+    Designs are drawn at random over all chains of dyads; lengths are chosen so that the crank turns. Every design is
+    moved all the way round by the closed form of its dyads, and none whose transmission angle falls below 8 degrees
+    is kept. The designs are kept in files of fifty thousand: what was interrupted goes on, and a larger atlas keeps
+    the smaller one.
+
+    Args:
+        count: how many designs, rounded up to whole files.
+        bars: numbers of links that are wanted, of 4, 6 and 8.
+        key: of the random numbers, ``jax.random.key(0)`` if not given.
+        folder: where the files are kept; in the user's cache if not given.
+        progress: show a bar; if not given, where stderr is a terminal, and in a notebook.
+
+    Returns:
+        The atlas.
+
+    Raises:
+        InputError: a count or a number of bars that is none.
+        JaxncError: the files cannot be written.
+    """
+    refuse_fork()
+    check_counts("atlas", count=count)
+    wanted = check_bars("atlas", bars)
+    seed = as_seed("atlas", key)
+    where = _folder(folder)
+    parts = -(-count // _PART)
+    begun, read = time.perf_counter(), []
+    missing = 0
+    with bar(parts * _PART, "atlas", "linkage", progress) as shown:
+        for part in range(parts):
+            path = where / f"{_FORM}-{'-'.join(map(str, seed))}-{part}.npz" if where else None
+            shelves = _read(path)
+            if shelves is None:
+                missing += 1
+                shelves = _make_part(seed, part, shown.update)
+                _write(path, shelves)
+            else:
+                shown.update(_PART)
+            read.append(shelves)
+    joined = {
+        b: Shelf(b, *(np.concatenate(arrays) for arrays in zip(*(s[b][1:] for s in read), strict=True)))
+        for b in BARS
+        if b in wanted
+    }
+    return Atlas(joined, (time.perf_counter() - begun) if missing else 0.0)
+
+
+def check_bars(what: str, bars: Any) -> tuple[int, ...]:
+    """Return numbers of bars that were asked for."""
+    given = (bars,) if isinstance(bars, int | np.integer) else bars
+    if (
+        isinstance(given, str)
+        or not isinstance(given, Sequence | np.ndarray | set | frozenset | range)
+        or not len(given)
+    ):
+        raise InputError(f"{what}: bars={bars!r}: expected some of 4, 6 and 8, such as (4, 6)")
+    for one in given:
+        if isinstance(one, bool) or one not in BARS:
+            raise InputError(f"{what}: bars={bars!r}: linkages of dyads have 4, 6 or 8 bars here, not {one!r}")
+    return tuple(sorted({int(one) for one in given}))
+
+
+def _folder(folder: str | Path | None) -> Path | None:
+    from jaxnc.io.cache import cache_folder
+    from jaxnc.io.target import folder as made
+
+    if folder is not None:
+        return Path(made(Path(folder).expanduser()))
+    own = cache_folder(os.environ, sys.platform, None)
+    return None if own is None else Path(made(Path(own) / "atlas"))
+
+
+def _read(path: Path | None) -> dict[int, Shelf] | None:
+    """Read a file of an atlas; None if there is none, or it was cut short."""
+    if path is None or not path.is_file():
+        return None
+    try:
+        with np.load(path) as file:
+            return {b: Shelf(b, *(file[f"{name}_{b}"] for name in Shelf._fields[1:])) for b in BARS}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+def _write(path: Path | None, shelves: dict[int, Shelf]) -> None:
+    if path is None:
+        return
+    new = path.with_suffix(f".{os.getpid()}.tmp")
+    arrays = {
+        f"{name}_{b}": array for b, s in shelves.items() for name, array in zip(s._fields[1:], s[1:], strict=True)
+    }
+    try:
+        with new.open("wb") as file:
+            np.savez(file, **arrays)
+        new.replace(path)
+    except OSError as error:
+        new.unlink(missing_ok=True)
+        raise JaxncError(
+            f"the atlas cannot be kept in {path.parent}: {error.strerror or error}; give atlas(folder=…) another "
+            f"place, or set JAXNC_CACHE=off to make it anew each time"
+        ) from None
+
+
+def _make_part(seed: list[int], part: int, tell: Callable[[int], Any]) -> dict[int, Shelf]:
+    rng = np.random.default_rng((*seed, part, _FORM))
+    shelves = {}
+    for bars in BARS:
+        wanted, found = round(_SHARES[bars] * _PART), []
+        while (have := sum(len(s.chain) for s in found)) < wanted:
+            found.append(make(bars, rng))
+            tell(min(len(found[-1].chain), wanted - have))
+        shelf = Shelf(bars, *(np.concatenate(a) for a in zip(*(s[1:] for s in found), strict=True)))
+        shelves[bars] = shelf.at(slice(wanted))
+    return shelves
+
+
+@functools.cache
+def _likelihoods(bars: int) -> np.ndarray:
+    """How often each chain is taken: by its number of sliding pairs, then all alike."""
+    sliders = np.array([min(chain.sliders, len(_SLIDERS) - 1) for chain in dyadic_chains(bars)])
+    counts = np.bincount(sliders, minlength=len(_SLIDERS))
+    share = np.array(_SLIDERS) * (counts > 0)
+    return (share / share.sum() / np.maximum(counts, 1))[sliders]
+
+
+@functools.cache
+def chain_arrays(bars: int) -> ChainArrays:
+    """All chains with some number of bars as arrays, in the order of `dyadic_chains`."""
+    return ChainArrays.of(dyadic_chains(bars))
+
+
+def make(bars: int, rng: np.random.Generator) -> Shelf:
+    """Make some designs; those whose crank does not turn are left out."""
+    dyads = (bars - 2) // 2
+    index = rng.choice(len(_likelihoods(bars)), _LANES, p=_likelihoods(bars)).astype(np.int16)
+    uniform = rng.uniform(size=(_LANES, dyads + 1, 8)).astype(np.float32)
+    start = rng.uniform(0.0, 2.0 * np.pi, _LANES).astype(np.float32)
+    steps = rng.integers(_SHORT, _LONG + 1, _LANES)
+    made = _made(chain_arrays(bars).at(index), uniform, start, steps)
+    sign, design, sine, size, closed, part = (np.asarray(a) for a in made)
+    good = (
+        (sine > _LEAST)
+        & np.isfinite(design).all(axis=1)
+        & np.isfinite(closed).all(axis=(1, 2))
+        & np.isfinite(part).all(axis=(1, 2))
+    )
+    good &= np.abs(design[:, : curves.EACH * dyads]).max(axis=1) < _LONGEST * size
+    window = np.stack([start, steps * np.float32(2.0 * np.pi / _POSES)], axis=1).astype(np.float32)
+    whole = Shelf(
+        bars, index, sign.astype(np.int8), design, sine, window, closed.astype(np.float16), part.astype(np.float16)
+    )
+    return whole.at(good)
+
+
+@jax.jit
+def _made(chain: ChainArrays, uniform: Array, start: Array, steps: Array) -> tuple[Array, ...]:
+    grid = jnp.arange(_POSES + 1, dtype=jnp.float32) * np.float32(2.0 * np.pi / _POSES)
+
+    def one(chain: ChainArrays, uniform: Array, start: Array, steps: Array) -> tuple[Array, ...]:
+        sign, design, traced = curves.sample(chain, uniform, start + grid)
+        points = traced.point.T
+        inside = jnp.arange(_POSES) < steps
+        own = points[:-1] - jnp.mean(points[:-1], axis=0)
+        size = jnp.sqrt(jnp.mean(jnp.sum(own * own, axis=1)))
+        part = upright(normalise(open_coefficients(points, jnp, inside), jnp), jnp)
+        return sign, design, jnp.min(traced.sine), size, normalise(closed_coefficients(own, jnp), jnp), part
+
+    return jax.vmap(one)(chain, uniform, start, steps)

@@ -1,0 +1,256 @@
+"""Move chains of dyads in closed form: one program for each number of dyads, over arrays of chains, designs and poses.
+
+A design is a row of numbers: six for each dyad, then the place of the tracing point in its link. Lengths are in units
+of the crank, which turns about the origin and whose frame is its own; the frame of a link has its origin at an outer
+joint that turns, else at the inner joint, and points along the link or along what it slides on. The six numbers are
+where the outer joints are on their bodies, two for each, and two more:
+
+- RRR: the lengths of both links;
+- RRP: the length of the first link, the angle of the line on its body;
+- RPR: how far the second pivot is beside the line through the first one on which it slides; the last is idle;
+- PRP: the angles of both lines on their bodies.
+
+Places are pairs of real arrays: XLA makes slow code of complex numbers on a CPU.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxnc.solvers.kernel import fusion_barrier
+from jaxnc.synthesis.tracing.chains import KINDS, ChainArrays
+from jaxnc.types import Array
+
+EACH = 6  # numbers of a dyad
+_RRR, _RRP, _RPR, _PRP = range(len(KINDS))
+_TINY = 1e-12
+
+Pair = tuple[Any, Any]
+
+
+class Traced(NamedTuple):
+    """What designs do at some poses; the last axis is that of poses."""
+
+    point: Array  # of the tracing point, (2, T)
+    sine: Array  # square of the sine of the transmission angle, below zero where a dyad does not close, (dyads, T)
+
+
+def times(a: Pair, b: Pair) -> Pair:
+    """Multiply as complex numbers."""
+    return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
+
+
+def _turned_back(a: Pair, b: Pair) -> Pair:
+    """Multiply the first by the conjugate of the second."""
+    return a[0] * b[0] + a[1] * b[1], a[1] * b[0] - a[0] * b[1]
+
+
+def _scaled(a: Pair, k: Any) -> Pair:
+    return a[0] * k, a[1] * k
+
+
+def _add(a: Pair, b: Pair) -> Pair:
+    return a[0] + b[0], a[1] + b[1]
+
+
+def _minus(a: Pair, b: Pair) -> Pair:
+    return a[0] - b[0], a[1] - b[1]
+
+
+def _select(kind: Any, *by_kind: Any) -> Any:
+    """Take what belongs to a kind of dyad, in the order of `KINDS`."""
+    out: Any = by_kind[-1]
+    for k in range(len(by_kind) - 2, -1, -1):
+        one = by_kind[k]
+        if isinstance(one, tuple):
+            out = tuple(jnp.where(kind == k, a, b) for a, b in zip(one, out, strict=True))
+        else:
+            out = jnp.where(kind == k, one, out)
+    return out
+
+
+class Frame(NamedTuple):
+    """Origin and direction of a body, each a pair."""
+
+    origin: Pair
+    along: Pair
+
+    def at(self, local: Pair) -> Pair:
+        """Place a point of the body."""
+        return _add(self.origin, times(self.along, local))
+
+
+def begin(theta: Array) -> list[Frame]:
+    """Frames of the ground and of the crank at its angles."""
+    zero, one = jnp.zeros_like(theta), jnp.ones_like(theta)
+    return [Frame((zero, zero), (one, zero)), Frame((zero, zero), (jnp.cos(theta), jnp.sin(theta)))]
+
+
+def frame_of(frames: list[Frame], body: Any) -> Frame:
+    """Take the frame of a body by its number, which may be traced."""
+    out = frames[0]
+    for k, frame in enumerate(frames[1:], 1):
+        out = jax.tree.map(lambda new, old, k=k: jnp.where(body == k, new, old), frame, out)
+    return out
+
+
+def close(
+    kind: Any, sign: Any, p: Pair, q: Pair, on: Pair, other: Pair, m: Any, n: Any
+) -> tuple[Any, Pair, list[Frame]]:
+    """Close a dyad between the places p and q of its outer joints.
+
+    Args:
+        kind: index in `KINDS`.
+        sign: which of its two assemblies, 1 or -1.
+        p: the first outer joint.
+        q: the second one, or a point of the line on which it slides.
+        on: direction of the first body.
+        other: direction of the second body.
+        m: first of its own numbers.
+        n: second of them.
+
+    Returns:
+        The square of the sine of its transmission angle, the inner joint, and the frames of its links.
+    """
+    v = _minus(q, p)
+    square = jnp.maximum(v[0] * v[0] + v[1] * v[1], _TINY)
+    turns = kind == _RRR
+    one = jnp.where(turns | (kind == _RRP), m, 1.0)  # lengths
+    two = jnp.where(turns, n, 1.0)
+    offset = jnp.where(kind == _RPR, m, 0.0)
+    a = times(on, (jnp.cos(m), jnp.sin(m)))  # lines
+    b = times(other, (jnp.cos(n), jnp.sin(n)))
+    foot = _turned_back(_scaled(v, -1.0), b)  # the first joint along and beside the second line
+    cosine = (one * one + two * two - square) / (2.0 * one * two)
+    skew = a[0] * b[1] - a[1] * b[0]
+    sine = _select(
+        kind,
+        1.0 - cosine * cosine,
+        1.0 - (foot[1] / one) ** 2,
+        1.0 - offset * offset / square,
+        skew * skew,
+    )
+    root = sign * jnp.sqrt(jnp.maximum(sine, 1e-9))
+    x = (square + one * one - two * two) / (2.0 * square)
+    y = one * two * root / square
+    reach = root * jnp.sqrt(square)
+    skewed = jnp.where(kind == _PRP, skew, 1.0)
+    far = (v[0] * b[1] - v[1] * b[0]) / jnp.where(jnp.abs(skewed) < _TINY, _TINY, skewed)
+    inner = _select(
+        kind,
+        _add(p, times(v, (x, y))),
+        _add(q, _scaled(b, foot[0] + one * root)),
+        q,
+        _add(p, _scaled(a, far)),
+    )
+    slid = _scaled(times(v, (reach, -offset)), 1.0 / square)
+    first = _scaled(_minus(inner, p), 1.0 / one)
+    second = _scaled(_minus(inner, q), 1.0 / two)
+    on_p = (kind == _RRR) | (kind == _RRP) | (kind == _RPR)
+    on_q = (kind == _RRR) | (kind == _RPR)
+    links = [
+        Frame(_choose(on_p, p, inner), _select(kind, first, first, slid, a)),
+        Frame(_choose(on_q, q, inner), _select(kind, second, b, slid, b)),
+    ]
+    return sine, inner, links
+
+
+def _choose(which: Any, a: Pair, b: Pair) -> Pair:
+    return jnp.where(which, a[0], b[0]), jnp.where(which, a[1], b[1])
+
+
+def move(chain: ChainArrays, sign: Any, x: Any, theta: Array, go: Any) -> Traced:
+    """Move one design to some angles of its crank.
+
+    Args:
+        chain: the chain, arrays without their axis of chains.
+        sign: assembly of each dyad, ``(dyads,)``.
+        x: the design, ``(6 dyads + 2,)``, or of its own at each angle, ``(6 dyads + 2, T)``.
+        theta: angles, ``(T,)``, radians.
+        go: true, in a way that the compiler cannot know: dyads are then compiled one by one.
+    """
+    frames, sines = begin(theta), []
+    for d in range(chain.kind.shape[-1]):
+        row = x[EACH * d : EACH * (d + 1)]
+        one, two = frame_of(frames, chain.first[d]), frame_of(frames, chain.second[d])
+        p, q = one.at((row[0], row[1])), two.at((row[2], row[3]))
+        dyad = (chain.kind[d], sign[d], p, q, one.along, two.along, row[4], row[5])
+        sine, _, links = fusion_barrier(
+            go, jax.checkpoint(close), *dyad
+        )  # backwards it is cheaper made again than kept
+        frames += links
+        sines.append(sine)
+    point = frame_of(frames[-2:], chain.tracer - (len(frames) - 2)).at((x[-2], x[-1]))
+    return Traced(jnp.stack(point), jnp.stack(sines))
+
+
+def sample(chain: ChainArrays, u: Array, theta: Array) -> tuple[Array, Array, Traced]:
+    """Make one design from random numbers whose crank turns.
+
+    Lengths are chosen when what a dyad hangs on has been moved all the way round: they reach everywhere. Few designs
+    have to be thrown away then.
+
+    Args:
+        chain: the chain, arrays without their axis of chains.
+        u: random numbers between 0 and 1, ``(dyads + 1, 8)``.
+        theta: angles of the crank all round, ``(T,)``.
+
+    Returns:
+        The assembly of each dyad, the design, and what it does at the angles.
+    """
+    frames, rows, signs, sines = begin(theta), [], [], []
+    size = [jnp.asarray(3.0), jnp.asarray(1.0)]  # of bodies
+    for d in range(chain.kind.shape[-1]):
+        kind, v = chain.kind[d], u[d]
+        one, two = frame_of(frames, chain.first[d]), frame_of(frames, chain.second[d])
+        p_local = _spot(chain.first[d], v[0], v[1], size)
+        q_local = _spot(chain.second[d], v[2], v[3], size)
+        p, q = one.at(p_local), two.at(q_local)
+        n_line = 2.0 * jnp.pi * v[5]
+        b = times(two.along, (jnp.cos(n_line), jnp.sin(n_line)))
+        w = _minus(p, q)
+        beside = jnp.max(jnp.abs(_turned_back(w, b)[1]))
+        square = w[0] ** 2 + w[1] ** 2
+        near, far = jnp.sqrt(jnp.min(square)), jnp.sqrt(jnp.max(square))
+        total = far * (1.03 + 1.5 * v[4] ** 2)
+        less = near * 0.97 * (2.0 * v[5] - 1.0)
+        m = _select(
+            kind,
+            0.5 * (total + less),
+            beside * (1.05 + 2.0 * v[4] ** 2) + 0.1 * v[6],
+            near * (1.9 * v[4] - 0.95),
+            6.28 * v[4],
+        )
+        n = _select(kind, 0.5 * (total - less), n_line, 0.0 * v[4], n_line)
+        sign = jnp.where(v[6] < 0.5, -1.0, 1.0)
+        sine, _, links = close(kind, sign, p, q, one.along, two.along, m, n)
+        sine = jnp.where(near > 1e-3 * far, sine, -1.0)  # a dyad whose outer joints meet turns by itself
+        frames += links
+        sines.append(sine)
+        rows += [*p_local, *q_local, m, n]
+        signs.append(sign)
+        size += [jnp.where(kind == _PRP, 1.0, jnp.where(kind == _RPR, far, m)), jnp.where(kind == _RRR, n, far)]
+    own = _select(chain.tracer - (len(frames) - 2), *size[-2:])
+    radius, turn = own * 1.6 * u[-1, 0] ** 0.5, 2.0 * jnp.pi * u[-1, 1]
+    local = radius * jnp.cos(turn) + 0.5 * own, radius * jnp.sin(turn)
+    point = frame_of(frames[-2:], chain.tracer - (len(frames) - 2)).at(local)
+    traced = Traced(jnp.stack(point), jnp.stack(sines))
+    return jnp.stack(signs), jnp.stack([*rows, *local]), traced
+
+
+def _spot(body: Any, u: Any, v: Any, sizes: list[Any]) -> Pair:
+    """Choose where on a body a joint is: at the crank's end mostly, at a link's end at times."""
+    size = sizes[0]
+    for k, one in enumerate(sizes[1:], 1):
+        size = jnp.where(body == k, one, size)
+    ends = jnp.where(body == 0, 0.0, jnp.where(body == 1, 0.66, 0.3))
+    share = jnp.clip((v - ends) / (1.0 - ends), 0.0, 1.0)
+    radius = size * jnp.where(body == 0, 0.4 + 1.6 * share, 1.6 * jnp.sqrt(share))
+    turn = 2.0 * jnp.pi * u
+    at_end = v < ends
+    middle = jnp.where(body > 1, 0.5 * size, 0.0)
+    return (
+        jnp.where(at_end, size, middle + radius * jnp.cos(turn)),
+        jnp.where(at_end, 0.0, radius * jnp.sin(turn)),
+    )

@@ -1,0 +1,171 @@
+"""Write a design of a chain of dyads as an ordinary mechanism, drawn where its crank begins."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis.tracing.chains import CRANK, GROUND, Chain
+from jaxnc.synthesis.tracing.curves import EACH
+
+TRACER = "P"
+INPUT = "phi"
+_NAMES = [c for c in "ABCDEFGHIJKLMNOQRSTUVW"]
+_SAME = 1e-9  # of the drawing's size: places that are one
+
+
+class Drawn(NamedTuple):
+    """A design of a chain as numbers, its place among them."""
+
+    chain: Chain
+    sign: np.ndarray  # (dyads,)
+    design: np.ndarray  # (6 dyads + 2,), in units of the crank
+    place: complex  # of the crank's pivot
+    factor: complex  # size and turn
+    begin: float  # angle of the crank, before the turn
+    span: float  # how far it goes
+
+    def frames(self, theta: float) -> list[tuple[complex, complex]]:
+        """Origins and directions of all bodies where the crank has an angle, in units of the crank."""
+        out = [(0j, 1 + 0j), (0j, np.exp(1j * theta))]
+        for d, (kind, a, b) in enumerate(self.chain.dyads):
+            row = self.design[EACH * d : EACH * (d + 1)]
+            (o, u), (oo, w) = out[a], out[b]
+            p, q = o + u * complex(row[0], row[1]), oo + w * complex(row[2], row[3])
+            out += close(kind, self.sign[d], p, q, u, w, row[4], row[5])
+        return out
+
+    def trace(self, theta: Any) -> np.ndarray:
+        """Place of the tracing point at some angles of the crank, complex ``(T,)``."""
+        local = complex(*self.design[-2:])
+        at = [self.frames(t)[self.chain.tracer] for t in np.atleast_1d(theta)]
+        return np.array([self.place + self.factor * (o + u * local) for o, u in at])
+
+
+def close(
+    kind: str, sign: float, p: complex, q: complex, u: complex, w: complex, m: float, n: float
+) -> list[tuple[complex, complex]]:
+    """Close a dyad; see `curves.close`, whose arguments and frames these are."""
+    v = q - p
+    if kind == "RRR":
+        square = abs(v) ** 2
+        along = (square + m * m - n * n) / (2.0 * square)
+        across = np.sqrt(max(m * m / square - along**2, 0.0))
+        inner = p + v * complex(along, sign * across)
+        return [(p, (inner - p) / m), (q, (inner - q) / n)]
+    if kind == "RRP":
+        line = w * np.exp(1j * n)
+        foot = (p - q) * np.conj(line)
+        inner = q + line * (foot.real + sign * np.sqrt(max(m * m - foot.imag**2, 0.0)))
+        return [(p, (inner - p) / m), (inner, line)]
+    if kind == "RPR":
+        along = v / complex(sign * np.sqrt(max(abs(v) ** 2 - m * m, 0.0)), m)
+        return [(p, along), (q, along)]
+    first, second = u * np.exp(1j * m), w * np.exp(1j * n)
+    inner = p + first * (v * np.conj(second)).imag / (first * np.conj(second)).imag
+    return [(inner, first), (inner, second)]
+
+
+class _Sheet:
+    """Names and places of a mechanism's points, and who carries them."""
+
+    def __init__(self, drawn: Drawn):
+        self.drawn, self.frames = drawn, drawn.frames(drawn.begin)
+        self.places: dict[str, complex] = {}
+        self.on: dict[int, list[str]] = {body: [] for body in range(drawn.chain.bars)}
+        self.fresh = iter([*_NAMES, *(f"{c}{k}" for k in (1, 2, 3) for c in _NAMES)])
+        self.size = 1.0
+
+    def add(self, at: complex, *bodies: int) -> str:
+        """Take a point that bodies share; if one of them has a point there, that one."""
+        for body in bodies:
+            for name in self.on[body]:
+                if abs(self.places[name] - at) <= _SAME * self.size:
+                    for other in bodies:
+                        if name not in self.on[other]:
+                            self.on[other].append(name)
+                    return name
+        name = next(self.fresh)
+        self.places[name] = at
+        for body in bodies:
+            self.on[body].append(name)
+        return name
+
+
+def to_mechanism(drawn: Drawn, name: str = "") -> tuple[Mechanism, float]:
+    """Write a design as a mechanism; the angle of its crank as it is drawn, radians, comes with it.
+
+    The crank turns by the angle ``phi``, and the point ``P`` traces. Joints that turn are points that bodies share; a
+    sliding link has a prismatic joint with the line on which it slides.
+    """
+    sheet, chain = _Sheet(drawn), drawn.chain
+    frames = sheet.frames
+    long = float(np.median([max(abs(row[0] + 1j * row[1]), 0.1) for row in drawn.design[:-2].reshape(-1, EACH)]))
+    sheet.add(0j, GROUND, CRANK)
+    slides: list[tuple[tuple[str, str], int, complex, complex]] = []  # line, sliding body, its place there, direction
+    for d, (kind, a, b) in enumerate(chain.dyads):
+        row = drawn.design[EACH * d : EACH * (d + 1)]
+        one, two = 2 + 2 * d, 3 + 2 * d
+        (o, u), (oo, w) = frames[a], frames[b]
+        p, q = o + u * complex(row[0], row[1]), oo + w * complex(row[2], row[3])
+        if kind[0] == "R":
+            sheet.add(p, a, one)
+        if kind == "RPR":
+            sheet.add(q, b, two)
+            slides.append((_line(sheet, one, q, frames[one][1], long), two, q, frames[one][1]))
+            continue
+        inner = frames[two][0] if kind != "RRR" else frames[one][0] + frames[one][1] * row[4]
+        sheet.add(inner, one, two)
+        if kind == "RRR":
+            sheet.add(q, b, two)
+        if kind[0] == "P":
+            slides.append((_line(sheet, a, p, frames[one][1], long), one, inner, frames[one][1]))
+        if kind[2] == "P":
+            slides.append((_line(sheet, b, q, frames[two][1], long), two, inner, frames[two][1]))
+    origin, along = frames[chain.tracer]
+    tracer = origin + along * complex(*drawn.design[-2:])
+    return _build(sheet, slides, tracer, name or chain.name, long)
+
+
+def _line(sheet: _Sheet, body: int, at: complex, along: complex, long: float) -> tuple[str, str]:
+    """Two points of a body on a line of it."""
+    return sheet.add(at, body), sheet.add(at + long * along, body)
+
+
+def _build(sheet: _Sheet, slides: list, tracer: complex, name: str, long: float) -> tuple[Mechanism, float]:
+    drawn, m = sheet.drawn, Mechanism(name)
+
+    def put(at: complex) -> tuple[float, float]:
+        z = drawn.place + drawn.factor * at
+        return float(z.real), float(z.imag)
+
+    riding = drawn.chain.tracer
+    sheet.places[TRACER] = tracer
+    sheet.on[riding].append(TRACER)
+    ends: dict[int, tuple[str, complex]] = {}
+    for _, body, at, along in slides:  # a sliding body's direction is that of two of its points
+        first = sheet.add(at, body)
+        ends[body] = first, at + long * along
+    on: dict[int, tuple[str, str]] = {}
+    for body, (first, far) in ends.items():
+        on[body] = first, sheet.add(far, body)
+    for point, at in sheet.places.items():
+        (m.ground if point in sheet.on[GROUND] else m.point)(point, put(at))
+    for body in range(CRANK, drawn.chain.bars):
+        m.body("crank" if body == CRANK else f"link {body}", _farthest_first(sheet, body))
+    for k, (line, body, _, _) in enumerate(slides):
+        m.prismatic(f"slide {k + 1}", line, on[body])
+    pivot = sheet.on[CRANK][0]
+    end = max(sheet.on[CRANK][1:], key=lambda point: abs(sheet.places[point]))
+    m.angle(INPUT, at=pivot, to=end)
+    return m, float(np.angle(drawn.factor * sheet.places[end]))
+
+
+def _farthest_first(sheet: _Sheet, body: int) -> list[str]:
+    """Points of a body, its base of two far ones first: what rides on them is known best then."""
+    names = list(sheet.on[body])
+    places = np.array([sheet.places[n] for n in names])
+    apart = np.abs(places[:, None] - places)
+    first, second = np.unravel_index(apart.argmax(), apart.shape)
+    base = [names[i] for i in sorted((int(first), int(second)))]
+    return [*base, *(n for n in names if n not in base)]

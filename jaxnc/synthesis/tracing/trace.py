@@ -1,0 +1,583 @@
+"""`trace`: from a drawn curve to the best linkages of dyads that trace it."""
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.compiling import refuse_fork
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
+from jaxnc.progress import bar
+from jaxnc.synthesis.conditions import Condition, CrankTurns, TransmissionAngle, Within
+from jaxnc.synthesis.tracing.atlas import BARS, Atlas, Candidate, atlas, chain_arrays, check_bars
+from jaxnc.synthesis.tracing.chains import Chain, dyadic_chains
+from jaxnc.synthesis.tracing.fit import COUNT, Lanes, Target, refine, start_lanes, trace_curves
+from jaxnc.synthesis.tracing.linkage import INPUT, Drawn, to_mechanism
+from jaxnc.synthesis.validate import as_seed, as_time_limit
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ATLAS = 200_000
+_WIDTH = 64  # designs that are refined together
+_GROUPS = 3  # of candidates that are looked at in a round
+_STEPS = (10, 30, 60)  # of a candidate, of a promising one, of one of the best
+_MANY = 4096  # candidates of a number of bars that are queued
+_POOL = 256  # designs that are kept on the way
+_SMOOTH = 0.02  # of the target's size: nearer than this the target may be a curve of the linkage itself
+_EXACT = 1e-7  # of the target's size: the points are met
+_LARGE = 20.0  # sizes of the target: no link is longer
+_LEAST = float(np.radians(8.0))  # of the transmission angle
+_POSES = 720  # at which a design is judged
+_ALONG = 2000  # points by arc length, of a distance between curves
+_ROUGHLY = 300  # points of a curve where designs are only put in order
+_ALIKE = 2e-3  # of the target's size: curves no farther apart are the same one
+
+
+class Curve(NamedTuple):
+    """A target as it was given, and evenly spaced about its centre."""
+
+    given: np.ndarray  # (N, 2)
+    closed: bool
+    centre: np.ndarray  # (2,)
+    size: float  # root mean square distance from the centre, by arc length
+    even: np.ndarray  # corners at equal distances, in units of the size about the centre, (COUNT, 2)
+    own: np.ndarray  # the points as given, in the same units, at most COUNT of them
+
+    @property
+    def line(self) -> np.ndarray:
+        """The corners as they were given, the first one again at the end of a closed curve."""
+        return np.vstack([self.given, self.given[:1]]) if self.closed else self.given
+
+    @classmethod
+    def of(cls, points: Any, closed: bool | None) -> "Curve":
+        """Check a curve and space it evenly."""
+        try:
+            given: np.ndarray = np.asarray(points, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            given = np.zeros(0)
+        if given.ndim != 2 or given.shape[-1] != 2 or len(given) < 3:
+            raise InputError(f"trace: points must be places in the plane, (N, 2) with N >= 3; got shape {given.shape}")
+        if not np.isfinite(given).all():
+            bad = int(np.flatnonzero(~np.isfinite(given).all(axis=1))[0])
+            raise InputError(f"trace: points[{bad}] is NaN or infinite; leave it out")
+        steps = np.linalg.norm(np.diff(given, axis=0), axis=1)
+        if not steps.max() > 0:
+            raise InputError("trace: all points are the same; draw a curve")
+        keep = np.append(True, steps > 1e-12 * steps.max())
+        given = given[keep]
+        gap = np.linalg.norm(given[-1] - given[0])
+        if closed is None:
+            closed = bool(len(given) > 3 and gap <= 1.5 * np.median(steps[keep[1:]]))
+        if not isinstance(closed, bool | np.bool_):
+            raise InputError(f"trace: closed={closed!r}: expected True, False, or None to see whether the ends meet")
+        if closed and gap <= 1e-9 * steps.max():
+            given = given[:-1]
+        if len(given) < 3:
+            raise InputError("trace: points must be at least three different ones")
+        corners = np.vstack([given, given[:1]]) if closed else given
+        even = space_evenly(corners, COUNT + 1 if closed else COUNT)[: COUNT if closed else None]
+        dense = space_evenly(corners, _ALONG)
+        centre = dense.mean(axis=0)
+        size = float(np.sqrt(np.mean(np.sum((dense - centre) ** 2, axis=1))))
+        thin = given[np.unique(np.linspace(0, len(given) - 1, min(len(given), COUNT)).round().astype(int))]
+        return cls(given, bool(closed), centre, size, (even - centre) / size, (thin - centre) / size)
+
+    def target(self, both: bool, sine: float, ground: np.ndarray, longest: float) -> Target:
+        """The curve as `fit.refine` takes it: both ways evenly, or only the points as they were given."""
+        points, weight = self.even, np.full(COUNT, 1.0 / COUNT)
+        if not both:
+            count = len(self.own)
+            points = np.concatenate([self.own, np.repeat(self.own[-1:], COUNT - count, axis=0)])
+            weight = np.where(np.arange(COUNT) < count, 1.0 / count, 0.0)
+        numbers = (float(self.closed), float(both), sine, longest)
+        return Target(jnp.asarray(points), jnp.asarray(weight), *map(jnp.asarray, (*numbers, ground)))
+
+
+def space_evenly(corners: np.ndarray, count: int) -> np.ndarray:
+    """Points at equal distances along a polyline, its ends among them, ``(count, 2)``."""
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
+    at = np.linspace(0.0, along[-1], count)
+    return np.stack([np.interp(at, along, corners[:, k]) for k in range(2)], axis=1)
+
+
+def curve_distance(one: np.ndarray, other: np.ndarray, count: int = _ALONG) -> float:
+    """Mean distance of two polylines ``(N, 2)``: from points by arc length to the other one, both ways added."""
+    one, other = space_evenly(one, count), space_evenly(other, count)
+    return _mean_distance(one, other) + _mean_distance(other, one)
+
+
+def _mean_distance(points: np.ndarray, line: np.ndarray) -> float:
+    square = np.sum(points**2, axis=1)[:, None] - 2.0 * points @ line.T + np.sum(line**2, axis=1)
+    near = square.argmin(axis=1)
+    best = np.full(len(points), np.inf)
+    for start in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):  # the two pieces at the nearest corner
+        piece = line[start + 1] - line[start]
+        off = points - line[start]
+        long = np.sum(piece**2, axis=1)
+        share = np.clip(np.sum(off * piece, axis=1) / np.where(long > 0, long, 1.0), 0.0, 1.0)
+        best = np.minimum(best, np.linalg.norm(off - share[:, None] * piece, axis=1))
+    return float(best.mean())
+
+
+@public
+@dataclasses.dataclass(frozen=True, eq=False)
+class TracedDesign:
+    """A linkage that traces a curve.
+
+    Attributes:
+        chain: its chain of dyads.
+        distance: mean distance between its curve and the target, both ways added, in units of the target's root mean
+            square distance from its centre.
+        exact: whether it meets the points as they were given, but for rounding.
+        curve: its curve, in the target's place and unit, ``(N, 2)``.
+        closed: whether the last point of its curve is joined to the first.
+        transmission: the smallest transmission angle of its dyads along the curve, radians.
+        turns: whether the crank can turn all round.
+        numbers: the design as numbers.
+    """
+
+    chain: Chain
+    distance: float
+    exact: bool
+    curve: np.ndarray
+    closed: bool
+    transmission: float
+    turns: bool
+    numbers: Drawn
+
+    @property
+    def bars(self) -> int:
+        """Number of links, the ground among them."""
+        return self.chain.bars
+
+    @property
+    def name(self) -> str:
+        """Name of its kind of linkage."""
+        return self.chain.name
+
+    @functools.cached_property
+    def _built(self) -> tuple[Mechanism, float]:
+        return to_mechanism(self.numbers)
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The linkage as an ordinary mechanism: angle ``phi`` of the crank, tracing point ``P``."""
+        return self._built[0]
+
+    @functools.cached_property
+    def system(self) -> System:
+        """The mechanism, compiled."""
+        return self.mechanism.compile()
+
+    @property
+    def travel(self) -> tuple[float, float]:
+        """Where the crank begins and ends, radians: ``phi`` of `mechanism`."""
+        return self._built[1], self._built[1] + self.numbers.span
+
+    def move(self, poses: int = 181) -> Motion:
+        """Move the mechanism over its travel by the robust solver.
+
+        Args:
+            poses: how many, evenly by the angle of the crank.
+        """
+        from jaxnc.kinematics.position import sweep
+
+        return sweep(self.system, {INPUT: np.linspace(*self.travel, poses)})
+
+    @property
+    def rank(self) -> tuple[float, int]:
+        """Key by which designs are ordered: by their distance, of exact ones by their bars."""
+        return (0.0, self.bars) if self.exact else (self.distance, self.bars)
+
+    @property
+    def line(self) -> np.ndarray:
+        """Its curve as corners of a line, the first one again at the end of a closed one."""
+        return np.vstack([self.curve, self.curve[:1]]) if self.closed else self.curve
+
+
+@public
+@dataclasses.dataclass(frozen=True, eq=False)
+class TraceResult:
+    """Linkages that trace a curve, best first; ``print()`` shows the table.
+
+    Attributes:
+        points: the target as it was given, ``(N, 2)``.
+        closed: whether it is closed.
+        designs: what was found.
+        refined: how many candidates were refined.
+        seconds: how long it took.
+        stopped: how the search ended, in words.
+    """
+
+    points: np.ndarray
+    closed: bool
+    designs: tuple[TracedDesign, ...]
+    refined: int
+    seconds: float
+    stopped: str
+
+    @property
+    def best(self) -> TracedDesign:
+        """The nearest design."""
+        if not self.designs:
+            raise InputError("trace found no linkage that meets the conditions; loosen them, or give it more seconds")
+        return self.designs[0]
+
+    @property
+    def front(self) -> tuple[TracedDesign, ...]:
+        """For each number of bars the nearest design, as far as it is nearer than those with fewer."""
+        out: list[TracedDesign] = []
+        for bars in BARS:
+            own = [d for d in self.designs if d.bars == bars]
+            if own and (not out or own[0].distance < out[-1].distance):
+                out.append(own[0])
+        return tuple(out)
+
+    def __str__(self) -> str:
+        exact = sum(d.exact for d in self.designs)
+        lines = [
+            f"trace: {len(self.designs)} linkages, {self.refined:,} candidates refined in {self.seconds:.3g} s; "
+            f"{self.stopped}",
+            "      distance  bars  transmission  crank      linkage",
+        ]
+        for k, d in enumerate(self.designs, 1):
+            turn = "turns" if d.turns else f"{np.degrees(abs(d.numbers.span)):.0f}°"
+            how, angle = f"{d.distance:<8.3g}{'=' if d.exact else ' '}", f"{np.degrees(d.transmission):>11.1f}°"
+            lines.append(f"  {k:>2}  {how} {d.bars:>4}  {angle}  {turn:<9}  {d.name}")
+        if exact:
+            lines.append("  = meets all points as they were given; what is left is between them")
+        return "\n".join(lines)
+
+    def plot(self, path: str | Path | None = None, count: int = 6) -> "Figure":
+        """Draw the best designs over the target; the target dotted.
+
+        Args:
+            path: file to write, by its ending.
+            count: how many designs.
+        """
+        from jaxnc.viz import synthesis
+
+        return synthesis.traces(self, path, count)
+
+
+class _Terms(NamedTuple):
+    """What is asked of designs beside the curve."""
+
+    least: float  # transmission angle
+    turning: bool
+    ground: np.ndarray  # a box, (2, 2)
+
+    @classmethod
+    def of(cls, conditions: Sequence[Condition]) -> "_Terms":
+        least, turning, box = _LEAST, False, np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+        if isinstance(conditions, Condition) or not isinstance(conditions, Sequence):
+            raise InputError("trace: subject_to= takes a list of conditions, such as [S.transmission_angle(0.35)]")
+        for one in conditions:
+            if isinstance(one, TransmissionAngle) and one.joint is None:
+                least = float(one.least)
+            elif isinstance(one, CrankTurns):
+                turning = True
+            elif isinstance(one, Within) and one.point == "ground":
+                box = np.asarray(one.box, float).T
+            else:
+                told = one.name if isinstance(one, Condition) else repr(one)
+                raise InputError(
+                    f"trace: subject_to has {told!r}; what is known before there is a linkage are "
+                    f"transmission_angle(min), crank_turns() and within('ground', x=…, y=…). State the others in a "
+                    f"PathGeneration that begins at a design's mechanism"
+                )
+        return cls(least, turning, box)
+
+
+@public
+def trace(
+    points: Any,
+    closed: bool | None = None,
+    bars: Sequence[int] = BARS,
+    subject_to: Sequence[Condition] = (),
+    seconds: float = 60.0,
+    key: Array | None = None,
+    keep: int = 10,
+    sliders: bool = True,
+    only: Sequence[str] | None = None,
+    source: Atlas | None = None,
+    progress: bool | None = None,
+) -> TraceResult:
+    """Find linkages that trace a curve: four-, six- and eight-bars of dyads with turning and sliding pairs.
+
+    Curves of an atlas that are alike, wherever they are and however large, are refined by least squares of distances
+    both ways; place, turn and size are solved for, and the timings are free. The curve of a closed target is that of a
+    crank that turns all round; an open one is traced over a part of the turn.
+
+    Args:
+        points: the curve, ``(N, 2)``, in order; straight between them.
+        closed: the last point is joined to the first; if not given, where they are as near as neighbours are.
+        bars: numbers of links that are looked for, of 4, 6 and 8.
+        subject_to: `transmission_angle`, `crank_turns`, `within` for ``"ground"``, all pivots of the ground.
+        seconds: time for the search, without that for an atlas that has to be made.
+        key: of the random numbers, ``jax.random.key(0)`` if not given.
+        keep: designs in the result.
+        sliders: whether joints may slide.
+        only: names of linkages that are looked for, such as ``"Watt II"``; see `TracedDesign.name`.
+        source: an atlas of your own; that of 200,000 linkages if not given, which is made at first use.
+        progress: show a bar with the best distance; if not given, where stderr is a terminal, and in a notebook.
+
+    Returns:
+        The linkages, best first.
+
+    Raises:
+        InputError: points that are no curve, conditions that need names, no time.
+    """
+    refuse_fork()
+    target, terms = Curve.of(points, closed), _Terms.of(subject_to)
+    wanted, limit = check_bars("trace", bars), as_time_limit("trace", seconds)
+    rng = np.random.default_rng(as_seed("trace", key))
+    if isinstance(keep, bool) or not isinstance(keep, int | np.integer) or keep < 1:
+        raise InputError(f"trace: keep={keep!r}: expected a number of designs, at least 1")
+    allowed = _allowed(only, sliders, wanted)
+    known = atlas(_ATLAS, progress=progress) if source is None else source
+    if not isinstance(known, Atlas):
+        raise InputError(f"trace: source={source!r}: expected an atlas, as nc.synthesis.atlas() returns it")
+    begun = time.perf_counter()
+    searches = [_Search(target, terms, known, b, allowed, rng) for b in wanted if b in known.shelves]
+    stopped = _run(searches, begun + limit, progress)
+    found = _judge(target, terms, searches, keep)
+    refined = sum(search.refined for search in searches)
+    return TraceResult(target.given, target.closed, found, refined, time.perf_counter() - begun, stopped)
+
+
+def _allowed(only: Any, sliders: bool, bars: Sequence[int]) -> Callable[[Chain], bool] | None:
+    if only is not None:
+        names = {chain.name for b in bars for chain in dyadic_chains(b)}
+        if isinstance(only, str) or not all(isinstance(n, str) for n in only) or not only:
+            raise InputError(f"trace: only={only!r}: expected names of linkages, such as ['Watt II']")
+        for name in only:
+            if name not in names:
+                raise InputError(f"trace: only= has no linkage {name!r}; {nearest(name, names)}")
+    if only is None and sliders:
+        return None
+    return lambda chain: (only is None or chain.name in only) and (sliders or not chain.sliders)
+
+
+class _Search:
+    """The search among linkages with some number of bars, round by round."""
+
+    def __init__(
+        self,
+        target: Curve,
+        terms: _Terms,
+        known: Atlas,
+        bars: int,
+        allowed: Callable[[Chain], bool] | None,
+        rng: np.random.Generator,
+    ):
+        self.bars, self.target, self.rng = bars, target, rng
+        self.queue = known.find(target.even, target.closed, bars, _MANY, allowed)
+        # A little more than asked for, so that what is found meets it between the poses too.
+        sine = float(np.sin(min(terms.least * 1.01 + 0.001, np.pi / 2)) ** 2)
+        ground = (terms.ground - target.centre) / target.size
+        self.goal = target.target(True, sine, ground, _LARGE)
+        self.points = target.target(False, sine, ground, _LARGE)
+        self.taken = self.refined = self.rounds = 0
+        self.pool: Lanes | None = None
+        self.cost = np.zeros(0)
+        self.exact: Lanes | None = None
+
+    @property
+    def best(self) -> float:
+        """Root mean square of the distances of the nearest design so far."""
+        return float(np.sqrt(self.cost.min())) if len(self.cost) else np.inf
+
+    def round(self) -> None:
+        """Refine the next candidates, or, in turns, what chance makes of the best designs."""
+        self.rounds += 1
+        if self.taken < len(self.queue.misfit) and (self.rounds < 4 or self.rounds % 2):
+            lanes = self._next()
+        else:
+            lanes = self._vary()
+        lanes, cost = self._refine(lanes, _STEPS[1])
+        self._keep(lanes, cost)
+        if self.rounds in (1, 3) or self.rounds % 6 == 0:
+            self._polish()
+
+    def _next(self) -> Lanes:
+        """Look at candidates, and select those that come nearest in a few steps."""
+        stop = min(self.taken + _GROUPS * _WIDTH, len(self.queue.misfit))
+        chosen = slice(self.taken, stop)
+        self.taken = stop
+        some = Candidate(self.queue.shelf.at(chosen), *(array[chosen] for array in self.queue[1:]))
+        lanes = start_lanes(self.target.even, self.target.closed, some, chain_arrays(self.bars).at(some.shelf.chain))
+        lanes, cost = self._refine(lanes, _STEPS[0])
+        self.refined += len(cost)
+        return _some(lanes, np.argsort(cost, kind="stable")[:_WIDTH])
+
+    def _vary(self) -> Lanes:
+        assert self.pool is not None
+        count = len(self.cost)
+        source = np.minimum(self.rng.geometric(0.08, _WIDTH) - 1, count - 1)
+        lanes = _some(self.pool, source)
+        row = np.array(lanes.row)
+        size = self.rng.choice([0.03, 0.1, 0.3], (_WIDTH, 1))
+        row[:, :-6] *= np.exp(size * self.rng.normal(size=row[:, :-6].shape))
+        row[:, :-6] += 0.3 * size * self.rng.normal(size=row[:, :-6].shape)
+        if not self.target.closed:
+            row[:, -2:] += size * self.rng.normal(size=(_WIDTH, 2))
+        self.refined += _WIDTH
+        return lanes._replace(row=row)
+
+    def _polish(self) -> None:
+        assert self.pool is not None
+        lanes, cost = self._refine(_some(self.pool, slice(_WIDTH)), _STEPS[2])
+        self._keep(lanes, cost)
+        if self.best < _SMOOTH and len(self.target.own) > self.pool.row.shape[1]:
+            own, error = self._refine(_some(self.pool, slice(_WIDTH)), _STEPS[2], self.points, 6)
+            good = np.flatnonzero(error < _EXACT**2)
+            if len(good):
+                self.exact = _some(own, good[np.argsort(error[good], kind="stable")])
+
+    def _refine(self, lanes: Lanes, steps: int, goal: Target | None = None, feet: int = 1) -> tuple[Lanes, np.ndarray]:
+        """Refine any number of designs, so many at a time that a program is compiled once."""
+        rows, costs = [], []
+        for first in range(0, len(lanes.row), _WIDTH):
+            part = _some(lanes, slice(first, first + _WIDTH))
+            count = len(part.row)
+            full = _some(part, np.arange(_WIDTH) % count)
+            row, _, cost = refine(full, self.goal if goal is None else goal, steps, feet)
+            rows.append(np.asarray(row)[:count])
+            costs.append(np.asarray(cost)[:count])
+        cost = np.concatenate(costs)
+        return lanes._replace(row=np.concatenate(rows)), np.where(np.isfinite(cost), cost, np.inf)
+
+    def _keep(self, lanes: Lanes, cost: np.ndarray) -> None:
+        """Put designs among the best, none of them twice."""
+        if self.pool is not None:
+            lanes, cost = _join(self.pool, lanes), np.concatenate([self.cost, cost])
+        order = np.argsort(cost, kind="stable")
+        order = order[np.isfinite(cost[order])]
+        kept, seen = [], set()
+        for k in order:
+            mark = (float(f"{cost[k]:.3g}"), *lanes.chain.first[k].tolist(), *lanes.chain.kind[k].tolist())
+            if mark not in seen:
+                seen.add(mark)
+                kept.append(k)
+        chosen = np.array(kept[:_POOL], int)
+        self.pool, self.cost = _some(lanes, chosen), cost[chosen]
+
+
+def _some(lanes: Lanes, index: Any) -> Lanes:
+    return Lanes(lanes.chain.at(index), lanes.sign[index], lanes.row[index])
+
+
+def _join(a: Lanes, b: Lanes) -> Lanes:
+    chain = type(a.chain)(*(np.concatenate([x, y]) for x, y in zip(a.chain, b.chain, strict=True)))
+    return Lanes(chain, np.concatenate([a.sign, b.sign]), np.concatenate([a.row, b.row]))
+
+
+def _run(searches: list[_Search], end: float, progress: bool | None) -> str:
+    """Let searches go on in turns until time is over or a design is exact."""
+    begun = time.perf_counter()
+    with bar(None, "trace", "round", progress) as shown:
+        while True:
+            for search in searches:
+                search.round()
+                shown.update()
+                best = min(s.best for s in searches)
+                shown.set_postfix_str(f"best {best:.2g} of the curve's size", refresh=False)
+                if search.exact is not None:
+                    return f"stopped at linkages of {search.bars} bars that meet all points"
+                if time.perf_counter() >= end:
+                    return f"stopped after {time.perf_counter() - begun:.3g} s"
+
+
+def _judge(target: Curve, terms: _Terms, searches: list[_Search], keep: int) -> tuple[TracedDesign, ...]:
+    """Look closely at the best designs: at many poses, by the distance of curves, each curve once."""
+    out: list[TracedDesign] = []
+    for search in searches:
+        own = []
+        if search.exact is not None:
+            own += _look_closely(target, terms, search.exact, search.bars, True)
+        if search.pool is not None:
+            own += _look_closely(target, terms, _some(search.pool, slice(_WIDTH)), search.bars, False)
+        kept: list[TracedDesign] = []
+        for design in sorted(own, key=lambda design: design.rank):
+            if len(kept) < keep and all(_differ(design, other, target) for other in kept):
+                kept.append(_measured(design, target))
+        out += kept
+    return tuple(sorted(out, key=lambda design: design.rank)[:keep])
+
+
+def _measured(design: TracedDesign, target: Curve, count: int = _ALONG) -> TracedDesign:
+    """Measure how far a design's curve is from the target."""
+    return dataclasses.replace(design, distance=curve_distance(design.line, target.line, count) / target.size)
+
+
+def _look_closely(target: Curve, terms: _Terms, lanes: Lanes, bars: int, exact: bool) -> list[TracedDesign]:
+    """Move designs in many poses, and take those that meet the conditions there."""
+    closed, count = float(target.closed), len(lanes.row)
+    full = _some(lanes, np.arange(_WIDTH) % count)
+    curves, sines = (np.asarray(a)[:count] for a in trace_curves(full, _POSES, closed))
+    turning = sines
+    if not target.closed:
+        row = np.array(full.row)
+        row[:, -1] = 2.0 * np.pi
+        turning = np.asarray(trace_curves(full._replace(row=row), _POSES, 1.0)[1])[:count]
+    found = []
+    for k, row in enumerate(np.asarray(lanes.row)):
+        turns = bool(turning[k] > 0.5 * np.sin(_LEAST) ** 2)
+        if not sines[k] >= 0.999 * np.sin(terms.least) ** 2 or (terms.turning and not turns):
+            continue
+        factor, place = complex(*row[-4:-2]) * target.size, complex(*(target.centre + target.size * row[-6:-4]))
+        if not _within(lanes, k, place, factor, terms.ground):
+            continue
+        chain = _chain_of(lanes, k, bars)
+        span = 2.0 * np.pi if target.closed else float(row[-1])
+        drawn = Drawn(chain, np.asarray(lanes.sign[k]), row[:-6], place, factor, float(row[-2]), span)
+        angle = float(np.arcsin(np.sqrt(np.clip(sines[k], 0.0, 1.0))))
+        points = target.centre + target.size * curves[k]
+        design = TracedDesign(chain, 0.0, exact, points, target.closed, angle, turns, drawn)
+        found.append(_measured(design, target, _ROUGHLY))
+    return found
+
+
+def _within(lanes: Lanes, k: int, place: complex, factor: complex, box: np.ndarray) -> bool:
+    """Say whether all pivots of the ground are in a box."""
+    if not np.isfinite(box).any():
+        return True
+    each = np.asarray(lanes.row[k])[:-8].reshape(-1, 6)
+    local = [0j]
+    for row, a, b in zip(each, lanes.chain.first[k], lanes.chain.second[k], strict=True):
+        local += [complex(*row[:2])] * (a == 0) + [complex(*row[2:4])] * (b == 0)
+    at = place + factor * np.array(local)
+    at = np.stack([at.real, at.imag], axis=1)
+    slack = 1e-3 * abs(factor)
+    return bool(((at >= box[0] - slack) & (at <= box[1] + slack)).all())
+
+
+def _chain_of(lanes: Lanes, k: int, bars: int) -> Chain:
+    """Find the chain that is written as arrays."""
+    arrays = chain_arrays(bars)
+    same = arrays.tracer == lanes.chain.tracer[k]
+    for name in ("kind", "first", "second"):
+        same &= (getattr(arrays, name) == getattr(lanes.chain, name)[k]).all(axis=1)
+    return dyadic_chains(bars)[int(np.flatnonzero(same)[0])]
+
+
+def _differ(one: TracedDesign, other: TracedDesign, target: Curve) -> bool:
+    """Say whether two designs are different: other chains, or curves that are apart."""
+    if one.chain != other.chain:
+        return True
+    a, b = one.numbers.design, other.numbers.design
+    return bool(np.abs(a - b).max() > 0.2 * np.abs(b).max()) or (
+        curve_distance(one.line, other.line, _ROUGHLY) > _ALIKE * target.size
+    )
