@@ -1,4 +1,4 @@
-"""`jaxnc check`, `compare`, `export`, `report` and `synthesise`; what one needs alone is loaded on first use."""
+"""`jaxnc check`, `compare`, `export`, `report`, `synthesise` and `trace`; what one needs is loaded then."""
 
 import argparse
 import sys
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import jax
 import msgspec
+import numpy as np
 
 import jaxnc as nc
 from jaxnc.cli.output import list_files, write_files
@@ -186,6 +187,45 @@ def do_synthesise(question: Question, options: argparse.Namespace, importing: fl
         files += write_files(place, problem.system.name, [pictures, course])
     print(list_files(files, options.verdict))
     return _search_code(result, options)
+
+
+def do_trace(question: Question, options: argparse.Namespace, importing: float) -> int:
+    """Find linkages that trace a curve; 1 if none meets the conditions."""
+    from jaxnc import synthesis as S
+
+    assert question.curve is not None
+    points, closed = question.curve
+    more = {}
+    if options.bars is not None:
+        words = options.bars.split(",")
+        if not all(word.strip().isdigit() for word in words):
+            raise InputError(f"--bars {options.bars}: expected some of 4, 6 and 8, such as 4,6")
+        more["bars"] = [int(word) for word in words]
+    if options.transmission is not None:
+        more["subject_to"] = [S.transmission_angle(float(np.radians(options.transmission)))]
+    key, sliders = jax.random.key(options.key), not options.no_sliders
+    result = S.trace(points, closed, seconds=options.seconds, key=key, sliders=sliders, **more)
+    verdict = options.verdict
+    designs = [Design(error=number(d.distance), defects=[], variables={"bars": float(d.bars)}) for d in result.designs]
+    verdict.search = Search(
+        screened=result.refined, refined=result.refined, stopped=result.stopped, unit="", designs=designs
+    )
+    verdict.assembles = verdict.moves = verdict.does = bool(designs)
+    print(result)
+    print(f"  importing  {importing:.2f} s")
+    if not designs:
+        verdict.add("no-design", "error", "no linkage meets the conditions")
+        return 1
+    if options.out is None:
+        print("  no files written; --out DIR writes the linkages as model files, and a picture")
+        return 0
+    place, tasks = Path(options.out), []
+    for k, design in enumerate(result.designs[:3], 1):
+        tasks.append((f"-{k}.toml", f"a model file: {design.name}", design.save))
+    if not options.no_pictures:
+        tasks.append(("-linkages.png", "the best linkages", result.plot))
+    print(list_files(write_files(place, question.mechanism.name, tasks), verdict))
+    return 0
 
 
 def _search_code(result: "Result", options: argparse.Namespace) -> int:

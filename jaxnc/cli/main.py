@@ -29,6 +29,7 @@ COMMANDS = {
     "parts": ("read_model", "run"),
     "simulate": ("read_model", "simulate"),
     "synthesise": ("read_problem", "commands"),
+    "trace": ("read_curve", "commands"),
     "compare": ("read_model", "commands"),
     "export": ("read_model", "commands"),
     "report": ("read_report", "commands"),
@@ -45,6 +46,7 @@ examples:
   jaxnc run four_bar.toml --input phi=0:180:91 --rate phi=360
   jaxnc simulate pendulum.toml --duration 5 --out swing
   jaxnc synthesise path.toml --out designs
+  jaxnc trace curve.svg --seconds 60 --out linkages
   jaxnc parts four_bar.toml --width 16 --pin 5 --thickness 3 --out plates
   jaxnc compare four_bar.toml          the same in every family of coordinates: counts, equations, cost
   jaxnc export four_bar.toml --to mjcf     a file for MuJoCo, or --to urdf
@@ -294,6 +296,18 @@ def command_parser() -> argparse.ArgumentParser:
     synthesise.add_argument("--resume", metavar="FILE", help="go on with the search that was kept in FILE, and keep it")
     synthesise.add_argument("--out", metavar="DIR", help="write the designs as model files, and pictures, into DIR")
     synthesise.add_argument("--no-pictures", action="store_true", help="write tables and models only")
+    trace = commands.add_parser("trace", help="find four-, six- and eight-bars that trace a curve")
+    trace.add_argument("file", metavar="FILE", help="the curve: an SVG path, or x and y in a .csv, .txt or .npy file")
+    trace.add_argument("--bars", metavar="N[,N]", help="numbers of links: 4, 6, 8 (all)")
+    trace.add_argument("--seconds", type=float, default=60.0, metavar="S", help="time for the search (60)")
+    trace.add_argument("--key", type=int, default=0, metavar="N", help="another number gives other random designs")
+    ends = trace.add_mutually_exclusive_group()
+    ends.add_argument("--closed", action="store_true", default=None, help="the last point is joined to the first")
+    ends.add_argument("--open", action="store_false", dest="closed", help="it is not; without either, where they meet")
+    trace.add_argument("--no-sliders", action="store_true", help="turning joints only")
+    trace.add_argument("--transmission", type=float, metavar="DEG", help="smallest transmission angle, degrees (8)")
+    trace.add_argument("--out", metavar="DIR", help="write the linkages as model files, and a picture, into DIR")
+    trace.add_argument("--no-pictures", action="store_true", help="write models only")
     compare = commands.add_parser("compare", help="look at a model in every family of coordinates, side by side")
     compare.add_argument(
         "--families", metavar="NAME[,NAME]", help="which: independent, relative, reference, natural, mixed (all)"

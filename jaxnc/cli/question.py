@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from jaxnc.errors import InputError, OutputError, nearest
 from jaxnc.io.drives import check_driven, check_run, is_angle
@@ -31,6 +32,7 @@ class Question:
     mechanism: Mechanism
     run: record.Run  # how it is to be driven
     file: str | Path | None = None  # the model file that it stands in, for the lines of what is wrong with it
+    curve: tuple[np.ndarray, bool | None] | None = None  # to be traced: its points, and whether it is closed
 
 
 def read_demo(options: argparse.Namespace) -> Question | None:
@@ -137,6 +139,19 @@ def read_problem(options: argparse.Namespace) -> Question:
     subject = problem.point or problem.output or problem.body or mechanism.name
     title = f"{Path(options.file).name}: {problem.kind} of {subject}, {mechanism.name}"
     return replace(_question(mechanism, mechanism.model.run, options), title=title)
+
+
+def read_curve(options: argparse.Namespace) -> Question:
+    """Read the curve that is to be traced; the mechanism is an empty one that bears its name."""
+    from jaxnc.io.curve_files import load_curve
+
+    points, closed = load_curve(options.file)
+    closed = closed if options.closed is None else options.closed
+    name = Path(options.file).stem
+    question = _question(Mechanism(name), record.Run(), options)
+    return replace(
+        question, title=f"{Path(options.file).name}: a curve of {len(points)} points", curve=(points, closed)
+    )
 
 
 def _question(

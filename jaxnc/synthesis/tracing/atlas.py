@@ -219,7 +219,7 @@ def _read(path: Path | None) -> dict[int, Shelf] | None:
     if path is None or not path.is_file():
         return None
     try:
-        with np.load(path) as file:
+        with path.open("rb") as whole, np.load(whole) as file:
             return {b: Shelf(b, *(file[f"{name}_{b}"] for name in Shelf._fields[1:])) for b in BARS}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
@@ -234,7 +234,7 @@ def _write(path: Path | None, shelves: dict[int, Shelf]) -> None:
     }
     try:
         with new.open("wb") as file:
-            np.savez(file, **arrays)
+            np.savez(file, allow_pickle=False, **arrays)
         new.replace(path)
     except OSError as error:
         new.unlink(missing_ok=True)

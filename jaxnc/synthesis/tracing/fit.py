@@ -187,8 +187,9 @@ def _look(
     normal = _across(speed, gap, at_end | (along > across))  # at a cusp there is no perpendicular
 
     # Feet of the curve's poses on the polyline of the target.
-    _, _, foot, tangent, beyond = _nearest(here, goal, closed)
-    other = _across(tangent.T, (here - foot).T, beyond)
+    _, _, foot, tangent, _ = _nearest(here, goal, closed)
+    off = (here - foot).T  # across a piece, or from a corner
+    other = _across(tangent.T, off, jnp.sum(off**2, axis=0) > 1e-20)
     length = jnp.sqrt(jnp.sum((jnp.roll(here, -1, axis=0) - here) ** 2, axis=1))
     length = jnp.where(closed | (jnp.arange(COUNT) < COUNT - 1), length, 0.0)
     length = 0.5 * (length + jnp.roll(length, 1))

@@ -18,7 +18,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.progress import bar
 from jaxnc.synthesis.conditions import Condition, CrankTurns, TransmissionAngle, Within
 from jaxnc.synthesis.tracing.atlas import BARS, Atlas, Candidate, atlas, chain_arrays, check_bars
-from jaxnc.synthesis.tracing.chains import Chain, dyadic_chains
+from jaxnc.synthesis.tracing.chains import GROUND, Chain, dyadic_chains
 from jaxnc.synthesis.tracing.fit import COUNT, Lanes, Target, refine, start_lanes, trace_curves
 from jaxnc.synthesis.tracing.linkage import INPUT, Drawn, to_mechanism
 from jaxnc.synthesis.validate import as_seed, as_time_limit
@@ -39,6 +39,7 @@ _EXACT = 1e-7  # of the target's size: the points are met
 _LARGE = 20.0  # sizes of the target: no link is longer
 _LEAST = float(np.radians(8.0))  # of the transmission angle
 _POSES = 720  # at which a design is judged
+_TURNS = (4, 6, 8, 8, 6, 8)  # the order in which linkages with so many bars are looked at
 _ALONG = 2000  # points by arc length, of a distance between curves
 _ROUGHLY = 300  # points of a curve where designs are only put in order
 _ALIKE = 2e-3  # of the target's size: curves no farther apart are the same one
@@ -194,6 +195,18 @@ class TracedDesign:
         from jaxnc.kinematics.position import sweep
 
         return sweep(self.system, {INPUT: np.linspace(*self.travel, poses)})
+
+    def save(self, path: str | Path) -> Path:
+        """Write the mechanism as a model file that runs over its travel.
+
+        Args:
+            path: the file, ``.toml`` or ``.json``.
+        """
+        from jaxnc.mechanism import model as record
+
+        low, high = self.travel
+        self.mechanism.model.run = record.Run(inputs={INPUT: record.Drive(low, high, 181)}, outputs=["P"])
+        return self.mechanism.save(path)
 
     @property
     def rank(self) -> tuple[float, int]:
@@ -489,7 +502,8 @@ def _run(searches: list[_Search], end: float, progress: bool | None) -> str:
     begun = time.perf_counter()
     with bar(None, "trace", "round", progress) as shown:
         while True:
-            for search in searches:
+            # Linkages of four bars are looked through soon; those of eight are many.
+            for search in (s for turn in _TURNS for s in searches if s.bars == turn):
                 search.round()
                 shown.update()
                 best = min(s.best for s in searches)
@@ -557,7 +571,7 @@ def _within(lanes: Lanes, k: int, place: complex, factor: complex, box: np.ndarr
     each = np.asarray(lanes.row[k])[:-8].reshape(-1, 6)
     local = [0j]
     for row, a, b in zip(each, lanes.chain.first[k], lanes.chain.second[k], strict=True):
-        local += [complex(*row[:2])] * (a == 0) + [complex(*row[2:4])] * (b == 0)
+        local += [complex(*spot) for spot, body in ((row[:2], a), (row[2:4], b)) if body == GROUND]
     at = place + factor * np.array(local)
     at = np.stack([at.real, at.imag], axis=1)
     slack = 1e-3 * abs(factor)

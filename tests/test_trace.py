@@ -1,0 +1,184 @@
+"""From a drawn curve to linkages: chains counted, moved, fitted, and written as mechanisms."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.cli.main import main
+from jaxnc.synthesis import conditions as S
+from jaxnc.synthesis.tracing import atlas as making
+from jaxnc.synthesis.tracing import fit
+from jaxnc.synthesis.tracing.chains import Chain, Hung, dyadic_chains
+from jaxnc.synthesis.tracing.descriptors import closed_coefficients, lay_closed, normalise
+from jaxnc.synthesis.tracing.linkage import Drawn, to_mechanism
+from jaxnc.synthesis.tracing.trace import Curve, curve_distance, space_evenly
+from jaxnc.synthesis.tracing.turning import count_chains
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """An atlas of a few thousand linkages."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(making, "_PART", 3000)
+        yield nc.synthesis.atlas(1, folder=tmp_path_factory.mktemp("atlas"))
+
+
+def unseen(bars, count, seed=1):
+    """Designs that no atlas has, over the chains in turns."""
+    shelf = making.make(bars, np.random.default_rng(seed))
+    kept = {int(c): k for k, c in enumerate(shelf.chain)}
+    for k in list(kept.values())[:count]:
+        chain = shelf.chains[shelf.chain[k]]
+        yield Drawn(chain, shelf.sign[k].astype(float), shelf.design[k].astype(float), 0.3j, 1.4 - 0.5j, 0.4, 6.28)
+
+
+@pytest.mark.parametrize(("bars", "chains", "inversions"), [(4, 1, 1), (6, 2, 5), (8, 16, 71)])
+def test_chains_are_those_of_the_literature(bars, chains, inversions):
+    """And those of dyads come out alike whether they are hung up or sorted out of all."""
+    census = count_chains(bars)
+    assert (census.chains, census.inversions) == (chains, inversions)
+    assert census.dyadic == len(dyadic_chains(bars, sliders=False))
+
+
+def test_known_linkages_are_called_by_their_names():
+    names = {chain.name for chain in dyadic_chains(6, sliders=False)}
+    assert names == {"Watt I", "Watt II", "Stephenson I", "Stephenson III"}  # no crank-driven Stephenson II is of dyads
+    assert Chain((Hung("RRP", 1, 0),), 2).name == "slider-crank"
+    assert "Jansen" in {chain.name for chain in dyadic_chains(8, sliders=False)}
+
+
+@pytest.mark.parametrize("bars", [4, 6, 8])
+def test_designs_move_as_mechanisms(bars):
+    """By the closed form and by the library's own solver, with turning and with sliding joints."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 25)
+    for drawn in unseen(bars, 8 if bars > 4 else 5):
+        mechanism, begin = to_mechanism(drawn)
+        motion = nc.sweep(mechanism.compile(), {"phi": begin + turn})
+        found = np.asarray(motion["P"]) @ [1, 1j]
+        wanted = drawn.trace(drawn.begin + turn)
+        assert np.abs(found - wanted).max() < 1e-9 * np.ptp(wanted.real), drawn.chain
+
+
+def heart(count=200):
+    t = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    y = 13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t)
+    return 0.01 * np.stack([16 * np.sin(t) ** 3, y], axis=1) + [3.0, 1.0]
+
+
+def test_a_curve_is_known_in_any_place_size_turn_and_mirror():
+    points = space_evenly(np.vstack([heart(), heart()[:1]]), 129)[:-1]
+    turned = (points @ [1, 1j]) * 0.3 * np.exp(0.7j) + 5
+    goal = normalise(closed_coefficients(points))
+    for z, mirrored in ((turned, False), (np.conj(turned), True), (np.roll(turned, 31)[::-1], False)):
+        found = normalise(closed_coefficients(np.stack([z.real, z.imag], axis=1)))
+        left, _, flipped = lay_closed(goal, found[None])
+        assert left[0] < 2e-3
+        assert mirrored == flipped[0] or left[0] < 1e-5  # a heart is its own mirror image
+
+
+def test_slopes_are_those_of_the_cost(small):
+    """Against differences: feet of perpendiculars move, and to first order a distance does not change with that."""
+    target = Curve.of(heart(), True)
+    points = target.target(False, -1.0, np.array([[-np.inf, -np.inf], [np.inf, np.inf]]), 1e6)
+    found = small.find(target.even, True, 6, 1)
+    lanes = fit.start_lanes(target.even, True, found, making.chain_arrays(6).at(found.shelf.chain))
+    chain, sign, row = jax.tree.map(lambda x: x[0], (lanes.chain, lanes.sign, jnp.asarray(lanes.row)))
+    look = jax.jit(lambda row: fit._look(chain, sign, points, jnp.all(row < 1e9), 20, row))
+    _, _, slope, _ = look(row)
+    for k in range(0, len(row) - 2, 3):
+        step = jnp.zeros(len(row)).at[k].set(1e-6)
+        numeric = (look(row + step)[0] - look(row - step)[0]) / 2e-6
+        assert abs(2.0 * slope[k] - numeric) < 1e-4 * float(jnp.abs(slope).max())
+
+
+def test_a_four_bar_is_found_by_its_curve(small):
+    drawn = next(d for d in unseen(4, 5, seed=2) if d.chain.name == "four-bar")
+    z = drawn.trace(np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False))
+    result = nc.synthesis.trace(np.stack([z.real, z.imag], axis=1), bars=(4,), seconds=20, source=small)
+    assert result.closed and result.best.exact and "meet all points" in result.stopped
+    assert result.best.name == "four-bar" and "4" in str(result).splitlines()[2]
+    numbers = result.best.numbers
+    turn = numbers.begin + np.linspace(0.0, 2.0 * np.pi, 2001)
+    own = numbers.trace(turn)
+    assert np.abs(np.asarray(result.best.move(2001)["P"]) @ [1, 1j] - own).max() < 1e-12 * np.ptp(own.real) * 1e3
+    for place in drawn.trace(
+        np.linspace(0.0, 2.0 * np.pi, 37)
+    ):  # between the points too, by Newton's steps to the foot
+        angle = turn[np.abs(own - place).argmin()]
+        for _ in range(6):
+            before, here, after = numbers.trace([angle - 1e-5, angle, angle + 1e-5])
+            slope = (after - before) / 2e-5
+            angle += ((place - here) * np.conj(slope)).real / abs(slope) ** 2
+        assert abs(numbers.trace(angle)[0] - place) < 1e-9 * np.ptp(own.real)
+
+
+def test_conditions_are_met(small):
+    box = (2.5, 3.5), (0.3, 1.5)
+    asked = [S.transmission_angle(0.5), S.within("ground", *box)]
+    result = nc.synthesis.trace(heart(), True, (4,), asked, seconds=2, source=small, sliders=False)
+    assert result.designs and result.refined > 0
+    for design in result.designs:
+        assert design.transmission >= 0.499 and design.turns and design.bars == 4 and not design.chain.sliders
+        model = design.mechanism.model
+        (low, high), pivots = np.array(box).T, np.array(list(model.ground.values()))
+        assert ((pivots >= low - 0.01) & (pivots <= high + 0.01)).all()
+    assert [d.distance for d in result.designs] == sorted(d.distance for d in result.designs)
+    again = nc.synthesis.trace(
+        heart(), True, (4,), asked, seconds=2, source=small, sliders=False, key=jax.random.key(1)
+    )
+    assert again.designs[0].distance == pytest.approx(result.designs[0].distance, rel=0.5)
+
+
+def test_distances_are_of_polylines_both_ways():
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], float)
+    assert curve_distance(square, square + np.array([0.1, 0.0])) == pytest.approx(0.1, rel=0.06)
+    assert curve_distance(square, space_evenly(square, 4001)) < 2e-3
+    assert curve_distance(square[:2], square[:2] + np.array([0, 0.25])) == pytest.approx(0.5, rel=1e-9)
+
+
+def test_an_atlas_is_kept_and_mended(tmp_path, monkeypatch):
+    monkeypatch.setattr(making, "_PART", 1000)
+    first = nc.synthesis.atlas(1500, folder=tmp_path)
+    files = sorted(tmp_path.iterdir())
+    assert len(first) == 2000 and len(files) == 2 and repr(first).startswith("Atlas(200 of 4 bars")
+    files[0].write_bytes(files[0].read_bytes()[:1000])  # cut short
+    again = nc.synthesis.atlas(1500, bars=(6,), folder=tmp_path)
+    assert len(again) == 600
+    np.testing.assert_array_equal(again.shelves[6].design, first.shelves[6].design)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"points": [[0, 0]]}, "points.*N >= 3"),
+        ({"points": [[0, 0], [1, np.nan], [2, 0]]}, r"points\[1\] is NaN"),
+        ({"points": np.zeros((5, 2))}, "same"),
+        ({"bars": (5,)}, "bars.*4, 6 or 8"),
+        ({"closed": "yes"}, "closed"),
+        ({"seconds": -1}, "seconds"),
+        ({"keep": 0}, "keep"),
+        ({"only": ["Watts"]}, "only.*did you mean"),
+        ({"source": 3}, "source.*atlas"),
+        ({"subject_to": [S.size(3.0)]}, "PathGeneration"),
+    ],
+)
+def test_what_is_no_curve_is_told(given, said):
+    with pytest.raises(nc.InputError, match=said):
+        nc.synthesis.trace(**{"points": heart(), "seconds": 1, **given})
+
+
+def test_the_command_reads_files_and_writes_models(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(making, "_PART", 3000)
+    monkeypatch.setattr("jaxnc.synthesis.tracing.trace._ATLAS", 1)
+    monkeypatch.setenv("JAXNC_CACHE", str(tmp_path / "kept"))
+    file = tmp_path / "heart.csv"
+    file.write_text("x,y\n" + "\n".join(f"{x},{y}" for x, y in heart(80)))
+    arguments = ["trace", str(file), "--bars", "4", "--seconds", "1", "--closed", "--no-cache", "--no-pictures"]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    assert "a curve of 80 points" in capsys.readouterr().out
+    model = nc.load(tmp_path / "out" / "heart-1.toml")
+    assert "P" in model.all_points and main(["run", str(tmp_path / "out" / "heart-1.toml"), "--no-cache"]) == 0
+    file.write_text("x,y\n1,2\nthree,4\n")
+    assert main(["trace", str(file)]) == 2 and "line 3" in capsys.readouterr().err
