@@ -33,7 +33,7 @@ from jaxnc.types import Array
 
 BARS = (4, 6, 8)
 _FORM = 1  # of the files, and of how designs are made; another number when either changes
-_PART = 50_000  # designs of a file
+_PART = 25_000  # designs of a file
 _POSES = 64  # at which designs are looked at when they are made
 _LEAST = float(np.sin(np.radians(8.0)) ** 2)  # of the transmission angle
 _LANES = 2048  # designs that are made together
@@ -145,7 +145,7 @@ def atlas(
 
     Designs are drawn at random over all chains of dyads; lengths are chosen so that the crank turns. Every design is
     moved all the way round by the closed form of its dyads, and none whose transmission angle falls below 8 degrees
-    is kept. The designs are kept in files of fifty thousand: what was interrupted goes on, and a larger atlas keeps
+    is kept. The designs are kept in files of 25,000: what was interrupted goes on, and a larger atlas keeps
     the smaller one.
 
     Args:
@@ -210,7 +210,8 @@ def _folder(folder: str | Path | None) -> Path | None:
 
     if folder is not None:
         return Path(made(Path(folder).expanduser()))
-    own = cache_folder(os.environ, sys.platform, None)
+    told = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    own = cache_folder(os.environ, sys.platform, told)
     return None if own is None else Path(made(Path(own) / "atlas"))
 
 
