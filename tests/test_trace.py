@@ -114,6 +114,17 @@ def test_a_four_bar_is_found_by_its_curve(small):
         assert abs(numbers.trace(angle)[0] - place) < 1e-9 * np.ptp(own.real)
 
 
+def test_given_timings_are_met(small):
+    drawn = next(d for d in unseen(4, 5, seed=2) if d.chain.name == "four-bar")
+    timing = np.linspace(2.0, 6.5, 15)
+    z = drawn.trace(timing)
+    result = nc.synthesis.trace(np.stack([z.real, z.imag], axis=1), False, timing, (4,), seconds=20, source=small)
+    best = result.best
+    assert best.exact and best.distance < 1e-10
+    motion = nc.sweep(best.system, {"phi": best.travel[0] + timing - timing[0]})
+    assert np.abs(np.asarray(motion["P"]) @ [1, 1j] - z).max() < 1e-9 * np.ptp(z.real)
+
+
 def test_conditions_are_met(small):
     box = (2.5, 3.5), (0.3, 1.5)
     asked = [S.transmission_angle(0.5), S.within("ground", *box)]
@@ -159,6 +170,7 @@ def test_an_atlas_is_kept_and_mended(tmp_path, monkeypatch):
         ({"closed": "yes"}, "closed"),
         ({"seconds": -1}, "seconds"),
         ({"keep": 0}, "keep"),
+        ({"timing": [0.0, 1.0]}, "timing"),
         ({"only": ["Watts"]}, "only.*did you mean"),
         ({"source": 3}, "source.*atlas"),
         ({"subject_to": [S.size(3.0)]}, "PathGeneration"),

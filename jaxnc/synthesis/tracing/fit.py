@@ -26,7 +26,8 @@ WHOLE = 4  # numbers of place, turn and size: x, y, and the factor as a complex 
 _GROW, _SHRINK = 4.0, 0.3  # of the damping
 _FIRST, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-14, 1e8
 _CLOSING = 3.0  # weight of a dyad that does not close, against a distance of the target's size
-COUNT = 96  # corners of a target, and poses of the crank at which a design is looked at
+COUNT = 64  # corners of a target, and poses of the crank at which a design is looked at
+_BEGINS = 64  # places of the crank that are tried as the begin of given timings
 _TOGETHER = 16  # designs that are calculated side by side: their numbers stay in the processor's cache
 _LONG = 0.1  # and of a link that is longer than allowed, for each size of the target
 
@@ -40,6 +41,8 @@ class Target(NamedTuple):
     both: Array  # how much the way from the curve to the target counts
     sine: Array  # what the square of the sine of a transmission angle shall be at least
     longest: Array  # what a link shall measure at most
+    timing: Array  # of the crank at the points, counted from its begin, (COUNT,)
+    timed: Array  # whether that is asked for: 1 or 0
     ground: Array  # a box in which the pivots of the ground shall be: lower and upper corner, (2, 2)
 
 
@@ -147,6 +150,7 @@ def _look(
     pieces = jnp.where(closed, COUNT, COUNT - 1.0)
     share = jnp.arange(COUNT) / pieces
     angles = row[-2] + span * share
+    timed = target.timed > 0
     low, high = jnp.minimum(angles[0], angles[0] + span), jnp.maximum(angles[0], angles[0] + span)
 
     def limit(angle: Array) -> Array:
@@ -166,14 +170,15 @@ def _look(
             here = place.T
             at, part, *_ = _nearest(goal, here, closed)
             angle = angles[0] + (at + part) * span / pieces
-            return limit(angle), angle, place, sine, place, speed
+            angle = jnp.where(timed, row[-2] + target.timing, limit(angle))
+            return angle, angle, place, sine, place, speed
 
         def approach(_: Any) -> tuple[Array, ...]:
             gap = place - goal.T
             nearer = angle - jnp.sum(gap * speed, axis=0) / jnp.maximum(jnp.sum(speed**2, axis=0), 1e-12)
             # Near a cusp a step may be a long one; the foot is between the neighbours of the nearest pose.
             nearer = jnp.clip(nearer, now[1] - jnp.abs(span) / pieces, now[1] + jnp.abs(span) / pieces)
-            return limit(nearer), *now[1:4], gap, speed
+            return jnp.where(timed, angle, limit(nearer)), *now[1:4], gap, speed
 
         return jax.lax.cond(k == 0, seek, approach, None)
 
@@ -197,17 +202,26 @@ def _look(
 
     # Rows: distances of the feet, distances of the poses, and the worst pose of each dyad.
     worst = jnp.argmin(sine, axis=1)
+    # Where timings are given, the two distances of a point are those along x and along y.
+    x, y = jnp.eye(2)[:, :, None] * jnp.ones(COUNT)
+    normal, other = jnp.where(timed, x, normal), jnp.where(timed, y, other)
+    foot = jnp.where(timed, goal, foot)
+    own_weight = jnp.sqrt(target.weight)
+    other_weight = jnp.where(timed, own_weight, jnp.sqrt(target.both * length))
     wanted = jnp.concatenate([goal, foot, jnp.zeros((dyads, 2))]).T
     normals = jnp.concatenate([normal, other, jnp.zeros((2, dyads))], axis=1)
-    weights = jnp.concatenate([jnp.sqrt(target.weight), jnp.sqrt(target.both * length), jnp.full(dyads, _CLOSING)])
+    weights = jnp.concatenate([own_weight, other_weight, jnp.full(dyads, _CLOSING)])
     # Ends of an open piece move with its range; feet within it do not.
     shares = jnp.concatenate([(angle - angles[0]) / jnp.where(span == 0, 1.0, span), share, share[worst]])
     fixed = jnp.concatenate([~at_end, jnp.zeros(COUNT, bool), jnp.zeros(dyads, bool)])
     every = jnp.concatenate([angle, angles, angles[worst]])
+    given = jnp.concatenate([target.timing, target.timing, jnp.zeros(dyads)])
+    by_time = timed & (jnp.arange(len(every)) < 2 * COUNT)
     own = jnp.arange(dyads)[:, None] == jnp.arange(2 * COUNT + dyads) - 2 * COUNT
 
     def rows(spread: Array) -> tuple[Array, Array]:
         crank = jnp.where(fixed | closed, every, spread[-2] + spread[-1] * shares)
+        crank = jnp.where(by_time, spread[-2] + given, crank)
         traced = move(chain, sign, spread[:-6], crank, go)
         miss = _put(spread, traced.point) - wanted
         short = jnp.sum(jnp.where(own, jnp.maximum(target.sine - traced.sine, 0.0), 0.0), axis=0)
@@ -216,7 +230,8 @@ def _look(
 
     spread = jnp.broadcast_to(row[:, None], (len(row), len(every)))
     jacobian, miss = jax.grad(rows, has_aux=True)(spread)
-    jacobian = jacobian.at[-2:].set(jnp.where(closed, 0.0, jacobian[-2:]))
+    held = jnp.stack([closed & ~timed, closed | timed])  # begin and range of the crank
+    jacobian = jacobian.at[-2:].set(jnp.where(held[:, None], 0.0, jacobian[-2:]))
     error = jnp.sum(miss[: 2 * COUNT] ** 2)
     more, extra_matrix, extra_slope = _beyond(chain, row, target)
     cost = jnp.sum(miss**2) + more
@@ -305,6 +320,32 @@ def start_lanes(target: np.ndarray, closed: bool, found: Any, arrays: ChainArray
     place = (goal @ [1, 1j]) - factor * (centre @ [1, 1j])
     row = lanes.row.copy()
     row[:, -6:-2] = np.stack([place.real, place.imag, factor.real, factor.imag], axis=1)
+    return lanes._replace(row=row)
+
+
+def begin_timed(lanes: Lanes, target: Target) -> Lanes:
+    """Let cranks begin where the points fit best, and turn, place and size each linkage for that."""
+    row = np.array(lanes.row)
+    row[:, -6:] = [0.0, 0.0, 1.0, 0.0, 0.0, 2.0 * np.pi]
+    own = np.asarray(trace_curves(lanes._replace(row=row), _BEGINS, 1.0)[0]) @ [1, 1j]
+    at = (np.arange(_BEGINS)[:, None] + np.asarray(target.timing) * (_BEGINS / (2.0 * np.pi))) % _BEGINS
+    before = at.astype(int) % _BEGINS
+    share = at - np.floor(at)
+    weight = np.asarray(target.weight)
+    goal = np.asarray(target.points) @ [1, 1j]
+    goal_centre = goal @ weight
+    for k, curve in enumerate(own):
+        found = (1.0 - share) * curve[before] + share * curve[(before + 1) % _BEGINS]  # by begin, then by point
+        centre = found @ weight
+        off = found - centre[:, None]
+        factor = (np.conj(off) * (goal - goal_centre)) @ weight / np.maximum(np.abs(off) ** 2 @ weight, 1e-300)
+        left = np.abs(goal - goal_centre - factor[:, None] * off) ** 2 @ weight
+        best = int(left.argmin())
+        place = goal_centre - factor[best] * centre[best]
+        row[k, -6:-1] = place.real, place.imag, factor[best].real, factor[best].imag, best * 2.0 * np.pi / _BEGINS
+    row[:, -1] = (
+        lanes.row[:, -1] if target.closed else float(np.asarray(target.timing)[np.asarray(target.weight) > 0].max())
+    )
     return lanes._replace(row=row)
 
 

@@ -19,9 +19,9 @@ from jaxnc.progress import bar
 from jaxnc.synthesis.conditions import Condition, CrankTurns, TransmissionAngle, Within
 from jaxnc.synthesis.tracing.atlas import BARS, Atlas, Candidate, atlas, chain_arrays, check_bars
 from jaxnc.synthesis.tracing.chains import GROUND, Chain, dyadic_chains
-from jaxnc.synthesis.tracing.fit import COUNT, Lanes, Target, refine, start_lanes, trace_curves
+from jaxnc.synthesis.tracing.fit import COUNT, Lanes, Target, begin_timed, refine, start_lanes, trace_curves
 from jaxnc.synthesis.tracing.linkage import INPUT, Drawn, to_mechanism
-from jaxnc.synthesis.validate import as_seed, as_time_limit
+from jaxnc.synthesis.validate import as_seed, as_time_limit, as_timing
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -54,6 +54,7 @@ class Curve(NamedTuple):
     size: float  # root mean square distance from the centre, by arc length
     even: np.ndarray  # corners at equal distances, in units of the size about the centre, (COUNT, 2)
     own: np.ndarray  # the points as given, in the same units, at most COUNT of them
+    timing: np.ndarray | None  # of these, from zero on
 
     @property
     def line(self) -> np.ndarray:
@@ -61,7 +62,7 @@ class Curve(NamedTuple):
         return np.vstack([self.given, self.given[:1]]) if self.closed else self.given
 
     @classmethod
-    def of(cls, points: Any, closed: bool | None) -> "Curve":
+    def of(cls, points: Any, closed: bool | None, timing: Any = None) -> "Curve":
         """Check a curve and space it evenly."""
         try:
             given: np.ndarray = np.asarray(points, dtype=float)
@@ -75,7 +76,10 @@ class Curve(NamedTuple):
         steps = np.linalg.norm(np.diff(given, axis=0), axis=1)
         if not steps.max() > 0:
             raise InputError("trace: all points are the same; draw a curve")
-        keep = np.append(True, steps > 1e-12 * steps.max())
+        when = None if timing is None else as_timing(timing, len(given), "trace: timing", 2.0 * np.pi)
+        if when is not None and when[-1] < when[0]:
+            given, when = given[::-1], when[::-1]
+        keep = np.append(True, steps > 1e-12 * steps.max()) if when is None else np.ones(len(given), bool)
         given = given[keep]
         gap = np.linalg.norm(given[-1] - given[0])
         if closed is None:
@@ -83,7 +87,7 @@ class Curve(NamedTuple):
         if not isinstance(closed, bool | np.bool_):
             raise InputError(f"trace: closed={closed!r}: expected True, False, or None to see whether the ends meet")
         if closed and gap <= 1e-9 * steps.max():
-            given = given[:-1]
+            given, when = given[:-1], None if when is None else when[:-1]
         if len(given) < 3:
             raise InputError("trace: points must be at least three different ones")
         corners = np.vstack([given, given[:1]]) if closed else given
@@ -91,8 +95,10 @@ class Curve(NamedTuple):
         dense = space_evenly(corners, _ALONG)
         centre = dense.mean(axis=0)
         size = float(np.sqrt(np.mean(np.sum((dense - centre) ** 2, axis=1))))
-        thin = given[np.unique(np.linspace(0, len(given) - 1, min(len(given), COUNT)).round().astype(int))]
-        return cls(given, bool(closed), centre, size, (even - centre) / size, (thin - centre) / size)
+        thin = np.unique(np.linspace(0, len(given) - 1, min(len(given), COUNT)).round().astype(int))
+        own = (given[thin] - centre) / size
+        when = None if when is None else when[thin] - when[0]
+        return cls(given, bool(closed), centre, size, (even - centre) / size, own, when)
 
     def target(self, both: bool, sine: float, ground: np.ndarray, longest: float) -> Target:
         """The curve as `fit.refine` takes it: both ways evenly, or only the points as they were given."""
@@ -101,8 +107,11 @@ class Curve(NamedTuple):
             count = len(self.own)
             points = np.concatenate([self.own, np.repeat(self.own[-1:], COUNT - count, axis=0)])
             weight = np.where(np.arange(COUNT) < count, 1.0 / count, 0.0)
-        numbers = (float(self.closed), float(both), sine, longest)
-        return Target(jnp.asarray(points), jnp.asarray(weight), *map(jnp.asarray, (*numbers, ground)))
+        when = np.zeros(COUNT)
+        if self.timing is not None:
+            when[: len(self.own)] = self.timing
+        numbers = (float(self.closed), float(both), sine, longest, when, float(self.timing is not None), ground)
+        return Target(jnp.asarray(points), jnp.asarray(weight), *map(jnp.asarray, numbers))
 
 
 def space_evenly(corners: np.ndarray, count: int) -> np.ndarray:
@@ -139,7 +148,7 @@ class TracedDesign:
     Attributes:
         chain: its chain of dyads.
         distance: mean distance between its curve and the target, both ways added, in units of the target's root mean
-            square distance from its centre.
+            square distance from its centre; with given timings the root mean square of the errors at the points.
         exact: whether it meets the points as they were given, but for rounding.
         curve: its curve, in the target's place and unit, ``(N, 2)``.
         closed: whether the last point of its curve is joined to the first.
@@ -317,6 +326,7 @@ class _Terms(NamedTuple):
 def trace(
     points: Any,
     closed: bool | None = None,
+    timing: Any = None,
     bars: Sequence[int] = BARS,
     subject_to: Sequence[Condition] = (),
     seconds: float = 60.0,
@@ -336,6 +346,7 @@ def trace(
     Args:
         points: the curve, ``(N, 2)``, in order; straight between them.
         closed: the last point is joined to the first; if not given, where they are as near as neighbours are.
+        timing: angles of the crank at the points, radians, from wherever it begins; free if not given.
         bars: numbers of links that are looked for, of 4, 6 and 8.
         subject_to: `transmission_angle`, `crank_turns`, `within` for ``"ground"``, all pivots of the ground.
         seconds: time for the search, without that for an atlas that has to be made.
@@ -353,7 +364,7 @@ def trace(
         InputError: points that are no curve, conditions that need names, no time.
     """
     refuse_fork()
-    target, terms = Curve.of(points, closed), _Terms.of(subject_to)
+    target, terms = Curve.of(points, closed, timing), _Terms.of(subject_to)
     wanted, limit = check_bars("trace", bars), as_time_limit("trace", seconds)
     rng = np.random.default_rng(as_seed("trace", key))
     if isinstance(keep, bool) or not isinstance(keep, int | np.integer) or keep < 1:
@@ -400,7 +411,7 @@ class _Search:
         # A little more than asked for, so that what is found meets it between the poses too.
         sine = float(np.sin(min(terms.least * 1.01 + 0.001, np.pi / 2)) ** 2)
         ground = (terms.ground - target.centre) / target.size
-        self.goal = target.target(True, sine, ground, _LARGE)
+        self.goal = target.target(target.timing is None, sine, ground, _LARGE)
         self.points = target.target(False, sine, ground, _LARGE)
         self.taken = self.refined = self.rounds = 0
         self.pool: Lanes | None = None
@@ -431,6 +442,8 @@ class _Search:
         self.taken = stop
         some = Candidate(self.queue.shelf.at(chosen), *(array[chosen] for array in self.queue[1:]))
         lanes = start_lanes(self.target.even, self.target.closed, some, chain_arrays(self.bars).at(some.shelf.chain))
+        if self.target.timing is not None:
+            lanes = begin_timed(lanes, self.goal)
         lanes, cost = self._refine(lanes, _STEPS[0])
         self.refined += len(cost)
         return _some(lanes, np.argsort(cost, kind="stable")[:_WIDTH])
@@ -532,7 +545,11 @@ def _judge(target: Curve, terms: _Terms, searches: list[_Search], keep: int) -> 
 
 
 def _measured(design: TracedDesign, target: Curve, count: int = _ALONG) -> TracedDesign:
-    """Measure how far a design's curve is from the target."""
+    """Measure how far a design's curve is from the target; where timings are given, from point to point."""
+    if target.timing is not None:
+        found = design.numbers.trace(design.numbers.begin + target.timing)
+        wanted = (target.centre + target.size * target.own) @ [1, 1j]
+        return dataclasses.replace(design, distance=float(np.sqrt(np.mean(np.abs(found - wanted) ** 2))) / target.size)
     return dataclasses.replace(design, distance=curve_distance(design.line, target.line, count) / target.size)
 
 

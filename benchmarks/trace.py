@@ -1,0 +1,157 @@
+"""``python -m benchmarks.trace``: curves of many kinds, traced; writes trace.json and trace.md beside this file.
+
+Targets: letters and digits as outlines of a free font (DejaVu Sans, which comes with matplotlib) and as single strokes
+of our own, open ones open; curves of random linkages that the atlas has not seen; feet of walking legs. Distances are
+in units of the target's root mean square distance from its centre: CD, the mean distance from points to the other
+polyline, both ways added, 2,000 points by arc length; points, the same from point to point, which no curve brings to
+zero; OD, the root mean square distance at the best cyclic shift.
+"""
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).parent
+OUTLINES = "CILMNSTUVWZ12357"  # glyphs of one contour
+STROKES = {  # corners of single strokes
+    "C": [(1, 0.8), (0.5, 1), (0.1, 0.75), (0, 0.5), (0.1, 0.25), (0.5, 0), (1, 0.2)],
+    "L": [(0, 1), (0, 0), (0.6, 0)],
+    "M": [(0, 0), (0, 1), (0.5, 0.3), (1, 1), (1, 0)],
+    "N": [(0, 0), (0, 1), (0.7, 0), (0.7, 1)],
+    "S": [(1, 0.85), (0.5, 1), (0.05, 0.75), (0.5, 0.5), (0.95, 0.25), (0.5, 0), (0, 0.15)],
+    "U": [(0, 1), (0, 0.35), (0.1, 0.1), (0.35, 0), (0.6, 0.1), (0.7, 0.35), (0.7, 1)],
+    "V": [(0, 1), (0.4, 0), (0.8, 1)],
+    "Z": [(0, 1), (0.8, 1), (0, 0), (0.8, 0)],
+    "2": [(0, 0.75), (0.3, 1), (0.65, 0.75), (0.5, 0.45), (0, 0), (0.7, 0)],
+    "3": [(0, 0.9), (0.35, 1), (0.65, 0.78), (0.3, 0.55), (0.7, 0.27), (0.35, 0), (0, 0.1)],
+    "7": [(0, 1), (0.65, 1), (0.2, 0)],
+}
+
+
+def targets(per_kind: int) -> Iterator[tuple[str, str, np.ndarray, bool, dict[str, Any]]]:
+    """Yield kind, name, points, whether the curve is closed, and what is asked beside it."""
+    from matplotlib.textpath import TextPath
+
+    import jaxnc as nc
+    from jaxnc.synthesis.tracing.atlas import make
+    from jaxnc.synthesis.tracing.linkage import Drawn
+
+    for letter in OUTLINES[:per_kind]:
+        (corners,) = TextPath((0, 0), letter, size=1.0).to_polygons()
+        yield "outline", letter, np.asarray(corners)[:-1], True, {}
+    for letter, corners in list(STROKES.items())[:per_kind]:
+        yield "stroke", letter, np.asarray(corners, float), False, {}
+    rng = np.random.default_rng(20_000)
+    for bars in (4, 6, 8):
+        shelf = make(bars, rng)
+        plain = [k for k, c in enumerate(shelf.chain) if not shelf.chains[c].sliders and shelf.sine[k] > 0.03]
+        for k in plain[:per_kind]:
+            chain = shelf.chains[shelf.chain[k]]
+            design = Drawn(chain, shelf.sign[k].astype(float), shelf.design[k].astype(float), 0j, 1 + 0j, 0.1, 6.0)
+            z = design.trace(np.linspace(0.1, 2 * np.pi + 0.1, 60, endpoint=False))
+            fewer = tuple(b for b in (4, 6, 8) if b <= bars)
+            yield f"{bars}-bar", f"{chain.name} {k}", np.stack([z.real, z.imag], axis=1), True, {"bars": fewer}
+    for name, make_leg in (("Jansen", nc.library.jansen_leg), ("Klann", nc.library.klann_leg)):
+        leg = make_leg()
+        drive = next(iter(leg.model.run.inputs))
+        foot = leg.model.run.outputs[0]
+        motion = nc.sweep(leg.compile(), {drive: np.linspace(0.0, 2 * np.pi, 120, endpoint=False)})
+        yield "foot", name, np.asarray(motion[foot]), True, {}
+
+
+def distances(found: np.ndarray, goal: np.ndarray, closed: bool, size: float) -> tuple[float, float, float]:
+    """CD, the distance from point to point, and OD, divided by the target's size."""
+    from jaxnc.synthesis.tracing.trace import curve_distance, space_evenly
+
+    a, b = (space_evenly(line, 401)[: -1 if closed else None] for line in (found, goal))
+    apart = np.linalg.norm(a[:, None] - b, axis=-1)
+    points = apart.min(axis=0).mean() + apart.min(axis=1).mean()
+    ways = [np.roll(w, k, axis=0) for w in (a, a[::-1]) for k in (range(len(a)) if closed else (0,))]
+    od = min(float(np.sqrt(np.mean(np.sum((w - b) ** 2, axis=1)))) for w in ways)
+    return curve_distance(found, goal) / size, float(points) / size, od / size
+
+
+def main() -> None:
+    """Trace the targets and write what came out."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.trace", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0, help="for each target (60)")
+    parser.add_argument("--most", type=int, default=100, metavar="N", help="targets of a kind")
+    parser.add_argument("--kinds", nargs="+", metavar="KIND", help="outline, stroke, 4-bar, 6-bar, 8-bar, foot")
+    parser.add_argument("--least-transmission", type=float, metavar="DEG", help="smallest transmission angle asked for")
+    options = parser.parse_args()
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import jaxnc as nc
+    from jaxnc.synthesis.tracing.trace import Curve
+
+    nc.cache()
+    atlas = nc.synthesis.atlas()
+    asked = []
+    if options.least_transmission:
+        asked = [nc.synthesis.transmission_angle(float(np.radians(options.least_transmission)))]
+    rows = []
+    for kind, name, points, closed, more in targets(options.most):
+        if options.kinds and kind not in options.kinds:
+            continue
+        begun = time.perf_counter()
+        found = nc.synthesis.trace(
+            points, closed, seconds=options.seconds, subject_to=asked, source=atlas, progress=False, **more
+        )
+        best, curve = found.best, Curve.of(points, closed)
+        cd, pointwise, od = distances(best.line, curve.line, closed, curve.size)
+        row = {
+            "kind": kind, "name": name, "cd": cd, "points": pointwise, "od": od, "bars": best.bars, "exact": best.exact,
+            "linkage": best.name, "transmission": float(np.degrees(best.transmission)), "turns": best.turns,
+            "seconds": time.perf_counter() - begun,
+        }  # fmt: skip
+        rows.append(row)
+        print(
+            f"{kind:8} {name:24} CD {cd:.4f} OD {od:.4f} {best.bars} bars {row['seconds']:.0f} s {best.name}",
+            flush=True,
+        )
+    text = table(rows, options.seconds)
+    print(text)
+    (HERE / "trace.json").write_text(json.dumps(rows, indent=1) + "\n")
+    (HERE / "trace.md").write_text(text)
+
+
+def table(rows: list[dict[str, Any]], seconds: float) -> str:
+    """The page: by kind, then every target."""
+    lines = [
+        "# Curves, traced",
+        "",
+        f"Written by `python -m benchmarks.trace`, {seconds:g} s for each target; what the columns mean is said in "
+        "[trace.py](trace.py).",
+        "",
+        "| kind | targets | mean CD | median CD | largest CD | exact | median s |",
+        "|:--|--:|--:|--:|--:|--:|--:|",
+    ]
+    for kind in dict.fromkeys(row["kind"] for row in rows):
+        own = [row for row in rows if row["kind"] == kind]
+        cds, times = [row["cd"] for row in own], [row["seconds"] for row in own]
+        lines.append(
+            f"| {kind} | {len(own)} | {statistics.mean(cds):.4f} | {statistics.median(cds):.4f} | {max(cds):.4f} | "
+            f"{sum(row['exact'] for row in own)} | {statistics.median(times):.0f} |"
+        )
+    lines += [
+        "",
+        "| target | CD | from point to point | OD | bars | transmission | linkage |",
+        "|:--|--:|--:|--:|--:|--:|:--|",
+    ]
+    lines += [
+        f"| {row['kind']} {row['name']} | {row['cd']:.4f}{' =' if row['exact'] else ''} | {row['points']:.4f} | "
+        f"{row['od']:.4f} | {row['bars']} | {row['transmission']:.0f}° | {row['linkage']} |"
+        for row in rows
+    ]
+    return "\n".join([*lines, "", "= meets all points that were given.", ""])
+
+
+if __name__ == "__main__":
+    main()
