@@ -80,7 +80,8 @@ def test_a_curve_is_known_in_any_place_size_turn_and_mirror():
 
 def test_slopes_are_those_of_the_cost(small):
     """Against differences: feet of perpendiculars move, and to first order a distance does not change with that."""
-    target = Curve.of(heart(), True)
+    t = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    target = Curve.of(np.stack([np.cos(t), 0.6 * np.sin(t) + 0.1 * np.sin(2 * t)], axis=1), True)  # without cusps
     points = target.target(False, -1.0, np.array([[-np.inf, -np.inf], [np.inf, np.inf]]), 1e6)
     found = small.find(target.even, True, 6, 1)
     lanes = fit.start_lanes(target.even, True, found, making.chain_arrays(6).at(found.shelf.chain))
@@ -90,7 +91,7 @@ def test_slopes_are_those_of_the_cost(small):
     for k in range(0, len(row) - 2, 3):
         step = jnp.zeros(len(row)).at[k].set(1e-6)
         numeric = (look(row + step)[0] - look(row - step)[0]) / 2e-6
-        assert abs(2.0 * slope[k] - numeric) < 1e-2 * float(jnp.abs(slope).max())  # a heart has cusps
+        assert abs(2.0 * slope[k] - numeric) < 1e-5 * float(jnp.abs(slope).max())
 
 
 def test_a_four_bar_is_found_by_its_curve(small):
@@ -128,7 +129,7 @@ def test_given_timings_are_met(small):
 def test_conditions_are_met(small):
     box = (2.5, 3.5), (0.3, 1.5)
     asked = [S.transmission_angle(0.5), S.within("ground", *box)]
-    result = nc.synthesis.trace(heart(), True, (4,), asked, seconds=2, source=small, sliders=False)
+    result = nc.synthesis.trace(heart(), True, bars=(4,), subject_to=asked, seconds=2, source=small, sliders=False)
     assert result.designs and result.refined > 0
     for design in result.designs:
         assert design.transmission >= 0.499 and design.turns and design.bars == 4 and not design.chain.sliders
@@ -136,10 +137,6 @@ def test_conditions_are_met(small):
         (low, high), pivots = np.array(box).T, np.array(list(model.ground.values()))
         assert ((pivots >= low - 0.01) & (pivots <= high + 0.01)).all()
     assert [d.distance for d in result.designs] == sorted(d.distance for d in result.designs)
-    again = nc.synthesis.trace(
-        heart(), True, (4,), asked, seconds=2, source=small, sliders=False, key=jax.random.key(1)
-    )
-    assert again.designs[0].distance == pytest.approx(result.designs[0].distance, rel=0.5)
 
 
 def test_distances_are_of_polylines_both_ways():
