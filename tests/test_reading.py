@@ -7,8 +7,7 @@ import pytest
 from mechanisms import four_bar_mechanism
 
 import jaxnc as nc
-from jaxnc.constraints import CATALOGUE, Kind
-from jaxnc.constraints.elementary import by_name
+from jaxnc.constraints import CATALOGUE, Kind, elementary
 from jaxnc.reading import Number, Unreadable, function, partials, polynomials, rate, trace, write
 from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.system import structure
@@ -73,11 +72,25 @@ def test_every_kind_is_written_by_plain_numbers_as_jax_traces_it():
             found += [(*each, write(*each)) for each in _functions(kind, 3)]
     assert len(found) > 600
     for f, count, program in found[::11]:
-        with by_name():
-            traced = trace(f, *[()] * count)
+        traced = trace(f, *[()] * count)
         x = list(RNG.uniform(-1.5, 1.5, (count, 3)))
         wanted = [np.broadcast_to(y, 3) for y in function(traced)(x)]
         np.testing.assert_allclose([np.broadcast_to(y, 3) for y in function(program)(x)], wanted, atol=ROUNDING)
+
+
+def test_sine_and_cosine_written_out_for_xla_are_read_as_operations():
+    """In a plain function, in a derivative and in many lanes, where JAX has taken their rules and calls apart."""
+
+    def product(x):
+        return elementary.sin(x) * elementary.cos(x)
+
+    def lanes(x):
+        return jax.vmap(product)(jnp.stack([x, 2.0 * x])).sum()
+
+    for f in (product, jax.grad(product), lanes):
+        read = trace(lambda x, f=f: (f(x),), ())
+        assert {node.op for node in read.nodes} <= {"input", "number", "sin", "cos", "neg", "mul", "add"}
+        np.testing.assert_allclose(function(read)([0.7])[0], f(0.7), atol=ROUNDING)
 
 
 def test_numbers_that_write_down_what_is_done_to_them():
