@@ -2,18 +2,18 @@
 
 import functools
 import json
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from places import TESTS
 
 import jaxnc as nc
 
 
 def reference(name: str) -> dict:
     """A reference solution: definition and arrays, computed without natural coordinates."""
-    return json.loads((Path(__file__).parent / "reference" / f"{name}.json").read_text())
+    return json.loads((TESTS / "reference" / f"{name}.json").read_text())
 
 
 def pendulum() -> nc.Mechanism:

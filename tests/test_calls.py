@@ -157,7 +157,7 @@ def own() -> dict[str, dict[str, Any] | None]:
     quick = {"starts": 4, "refine": 2, "iterations": 2, "progress": False}
     return {
         "cache": None,  # changes what all tests share
-        "widget": None,  # tests/test_viz_widget.py
+        "widget": None,  # tests/viz/test_viz_widget.py
         "motion": {"inputs": {"phi": lambda t: 0.3 + t}},
         "circuit": {"poses": 5},
         "sweep": {"inputs": {"phi": PHI}},
@@ -303,7 +303,7 @@ def methods() -> dict[str, dict[str, Any] | None]:
         "motion.jerk": None,  # the motion has none, as the error says
         "motion.screw_axis": None,  # in space, as the error says
         "motion.animate": None,  # a second for each call
-        "motion.to_parts": None,  # tests/test_workshop.py
+        "motion.to_parts": None,  # tests/workshop/test_workshop.py
         "motion.to_html": {"path": "page.html"},
         "motion.quaternion": None,
         "tolerance.plot": None,  # over a sequence of poses

@@ -12,13 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from mechanisms import four_bar
+from places import PROBLEMS, TESTS
 
 import jaxnc as nc
 from jaxnc.cli import main
 from jaxnc.kinematics import host_solve
 
-CHILD = Path(__file__).parent / "children" / "interrupted.py"
-PROBLEM = Path(__file__).parent.parent / "examples" / "problems" / "path.toml"
+CHILD = TESTS / "children" / "interrupted.py"
+PROBLEM = PROBLEMS / "path.toml"
 COMMAND = """
 import signal, sys
 from jaxnc.cli import main

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from coordinate_families import every_spatial_joint, worked
-from test_spread import child, ended
+from processes import child, ended
 
 import jaxnc as nc
 from jaxnc import constraints, forces
