@@ -70,26 +70,26 @@ def lost():
         (simulate(t=[0.0, NAN]), "time t: 1 of 2 values are NaN"),
         (simulate(t=[0.0, 0.2, 0.1]), "time t must grow"),
         (simulate(t=[0.0, 0.0]), "time t must grow"),
-        (simulate(event=3), "event= must be a function f(t, state), got int"),
-        (simulate(inputs={"phi": lambda t: t * NAN}), "input 'phi' at t = 0: 1 of 1 values are NaN or infinite"),
-        (simulate(inputs={"phi": lambda t: 1 / (0.1 - t)}), "input 'phi' at t = 0.1: 1 of 1 values are NaN"),
+        (simulate(event=3), "event= must be a function"),
+        (simulate(inputs={"phi": lambda t: t * NAN}), "input 'phi' at t = 0: 1 of 1 values"),
+        (simulate(inputs={"phi": lambda t: 1 / (0.1 - t)}), "input 'phi' at t = 0.1: 1 of 1 values"),
         (
             simulate(inputs={"phi": lambda t: jnp.ones(2)}),
-            "input 'phi' must return one number; it returned an array of",
+            "input 'phi' must return one number",
         ),
         (simulate(state={"phi": NAN}), "state of 'phi': 1 of 1 values are NaN"),
         (simulate(rates={"phi": INF}), "rate of 'phi': 1 of 1 values are NaN"),
-        (lambda: nc.simulate(pendulum(), T, lost()), "state: the coordinates of the pose: 7 of 7 values are NaN"),
-        (lambda: nc.linearise(pendulum(), lost()), "state: the coordinates of the pose: 7 of 7 values are NaN"),
+        (lambda: nc.simulate(pendulum(), T, lost()), "the pose: 7 of 7 values are NaN"),
+        (lambda: nc.linearise(pendulum(), lost()), "the pose: 7 of 7 values are NaN"),
         (lambda: nc.equilibrium(pendulum(), hold={"phi": NAN}), "hold: 'phi': 1 of 1 values are NaN"),
         (lambda: nc.equilibrium(pendulum(), hold={"ph1": 0.1}), "no coordinate 'ph1' to hold"),
         (
             lambda: jax.jit(lambda x: nc.equilibrium(pendulum(), hold={"phi": x}).motion.q)(0.1),
-            "equilibrium(hold={'phi': …}) works outside of traced code only",
+            "equilibrium(hold={'phi': …}) works outside",
         ),
-        (lambda: nc.inverse_dynamics(pendulum(), {"phi": 1.0}), "needs a motion, of motion() or sweep(); got dict"),
+        (lambda: nc.inverse_dynamics(pendulum(), {"phi": 1.0}), "motion() or sweep(); got dict"),
         *(
-            (lambda f=f: f(nc.library.four_bar()), "needs a compiled System, got Mechanism; call its compile() first")
+            (lambda f=f: f(nc.library.four_bar()), "got Mechanism; call its compile()")
             for f in (nc.equilibrium, nc.linearise, lambda m: nc.simulate(m, T), nc.dynamics.total_mass)
         ),
     ],
@@ -105,13 +105,13 @@ def test_arguments_are_refused_by_name(ask, said):
     ("name", "value"), [("rod.mass", NAN), ("rod.mass", INF), ("gravity.y", NAN), ("spring.stiffness", INF)]
 )
 def test_design_variables_that_are_no_numbers(ask, name, value):
-    with pytest.raises(nc.InputError, match=rf"'pendulum': design variable '{name}' is NaN or infinite"):
+    with pytest.raises(nc.InputError, match=rf"'pendulum'.*'{name}'.*NaN or infinite"):
         changed(name, value)[ask]()
 
 
 @pytest.mark.parametrize("ask", ANSWERS)
 def test_a_mass_is_not_negative(ask):
-    with pytest.raises(nc.InputError, match="'rod' has a mass of -1; a mass cannot be negative"):
+    with pytest.raises(nc.InputError, match=r"'rod'.*mass.*-1.*negative"):
         changed("rod.mass", -1.0)[ask]()
 
 

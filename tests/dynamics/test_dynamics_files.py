@@ -52,14 +52,14 @@ def test_round_trip(tmp_path, suffix):
 def test_functions_are_not_saved_in_silence(tmp_path):
     m = nc.library.benchmarks.pendulum()
     m.force("wind", "P", lambda t, state, p: state["P"])
-    with pytest.raises(nc.MechanismError, match="force 'wind' is a function, which a file cannot hold"):
+    with pytest.raises(nc.MechanismError, match=r"'wind'.*function.*file"):
         m.save(tmp_path / "m.toml")
 
 
 def test_a_bad_kind_is_named_with_its_line(tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(FILE.replace("coordinate damper", "coordinate dampr"))
-    with pytest.raises(nc.ModelFileError, match=r"bad\.toml.*'loss'.*did you mean 'coordinate damper'"):
+    with pytest.raises(nc.ModelFileError, match=r"bad\.toml.*'loss'.*'coordinate damper'"):
         nc.load(path)
 
 

@@ -83,7 +83,7 @@ def test_a_bar_in_space_refuses_axial_inertia():
     m.point("P", (0, 0, 0))
     m.point("Q", (1, 0, 0))
     m.body("bar", ["P", "Q"], mass=1.0, com=(0.5, 0, 0), inertia=(0.1, 0.2, 0.2))
-    with pytest.raises(nc.MechanismError, match=r"'bar' is a bar of five freedoms.*given the inertia 0\.1 about it"):
+    with pytest.raises(nc.MechanismError, match=r"'bar'.*five freedoms.*0\.1"):
         m.compile()
 
 
@@ -92,7 +92,7 @@ def test_a_motion_without_inertia_is_named():
     m = rod(mass=1.0)
     m.point("Q", (2, 0.5))
     m.body("loose", ["P", "Q"])
-    with pytest.raises(nc.InputError, match=r"has no inertia.*Q\.[xy].*'loose' has no mass"):
+    with pytest.raises(nc.InputError, match=r"inertia.*Q\.[xy].*'loose'.*mass"):
         nc.simulate(m.compile(), np.linspace(0, 1, 3))
 
 
@@ -112,8 +112,8 @@ def gust(t, state, p):
 @pytest.mark.parametrize(
     ("size", "end", "said"),
     [
-        (0.0, 0.5, r"'rod': the simulation broke off at t = 0\.[45]\d*.*force 'gust' is not finite there"),
-        (1.0, 2.0, r"broke off at t = 0\.4[67]\d* s, near P\.x = .*step became too small.*'generalised alpha'"),
+        (0.0, 0.5, r"'rod'.* t = 0\.[45]\d*.*'gust'.*finite"),
+        (1.0, 2.0, r"t = 0\.4[67].*P\.x = .*'generalised alpha'"),
     ],
 )
 def test_where_and_why_a_simulation_broke_off(size, end, said):
@@ -125,7 +125,7 @@ def test_where_and_why_a_simulation_broke_off(size, end, said):
 
 def test_a_simulation_that_came_apart_says_so():
     """The rod's end is taken further than the rod is long."""
-    with pytest.raises(nc.AssemblyError, match=r"broke off between t = .*constraints could no longer be met.*reach"):
+    with pytest.raises(nc.AssemblyError, match=r"broke off.*constraints.*reach"):
         nc.simulate(swing(), TIMES, inputs={"P.y": lambda t: 0.5 + t}, method="rk4", step=0.05)
 
 
@@ -134,7 +134,7 @@ def test_a_force_that_is_no_number_from_the_start_is_said_at_once():
     m = rod(mass=1.0)
     m.force("gust", "P", gust, {"size": 0.0, "end": -1.0})
     begin = time.process_time()
-    with pytest.raises(nc.AssemblyError, match=r"broke off at t = 0 s.*force 'gust' is not finite there"):
+    with pytest.raises(nc.AssemblyError, match=r"t = 0 s.*'gust'.*not finite"):
         nc.simulate(m.compile(), TIMES)
     assert time.process_time() - begin < 30.0
 
@@ -144,14 +144,14 @@ def test_a_force_that_is_no_number_from_the_start_is_said_at_once():
     [
         (lambda s: nc.simulate(s, TIMES, state=1.0), r"state is an earlier pose.*got 1\.0"),
         (lambda s: nc.simulate(s, TIMES, state=np.zeros(3)), "state is an earlier pose"),
-        (lambda s: nc.simulate(s, TIMES, method="rk4", step="1e-3"), "step= must be a positive number, got '1e-3'"),
+        (lambda s: nc.simulate(s, TIMES, method="rk4", step="1e-3"), "step= .*positive.*'1e-3'"),
         (lambda s: nc.linearise(s, "rest"), "state is an earlier pose.*'rest'"),
         (lambda s: nc.equilibrium(s, hold="P.x"), "hold= takes values by name.*'P.x'"),
-        (lambda s: nc.reactions(s), r"reactions\(\) takes a simulation, or a motion with rates, got System"),
+        (lambda s: nc.reactions(s), r"reactions.*motion with rates.*System"),
         (lambda s: nc.dynamics.kinetic_energy(s), "those of a motion, got System"),
         (
             lambda s: nc.inverse_dynamics(s, nc.sweep(nc.library.four_bar().compile(), {"phi": TIMES}, {"phi": 1.0})),
-            r"the motion is one of 'four-bar', and 'rod' has other coordinates",
+            "'four-bar'.*'rod'.*other coordinates",
         ),
     ],
 )

@@ -187,7 +187,7 @@ def test_equilibrium_stability_and_frequency_of_a_rod():
     assert float(near.frequencies[0]) == pytest.approx(np.sqrt(1.5 * G), rel=1e-12)
     assert near.stable and not nc.linearise(system, high, coordinates=["phi"], inputs=["phi"]).stable
     assert np.allclose(near.input_matrix[:, 0], [0, 1 / (2.0 / 3)], rtol=1e-12)
-    with pytest.raises(nc.InputError, match=r"does not follow from P.y at this state, which is singular for them"):
+    with pytest.raises(nc.InputError, match=r"P.y.*singular"):
         nc.linearise(system, low, coordinates=["P.y"])
 
     def frequency(s):

@@ -187,9 +187,9 @@ def test_what_is_not_there_is_refused_by_name(run):
     found = nc.reactions(run)
     with pytest.raises(nc.InputError, match="has no load 'rop'; did you mean 'rope'"):
         found.load("rop")
-    with pytest.raises(nc.InputError, match="nothing that writes rows is called 'rods'; did you mean 'rod'"):
+    with pytest.raises(nc.InputError, match=r"'rods'.*did you mean 'rod'"):
         found.rows("rods")
-    with pytest.raises(nc.InputError, match="has no coordinate 'psi'; did you mean 'phi'"):
+    with pytest.raises(nc.InputError, match=r"'psi'.*did you mean 'phi'"):
         found.effort("psi")
 
 

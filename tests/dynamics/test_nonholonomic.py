@@ -185,9 +185,9 @@ def test_a_sweep_goes_where_rolling_allows_it_and_velocities_are_checked():
     ahead = nc.sweep(system, poses, rates={"P.x": 1.0, "P.y": 0.0, "phi": 0.0})
     assert (np.asarray(ahead.status) == 0).all()
     assert (np.asarray(nc.sweep(system, poses | {"phi": np.ones(3)}).status) == 0).all()  # positions do not see it
-    with pytest.raises(nc.InputError, match=r"blade: side slip P-Q.*by 1 in pose 0.*simulate\(inputs=\)"):
+    with pytest.raises(nc.InputError, match=r"side slip P-Q.*pose 0.*simulate"):
         nc.sweep(system, poses, rates={"P.x": 0.0, "P.y": 1.0, "phi": 0.0})
-    with pytest.raises(nc.InputError, match=r"inverse_dynamics.*blade: side slip.*fewer"):
+    with pytest.raises(nc.InputError, match=r"inverse_dynamics.*side slip.*fewer"):
         nc.inverse_dynamics(system, ahead)
 
 

@@ -417,9 +417,9 @@ def test_wrong_questions_are_answered_by_name():
         assert message in str(refused.value)
     with pytest.raises(InputError, match="takes the Mechanism, got System"):
         nc.formulate(formulation("relative").natural, "relative")
-    with pytest.raises(InputError, match=r"names=\{'L_9': …\}: there is no such symbol"):
+    with pytest.raises(InputError, match=r"names=.*'L_9'.*no such symbol"):
         formulation("relative").equations(names={"L_9": "L"})
-    with pytest.raises(InputError, match=r"3 variables of the family, shape \(\.\.\., 3\); got shape \(2,\)"):
+    with pytest.raises(InputError, match=r"variables.*\(\.\.\., 3\).*\(2,\)"):
         formulation("relative").to_natural(np.zeros(2))
     with pytest.raises(InputError, match="recursion is for open chains"):
         Chain(m)

@@ -331,7 +331,7 @@ def test_what_is_no_model_file(tmp_path):
     assert "there are no model files in" in refusal(tmp_path / "nowhere" / "m.toml")
     assert "no such file" in refusal(tmp_path / "good.toml" / "m.toml")
     assert "is a folder; name a model file in it" in refusal(tmp_path)
-    assert "ends in .toml or .json, this name ends in '.yaml'" in refusal(tmp_path / "m.yaml")
+    assert ".toml or .json, this name ends in '.yaml'" in refusal(tmp_path / "m.yaml")
 
 
 def test_an_unreadable_file(tmp_path, monkeypatch):
@@ -340,7 +340,7 @@ def test_an_unreadable_file(tmp_path, monkeypatch):
 
     (tmp_path / "m.toml").write_text(BASE)
     monkeypatch.setattr(Path, "read_bytes", refuse)
-    assert "cannot be read (Permission denied); check its permissions" in refusal(tmp_path / "m.toml")
+    assert "(Permission denied); check its permissions" in refusal(tmp_path / "m.toml")
 
 
 def test_a_complaint_of_the_compiler_finds_its_line(tmp_path):
@@ -369,7 +369,7 @@ def own_kind() -> Mechanism:
 
 def test_own_kinds_are_named_and_given_back(tmp_path):
     m, path = own_kind(), tmp_path / "own.toml"
-    with pytest.raises(MechanismError, match=r"'middle' is of your own kind 'midpoint'.*kinds=\{'midpoint'") as caught:
+    with pytest.raises(MechanismError, match=r"'middle'.*kinds=\{'midpoint'") as caught:
         m.save(path)
     assert "load()" in str(caught.value) and not path.exists()
     save(m, path, kinds={"midpoint": OWN})
@@ -382,7 +382,7 @@ def test_own_kinds_are_named_and_given_back(tmp_path):
 def test_a_kind_that_only_borrows_a_name_of_the_catalogue_is_not_saved(tmp_path):
     m = own_kind()
     m.constrain("false friend", Kind("aligned", OWN.residual, points=3), ["A", "D", "B"])
-    with pytest.raises(MechanismError, match="'false friend' is of your own kind 'aligned'"):
+    with pytest.raises(MechanismError, match=r"'false friend'.*own kind 'aligned'"):
         save(m, tmp_path / "m.toml", kinds={"midpoint": OWN})
 
 
@@ -404,10 +404,10 @@ def test_a_file_that_cannot_be_written(tmp_path, monkeypatch, code, remedy):
 
 def test_a_folder_that_is_a_file(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match=r"cannot write .*file.*a part of the path is a file.*choose another folder"):
+    with pytest.raises(OutputError, match=r"file.*is a file.*another folder"):
         save(everything(), tmp_path / "file" / "deeper" / "m.toml")
 
 
 def test_wrong_suffix_to_save(tmp_path):
-    with pytest.raises(MechanismError, match=r"\.toml or \.json, this name ends in '\.yaml'"):
+    with pytest.raises(MechanismError, match=r"\.toml or \.json.*'\.yaml'"):
         save(everything(), tmp_path / "m.yaml")

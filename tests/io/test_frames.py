@@ -126,7 +126,7 @@ def test_what_a_spreadsheet_made_of_a_table_is_read(tmp_path, text):
     assert repr(table) == "t: 2 poses, 1 of them failed; phi [rad], P [m]"
     (tmp_path / "t.csv").write_text(text.replace("180", "18o"), encoding="utf-8", newline="")
     line = 1 + next(k for k, words in enumerate(text.splitlines()) if "180" in words)
-    with pytest.raises(nc.ModelFileError, match=rf"line {line}, column 'phi \[.*'18o' is not a number"):
+    with pytest.raises(nc.ModelFileError, match=rf"line {line}.*'phi.*'18o'.*number"):
         nc.io.load_csv(tmp_path / "t.csv")
 
 
@@ -159,7 +159,7 @@ def test_tables_that_are_none(tmp_path, text, says):
 @pytest.mark.parametrize(("package", "ask"), [("pandas", "to_frame"), ("xarray", "to_xarray")])
 def test_what_is_not_installed_is_named(swept, monkeypatch, package, ask):
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(nc.JaxncError, match=rf'{ask}\(\) needs {package}: pip install "jaxnc\[{package}\]"'):
+    with pytest.raises(nc.JaxncError, match=rf"{ask}.*{package}.*jaxnc\[{package}\]"):
         getattr(swept, ask)()
 
 

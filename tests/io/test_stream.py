@@ -114,14 +114,14 @@ def test_an_interrupted_call_goes_on(whole, tmp_path):
     assert index["rows"] == 8, "the chunk that was being solved is lost, the one before is not"
     with (tmp_path / "p.npz.part" / "0.bin").open("ab") as file:
         file.write(b"half a chunk")
-    with pytest.raises(nc.InputError, match=r"\(quantities differ\); finish that one, .*resume=False"):
+    with pytest.raises(nc.InputError, match=r"quantities differ.*resume=False"):
         stream(path, rates={"S.x": 2.0}, quantities="A")
     with pytest.raises(nc.InputError, match=r"\(rates differ\)"):
         stream(path)
     with pytest.raises(nc.InputError, match=r"\(design differ\)"):
         other = slider_crank().replace({"crank.O-A": 0.07})
         nc.stream(other, {"S.x": X}, path, rates={"S.x": 2.0}, progress=False)
-    with pytest.raises(nc.InputError, match=r"the inputs differ from those .* written 8 poses .*resume=False"):
+    with pytest.raises(nc.InputError, match=r"inputs differ.*8 poses.*resume=False"):
         stream(path, {"S.x": X + 1e-3}, rates={"S.x": 2.0})
     with pytest.raises(nc.InputError, match=r"the inputs are fewer than those"):
         stream(path, {"S.x": X[:4]}, rates={"S.x": 2.0})
@@ -136,7 +136,7 @@ def test_what_is_left_can_be_thrown_away(whole, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         stream(path, pieces(8, 8, 5, stop=16), rates={"S.x": 2.0})
     (tmp_path / "p.npz.part" / "3.bin").write_bytes(b"")
-    with pytest.raises(nc.ModelFileError, match=r"p\.npz\.part is what .* damaged; delete it, or pass resume=False"):
+    with pytest.raises(nc.ModelFileError, match=r"p\.npz\.part.*damaged.*resume=False"):
         stream(path, rates={"S.x": 2.0})
     assert stream(path, rates={"S.x": 2.0}, resume=False).resumed == 0
     assert path.read_bytes() == whole.path.read_bytes()
@@ -182,7 +182,7 @@ def test_batches_that_cannot_be_streamed(call, parts, tmp_path):
 
 def test_files_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(nc.OutputError, match=r"cannot write .*file/p\.npz.*another folder"):
+    with pytest.raises(nc.OutputError, match=r"file/p\.npz.*another folder"):
         stream(tmp_path / "file" / "p.npz")
 
 

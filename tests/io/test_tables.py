@@ -81,7 +81,7 @@ def test_csv_of_chosen_names(swept, tmp_path):
     header = rows(to_csv(swept, tmp_path / "p.csv", ["P.x", "D", "phi"]))[0]
     assert header[:5] == ["pose", "phi [deg]", "P.x [m]", "D.x [m]", "D.y [m]"]
     assert rows(to_csv(swept, tmp_path / "p.csv", "psi"))[0][:3] == ["pose", "phi [deg]", "psi [deg]"]
-    with pytest.raises(InputError, match=r"no point, marker or coordinate 'psy'; did you mean 'psi'"):
+    with pytest.raises(InputError, match=r"'psy'.*did you mean 'psi'"):
         to_csv(swept, tmp_path / "p.csv", ["psy"])
 
 
@@ -135,16 +135,16 @@ def test_npz_of_failed_poses_is_nan(failed, tmp_path):
 def test_a_batch_of_designs_is_not_a_table(swept, tmp_path):
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), swept)
     for write in (to_csv, to_npz):
-        with pytest.raises(InputError, match=r"a batch of them; take one.*jax\.tree\.map"):
+        with pytest.raises(InputError, match=r"batch.*take one.*jax\.tree\.map"):
             write(batch, tmp_path / "p")
 
 
 @pytest.mark.parametrize("write", [to_csv, to_npz])
 def test_tables_that_cannot_be_written(swept, tmp_path, write):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match=r"cannot write .*file/p.*a part of the path is a file.*another folder"):
+    with pytest.raises(OutputError, match=r"file/p.*is a file.*another folder"):
         write(swept, tmp_path / "file" / "p")
-    with pytest.raises(OutputError, match=r"there is a folder of that name; choose another file name"):
+    with pytest.raises(OutputError, match=r"folder of that name.*another"):
         write(swept, tmp_path)
 
 
@@ -152,17 +152,17 @@ def test_tables_that_cannot_be_read(swept, tmp_path):
     with pytest.raises(ModelFileError, match=r"none\.npz cannot be read \(No such file"):
         load_npz(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("pose, phi")
-    with pytest.raises(ModelFileError, match=r"text\.npz is not a table that to_npz wrote.*write it again"):
+    with pytest.raises(ModelFileError, match=r"text\.npz.*to_npz.*write it again"):
         load_npz(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
-    with pytest.raises(ModelFileError, match=r"other\.npz is not a table that to_npz wrote"):
+    with pytest.raises(ModelFileError, match=r"other\.npz.*to_npz"):
         load_npz(tmp_path / "other.npz")
     np.save(tmp_path / "array.npy", np.zeros(3))
     with pytest.raises(ModelFileError, match=r"array\.npy is not a table"):
         load_npz(tmp_path / "array.npy")
     whole = to_npz(swept, tmp_path / "cut.npz").read_bytes()
     (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(ModelFileError, match=r"cut\.npz is not a table that to_npz wrote"):
+    with pytest.raises(ModelFileError, match=r"cut\.npz.*to_npz"):
         load_npz(tmp_path / "cut.npz")
 
 

@@ -129,7 +129,7 @@ def test_other_compressions_and_passwords(swept, tmp_path, at, value):
     for start, shift in ((b"PK\x03\x04", 0), (b"PK\x01\x02", 2)):
         raw[raw.index(start) + at + shift] = value
     (tmp_path / "x.npz").write_bytes(raw)
-    with pytest.raises(nc.ModelFileError, match=r"x\.npz is not a table of mine, or is damaged \(.+\); write"):
+    with pytest.raises(nc.ModelFileError, match=r"x\.npz.*damaged \(.+\).*write"):
         read_archive(tmp_path / "x.npz", "a table of mine")
 
 
@@ -137,14 +137,14 @@ def test_keys_of_many_parts(tmp_path):
     (tmp_path / "deep.toml").write_text(".".join(["a"] * 20_000) + " = 1\n")
     (tmp_path / "lists.json").write_text('{"a": ' + "[" * 60 + "]" * 60 + "}")
     for name in ("deep.toml", "lists.json"):
-        with pytest.raises(nc.ModelFileError, match=rf"{name}: it is nested too deeply to be a model$"):
+        with pytest.raises(nc.ModelFileError, match=rf"{name}.*nested too deeply"):
             nc.load(tmp_path / name)
 
 
 def test_half_a_character(tmp_path):
     for text in ('{"name": "m\\ud800"}', '{"name": "m", "points": {\n"P\\udfff": [0, 1]}}'):
         (tmp_path / "m.json").write_text(text)
-        with pytest.raises(nc.ModelFileError, match=r"m\.json, line \d: '.*' holds half of a char.*type it anew$"):
+        with pytest.raises(nc.ModelFileError, match=r"m\.json, line \d.*half.*type it anew"):
             nc.load(tmp_path / "m.json")
     assert json.loads('"\\ud83d\\ude00"') == "😀"  # two halves are one
     (tmp_path / "whole.json").write_text('{"name": "\\ud83d\\ude00", "ground": {"A": [0, 0]}}')
@@ -156,7 +156,7 @@ def test_half_a_character(tmp_path):
         lambda: m.ground("A\ud800", (0, 0)),
         lambda: m.body("rod\ud800", ["A", "B"]),
     ):
-        with pytest.raises(nc.MechanismError, match=r"'.*\\ud[8f][0f][0f]' holds half of a character .*type it anew$"):
+        with pytest.raises(nc.MechanismError, match=r"\\ud[8f][0f][0f].*half.*type it anew"):
             add()
     for use in (lambda path: m.save(path), nc.load):
         with pytest.raises(nc.JaxncError, match=r"m\\ud800\.toml"):

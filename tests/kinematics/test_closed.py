@@ -168,28 +168,28 @@ def test_a_large_system_has_a_residual_and_no_dense_jacobian():
     x = dense.start + 0.001
     step = jnp.linalg.solve(jax.jacfwd(equations.residual)(x), equations.residual(x))  # rows are scaled otherwise
     np.testing.assert_allclose(step, jnp.linalg.solve(dense.jacobian(x), dense.residual(x)), atol=1e-13)
-    with pytest.raises(nc.InputError, match=r"jacobian\(\) forms dense matrices.*kept sparse"):
+    with pytest.raises(nc.InputError, match=r"jacobian.*dense.*sparse"):
         equations.jacobian(x)
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (lambda s: nc.system.closed(s, {"psi": 1.0}), "no coordinate 'psi' to drive; did you mean 'phi'"),
-        (lambda s: nc.system.closed(s, {}), "too few inputs: 'four-bar' has 1 degree of freedom"),
+        (lambda s: nc.system.closed(s, {"psi": 1.0}), "'psi'.*did you mean 'phi'"),
+        (lambda s: nc.system.closed(s, {}), "too few inputs.*'four-bar'"),
         (lambda s: nc.system.closed(s, {"phi": 1.0, "B.x": 0.0}), "too many inputs"),
-        (lambda s: nc.system.closed(s, {"phi": np.nan}), "input 'phi': 1 of 1 values are NaN or infinite"),
-        (lambda s: nc.system.closed(s, {"phi": [1.0, 2.0]}), r"one pose, and its inputs have the shape \(2,\): map"),
-        (lambda s: nc.system.closed(s, 0.3), "inputs are given by name.*float|must be a mapping"),
+        (lambda s: nc.system.closed(s, {"phi": np.nan}), "input 'phi'.*NaN or infinite"),
+        (lambda s: nc.system.closed(s, {"phi": [1.0, 2.0]}), r"one pose.*shape \(2,\): map"),
+        (lambda s: nc.system.closed(s, 0.3), "by name.*float|must be a mapping"),
         (lambda s: nc.system.closed(s, {"phi": 1.0}, redundancy="rows"), "did you mean 'independent rows'"),
         (lambda s: nc.system.closed(s, {"phi": 1.0}, hold="B.q"), "no coordinate 'B.q' to hold"),
         (lambda s: nc.system.closed(s, {"phi": 1.0}, start={"Q": (0, 0)}), "no point or coordinate 'Q'"),
         (lambda s: nc.system.closed(nc.library.four_bar(), {"phi": 1.0}), "compile"),
         (
             lambda s: nc.system.closed(s, {"phi": 1.0}).residual(jnp.zeros(5)),
-            r"unknowns of 'four-bar', .*\(4,\), got \(5,\)",
+            r"'four-bar'.*\(4,\), got \(5,\)",
         ),
-        (lambda s: nc.system.closed(s, {"phi": 1.0}).jacobian("x"), "x, the unknowns of 'four-bar', must be a number"),
+        (lambda s: nc.system.closed(s, {"phi": 1.0}).jacobian("x"), "x, .*'four-bar'.*must be a number"),
         (lambda s: nc.system.closed(s, {"phi": 1.0}).pose(jnp.zeros((2, 4))), r"\(4,\), got \(2, 4\)"),
     ],
 )

@@ -79,13 +79,11 @@ def test_a_guess_for_each_lane_or_one_for_all():
 def test_messages_speak_of_the_guess():
     system = nc.library.four_bar(crank=0.1, coupler=0.12, rocker=0.07, ground=0.1).compile()
     phi = system.topology.scalars[0]
-    with pytest.raises(AssemblyError, match=r"nearest to the start .* is off by .*Name more points") as error:
+    with pytest.raises(AssemblyError, match=r"start.*off by .*Name more points") as error:
         nc.solve_position(system, {phi: np.pi}, start={"B": (0.0, 0.1)})
     assert "drawing" not in str(error.value)
-    with pytest.raises(InputError, match=r"start of 'B' must be 2 numbers, or \(7, ...\) of them, got shape \(3, 2\)"):
+    with pytest.raises(InputError, match=r"start of 'B'.*\(7, \.\.\.\).*\(3, 2\)"):
         nc.solve_position(measured_four_bar(), {"phi": TURN}, start={"B": np.zeros((3, 2))})
     pair = nc.solve_position(measured_four_bar(), {"phi": TURN[:2]})
-    with pytest.raises(
-        InputError, match=r"start must be a single pose, or \(7,\) of them; this motion has shape \(2,\)"
-    ):
+    with pytest.raises(InputError, match=r"start.*\(7,\).*\(2,\)"):
         nc.solve_position(measured_four_bar(), {"phi": TURN}, start=pair)

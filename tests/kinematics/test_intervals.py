@@ -53,7 +53,7 @@ def crank():
 def test_a_body_of_a_single_ground_point_is_refused():
     m = crank()
     m.body("base", ["A"])
-    with pytest.raises(nc.MechanismError, match=r"body 'base' has only the ground point 'A'.*second point, or leave"):
+    with pytest.raises(nc.MechanismError, match=r"'base'.*'A'.*second point"):
         m.compile()
 
 

@@ -104,15 +104,15 @@ def test_equinox_changes_one_by_name():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda d: d | {"crank.AB": 1.0}, "no design variable 'crank.AB'; did you mean 'crank.A-B'"),
-        (lambda d: {k: v for k, v in d.items() if k != "C"}, r"all \d+ design variables, and 'C' is missing; replace"),
+        (lambda d: d | {"crank.AB": 1.0}, "'crank.AB'.*did you mean 'crank.A-B'"),
+        (lambda d: {k: v for k, v in d.items() if k != "C"}, "'C' is missing; replace"),
         (lambda d: {k: v for k, v in d.items() if k not in ("A", "C")}, "'A', 'C' are missing"),
         (lambda d: d | {"C": jnp.zeros(3)}, r"'C' has shape \(2,\), got \(3,\)"),
-        (lambda d: d | {"C": None}, "design variable 'C' must be a number or an array of numbers, got None"),
-        (lambda d: d | {"crank.A-B": -1.0}, "'crank.A-B' is a length and must be positive"),
+        (lambda d: d | {"C": None}, "'C' must be a number.*None"),
+        (lambda d: d | {"crank.A-B": -1.0}, "'crank.A-B'.*positive"),
         (lambda d: d | {3: 1.0}, "named by strings|names"),
         (lambda d: d | {"motor": {"gain": 1.0}}, "parameters of 'motor' have the structure"),
-        (lambda d: 3, "values must be a mapping"),
+        (lambda d: 3, r"values= .*named\(\)"),
     ],
 )
 @pytest.mark.parametrize("traced", [False, True])
@@ -126,7 +126,7 @@ def test_what_is_wrong_is_said_in_one_sentence(change, said, traced):
 
 
 def test_several_designs_are_named_by_a_map():
-    with pytest.raises(nc.InputError, match=r"one design, and this 'machine' is several.*jax\.vmap"):
+    with pytest.raises(nc.InputError, match=r"'machine'.*several.*jax\.vmap"):
         jax.tree.map(lambda x: jnp.stack([x, x]), machine()).named()
 
 

@@ -190,7 +190,7 @@ def test_a_row_that_holds_nothing_is_named():
         yokes.append(m.compile())
     found = nc.mobility(yokes[0])
     assert found.idle == ("yoke: length S-T",) and "yoke: length S-T holds nothing to first order" in str(found)
-    with pytest.raises(nc.InputError, match=r"too few inputs.*a row holds nothing: `nc\.mobility\(system\)` says so"):
+    with pytest.raises(nc.InputError, match=r"too few inputs.*nc\.mobility"):
         nc.sweep(yokes[0], {"phi": [0.3]})
     count(verdict := Verdict(), yokes[0], found)
     assert [f.names for f in verdict.warnings if f.code == "loose"] == [["yoke: length S-T"]]
@@ -319,7 +319,7 @@ def test_as_many_bodies_as_are_too_many_are_named():
     system = m.compile()
     assert "leave out relation 'gears' (or body 'crank'" in nc.mobility(system).locked[0]
     assert "may be" not in str(system)
-    with pytest.raises(nc.InputError, match="0 degrees of freedom, so nothing in it can be driven; 1 input was given"):
+    with pytest.raises(nc.InputError, match=r"0 degrees of freedom.*1 input"):
         nc.solve_position(system, {"phi": 1.0})
 
 

@@ -619,7 +619,7 @@ def test_traced_lengths_are_refused_with_the_way_that_takes_them():
         m.point("B", (x, 1.0))
         return x
 
-    with pytest.raises(nc.MechanismError, match=r"point 'B': its place must be 2 numbers: it is traced"):
+    with pytest.raises(nc.MechanismError, match=r"'B'.*2 numbers.*traced"):
         jax.jit(placed)(1.0)
 
     lengths = {"crank.A-B": 0.04, "coupler.B-C": 0.12, "rocker.C-D": 0.08}

@@ -405,7 +405,7 @@ def test_forms_of_a_whole_mechanism_are_checked():
     m = nc.library.slider_crank()
     with pytest.raises(nc.MechanismError, match="form='texts'; use one of exact, text"):
         m.in_form("texts")
-    with pytest.raises(nc.MechanismError, match="angle='sine x'; use one of exact, cosine, sine, switched"):
+    with pytest.raises(nc.MechanismError, match=r"angle='sine x'.*exact.*switched"):
         m.in_form("text", angle="sine x")
     assert {a.form for a in m.in_form("text", angle="redundant").model.angles.values()} == {"redundant"}
 

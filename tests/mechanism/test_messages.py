@@ -326,7 +326,7 @@ def test_one_point_on_a_line_is_a_slot():
     m.ground("K", (0, 0))
     m.ground("G", (1, 0))
     m.point("R", (0.5, 0))
-    with pytest.raises(nc.MechanismError, match=r"'ram'.*two points of the sliding body; one, as 'R', is for slot\(\)"):
+    with pytest.raises(nc.MechanismError, match=r"'ram'.*two points.*'R'.*slot\(\)"):
         m.prismatic("ram", line=("K", "G"), on="R")
 
 
@@ -517,7 +517,7 @@ def turning():
 def test_degrees_are_doubted_wherever_angles_are_given(turning, what, analysis):
     values = LIKE_DEGREES[what]
     values = [0, values] if analysis is nc.sweep and not np.ndim(values) else values
-    with pytest.warns(UserWarning, match=r"'phi' .*angles are in radians here.*unit='deg'") as caught:
+    with pytest.warns(UserWarning, match=r"'phi'.*radians.*unit='deg'") as caught:
         analysis(turning, {"phi": values}, throw=False)
     assert caught[0].filename == __file__ and len(caught) == 1
     for unit in ("deg", "rad"):

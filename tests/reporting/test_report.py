@@ -142,7 +142,7 @@ def test_an_expectation_that_is_missed_fails_the_run(capsys):
         (["run", FOUR_BAR, "--expect", "psi is fine"], "write QUANTITY"),
         (
             ["run", FOUR_BAR, "--poses", "5", "--expect", "pso > 1"],
-            "--expect 'pso > 1': 'four-bar' has no quantity 'pso'; did",
+            "--expect 'pso > 1': 'four-bar' has no",
         ),
         (["run", FOUR_BAR, "--poses", "many"], "'many'"),
         (["report", "four-barr"], "did you mean 'four-bar'"),
@@ -356,7 +356,7 @@ def test_a_name_that_looks_like_a_part_of_the_page_stays_a_name(tmp_path):
 
 
 def test_what_cannot_be_reported_is_refused():
-    with pytest.raises(InputError, match="of a Mechanism, a System or a Motion; got str"):
+    with pytest.raises(InputError, match=r"Mechanism.*System.*Motion.*str"):
         nc.report("four-bar")  # type: ignore[arg-type]
 
 

@@ -314,7 +314,7 @@ def test_bad_files(text, words, folder):
 def test_wrong_questions(gripper, folder):
     with pytest.raises(nc.ModelFileError, match="there is no such file"):
         nc.from_mjcf(folder / "nowhere.xml")
-    with pytest.raises(nc.ModelFileError, match=r"no such equality constraint; there are close, close2, same"):
+    with pytest.raises(nc.ModelFileError, match=r"equality.*close, close2, same"):
         nc.from_mjcf(folder / "gripper.xml", without=["open"])
     with pytest.raises(nc.ModelFileError, match=r"hold=\['arm'\]: there is no such body"):
         nc.from_mjcf(folder / "gripper.xml", hold=["arm"])

@@ -187,7 +187,7 @@ def test_a_file_by_hand(folder):
     hinge = nc.from_urdf(arm(folder, "revolute", "hinge.urdf"))
     assert np.abs(np.asarray(hinge.positions([0.2])) - np.asarray(robot.positions([0.2]))).max() < 1e-10
     turned = hinge.system.replace({"close_axis_at": hinge.system["close_axis_at"] + 0.1})
-    with pytest.raises(nc.InputError, match="the axis of loop joint 'close' points elsewhere"):
+    with pytest.raises(nc.InputError, match=r"axis.*'close'.*elsewhere"):
         hinge.save(folder / "never.urdf", turned)
     assert not (folder / "never.urdf").exists()
 

@@ -140,7 +140,7 @@ def test_samples_need_a_key_and_designs_are_ranked_by_means():
     lane = descent.begin()
     with pytest.raises(nc.InputError, match=r"drawn anew at every step: give a key"):
         descent(lane)
-    with pytest.raises(nc.InputError, match=r"draws no random numbers: leave out the key"):
+    with pytest.raises(nc.InputError, match=r"random.*leave out the key"):
         S.Descent(PLAIN, ADAM)(S.Descent(PLAIN, ADAM).begin(), jax.random.key(0))
     with pytest.raises(nc.InputError, match="a system and a key: give one"):
         RANDOM.value(IDEA)
@@ -270,11 +270,11 @@ def nothing_finite(system):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (lambda: S.descend(PLAIN, optax.adam), r"an optax transformation.*got adam: call it, optax\.adam\(1e-2\)"),
-        (lambda: S.descend(PLAIN, 1e-2), r"an optax transformation.*got float, such as optax\.adam"),
-        (lambda: S.descend(to_goal, ADAM), r"got the function 'to_goal'.*Loss\(mechanism, function\)"),
+        (lambda: S.descend(PLAIN, optax.adam), r"adam: call it, optax\.adam\(1e-2\)"),
+        (lambda: S.descend(PLAIN, 1e-2), r"got float, such as optax\.adam"),
+        (lambda: S.descend(to_goal, ADAM), r"'to_goal'.*Loss\(mechanism, function\)"),
         (lambda: S.descend(IDEA, ADAM), "takes a problem"),
-        (lambda: S.solve(PLAIN), r"a Loss is any number: use nc\.synthesis\.descend"),
+        (lambda: S.solve(PLAIN), r"Loss.*nc\.synthesis\.descend"),
         (
             lambda: S.descend(S.Loss(IDEA, with_two, free=["P"]), ADAM, starts=1),
             r"array of shape \(2,\): take its mean",
@@ -286,20 +286,20 @@ def nothing_finite(system):
         ),
         (lambda: S.Loss(IDEA, lambda a, b, c: a), "asks for a, b, c"),
         (lambda: S.Loss(IDEA, 3.0), "function must be a function of a system"),
-        (lambda: S.Loss(IDEA, to_goal, bounds={"Q.x": (0, 1)}), "bounds for 'Q.x', which is no design variable"),
+        (lambda: S.Loss(IDEA, to_goal, bounds={"Q.x": (0, 1)}), "'Q.x'.*no design variable"),
         (lambda: S.Loss(IDEA, to_goal, bounds={"P.x": (0, 1)}, free=["C"]), "'P.x', which is not free"),
-        (lambda: S.descend(PLAIN, ADAM, batch=3), r"batch=3.*no targets of its own.*function\(system, key\)"),
-        (lambda: S.descend(PLAIN, ADAM, steps=2.0), "steps must be a whole number, got 2.0; write 2"),
+        (lambda: S.descend(PLAIN, ADAM, batch=3), r"batch=3.*function\(system, key\)"),
+        (lambda: S.descend(PLAIN, ADAM, steps=2.0), "steps.*whole number.*2.0; write 2"),
         (lambda: S.descend(PLAIN, ADAM, patience=0), "patience must be at least 1, got 0"),
-        (lambda: S.descend(PLAIN, ADAM, gradient=-1), "gradient=-1; it must be a norm to stop at"),
-        (lambda: S.descend(PLAIN, ADAM, enough="1"), "enough='1'; it must be an error to stop at"),
+        (lambda: S.descend(PLAIN, ADAM, gradient=-1), "gradient=-1.*norm"),
+        (lambda: S.descend(PLAIN, ADAM, enough="1"), "enough='1'.*error"),
         (lambda: S.descend(PLAIN, ADAM, seconds=-1), "seconds=-1; it must be a positive number"),
         (lambda: S.descend(PLAIN, ADAM, key=3), r"write key=jax.random.key\(3\)"),
-        (lambda: S.descend(PLAIN, ADAM, starts=[[1.0, 2.0]]), r"shape \(lanes, 4\), each C.x, C.y.*got shape \(1, 2\)"),
+        (lambda: S.descend(PLAIN, ADAM, starts=[[1.0, 2.0]]), r"\(lanes, 4\), each C.x.*\(1, 2\)"),
         (lambda: S.Descent(PLAIN, ADAM).begin([1.0]), r"has 4 unknowns, C\.x.*got shape \(1,\)"),
         (
             lambda: jax.jit(lambda x: S.descend(PLAIN, ADAM, starts=x).error)(jnp.ones((1, 4))),
-            r"a loop in Python and needs numbers.*nc\.synthesis\.Descent",
+            r"needs numbers.*nc\.synthesis\.Descent",
         ),
     ],
 )

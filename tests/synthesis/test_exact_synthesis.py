@@ -115,7 +115,7 @@ class TestFreudenstein:
         ):
             with pytest.raises(nc.InputError, match=says):
                 syn.precision_four_bars(*points)
-        with pytest.raises(nc.InputError, match="5 unknowns; give input_start and output_start"):
+        with pytest.raises(nc.InputError, match=r"5 unknowns.*input_start"):
             syn.function_four_bars(np.sin, (0, 1), 1.0, 1.0, points=3)
         with pytest.raises(nc.InputError, match="two different numbers"):
             syn.function_four_bars(np.cos, (-1, 1), 1.0, 1.0)

@@ -200,13 +200,13 @@ def test_a_mistake_in_a_problem_is_named(mistake):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"seconds": -1}, "seconds=-1; it must be a positive number, or None"),
-        ({"seconds": np.nan}, "seconds=nan; it must be a positive number"),
-        ({"enough": -1.0}, "enough=-1.0; it must be an error to stop at"),
-        ({"starts": 2e4}, "starts must be a whole number, got 20000.0; write 20000"),
+        ({"seconds": -1}, "seconds=-1.*positive.*None"),
+        ({"seconds": np.nan}, "seconds=nan.*positive"),
+        ({"enough": -1.0}, "enough=-1.0.*error"),
+        ({"starts": 2e4}, "starts.*20000.0; write 20000"),
         ({"keep": 2.5}, "keep must be a whole number, got 2.5"),
         ({"refine": 0}, "refine must be at least 1, got 0"),
-        ({"key": 3}, r"key=3 is no key of random numbers; write key=jax.random.key\(3\)"),
+        ({"key": 3}, r"key=3.*key=jax.random.key\(3\)"),
         ({"key": "seed"}, r"key='seed' is no key of random numbers"),
     ],
 )
@@ -217,13 +217,13 @@ def test_a_mistake_in_a_search_is_named(settings, words):
 
 def test_a_search_for_no_problem_is_refused():
     for call in (S.solve, S.pareto):
-        with pytest.raises(nc.InputError, match=r"takes a problem, such as PathGeneration.*got Mechanism"):
+        with pytest.raises(nc.InputError, match=r"problem.*PathGeneration.*Mechanism"):
             call(four_bar())  # pyright: ignore[reportArgumentType]
 
 
 def test_a_condition_that_is_finite_for_the_idea_only_is_named():
     problem = path(subject_to=[S.condition(later, name="clearance")], bounds={"B.x": (2, 3)})
-    with pytest.raises(nc.InputError, match=r"has conditions \(clearance\) that are not finite; keep divisions"):
+    with pytest.raises(nc.InputError, match=r"\(clearance\).*not finite.*divisions"):
         S.solve(problem, **FEW)
 
 

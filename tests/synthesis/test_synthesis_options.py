@@ -72,13 +72,13 @@ def test_lengths_of_links_are_told():
     [
         (lambda: S.direction("A", "D"), "give a value, or min= and max="),
         (lambda: S.direction("A", "D", min=0.1), "give a value, or min= and max="),
-        (lambda: S.direction("A", "D", 45), "must be an angle in radians .numpy.radians"),
-        (lambda: S.direction("A", "D", min=1.0, max=0.5), "a way forwards of less than a turn; add 2.pi"),
+        (lambda: S.direction("A", "D", 45), "radians .numpy.radians"),
+        (lambda: S.direction("A", "D", min=1.0, max=0.5), "less than a turn; add 2.pi"),
         (lambda: S.on_circuit("open"), "side='open'; known names: left, right"),
         (lambda: path(subject_to=[S.direction("A", "E", 0.0)]), "has no point 'E'"),
         (
             lambda: S.PathGeneration(nc.library.rssr(), "A", np.eye(3), input="phi", subject_to=[S.on_circuit("left")]),
-            "is spatial; this condition is of the plane",
+            "spatial.*of the plane",
         ),
     ],
 )
@@ -187,5 +187,5 @@ def test_a_crank_is_found_whichever_way_it_turns(sense):
     assert found.found and best.error < 1e-18
     np.testing.assert_allclose(np.diff(best.inputs), sense * np.diff(steps), rtol=1e-12)
     np.testing.assert_allclose(np.asarray(nc.sweep(best.system, {"phi": best.inputs})["P"]), target, atol=1e-8)
-    with pytest.raises(nc.InputError, match=r"either_sense=True .* give timing= and offset=True"):
+    with pytest.raises(nc.InputError, match=r"either_sense=True.*timing=.*offset="):
         S.PathGeneration(four_bar(), "P", target, either_sense=True)

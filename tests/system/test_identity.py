@@ -160,7 +160,7 @@ def test_a_relation_and_a_cable_of_one_name_keep_their_own_numbers():
     assert int(found.status) == 0
     assert np.asarray(found["P"]) == pytest.approx([1.0, np.sqrt(1.5**2 - 1.0)], abs=1e-12)
     assert float(system["joint rope.length"]) == 3.0 and float(system["relation rope.length"]) == 2.0
-    with pytest.raises(nc.InputError, match=r"'relation rope\.length' or 'joint rope\.length'|'joint rope\.length' or"):
+    with pytest.raises(nc.InputError, match=r"'joint rope\.length'"):
         system["rope.length"]
     assert float(system.replace({"relation rope.length": -2.0})["relation rope.length"]) == -2.0
     with pytest.raises(nc.InputError, match="positive"):

@@ -152,7 +152,7 @@ def test_static_indices_serve_both_widths(four_bar):
 
 def test_other_types_are_refused(four_bar):
     for wrong in ("float16", "int32", "wide"):
-        with pytest.raises(nc.InputError, match=f"dtype='{wrong}'; numbers are 'float64' or 'float32'"):
+        with pytest.raises(nc.InputError, match=f"dtype='{wrong}'.*'float64'.*'float32'"):
             four_bar.astype(wrong)
     with pytest.raises(nc.InputError, match="dtype='float16'"):
         drawn_four_bar().compile(dtype="float16")

@@ -274,7 +274,7 @@ def test_an_overconstrained_mechanism_has_no_derivative():
     s = bennett().compile()
     name = s.topology.scalars[0]
     motion = nc.solve_position(s, {name: 1.1}, hold=())
-    with pytest.raises(nc.AssemblyError, match=r"overconstrained: changed alone, .* no way to assemble.*throw=False"):
+    with pytest.raises(nc.AssemblyError, match=r"overconstrained.*assemble.*throw=False"):
         nc.sensitivity(motion, s.topology.points[-1])
     found = nc.sensitivity(motion, s.topology.points[-1], throw=False)
     assert not found.exists.all()
@@ -304,9 +304,9 @@ def test_a_semi_trailing_arm_on_either_side():
         assert sides[side].caster is None
         assert sides[side].motion_ratio is None
         if side == "left":
-            with pytest.raises(nc.InputError, match=r"side='right'.*'hub' is drawn at y = 720, on the left.*'left'"):
+            with pytest.raises(nc.InputError, match=r"side='right'.*'hub'.*720.*'left'"):
                 nc.suspension(motion, "right", wheel_centre="hub", spin_axis="axle", radius=300.0)
-            with pytest.raises(nc.InputError, match=r"none of the usual names for its wheel centre.*wheel_centre="):
+            with pytest.raises(nc.InputError, match=r"usual names.*wheel_centre="):
                 nc.suspension(motion)
             with pytest.raises(nc.InputError, match=r"tyre's radius is not known.*radius="):
                 nc.suspension(motion, wheel_centre="hub", spin_axis="axle")
@@ -363,16 +363,16 @@ def test_millimetres_taken_for_metres_are_suspected(unit, factor, meant):
     s = m.compile()
     assert f"its numbers look like {meant}; set the length unit to '{meant}'" in doubtful_size(s)
     motion = nc.solve_position(s, {"hub.z": factor * 310.0})
-    with pytest.warns(UserWarning, match=f"hardly meant for a suspension.*look like {meant}"):
+    with pytest.warns(UserWarning, match=f"hardly meant.*{meant}"):
         nc.suspension(motion, wheel_centre="hub", spin_axis="axle", radius=factor * 300.0)
     assert not doubtful_size(system("double_wishbone"), "suspension", SIZES)
 
 
 @pytest.mark.parametrize("make", [macpherson, double_wishbone])
 def test_bad_hardpoints_are_named(make):
-    with pytest.raises(nc.MechanismError, match="no 'lower_bal' to move; did you mean 'lower_ball'"):
+    with pytest.raises(nc.MechanismError, match=r"'lower_bal'.*did you mean 'lower_ball'"):
         make({"lower_bal": (0, 0, 0)})
-    with pytest.raises(nc.MechanismError, match=r"hardpoints\['tie_outer'\]\[1\] must be finite"):
+    with pytest.raises(nc.MechanismError, match=r"\['tie_outer'\]\[1\].*finite"):
         make({"tie_outer": (0, math.nan, 0)})
     with pytest.raises(nc.MechanismError, match="spin axis is drawn vertical"):
         make({"wheel_centre": (0, 760, 310), "spindle": (0, 760, 410)})

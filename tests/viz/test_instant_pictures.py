@@ -90,12 +90,12 @@ def test_screws_and_axodes_are_drawn():
 @pytest.mark.parametrize(
     "show, said",
     [
-        ("centroids", r"what can be shown in the plane is centres, centrodes, "),
+        ("centroids", "in the plane is centres, centrodes, "),
         ("screw axis coupler", r"what can be shown in the plane is "),
-        ("centrodes", r"'centrodes' needs the name of a body after it, show='centrodes …'"),
+        ("centrodes", "'centrodes'.*show='centrodes …'"),
         ("curvature Z", r"no point or marker 'Z'; "),
         ("centres conrod", r"no body 'conrod'; "),
-        ("inflection circle coupler / rocker / crank", "takes one name, or one and that of the body"),
+        ("inflection circle coupler / rocker / crank", "one name, or one and.*body"),
     ],
 )
 def test_mistakes_are_named(four_bar, show, said):
@@ -160,8 +160,8 @@ MANY += [f"angular {noun} {b}" for noun in ("velocity", "acceleration") for b in
 @pytest.mark.parametrize(
     "ask, said",
     [
-        (lambda m: m.polygon("jerk"), r"a polygon is one of 'velocity' or 'acceleration'"),
-        (lambda m: m.sheet(paper="a3"), r"paper='a3': give 'a4' or 'letter', or a width in inches"),
+        (lambda m: m.polygon("jerk"), "polygon.*'velocity' or 'acceleration'"),
+        (lambda m: m.sheet(paper="a3"), "paper='a3'.*'a4' or 'letter'"),
         (lambda m: m.pose(0).sheet(), "one pose makes no sheet; give a sweep"),
         (
             lambda m: nc.sweep(m.system.replace(D=(0.25, 0.0)), {"phi": [0.3, 0.9]}).sheet(),
@@ -173,7 +173,7 @@ MANY += [f"angular {noun} {b}" for noun in ("velocity", "acceleration") for b in
             "6 plots do not fit on the sheet; ask for",
         ),
         (lambda m: m.sheet(plots=[f"{k} {p}" for k in ("velocity", "jerk") for p in "BC"]), "no jerk; .* jerk=True"),
-        (lambda m: swept("bennett", 3).polygon(), r"is spatial: polygons are of planar mechanisms"),
+        (lambda m: swept("bennett", 3).polygon(), "spatial.*planar mechanisms"),
     ],
 )
 def test_mistakes_of_polygons_and_sheets_are_named(four_bar, ask, said):

@@ -194,9 +194,9 @@ def test_figures_have_one_word_for_their_size(turning, caplog):
     assert viz.plot(turning, "P", size=3.0).get_size_inches()[0] == 3.0
     assert viz.plot(turning, "P.x", size=(3.0, 4.0)).get_size_inches().tolist() == [3.0, 4.0]
     assert viz.draw(turning, size=3.0).get_size_inches()[0] == pytest.approx(3.0, abs=0.02)
-    with pytest.raises(nc.CallError, match=r"plot\(\) takes no width=; known names: .*size"):
+    with pytest.raises(nc.CallError, match=r"plot.*width=.*known names.*size"):
         turning.plot("P", width=3)
-    with pytest.raises(nc.InputError, match=r"size=\(1, 2, 3\): expected a width in inches, such as 6.4, or width and"):
+    with pytest.raises(nc.InputError, match=r"size=\(1, 2, 3\).*inches"):
         turning.plot("P", size=(1, 2, 3))
     figure = Figure(layout="constrained")
     turning.draw(ax=figure.subplots(1, 2)[0])

@@ -318,7 +318,7 @@ def test_one_pose_can_be_drawn_a_batch_cannot(turning, system):
     figure = viz.draw(one(turning, 3))
     np.testing.assert_allclose(artists(figure, "bar")[1].get_xydata()[1], places(turning, "B")[3], atol=DRAWN)
     batch = dataclasses.replace(turning, poses=turning.q[None], status=turning.status[None])
-    with pytest.raises(InputError, match=r"'four-bar': a batch of poses of shape \(1, 25\).*motion\.pose\(0\)"):
+    with pytest.raises(InputError, match=r"'four-bar'.*\(1, 25\).*motion\.pose\(0\)"):
         viz.draw(batch)
     designs = jax.tree.map(lambda x: x[None], turning)
     with pytest.raises(InputError, match=r"designs.*jax\.tree\.map"):
@@ -403,7 +403,7 @@ def test_a_list_says_which_curves_share_axes(turning):
     assert on_axes(paths)[:2] == [["path P", "start P", "path C", "start C"], ["path B", "start B"]]
     assert [ax.get_aspect() for ax in paths.axes] == [1.0, 1.0, "auto"]
     assert on_axes(viz.plot(turning, "P.x", "P.x")) == [["P.x"]]  # named twice, drawn once
-    with pytest.raises(InputError, match=r"'P.x' \(length .*'velocity P' \(velocity .*without a list"):
+    with pytest.raises(InputError, match=r"'P.x' \(length.*'velocity P' \(velocity"):
         viz.plot(turning, ["P.x", "velocity P"])
     with pytest.raises(InputError, match=r"'P' .*'P.x' .*cannot share axes"):
         viz.plot(turning, ["P", "P.x"])
@@ -449,7 +449,7 @@ def test_what_curves_are_drawn_over(turning):
     np.testing.assert_allclose(quantity(poses(timed), "time").values, np.linspace(0.0, 2.0, 25))
     with pytest.raises(InputError, match=r"give one number, 'P.x' or 'P.y'"):
         viz.plot(turning, "psi", against="P")
-    with pytest.raises(InputError, match=r"no quantity 'velocity Pq'.*did you mean 'P'"):
+    with pytest.raises(InputError, match=r"'velocity Pq'.*did you mean 'P'"):
         viz.plot(turning, "velocity Pq")
     with pytest.raises(InputError, match=r"no jerk; .*jerk=True"):
         viz.plot(turning, "jerk P")
@@ -538,7 +538,7 @@ def test_mp4_by_ffmpeg(turning, tmp_path):
 def test_mp4_without_ffmpeg_says_what_to_install(turning, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(OutputError, match=r"a\.mp4: .*pip install 'jaxnc\[video\]'.*a\.gif"):
+    with pytest.raises(OutputError, match=r"a\.mp4.*jaxnc\[video\].*a\.gif"):
         viz.animate(turning, tmp_path / "a.mp4", frames=2)
 
 

@@ -638,7 +638,7 @@ def test_axes_and_views_of_the_user(turning):
     with pytest.raises(InputError, match=r"'RSCR' is spatial.*projection='3d'"):
         viz.draw(turning, ax=figure.add_subplot(1, 2, 1))
     for view in (3, (100, 0), ("a", 0), (1, 2, 3)):
-        with pytest.raises(InputError, match=r"view=.*elevation.*azimuth.*view=\(25, -60\)"):
+        with pytest.raises(InputError, match=r"view=.*elevation.*\(25, -60\)"):
             viz.draw(turning, view=view)
     m = nc.Mechanism("flat")
     m.ground("A", (0, 0))
@@ -707,9 +707,9 @@ def test_curves_have_three_components(turning):
     labels = [ax.get_ylabel() for ax in figure.axes]
     expected = ["length [mm]", "direction", "velocity [mm/s]", "angular velocity [°/s]", "P3.z [mm]"]
     assert labels == expected  # the height has a scale of its own: it changes little
-    with pytest.raises(InputError, match=r"orientation of 'rocker' is a matrix.*'angular velocity rocker'"):
+    with pytest.raises(InputError, match=r"'rocker'.*matrix.*angular velocity"):
         viz.plot(turning, "orientation rocker")
-    with pytest.raises(InputError, match=r"give one number, 'P3.x', 'P3.y' or 'P3.z'"):
+    with pytest.raises(InputError, match=r"one number.*'P3.x'.*'P3.z'"):
         viz.plot(turning, "P2", against="P3")
     with pytest.raises(InputError, match=r"no quantity 'P3\.w'"):
         viz.plot(turning, "P3.w")

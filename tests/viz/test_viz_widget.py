@@ -233,7 +233,7 @@ def test_a_curve_is_pulled_by_the_least_change(four_bar):
     rigid = nc.widget(nc.library.parallelogram(), trace="E")  # a third crank
     with pytest.raises(nc.InputError, match="none of its dimensions can change alone"):
         rigid.pull("E", rigid.values["E"] + 0.01)
-    with pytest.raises(nc.InputError, match="22 of 24 cannot change alone and let it assemble, and the others do not"):
+    with pytest.raises(nc.InputError, match=r"22 of 24.*cannot change alone"):
         edit_curve(bennett, bennett.system, "C", np.asarray(bennett["C"])[0] + 0.001, {"phi": 1.0})
     assert before is not w.system
 

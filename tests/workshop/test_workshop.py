@@ -279,9 +279,7 @@ def test_a_stack_that_cannot_be_names_what_is_in_the_way():
 def test_too_few_layers_and_how_many_it_takes(made, tmp_path):
     motion, assembly, _ = made("peaucellier")
     few = assembly.layers - 1
-    with pytest.raises(
-        nc.AssemblyError, match=rf"needs {few + 1} layers above its ground plate, layers={few} is too few"
-    ):
+    with pytest.raises(nc.AssemblyError, match=rf"{few + 1} layers.*layers={few}.*too few"):
         motion.to_parts(tmp_path / "out", layers=few, **SIZES)
     assert not list(tmp_path.iterdir())
 
@@ -331,9 +329,7 @@ def test_pins_do_not_pass_each_other_in_a_slot():
     m.body("bar", ["A", "B"]), m.body("one", ["G", "P"]), m.body("two", ["H", "Q"])
     m.slot("upper", "P", ("A", "B")), m.slot("lower", "Q", ("A", "B")), m.angle("phi", at="A", to="B")
     system, sizes = m.compile(), {**SIZES, "width": 12, "pin": 4}
-    with pytest.raises(
-        nc.AssemblyError, match=r"pin P and pin Q come too close in the slot that they share \(pose 4\)"
-    ):
+    with pytest.raises(nc.AssemblyError, match=r"pin P.*pin Q.*slot.*pose 4"):
         nc.sweep(system, {"phi": np.linspace(-0.2, 0.2, 9)}).to_parts(**sizes)
     apart = nc.sweep(system, {"phi": np.linspace(0.03, 0.2, 9)})
     (near,) = [p for p in apart.to_parts(**sizes).passing if (p.one, p.other) == ("pin P", "pin Q")]
@@ -418,14 +414,12 @@ def test_sizes_that_are_none_are_named(made, tmp_path, sizes, says):
 
 
 def test_mechanisms_that_plates_do_not_make_are_named():
-    with pytest.raises(nc.InputError, match=r"gear 'mesh' cannot be made of plates and pins"):
+    with pytest.raises(nc.InputError, match=r"'mesh'.*plates and pins"):
         moved(nc.library.geared_five_bar(), 5).to_parts(**SIZES)
-    with pytest.raises(
-        nc.InputError, match=r"'ground': .* slot of O and that of Y.* run through each other, .* beside"
-    ):
+    with pytest.raises(nc.InputError, match=r"'ground'.*slot of O.*Y.*beside"):
         moved(nc.library.scotch_yoke(), 9).to_parts(**SIZES)
     joint = nc.library.cardan_joint()
-    with pytest.raises(nc.InputError, match=r"is spatial; plates in layers are for planar"):
+    with pytest.raises(nc.InputError, match=r"spatial.*planar"):
         moved(joint, 5).to_parts(**SIZES)
     short = nc.library.four_bar().compile().replace({"rocker.C-D": 0.02})
     with pytest.raises(nc.InputError, match=r"pose \d+ of .* failed: .*Give a range"):
@@ -435,7 +429,7 @@ def test_mechanisms_that_plates_do_not_make_are_named():
     m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C"]), m.body("rocker", ["C", "D"])
     m.angle("phi", at="A", to="B")
     system, round_ = m.compile(), np.array([0.5, 2.5]) * np.pi
-    with pytest.raises(nc.InputError, match=r"pose 10 of 'parallel' is a change point.*give other poses"):
+    with pytest.raises(nc.InputError, match=r"pose 10.*'parallel'.*change point"):
         nc.sweep(system, {"phi": np.linspace(*round_, 41)}).to_parts(**SIZES)
     beside = nc.sweep(system, {"phi": np.linspace(*round_, 42)}).to_parts(**SIZES)
     assert 0.97 * (40 - 16) < beside.clearance <= 40 - 16  # in line, end to end
@@ -495,7 +489,7 @@ def test_nothing_is_half_written(made, tmp_path, monkeypatch):
             assembly.save(tmp_path / "full")
         assert not list((tmp_path / "full").iterdir())
     monkeypatch.setitem(sys.modules, "ezdxf", None)
-    with pytest.raises(nc.JaxncError, match=r'DXF needs ezdxf: pip install "jaxnc\[dxf\]".*formats="svg" does without'):
+    with pytest.raises(nc.JaxncError, match=r"DXF.*jaxnc\[dxf\].*formats="):
         assembly.save(tmp_path / "none")
     assert not (tmp_path / "none").exists()
     assert (assembly.save(tmp_path / "svg", "svg") / "crank.svg").exists()
