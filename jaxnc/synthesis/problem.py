@@ -22,10 +22,10 @@ from jaxnc.kinematics.design import geometry_vector, with_geometry
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.mechanism import Mechanism
-from jaxnc.pickling import Remade, fields_of
+from jaxnc.pickling import Remade, fields_of, from_fields
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.synthesis.conditions import Condition, Seen
-from jaxnc.synthesis.pytree import Leaves, from_fields, shapes
+from jaxnc.synthesis.pytree import Leaves, shapes
 from jaxnc.system.system import System
 from jaxnc.types import Array
 

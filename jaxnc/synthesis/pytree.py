@@ -7,16 +7,16 @@ to the structure. So does an infinite bound, which stands for no bound.
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import jax
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.pickling import from_fields
 from jaxnc.system.system import System
 
-_R = TypeVar("_R")
 _LEAF = object()
 
 
@@ -61,16 +61,6 @@ def _flatten_record(record: Any, leaves: list[Any]) -> Any:
 def _rebuild_record(structure: Any, leaves: Iterator[Any]) -> Any:
     _, kind, names, parts = structure
     return from_fields(kind, {name: _place_leaves(part, leaves) for name, part in zip(names, parts, strict=True)})
-
-
-def from_fields(kind: type[_R], fields: Mapping[str, Any]) -> _R:
-    """Make a record from its fields.
-
-    Its ``__init__`` is passed over, which takes what a user says and checks it: JAX puts in what it likes.
-    """
-    out = object.__new__(kind)
-    vars(out).update(fields)
-    return out
 
 
 def _take_leaves(value: Any, leaves: list[Any]) -> Any:

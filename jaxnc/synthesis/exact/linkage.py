@@ -80,7 +80,8 @@ class FourBar:
     @property
     def z(self) -> tuple[complex, complex, complex, complex, complex]:
         """A, B, C, D and P as complex numbers."""
-        return tuple(complex(*getattr(self, name)) for name in "ABCDP")  # type: ignore[return-value]
+        a, b, c, d, p = (complex(*getattr(self, name)) for name in "ABCDP")
+        return a, b, c, d, p
 
     @property
     def lengths(self) -> dict[str, float]:
@@ -171,7 +172,8 @@ class FourBar:
         place |= dict(zip(markers, np.asarray(marker_rates(eq, q, ())), strict=True)) if markers else {}
         pivots = [top.points[(set(b.points) & fixed).pop()] for b in bars]
         joints = [top.points[e.pop()] for e in ends]
-        return cls(place[pivots[0]], place[joints[0]], place[joints[1]], place[pivots[1]], place[point])  # type: ignore[arg-type]
+        names = pivots[0], joints[0], joints[1], pivots[1], point
+        return cls(*(point_of(complex(*place[name])) for name in names))
 
 
 @functools.cache

@@ -111,7 +111,8 @@ class _Linearised(NamedTuple):
 
     def of(self, lanes: np.ndarray) -> "_Linearised":
         """Select some lanes."""
-        return _Linearised(*(part[..., lanes] for part in self[:-1]), self.inverse[lanes])
+        q, u, uu, minors, slopes = (part[..., lanes] for part in self[:-1])
+        return _Linearised(q, u, uu, minors, slopes, self.inverse[lanes])
 
 
 def _linearise(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray) -> _Linearised:
