@@ -97,8 +97,8 @@ def simulate(
             positive(value, name)
     for value, name in ((rtol, "rtol="), (atol, "atol=")):
         positive(value, name, zero=True)
-    step, first = (None if x is None else _as_float(x) for x in (step, first))
-    rtol, atol = _as_float(rtol), _as_float(atol)
+    step, first = (None if x is None else _plain_float(x) for x in (step, first))
+    rtol, atol = _plain_float(rtol), _plain_float(atol)
     if not isinstance(rtol, Tracer) and not isinstance(atol, Tracer) and float(rtol) == float(atol) == 0.0:
         raise InputError("rtol= and atol= are both 0, which no step can meet; give one of them")
     most = whole(most, "most=, the most steps,")
@@ -156,7 +156,7 @@ def simulate(
     return made
 
 
-def _as_float(x: float) -> float:
+def _plain_float(x: float) -> float:
     """Make a number a float of Python's, unless it is traced."""
     return x if isinstance(x, Tracer) else float(x)
 

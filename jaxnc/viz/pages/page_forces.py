@@ -52,10 +52,10 @@ class PosedReactions(Reactions):
 
     def _ledger(self) -> Ledger:
         """Collect all wrenches, once: there is one trace."""
-        return self._collected
+        return self._own_ledger
 
     @functools.cached_property
-    def _collected(self) -> Ledger:
+    def _own_ledger(self) -> Ledger:
         return super()._ledger()
 
 
