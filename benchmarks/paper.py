@@ -1,7 +1,8 @@
 """``python -m benchmarks.paper``: writes docs/paper.md, the short paper, with the numbers of the benchmarks.
 
 The text is here, in the form that the Journal of Open Source Software asks for; every number in it stands for one of
-the JSON files of this folder, or for a count of the package, and `tests/test_paper.py` asks that the page is current.
+the JSON files of this folder, or for a count of the package, and `tests/docs/test_paper.py` asks that the page is
+current.
 """
 
 import json

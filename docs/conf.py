@@ -43,7 +43,7 @@ default_role = "named"  # a name in docstrings, `sweep`: a link where it is publ
 # Markdown
 myst_enable_extensions = ["attrs_block", "attrs_inline", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
-nb_execution_mode = "off"  # notebooks are stored with their outputs, and run by tests/test_notebooks.py
+nb_execution_mode = "off"  # notebooks are stored with their outputs, and run by tests/docs/test_notebooks.py
 
 # Docstrings
 autosummary_generate = False

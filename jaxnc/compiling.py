@@ -132,7 +132,9 @@ def is_outermost(*trees: Any) -> bool:
     return known and (outermost() or not isinstance(jax.device_put(np.float32(0.0)), Tracer))
 
 
-_forked = False  # whether this process was forked after JAX had started its threads, which it has not got
+# Whether this process was forked after JAX had started its threads, which it has not got. A fact that can be known only
+# at the moment of the fork; nobody sets it otherwise.
+_forked = False
 
 
 def _in_child() -> None:

@@ -1,33 +1,29 @@
 """Names of a package that are loaded when they are first asked for."""
 
+import ast
 import functools
 import importlib
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 
 def on_demand(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """The ``__getattr__`` and ``__dir__`` of a package that re-exports names and imports nothing until one is used.
+    """Make the ``__getattr__`` and ``__dir__`` of a package that imports nothing until one of its names is used.
 
-    What its ``__all__`` is, and where each name is from, is said by the imports that it has for type checkers, under
-    ``if TYPE_CHECKING``: they are compiled with it, though never carried out. What is imported from the package itself
-    is a package within it. No name may be that of a module of the package: once imported, the module would stand in its
-    place.
+    The names are written once, as imports in the package's ``__init__.pyi``: type checkers and editors read them there,
+    and so does this function, which makes ``__all__`` of them (the pattern of Scientific Python's SPEC 1). What is
+    imported from the package itself is a package within it. No name may be that of a module of the package: once
+    imported, the module would stand in its place.
     """
     inside: Any = sys.modules[package]
 
     @functools.cache
     def homes() -> dict[str, str]:
-        import dis
-
-        found, module = {}, ""
-        for step in dis.get_instructions(inside.__spec__.loader.get_code(package)):
-            if step.opname == "IMPORT_NAME":
-                module = step.argval
-            elif step.opname == "IMPORT_FROM" and module not in ("typing", __name__):
-                found[step.argval] = module
-        return dict(sorted(found.items()))
+        stub = ast.parse(Path(inside.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+        imports = [statement for statement in stub.body if isinstance(statement, ast.ImportFrom)]
+        return dict(sorted((name.name, one.module or "") for one in imports for name in one.names))
 
     def named(name: str) -> Any:
         if name == "__all__":
@@ -53,5 +49,5 @@ def on_demand(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str
 
 
 def version() -> str:
-    """The version of jaxnc."""
+    """Read the version of jaxnc."""
     return sys.modules["jaxnc"].__version__

@@ -6,12 +6,11 @@ there, and nothing compiles anew. What a user made goes by its fields, whose fun
 in their modules; `Remade` says so where it cannot.
 """
 
-import copyreg
 import dataclasses
 import functools
 import importlib
 import pickle
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, ParamSpec, Self, TypeVar
 
 from jaxnc.calls import public
@@ -19,6 +18,7 @@ from jaxnc.errors import JaxncError
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R", bound="Remade")
+_T = TypeVar("_T")
 
 # Of records that can be made again, by identity: the record itself, and what makes it with which arguments.
 _AGAIN: dict[int, tuple["Remade", Callable, tuple]] = {}
@@ -48,7 +48,7 @@ class Remade:
                     f"{_describe_function(function)}: write it with def at the top level of a module that the other "
                     f"process can import"
                 ) from None
-        return copyreg.__newobj__, (type(self),), fields_of(self)  # pyright: ignore[reportAttributeAccessIssue]
+        return from_fields, (type(self), fields_of(self))
 
     def __copy__(self) -> Self:
         return self
@@ -90,6 +90,17 @@ def _find_record(module: str, kind: type, name: str) -> Remade:
 def fields_of(record: Any) -> dict[str, Any]:
     """Return the fields of a dataclass, without what was remembered since."""
     return {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+
+
+def from_fields(kind: type[_T], fields: Mapping[str, Any]) -> _T:
+    """Make a record from its fields.
+
+    Its ``__init__`` is passed over, which takes what a user says and checks it: who calls this puts in what was there,
+    and JAX what it likes.
+    """
+    out = object.__new__(kind)
+    vars(out).update(fields)
+    return out
 
 
 def functions_of(record: Any) -> Iterator[tuple[str, Callable]]:

@@ -9,9 +9,10 @@ import contextlib
 import functools
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
-_F = TypeVar("_F", bound=Callable)
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 _AS_IT_IS = contextlib.nullcontext()
 
 
@@ -30,12 +31,12 @@ def _promoting(jax: Any, inner: contextlib.AbstractContextManager) -> Iterator[N
         yield
 
 
-def promoted(f: _F) -> _F:
+def promoted(f: Callable[_P, _R]) -> Callable[_P, _R]:
     """Have a function promote shapes and number types, whatever the user's settings are."""
 
     @functools.wraps(f)
-    def inner(*args: Any, **options: Any) -> Any:
+    def inner(*args: _P.args, **options: _P.kwargs) -> _R:
         with promoting():
             return f(*args, **options)
 
-    return inner  # pyright: ignore[reportReturnType]
+    return inner

@@ -3,15 +3,15 @@
 import functools
 import weakref
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 
 T = TypeVar("T")
 R = TypeVar("R")
-_F = TypeVar("_F", bound=Callable)
+_P = ParamSpec("_P")
 _NOTHING = object()
 
 
-def with_owner(f: _F) -> _F:
+def with_owner(f: Callable[Concatenate[T, _P], R]) -> Callable[Concatenate[T, _P], R]:
     """Remember what a function returns, in its first argument: a topology, a plan, an object that lives as long.
 
     The other arguments are hashable and are given in order. As `functools.cache` otherwise, which would keep the owner
@@ -19,13 +19,13 @@ def with_owner(f: _F) -> _F:
     """
 
     @functools.wraps(f)
-    def call(owner: Any, *more: Any, **named: Any) -> Any:
+    def call(owner: T, *more: _P.args, **named: _P.kwargs) -> R:
         known = vars(owner).setdefault("_remembered", {})
         key = (f, more, tuple(named.items()))
         found = known.get(key, _NOTHING)
         return known.setdefault(key, f(owner, *more, **named)) if found is _NOTHING else found
 
-    return call  # pyright: ignore[reportReturnType]
+    return call
 
 
 def by_identity(f: Callable[[T], R]) -> Callable[[T], R]:

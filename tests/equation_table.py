@@ -6,16 +6,15 @@ Made of the `source=` of kinds, of docstrings, of the equations as printed and o
 
 import inspect
 import re
-from pathlib import Path
 
+from places import DOCS
 from printed import COMPARED, COUNTS, FIGURES, GROUPS, VARIED, Group
 
 import jaxnc as nc
 from jaxnc.constraints import CATALOGUE, Kind
 from jaxnc.families.program import EQUAL, PROJECTION
 
-ROOT = Path(__file__).parent.parent
-ERRATA = (ROOT / "docs" / "sources.md").read_text(encoding="utf-8").partition("## Errata")[2]
+ERRATA = (DOCS / "sources.md").read_text(encoding="utf-8").partition("## Errata")[2]
 LAST = 201  # and (42b)
 CITED = re.compile(r"\((\d{1,3})(b?)\)(?:\s*-\s*\((\d{1,3})\))?")
 Number = tuple[int, str]
@@ -28,9 +27,9 @@ have; the kinds of `nc.constraints.CATALOGUE` that write it or replace it, with 
 r1 is the vector of point 1, x1 its component, L12 the length drawn between 1 and 2, [ ]x a component of a vector
 product, c and Greek letters without a variable's name constants of the drawing.
 
-Each is checked as it reads by `tests/test_printed.py`, at poses of the library's mechanism or of bodies displaced by
-hand: it vanishes, and the printed equations together have the same rank as those written here and admit the same
-motions, also where ours look different. Each erratum has a test of its number in `tests/test_sources.py`.
+Each is checked as it reads by `tests/docs/test_printed.py`, at poses of the library's mechanism or of bodies displaced
+by hand: it vanishes, and the printed equations together have the same rank as those written here and admit the same
+motions, also where ours look different. Each erratum has a test of its number in `tests/docs/test_sources.py`.
 This page is made by `python tests/equation_table.py`.
 """
 
@@ -129,4 +128,4 @@ if __name__ == "__main__":
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    (ROOT / "docs" / "equations.md").write_text(page(), encoding="utf-8")
+    (DOCS / "equations.md").write_text(page(), encoding="utf-8")

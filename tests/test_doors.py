@@ -168,9 +168,7 @@ def test_with_the_system_closed_over_and_passed(name, cell):
 @pytest.mark.parametrize("name", HOST)
 def test_what_is_answered_on_the_host_says_so(name):
     for transform in (jax.jit, nc.jit, lambda f: lambda s: jax.vmap(f)(jax.tree.map(lambda leaf: leaf[None], s))):
-        with pytest.raises(
-            nc.InputError, match=rf"^{name} works outside of traced code only .*call it before.*close over"
-        ):
+        with pytest.raises(nc.InputError, match=rf"^{name}.*traced.*call it before.*close over"):
             transform(lambda s: jnp.asarray(HOST[name](s)))(pendulum())
 
 
@@ -200,9 +198,9 @@ def test_angles_are_taken_in_degrees_and_degrees_by_mistake_are_doubted():
     round_from = nc.circuit(system, "phi", poses=5, start=begun, unit="deg")
     np.testing.assert_allclose(round_from["phi"][0], np.radians(100.0), atol=1e-12)
     for ask in (lambda u: nc.sweep(system, {"phi": turn}, unit=u), lambda u: nc.circuit(system, "phi", unit=u)):
-        with pytest.raises(nc.InputError, match="unit='grad': angles are given in 'rad' or 'deg'"):
+        with pytest.raises(nc.InputError, match=r"unit='grad'.*'rad'.*'deg'"):
             ask("grad")
-    with pytest.warns(UserWarning, match=r"'phi' goes in whole numbers from 0 to 360.*unit='deg'"):
+    with pytest.warns(UserWarning, match=r"'phi'.*whole numbers.*unit='deg'"):
         nc.sweep(system, {"phi": np.linspace(0.0, 360.0, 361)})
     many = 40 * np.pi * np.linspace(0.0, 1.0, 2001)  # twenty turns that are meant
     assert int(nc.sweep(system, {"phi": many}).failures) == 0

@@ -16,11 +16,11 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from jaxnc.doors import DOORS
 
 PACKAGE = "jaxnc"
-ROOT = Path(__file__).resolve().parents[1]
 
 # The first name below the package decides the floor. A new module must be given one here.
 FLOORS = {

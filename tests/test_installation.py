@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from packaging.requirements import Requirement
+from places import ROOT
 
 import jaxnc as nc
 
-ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 MEGABYTES = 20  # beside JAX and SciPy, with what Python compiles on import
 WITHOUT = "import sys; sys.modules['matplotlib'] = sys.modules['PIL'] = None\n"  # as where they are not installed

@@ -12,13 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from mechanisms import four_bar
+from places import PROBLEMS, TESTS
 
 import jaxnc as nc
 from jaxnc.cli import main
 from jaxnc.kinematics import host_solve
 
-CHILD = Path(__file__).parent / "children" / "interrupted.py"
-PROBLEM = Path(__file__).parent.parent / "examples" / "problems" / "path.toml"
+CHILD = TESTS / "children" / "interrupted.py"
+PROBLEM = PROBLEMS / "path.toml"
 COMMAND = """
 import signal, sys
 from jaxnc.cli import main
@@ -69,9 +70,7 @@ def test_a_callback_of_the_users_that_fails():
         ("the function of input 'phi'", lambda: nc.motion(pendulum().compile(), {"phi": looked_up}, t)),
         ("compiled code", lambda: nc.synthesis.Objective(four_bar(), goal, np.linspace(0.0, 1.0, 4))),
     ):
-        with pytest.raises(
-            nc.JaxncError, match=rf"called back from {caller} failed: ValueError: no table.*in no_table"
-        ) as caught:
+        with pytest.raises(nc.JaxncError, match=rf"{caller}.*ValueError: no table.*in no_table") as caught:
             ask()
         assert "\n" not in str(caught.value) and caught.value.__suppress_context__
 
@@ -88,7 +87,7 @@ def test_the_hosts_own_callback_that_fails(monkeypatch):
         raise MemoryError("unable to allocate 3 GiB")
 
     monkeypatch.setattr(host_solve, "repair_lanes", full)
-    with pytest.raises(Exception, match=r"MemoryError: unable to allocate 3 GiB.*repair=False does without"):
+    with pytest.raises(Exception, match=r"MemoryError.*3 GiB.*repair=False"):
         jax.block_until_ready(program(u))
     monkeypatch.setattr(host_solve, "repair_lanes", kept)
     np.testing.assert_array_equal(program(u), before)
@@ -101,7 +100,7 @@ def test_what_fails_for_a_large_system_names_no_remedy_that_it_has_not(monkeypat
         raise MemoryError("unable to allocate 3 GiB")
 
     monkeypatch.setattr(host_solve, "solve_sequences", full)
-    with pytest.raises(Exception, match=r"followed poses of a large system \(MemoryError: unable to allocate 3 GiB\)"):
+    with pytest.raises(Exception, match=r"large system.*MemoryError.*3 GiB"):
         jax.block_until_ready(jax.jit(lambda u: nc.sweep(system, {"phi": u}).q)(np.linspace(1.0, 1.2, 3)))
 
 

@@ -8,13 +8,12 @@ import pkgutil
 import re
 import types
 import typing
-from pathlib import Path
 
 import pytest
+from places import DOCS, ROOT
 
 import jaxnc as nc
 
-ROOT = Path(__file__).resolve().parent.parent
 # Every name at the top, and the guide that says what it is for; without a guide, the place of a name is its package.
 GUIDES = {
     "AssemblyError": "docs/modelling.md",
@@ -90,7 +89,7 @@ def test_each_option_of_an_analysis_is_in_a_guide():
     """An option exists because a guide says when to choose it."""
     analyses = (nc.solve_position, nc.sweep, nc.motion, nc.circuit, nc.travel, nc.diagnose, nc.sensitivity, nc.stream)
     analyses += (nc.simulate, nc.equilibrium, nc.linearise, nc.Mechanism.compile)
-    pages = ["README.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
+    pages = ["README.md", *(f"docs/{p.name}" for p in (DOCS).glob("*.md"))]
     said = set(re.findall(r"\b(\w+)=", " ".join(map(text, pages))))
     given = [(f.__name__, p) for f in analyses for p in inspect.signature(f).parameters.values()]
     options = {(name, p.name) for name, p in given if p.default is not p.empty}
@@ -99,7 +98,7 @@ def test_each_option_of_an_analysis_is_in_a_guide():
 
 def test_what_a_guide_says_is_there():
     """Every `nc.…` of README, docs, notebooks and docstrings leads somewhere."""
-    guides = ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
+    guides = ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in (DOCS).glob("*.md"))]
     guides += [f"notebooks/{p.name}" for p in (ROOT / "notebooks").glob("*.ipynb")]
     said = {(path, dotted) for path in guides for dotted in re.findall(r"\bnc((?:\.[A-Za-z]\w*)+)", text(path))}
     for path in (ROOT / "jaxnc").rglob("*.py"):

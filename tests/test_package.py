@@ -3,15 +3,13 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+from places import ROOT
 
 import jaxnc as nc
-
-ROOT = Path(__file__).resolve().parent.parent
 
 
 def run(code: str) -> str:
@@ -108,8 +106,9 @@ def test_no_more_is_compiled_for_more_bars():
 def test_references_hold_with_the_compilers_own_settings():
     """The other tests are compiled quickly (see conftest.py); users have the compiler as it comes."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:xdist", "tests/test_reference.py"]
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:xdist"]
     done = subprocess.run(
-        command, env=kept | {"XLA_FLAGS": ""}, cwd=ROOT, capture_output=True, text=True, timeout=900, check=False
-    )
+        [*command, "tests/kinematics/test_reference.py"], env=kept | {"XLA_FLAGS": ""}, cwd=ROOT, capture_output=True,
+        text=True, timeout=900, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stdout[-3000:]

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from test_spread import child, ended
+from processes import child, ended
 
 pytest.importorskip("jaxtyping")
 

@@ -1,6 +1,6 @@
 """The tables of the site, made from the code. What the code has and no table says anything of is an error.
 
-Nothing here needs Sphinx: `tests/test_site.py` makes the tables too.
+Nothing here needs Sphinx: `tests/docs/test_site.py` makes the tables too.
 """
 
 import argparse

@@ -9,11 +9,9 @@ all the rest of a small mechanism's equations; written out, they are vectorised 
 Cody and Waite's reduction by multiples of π/2 in three parts, and the minimax polynomials of fdlibm's ``__kernel_sin``
 and ``__kernel_cos`` (Sun, 1993). The error stays below one unit in the last place of 1 as long as the multiple has 20
 bits (260,000 turns), and grows slowly from there on. In float32 the parts are shorter and the polynomials are those of
-Cephes' ``sinf`` and ``cosf`` (Moshier, 1992).
+Cephes' ``sinf`` and ``cosf`` (Moshier, 1992). What is read as a program has the operation itself.
 """
 
-import contextlib
-import functools
 import math
 import operator
 from collections.abc import Iterator
@@ -183,26 +181,13 @@ _WRITTEN = {
 }
 
 
-_spelled = [True]
-
-
-@contextlib.contextmanager
-def by_name() -> Iterator[None]:
-    """Leave sine and cosine as the operations that they are, for what is traced to be read, not compiled."""
-    _spelled.append(False)
-    try:
-        yield
-    finally:
-        _spelled.pop()
-
-
 def sin(x: Any) -> Any:
     """Sine; of a plain number without JAX, so that probing a kind compiles nothing."""
     if isinstance(x, float):
         return math.sin(x)
     if isinstance(x, _WRITING):
         return x.apply("sin")
-    return _sin(x) if _spelled[-1] and jnp.result_type(x) in _WRITTEN else lax.sin(jnp.asarray(x, float))
+    return _sin(x) if jnp.result_type(x) in _WRITTEN else lax.sin(jnp.asarray(x, float))
 
 
 def cos(x: Any) -> Any:
@@ -211,17 +196,17 @@ def cos(x: Any) -> Any:
         return math.cos(x)
     if isinstance(x, _WRITING):
         return x.apply("cos")
-    return _cos(x) if _spelled[-1] and jnp.result_type(x) in _WRITTEN else lax.cos(jnp.asarray(x, float))
+    return _cos(x) if jnp.result_type(x) in _WRITTEN else lax.cos(jnp.asarray(x, float))
 
 
 @jax.custom_jvp
 def _sin(x):
-    return _shifted_sine(x, 0)
+    return sine_in_full(x)
 
 
 @jax.custom_jvp
 def _cos(x):
-    return _shifted_sine(x, 1)
+    return cosine_in_full(x)
 
 
 @_sin.defjvp
@@ -236,7 +221,22 @@ def _cos_jvp(primals, tangents):
     return _cos(x), -_sin(x) * dx
 
 
-@functools.partial(jax.jit, static_argnums=1)  # traced once for each type: a mechanism asks for it dozens of times
+# Functions that are compiled apart are traced once for each type: a mechanism asks for them dozens of times.
+# `jaxnc.reading` knows them by these names, and reads the operation that they stand for.
+
+
+@jax.jit
+def sine_in_full(x):
+    """Sine, written out."""
+    return _shifted_sine(x, 0)
+
+
+@jax.jit
+def cosine_in_full(x):
+    """Cosine, written out."""
+    return _shifted_sine(x, 1)
+
+
 def _shifted_sine(x, quarters: int):
     """``sin(x + quarters π/2)``."""
     parts, sine, cosine = _WRITTEN[jnp.result_type(x)]

@@ -14,7 +14,7 @@ from jaxnc.pickling import Remade
 from jaxnc.types import Array
 
 Rows = Sequence[Any]
-RowFunction = Callable[[Array, Array, Array, Array], Rows]
+RowFunction = Callable[[Any, Any, Any, Any], Rows]  # numbers of every sort, see `elementary`
 
 
 @public
@@ -56,10 +56,10 @@ class Kind(Remade):
     scalars: int = 0
     constants: tuple[str, ...] = ()
     drawn: RowFunction | None = None
-    measure: Callable[[Array, Array, Array], Any] | None = None
+    measure: Callable[[Any, Any, Any], Any] | None = None
     guard: RowFunction | None = None
     mirror: bool = False
-    misfit: Callable[[Array, Array, Array], Any] | None = None
+    misfit: Callable[[Any, Any, Any], Any] | None = None
     source: str = ""
 
     def __post_init__(self):

@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Union
 
+from jaxnc.errors import InputError
+
 Number = int | float
 
 
@@ -128,7 +130,10 @@ class Expression:
 
         def atom(a: Atom) -> float:
             if isinstance(a, Symbol):
-                return float(values.get(a.name, a.value))  # pyright: ignore[reportArgumentType]
+                value = values.get(a.name, a.value)
+                if value is None:
+                    raise InputError(f"symbol {a.name!r} has no value of its own; give it by its name")
+                return float(value)
             return _FUNCTIONS[a.name](a.of.evaluate(values)) if isinstance(a, Function) else a.evaluate(values)
 
         return sum(c * math.prod(atom(a) ** p for a, p in f) for c, f in self.terms)

@@ -292,7 +292,8 @@ def _works(motion: Motion, count: int) -> tuple[np.ndarray, np.ndarray]:
     low, middle, high, rough = (powers[:, count + k * width : count + (k + 1) * width] for k in range(4))
     lobatto = ((first + last) / 20 + 49 * (low + high) / 180 + 16 * middle / 45) * steps
     simpson = (first + 4 * rough + last) / 6 * steps
-    return tuple(np.pad(np.cumsum(x, axis=1), ((0, 0), (1, 0))) for x in (lobatto, simpson))  # pyright: ignore[reportReturnType]
+    works, rougher = (np.pad(np.cumsum(x, axis=1), ((0, 0), (1, 0))) for x in (lobatto, simpson))
+    return works, rougher
 
 
 def _between(t: Any, q: Any, v: Any, a: Any, lam: Any, s: float, order: int, points: int) -> tuple[Any, ...]:

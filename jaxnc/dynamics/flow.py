@@ -235,7 +235,8 @@ class Flow:
             g = functools.partial(_call_drive, f, self.drive_args[k] if self.drive_args else ())
             dg = functools.partial(_time_rate, g)
             out.append((g(t), dg(t), _time_rate(dg, t)))
-        return tuple(jnp.stack(x) for x in zip(*out, strict=True))  # pyright: ignore[reportReturnType]
+        values, rates, accelerations = (jnp.stack(x) for x in zip(*out, strict=True))
+        return values, rates, accelerations
 
     def impose(self, t: Array, q: Coordinates, v: Coordinates) -> tuple[Coordinates, Coordinates]:
         """Put driven coordinates of a state on their functions of time, and the ground at rest."""

@@ -160,7 +160,7 @@ def _body_formula(
     dim: int, shape: str, made: tuple, names: tuple[str, ...], shapes: tuple
 ) -> tuple[Formula, tuple[int, int]]:
     program, size = reading(_flat, (dim, shape, made, names), shapes)
-    return Formula(program), size  # pyright: ignore[reportReturnType]
+    return Formula(program), size
 
 
 def _flat(dim: int, shape: str, made: tuple, names: tuple[str, ...], *values: Array) -> Array:

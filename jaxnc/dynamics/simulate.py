@@ -97,8 +97,8 @@ def simulate(
             positive(value, name)
     for value, name in ((rtol, "rtol="), (atol, "atol=")):
         positive(value, name, zero=True)
-    plain = (x if x is None or isinstance(x, Tracer) else float(x) for x in (step, first, rtol, atol))
-    step, first, rtol, atol = plain  # pyright: ignore[reportAssignmentType]
+    step, first = (None if x is None else _plain_float(x) for x in (step, first))
+    rtol, atol = _plain_float(rtol), _plain_float(atol)
     if not isinstance(rtol, Tracer) and not isinstance(atol, Tracer) and float(rtol) == float(atol) == 0.0:
         raise InputError("rtol= and atol= are both 0, which no step can meet; give one of them")
     most = whole(most, "most=, the most steps,")
@@ -154,6 +154,11 @@ def simulate(
         outside(made.status, "throw=True")
         _check_reached(spec.flow(system), made, method)
     return made
+
+
+def _plain_float(x: float) -> float:
+    """Make a number a float of Python's, unless it is traced."""
+    return x if isinstance(x, Tracer) else float(x)
 
 
 def _known_start(system: System, given: Any, drives: tuple[tuple[str, Callable], ...], t: Any) -> Any:

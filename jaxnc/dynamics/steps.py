@@ -229,7 +229,7 @@ def _correct(stage: Any, q: Any, v: Any, change: Any) -> tuple[Any, Any]:
     return tuple(
         jax.tree.map(lambda a, b, k=kind: a + jnp.where(stage == k, b, 0.0), x, change)
         for x, kind in ((q, POSITION), (v, VELOCITY))
-    )  # pyright: ignore[reportReturnType]
+    )
 
 
 def _implicit_stage(moving: Moving, part: Any, t: Any, state: MotionState) -> Callable:

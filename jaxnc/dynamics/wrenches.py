@@ -31,7 +31,7 @@ from jaxnc.system.frames import spread
 from jaxnc.system.identity import GROUND, Owner, Thing
 from jaxnc.system.loads import FrictionIndex
 from jaxnc.system.system import System
-from jaxnc.system.topology import JointIndex, Topology
+from jaxnc.system.topology import JointIndex, Segment, Topology
 from jaxnc.types import Array
 
 # -- vectors of poses -------------------------------------------------------------------------------------------------
@@ -141,13 +141,13 @@ def owner_of_segment(top: Topology, segment: tuple[int, ...], others: tuple[int,
 
 
 @with_owner
-def riding_bodies(top: Topology) -> dict[int, tuple[int, int]]:
+def riding_bodies(top: Topology) -> dict[int, Segment]:
     """Return bodies of one point that keep the direction of a line of another, with that line."""
     return {
         b: body.segments[0]
         for b, body in enumerate(top.bodies)
         if top.dim == 2 and len(body.points) == 1 and body.segments and not set(body.segments[0]) <= {*body.points}
-    }  # pyright: ignore[reportReturnType]
+    }
 
 
 @with_owner
@@ -558,7 +558,7 @@ class Ledger:
                     force = self.left.get((b, item), 0.0) - self.taken.get((b, item), 0.0)
                     self.put(b, key, item, force + self.points[..., 0, :] * 0.0)
 
-    def _ridden(self, b: int, line: tuple[int, int]) -> None:
+    def _ridden(self, b: int, line: Segment) -> None:
         """Put the couple by which a body of one point is turned by a line of another one, which no row carries."""
         top, other = self.top, owner_of_segment(self.top, line)
         found = joints_between(top, b, other)

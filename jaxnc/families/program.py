@@ -136,7 +136,7 @@ class Evaluator:
             return _fill_zero(self.linear(scalar), self)
         assert scalar.kind.measure is not None
         p, v = self.together([self.place(x) for x in scalar.places], [self.arm(d) for d in scalar.directions])
-        return scalar.kind.measure(p, v, [self.linear(c) for c in scalar.constants])  # pyright: ignore[reportArgumentType]
+        return scalar.kind.measure(p, v, [self.linear(c) for c in scalar.constants])
 
     def together(self, places: Sequence[list], directions: Sequence[list]) -> tuple[Any, Any]:
         """Points and vectors in the form in which a kind takes them."""

@@ -72,8 +72,11 @@ def _read_between(p, v, extra):
 
 def _find_origin(p, v, how):
     """The reference point of a part, see `bodies.Origin`."""
+    origin = p[0]
     if not how:
-        return sum(p[1:], p[0]) / len(p)
+        for place in p[1:]:
+            origin = origin + place
+        return origin / len(p)
     forms, *factors = how
     points, vectors = iter(p[1:]), iter(v)
     axes = []
@@ -83,11 +86,13 @@ def _find_origin(p, v, how):
         axes.append(jnp.stack([-axes[0][1], axes[0][0]]))
     elif len(axes) == 2:
         axes.append(jnp.cross(axes[0], axes[1]))
-    return p[0] + sum(f * axis for f, axis in zip(factors, axes, strict=True))
+    for factor, axis in zip(factors, axes, strict=True):
+        origin = origin + factor * axis
+    return origin
 
 
 def _read_mean(p, v, extra):
-    return tuple(_find_origin(p, v, extra))  # pyright: ignore[reportArgumentType]
+    return tuple(_find_origin(p, v, extra))
 
 
 def _read_local(p, v, extra):

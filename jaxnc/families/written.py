@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -256,8 +256,8 @@ class _EquationWriter:
             return Small(self.coordinate(k * dim + axis) for axis in range(dim))
 
         p, v = Small(map(spread, block.points[i])), Small(spread(vectors + k) for k in block.vectors[i])
-        s: Any = Small(map(self.coordinate, block.scalars[i]))
-        rows = block.kind.residual(p, v, s, Small(self.constants(block, i, b)))  # pyright: ignore[reportArgumentType]
+        s = Small(map(self.coordinate, block.scalars[i]))
+        rows = block.kind.residual(p, v, s, Small(self.constants(block, i, b)))
         return [Expression.of(r) for r in rows]
 
 

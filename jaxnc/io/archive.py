@@ -84,7 +84,7 @@ def _map_arrays(path: str | Path) -> dict[str, np.ndarray]:
                 file.seek(info.header_offset)
                 begin += info.header_offset + _LOCAL.size + sum(_LOCAL.unpack(file.read(_LOCAL.size)))
                 order = "F" if fortran else "C"
-                arrays[name] = np.memmap(path, dtype, "r", begin, shape, order)  # pyright: ignore[reportCallIssue, reportArgumentType]
+                arrays[name] = np.memmap(path, dtype, "r", begin, shape, order)
             else:
                 with archive.open(info) as member:
                     arrays[name] = np.lib.format.read_array(member, allow_pickle=False)

@@ -14,8 +14,8 @@ from jaxnc.kinematics.inputs import angle_unit, outside
 from jaxnc.status import Status
 
 if TYPE_CHECKING:
-    import pandas  # pyright: ignore[reportMissingImports]
-    import xarray  # pyright: ignore[reportMissingImports]
+    import pandas
+    import xarray
 
     from jaxnc.kinematics.motion import Motion
     from jaxnc.synthesis.result import Result

@@ -282,7 +282,7 @@ def cut_blocks(
     """
     if isinstance(inputs, Mapping):
         names = tuple(map(str, inputs))
-        columns, total = _read_columns(inputs, rates, "inputs")  # pyright: ignore[reportArgumentType]
+        columns, total = _read_columns(dict(zip(names, inputs.values(), strict=True)), rates, "inputs")
         return names, (take_lanes(columns, i, i + size) for i in range(0, total, size)), total
     if isinstance(inputs, str) or not isinstance(inputs, Iterable):
         kind = type(inputs).__name__

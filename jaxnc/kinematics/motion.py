@@ -31,8 +31,8 @@ from jaxnc.types import Array, Coordinates, Float
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import pandas  # pyright: ignore[reportMissingImports]
-    import xarray  # pyright: ignore[reportMissingImports]
+    import pandas
+    import xarray
 
     from jaxnc.system.equations import Equations
     from jaxnc.workshop import Assembly

@@ -95,8 +95,8 @@ class Mechanism(Drawn):
             Checks.text(text, noun)
         if set(length_unit) & set("[]") or not length_unit.isprintable():
             raise MechanismError(f"length_unit={length_unit!r}: tables write it in brackets; use a word such as 'mm'")
-        units = record.Units(length=length_unit, angle=angle_unit)  # pyright: ignore[reportArgumentType]
-        self.model = record.Model(name=name, dim=dim, description=description, units=units)  # pyright: ignore[reportArgumentType]
+        units = record.Units(length=length_unit, angle=angle_unit)
+        self.model = record.Model(name=name, dim=dim, description=description, units=units)
         self.kinds: "dict[str, Kind | RateKind]" = {}
         self.force_kinds: dict[str, ForceKind] = {}
         self.functions: dict[str, tuple[Any, Any]] = {}

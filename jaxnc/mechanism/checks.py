@@ -68,7 +68,7 @@ class Checks:
             return (line[0], line[1])
         return self.line(line, what)
 
-    def point(self, name: str, what: str) -> None:
+    def point(self, name: str | None, what: str) -> None:
         """Refuse what is not the name of a point."""
         if not isinstance(name, str):
             raise MechanismError(f"{what}: the name of a point is wanted, after its own; got {brief(name)}")
@@ -194,7 +194,7 @@ class Checks:
         """Check a radius; None is read off the drawing."""
         return None if value is None else self.positive(value, f"{what}: radius")
 
-    def distinct(self, pair: tuple[str, str], what: str) -> None:
+    def distinct(self, pair: tuple[str | None, str | None], what: str) -> None:
         """Refuse two points that are one, or none."""
         for p in pair:
             self.point(p, what)

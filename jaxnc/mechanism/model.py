@@ -108,7 +108,7 @@ class Revolute(JointRecord, tag_field="joint", tag="revolute"):
 
     def check(self, check: "Checks", what: str) -> "Joint":
         if check.model.dim == 2:
-            check.distinct(self.points or (None, None), what)  # pyright: ignore[reportArgumentType]
+            check.distinct(self.points or (None, None), what)
             self.axes = None
             return self
         if self.axes is None:

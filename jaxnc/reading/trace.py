@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxnc.reading.operations import CALLED, READINGS, RULED, Nodes, Unreadable, evaluate_equation
+from jaxnc.reading.operations import CALLED, READINGS, RULED, WRITTEN_OUT, Nodes, Unreadable, evaluate_equation
 from jaxnc.reading.program import Builder, Program
 
 _UNREAD = "unread"
@@ -80,6 +80,8 @@ class Reader:
 
     def _equation(self, eqn: Any, x: list[Nodes]) -> list[Nodes]:
         name = eqn.primitive.name
+        if operation := _written_out(eqn):
+            return [self.each(operation, *x)]
         if name in CALLED:
             return self.read(*_open_jaxpr(eqn.params[CALLED[name]]), x)
         if name in RULED and (self._values_only or self._known_inputs(eqn, x) is not None):
@@ -183,6 +185,15 @@ def _inner_jaxprs(values: Iterable[Any]) -> Iterator[Any]:
             yield from _inner_jaxprs(value)
         elif hasattr(value, "eqns"):
             yield value
+
+
+def _written_out(eqn: Any) -> str | None:
+    """Return the operation that an equation writes out for XLA, within its rule for derivatives or without."""
+    name = eqn.primitive.name
+    if name in RULED:
+        inner, _ = _open_jaxpr(eqn.params[RULED[name]])
+        return _written_out(inner.eqns[0]) if len(inner.eqns) == 1 else None
+    return WRITTEN_OUT.get(eqn.params["name"]) if name in CALLED and "name" in eqn.params else None
 
 
 def _open_jaxpr(inner: Any) -> tuple[Any, Sequence[Any]]:

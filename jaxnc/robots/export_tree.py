@@ -267,7 +267,7 @@ class ExportTree:
                 self.description.left_out.append(f"marker {name!r}: a direction, and sites are places")
                 continue
             at = np.zeros(3)
-            at[: top.dim] = np.asarray(marker_along(eq, numbers[name], self.home.q, ()))  # pyright: ignore[reportArgumentType]
+            at[: top.dim] = np.asarray(marker_along(eq, numbers[name], self.home.q, ()))
             self.links[self.link_of[self._part_of(marker.on)]].sites[name] = at
 
     def _part_of(self, body: str) -> int:

@@ -148,7 +148,7 @@ class Symmetric(Condition):
 
     first: str
     second: str
-    about: tuple[str, str] | tuple[tuple[float, float], tuple[float, float]]
+    about: tuple[str | tuple[float, float], str | tuple[float, float]]
     equality = True
 
     @property
@@ -403,10 +403,10 @@ def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) ->
         about: two points of the line, each a name or its coordinates; the y axis if not given.
     """
     ends = tuple(about) if isinstance(about, (tuple, list)) else ()
-    good = [e if isinstance(e, str) else _as_place(e) for e in ends]
-    if len(good) != 2 or None in good or good[0] == good[1]:
+    good = [place for e in ends if (place := e if isinstance(e, str) else _as_place(e)) is not None]
+    if len(ends) != 2 or len(good) != 2 or good[0] == good[1]:
         raise InputError(f"symmetric: about={about!r} must be two points of a line, by name or as (x, y)")
-    return Symmetric(first, second, (good[0], good[1]))  # pyright: ignore[reportArgumentType]
+    return Symmetric(first, second, (good[0], good[1]))
 
 
 @public

@@ -634,7 +634,7 @@ def _step_all(descent: Descent, lanes: Lane, key: Array, first: Array, count: Ar
 
 
 def _with_over(lanes: Lane, over: np.ndarray) -> Lane:
-    return dataclasses.replace(lanes, over=on_device(over))  # pyright: ignore[reportArgumentType]
+    return dataclasses.replace(lanes, over=on_device(over))
 
 
 # -- from starts to a table --------------------------------------------------------------------------------------------

@@ -379,10 +379,12 @@ def _sweep_each(problem: Problem, x: np.ndarray, poses: int) -> DesignPoses:
                 values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
             motions = [problem.sweep(system, v) for v in values]
             ways.append([(np.asarray(m.q), np.asarray(m.status), v) for m, v in zip(motions, values, strict=True)])
-    found, *turn = [
-        DesignPoses(*(np.stack([one[k][part] for one in ways]) for part in range(3)))  # pyright: ignore[reportArgumentType]
-        for k in range(len(ways[0]))
-    ]
+
+    def stack_way(k: int) -> DesignPoses:
+        q, status, values = (np.stack([one[k][part] for one in ways]) for part in range(3))
+        return DesignPoses(q, status, values)
+
+    found, *turn = map(stack_way, range(len(ways[0])))
     return found._replace(turn=turn[0]) if turn else found
 
 

@@ -22,7 +22,7 @@ from jaxnc.kinematics.design import geometry_vector, with_geometry
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.mechanism import Mechanism
-from jaxnc.pickling import Remade, fields_of
+from jaxnc.pickling import Remade, fields_of, from_fields
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.synthesis.conditions import Condition, Seen
 from jaxnc.synthesis.pytree import Leaves, shapes
@@ -123,14 +123,10 @@ class Problem(Remade, Leaves):
     weights: Any
 
     def __copy__(self) -> "Problem":
-        new = object.__new__(type(self))
-        new.__dict__.update(self.__dict__)
-        return new
+        return from_fields(type(self), vars(self))
 
     def __deepcopy__(self, memo: dict) -> "Problem":
-        memo[id(self)] = new = object.__new__(type(self))
-        new.__dict__.update(copy.deepcopy(fields_of(self), memo))
-        return new
+        return from_fields(type(self), copy.deepcopy(fields_of(self), memo))
 
     @property
     def name(self) -> str:
@@ -395,9 +391,7 @@ class Problem(Remade, Leaves):
 
 def with_fields(problem: _P, **fields: Any) -> _P:
     """Copy a problem with other values of some fields; nothing is checked again."""
-    out = copy.copy(problem)
-    vars(out).update(fields)
-    return out
+    return from_fields(type(problem), vars(problem) | fields)
 
 
 def array_module(*values: Any) -> Any:

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.pickling import from_fields
 from jaxnc.system.system import System
 
 _LEAF = object()
@@ -59,10 +60,7 @@ def _flatten_record(record: Any, leaves: list[Any]) -> Any:
 
 def _rebuild_record(structure: Any, leaves: Iterator[Any]) -> Any:
     _, kind, names, parts = structure
-    out = object.__new__(kind)
-    for name, part in zip(names, parts, strict=True):
-        object.__setattr__(out, name, _place_leaves(part, leaves))
-    return out
+    return from_fields(kind, {name: _place_leaves(part, leaves) for name, part in zip(names, parts, strict=True)})
 
 
 def _take_leaves(value: Any, leaves: list[Any]) -> Any:

@@ -20,7 +20,7 @@ from jaxnc.synthesis.search.sqp import End
 from jaxnc.system.system import System
 
 if TYPE_CHECKING:
-    import pandas  # pyright: ignore[reportMissingImports]
+    import pandas
     from matplotlib.figure import Figure
 
 _FAR = 0.01  # of the target's extent: a larger error is no fit

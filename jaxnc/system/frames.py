@@ -98,7 +98,9 @@ def marker_places(eq: "Equations", q: Array) -> Float[Array, "... markers dim"]:
     return over(places, q)
 
 
-def marker_along(eq: "Equations", number: int, q: Array, rates: tuple[Array, ...]) -> Float[Array, "... dim"]:
+def marker_along(
+    eq: "Equations", number: int, q: Array | np.ndarray, rates: tuple[Array, ...]
+) -> Float[Array, "... dim"]:
     """Time derivative of one marker, see `marker_rates`; NumPy's of poses that the host has found."""
     return _along_poses(marker_place, (eq.topology, number), q, rates, eq.markers)
 
@@ -154,11 +156,11 @@ def _time_derivative(f):
     return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
 
 
-def _along_poses(f, fixed: tuple, q: Array, rates: tuple[Array, ...], *constants: Array) -> Any:
+def _along_poses(f, fixed: tuple, q: Array | np.ndarray, rates: tuple[Array, ...], *constants: Array) -> Any:
     """The k-th time derivative of ``f(*fixed, pose, *constants)``: of NumPy lanes where the poses are such."""
     if on_host(q, rates, constants):
-        return on_lanes(f, fixed, cast(np.ndarray, q), rates, constants)
-    return along(lambda x: f(*fixed, x, *constants), q, rates)
+        return on_lanes(f, fixed, np.asarray(q), rates, constants)
+    return along(lambda x: f(*fixed, x, *constants), jnp.asarray(q), rates)
 
 
 def over(f, *arrays: Array) -> Array:

@@ -189,7 +189,7 @@ class HostEquations:
         """Dense Jacobian of all rows with respect to all coordinates, ``(lanes, rows, N)``."""
         r, c, _ = places(self.topology)
         out = np.zeros((len(self.topology.rows), len(self.home), q.shape[1]), self.dtype)
-        np.add.at(out, (r, c), self.entries(q))  # pyright: ignore[reportArgumentType]
+        np.add.at(out, (r, c), self.entries(q))
         return np.moveaxis(out, 2, 0)
 
 

@@ -327,8 +327,9 @@ class LoadAssembler:
             return FrictionIndex(name, None, a.index[f.point or f.joint or ""], None, tuple(numbers))
         if a.dim == 3:
             joint = self.model.joints[f.joint]
-            on = joint.point if isinstance(joint, record.Slot) else joint.on  # pyright: ignore[reportAttributeAccessIssue]
-            start, end = joint.line  # pyright: ignore[reportAttributeAccessIssue]
+            assert isinstance(joint, record.Slot | record.Prismatic | record.Cylindrical)  # no other has friction
+            on = joint.point if isinstance(joint, record.Slot) else joint.on
+            start, end = joint.line
             places = [n for n in ((on,) if isinstance(on, str) else on) if n in a.index]
             far = a.index[end] if end in a.index else ~a.vector_index[end]
             line = (a.index[start], far, *(a.index[n] for n in places))

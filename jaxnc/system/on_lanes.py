@@ -10,7 +10,6 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import jit
-from jaxnc.constraints.elementary import by_name
 from jaxnc.internals import outermost
 from jaxnc.reading import Program, function, rate, trace
 from jaxnc.system.precision import WIDE, numbers
@@ -32,7 +31,7 @@ def reading(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, .
         shape.append(out.shape)
         return (out,)
 
-    with numbers(WIDE), by_name():
+    with numbers(WIDE):
         return trace(called, *shapes), shape[-1]
 
 

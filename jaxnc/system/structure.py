@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxnc.compiling import blame_callback
 from jaxnc.constraints import Kind
-from jaxnc.constraints.elementary import Small, by_name
+from jaxnc.constraints.elementary import Small
 from jaxnc.errors import InputError
 from jaxnc.reading import (
     Builder,
@@ -103,7 +103,7 @@ def _read_program(kind: Kind, which: str, dim: int) -> Program | None:
         raise
     except _NOT_PLAIN:
         pass  # it wants numbers of JAX's
-    with numbers(WIDE), by_name():
+    with numbers(WIDE):
         try:
             return trace(lambda *x: called(*_as_small(kind, dim, x)), *[()] * count)
         except Unreadable:

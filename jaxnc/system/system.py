@@ -48,7 +48,7 @@ class Parameters:
         points, vectors, markers, dimensions, physical = map(np.asarray, leaves)
         return dataclasses.replace(
             self, points=points, vectors=vectors, markers=markers, dimensions=dimensions, physical=physical
-        )  # pyright: ignore[reportArgumentType]
+        )
 
 
 @public

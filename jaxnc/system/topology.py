@@ -182,19 +182,18 @@ class Topology:
     rates: tuple[Block, ...] = ()
     extended: "Topology | None" = field(default=None, repr=False)
     special: Special | None = None
-    _hash: int = field(default=0, compare=False, repr=False)
-
-    def __post_init__(self):
-        values = tuple(getattr(self, name) for name in self.__dataclass_fields__ if name != "_hash")
-        object.__setattr__(self, "_hash", hash(values))
 
     def __hash__(self):
         """Hash computed once: topologies key every cache and every trace."""
         return self._hash
 
+    @functools.cached_property
+    def _hash(self) -> int:
+        return hash(tuple(fields_of(self).values()))
+
     def __reduce__(self):
         # Hashes of text differ from process to process, and what was derived is derived again.
-        return Topology, tuple(value for name, value in fields_of(self).items() if name != "_hash")
+        return Topology, tuple(fields_of(self).values())
 
     def __repr__(self) -> str:
         """Stand for all of it in a line: JAX prints a topology with every tree that it complains of.

@@ -117,7 +117,7 @@ def draw(
     return finish(drawing.figure, path, dpi)
 
 
-def make_view(data: Poses, shown: Sequence[int], trace, labels: bool, view: object) -> View:
+def make_view(data: Poses, shown: Sequence[int], trace, labels: bool, view: Sequence[float] | None) -> View:
     """Make a view of the plane or of space, to be put in axes."""
     camera = read_view(data, view)
     if data.dim == 3:

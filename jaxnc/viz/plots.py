@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
 from jaxnc.calls import public
@@ -166,8 +167,7 @@ def _layout(places: list[list[Quantity]], rows: int, size: Size) -> tuple[Figure
         heights.append(ratio * (width - 0.8))
     heights += [1.7 if rows > 1 else 2.7] * rows
     high = sum(heights) + 0.5 + 0.25 * len(heights)
-    figure = Picture(figsize=inches(size, lambda _: high), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.06, h_pad=0.05)  # type: ignore[union-attr]
+    figure = Picture(figsize=inches(size, lambda _: high), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
     planes = [figure.add_subplot(grid[k]) for k in range(len(places))]
     axes: list[Axes] = []
@@ -251,7 +251,7 @@ def draw_curves(ax: Axes, data: Poses, x: Quantity, group: list[Quantity]) -> No
     ax.set_ylabel(axis_name(group[0].label if single else ", ".join(dimensions), group[0].unit))
     if single:
         ax.lines[-1].set_label("_")  # named by its axis
-    _angle_ticks(ax.xaxis, x, most=int(np.clip(1.7 * ax.figure.get_figwidth() - 1.4, 2, 8)))  # type: ignore[union-attr]
+    _angle_ticks(ax.xaxis, x, most=int(np.clip(1.7 * ax.figure.canvas.figure.get_figwidth() - 1.4, 2, 8)))
     if all(q.dimension == "angle" for q in group):
         _angle_ticks(ax.yaxis, group[0], [q.values for q in group])
     finite = x.values[np.isfinite(x.values)]

@@ -58,12 +58,9 @@ class Poses:
     single: bool  # whether the motion is one pose, not a sequence
     directions: tuple[str, ...]  # names of unit vectors, then of markers that are directions; none in the plane
     axes: np.ndarray  # each of them, (T, directions, dim)
-    angles: str = ""  # what angles are shown in, "rad" or "deg"; the mechanism's own unit if not given
+    angles: str  # what angles are shown in, "rad" or "deg"
     found: Any = None
     """Reactions of the motion, where they are known already."""
-
-    def __post_init__(self):
-        object.__setattr__(self, "angles", angle_unit(self.angles or self.topology.angle_unit))
 
     @cached_property
     def reactions(self) -> "Reactions":
@@ -332,7 +329,7 @@ def _interpolate(
 
 
 def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses:
-    """Bring a motion to the host; of a system or a mechanism its drawing."""
+    """Bring a motion to the host; of a system or a mechanism its drawing. Angles have its own unit if none is given."""
     motion = draft(motion)
     if isinstance(motion.q, Tracer) or isinstance(motion.status, Tracer):
         raise InputError("inside jit, vmap or grad a motion has no numbers to show; return it and draw it outside")
@@ -356,7 +353,7 @@ def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses
         single=status.ndim == 0,
         directions=(*top.vectors, *(m.name for m in top.markers if m not in _riding(top))),
         axes=_axes(motion, q),
-        angles=unit or "",
+        angles=angle_unit(unit or top.angle_unit),
     )
 
 

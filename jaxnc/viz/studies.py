@@ -149,8 +149,9 @@ def plot_families(
     axes[2].set_xlabel("distance of the start, part of the size")
     axes[2].set_ylabel("ends at the drawing's assembly")
     axes[2].legend(frameon=False, fontsize=NUMBERS, handlelength=3.6)  # so that dashes are seen beside the mark
-    for axis, grid in zip(axes, "xxy", strict=True):
-        furnish(axis, grid)
+    furnish(axes[0], "x")
+    furnish(axes[1], "x")
+    furnish(axes[2], "y")
     axes[0].tick_params(axis="y", labelsize=TEXT)
     crown(axes[0], room=0.3 * inches(size)[0])
     return finish(figure, path, dpi)

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -154,14 +154,14 @@ def axis_name(what: str, unit: str = "") -> str:
     return f"{what} [{unit}]" if unit else what
 
 
-def furnish(ax: "Axes", grid: str = "both") -> None:
+def furnish(ax: "Axes", grid: Literal["both", "x", "y", ""] = "both") -> None:
     """Give axes of the plane the look of the house: letters, ticks, a faint grid, two spines.
 
     Grid lines are across which axis: ``"both"``, ``"x"``, ``"y"`` or none. Names of axes set later keep the look.
     """
     ax.tick_params(which="both", labelsize=NUMBERS, color=LIGHT["soft"], labelcolor=LIGHT["ink"], length=2.5, width=0.6)
     if grid:
-        ax.grid(True, axis=grid, color=GRID, linewidth=0.6)  # type: ignore[arg-type]
+        ax.grid(True, axis=grid, color=GRID, linewidth=0.6)
         ax.set_axisbelow(True)
     for side, spine in ax.spines.items():
         spine.set(visible=side in ("left", "bottom"), color=LIGHT["soft"], linewidth=0.6)
@@ -179,7 +179,7 @@ def crown(ax: "Axes", heading: str = "", room: float | None = None) -> float:
     figure = ax.figure.canvas.figure
     if room is None:
         cell = ax.get_subplotspec()
-        width = cell.get_position(figure).width if cell is not None else ax.get_position().width  # type: ignore[arg-type]
+        width = cell.get_position(figure).width if cell is not None else ax.get_position().width
         if cell is not None and figure.get_layout_engine() is not None:  # which leaves no margins but what is written
             width /= figure.subplotpars.right - figure.subplotpars.left
         room = figure.get_figwidth() * width - (0.75 if cell is not None else 0.0)

@@ -344,7 +344,7 @@ class PartDrawing(NamedTuple):
     def dxf(self, assembly: "Assembly") -> bytes:
         """Draw outlines as polylines with arcs, holes as circles, on layers of their own."""
         try:
-            import ezdxf  # pyright: ignore[reportMissingImports]
+            import ezdxf
         except ImportError:
             raise JaxncError(
                 'DXF needs ezdxf: pip install "jaxnc[dxf]" (or pip install ezdxf); formats="svg" does without, as does '

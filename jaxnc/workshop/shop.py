@@ -85,8 +85,9 @@ class Shop:
         unit = MILLIMETRES[length_unit] if unit is None else unit
         if layers is not None and (not isinstance(layers, Integral) or isinstance(layers, bool) or layers < 1):
             raise InputError(f"to_parts(): layers={layers!r}; give how many there may be, a whole number from 1")
-        spacer = 2.0 * pin if spacer is None and _is_finite(pin) else spacer
-        found = cls(width, pin, thickness, clearance, play, washer, spacer, unit, layers, density)  # pyright: ignore[reportArgumentType]
+        if spacer is None:
+            spacer = 2.0 * pin if _is_finite(pin) else pin
+        found = cls(width, pin, thickness, clearance, play, washer, spacer, unit, layers, density)
         for item in fields(found)[:-2]:
             value, may_be_zero = getattr(found, item.name), item.name in _MAY_BE_ZERO
             if not _is_finite(value) or value < 0 or (value == 0 and not may_be_zero):

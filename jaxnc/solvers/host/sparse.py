@@ -134,7 +134,7 @@ class SparseView(HostView):
         data = sum((padded[g] for g in p.gathers[1:]), padded[p.gathers[0]])
         where, rows, columns = p.known
         known = np.zeros((p.shape[0], len(self.plan.known), q.shape[1]), q.dtype)
-        np.add.at(known, (rows, columns), found[where])  # pyright: ignore[reportArgumentType]
+        np.add.at(known, (rows, columns), found[where])
         return np.ascontiguousarray(data.T), np.moveaxis(known, 2, 0)
 
     def lengths(self, matrix: np.ndarray) -> np.ndarray:

@@ -43,6 +43,15 @@ def point_of(z: complex) -> Point:
     return (float(z.real), float(z.imag))
 
 
+def _place_points(linkage: Any, noun: str) -> None:
+    """Make pairs of floats of whatever a user gave as points, and B the coupler point where none is given."""
+    for field in dataclasses.fields(linkage):
+        given = getattr(linkage, field.name)
+        given = linkage.B if field.name == "P" and given is None else given
+        # The linkage is frozen, and an own __init__ would have to do the same: Python's documentation of dataclasses.
+        object.__setattr__(linkage, field.name, point_of(complex_of(noun, field.name, given)))
+
+
 @public
 @dataclasses.dataclass(frozen=True)
 class FourBar:
@@ -63,10 +72,7 @@ class FourBar:
     P: Point | None = None
 
     def __post_init__(self):
-        for name in "ABCDP":
-            value = getattr(self, name)
-            value = self.B if name == "P" and value is None else value
-            object.__setattr__(self, name, point_of(complex_of("four-bar", name, value)))
+        _place_points(self, "four-bar")
         for one, other in ("AB", "BC", "CD", "AD"):
             if getattr(self, one) == getattr(self, other):
                 raise InputError(f"four-bar: {one} and {other} are drawn at the same place; its bars need a length")
@@ -74,7 +80,8 @@ class FourBar:
     @property
     def z(self) -> tuple[complex, complex, complex, complex, complex]:
         """A, B, C, D and P as complex numbers."""
-        return tuple(complex(*getattr(self, name)) for name in "ABCDP")  # type: ignore[return-value]
+        a, b, c, d, p = (complex(*getattr(self, name)) for name in "ABCDP")
+        return a, b, c, d, p
 
     @property
     def lengths(self) -> dict[str, float]:
@@ -165,7 +172,8 @@ class FourBar:
         place |= dict(zip(markers, np.asarray(marker_rates(eq, q, ())), strict=True)) if markers else {}
         pivots = [top.points[(set(b.points) & fixed).pop()] for b in bars]
         joints = [top.points[e.pop()] for e in ends]
-        return cls(place[pivots[0]], place[joints[0]], place[joints[1]], place[pivots[1]], place[point])  # type: ignore[arg-type]
+        names = pivots[0], joints[0], joints[1], pivots[1], point
+        return cls(*(point_of(complex(*place[name])) for name in names))
 
 
 @functools.cache
@@ -207,10 +215,7 @@ class SliderCrank:
     P: Point | None = None
 
     def __post_init__(self):
-        for name in ("A", "B", "C", "direction", "P"):
-            value = getattr(self, name)
-            value = self.B if name == "P" and value is None else value
-            object.__setattr__(self, name, point_of(complex_of("slider-crank", name, value)))
+        _place_points(self, "slider-crank")
         if self.direction == (0.0, 0.0):
             raise InputError("slider-crank: direction = (0, 0) has no direction; give the line's, such as (1, 0)")
         for one, other in ("AB", "BC"):

@@ -18,6 +18,7 @@ import dataclasses
 import functools
 import importlib.resources
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -81,24 +82,15 @@ def inverses(lanes: np.ndarray) -> np.ndarray:
         return found
 
 
-class _Linearised:
-    """The equations' derivative at a solution, and the step that takes away what they leave."""
+class _Linearised(NamedTuple):
+    """The equations' derivative at a solution, and the step that takes away what they leave; lanes last."""
 
-    def __init__(self, z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray):
-        x, xx, a, aa = z.reshape(4, 2, 1, -1)
-        n = len(d)
-        self.q = g[::-1] + 1.0
-        self.u, self.uu = x * (aa - e), xx * (a - d)
-        # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
-        minor = self.q[0] * self.uu - self.q[1] * self.u
-        self.minors = np.stack([minor[1], -minor[0], self.u[0] * self.uu[1] - self.uu[0] * self.u[1]])
-        self.slopes = np.stack([(aa - e) * g[0] - e, (a - d) * g[1] - d, xx * g[1] - e, x * g[0] - d])
-        rows = np.zeros((8, 8, z.shape[1]), complex)
-        rows[:n] = np.moveaxis(self.minors[:2] * self.slopes, 2, 0).reshape(n, 8, -1)
-        rows[n:, 4:] = matrix
-        lanes = np.moveaxis(rows, 2, 0)
-        lanes[~np.isfinite(lanes).all(axis=(1, 2))] = np.eye(8)
-        self.inverse = inverses(lanes)
+    q: np.ndarray
+    u: np.ndarray
+    uu: np.ndarray
+    minors: np.ndarray
+    slopes: np.ndarray
+    inverse: np.ndarray  # lanes first
 
     def step(self, bars: np.ndarray, turn: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Changes of z and γ that take away what the equations of bars, turns and base leave."""
@@ -119,11 +111,26 @@ class _Linearised:
 
     def of(self, lanes: np.ndarray) -> "_Linearised":
         """Select some lanes."""
-        out = object.__new__(_Linearised)
-        for name in ("q", "u", "uu", "minors", "slopes"):
-            setattr(out, name, getattr(self, name)[..., lanes])
-        out.inverse = self.inverse[lanes]
-        return out
+        q, u, uu, minors, slopes = (part[..., lanes] for part in self[:-1])
+        return _Linearised(q, u, uu, minors, slopes, self.inverse[lanes])
+
+
+def _linearise(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray) -> _Linearised:
+    """Linearise the equations at z and γ."""
+    x, xx, a, aa = z.reshape(4, 2, 1, -1)
+    n = len(d)
+    q = g[::-1] + 1.0
+    u, uu = x * (aa - e), xx * (a - d)
+    # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
+    minor = q[0] * uu - q[1] * u
+    minors = np.stack([minor[1], -minor[0], u[0] * uu[1] - uu[0] * u[1]])
+    slopes = np.stack([(aa - e) * g[0] - e, (a - d) * g[1] - d, xx * g[1] - e, x * g[0] - d])
+    rows = np.zeros((8, 8, z.shape[1]), complex)
+    rows[:n] = np.moveaxis(minors[:2] * slopes, 2, 0).reshape(n, 8, -1)
+    rows[n:, 4:] = matrix
+    lanes = np.moveaxis(rows, 2, 0)
+    lanes[~np.isfinite(lanes).all(axis=(1, 2))] = np.eye(8)
+    return _Linearised(q, u, uu, minors, slopes, inverses(lanes))
 
 
 def _residuals(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray, right: np.ndarray) -> tuple:
@@ -179,7 +186,7 @@ def _newton_step(w: np.ndarray, parts: tuple) -> tuple[np.ndarray, _Linearised, 
     """Take one of Newton's steps: the result, the derivative used, the step's size beside the unknowns."""
     n = len(parts[0])
     z, g = w[:8], w[8:].reshape(2, n, -1)
-    linear = _Linearised(z, g, *parts[:3])
+    linear = _linearise(z, g, *parts[:3])
     dz, dg = linear.step(*_residuals(z, g, *parts))
     size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
     size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
@@ -215,7 +222,7 @@ def follow_paths(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5, 
     with np.errstate(all="ignore"):
         g = coupler_turns(z, *here[:2])
         w = np.concatenate([z, *g])
-        one, two, three = _series(z, g, here, rates, _Linearised(z, g, *here[:3]))
+        one, two, three = _series(z, g, here, rates, _linearise(z, g, *here[:3]))
         for _ in range(most):
             if not len(alive):
                 break

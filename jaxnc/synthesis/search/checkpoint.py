@@ -1,7 +1,6 @@
 """Searches that can be stopped: saved in a file after every round and taken up again, and interrupted by Ctrl-C."""
 
 import contextlib
-import dataclasses
 import hashlib
 import io
 import json
@@ -17,6 +16,7 @@ import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError
 from jaxnc.kinematics.design import geometry_vector
+from jaxnc.pickling import fields_of
 from jaxnc.progress import bar
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.pytree import Leaves
@@ -133,8 +133,8 @@ def _add_to_digest(out: Any, value: Any) -> None:
             _add_to_digest(out, one)
     elif isinstance(value, Leaves):
         out.update(type(value).__name__.encode())
-        for field in dataclasses.fields(value):  # pyright: ignore[reportArgumentType]
-            _add_to_digest(out, getattr(value, field.name))
+        for part in fields_of(value).values():
+            _add_to_digest(out, part)
 
 
 @contextlib.contextmanager

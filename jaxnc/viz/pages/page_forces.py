@@ -5,6 +5,7 @@ functions of `jaxnc.dynamics`, so that no force is stated a second time.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -35,29 +36,27 @@ LONGEST_PROGRAM = 60_000
 _NAMES = ("q", "m", "d", "c", "v", "a", "t", "l")
 
 
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class PosedReactions(Reactions):
     """Reactions of one pose whose equations of motion are given."""
 
-    kept: tuple[Dynamics, list[Ledger]]
-
-    def __init__(self, found: Reactions, dyn: Dynamics):
-        for field in dataclasses.fields(Reactions):
-            object.__setattr__(self, field.name, getattr(found, field.name))
-        object.__setattr__(self, "kept", (dyn, []))
+    equations: Dynamics
 
     def _states(self) -> tuple[Dynamics, Any, Any, Any, Any]:
         top, (v, a) = self.motion.system.topology, self.motion.rates
         q = self.motion.q
         if top.extended is None:
-            return self.kept[0], self.motion.time, q, v, a
+            return self.equations, self.motion.time, q, v, a
         dq, ddq = jax.jvp(lambda q, v: lift_rates(top, q, v), (q[0], v[0]), (v[0], a[0]))
-        return self.kept[0], self.motion.time, lift(top, q[0])[None], dq[None], ddq[None]
+        return self.equations, self.motion.time, lift(top, q[0])[None], dq[None], ddq[None]
 
     def _ledger(self) -> Ledger:
         """Collect all wrenches, once: there is one trace."""
-        if not self.kept[1]:
-            self.kept[1].append(super()._ledger())
-        return self.kept[1][0]
+        return self._own_ledger
+
+    @functools.cached_property
+    def _own_ledger(self) -> Ledger:
+        return super()._ledger()
 
 
 def _check(top: Topology) -> None:
@@ -117,9 +116,9 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
             status=np.zeros(1, int), residual=None, conditioning=None, time=t[None],
         )  # fmt: skip
         multipliers = jnp.zeros((1, len(whole.rows))).at[:, view.rows].set(l)
-        found = PosedReactions(Reactions(motion, multipliers, jnp.zeros((1, len(driven)))), made)
+        found = PosedReactions(motion, multipliers, jnp.zeros((1, len(driven))), made)
         at = np.array([whole.position[name] for name in driven], int)
-        return PosedReactions(Reactions(motion, multipliers, found._whole()[:, at]), made)
+        return PosedReactions(motion, multipliers, found._whole()[:, at], made)
 
     def every(*x: Any) -> list[Any]:
         found = pose(*x)

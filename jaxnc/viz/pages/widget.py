@@ -391,7 +391,7 @@ class Widget:
 def _class() -> type:
     """Make the widget's class, for which anywidget is imported as late as this."""
     try:
-        import anywidget  # pyright: ignore[reportMissingImports]
+        import anywidget
         import traitlets
     except ImportError:
         raise JaxncError('nc.widget needs anywidget: pip install "jaxnc[widget]" (or pip install anywidget)') from None

@@ -1,6 +1,7 @@
 """Views of a spatial mechanism: axes of the picture, and a direction in which nothing hides behind anything else."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,14 +30,14 @@ class Camera:
         return np.stack([right, np.cross(towards, right), towards])
 
 
-def read_view(data: Poses, view: object) -> Camera | None:
+def read_view(data: Poses, view: Sequence[float] | None) -> Camera | None:
     """Read the view that a user asks for, elevation and azimuth; None if there is none to be read."""
     if view is None:
         return None
     if data.dim == 2:
         raise InputError(f"view={view!r}: {data.topology.name!r} is planar, and is seen from the front; leave view out")
     try:
-        elevation, azimuth = (float(v) for v in view)  # type: ignore[attr-defined]
+        elevation, azimuth = map(float, view)
     except (TypeError, ValueError, OverflowError):
         elevation = azimuth = math.nan
     if not (abs(elevation) <= 90 and math.isfinite(azimuth)):

@@ -188,7 +188,9 @@ class SpaceView(View):
         else:
             self.figure = Picture(figsize=tuple(whole / 72.0))
             self.canvas = FigureCanvasAgg(self.figure)
-            self.ax: Axes3D = self.figure.add_axes(place, projection="3d")  # type: ignore[assignment]
+            axes = self.figure.add_axes(place, projection="3d")
+            assert isinstance(axes, Axes3D)
+            self.ax = axes
             self.heading = self.figure.text(0.0, 1.0, "", ha="left", va="top", parse_math=False, gid="title")
         self.heading.set(text="\n".join(lines), fontsize=size, color=LIGHT["ink"], visible=bool(lines))
         self._look()

@@ -376,7 +376,8 @@ class Joints:
             free = np.flatnonzero(~self.bodies.fixed[p])
             if len(free) != 1:
                 continue
-            axis = Way(fixed=tuple(float(v) for v in np.eye(3)[free[0]]))  # type: ignore[arg-type]
+            x, y, z = np.eye(3)[free[0]].tolist()
+            axis = Way(fixed=(x, y, z))
             travel = self.x[:, p, free[0]]
             middle = self.x[0, p].copy()
             middle[free[0]] = 0.0

@@ -51,8 +51,8 @@ class Polygons:
     def edge(self, part: int, a: int, b: int, left: int = -1, right: int = -1, sharp: bool = True) -> None:
         """Add an edge between two vertices, with the faces beside it, if any."""
         vertex, face, first = self._first
-        sides = (side + face if side >= 0 else -1 for side in (left, right))
-        self.edges.append((a + vertex, b + vertex, *sides, sharp))  # type: ignore[arg-type]
+        left, right = (side + face if side >= 0 else -1 for side in (left, right))
+        self.edges.append((a + vertex, b + vertex, left, right, sharp))
         self.edge_parts.append(part + first)
 
 

@@ -57,14 +57,12 @@ class Solids(PolyCollection):
 
     def do_3d_projection(self) -> float:
         """Paint the pose as it is seen now; matplotlib calls this before it draws."""
-        sheet = self.painter.paint(self.places, self.pose, Projection(self.axes), self.unit, self.faded)  # type: ignore[arg-type]
-        self.set_verts(sheet.corners)  # type: ignore[arg-type]
+        assert isinstance(self.axes, Axes3D)
+        sheet = self.painter.paint(self.places, self.pose, Projection(self.axes), self.unit, self.faded)
         faces, edges = sheet.faces.copy(), sheet.edges.copy()
         faces[:, 3] *= self.opacity
         edges[:, 3] *= self.opacity
-        self.set_facecolor(faces)  # type: ignore[arg-type]
-        self.set_edgecolor(edges)  # type: ignore[arg-type]
-        self.set_linewidth(sheet.widths * self.points)  # type: ignore[arg-type]
+        self.set(verts=sheet.corners, facecolor=faces, edgecolor=edges, linewidth=sheet.widths * self.points)
         return 0.0
 
     @allow_rasterization
@@ -91,14 +89,15 @@ class Name(Text):
     def spot(self) -> np.ndarray:
         """Find where its middle is, pixels."""
         axes = self.axes
-        flat, *_ = Projection(axes)(self.place[None])  # type: ignore[arg-type]
-        per_point = axes.figure.dpi / 72.0  # type: ignore[union-attr]
-        return axes.transData.transform(flat[0]) + per_point * np.array(self.shift)  # type: ignore[union-attr]
+        assert isinstance(axes, Axes3D)
+        flat, *_ = Projection(axes)(self.place[None])
+        per_point = axes.figure.dpi / 72.0
+        return axes.transData.transform(flat[0]) + per_point * np.array(self.shift)
 
     def _put_in_place(self) -> bool:
         if self.axes is None or not np.isfinite(self.place).all():
             return False
-        self.set_transform(None)  # type: ignore[arg-type]
+        self.set_transform(None)
         self.set_position(tuple(self.spot()))
         return True
 

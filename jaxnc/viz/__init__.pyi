@@ -1,0 +1,11 @@
+from jaxnc.viz.animation import animate as animate
+from jaxnc.viz.drawing import draw as draw
+from jaxnc.viz.pages.page import to_html as to_html
+from jaxnc.viz.pages.widget import Widget as Widget
+from jaxnc.viz.paper import motion_sheet as motion_sheet
+from jaxnc.viz.plots import plot as plot
+from jaxnc.viz.polygons import polygon as polygon
+from jaxnc.viz.studies import band as band
+from jaxnc.viz.studies import plot_energy as plot_energy
+from jaxnc.viz.studies import plot_families as plot_families
+from jaxnc.viz.synthesis import burmester as burmester

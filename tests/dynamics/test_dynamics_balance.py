@@ -1,0 +1,125 @@
+"""Reactions in space by each body's own balance, which of them are unique, and steady motions."""
+
+import functools
+
+import jax
+import numpy as np
+import pytest
+from independent import lagrange
+
+import jaxnc as nc
+from jaxnc.library import benchmarks
+
+G = 9.81
+BALANCED = 1e-10  # of the largest force: linear systems solved to rounding
+
+
+@functools.cache
+def falling():
+    """Haug's slider-crank let go: a hinge on the ground, shared points B and C, a point fixed in part."""
+    t = np.linspace(0, 1, 6)
+    return nc.simulate(benchmarks.spatial_slider_crank().compile(), t, rates={"phi": 6.0}, method="rk4", step=2e-3)
+
+
+@pytest.mark.slow
+def test_spatial_slider_crank():
+    """Against Lagrange's equations in the crank's angle, integrated by SciPy."""
+    lagrangian, slider = lagrange.spatial_slider_crank()
+    run = falling()
+    phi, rate = lagrange.motion(lagrangian, [0.0], [6.0], np.asarray(run.time))
+    place = np.asarray(jax.vmap(slider)(phi[:, 0]))[:, 0]
+    assert np.abs(run["s"] - place).max() <= 1e-6  # RK4's error; 1e-11 by dopri8
+    assert np.abs(run.velocity("phi") - rate[:, 0]).max() <= 1e-4
+    assert float(run.drift) <= 1e-6
+
+
+@pytest.mark.slow
+def test_every_body_in_space_is_in_balance():
+    """Newton's and Euler's laws with the bodies' own masses, written without coordinates of the library."""
+    run = falling()
+    r, a, v = nc.reactions(run), run.acceleration, run.velocity
+    weight = np.array([0, 0, -G])
+    crank, rod_b, rod_c = r.at("A", on="crank"), r.at("B", on="conrod").force, r.at("C", on="conrod").force
+    size = np.abs(rod_b).max() + np.abs(crank.force).max()
+    # The rod: its mass centre, and its spin, d/dt (0.004 u × u̇ + 0.0004 (k̇ · u × k) u), the cross's moment included.
+    rod, k = np.asarray(run["C"] - run["B"]), np.asarray(run["k"])
+    assert np.abs(rod_b + rod_c + 0.5 * weight - 0.25 * (a("B") + a("C"))).max() <= BALANCED * size
+    u, du, ddu = rod / 0.3, np.asarray(v("C") - v("B")) / 0.3, np.asarray(a("C") - a("B")) / 0.3
+    dk, ddk, w = np.asarray(v("k")), np.asarray(a("k")), np.cross(u, k)
+    dw = np.cross(du, k) + np.cross(u, dk)
+    roll, droll = (np.sum(p, axis=1, keepdims=True) for p in (dk * w, ddk * w + dk * dw))
+    spin = 0.004 * np.cross(u, ddu) + 0.0004 * (droll * u + roll * du)
+    cross = np.asarray(r.joint("cross", on="conrod").moment)
+    assert np.abs(np.cross(rod / 2, rod_c - rod_b) + cross - spin).max() <= BALANCED * size
+    # A cross holds one moment, across its arms.
+    assert np.abs(np.sum(cross * k, axis=1)).max() <= BALANCED * size and np.abs(cross[:, 0]).max() <= BALANCED * size
+    # The slider, a point that rests in part on the ground.
+    slider = -rod_c + r.support("C") + 2.0 * weight - 2.0 * a("C")
+    assert np.abs(slider).max() <= BALANCED * size and np.abs(r.support("C")[:, 0]).max() == 0.0
+    # The crank turns about x: a hinge holds no moment about its line.
+    arm = np.asarray(run["B"] - run["A"])
+    assert np.abs(crank.force - rod_b + 0.12 * weight - 0.06 * a("B")).max() <= BALANCED * size
+    turn = np.cross(arm, -rod_b) + np.cross(arm / 2, 0.12 * weight)
+    turn[:, 0] -= (1e-4 + 0.12 * 0.04**2) * run.acceleration("phi")
+    assert np.abs(crank.moment + turn).max() <= BALANCED * size
+    assert np.abs(crank.moment[:, 0]).max() <= BALANCED * size
+    # All that comes from outside: the rate of the whole momentum.
+    whole = 0.06 * a("B") + 0.25 * (a("B") + a("C")) + 2.0 * a("C")
+    assert np.abs(crank.force + r.support("C") + 2.62 * weight - whole).max() <= BALANCED * size
+
+
+def test_which_reactions_are_unique():
+    """Three parallel cranks are under a self-stress along them; what hangs from their beam does not feel it."""
+    m = nc.Mechanism("three cranks")
+    for k in range(3):
+        m.ground(f"A{k}", (k, 0))
+        m.point(f"B{k}", (k + 0.6, 0.8))
+        m.body(f"crank{k}", [f"A{k}", f"B{k}"], mass=1.0)
+    m.body("beam", ["B0", "B1", "B2"], mass=2.0, shape="rod")
+    m.point("E", (1.6, -0.2))
+    m.body("plumb", ["B1", "E"], mass=0.5)
+    m.angle("phi", at="A0", to="B0")
+    m.angle("swing", at="B1", to="E")
+    m.gravity = (0, -G)
+    system = m.compile()
+    motion = nc.motion(system, {"phi": lambda t: 0.9 + t, "swing": lambda t: -np.pi / 2 + 0.0 * t}, [0.0, 0.1])
+    result = nc.inverse_dynamics(system, motion)
+    unique = result.reactions.unique()
+    shaken = {name for name, sure in unique.items() if not sure}
+    assert shaken == {f"{p}{k} on crank{k}" for p in "AB" for k in range(3)} | {f"B{k} on beam" for k in range(3)} | {
+        f"A{k}" for k in range(3)
+    }
+    assert unique["phi"] and unique["swing"] and unique["B1 on plumb"]
+
+
+def test_a_conical_pendulum_swings_about_its_steady_motion():
+    """Ω² = ω² (sin² θ + 4 m l² sin² θ cos² θ / (I + m l² sin² θ)), where cos θ = g / (l ω²); the shaft is free."""
+    length, mass, shaft, speed = 0.5, 2.0, 0.3, 6.0
+    c = G / (length * speed**2)
+    s = np.sqrt(1 - c * c)
+    m = nc.Mechanism("conical pendulum", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.ground_vector("z", (0, 0, 1))
+    m.vector("h", (0, 1, 0))
+    m.point("P", (length * s, 0, -length * c))
+    m.body("shaft", ["O"], vectors=["z", "h"], mass=1.0, com=(0, 0, 0), inertia=(shaft, shaft, shaft))
+    m.body("arm", ["O", "P"], vectors=["h"])
+    m.point_mass("mass at P", "P", mass)
+    m.angle("spin", to="h", about="z")
+    m.angle("swing", to=("O", "P"), start="z", about="h")
+    m.gravity = (0, 0, -G)
+    near = nc.linearise(m.compile(), rates={"spin": speed, "swing": 0.0}, coordinates=["spin", "swing"])
+    assert np.abs(near.residual).max() <= 1e-9 * speed**2
+    inertia = mass * length**2 * s * s
+    frequency = speed * np.sqrt(s * s + 4 * inertia * c * c / (shaft + inertia))
+    values = near.eigenvalues
+    assert np.abs(values[:2]).max() <= 1e-5 * speed  # turning on at another speed: a double zero
+    assert np.allclose(np.sort(values[2:].imag), [-frequency, frequency], rtol=1e-9)
+    assert np.abs(values[2:].real).max() <= 1e-8 * speed
+
+
+@pytest.mark.slow
+def test_forces_are_drawn_in_space():
+    figure = falling().draw(pose=2, forces=True)
+    seen = {text.get_gid() for text in figure.findobj() if hasattr(text, "get_text")}
+    assert {"weight key", "reaction key"} <= seen

@@ -1,0 +1,250 @@
+"""Simulation under transformations, other formulations, singular positions, statics and vibration."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.library import benchmarks
+
+G = 9.81
+
+
+@functools.cache
+def slider_crank():
+    """n = 3, no angle: small enough to be written out."""
+    m = nc.Mechanism("slider-crank")
+    m.ground("O", (0, 0))
+    m.point("A", (0.06, 0.08))
+    m.point("B", (0.34, 0), fixed="y")
+    m.body("crank", ["O", "A"], mass=0.5)
+    m.body("conrod", ["A", "B"], mass=0.8)
+    m.point_mass("slider", "B", 1.2)
+    m.spring("spring", "O", "B", stiffness=40.0, free=0.3)
+    m.gravity = (0, -G)
+    return m.compile()
+
+
+T = np.linspace(0, 0.3, 4)
+
+
+def last(system, method="rk4", step=0.01):
+    return nc.simulate(system, T, rates={"A.x": 0.5}, method=method, step=step, throw=False)["B"][-1, 0]
+
+
+def test_a_start_given_by_a_coordinate_is_at_rest():
+    """A pose says nothing of the rates."""
+    run = nc.simulate(slider_crank(), T, {"B.x": 0.3}, method="rk4", step=0.01)
+    assert np.abs(run.rates[0][0]).max() == 0.0
+    assert float(run["B"][0, 0]) == pytest.approx(0.3, abs=1e-12)
+
+
+def test_a_given_rate_is_met_beside_an_input():
+    """The end of a driven arm moves; what hangs there turns as it was told all the same."""
+    system = benchmarks.double_pendulum().compile()
+    how: dict = {"inputs": {"alpha": lambda t: 0.5 * t}, "method": "rk4", "step": 0.01}
+    run = nc.simulate(system, T[:2], rates={"beta": 1.0}, **how)
+    assert float(run.velocity("alpha")[0]) == pytest.approx(0.5, abs=1e-12)
+    assert float(run.velocity("beta")[0]) == pytest.approx(1.0, abs=1e-12)
+    assert float(run.correction[1]) <= 1e-12
+
+
+def central(f, system, name, index=()):
+    value = np.asarray(system[name], float)
+    ends = []
+    for sign in (1, -1):
+        other = value.copy()
+        other[index] += sign * 1e-5
+        ends.append(float(f(system.replace({name: other}))))
+    return (ends[0] - ends[1]) / 2e-5
+
+
+DESIGN = [
+    ("spring.stiffness", ()),
+    ("crank.mass", ()),
+    ("slider.mass", ()),
+    ("A", (0,)),
+    ("A", (1,)),
+    ("gravity.y", ()),
+]
+
+
+value, gradient = jax.jit(last), jax.jit(jax.grad(last))  # compiled once for two tests
+
+
+def test_gradients_of_a_simulation():
+    """Reverse against central differences, forward against reverse."""
+    f, g = value, gradient(slider_crank())
+    for name, index in DESIGN:
+        if name == "A":  # moving A moves the start off the constraints of B, which stays where it is drawn
+            continue
+        assert float(np.asarray(g[name])[index]) == pytest.approx(central(f, slider_crank(), name, index), rel=1e-6)
+    for k in (0, 1):
+        assert float(g["A"][k]) == pytest.approx(central(f, slider_crank(), "A", k), rel=1e-6)
+
+
+def test_forward_and_reverse_agree_and_a_batch_is_a_loop():
+    system = slider_crank()
+    stiffness = jnp.array([30.0, 40.0, 55.0])
+
+    def f(k):
+        return last(system.replace({"spring.stiffness": k}))
+
+    many = jax.jit(jax.vmap(f))(stiffness)
+    designs = [system.replace({"spring.stiffness": k}) for k in stiffness]
+    assert np.allclose(many, [value(s) for s in designs], rtol=1e-12, atol=1e-13)
+    forward = jax.jvp(f, (stiffness[0],), (jnp.ones(()),))[1]
+    assert float(forward) == pytest.approx(float(gradient(designs[0])["spring.stiffness"]), rel=1e-9)
+
+
+def test_formulations_agree():
+    """Every formulation goes to the same motion; their errors are those of their order."""
+    system = slider_crank()
+    exact = nc.simulate(system, T, rates={"A.x": 0.5}, rtol=1e-11, atol=1e-13)
+    for method, step, tolerance in (
+        ("rk4", 2e-3, 2e-7),
+        ("generalised alpha", 1e-3, 2e-4),
+    ):
+        # `singular` only to share what is compiled with the next test.
+        run = nc.simulate(system, T, rates={"A.x": 0.5}, method=method, step=step, singular=True)
+        assert np.abs(run.q - exact.q).max() <= tolerance, method
+        assert float(run.violation[0]) <= 1e-12, method
+
+
+@pytest.mark.parametrize(
+    ("method", "step", "tolerance"),
+    [
+        ("rk4", 2e-3, 2e-4),
+        ("generalised alpha", 1e-3, 5e-3),
+        ("dopri8", 1e-9, 1e-7),
+    ],
+)
+def test_equal_arms_pass_the_bifurcation(method, step, tolerance):
+    """Both arms upright, the slider on the crank's centre: the slider goes on, and does not stay to let the arms turn.
+
+    Energy of the motion with one angle, written by hand: the slider at 2 r cos θ, the conrod at -θ. The tolerance, a
+    part of it, is each method's error at these steps (relative tolerances, where they are adaptive).
+    """
+    r, w, theta = 0.1, 20.0, 0.5
+    place = r * np.array([np.cos(theta), np.sin(theta)])
+    arms = slider_crank().replace({"A": place, "B": (2 * place[0], 0), "spring.stiffness": 0.0})
+    how = {"rtol": step, "atol": 1e-2 * step} if method == "dopri8" else {"step": step}
+    run = nc.simulate(arms, T, rates={"A.x": -w * place[1]}, method=method, singular=True, **how)
+    a, b, va = np.asarray(run["A"]), np.asarray(run["B"]), np.asarray(run.velocity("A"))
+    turned = np.unwrap(np.arctan2(a[:, 1], a[:, 0]), period=2 * np.pi)
+    assert len(run.status) == 4 and (b[:, 0] * np.cos(turned) >= 0).all() and b[:, 0].min() < 0
+    assert np.abs(b[:, 0] - 2 * a[:, 0]).max() <= 1e-6
+    speed = np.sum(va * np.column_stack([-a[:, 1], a[:, 0]]), axis=1) / r**2
+    c, s = a[:, 0] / r, a[:, 1] / r
+    inertia = r**2 * (0.5 / 3 + 0.8 * (2.25 * s**2 + 0.25 * c**2 + 1 / 12) + 1.2 * 4 * s**2)
+    energy = 0.5 * inertia * speed**2 + G * r * s * (0.25 + 0.4)
+    assert np.abs(energy - energy[0]).max() <= tolerance * energy[0]
+
+
+def test_n_four_bar_passes_its_singular_position():
+    """All bars in one line: the uprights stay parallel, and the energy stays."""
+    system = benchmarks.n_four_bar(2).compile()
+    t = np.linspace(0, 2, 21)
+    run = nc.simulate(system, t, rates={"B0": (1.0, 0.0)}, method="rk4", step=1e-3, singular=True)
+    tips = [np.asarray(run[f"B{k}"]) - [k, 0] for k in range(3)]
+    assert np.abs(tips[0][:, 1]).min() < 0.3 and tips[0][:, 1].min() < -0.5  # it went through
+    assert np.abs(tips[1] - tips[0]).max() <= 1e-6 and np.abs(tips[2] - tips[0]).max() <= 1e-6
+    assert float(run.drift) <= 1e-3
+    # One freedom: a pendulum of the same inertia, energy 0.5 (3/3 + 2) ω² + (3/2 + 2) g cos θ.
+    height = tips[0][:, 1]
+    speed = np.linalg.norm(np.asarray(run.velocity("B0")), axis=1)
+    assert np.abs(1.5 * speed**2 + 3.5 * G * height - (1.5 + 3.5 * G)).max() <= 1e-3
+
+
+def test_a_weight_on_a_spring_rests_where_no_constraint_bears_it():
+    """All forces vanish there, so that none of them says how small what is left has to be."""
+    m = nc.Mechanism("weight")
+    m.ground("O", (0, 0))
+    m.point("W", (0, -0.3), fixed="x")
+    m.point_mass("mass at W", "W", 2.0)
+    m.gravity = (0, -G)
+    m.spring("spring", "O", "W", stiffness=150.0, free=0.2)
+    rest = nc.equilibrium(m.compile())
+    assert float(rest["W"][1]) == pytest.approx(-0.2 - 2.0 * G / 150.0, rel=1e-13) and bool(rest.stable)
+
+
+@pytest.mark.slow
+def test_equilibrium_stability_and_frequency_of_a_rod():
+    m = nc.Mechanism("rod")
+    m.ground("O", (0, 0))
+    m.point("P", (0.8, -0.6))
+    m.body("rod", ["O", "P"], mass=2.0)
+    m.angle("phi", at="O", to="P")
+    m.gravity = (0, -G)
+    system = m.compile()
+    low, high = nc.equilibrium(system), nc.equilibrium(system, {"phi": 1.4}, method="newton")
+    assert np.allclose(low["P"], [0, -1], atol=1e-12) and bool(low.stable)
+    assert np.allclose(high["P"], [0, 1], atol=1e-12) and not bool(high.stable)
+    near = nc.linearise(system, low, coordinates=["phi"], inputs=["phi"])
+    assert float(near.frequencies[0]) == pytest.approx(np.sqrt(1.5 * G), rel=1e-12)
+    assert near.stable and not nc.linearise(system, high, coordinates=["phi"], inputs=["phi"]).stable
+    assert np.allclose(near.input_matrix[:, 0], [0, 1 / (2.0 / 3)], rtol=1e-12)
+    with pytest.raises(nc.InputError, match=r"P.y.*singular"):
+        nc.linearise(system, low, coordinates=["P.y"])
+
+    def frequency(s):
+        return nc.linearise(s, nc.equilibrium(s, throw=False), coordinates=["phi"], inputs=["phi"]).frequencies[0]
+
+    g = jax.grad(frequency)(system)
+    assert np.allclose(g["P"], -0.5 * np.sqrt(1.5 * G) * np.array([0.8, -0.6]), rtol=1e-9)
+    assert float(g["rod.mass"]) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.slow
+def test_an_equilibrium_has_derivatives_of_every_order():
+    """By the ground too, and with a torque that has no potential: against differences of values and of slopes."""
+    m = nc.Mechanism("double pendulum on a spring")
+    for name, at in {"O": (0, 0), "G": (1.5, 0.2)}.items():
+        m.ground(name, at)
+    for name, at in {"B": (0.5, -0.6), "C": (0.9, -1.3)}.items():
+        m.point(name, at)
+    m.body("upper", ["O", "B"], mass=1.0)
+    m.body("lower", ["B", "C"], mass=0.5)
+    m.angle("phi", at="O", to="B")
+    m.angle("psi", at="B", to="C")
+    m.spring("spring", "G", "C", stiffness=20.0, free=0.8)
+    m.torque("drag", "phi", lambda t, state, p: p * jnp.cos(state["psi"]), 3.0)
+    m.gravity = (0, -G)
+    system = m.compile()
+    points = system.parameters.points
+    way = jnp.asarray(np.random.default_rng(3).normal(size=points.shape))
+
+    def place(k):
+        rest = nc.equilibrium(jax.tree.map(lambda x: x + k * way if x is points else x, system), throw=False)
+        return jnp.sum(jnp.sin(rest["C"])) + jnp.sum(jnp.cos(rest.reactions.support("O") / 10.0))
+
+    slope = jax.value_and_grad(place)
+
+    @nc.jit
+    def every(k):
+        """Value, slope, and the slope's derivative forward and in reverse, in one program, which takes 10 s."""
+        (value, first), (_, forward) = jax.jvp(slope, (k,), (1.0,))
+        return jnp.stack([value, first, forward, jax.grad(jax.grad(place))(k)])
+
+    h = 1e-3
+    at = {k: np.asarray(every(k * h)) for k in (-2, -1, 0, 1, 2)}
+    change = (8 * (at[1] - at[-1]) - at[2] + at[-2]) / (12 * h)
+    _, first, forward, reverse = at[0]
+    assert first == pytest.approx(change[0], rel=1e-8)
+    assert forward == pytest.approx(change[1], rel=1e-8)
+    assert reverse == pytest.approx(change[1], rel=1e-8)
+
+
+def test_heavy_top_precesses_and_keeps_its_momenta():
+    """Energy, the momentum about the vertical, and (for a symmetric top) the spin about its own axis."""
+    m = benchmarks.heavy_top()
+    run = nc.simulate(m.compile(), np.linspace(0, 0.2, 5), rates=m.model.simulate.rates, rtol=1e-9, atol=1e-10)
+    assert float(run.drift) <= 1e-4 * 5435.7
+    h = np.asarray(nc.dynamics.angular_momentum(run))
+    assert np.abs(h[:, 2] - h[0, 2]).max() <= 1e-6 * np.abs(h).max()
+    axis = np.asarray(run["C"])
+    own = np.sum(h * axis, axis=1)
+    assert np.allclose(own, 0.46875 * 150.0, rtol=1e-6)

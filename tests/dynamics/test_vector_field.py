@@ -1,0 +1,305 @@
+"""The motion as a vector field for integrators of others, beside `simulate`."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import mechanisms
+import numpy as np
+import pytest
+
+import jaxnc as nc
+
+diffrax = pytest.importorskip("diffrax")
+
+T = np.linspace(0.0, 1.0, 11)
+SAME = 1e-8  # of lengths and radians: two integrators, each told 1e-10
+AT, SPIN = {"phi": -0.4}, {"phi": 1.5}
+
+
+@functools.cache
+def pendulum():
+    return mechanisms.pendulum().compile()
+
+
+def run(field, y0, t=T, solver=None, tolerance=1e-10, args=None, **options):
+    return diffrax.diffeqsolve(
+        diffrax.ODETerm(field), diffrax.Dopri8() if solver is None else solver, t[0], t[-1], 0.01, y0, args=args,
+        saveat=diffrax.SaveAt(ts=t), stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+        **options,
+    )  # fmt: skip
+
+
+def both(system, state, rates, t=T, inputs=None):
+    """The motion by diffrax, and that of `simulate`."""
+    field = nc.dynamics.vector_field(system, inputs)
+    found = nc.jit(lambda field, y0: run(field, y0, t).ys)(field, field.start(state, rates))
+    theirs = field.motion(t, found)
+    ours = nc.simulate(system, t, state, rates, inputs=inputs, rtol=1e-11, atol=1e-12)
+    return theirs, ours
+
+
+def agree(theirs, ours, tolerance=SAME):
+    assert int(jnp.sum(theirs.status)) == 0
+    size = max(1.0, float(jnp.abs(ours.q).max()))
+    np.testing.assert_allclose(theirs.q, ours.q, rtol=0, atol=tolerance * size)
+    for a, b in zip(theirs.rates, ours.rates, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=20 * tolerance * max(1.0, float(jnp.abs(b).max())))
+
+
+def test_a_pendulum_moves_as_simulate_moves_it():
+    theirs, ours = both(pendulum(), AT, SPIN)
+    agree(theirs, ours)
+    assert float(theirs.violation[0]) < 1e-8 and float(theirs.drift) < 1e-7
+    np.testing.assert_allclose(theirs.multipliers, ours.multipliers, atol=1e-5)
+    force = nc.reactions(theirs).at("A", on="rod").force
+    np.testing.assert_allclose(force, nc.reactions(ours).at("A", on="rod").force, atol=1e-5)
+    assert "constraints           met to" in theirs.report() and "steps" not in theirs.report()
+
+
+def four_bar():
+    m = nc.Mechanism("four-bar")
+    A, D = m.ground("A", (0, 0)), m.ground("D", (4, 0))
+    B, C = m.point("B", (0.6, 0.8)), m.point("C", (3.3, 2.9))
+    m.body("crank", [A, B], mass=1.0)
+    m.body("coupler", [B, C], mass=2.0)
+    m.body("rocker", [C, D], mass=1.0)
+    m.angle("phi", at=A, to=B)
+    m.gravity = (0, -9.81)
+    return m
+
+
+def rubbing():
+    m = four_bar()
+    m.friction("rub", bodies=("rocker", "ground"), at="D", coefficient=0.3, radius=0.05)
+    return m
+
+
+def box():
+    """A body of two points and a vector that spins freely, whose dynamics has a hidden vector."""
+    m = nc.Mechanism("box", dim=3)
+    m.point("P", (0, 0, 0))
+    m.point("Q", (1, 0.2, 0))
+    m.vector("v", (0, 0.3, 1))
+    m.body("body", ["P", "Q"], vectors=["v"], mass=2.0, shape="box", size=(1.0, 0.1, 0.3))
+    m.gravity = (0.3, -0.2, -9.81)
+    return m
+
+
+@pytest.mark.slow
+def test_a_closed_loop_moves_as_simulate_moves_it():
+    agree(*both(four_bar().compile(), {"phi": 1.0}, {"phi": 3.0}))
+
+
+@pytest.mark.slow
+def test_inputs_follow_their_functions():
+    system = four_bar().compile()
+    theirs, ours = both(system, None, None, inputs={"phi": lambda t: 0.9272952180016122 + 2.0 * t * t})
+    agree(theirs, ours)
+    assert theirs.driven == ("phi",)
+    np.testing.assert_allclose(nc.reactions(theirs).effort("phi"), nc.reactions(ours).effort("phi"), rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_adjoints_give_the_derivatives_of_simulate():
+    """By the design, by the start, through checkpoints and backwards; and by a design in `args`."""
+    system = pendulum()
+
+    def end(system, angle, adjoint, by_args=False):
+        field = nc.dynamics.vector_field(pendulum() if by_args else system)
+        y0 = nc.dynamics.vector_field(system).start({"phi": angle}, SPIN)
+        solver = diffrax.Dopri5() if isinstance(adjoint, diffrax.BacksolveAdjoint) else None
+        found = run(field, y0, T[[0, -1]], solver, args=system if by_args else None, adjoint=adjoint)
+        return field.state(1.0, jax.tree.map(lambda x: x[-1], found.ys))["phi"]
+
+    def ours(system, angle):
+        return nc.simulate(system, T[[0, -1]], {"phi": angle}, SPIN, rtol=1e-11, atol=1e-12)["phi"][-1]
+
+    design, start = jax.grad(ours, argnums=(0, 1))(system, -0.4)
+    for adjoint, by_args in (
+        (diffrax.RecursiveCheckpointAdjoint(), True),
+        (diffrax.BacksolveAdjoint(), False),
+    ):
+        found, angle = nc.jit(jax.grad(functools.partial(end, adjoint=adjoint, by_args=by_args), argnums=(0, 1)))(
+            system, -0.4
+        )
+        assert float(angle) == pytest.approx(float(start), rel=1e-5)
+        np.testing.assert_allclose(found.parameters.points, design.parameters.points, atol=2e-5)
+        np.testing.assert_allclose(found.parameters.physical, design.parameters.physical, atol=2e-5)
+
+
+@pytest.mark.slow
+def test_adjoints_go_through_inputs_that_close_over_what_is_differentiated():
+    def end(speed):
+        field = nc.dynamics.vector_field(pendulum(), {"phi": lambda t: -0.4 + speed * t})
+        q, _ = run(field, field.start(), T[[0, -1]]).ys
+        return field.state(1.0, (q[-1], q[-1]))["B"][0]
+
+    assert float(nc.jit(jax.grad(end))(0.5)) == pytest.approx(-np.sin(0.1), abs=1e-5)  # steps are chosen for the motion
+
+
+def test_an_event_ends_the_motion_where_the_state_says():
+    field = nc.dynamics.vector_field(pendulum())
+    event = diffrax.Event(
+        lambda t, y, args, **_: field.state(t, y)["phi"] + np.pi / 2,
+        __import__("optimistix").Newton(rtol=1e-10, atol=1e-10),
+    )
+    found = run_to(field, field.start(AT), event)
+    ours = nc.simulate(pendulum(), np.array([0.0, 10.0]), AT, event=lambda t, state: state["phi"] + np.pi / 2)
+    assert float(found.ts[-1]) == pytest.approx(float(ours.end), abs=1e-7)
+    assert float(field.state(0.0, jax.tree.map(lambda x: x[-1], found.ys))["phi"]) == pytest.approx(
+        -np.pi / 2, abs=1e-8
+    )
+
+
+def run_to(field, y0, event):
+    return nc.jit(
+        lambda y0: diffrax.diffeqsolve(
+            diffrax.ODETerm(field), diffrax.Dopri8(), 0.0, 10.0, 0.01, y0,
+            stepsize_controller=diffrax.PIDController(rtol=1e-10, atol=1e-10), event=event,
+        )
+    )(y0)  # fmt: skip
+
+
+def test_noise_shakes_the_pendulum_along_its_constraints():
+    """A torque of white noise: the angle's rate then spreads as the square root of time says."""
+    import lineax as lx
+
+    field, still = nc.dynamics.vector_field(no_gravity()), jax.ShapeDtypeStruct((), float)
+
+    def shaken(t, y, args):
+        return lx.FunctionLinearOperator(lambda w: field.response(t, y, {"phi": 0.2 * w}), still)
+
+    y0 = field.start({"phi": 0.3})
+
+    def once(key):
+        path = diffrax.VirtualBrownianTree(0.0, 1.0, 0.01, (), key)
+        terms = diffrax.MultiTerm(diffrax.ODETerm(field), diffrax.ControlTerm(shaken, path))
+        return diffrax.diffeqsolve(terms, diffrax.Heun(), 0.0, 1.0, 0.01, y0).ys
+
+    q, v = nc.jit(jax.vmap(once))(jax.random.split(jax.random.key(0), 200))
+    q, v = q[:, -1], v[:, -1]
+    motion = field.motion(np.arange(200.0), (q, v))
+    assert int(jnp.sum(motion.status)) == 0 and float(motion.violation[0]) < 1e-3
+    _, push = field.response(0.0, y0, {"phi": 1.0})
+    inertia = 1.0 / float(push[no_gravity().topology.position["phi"]])
+    spread = float(jnp.std(motion.velocity("phi")))
+    assert spread == pytest.approx(0.2 / inertia, rel=0.2)  # of 200 samples: one in twenty is off by 0.1
+
+
+@functools.cache
+def no_gravity():
+    m = mechanisms.pendulum()
+    m.gravity = (0, 0)
+    return m.compile()
+
+
+def test_an_implicit_solver_and_vmap_over_designs():
+    designs = jax.vmap(lambda a: jax.tree.map(lambda leaf: a * leaf, pendulum()))(jnp.array([1.0, 1.3]))
+
+    def end(system):
+        field = nc.dynamics.vector_field(system)
+        ys = run(field, field.start(AT, SPIN), T[[0, -1]], diffrax.Kvaerno5(), 1e-7, throw=False).ys
+        return field.state(1.0, jax.tree.map(lambda x: x[-1], ys))["phi"]
+
+    found = nc.jit(jax.vmap(end))(designs)
+    for k, angle in enumerate(found):
+        system = jax.tree.map(lambda x, k=k: x[k], designs)
+        assert float(angle) == pytest.approx(float(nc.simulate(system, T, AT, SPIN)["phi"][-1]), abs=1e-5)
+
+
+def test_a_state_that_is_off_returns_to_its_constraints():
+    field = nc.dynamics.vector_field(pendulum(), stabilise=8.0)
+    q, v = field.start(AT, SPIN)
+    off = q.at[2:].add(jnp.array([1e-4, -2e-4, 1e-4])), v
+    found = nc.jit(lambda y0: run(field, y0, T, tolerance=1e-8).ys)(off)
+    motion = field.motion(T, found)
+    gap = np.asarray(motion.residual)
+    assert gap[0] > 5e-5 and gap[-1] < gap[0] * np.exp(-7.0) and int(jnp.sum(motion.status)) == 0
+    # From far away the state is drawn to the constraints too; the motion says that it does not begin on them.
+    off = q.at[2].add(0.1), v
+    motion = field.motion(T, nc.jit(lambda y0: run(field, y0, T, tolerance=1e-8).ys)(off))
+    assert int(motion.status[0]) == nc.Status.CAME_APART and np.isnan(run_apart(field, q, v).residual[-1])
+
+
+def run_apart(field, q, v):
+    whole = (jnp.stack([q, q * jnp.nan]), jnp.stack([v, v]))
+    motion = field.motion(T[:2], whole)
+    assert motion.status.tolist() == [0, int(nc.Status.CAME_APART)]
+    return motion
+
+
+def test_the_start_is_that_of_simulate():
+    system = pendulum()
+    field = nc.dynamics.vector_field(system)
+    for state, rates in ((None, None), (AT, SPIN), ({"B": (0.5, -0.9)}, {"B": (0.9, 0.5)})):
+        ours = nc.simulate(system, T[:2], state, rates)
+        q, v = field.start(state, rates)
+        np.testing.assert_allclose(q, ours.q[0], atol=1e-12)
+        np.testing.assert_allclose(v, ours.rates[0][0], atol=1e-12)
+    again = field.start(ours.pose(-1))
+    np.testing.assert_allclose(again[0], ours.q[-1], atol=1e-10)
+    np.testing.assert_allclose(again[1], ours.rates[0][-1], atol=1e-10)
+    np.testing.assert_allclose(field.start({"phi": 30.0}, {"phi": 90.0}, unit="deg")[1][-1], np.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (
+            lambda f, q, v: f(0.0, (q.at[2].add(0.3), v), None),
+            r"state.*constraints.*off by.*start\(",
+        ),
+        (
+            lambda f, q, v: f(0.0, (q, v.at[2].add(1.0)), None),
+            r"rates of the state.*start\(",
+        ),
+        (lambda f, q, v: f(0.0, (q.at[2].set(jnp.nan), v), None), "q of a state.*'pendulum'.*NaN"),
+        (lambda f, q, v: f(0.0, q, None), r"pair \(q, v\).*got an array"),
+        (lambda f, q, v: f(0.0, (q, v[1:]), None), r"v of a state.*\(5,\).*\(4,\)"),
+        (lambda f, q, v: f(0.0, (q, v), four_bar().compile()), "args.*another topology.*'four-bar'"),
+        (lambda f, q, v: f.response(0.0, (q, v), {"psi": 1.0}), "'psi'.*did you mean 'phi'"),
+        (lambda f, q, v: f.response(0.0, (q, v), {"B": 1.0}), r"effort on 'B' must have the shape \(2,\)"),
+        (lambda f, q, v: f.motion(T, (q, v)), r"q of a state.*\(11, 5\).*\(5,\)"),
+        (lambda f, q, v: f.start({"psi": 1.0}), "no point or coordinate 'psi'"),
+        (lambda f, q, v: nc.dynamics.vector_field(f.system, {"psi": jnp.sin}), "no coordinate 'psi' to drive"),
+        (lambda f, q, v: nc.dynamics.vector_field(f.system, {"phi": 1.0}), "input 'phi' must be a function of time"),
+        (lambda f, q, v: nc.dynamics.vector_field(f.system, stabilise=-1.0), "stabilise= must be a number from 0"),
+        (lambda f, q, v: nc.dynamics.vector_field(nc.library.four_bar().compile()), "nothing in it has a mass"),
+        (lambda f, q, v: nc.dynamics.vector_field(mechanisms.pendulum()), "compile"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_sentence(call, said):
+    field = nc.dynamics.vector_field(pendulum())
+    with pytest.raises(nc.JaxncError, match=said) as error:
+        call(field, *field.start(AT, SPIN))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [rubbing, box])
+def test_friction_and_hidden_vectors(make):
+    system = make().compile()
+    state, rates = ({"phi": 1.0}, {"phi": 3.0}) if make is rubbing else (None, {"Q": (0.0, 0.5, 1.0)})
+    field = nc.dynamics.vector_field(system)
+    y0 = field.start(state, rates)
+    ours = nc.simulate(system, T[:2], state, rates)
+    _, a = field(0.0, y0, None)
+    assert (system.topology.extended is not None) == (make is box)
+    np.testing.assert_allclose(y0[1], ours.rates[0][0], atol=1e-10)
+    np.testing.assert_allclose(a, ours.rates[1][0], atol=1e-8 * max(1.0, float(jnp.abs(a).max())))
+
+
+@pytest.mark.slow
+def test_rows_on_velocities_are_kept():
+    """Chaplygin's sleigh, whose blade does not slip sideways."""
+    m = nc.Mechanism("sleigh")
+    m.point("P", (0, 0))
+    m.point("Q", (1, 0))
+    m.body("sled", ["P", "Q"], mass=2.0, com=(0.3, 0), inertia=0.5)
+    m.skate("blade", "P", ("P", "Q"))
+    m.angle("phi", at="P", to="Q")
+    theirs, ours = both(m.compile(), None, {"P": (0.7, 0.0), "phi": 1.2})
+    agree(theirs, ours)
+    d, v = np.asarray(theirs["Q"] - theirs["P"]), np.asarray(theirs.velocity("P"))
+    assert np.abs(d[:, 0] * v[:, 1] - d[:, 1] * v[:, 0]).max() < 1e-8

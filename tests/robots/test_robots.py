@@ -1,0 +1,331 @@
+"""Robots read from MJCF, loops included: all joints from the actuated ones, as MuJoCo's own constraints want them."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.robots import Robot
+from jaxnc.status import Status
+
+mujoco = pytest.importorskip("mujoco")
+
+PLACE = 1e-12  # places of bodies and rows of MuJoCo's constraints, of robots of about one metre: rounding
+WRITTEN = 1e-6  # what MuJoCo writes has seven digits or so
+POSES = 24
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("robots")
+
+
+# A gripper of two fingers, each a loop with a spring, that one motor drives through a tendon; degrees, classes, frames.
+GRIPPER = """
+<mujoco model="gripper"><compiler angle="degree" eulerseq="xyz"/><option gravity="0 0 -9.81"/>
+<default><default class="finger"><joint axis="1 0 0"/>
+  <default class="soft"><joint stiffness="0.05" springref="40" damping="0.002"/></default></default></default>
+<asset><mesh name="shell" file="shell.stl"/></asset>
+<worldbody><body name="palm" pos="0 0 0.1" euler="0 0 30" childclass="finger">
+  <geom type="mesh" mesh="shell"/><geom name="pad" size="0.01"/>
+  <body name="driver" pos="0 0.03 0.05"><joint name="driver joint" ref="10" range="-60 60"/><geom size="0.01"/>
+    <body name="coupler" pos="0 0.03 -0.004"><joint name="coupler-joint"/><geom size="0.01"/></body></body>
+  <body name="spring link" pos="0 0.013 0.06"><joint name="spring.joint" class="soft"/><geom size="0.01"/>
+    <body name="tip" pos="0 0.055 0.04" euler="15 0 0"><joint name="tip joint" pos="0 -0.018 0.0065"/>
+      <geom size="0.01"/><site name="touch" pos="0 0 0.05"/></body></body>
+  <frame euler="0 0 180">
+    <body name="driver2" pos="0 0.03 0.05"><joint name="driver2 joint"/><geom size="0.01"/>
+      <body name="coupler2" pos="0 0.03 -0.004"><joint name="coupler2"/><geom size="0.01"/></body></body>
+    <body name="link2" pos="0 0.013 0.06"><joint name="link2" class="soft"/><geom size="0.01"/>
+      <body name="tip2" pos="0 0.055 0.04"><joint name="tip2 joint" pos="0 -0.018 0.0065"/>
+        <geom size="0.01"/></body></body>
+  </frame></body></worldbody>
+<tendon><fixed name="both"><joint joint="driver joint" coef="0.5"/><joint joint="driver2 joint" coef="0.5"/></fixed>
+</tendon>
+<equality><connect name="close" body1="tip" body2="coupler" anchor="0 -0.03 0.01"/>
+  <connect name="close2" body1="tip2" body2="coupler2" anchor="0 -0.03 0.01"/>
+  <joint name="same" joint1="driver2 joint" joint2="driver joint" polycoef="0 1 0.1 0 0"/></equality>
+<actuator><position name="grip" tendon="both"/></actuator></mujoco>
+"""
+
+# A leg: hinges in three directions, a rod on a ball joint that closes by a connect between sites, a slide, a weld.
+LEG = """
+<mujoco model="leg"><worldbody>
+  <body name="hip" pos="0 0 1"><freejoint/><geom size="0.05"/>
+    <body name="thigh" pos="0.1 0 0" quat="1 0.1 0.2 0"><joint name="roll" axis="1 0 0"/>
+      <joint name="pitch" axis="0 1 0"/>
+      <geom size="0.05"/><site name="a" pos="0 0.05 0"/>
+      <body name="rod" pos="0 0.05 0.03" euler="10 20 0"><joint name="ball" type="ball"/>
+        <inertial pos="0.2 0 0" mass="0.1" diaginertia="1e-4 2e-3 2e-3"/><site name="b" pos="0.4 0 0"/></body>
+      <body name="shin" pos="0.4 0 0"><joint name="knee" axis="0 1 0"/><geom size="0.05"/>
+        <body name="lever" pos="0 0 -0.1"><joint name="lever" axis="0.6 0 0.8" stiffness="3"/><geom size="0.05"/>
+          <site name="c" pos="0.02 0.1 0.1"/></body>
+        <body name="toe" pos="0.3 0 0"><joint name="toe" type="slide" axis="1 0 0"/><geom size="0.05"/></body>
+      </body></body></body></worldbody>
+<equality><connect name="tie" site1="b" site2="c"/></equality>
+<actuator><motor joint="roll"/><motor joint="pitch"/><motor joint="knee"/><motor joint="toe"/></actuator></mujoco>
+"""
+
+
+def read(folder: Path, text: str, name: str = "robot.xml", **options) -> Robot:
+    (folder / name).write_text(text)
+    return nc.from_mjcf(folder / name, **options)
+
+
+def check(path: Path, robot: Robot, values, system=None) -> np.ndarray:
+    """MuJoCo has all bodies where the robot has them, and its constraints are met; the robot's joint values."""
+    exact = PLACE if system is None else WRITTEN
+    motion = robot.pose(values, system).check()
+    qpos, frames = np.asarray(robot.joint_values(motion)), robot.frames(motion)
+    model = (robot if system is None else nc.from_mjcf(path))._file.model
+    data = mujoco.MjData(model)
+    names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, i) for i in range(1, model.nbody)]
+    assert set(names) == set(frames)
+    for k in range(len(qpos)):
+        data.qpos[:] = qpos[k]
+        mujoco.mj_forward(model, data)
+        own = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+        assert own.sum() and np.abs(data.efc_pos[own]).max() < exact
+        for i, name in enumerate(names, start=1):
+            place, axes = frames[name]
+            assert np.abs(data.xpos[i] - place[k]).max() < exact, name
+            assert np.abs(data.xmat[i].reshape(3, 3) - axes[k]).max() < 10 * exact, name
+    return qpos
+
+
+def values_of(robot: Robot, width: float = 0.3) -> np.ndarray:
+    """Values of the actuated joints around home."""
+    home = np.array([robot._description.joints[j].reference for c in robot.actuated
+                     for j, own in robot.coordinates.items() if own == c])  # fmt: skip
+    return home + width * np.random.default_rng(5).uniform(-1, 1, (POSES, len(home)))
+
+
+@pytest.mark.parametrize(
+    "name", ["four-bar", "slider-crank", "quick-return", "five-bar", "rssr", "bennett", "delta-robot", "cardan-joint"]
+)
+def test_what_was_written_is_read(name, folder):
+    """The way out and back: the same motion from the same inputs, joint for joint."""
+    m = CATALOGUE[name]()
+    run = m.model.run
+    ends = {n: (d.start, d.start + 0.15 * (d.end - d.start)) for n, d in run.inputs.items()}
+    motion = nc.sweep(m.compile(), {n: np.linspace(*x, POSES) for n, x in ends.items()})
+    done = m.to_mjcf(folder / "again.xml", at=motion)
+    robot = nc.from_mjcf(done.path)
+    qpos = done.joint_values(motion)
+    assert robot.joints == done.joints and len(robot.actuated) == len(run.inputs) and not robot.held
+    at = {j: robot._file.model.joint(j).qposadr[0] for j in robot.joints}
+    driven = [j for c in robot.actuated for j, own in robot.coordinates.items() if own == c]
+    got = check(done.path, robot, qpos[:, [at[j] for j in driven]])
+    assert np.abs(got - qpos)[:, [at[j] for j in robot.coordinates]].max() < 1e-10
+
+
+@pytest.fixture(scope="module")
+def gripper(folder) -> Robot:
+    return read(folder, GRIPPER, "gripper.xml")
+
+
+def test_a_gripper(gripper, folder):
+    assert gripper.actuated == ("driver_joint",) and gripper.held == ("spring_joint", "link2")
+    qpos = check(folder / "gripper.xml", gripper, values_of(gripper, 0.1))
+    assert np.ptp(qpos[:, list(gripper.joints).index("tip2 joint")]) > 0.05
+    said = "\n".join(gripper.left_out)
+    for part in ("contacts of geoms: geom 0, pad", "meshes that are not there".replace("meshes", "meshes and pictures"),
+                 "limits of joints: driver joint", "tendons: both"):  # fmt: skip
+        assert part in said, said
+    assert "masses, which come from meshes that are not there, of bodies: palm" in said
+
+
+def test_a_leg_on_a_rod(folder):
+    robot = read(folder, LEG, "leg.xml")
+    assert robot.actuated == ("roll", "pitch", "knee", "toe") and not robot.held
+    assert "floating body 'hip'" in "\n".join(robot.notes)
+    # The sites of the rod and the lever are apart at home: the loop is closed from the start pose that is nearest.
+    robot = read(folder, LEG, "leg.xml", home={"knee": 0.3})
+    check(folder / "leg.xml", robot, values_of(robot, 0.15))
+
+
+# The ankle of a humanoid: two motors turn cranks, whose rods on balls pitch and roll the foot through a cross.
+ANKLE = """
+<mujoco model="ankle"><worldbody><body name="shank"><geom size=".01"/>
+  <body name="cross"><joint name="pitch" axis="0 1 0"/><inertial pos="0 0 0" mass=".01" diaginertia="1e-5 1e-5 1e-5"/>
+    <body name="foot"><joint name="roll" axis="1 0 0"/><geom type="box" size=".1 .05 .01"/>
+      <site name="heel left" pos="-.05 .04 0"/><site name="heel right" pos="-.05 -.04 0"/></body></body>
+  <body name="crank left" pos="0 .04 .25"><joint name="left" axis="0 1 0"/><geom size=".005"/>
+    <body name="rod left" pos="-.05 0 0"><joint name="ball left" type="ball"/><geom size=".004"/>
+      <site name="end left" pos="0 0 -.25"/></body></body>
+  <body name="crank right" pos="0 -.04 .25"><joint name="right" axis="0 1 0"/><geom size=".005"/>
+    <body name="rod right" pos="-.05 0 0"><joint name="ball right" type="ball"/><geom size=".004"/>
+      <site name="end right" pos="0 0 -.25"/></body></body></body></worldbody>
+<equality><connect site1="end left" site2="heel left"/><connect site1="end right" site2="heel right"/></equality>
+<actuator><position joint="left"/><position joint="right"/></actuator></mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def ankle(folder) -> Robot:
+    return read(folder, ANKLE, "ankle.xml")
+
+
+def test_an_ankle_of_two_motors(ankle, folder):
+    assert ankle.actuated == ("left", "right") and not ankle.held
+    check(folder / "ankle.xml", ankle, values_of(ankle, 0.3))
+
+
+@pytest.mark.parametrize("shape", [(1,), (2, 1), (0,)])
+@pytest.mark.parametrize("text", ["ankle", "leg"])
+def test_all_that_is_told_has_the_leading_shape_of_the_motors(text, shape, ankle, folder):
+    """Of hinges, balls and rods without spin; of slides, and of a floating body that is held."""
+    robot = ankle if text == "ankle" else read(folder, LEG, "leg.xml")
+
+    def told(values):
+        pose = robot.pose(values)
+        return robot.positions(values), robot.joint_values(pose), robot.frames(pose), pose.status
+
+    one = np.full(len(robot.actuated), 0.1)
+    ways = [(told, shape)]
+    if (text, shape) == ("ankle", (1,)):
+        ways += [(jax.jit(told), shape), (jax.jit(jax.vmap(told)), (2, *shape))]
+    for way, lead in ways:
+        found = way(np.broadcast_to(one, (*lead, len(one))))
+        for mine, wanted in zip(*map(jax.tree.leaves, (found, told(one))), strict=True):
+            np.testing.assert_allclose(mine, np.broadcast_to(wanted, (*lead, *np.shape(wanted))), atol=1e-12)
+
+
+@pytest.mark.slow
+def test_many_lanes_of_an_ankle_are_those_of_few(ankle):
+    """Hundreds are followed side by side, thousands begin from a table; each is what it is alone."""
+    values = np.random.default_rng(2).uniform(-0.3, 0.3, (2500, 2))
+    found = {count: ankle.pose(values[:count], repair=False) for count in (300, 2500)}
+    for motion in found.values():
+        assert not np.asarray(motion.status).any()
+    np.testing.assert_allclose(found[300].q, found[2500].q[:300], atol=1e-11)
+    for k in range(3):
+        np.testing.assert_allclose(ankle.pose(values[k]).q, found[300].q[k], atol=1e-11)
+
+
+@pytest.mark.slow
+def test_lanes_beyond_reach_end_where_a_single_one_does(ankle):
+    """Far motors, tried from a table first: what the cranks cannot reach is said as the host says it of each."""
+    values = np.random.default_rng(3).uniform(-1.6, 1.6, (1500, 2))
+    motion = ankle.pose(values, repair=False)
+    status = np.asarray(motion.status)
+    assert set(status.tolist()) == {int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE)}
+    assert np.sum(status != 0) > 100
+    for k in [*np.flatnonzero(status)[:12], *np.flatnonzero(status == 0)[:12]]:
+        alone = ankle.pose(values[k], throw=False)
+        assert int(alone.status) == status[k]
+        # A branch ends at a fold, where poses change as the root of what is left of the way.
+        np.testing.assert_allclose(alone.q, motion.q[k], atol=1e-11 if status[k] == 0 else 3e-3)
+
+
+def test_designs(gripper, folder):
+    """Other lengths: differentiated, and written back into the file, in which MuJoCo then meets them."""
+    values, tip = np.array([0.05 + np.radians(10)]), list(gripper.joints).index("tip joint")
+    longer = gripper.system["coupler_joint_at"] + np.array([0.0, 0.002, 0.003])
+    system = gripper.system.replace({"coupler_joint_at": longer, "close_at": gripper.system["close_at"] + 0.001})
+    path = gripper.save(folder / "longer.xml", system)
+    ours = check(path, gripper, np.repeat(values[None], 3, axis=0), system)
+    again = nc.from_mjcf(path)
+    assert np.abs(np.asarray(again.positions(values)) - ours[0]).max() < WRITTEN
+    assert abs(ours[0, tip] - np.asarray(gripper.positions(values))[tip]) > 1e-3
+    assert "shell.stl" in path.read_text() and gripper.save(folder / "same.xml").exists()
+
+    points = ("coupler_joint_at", "tip_joint_at", "spring_joint_at", "close_at")  # also such as turn what is held
+
+    def moved(y):
+        return gripper.system.replace({n: gripper.system[n].at[1].add(y[k]) for k, n in enumerate(points)})
+
+    def all_joints(y):
+        return gripper.positions(values, moved(y))
+
+    @jax.jit
+    def both(y):
+        """Derivatives of all joints forward, and of the tip's in reverse, of one linearisation."""
+        found, change = jax.linearize(all_joints, y)
+        back = jax.linear_transpose(change, y)
+        return jax.vmap(change, out_axes=1)(jnp.eye(4)), back(jnp.zeros_like(found).at[tip].set(1.0))[0]
+
+    (slopes, slope), h = map(np.asarray, both(jnp.zeros(4))), 1e-5
+    for k in range(4):
+        y = h * np.eye(4)[k]
+        differences = (np.asarray(all_joints(y)) - np.asarray(all_joints(-y))) / (2 * h)
+        assert np.abs(slopes[:, k] - differences).max() < 1e-5 * max(np.abs(slopes).max(), 1.0), points[k]
+    assert all(np.abs(slopes[list(gripper.joints).index(j)]).max() < 1e-12 for j in ("driver joint", "spring.joint"))
+    assert np.abs(slope - slopes[tip]).max() < 1e-9
+
+
+def test_a_design_drawn_elsewhere(folder):
+    """Drawn in another pose than the file's, where its anchors are computed."""
+    robot = read(folder, GRIPPER, "turned.xml", home={"driver joint": np.radians(10) + 0.1})
+    assert robot._description.joints["driver joint"].reference == pytest.approx(np.radians(10) + 0.1, abs=1e-12)
+    check(folder / "turned.xml", robot, values_of(robot, 0.1))
+    system = robot.system.replace({"close_at": robot.system["close_at"] + np.array([0.0, 0.001, 0.002])})
+    check(robot.save(folder / "turned2.xml", system), robot, values_of(robot, 0.05)[:3], system)
+
+
+def test_mapped_and_compiled(gripper):
+    values = values_of(gripper, 0.1)[:3]
+    expected = np.asarray(gripper.positions(values))
+    assert np.allclose(jax.jit(jax.vmap(gripper.positions))(values), expected, atol=1e-12)
+
+
+TWO = """<mujoco>{more}<worldbody><body name="a"><joint name="j"/><geom size="0.1"/>
+<body name="b" pos="1 0 0"><joint name="k"/><geom size="0.1"/></body></body></worldbody>{after}</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("<mujoco><worldbody><body><wheel/></body></worldbody></mujoco>", ["does not read it", "wheel"]),
+        ("<mujoco><worldbody>", ["does not read it"]),
+        ('<mujoco><include file="gone.xml"/></mujoco>', ["does not read it", "gone.xml"]),
+        ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", ["no joints that could move"]),
+        (
+            '<mujoco><asset><mesh name="m" file="m.stl"/></asset><worldbody><body><freejoint/>'
+            '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
+            ["no joints that could move"],
+        ),
+        (
+            TWO.format(more="", after='<equality><connect name="c" body1="a" body2="z" anchor="0 0 0"/></equality>'),
+            ["does not compile it", "z"],
+        ),
+        (
+            TWO.format(
+                more="", after='<equality><weld name="w" body1="a" body2="b" relpose="0 1 0 1 0 0 0"/></equality>'
+            ),
+            ["equality 'w'", "other than they are at home", "without=['w']"],
+        ),
+        (
+            TWO.format(more="", after='<equality><weld name="w" body1="b"/></equality>'),
+            ["weld 'w'", "holds 'b' to the ground"],
+        ),
+    ],
+)
+def test_bad_files(text, words, folder):
+    with pytest.raises(nc.ModelFileError) as error:
+        read(folder, text, "bad.xml")
+    assert all(word in str(error.value) for word in ["bad.xml", *words]), str(error.value)
+
+
+def test_wrong_questions(gripper, folder):
+    with pytest.raises(nc.ModelFileError, match="there is no such file"):
+        nc.from_mjcf(folder / "nowhere.xml")
+    with pytest.raises(nc.ModelFileError, match=r"equality.*close, close2, same"):
+        nc.from_mjcf(folder / "gripper.xml", without=["open"])
+    with pytest.raises(nc.ModelFileError, match=r"hold=\['arm'\]: there is no such body"):
+        nc.from_mjcf(folder / "gripper.xml", hold=["arm"])
+    with pytest.raises(nc.InputError, match="no such keyframe"):
+        nc.from_mjcf(folder / "gripper.xml", home="zero")
+    with pytest.raises(nc.InputError, match=r"driven by 1 joints \(driver_joint\)"):
+        gripper.positions(np.zeros(2))
+    with pytest.raises(nc.InputError, match="not a design of this robot"):
+        gripper.save(folder / "x.xml", nc.library.four_bar().compile())
+    with pytest.raises(nc.InputError, match="change those in the file"):
+        gripper.save(folder / "x.xml", gripper.system.replace({"spring.joint spring.stiffness": 1.0}))
+    assert not (folder / "x.xml").exists()
+    open_one = nc.from_mjcf(folder / "gripper.xml", without=["same"])
+    assert len(open_one.actuated) == 2 and "equality 'same': as asked" in open_one.left_out

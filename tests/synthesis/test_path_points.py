@@ -1,0 +1,166 @@
+"""All four-bars through precision points of a path, against published numbers and by ways of their own."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc import synthesis as syn
+from jaxnc.synthesis.exact.precision_points import Task, follow_paths, inverses, polish, stored_starts
+
+MET = 1e-9  # of the size: places after moving there; bars may be a thousand times the size of the points
+ROUNDING = 1e-7  # of sums over hundreds of solutions, the largest of them a hundred times the others
+
+# Problem 7 of Morgan and Wampler (1990): five points on a line, pivots at (0, 0) and (1, 0).
+LINE = [(0.50, 1.06), (-0.83, -0.27), (-0.34, 0.22), (-0.13, 0.43), (0.22, 0.78)]
+# Problem 3 of Wampler, Morgan and Sommese (1992).
+NINE = [(0.25, 0), (0.52, 0.1), (0.8, 0.7), (1.2, 1), (1.4, 1.3), (1.1, 1.48), (0.7, 1.4), (0.2, 1), (0.02, 0.4)]
+
+TRUE = syn.FourBar((0, 0), (0.5, 0.8), (3.1, 2.3), (3.6, -0.2), (1.9, 3.0))
+
+
+def on_curve(count):
+    """Points that a crank-rocker passes, by its loop in complex numbers."""
+    a, b, c, d, p = TRUE.z
+    crank = b - a
+    moving = a + crank * np.exp(1j * np.linspace(0.0, 5.5, count))
+    far = d - moving
+    cosine = (abs(far) ** 2 + abs(c - b) ** 2 - abs(d - c) ** 2) / (2 * abs(far) * abs(c - b))
+    side = np.sign(((c - b) * np.conj(d - b)).imag)
+    joint = moving + abs(c - b) * far / abs(far) * np.exp(1j * side * np.arccos(cosine))
+    traced = moving + (p - b) / (c - b) * (joint - moving)
+    return np.column_stack([traced.real, traced.imag])
+
+
+def met(found, points):
+    """The designs without defects are moved to the points; of all, both bars keep their lengths there."""
+    size = np.ptp(np.asarray(points), axis=0).max()
+    assert found.residual < MET
+    for design in found:
+        if not design.defects:
+            motion = design.linkage.move({"phi": design.inputs})
+            np.testing.assert_allclose(np.asarray(motion["P"]), points, atol=MET * size)
+        else:
+            assert set(design.defects) <= {"branch", "circuit", "order"}
+
+
+def test_five_points_of_morgan_and_wampler():
+    """PHCpack's guide counts 33 finite solutions of this problem, where 36 are usual, and 15 real ones."""
+    found = syn.path_four_bars(LINE, A=(0, 0), D=(1, 0))
+    assert (found.expected, found.found, len(found)) == (36, 33, 15)
+    assert not found.complete and found.missing < 0.5 and found.routes > 1
+    assert "33 of 36 solutions" in str(found)
+    met(found, LINE)
+
+
+def test_nine_points_of_wampler_morgan_and_sommese():
+    """1442 solutions, of which 64 are real: proved for these points by alphaCertified (Hauenstein and Sottile 2012)."""
+    found = syn.path_four_bars(NINE)
+    assert (found.expected, found.found, found.complete) == (1442, 1442, True)
+    assert (len(found), len(set(found.curves))) == (3 * 64, 64)
+    met(found, NINE)
+    assert sum(not design.defects for design in found) == 2
+    for curve in (0, 17, 40):
+        one, *others = (design.linkage for design, k in zip(found, found.curves, strict=True) if k == curve)
+        assert len(others) == 2 and all(syn.same_curve(one, other, tolerance=1e-6) for other in others)
+
+
+@pytest.mark.parametrize(
+    ("count", "base", "expected"),
+    [
+        (5, {"A": TRUE.A, "D": TRUE.D}, 36),
+        (6, {"A": (None, TRUE.A[1]), "D": TRUE.D}, 258),
+        (7, {"D": TRUE.D}, 486),
+    ],
+)
+def test_points_of_a_known_linkage(count, base, expected):
+    points = on_curve(count)
+    found = syn.path_four_bars(points, **base)
+    assert found.complete and found.found == expected
+    met(found, points)
+    good = [design.linkage for design in found if not design.defects]
+    assert any(np.abs(np.subtract([f.A, f.B, f.C, f.D], [TRUE.A, TRUE.B, TRUE.C, TRUE.D])).max() < 1e-7 for f in good)
+    for design in found:
+        for name, given in base.items():
+            place = {getattr(design.linkage, name) for name in "AD"}
+            assert any(all(w is None or abs(v - w) < 1e-7 for v, w in zip(at, given, strict=True)) for at in place), (
+                name,
+                place,
+            )
+
+
+def test_six_points_with_both_pivots_on_one_level():
+    """Of 258 paths 88 end where A is D and B is C; the 170 are all that monodromy among such bases reaches."""
+    points = np.cumsum(np.random.default_rng(3).normal(size=(6, 2)), axis=0)
+    found = syn.path_four_bars(points, A=(0.0, 0.2), D=(None, 0.2))
+    assert (found.expected, found.found, found.routes) == (170, 170, 1)
+    met(found, points)
+
+
+def test_matrices_that_are_singular_to_the_last_bit_stop_no_other_lane():
+    lanes = np.stack([2.0 * np.eye(8), np.zeros((8, 8)), np.ones((8, 8))]).astype(complex)
+    np.testing.assert_array_equal(inverses(lanes)[0], 0.5 * np.eye(8))
+    assert np.isnan(inverses(lanes)[1]).all()
+
+
+def test_no_other_real_linkage_is_found_by_newton():
+    """Five points: 4000 real random starts of Newton end in the linkages that are known, and in each."""
+    rng = np.random.default_rng(8)
+    points = rng.normal(size=(5, 2))
+    found = syn.path_four_bars(points, A=(0, 0), D=(2, 0))
+    known = np.array([(*d.linkage.B, *d.linkage.C) for d in found])
+    swapped = known[:, [2, 3, 0, 1]]
+    z = points @ [1, 1j]
+    size = np.abs(z - z.mean()).max() / 1.5
+    rows = np.array([[1, 0, 1, 0], [-1j, 0, 1j, 0], [0, 1, 0, 1], [0, -1j, 0, 1j]])
+    right = 2 * np.array([-z[0].real, -z[0].imag, 2 - z[0].real, -z[0].imag]) / size
+    d = (z[1:] - z[0]) / size
+    task = Task(d, d.conj(), rows, right + 0j)
+    x = rng.normal(size=(2, 4000)) + 1j * rng.normal(size=(2, 4000))
+    a = np.array([[0.0 - z[0]], [2.0 - z[0]]]) / size + np.zeros((2, 4000))
+    ends, last = polish(np.concatenate([x, x.conj(), a, a.conj()]), task, steps=40)
+    real = np.abs(ends[2:4].conj() - ends[:2]).max(axis=0) < 1e-8  # steps that go astray end in complex ones too
+    near = real & (last < 1e-10) & (np.abs(ends).max(axis=0) < 30) & (np.abs(ends[:2]).min(axis=0) > 1e-6)
+    pins = z[0] - size * ends[:2, near]
+    reached = np.array([pins[0].real, pins[0].imag, pins[1].real, pins[1].imag]).T
+    gap = np.minimum(*(np.abs(reached[:, None] - one[None]).max(axis=2) for one in (known, swapped)))
+    assert len(reached) > 100
+    assert (gap.min(axis=1) < 1e-6).all()
+    assert len(set(gap.argmin(axis=1))) == len(known)
+
+
+def test_trace_of_six_points():
+    """The stored set of six points is whole: its pivots' sum moves straight on with the line that holds the pivot.
+
+    Without one of the solutions it does not.
+    """
+    z, task = stored_starts("6-21")
+    sums = [z[5]]
+    for sign in (-1.0, 1.0):
+        right = task.right.copy()
+        right[-1] += sign * (0.01 - 0.02j)
+        moved = dataclasses.replace(task, right=right)
+        out = follow_paths(z, task, moved)
+        assert out.arrived.all()
+        sums.append(polish(out.z, moved)[0][5])
+    bend, way = sums[1] + sums[2] - 2 * sums[0], sums[2] - sums[1]
+    assert abs(bend.sum()) < ROUNDING * abs(way.sum())
+    assert abs(bend).min() > ROUNDING * abs(way.sum())
+
+
+@pytest.mark.parametrize(
+    ("points", "base", "says"),
+    [
+        (NINE[:8], {}, "8 points and 0 coordinates.*nine"),
+        (NINE, {"A": (0, None)}, "9 points and 1 coordinates"),
+        ([*NINE[:8], NINE[2]], {}, r"points\[2\] and points\[8\] are the same"),
+        ([*NINE[:8], (np.nan, 0)], {}, r"points\[8\] is not finite"),
+        (NINE[:5], {"A": (1, 0), "D": (1, 0)}, "a four-bar has two fixed pivots"),
+        (NINE[:7], {"A": 3.0}, "A must be two numbers"),
+        ([(1, 2, 3)] * 9, {}, r"shape \(n, 2\), got \(9, 3\)"),
+    ],
+)
+def test_messages(points, base, says):
+    with pytest.raises(nc.InputError, match=says):
+        syn.path_four_bars(points, **base)
