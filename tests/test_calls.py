@@ -236,6 +236,9 @@ def own() -> dict[str, dict[str, Any] | None]:
         "synthesis.solve": quick,
         "synthesis.stock": {"what": ("A", "B"), "sizes": (0.1, 0.2)},
         "synthesis.symmetric": {"first": "A", "second": "B"},
+        "synthesis.atlas": {"count": 1, "bars": (4,), "folder": "atlas", "progress": False},
+        "synthesis.dyadic_chains": {"bars": 6},
+        "synthesis.trace": None,  # seconds for each call; tests/synthesis/test_trace.py has what is wrong there
         "synthesis.within": {"x": (0, 1)},
         "viz.band": {"tolerance": nc.tolerance(known["system"], {"phi": PHI}, "C.x", {"B": 1e-4}, samples=3)},
         "viz.plot_energy": {"motion": known["simulated"]},

@@ -40,6 +40,7 @@ _LARGE = 20.0  # sizes of the target: no link is longer
 _LEAST = float(np.radians(8.0))  # of the transmission angle
 _POSES = 720  # at which a design is judged
 _TURNS = (4, 6, 8, 8, 6, 8)  # the order in which linkages with so many bars are looked at
+_LONGEST = 86_400  # seconds
 _ALONG = 2000  # points by arc length, of a distance between curves
 _ROUGHLY = 300  # points of a curve where designs are only put in order
 _ALIKE = 2e-3  # of the target's size: curves no farther apart are the same one
@@ -358,7 +359,7 @@ def trace(
         progress: show a bar with the best distance; if not given, where stderr is a terminal, and in a notebook.
 
     Returns:
-        The linkages, best first.
+        The linkages, best first. Ctrl-C returns the best ones so far.
 
     Raises:
         InputError: points that are no curve, conditions that need names, no time.
@@ -366,6 +367,8 @@ def trace(
     refuse_fork()
     target, terms = Curve.of(points, closed, timing), _Terms.of(subject_to)
     wanted, limit = check_bars("trace", bars), as_time_limit("trace", seconds)
+    if limit > _LONGEST:
+        raise InputError(f"trace: seconds={seconds!r}; a search that goes on for good needs an end: at most {_LONGEST}")
     rng = np.random.default_rng(as_seed("trace", key))
     if isinstance(keep, bool) or not isinstance(keep, int | np.integer) or keep < 1:
         raise InputError(f"trace: keep={keep!r}: expected a number of designs, at least 1")
@@ -384,7 +387,12 @@ def trace(
 def _allowed(only: Any, sliders: bool, bars: Sequence[int]) -> Callable[[Chain], bool] | None:
     if only is not None:
         names = {chain.name for b in bars for chain in dyadic_chains(b)}
-        if isinstance(only, str) or not all(isinstance(n, str) for n in only) or not only:
+        if (
+            isinstance(only, str)
+            or not isinstance(only, Sequence)
+            or not only
+            or not all(isinstance(n, str) for n in only)
+        ):
             raise InputError(f"trace: only={only!r}: expected names of linkages, such as ['Watt II']")
         for name in only:
             if name not in names:
@@ -514,17 +522,20 @@ def _run(searches: list[_Search], end: float, progress: bool | None) -> str:
     """Let searches go on in turns until time is over or a design is exact."""
     begun = time.perf_counter()
     with bar(None, "trace", "round", progress) as shown:
-        while True:
-            # Linkages of four bars are looked through soon; those of eight are many.
-            for search in (s for turn in _TURNS for s in searches if s.bars == turn):
-                search.round()
-                shown.update()
-                best = min(s.best for s in searches)
-                shown.set_postfix_str(f"best {best:.2g} of the curve's size", refresh=False)
-                if search.exact is not None:
-                    return f"stopped at linkages of {search.bars} bars that meet all points"
-                if time.perf_counter() >= end:
-                    return f"stopped after {time.perf_counter() - begun:.3g} s"
+        try:
+            while True:
+                # Linkages of four bars are looked through soon; those of eight are many.
+                for search in (s for turn in _TURNS for s in searches if s.bars == turn):
+                    search.round()
+                    shown.update()
+                    best = min(s.best for s in searches)
+                    shown.set_postfix_str(f"best {best:.2g} of the curve's size", refresh=False)
+                    if search.exact is not None:
+                        return f"stopped at linkages of {search.bars} bars that meet all points"
+                    if time.perf_counter() >= end:
+                        return f"stopped after {time.perf_counter() - begun:.3g} s"
+        except KeyboardInterrupt:
+            return f"interrupted after {time.perf_counter() - begun:.3g} s"
 
 
 def _judge(target: Curve, terms: _Terms, searches: list[_Search], keep: int) -> tuple[TracedDesign, ...]:
