@@ -27,6 +27,7 @@ _GROW, _SHRINK = 4.0, 0.3  # of the damping
 _FIRST, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-14, 1e8
 _CLOSING = 3.0  # weight of a dyad that does not close, against a distance of the target's size
 COUNT = 64  # corners of a target, and poses of the crank at which a design is looked at
+_NEAR = 1e-3  # sizes of the target: distances below count by their squares all the same
 _BEGINS = 64  # places of the crank that are tried as the begin of given timings
 _TOGETHER = 16  # designs that are calculated side by side: their numbers stay in the processor's cache
 _LONG = 0.1  # and of a link that is longer than allowed, for each size of the target
@@ -39,6 +40,7 @@ class Target(NamedTuple):
     weight: Array  # of each, together 1, (COUNT,)
     closed: Array  # whether the last corner is joined to the first: 1 or 0
     both: Array  # how much the way from the curve to the target counts
+    mean: Array  # whether distances count rather than their squares: 1 or 0
     sine: Array  # what the square of the sine of a transmission angle shall be at least
     longest: Array  # what a link shall measure at most
     timing: Array  # of the crank at the points, counted from its begin, (COUNT,)
@@ -233,6 +235,12 @@ def _look(
     held = jnp.stack([closed & ~timed, closed | timed])  # begin and range of the crank
     jacobian = jacobian.at[-2:].set(jnp.where(held[:, None], 0.0, jacobian[-2:]))
     error = jnp.sum(miss[: 2 * COUNT] ** 2)
+    # Squares over distances are distances: least squares with weights that follow.
+    far = jnp.abs(miss) / jnp.where(weights > 0, weights, 1.0)
+    less = jnp.where(
+        (target.mean > 0) & (jnp.arange(len(every)) < 2 * COUNT), 1.0 / jnp.sqrt(jnp.maximum(far, _NEAR)), 1.0
+    )
+    jacobian, miss = jacobian * less, miss * less
     more, extra_matrix, extra_slope = _beyond(chain, row, target)
     cost = jnp.sum(miss**2) + more
     return cost, jacobian @ jacobian.T + extra_matrix, jacobian @ miss + extra_slope, error

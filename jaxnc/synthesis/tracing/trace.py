@@ -101,7 +101,7 @@ class Curve(NamedTuple):
         when = None if when is None else when[thin] - when[0]
         return cls(given, bool(closed), centre, size, (even - centre) / size, own, when)
 
-    def target(self, both: bool, sine: float, ground: np.ndarray, longest: float) -> Target:
+    def target(self, both: bool, sine: float, ground: np.ndarray, longest: float, mean: bool = False) -> Target:
         """The curve as `fit.refine` takes it: both ways evenly, or only the points as they were given."""
         points, weight = self.even, np.full(COUNT, 1.0 / COUNT)
         if not both:
@@ -111,7 +111,16 @@ class Curve(NamedTuple):
         when = np.zeros(COUNT)
         if self.timing is not None:
             when[: len(self.own)] = self.timing
-        numbers = (float(self.closed), float(both), sine, longest, when, float(self.timing is not None), ground)
+        numbers = (
+            float(self.closed),
+            float(both),
+            float(mean),
+            sine,
+            longest,
+            when,
+            float(self.timing is not None),
+            ground,
+        )
         return Target(jnp.asarray(points), jnp.asarray(weight), *map(jnp.asarray, numbers))
 
 
@@ -421,6 +430,7 @@ class _Search:
         ground = (terms.ground - target.centre) / target.size
         self.goal = target.target(target.timing is None, sine, ground, _LARGE)
         self.points = target.target(False, sine, ground, _LARGE)
+        self.means = target.target(True, sine, ground, _LARGE, True)
         self.taken = self.refined = self.rounds = 0
         self.pool: Lanes | None = None
         self.cost = np.zeros(0)
@@ -469,6 +479,16 @@ class _Search:
             row[:, -2:] += size * self.rng.normal(size=(_WIDTH, 2))
         self.refined += _WIDTH
         return lanes._replace(row=row)
+
+    def finish(self) -> list[Lanes]:
+        """The best designs: those that meet all points, those of least squares, and the same of least distances."""
+        out = [self.exact] if self.exact is not None else []
+        if self.pool is not None:
+            best = _some(self.pool, slice(_WIDTH))
+            out.append(best)
+            if self.target.timing is None and self.exact is None:
+                out.append(self._refine(best, _STEPS[1], self.means)[0])
+        return out
 
     def _polish(self) -> None:
         assert self.pool is not None
@@ -543,10 +563,8 @@ def _judge(target: Curve, terms: _Terms, searches: list[_Search], keep: int) -> 
     out: list[TracedDesign] = []
     for search in searches:
         own = []
-        if search.exact is not None:
-            own += _look_closely(target, terms, search.exact, search.bars, True)
-        if search.pool is not None:
-            own += _look_closely(target, terms, _some(search.pool, slice(_WIDTH)), search.bars, False)
+        for k, lanes in enumerate(search.finish()):
+            own += _look_closely(target, terms, lanes, search.bars, k == 0 and search.exact is not None)
         kept: list[TracedDesign] = []
         for design in sorted(own, key=lambda design: design.rank):
             if len(kept) < keep and all(_differ(design, other, target) for other in kept):
