@@ -35,7 +35,7 @@ class TwoRules(NamedTuple):
     least: int  # numbers that the first array of the value has where there are many, all that it is mapped over too
 
 
-def attach(rule: Rule | TwoRules, static: Hashable, value: Any, *args: Any) -> Any:
+def attach(rule: Rule | TwoRules, static: Hashable, value: object, *args: Any) -> Any:
     """Give a value, which was found elsewhere, its derivatives by a rule; the value itself passes through unchanged.
 
     Args:

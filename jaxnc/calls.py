@@ -119,7 +119,7 @@ def public(thing: _P) -> _P:
     return opened
 
 
-def _raise_unknown(self: Any, name: str) -> Any:
+def _raise_unknown(self: object, name: str) -> Any:
     """Raise an error for a name that an object has not, with the nearest that it has; Python asks for it last."""
     if name.startswith("_") or hasattr(type(self), name):  # protocols look about; a property has failed by itself
         return object.__getattribute__(self, name)
@@ -129,7 +129,7 @@ def _raise_unknown(self: Any, name: str) -> Any:
     raise UnknownName(f"{type(self).__name__} has nothing called {name!r}; {hint}")
 
 
-def _check_calls(f: Any, called: str, bound: int = 0) -> Any:
+def _check_calls(f: Callable, called: str, bound: int = 0) -> Any:
     """Wrap a function so that wrong calls are told; the first `bound` arguments are not given by the user."""
 
     @functools.wraps(f)
@@ -154,7 +154,7 @@ def _check_calls(f: Any, called: str, bound: int = 0) -> Any:
     return call
 
 
-def _wrong_call(f: Any, called: str, bound: int, args: tuple, options: dict) -> str | None:
+def _wrong_call(f: Callable, called: str, bound: int, args: tuple, options: dict) -> str | None:
     """Say what is wrong with the arguments of a call; None if they are such as the signature says."""
     signature = inspect.signature(f)
     parameters = list(signature.parameters.values())[bound:]
@@ -179,7 +179,7 @@ def _wrong_call(f: Any, called: str, bound: int, args: tuple, options: dict) -> 
     return None
 
 
-def _unbound(signature, parameters, bound: int, args: tuple, options: dict, f: Any) -> str:
+def _unbound(signature, parameters, bound: int, args: tuple, options: dict, f: Callable) -> str:
     """Why arguments do not bind."""
     names = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
     for name in options:
@@ -224,7 +224,7 @@ def _in_words(parameters: Iterable[inspect.Parameter]) -> str:
     return f"It {' and '.join(filter(None, (needs, may))) or 'takes nothing'}"
 
 
-def _argument_notes(f: Any) -> dict[str, str]:
+def _argument_notes(f: Callable) -> dict[str, str]:
     """Read the first sentence about each argument in a docstring."""
     text = inspect.getdoc(f) or ""
     section = re.search(r"^Args:\n(.*?)(?=^\S|\Z)", text, re.M | re.S)
@@ -234,7 +234,7 @@ def _argument_notes(f: Any) -> dict[str, str]:
     return out
 
 
-def _hints(f: Any) -> dict[str, Any]:
+def _hints(f: Callable) -> dict[str, Any]:
     """The kinds of a function's arguments; what is known to type checkers only is left out."""
     f = inspect.unwrap(f)
     out = {}

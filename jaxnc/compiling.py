@@ -76,7 +76,7 @@ def shapes_of(f: Callable[..., Any], *args: Any) -> Any:
     return _join_arrays(jax.eval_shape(arrays_of, arrays), kept[-1])
 
 
-def _split_arrays(tree: Any) -> tuple[list, tuple]:
+def _split_arrays(tree: object) -> tuple[list, tuple]:
     """Return the arrays of a pytree, and all else that it is."""
     leaves, structure = jax.tree.flatten(tree)
     which = tuple(isinstance(x, jax.Array | np.ndarray | np.generic) for x in leaves)
@@ -169,7 +169,7 @@ def options() -> dict[str, bool | int | str]:
     return wanted
 
 
-def on_device(tree: Any) -> Any:
+def on_device(tree: object) -> Any:
     """Turn NumPy arrays into JAX arrays, inside of traced code too; ``jnp.asarray`` compiles one program a shape."""
     if outermost():
         return jax.device_put(tree)

@@ -64,7 +64,7 @@ def writable(text: str) -> bool:
     return not any("\ud800" <= letter <= "\udfff" for letter in text)
 
 
-def is_traced(value: Any) -> bool:
+def is_traced(value: object) -> bool:
     """Say whether a number, or one of some, is traced by JAX and so none yet; JAX is not imported for it."""
     each = (value, *value) if isinstance(value, (tuple, list)) else (value,)
     return any(kind.__name__ == "Tracer" for one in each for kind in type(one).__mro__)

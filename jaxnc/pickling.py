@@ -35,7 +35,7 @@ class Remade:
     noun = "kind"
     name: Any
 
-    def __reduce_ex__(self, protocol: Any) -> Any:
+    def __reduce_ex__(self, protocol: int) -> Any:
         """Return what makes the record again."""
         if id(self) in _AGAIN:
             return _AGAIN[id(self)][1:]
@@ -92,7 +92,7 @@ def fields_of(record: Any) -> dict[str, Any]:
     return {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
 
 
-def from_fields(kind: type[_T], fields: Mapping[str, Any]) -> _T:
+def from_fields(kind: type[_T], fields: Mapping[str, object]) -> _T:
     """Make a record from its fields.
 
     Its ``__init__`` is passed over, which takes what a user says and checks it: who calls this puts in what was there,

@@ -4,6 +4,8 @@ import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
+import numpy as np
+
 if TYPE_CHECKING or "jaxtyping" in sys.modules:  # whoever checks shapes has imported it; by itself it would take 20 ms
     from jaxtyping import Array, ArrayLike, Float, Int
 else:
@@ -21,10 +23,13 @@ else:
         """Of integers."""
 
 
+Numbers: TypeAlias = Array | np.ndarray
+"""An array of JAX's, or of NumPy's where the host has found it and nothing is traced."""
+
 Coordinates: TypeAlias = Float[Array, " N"]
 """All coordinates of a mechanism in one pose: points, unit vectors, then angles and distances."""
 
 Inputs: TypeAlias = Mapping[str, ArrayLike]
 """Driven coordinates by name, each a number or an array of values."""
 
-__all__ = ["Any", "Array", "ArrayLike", "Coordinates", "Float", "Inputs", "Int"]
+__all__ = ["Any", "Array", "ArrayLike", "Coordinates", "Float", "Inputs", "Int", "Numbers"]

@@ -90,7 +90,7 @@ def as_scalars(found: Any, what: str, count: int | None = None, drawn: bool = Fa
     return parts
 
 
-def as_array(value: Any, what: str, dtype: Any = float) -> np.ndarray:
+def as_array(value: object, what: str, dtype: Any = float) -> np.ndarray:
     """Return a number, list or array that a user has given as an array; refuse what NumPy would only make numbers of.
 
     Args:

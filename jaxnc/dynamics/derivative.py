@@ -53,7 +53,7 @@ from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, coefficients, slips
 from jaxnc.system.precision import numbers as numbers_as
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 _WHOLE = ("violation", "correction", "steps", "end")
 """Fields of a run that are not of each time."""
@@ -75,11 +75,11 @@ class ReplayedFlow:
     flow: Flow  # the motion, with its matrices prepared
     law: Law  # its numbers, by which it is differentiated
 
-    def impose(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
+    def impose(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
         """Put the state where the drives have it, as `Flow.impose`."""
         return dataclasses.replace(self.flow, drive_args=self.law.drive_args).impose(t, q, v)
 
-    def solve_stage(self, stage: Any, t: Any, q: Array, v: Array, known: StageSolution) -> StageSolution:
+    def solve_stage(self, stage: Any, t: Array, q: Array, v: Array, known: StageSolution) -> StageSolution:
         """Return a solution of `Flow.solve_stage` that was found before, with its derivatives."""
         return _replay(self.flow, self.law, stage, t, q, v, known)
 
@@ -222,7 +222,7 @@ def run_known(spec: SimulationSpec, numbers: RunNumbers, flow: Flow | None = Non
         control = Control(*map(np.asarray, numbers.control))
         run = run_marched(top, form, method, padded, start, control, spec.event, numbers.event)
 
-    def unpad(tree: Any) -> Any:
+    def unpad(tree: object) -> Any:
         return on_device(jax.tree.map(lambda x: np.asarray(x)[:count], tree))
 
     smooth, other = (x | unpad({k: v for k, v in x.items() if k not in _WHOLE}) for x in (run.smooth, run.other))
@@ -246,7 +246,7 @@ def _flow(spec: SimulationSpec, numbers: RunNumbers) -> Flow:
     return dataclasses.replace(spec.flow(spec.system(numbers.parameters)), drive_args=numbers.drive_args)
 
 
-def _is_drawn(state: Any) -> bool:
+def _is_drawn(state: object) -> bool:
     """Tell whether a start is assembled, from the drawing or from values by name."""
     return state is None or isinstance(state, dict)
 
@@ -378,7 +378,7 @@ def _request_change(question: _Question, value: list, args: tuple, changes: tupl
         return jax.jvp(lambda x, at, bars: _pull_back_beginning(question, x, rest, at, bars), *by)[1]
 
 
-def _collect_bars(question: _Question, numbers: RunNumbers, found: Any, bars: tuple, by_known: bool) -> list:
+def _collect_bars(question: _Question, numbers: RunNumbers, found: Numbers, bars: tuple, by_known: bool) -> list:
     """Return the changes of all real numbers: of the design and a start's known coordinates, and what needs neither.
 
     `found` are those of the design and, `by_known`, of known coordinates; `bars` as of `_pull_back_run`.
@@ -477,7 +477,7 @@ def _replayed_steps(flow: Flow, method: str) -> tuple[Callable, Callable]:
     return first, again
 
 
-def _is_real(x: Any) -> bool:
+def _is_real(x: Numbers) -> bool:
     return bool(jnp.issubdtype(jnp.result_type(x), jnp.floating))
 
 

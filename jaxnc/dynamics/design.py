@@ -27,7 +27,7 @@ from jaxnc.system.host import from_jax
 from jaxnc.system.structure import readable
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Float
+from jaxnc.types import Array, Float, Numbers
 
 DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "forces"
 """Numbers of a `Law` that follow from the design."""
@@ -126,7 +126,7 @@ def pull_back_design(
     spec: SimulationSpec,
     origin: Origin,
     parameters: Parameters,
-    eq: Any,
+    eq: Equations,
     at: np.ndarray,
     pose_bar: np.ndarray,
     law_bar: Law,
@@ -165,7 +165,7 @@ def request_pull_back(
     parameters: Parameters,
     eq: Equations,
     at: Array,
-    pose_bar: Any,
+    pose_bar: Array,
     law_bar: Law,
 ) -> Float[Array, " changes"] | None:
     """Ask the host for `pull_back_design` in traced code; None where its arguments are too large for that."""
@@ -197,7 +197,7 @@ def _read_programs(spec: SimulationSpec, origin: Origin, shapes: tuple, structur
     _answer(spec, origin, *jax.tree.unflatten(structure, numbers))
 
 
-def join_parameters(parameters: Parameters, found: Any, own: Any) -> tuple[Parameters, Any]:
+def join_parameters(parameters: Parameters, found: Numbers, own: Any) -> tuple[Parameters, Any]:
     """Put changes of all parameters ``(changes,)``, and of the functions' own, together as parameters.
 
     Returns:

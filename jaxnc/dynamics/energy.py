@@ -34,7 +34,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.system.equations import coefficients, slips
 from jaxnc.system.frames import spread
 from jaxnc.system.system import System
-from jaxnc.types import Array, Float
+from jaxnc.types import Array, ArrayLike, Float, Numbers
 from jaxnc.validate import as_shape
 
 
@@ -76,7 +76,7 @@ def momentum(motion: Motion) -> Float[Array, "... dim"]:
 
 
 @public
-def angular_momentum(motion: Motion, about: Any = None) -> Array:
+def angular_momentum(motion: Motion, about: ArrayLike | None = None) -> Array:
     """Angular momentum about a fixed place, kg m²/s.
 
     Args:
@@ -94,15 +94,15 @@ def angular_momentum(motion: Motion, about: Any = None) -> Array:
 # Functions of all states at once: of NumPy's arrays or of JAX's.
 
 
-def _centre(dyn: Dynamics, q: Any, v: Any) -> Any:
+def _centre(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
     return q @ dyn.moments.T / dyn.total
 
 
-def _kinetic(dyn: Dynamics, q: Any, v: Any) -> Any:
+def _kinetic(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
     return 0.5 * ((v @ dyn.mass) * v).sum(axis=-1)
 
 
-def _potential(dyn: Dynamics, q: Any, v: Any) -> Any:
+def _potential(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
     if not isinstance(q, np.ndarray):
         return jax.vmap(lambda x: potential(dyn, x))(q)
     top, total = dyn.topology, np.zeros(len(q), q.dtype)
@@ -114,11 +114,11 @@ def _potential(dyn: Dynamics, q: Any, v: Any) -> Any:
     return total - q @ dyn.moments.T @ dyn.gravity
 
 
-def _both(dyn: Dynamics, q: Any, v: Any) -> Any:
+def _both(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
     return _kinetic(dyn, q, v) + _potential(dyn, q, v)
 
 
-def _momentum(dyn: Dynamics, q: Any, v: Any) -> Any:
+def _momentum(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
     return v @ dyn.moments.T
 
 
@@ -296,7 +296,9 @@ def _works(motion: Motion, count: int) -> tuple[np.ndarray, np.ndarray]:
     return works, rougher
 
 
-def _between(t: Any, q: Any, v: Any, a: Any, lam: Any, s: float, order: int, points: int) -> tuple[Any, ...]:
+def _between(
+    t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, lam: np.ndarray, s: float, order: int, points: int
+) -> tuple[Any, ...]:
     """Interpolate states at a part `s` of every interval, by the rates of its ends up to an order less one."""
     h = np.diff(t)[:, None]
     ends = [x * h**k for k, x in enumerate((q[:-1], v[:-1], a[:-1])[:order])]

@@ -28,7 +28,7 @@ from jaxnc.system.on_lanes import reading
 from jaxnc.system.structure import Formula
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 
 def is_concrete(*trees: Any) -> bool:
@@ -97,7 +97,7 @@ def _normal_rate(order: int) -> Callable:
     return function(rate(program, range(6), order))
 
 
-def _spans(top: Topology, points: Any, vectors: Any) -> list[tuple[Any, Any]]:
+def _spans(top: Topology, points: Numbers, vectors: Numbers) -> list[tuple[Any, Any]]:
     """Return the two segments that each hidden vector is across."""
     assert top.extended is not None
     frames = {f"{b.name} across": b.segments for b in top.bodies}
@@ -108,7 +108,7 @@ def _spans(top: Topology, points: Any, vectors: Any) -> list[tuple[Any, Any]]:
     return [(span(first), span(second)) for first, second, *_ in (frames[name] for name in top.extended.loads.hidden)]
 
 
-def across_vectors(top: Topology, points: Any, vectors: Any) -> Any:
+def across_vectors(top: Topology, points: Numbers, vectors: Numbers) -> Any:
     """Return the hidden vectors in the order of the extended topology, ``(hidden, 3)``: NumPy's of NumPy arrays.
 
     NumPy's points and vectors may carry changes along a last axis; then the hidden vectors do too.

@@ -35,7 +35,7 @@ from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 from jaxnc.validate import as_shape
 
 _APART = 1e-3  # of the mechanism's size, and of its largest speed: a state that is farther off is none of it
@@ -66,7 +66,7 @@ class VectorField:
     _structure: Any = static()
 
     @classmethod
-    def of(cls, system: System, stabilise: Any, flow: Flow) -> "VectorField":
+    def of(cls, system: System, stabilise: ArrayLike, flow: Flow) -> "VectorField":
         """Put a field together from a system, how fast states return to the constraints (1/s), and its flow."""
         arrays, structure = jax.tree.flatten((system, stabilise, flow))
         return cls(tuple(arrays), structure)
@@ -85,7 +85,7 @@ class VectorField:
     def _flow(self) -> Flow:
         return jax.tree.unflatten(self._structure, self._arrays)[2]
 
-    def __call__(self, t: Any, y: Phase, args: Any = None) -> Phase:
+    def __call__(self, t: ArrayLike, y: Phase, args: System | None = None) -> Phase:
         """Give the rates of a state.
 
         Args:
@@ -112,7 +112,7 @@ class VectorField:
         self,
         state: Motion | Mapping[str, Any] | None = None,
         rates: Mapping[str, Any] | None = None,
-        t: Any = 0.0,
+        t: ArrayLike = 0.0,
         unit: str | None = None,
     ) -> Phase:
         """Make a state that meets the constraints, as `jaxnc.simulate` begins with.
@@ -150,11 +150,11 @@ class VectorField:
         places, numbers = wanted if isinstance(wanted, tuple) else (None, wanted)
         return _consistent(system, flow, jnp.asarray(t, float), jnp.asarray(q), places, numbers)
 
-    def state(self, t: Any, y: Phase) -> State:
+    def state(self, t: ArrayLike, y: Phase) -> State:
         """Look at a state by name: ``state["C"]``, ``state.velocity("phi")``, for events, outputs and controls."""
         return State(self.system.topology, t, *self._pair(y))
 
-    def response(self, t: Any, y: Phase, efforts: Mapping[str, Any]) -> Phase:
+    def response(self, t: ArrayLike, y: Phase, efforts: Mapping[str, ArrayLike]) -> Phase:
         """Give the rates that efforts add to those of the field: what noise and controls multiply.
 
         Args:
@@ -227,7 +227,7 @@ class VectorField:
         )
         return jnp.asarray(q), jnp.asarray(v)
 
-    def _refuse(self, t: Any, q: Array, v: Array) -> None:
+    def _refuse(self, t: ArrayLike, q: Array, v: Array) -> None:
         """Refuse a state that is known and does not meet the constraints."""
         if not is_concrete(self, t, q, v):
             return
@@ -273,7 +273,7 @@ def _off(field: VectorField, t: Array, q: Array, v: Array) -> tuple[Array, Array
 
 @filter_jit
 def _consistent(
-    system: System, flow: Flow, t: Array, q: Array, places: tuple[int, ...] | None, rates: Any
+    system: System, flow: Flow, t: Array, q: Array, places: tuple[int, ...] | None, rates: Array | None
 ) -> tuple[Array, Array]:
     """A pose and rates on the constraints."""
     top = system.topology

@@ -27,7 +27,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, coefficients, slips, weights
 from jaxnc.system.structure import jax_function, program, quadratic, size
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Coordinates
+from jaxnc.types import Array, ArrayLike, Coordinates
 
 Drive = tuple[str, Callable]
 """A coordinate that follows a function of time."""
@@ -178,7 +178,7 @@ class StageSolution(NamedTuple):
     slip: Array  # the largest of their rates
 
 
-def select_stage(stage: Any, *options: Callable[[], Any]) -> Any:
+def select_stage(stage: ArrayLike, *options: Callable[[], Any]) -> Any:
     """Return the option of a stage, a pytree; of a stage that is known only this option is calculated."""
     if isinstance(stage, int):
         return options[stage]()

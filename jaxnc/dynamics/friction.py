@@ -33,7 +33,7 @@ def has_friction(dyn: Dynamics) -> bool:
     return bool(dyn.topology.loads.friction)
 
 
-def accelerate_with_friction(flow: Flow, t: Any, q: Array, v: Array) -> StageSolution:
+def accelerate_with_friction(flow: Flow, t: Array, q: Array, v: Array) -> StageSolution:
     """Solve for accelerations and multipliers, with friction if there is any."""
     if not has_friction(flow.dyn):
         return flow.solve_stage(ACCELERATION, t, q, v)
@@ -55,11 +55,11 @@ class FrictionFlow:
 
     flow: Flow
 
-    def impose(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
+    def impose(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
         """Put the state where the drives have it, as `Flow.impose`."""
         return self.flow.impose(t, q, v)
 
-    def solve_stage(self, stage: Any, t: Any, q: Array, v: Array) -> StageSolution:
+    def solve_stage(self, stage: Any, t: Array, q: Array, v: Array) -> StageSolution:
         """Solve a stage as `Flow.solve_stage`, for accelerations with friction."""
 
         def accelerate() -> StageSolution:

@@ -16,7 +16,7 @@ from jax import lax
 
 from jaxnc.dynamics.steps import METHODS, MotionState
 from jaxnc.status import Status
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 SAFE, LEAST, MOST = 0.9, 0.2, 10.0
 """Of a step that would just do; how much shorter or longer the next one may be."""
@@ -149,7 +149,7 @@ def _first_step(state: MotionState, control: Control) -> Array:
 
 def _march(
     job: Integration, course: Course, ends: tuple[Array, Array], warm: Array, whole: tuple[Array, Array],
-    note: Note | None = None, memory: Any = (), until: Any = ALL,
+    note: Note | None = None, memory: Any = (), until: ArrayLike = ALL,
 ) -> tuple[Course, Array, Any]:  # fmt: skip
     """Step from one kept time to the next; return the course there, the count of steps, and the memory of them.
 
@@ -218,7 +218,13 @@ def _march(
 
 
 def _march_evenly(
-    job: Integration, course: Course, ends: tuple[Array, Array], warm: Array, note: Note | None, memory: Any, until: Any
+    job: Integration,
+    course: Course,
+    ends: tuple[Array, Array],
+    warm: Array,
+    note: Note | None,
+    memory: Any,
+    until: ArrayLike,
 ) -> tuple[Course, Array, Any]:
     """Step as `_march`, by equal steps."""
     t0, t1 = ends

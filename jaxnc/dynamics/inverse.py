@@ -1,7 +1,6 @@
 """Inverse dynamics: the efforts that a prescribed motion takes, its multipliers, and the reactions of any motion."""
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +19,7 @@ from jaxnc.records import record
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import coefficients, jacobian, refuse_rates, weights
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 _PASSES = 4  # of friction, whose forces change the reactions that they are proportional to
 
@@ -109,7 +108,7 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
 
 
 @filter_jit
-def _inverse(system: System, dyn: Dynamics, view: Plan, t: Any, q: Array, v: Array, a: Array, ok: Array):
+def _inverse(system: System, dyn: Dynamics, view: Plan, t: ArrayLike, q: Array, v: Array, a: Array, ok: Array):
     """Find efforts, multipliers and supports of poses ``(..., N)``; zero of poses that are not `ok`."""
     top, lead = system.topology, q.shape[:-1]
     t, ok = jnp.broadcast_to(t, lead).reshape(-1), ok.reshape(-1, 1)
@@ -150,7 +149,7 @@ def _inverse(system: System, dyn: Dynamics, view: Plan, t: Any, q: Array, v: Arr
 
 
 @public
-def reactions(motion: Any) -> Reactions:
+def reactions(motion: Motion | InverseDynamics | Reactions) -> Reactions:
     """The reactions in the joints of a simulation, or of a motion that its inputs drive.
 
     Args:

@@ -25,7 +25,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import refuse_rates, weights
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, Inputs
 
 
 @public
@@ -133,7 +133,7 @@ class Linearisation:
 def linearise(
     system: System,
     state: Motion | Equilibrium | Mapping[str, Any] | None = None,
-    rates: Mapping[str, Any] | None = None,
+    rates: Inputs | None = None,
     coordinates: Sequence[str] | None = None,
     inputs: Sequence[str] = (),
     unit: str | None = None,

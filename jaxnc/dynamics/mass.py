@@ -25,7 +25,7 @@ from jaxnc.system.on_lanes import reading
 from jaxnc.system.structure import Formula
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Float
+from jaxnc.types import Array, Float, Numbers
 
 
 @public
@@ -106,7 +106,7 @@ def _inertias(top: Topology, par: Parameters) -> list[tuple[np.ndarray, Any, Any
 
 
 def group_inertias(
-    top: Topology, points: Any, drawing: Any, vectors: Any, physical: Any
+    top: Topology, points: Numbers, drawing: Numbers, vectors: Numbers, physical: Numbers
 ) -> list[tuple[np.ndarray, Any, Any, Any]]:
     """Find `inertias` from the numbers of a design: in NumPy, if they are NumPy's, a body in each lane.
 
@@ -176,12 +176,12 @@ def inertia_coordinates(top: Topology, group: tuple[InertiaIndex, ...]) -> np.nd
 
 
 def _gather_numbers(
-    dim: int, group: tuple[InertiaIndex, ...], points: Any, drawing: Any, vectors: Any, physical: Any
+    dim: int, group: tuple[InertiaIndex, ...], points: Numbers, drawing: Numbers, vectors: Numbers, physical: Numbers
 ) -> dict:
     """Gather the numbers of the inertia of each body of a group, ``(bodies, ...)``: NumPy's of NumPy arrays."""
     xp: Any = np if isinstance(points, np.ndarray) else jnp
 
-    def spans(places: Any, which: list[tuple]) -> Any:
+    def spans(places: Numbers, which: list[tuple]) -> Any:
         """Segments of all bodies, ``(bodies, segments, dim)``."""
         columns = []
         for k in range(len(which[0])):

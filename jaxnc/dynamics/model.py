@@ -26,7 +26,7 @@ from jaxnc.system.precision import numbers
 from jaxnc.system.structure import Formula
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Coordinates, Float
+from jaxnc.types import Array, ArrayLike, Coordinates, Float, Numbers
 from jaxnc.validate import as_real, as_scalars, call_user
 
 
@@ -41,7 +41,7 @@ class State:
         v: their rates, ``(N,)``.
     """
 
-    def __init__(self, topology: Topology, t: Any, q: Array, v: Array):
+    def __init__(self, topology: Topology, t: ArrayLike, q: Array, v: Array):
         self.topology, self.t, self.q, self.v = topology, t, q, v
 
     def __getitem__(self, name: str) -> Array:
@@ -137,7 +137,7 @@ def _derive_traced(system: System) -> Dynamics:
     return Dynamics(eq, *_parts(system, eq.home, system.parameters), system=system)
 
 
-def _parts(system: System, home: Any, par: Parameters) -> Any:
+def _parts(system: System, home: Numbers, par: Parameters) -> Any:
     """Return the fields of `Dynamics` between equations and system: NumPy's of NumPy parameters."""
     top, loads = system.topology, system.topology.loads
     mass, moments, total = sum_inertias(top, inertias(system))

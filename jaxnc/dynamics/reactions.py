@@ -43,7 +43,7 @@ from jaxnc.system.frames import spread, turns
 from jaxnc.system.identity import Owner, Thing, addresses, find
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 
 @public
@@ -409,7 +409,7 @@ class Reactions:
             for key, wrench in ledger.wrenches[b].items()
         }
 
-    def _move_to(self, wrench: tuple[Any, Any], place: Any) -> Wrench:
+    def _move_to(self, wrench: tuple[Numbers, Numbers], place: Numbers) -> Wrench:
         """Return a wrench about the origin as one about places ``(P, dim)``, in the shape of the motion."""
         force, moment = wrench[0], wrench[1] - cross(place, wrench[0])
         lead = self.motion.q.shape[:-1]

@@ -232,7 +232,7 @@ def event_function(flow: Flow, event: Callable) -> Event:
     return happens
 
 
-def _follow_event(happens: Callable, parameters: Any, history: History, end: Array) -> tuple[MotionState, Array]:
+def _follow_event(happens: Callable, parameters: object, history: History, end: Array) -> tuple[MotionState, Array]:
     """Return states and end of a motion that an event has ended, with the derivatives of when it did."""
     states, state = history.state, jax.tree.map(lambda x: x[-1], history.state)
     t = lax.stop_gradient(history.t[-1])
@@ -250,7 +250,7 @@ def _follow_event(happens: Callable, parameters: Any, history: History, end: Arr
 
 
 def summarise(
-    top: Topology, flow: Flow, t: Array, start: Start, history: History, event: Callable | None, parameters: Any
+    top: Topology, flow: Flow, t: Array, start: Start, history: History, event: Callable | None, parameters: object
 ) -> tuple[dict[str, Any], Array]:
     """Return the differentiated fields of a `Simulation`, in the coordinates of the system, and its status."""
     states, status = history.state, history.status

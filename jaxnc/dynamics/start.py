@@ -22,7 +22,7 @@ from jaxnc.status import Status
 from jaxnc.system.equations import coefficients, weights
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 Rates = Array | tuple[tuple[int, ...], Any] | None
 """Rates to start with: of all coordinates of a pose, of some coordinates by place, or of none."""
@@ -97,17 +97,17 @@ def assemble_pose(system: System, state: Any, throw: bool = True) -> Array:
     return q if is_concrete(system, q) else attach_drawing(system, q, state)
 
 
-def determines_pose(system: Any, state: Mapping[str, Any]) -> bool:
+def determines_pose(system: Any, state: Mapping[str, Numbers]) -> bool:
     """Tell whether values by name determine the pose of a system, or of its topology and count of freedoms."""
     return len(state) == system.degrees_of_freedom and all(n in system.topology.position for n in state)
 
 
-def attach_drawing(system: System, q: Array, state: Mapping[str, Any] | None) -> Array:
+def attach_drawing(system: System, q: Array, state: Mapping[str, Array] | None) -> Array:
     """Give an assembled start its derivatives: it follows the drawing, but for what `state` says, as it was put."""
     return attach_start(free_plan(system.topology), q, derive(system), still_coordinates(system.topology, state))
 
 
-def still_coordinates(top: Topology, state: Mapping[str, Any] | None) -> tuple[int, ...]:
+def still_coordinates(top: Topology, state: Mapping[str, Array] | None) -> tuple[int, ...]:
     """List coordinates that a start has by a place or value near to them, not by the drawing."""
     names = [c for name in state or () for c in (name, *(f"{name}.{axis}" for axis in "xyz"[: top.dim]))]
     return tuple(top.position[c] for c in names if c in top.position)
@@ -182,7 +182,7 @@ def start_rates(
     return v, largest(v[at] - wanted)
 
 
-def rates_on_host(flow: Flow, q: np.ndarray, rates: tuple[tuple[int, ...], Any]) -> np.ndarray:
+def rates_on_host(flow: Flow, q: np.ndarray, rates: tuple[tuple[int, ...], Numbers]) -> np.ndarray:
     """Find the rates of `start_rates`, given by name, in NumPy; nothing is driven, and no rows are on velocities."""
     eq, view = to_host(flow.dyn.eq), flow.view
     u, weight = view.unknown, eq.weights

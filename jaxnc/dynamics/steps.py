@@ -21,7 +21,7 @@ from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.solvers import dense
 from jaxnc.system.equations import weights
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 _STAGE_ITERATIONS = 7  # of Newton's method in an implicit stage
 
@@ -176,7 +176,13 @@ def _phases(method: str, settled: bool) -> dict[str, np.ndarray]:
 
 
 def step(
-    moving: Moving, method: str, settled: bool, t: Any, h: Any, state: MotionState, known: StageSolution | None = None
+    moving: Moving,
+    method: str,
+    settled: bool,
+    t: ArrayLike,
+    h: Array,
+    state: MotionState,
+    known: StageSolution | None = None,
 ) -> tuple[MotionState, tuple[Any, Any], StageSolution]:
     """Step by a Runge-Kutta method; return the end, estimates of the errors of pose and rates, and all solutions.
 
@@ -212,7 +218,7 @@ def step(
     return MotionState(q, v, *last), stages.errors(memory, miss), solutions
 
 
-def settle(moving: Moving, t: Any, state: MotionState) -> MotionState:
+def settle(moving: Moving, t: Array, state: MotionState) -> MotionState:
     """Bring a state's pose and rates onto the constraints, and solve for its accelerations."""
     stages = np.array([*(POSITION,) * 3, VELOCITY, ACCELERATION], np.int32)
 
@@ -224,7 +230,7 @@ def settle(moving: Moving, t: Any, state: MotionState) -> MotionState:
     return jax.lax.scan(phase, state, stages)[0]
 
 
-def _correct(stage: Any, q: Any, v: Any, change: Any) -> tuple[Any, Any]:
+def _correct(stage: Array, q: object, v: Any, change: object) -> tuple[Any, Any]:
     """Add a stage's change to the pose or to the rates."""
     return tuple(
         jax.tree.map(lambda a, b, k=kind: a + jnp.where(stage == k, b, 0.0), x, change)
@@ -232,7 +238,7 @@ def _correct(stage: Any, q: Any, v: Any, change: Any) -> tuple[Any, Any]:
     )
 
 
-def _implicit_stage(moving: Moving, part: Any, t: Any, state: MotionState) -> Callable:
+def _implicit_stage(moving: Moving, part: Array, t: ArrayLike, state: MotionState) -> Callable:
     """Prepare the implicit stages of a step: Newton's method with the matrix of the step's start.
 
     Returns:
@@ -260,7 +266,7 @@ def _implicit_stage(moving: Moving, part: Any, t: Any, state: MotionState) -> Ca
 class _ChainedStages:
     """The stages of a method that look at the one before only: sums are carried along, and the last slopes."""
 
-    def __init__(self, method: Method, h: Any, start: MotionState):
+    def __init__(self, method: Method, h: Array, start: MotionState):
         self.method, self.h, self.start = method, h, start
 
     def begin(self) -> Any:
@@ -274,11 +280,11 @@ class _ChainedStages:
         ahead = self._ahead(row["time"] * self.h, self.start, slopes)
         return jax.tree.map(lambda x, y: jnp.where(row["last"], x, y), sums, ahead)
 
-    def add(self, memory: Any, row: Any, v: Any, a: Any) -> Any:
+    def add(self, memory: Any, row: Any, v: object, a: object) -> Any:
         """Return the memory with the solution of a stage."""
         return (v, a), self._ahead(row["share"] * self.h, memory[1], (v, a))
 
-    def errors(self, memory: Any, miss: Any) -> tuple[Any, Any]:
+    def errors(self, memory: Any, miss: Array) -> tuple[Any, Any]:
         """Estimate nothing."""
         return jnp.zeros(()), jnp.zeros(())
 
@@ -291,7 +297,7 @@ class _ChainedStages:
 class _StoredStages:
     """The stages of any method: the accelerations of all of them are kept."""
 
-    def __init__(self, method: Method, h: Any, start: MotionState):
+    def __init__(self, method: Method, h: Array, start: MotionState):
         self.method, self.h, self.start = method, h, start
 
     def begin(self) -> Array:

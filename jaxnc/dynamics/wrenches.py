@@ -32,7 +32,7 @@ from jaxnc.system.identity import GROUND, Owner, Thing
 from jaxnc.system.loads import FrictionIndex
 from jaxnc.system.system import System
 from jaxnc.system.topology import JointIndex, Segment, Topology
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 # -- vectors of poses -------------------------------------------------------------------------------------------------
 
@@ -42,7 +42,7 @@ def array_library(*arrays: Any) -> Any:
     return np if all(isinstance(a, np.ndarray) for a in arrays) else jnp
 
 
-def cross(a: Any, b: Any) -> Any:
+def cross(a: Numbers, b: Numbers) -> Any:
     """Return the moment of a force b with the arm a: ``(...,)`` in the plane, ``(..., 3)`` in space."""
     if a.shape[-1] == 2:
         return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
@@ -50,7 +50,7 @@ def cross(a: Any, b: Any) -> Any:
     return array_library(*parts).stack(parts, -1)
 
 
-def magnitude(x: Any) -> Any:
+def magnitude(x: Numbers) -> Any:
     """Return the length of vectors ``(..., dim)``; zero, with derivative zero, of none."""
     square = (x * x).sum(-1)
     where = array_library(square).where
@@ -386,14 +386,14 @@ class Ledger:
         """Tell whether a body's wrenches are kept."""
         return body >= 0 and self.only in (None, body)
 
-    def add(self, body: int, key: Key, force: Any, moment: Any) -> None:
+    def add(self, body: int, key: Key, force: Numbers, moment: Numbers) -> None:
         """Add to a body's wrench."""
         if self.keeps(body):
             before = self.wrenches[body].get(key)
             now = (force, moment) if before is None else (before[0] + force, before[1] + moment)
             self.wrenches[body][key] = now
 
-    def put(self, body: int, key: Key, item: int, force: Any, there: bool = True) -> None:
+    def put(self, body: int, key: Key, item: int, force: Numbers, there: bool = True) -> None:
         """Put a force on a point, or a couple on a vector, of a body; an open one stays with those who share the item.
 
         Not `there` are forces that only stand for a couple.
@@ -411,7 +411,7 @@ class Ledger:
             moment = cross(self.arm(item) - self.arm(centre), force)
             self.add(line, key, force * 0.0, moment)
 
-    def coordinate(self, key: Key, c: int, force: Any) -> None:
+    def coordinate(self, key: Key, c: int, force: Numbers) -> None:
         """Put a generalised force on one coordinate, by what the coordinate measures."""
         top, dim = self.top, self.top.dim
         if c < self.first_scalar:
@@ -427,17 +427,17 @@ class Ledger:
         straight = not top.angles[c - self.first_scalar]  # a distance, which forces act along; an angle takes couples
         self.instance(key, b, i, -(rows * (last * share[..., None])[..., None]).sum(-2), straight)
 
-    def ground(self, item: int, force: Any) -> None:
+    def ground(self, item: int, force: Numbers) -> None:
         """Note a force on a fixed point that is none of its support."""
         if item >= 0:
             self.grounded[item] = self.grounded.get(item, 0.0) + force
 
-    def instance(self, key: Key, b: int, i: int, force: Any, there: bool = True) -> None:
+    def instance(self, key: Key, b: int, i: int, force: Numbers, there: bool = True) -> None:
         """Put forces ``(P, variables)`` on the points and vectors of an instance of a constraint."""
         for (item, f), body in zip(self.split(self.top.blocks[b], i, force), slot_owners(self.top)[b][i], strict=True):
             self.put(int(body), key, item, f, there)
 
-    def split(self, block: Any, i: int, force: Any) -> list[tuple[int, Any]]:
+    def split(self, block: Any, i: int, force: Numbers) -> list[tuple[int, Any]]:
         """Part forces on the variables of an instance ``(..., variables)`` by the items that they act on."""
         dim = self.top.dim
         return [(item, force[..., k * dim : (k + 1) * dim]) for k, item in enumerate(instance_items(block, i))]
@@ -495,7 +495,7 @@ class Ledger:
                 if body == GROUND:
                     self.ground(item, -f)
 
-    def on_scalar(self, key: Key, c: int, force: Any) -> None:
+    def on_scalar(self, key: Key, c: int, force: Numbers) -> None:
         """Put a force on a coordinate that is what exerts it, and no effort."""
         self.coordinate(key, c, force)
         if c >= self.first_scalar:
@@ -692,7 +692,7 @@ def _bearing(ledger: Ledger, body: int, other: int) -> Key | None:
     return key_of(top.joints[found[0]]) if found else None
 
 
-def _bear(ledger: Ledger, wheel: int, key: "Key", force: Any, moment: Any) -> None:
+def _bear(ledger: Ledger, wheel: int, key: "Key", force: Numbers, moment: Numbers) -> None:
     """Let the ground's points under a bearing hold a wrench (about the origin): one, or two along a hinge."""
     top = ledger.top
     joint = next((joint for joint in top.joints if key == key_of(joint)), None)

@@ -60,7 +60,7 @@ class WrittenRows:
         return list(values), list(rates), list(bias)
 
     def correct(
-        self, eq: Any, inverse: Array, x: Elements, miss: Sequence[Any], push: dict[int, Any] | None
+        self, eq: Any, inverse: Array, x: Elements, miss: Sequence[Array], push: dict[int, Array] | None
     ) -> tuple[dict[int, Any], list[Any]]:
         """Solve ``M δ + Jᵀ λ = push, J δ = -miss`` for changes of the unknowns and multipliers of the `kept` rows.
 
@@ -120,7 +120,7 @@ class WrittenRows:
         return out, y
 
 
-def _solve(a: list[list[Any]], b: list[Any]) -> list[Any]:
+def _solve(a: list[list[Any]], b: list[Array]) -> list[Any]:
     """Solve with a symmetric positive definite matrix given by its lower half: L D Lᵀ."""
     m = len(b)
     low: list[list[Any]] = [[None] * m for _ in range(m)]
@@ -229,7 +229,7 @@ class WrittenFlow:
         solve = dense.solver(flow.dyn.mass[at[:, None], at[None]])
         return cls(flow, jax.vmap(solve, out_axes=1)(jnp.eye(len(at))), form)
 
-    def impose(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+    def impose(self, t: Array, q: object, v: object) -> tuple[Any, Any]:
         """Return the state as it is: nothing is driven."""
         return q, v
 
@@ -241,7 +241,7 @@ class WrittenFlow:
         solvers = (self._accelerate, self._correct, functools.partial(self._correct, rates=True))
         return solvers[stage](t, q, v) if isinstance(stage, int) else lax.switch(stage, solvers, t, q, v)
 
-    def _correct(self, t: Any, x: Elements, v: Elements, rates: bool = False) -> StageSolution:
+    def _correct(self, t: Array, x: Elements, v: Elements, rates: bool = False) -> StageSolution:
         """Bring a pose, or its rates, back onto the constraints."""
         form, eq, zero = self.form, self.flow.dyn.eq, jnp.zeros_like(x[0])
         miss = form.rates(eq, x, v)[1] if rates else form.rows.values(eq, x)
@@ -249,7 +249,7 @@ class WrittenFlow:
         none = jnp.zeros(len(form.view.rows), zero.dtype)
         return StageSolution(tuple(change.get(c, zero) for c in range(len(x))), none, zero, zero)
 
-    def _accelerate(self, t: Any, x: Elements, v: Elements) -> StageSolution:
+    def _accelerate(self, t: Array, x: Elements, v: Elements) -> StageSolution:
         form, dyn, zero = self.form, self.flow.dyn, jnp.zeros_like(x[0])
         values, rates, bias = form.rates(dyn.eq, x, v)
         push = force_elements(dyn, t, x, v, form.place)
@@ -268,7 +268,7 @@ class WrittenFlow:
         return StageSolution(tuple(change.get(c, zero) for c in range(len(x))), multipliers, gap, slip)
 
 
-def force_elements(dyn: Dynamics, t: Any, x: Elements, v: Elements, wanted: dict[int, int]) -> dict[int, Any]:
+def force_elements(dyn: Dynamics, t: Array, x: Elements, v: Elements, wanted: dict[int, int]) -> dict[int, Any]:
     """Evaluate generalised forces by coordinate; a coordinate without forces is left out."""
     top, out = dyn.topology, {}
     if top.loads.gravity:

@@ -30,7 +30,7 @@ from jaxnc.solvers.assembly import derive, free_plan
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, residual
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 from jaxnc.validate import as_shape
 
 
@@ -75,7 +75,7 @@ def accelerations(formulation: Formulation, z: Any, dz: Any, t: float = 0.0) -> 
 
 
 @public
-def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, step: float = 1e-3) -> Motion:
+def simulate(formulation: Formulation, t: ArrayLike, z: Any = None, dz: Any = None, step: float = 1e-3) -> Motion:
     """Move a mechanism under its forces in the coordinates of a family.
 
     Args:
@@ -183,11 +183,11 @@ class _Family:
     formulation: Formulation
     known: _Known
 
-    def impose(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
+    def impose(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
         """The state: nothing is driven."""
         return q, v
 
-    def solve_stage(self, stage: Any, t: Any, q: Array, v: Array) -> StageSolution:
+    def solve_stage(self, stage: Any, t: Array, q: Array, v: Array) -> StageSolution:
         """Solve a stage as `jaxnc.dynamics.flow.Flow` does: one system of equations with other right-hand sides."""
         z, dz = q, v
         f, known, dyn = self.formulation, self.known, self.known.dyn

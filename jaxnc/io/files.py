@@ -222,7 +222,7 @@ def _check_savable(m: Mechanism) -> None:
 # -- layout -----------------------------------------------------------------------------------------------------------
 
 
-def toml(data: Mapping[str, Any], comments: Mapping[str, str] = _NO_COMMENTS) -> str:
+def toml(data: Mapping[str, object], comments: Mapping[str, str] = _NO_COMMENTS) -> str:
     """Lay out the data of a model as TOML: reading it gives the same data, floats bit for bit.
 
     Tables that are empty are left out; comments stand behind the points and vectors that they are on.
@@ -243,12 +243,12 @@ def toml(data: Mapping[str, Any], comments: Mapping[str, str] = _NO_COMMENTS) ->
     return "\n\n".join(p for p in parts if p) + "\n"
 
 
-def json_text(data: Mapping[str, Any]) -> str:
+def json_text(data: Mapping[str, object]) -> str:
     """Lay out the data of a model as JSON: what fits on a line stays on it. Reading it gives the same data."""
     return _json_text({k: v for k, v in data.items() if v != {}}, "") + "\n"
 
 
-def _json_text(value: Any, indent: str) -> str:
+def _json_text(value: object, indent: str) -> str:
     flat = json.dumps(value, ensure_ascii=False, allow_nan=False)
     if not isinstance(value, dict) or not value or (len(indent) >= 4 and len(flat) + len(indent) <= _WIDTH):
         return flat
@@ -257,7 +257,7 @@ def _json_text(value: Any, indent: str) -> str:
     return "{\n" + ",\n".join(rows) + f"\n{indent}}}"
 
 
-def _toml_entry(key: str, value: Any) -> str:
+def _toml_entry(key: str, value: object) -> str:
     row = f"{_toml_key(key)} = {_toml_value(value)}"
     if len(row) <= _WIDTH or not isinstance(value, dict | list | tuple):
         return row

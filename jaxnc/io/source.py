@@ -75,7 +75,7 @@ class Source:
         except ValueError:  # int() refuses thousands of digits
             raise self.fault("it contains a number with too many digits") from None
 
-    def _check(self, data: Any) -> None:
+    def _check(self, data: object) -> None:
         """Refuse what parses and yet can be no model: tables in tables without end, text that cannot be written."""
         left: list[tuple[Any, Place]] = [(data, ())]
         while left:
@@ -290,19 +290,19 @@ def inspect_record(record: type) -> Any:
     return kinds_of.type_info(record)
 
 
-def _alternatives(expected: Any) -> tuple[Any, ...]:
+def _alternatives(expected: object) -> tuple[Any, ...]:
     types = expected.types if isinstance(expected, kinds_of.UnionType) else (expected,)
     return tuple(t for t in types if not isinstance(t, kinds_of.NoneType))
 
 
-def _struct(expected: Any, value: Any) -> Any:
+def _struct(expected: Any, value: object) -> Any:
     """Find the record that a table is meant to be; among joints the one that its tag names."""
     structs = [t for t in _alternatives(expected) if isinstance(t, kinds_of.StructType)]
     tagged = [t for t in structs if isinstance(value, dict) and t.tag is not None and t.tag == value.get(t.tag_field)]
     return (tagged or structs or [None])[0]
 
 
-def _entry_type(expected: Any, key: str | int, value: Any) -> Any:
+def _entry_type(expected: Any, key: str | int, value: object) -> Any:
     """Return the shape of one entry of something of a known shape."""
     struct = _struct(expected, value)
     if struct is not None and isinstance(key, str):

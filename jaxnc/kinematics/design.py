@@ -197,7 +197,7 @@ def read_poses(motion: Motion, asked: PoseReading, by: str | None = None) -> dic
     return asked.by_name(columns, functools.partial((np if hosted_poses else jnp).stack, axis=-1))
 
 
-def _mixed_slopes(motion: Motion, by: str, second: Any, name: str) -> Any:
+def _mixed_slopes(motion: Motion, by: str, second: np.ndarray, name: str) -> Any:
     """Second derivatives of all coordinates by two inputs, from those along the inputs and along their sum."""
     if name == by:
         return second

@@ -19,6 +19,7 @@ from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import farthest
+from jaxnc.types import Numbers
 
 _SECONDS = 0.25  # of NumPy's time: what would take longer is worth compiling
 _LANE = 2e-6  # seconds for a pose of the smallest mechanism
@@ -83,7 +84,9 @@ def _seconds(view: Plan, method: str, count: int) -> float:
     return count * lane
 
 
-def analyse_on_host(view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]) -> PoseBatch:
+def analyse_on_host(
+    view: Plan, method: str, eq: Equations, q0: Numbers, values: Numbers, orders: tuple[Numbers, ...]
+) -> PoseBatch:
     """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.traced.analyse_traced`."""
     known, start, values = to_host(eq), np.asarray(q0), np.asarray(values)
     inner = host.view_of(view, known) if orders else None
@@ -223,7 +226,7 @@ def _held_values(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
     return np.broadcast_to(held, (total, *held.shape))
 
 
-def judge_start(view: Plan, eq: Equations, start: Any) -> int:
+def judge_start(view: Plan, eq: Equations, start: Numbers) -> int:
     """Judge a start pose: zero where branches can be followed from it, else the status of all poses."""
     inner, begin = _grounded(view, to_host(eq), np.asarray(start)[None])
     assembled = _largest_row(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
@@ -234,7 +237,7 @@ def judge_start(view: Plan, eq: Equations, start: Any) -> int:
 
 
 def repair_lanes(
-    view: Plan, method: str, eq: Any, start: np.ndarray, values: np.ndarray, wanted: np.ndarray
+    view: Plan, method: str, eq: Equations, start: np.ndarray, values: np.ndarray, wanted: np.ndarray
 ) -> PoseBatch:
     """Poses that were not found elsewhere: those that are wanted of several sequences of inputs.
 

@@ -36,7 +36,7 @@ _MACHINE = (1e-3, 300.0)  # metres: watches to bucket-wheel excavators
 _USUAL = (0.04, 8.0)  # metres: sizes that a unit is proposed for
 
 
-def array(value: Any, what: str) -> Any:
+def array(value: object, what: str) -> Any:
     """An array of a number, list or array, of the active type; traced values pass through."""
     if isinstance(value, Tracer):
         return jax.lax.convert_element_type(value, active())
@@ -72,7 +72,7 @@ def one_number(value: Any, what: str) -> float:
     return float(found)
 
 
-def whole(value: Any, what: str, least: int = 1, most: int = _COUNTED) -> int:
+def whole(value: float, what: str, least: int = 1, most: int = _COUNTED) -> int:
     """A whole number in a range; anything else is refused."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
         near = f"; write {int(value)}" if isinstance(value, float) and value.is_integer() and abs(value) < most else ""
@@ -92,7 +92,7 @@ def check_system(system: Any, what: str) -> None:
     outside(system.parameters.points, what)
 
 
-def outside(value: Any, what: str) -> None:
+def outside(value: object, what: str) -> None:
     """Refuse traced values, of any pytree, where an answer is made on the host."""
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value)):
         raise InputError(
@@ -137,7 +137,7 @@ def _notes(system: System, asked: tuple[str, ...]) -> list[str]:
     return notes
 
 
-def worst_rows(system: System, eq: Equations, q: Any, most: int = 3) -> str:
+def worst_rows(system: System, eq: Equations, q: np.ndarray, most: int = 3) -> str:
     """The constraints that a pose violates most, by name, with how much."""
     r = np.abs(np.asarray(evaluate(eq, jnp.asarray(q))[0]))
     order = [int(i) for i in np.argsort(-r)[:most] if r[i] > limits(eq.length).close * float(eq.length)]
@@ -175,7 +175,7 @@ ANGLES = ("rad", "deg")
 """What ``unit=`` may be: of angles that are given, and of those that plots and tables show."""
 
 
-def angle_unit(unit: Any) -> str:
+def angle_unit(unit: str | None) -> str:
     """A unit of angles, checked; radians if none is given."""
     if unit is None:
         return ANGLES[0]
@@ -203,7 +203,7 @@ def in_radians(system: System, unit: str | None, *given: Any) -> tuple[Any, ...]
     return tuple(one(mapping) for mapping in given)
 
 
-def _to_radians(name: str, value: Any) -> Any:
+def _to_radians(name: str, value: float) -> Any:
     if callable(value):
         return _InRadians(value)
     if isinstance(value, tuple):
@@ -252,7 +252,7 @@ def doubt_degrees(system: System, unit: str | None, *given: Any) -> None:
             )
 
 
-def _like_degrees(value: Any) -> str:
+def _like_degrees(value: object) -> str:
     """Say what makes numbers look like degrees; "" if they do not, or are no numbers."""
     try:
         x = np.asarray(value)

@@ -15,7 +15,7 @@ from jaxnc.compiling import on_device
 from jaxnc.errors import InputError, nearest
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.topology import BodyIndex
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.kinematics.motion import Motion
@@ -145,29 +145,29 @@ def _library_of(*given: Any) -> Any:
     return np if all(isinstance(x, np.ndarray | np.generic) for x in given if x is not None) else jnp
 
 
-def _vector_norm(x: Any) -> Any:
+def _vector_norm(x: Numbers) -> Any:
     """Length of vectors, with a finite derivative at zero."""
     numeric, square = _library_of(x), (x * x).sum(axis=-1)
     return numeric.where(square > 0, numeric.sqrt(numeric.where(square > 0, square, 1.0)), 0.0)
 
 
-def _safe_ratio(a: Any, b: Any, sound: Any) -> Any:
+def _safe_ratio(a: Numbers, b: Numbers, sound: Numbers) -> Any:
     """``a / b``, zero where not `sound`."""
     numeric = _library_of(a, b)
     return numeric.where(sound, a / numeric.where(sound, b, 1.0), 0.0)
 
 
-def quarter(x: Any) -> Any:
+def quarter(x: Numbers) -> Any:
     """Vectors of the plane ``(..., 2)`` turned by a quarter, anticlockwise."""
     return _library_of(x).stack([-x[..., 1], x[..., 0]], axis=-1)
 
 
-def cross_spin(spin: Any, arm: Any) -> Any:
+def cross_spin(spin: Numbers, arm: Numbers) -> Any:
     """Angular velocity × arm, of the plane or of space."""
     return spin[..., None] * quarter(arm) if arm.shape[-1] == 2 else _library_of(spin, arm).cross(spin, arm)
 
 
-def _rounding_share(x: Any) -> float:
+def _rounding_share(x: Numbers) -> float:
     """Which share of rates is rounding."""
     return float(np.finfo(x.dtype).eps) ** _NOISE
 
@@ -208,7 +208,7 @@ def without_noise(state: BodyState) -> tuple[Any, Any, Any]:
     return state.place, numeric.where(moves, state.velocity, 0.0), numeric.where(turns, state.spin, 0.0)
 
 
-def screw_axis(place: Any, velocity: Any, spin: Any) -> ScrewAxis:
+def screw_axis(place: Numbers, velocity: Numbers, spin: Numbers) -> ScrewAxis:
     """Find the screw of a rigid velocity field: of a point of the body, its velocity and spin, all ``(..., 3)``."""
     numeric = _library_of(place, velocity, spin)
     square, speed2 = (spin * spin).sum(axis=-1), (velocity * velocity).sum(axis=-1)
@@ -436,7 +436,7 @@ def _lay_places(motion: "Motion", body: str, places: Any, pose: int) -> Any:
     return a[pose] + along * e[pose] + across * quarter(e[pose])
 
 
-def _in_library_of(x: Any, like: Any) -> Any:
+def _in_library_of(x: Array, like: np.ndarray) -> Any:
     return np.asarray(x) if isinstance(like, np.ndarray) else x
 
 
@@ -504,7 +504,7 @@ def _lay_axes(motion: "Motion", body: str, axes: ScrewAxis, pose: int) -> ScrewA
     place, turn, point, direction = given
     back = turn[pose] @ turn.swapaxes(-1, -2)
 
-    def carry(x: Any) -> Any:
+    def carry(x: np.ndarray) -> Any:
         return (back @ x[..., None])[..., 0]
 
     return axes._replace(point=place[pose] + carry(point - place), direction=carry(direction))

@@ -21,6 +21,7 @@ from jaxnc.system.equations import Equations, coefficients, rate_constants
 from jaxnc.system.precision import on_host, widened
 from jaxnc.system.system import System, drivable, unheld
 from jaxnc.system.topology import Topology
+from jaxnc.types import Array
 
 _CLOSED = 1e-9  # of the size: a drawing with a larger gap does not assemble
 _POSES = 4  # assembled poses at which the rank is taken; the largest counts
@@ -251,7 +252,7 @@ def _slipping(system: System, eq: Equations, sample: Any) -> int:
 
 
 @jax.jit  # operation by operation it is a hundred programs
-def _rate_rows(system: System, q: Any) -> Any:
+def _rate_rows(system: System, q: Array) -> Any:
     return coefficients(system.topology, rate_constants(system), q)
 
 

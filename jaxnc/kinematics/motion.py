@@ -26,7 +26,7 @@ from jaxnc.system.on_lanes import on_host
 from jaxnc.system.precision import numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import BodyIndex, Topology
-from jaxnc.types import Array, Coordinates, Float
+from jaxnc.types import Array, ArrayLike, Coordinates, Float
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -156,7 +156,7 @@ class Motion(Drawn):
         """The values asked for of every driven coordinate, also where the pose was not found."""
         return {name: as_jax(self.asked[..., k]) for k, name in enumerate(self.driven)}
 
-    def pose(self, index: Any) -> "Motion":
+    def pose(self, index: int | slice | tuple[int | slice, ...] | ArrayLike) -> "Motion":
         """Take a pose of a sweep, or a part of it: any index of the leading axes."""
         if isinstance(index, int) and not -(count := (*self.status.shape, 0)[0]) <= index < count:
             raise InputError(f"pose({index}): this motion of {self.system.name!r} has {count or 'no axis of'} poses")

@@ -44,7 +44,7 @@ from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Float, Inputs
+from jaxnc.types import Array, Float, Inputs, Numbers
 from jaxnc.validate import as_real, call_user
 
 _SLIPS = 1e-6  # of the largest rate: below, a motion rolls
@@ -85,7 +85,7 @@ class _Question(NamedTuple):
         )
 
 
-def _with_lead(x: Any, shape: tuple[int, ...], own: int = 1) -> Any:
+def _with_lead(x: Numbers, shape: tuple[int, ...], own: int = 1) -> Any:
     """Put an array's last axes, its own, behind other leading axes."""
     wanted = (*shape, *x.shape[x.ndim - own :])
     return x if x.shape == wanted else x.reshape(wanted)
@@ -280,7 +280,7 @@ def _check_call(
     hold: Sequence[str],
     rates: Inputs | None,
     accelerations: Inputs | None,
-    start: Any,
+    start: object,
     unit: str | None,
     redundancy: str = REDUNDANCY[0],
     jerk: bool = False,
@@ -294,7 +294,7 @@ def _check_call(
     return _Question(system, view, values, _rate_orders(names, shape, rates, accelerations, jerk)), start
 
 
-def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
+def _in_time(name: str, data: Any, t: np.ndarray, count: int) -> list[Array]:
     if callable(data):
         what = f"input {name!r}"
         out: list[Array] = []
@@ -562,7 +562,7 @@ def _guess_entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], w
     )
 
 
-def _few_known(top: Topology, given: Any, count: int) -> bool:
+def _few_known(top: Topology, given: object, count: int) -> bool:
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
     return outermost() and not traced and (top.large or count <= _FEW)
 

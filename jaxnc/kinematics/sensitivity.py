@@ -308,7 +308,7 @@ def sensitivity(
 # -- what is asked for ----------------------------------------------------------------------------------------------
 
 
-def _known_units(motion: Motion, found: Any, output: OutputSet) -> dict[str, str]:
+def _known_units(motion: Motion, found: object, output: OutputSet) -> dict[str, str]:
     """Find the units of outputs: of names, or, where all are functions, of what these have returned."""
     top = motion.system.topology
     names = {label: name for label, name in output.wanted if isinstance(name, str)}

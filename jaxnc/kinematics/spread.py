@@ -128,7 +128,7 @@ def _solve_on_devices(devices, view, method, repair, eq, q0, *lanes):
     return found._replace(q=poses if len(found.status) >= traced.fill.LEAST else poses.whole())
 
 
-def _run_over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], arguments: Sequence[Any]) -> Any:
+def _run_over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], arguments: Sequence[object]) -> Any:
     """Run `f` on every device with its part of the batch; in traced code."""
     if jax.sharding.get_abstract_mesh().manual_axes:
         raise InputError("this is called inside of a function that is spread over devices already; leave devices= out")
@@ -163,7 +163,7 @@ def _run_over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None]
     return out
 
 
-def _batch_length(axes: Sequence[int | None], arguments: Sequence[Any]) -> int:
+def _batch_length(axes: Sequence[int | None], arguments: Sequence[object]) -> int:
     """Count the elements of the batch."""
     shapes = [
         (k, jnp.shape(leaf))
@@ -208,7 +208,7 @@ def _place_arguments(devices: Sequence[Device], axes: Sequence[int | None], argu
     return jax.tree.unflatten(jax.tree.structure(arguments), placed)
 
 
-def _keeps(leaf: Any) -> bool:
+def _keeps(leaf: Array) -> bool:
     """Say whether copies of an array, such as the equations have, are kept for the next call: it cannot change."""
     return isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) == 1 and leaf.size <= _SMALL
 

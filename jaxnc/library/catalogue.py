@@ -44,7 +44,7 @@ def offer(draw: _Draws) -> _Draws:
     return offered
 
 
-def check_dimension(name: str, value: Any, kind: Any) -> Any:
+def check_dimension(name: str, value: object, kind: object) -> Any:
     """Convert a dimension to what its annotation says; None is left where the annotation has it."""
     if type(None) in get_args(kind):
         (kind,) = (k for k in get_args(kind) if k is not type(None))

@@ -166,7 +166,9 @@ def check_swing(pivot: Vector, axis: Vector, point: Vector, length: float, names
 # -- places of the user's ---------------------------------------------------------------------------------------
 
 
-def as_places(given: Mapping[str, Any] | None, drawn: Mapping[str, Any], dim: int, argument: str) -> dict[str, Vector]:
+def as_places(
+    given: Mapping[str, object] | None, drawn: Mapping[str, Any], dim: int, argument: str
+) -> dict[str, Vector]:
     """Convert places that the user moves; `argument` is what the user calls them."""
     out = {}
     for name, value in (given or {}).items():

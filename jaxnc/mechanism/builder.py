@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NoReturn, get_args
 
 import msgspec
+import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.doors import door
@@ -132,7 +133,7 @@ class Mechanism(Drawn):
         """The checks of what is given, against the model as it is."""
         return Checks(self.model)
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(self, name: str, value: object) -> None:
         if name not in self._KEPT and not hasattr(type(self), name):
             raise MechanismError(
                 f"a mechanism has nothing called {name!r} that could be set; {nearest(name, ('gravity',))}"
@@ -250,7 +251,7 @@ class Mechanism(Drawn):
         vectors: Sequence[str] = (),
         mass: float | None = None,
         com: Place | None = None,
-        inertia: Any = None,
+        inertia: "float | Sequence[float] | Sequence[Sequence[float]] | np.ndarray | None" = None,
         shape: str | None = None,
         size: Sequence[float] = (),
     ) -> str:
@@ -1271,7 +1272,7 @@ class Mechanism(Drawn):
         other.functions, other.members = dict(self.functions), dict(self.members)
         return other
 
-    def compile(self, sparse: bool | None = None, dtype: Any = None) -> "System":
+    def compile(self, sparse: bool | None = None, dtype: str | None = None) -> "System":
         """Check the whole description and turn it into an immutable `System`.
 
         Args:

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxnc.errors import MechanismError, brief, drawn_with_numbers, nearest, writable
 from jaxnc.mechanism import model as record
+from jaxnc.types import ArrayLike
 
 PUNCTUATION = ' .-,;=()[]"'  # not in names of quantities: "B.x", "P-Q", "v(phi) [rad/s]", phi=0:6
 
@@ -32,7 +33,7 @@ class Checks:
         if self.model.dim != 3:
             raise MechanismError(f"{what} is for mechanisms in space, Mechanism(dim=3)" + (instead and f"; {instead}"))
 
-    def vector(self, name: Any, what: str) -> None:
+    def vector(self, name: str, what: str) -> None:
         """Refuse what is not the name of a vector."""
         if not isinstance(name, str) or name not in self.model.all_vectors:
             known = self.model.all_vectors
@@ -131,7 +132,7 @@ class Checks:
         if name in taken:
             raise MechanismError(f"{noun} {name!r}: the name is already taken by another {noun}; choose another")
 
-    def name(self, name: Any, noun: str) -> None:
+    def name(self, name: str, noun: str) -> None:
         """Refuse what is no name, or would not come back from a file, a table or a screen as it was."""
         if not isinstance(name, str):
             raise MechanismError(f"a {noun} has its name first, which is a text; got {brief(name)} for the name")
@@ -147,7 +148,7 @@ class Checks:
             raise MechanismError(f"{noun} {name!r}: names do not begin or end with a space")
 
     @staticmethod
-    def text(text: Any, noun: str) -> None:
+    def text(text: str, noun: str) -> None:
         """Refuse a text that cannot be written."""
         if isinstance(text, str) and not writable(text):
             raise MechanismError(f"{noun} {text!r} holds half of a character (a lone surrogate); type it anew")
@@ -165,7 +166,7 @@ class Checks:
             self.finite(x, f"{what}: each number of its place")
         return place
 
-    def unit(self, direction: Any, what: str) -> tuple[float, ...]:
+    def unit(self, direction: object, what: str) -> tuple[float, ...]:
         """Check a vector of any length but zero."""
         place = self.place(direction, what)
         if not any(place):
@@ -190,7 +191,7 @@ class Checks:
             raise MechanismError(f"{what} must be positive, got {brief(value)}")
         return number
 
-    def radius(self, value: Any, what: str) -> float | None:
+    def radius(self, value: float | None, what: str) -> float | None:
         """Check a radius; None is read off the drawing."""
         return None if value is None else self.positive(value, f"{what}: radius")
 
@@ -250,7 +251,7 @@ class Checks:
             )
         return number
 
-    def not_negative(self, value: Any, what: str) -> float:
+    def not_negative(self, value: ArrayLike, what: str) -> float:
         """Check a number that may be zero."""
         number = self.finite(value, what)
         if number < 0:
@@ -262,7 +263,7 @@ class Checks:
         several = isinstance(values, list | tuple) or np.ndim(values) == 1
         return tuple(self.finite(x, what) for x in (values if several else (values,)))
 
-    def tensor(self, inertia: Any, what: str) -> float | tuple[float, ...]:
+    def tensor(self, inertia: object, what: str) -> float | tuple[float, ...]:
         """Check an inertia: a number in the plane, six numbers in space."""
         try:
             values = np.asarray(inertia, dtype=float)

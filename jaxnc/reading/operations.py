@@ -27,7 +27,7 @@ class OutOfRange(IndexError):
     """An index beyond an array, which JAX would move to the array's end in silence."""
 
 
-def evaluate_equation(eqn: Any, values: Sequence[Any]) -> list[Any]:
+def evaluate_equation(eqn: Any, values: Sequence[np.ndarray]) -> list[Any]:
     """Results of an equation whose arguments are known, as JAX has them."""
     with jax.ensure_compile_time_eval():
         out = eqn.primitive.bind(*values, **eqn.params)

@@ -97,7 +97,7 @@ class Builder:
         node = self.nodes[at]
         return node.value[1] if node.op == "number" else None
 
-    def op(self, name: str, *of: int, value: Any = None) -> int:
+    def op(self, name: str, *of: int, value: int | None = None) -> int:
         """The result of an operation."""
         numbers = [self.known(i) for i in of]
         known = name in _FOLDED and all(n is not None for n in numbers)
@@ -115,7 +115,7 @@ class Builder:
             return of[1]
         return self._node(Node(name, of, value))
 
-    def _simple(self, name: str, a: int, b: int, x: Any, y: Any) -> int | None:
+    def _simple(self, name: str, a: int, b: int, x: float | None, y: float | None) -> int | None:
         if name == "add":
             return b if x == 0 else a if y == 0 else None
         if name == "sub":

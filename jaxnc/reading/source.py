@@ -105,7 +105,7 @@ def function(program: Program, xp: Any = np) -> Callable[[Sequence[Any]], tuple[
     return space["run"]
 
 
-def _python_literal(value: Any) -> str:
+def _python_literal(value: float) -> str:
     return f"({value!r})"
 
 

@@ -115,7 +115,7 @@ class Reader:
         size = math.prod(v.aval.shape)
         return np.array([self.b.opaque(_UNREAD, why) for _ in range(size)], dtype=int).reshape(v.aval.shape)
 
-    def numbers(self, value: Any) -> Nodes:
+    def numbers(self, value: object) -> Nodes:
         """Write an array that is known."""
         value = np.asarray(value)
         return np.array([self.b.number(x) for x in value.reshape(-1)], dtype=int).reshape(value.shape)
@@ -125,7 +125,7 @@ class Reader:
         found = [self.b.known(i) for i in x.reshape(-1).tolist()]
         return None if any(n is None for n in found) else np.array(found, v.aval.dtype).reshape(x.shape)
 
-    def each(self, op: str, *x: Nodes, value: Any = None) -> Nodes:
+    def each(self, op: str, *x: Nodes, value: int | None = None) -> Nodes:
         """Write an operation on arrays, number by number."""
         parts = np.broadcast_arrays(*x)
         flat = zip(*(a.reshape(-1).tolist() for a in parts), strict=True)

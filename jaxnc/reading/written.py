@@ -69,7 +69,7 @@ class Number:
     __and__ = __rand__ = _operator("and")
     __or__ = __ror__ = _operator("or")
 
-    def __pow__(self, power: Any) -> Any:
+    def __pow__(self, power: int) -> Any:
         if isinstance(power, bool) or not isinstance(power, int):
             return self._with("pow", power)
         if power in (0, 1):

@@ -311,7 +311,7 @@ def number(value: Any) -> float | None:
     return None if value is None or not math.isfinite(float(value)) else float(value)
 
 
-def _finite(value: Any) -> Any:
+def _finite(value: object) -> Any:
     """Replace what is not finite by None, on all levels."""
     if isinstance(value, Mapping):
         return {k: _finite(v) for k, v in value.items()}

@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.precision import Limits, limits
+from jaxnc.types import Numbers
 
 # A correction beside the step that it belongs to.
 SHARP = 0.2  # a correction may be this part of a step that was predicted along the tangent
@@ -109,7 +110,7 @@ def smooth(bend: Any, kink: Any, lengths: Any, slack: Any) -> Any:
     return (bend <= SHARP * lengths + slack) & (kink <= KINK * lengths + slack)
 
 
-def steady(new: Sequence[Any] | Any, now: Sequence[Any] | Any, rise: Sequence[Any] | Any, share: Any) -> Any:
+def steady(new: Sequence[Any] | Any, now: Sequence[Any] | Any, rise: Sequence[Any] | Any, share: Numbers) -> Any:
     """Say whether determinants go on as they did, lane by lane.
 
     Where a branch ends and its mirror image begins again soon afterwards, no orientation changes between a pose before

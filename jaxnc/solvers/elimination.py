@@ -25,6 +25,7 @@ from jaxnc.remembered import with_owner
 from jaxnc.system.equations import places
 from jaxnc.system.structure import host_kind, program
 from jaxnc.system.topology import Special, Topology
+from jaxnc.types import ArrayLike, Numbers
 
 _SMALL = 1e-3  # of the largest derivative of its row, in the drawing, where sweeps begin, or nearby
 _ENOUGH = 0.1  # of the largest row that is left: the first row that is as independent as this is taken
@@ -305,7 +306,7 @@ class Factors:
     pivots: Pivots
     determinant: Any
 
-    def solve(self, right: Sequence[Any]) -> list[Any]:
+    def solve(self, right: Sequence[Numbers]) -> list[Any]:
         """Solve ``A x = b``; b is a sequence of elements by row, x by column."""
         x: list[Any] = [None] * len(right)
         b = list(right)
@@ -321,7 +322,7 @@ class Factors:
             x[step.column] = rest / step.pivot
         return x
 
-    def solve_transposed(self, right: Sequence[Any]) -> list[Any]:
+    def solve_transposed(self, right: Sequence[Numbers]) -> list[Any]:
         """Solve ``Aᵀ y = b``; b is by column, y by row."""
         b, z = list(right), list(right)
         y: list[Any] = [None] * len(right)
@@ -342,7 +343,7 @@ Eliminated = EliminatedPair | Factors
 
 
 def eliminate_block(
-    plan: Elimination, elements: Elements, units: Sequence[Any] = (), smallest: float = 0.0
+    plan: Elimination, elements: Elements, units: Sequence[ArrayLike] = (), smallest: float = 0.0
 ) -> Eliminated:
     """Eliminate a matrix whose elements are numbers or lanes; not finite if the last pivot vanishes.
 

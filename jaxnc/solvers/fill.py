@@ -343,7 +343,7 @@ def _parts_of_ways(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
     return parts, np.array([len(w) for w in ways])
 
 
-def beginning(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int, ...]) -> LaneState:
+def beginning(kernel: Kernel, eq: Equations, x: Sequence[Array], lanes: tuple[int, ...]) -> LaneState:
     """Put lanes at a pose, all coordinates each a number or lanes."""
     none, moving = jnp.zeros(lanes), [int(c) for c in (*kernel.plan.unknown, *kernel.plan.known)]
     determinants = tuple(jnp.broadcast_to(d, lanes) for d in kernel.determinants(eq, x))
@@ -353,7 +353,7 @@ def beginning(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int,
 
 
 def stepper(
-    kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any]
+    kernel: Kernel, eq: Equations, x: Sequence[Array], signs: Sequence[Array]
 ) -> Callable[[LaneState, Array], LaneState]:
     """Make the function that takes lanes a step, to the next values of the known coordinates ``(k, lanes)``."""
     plan = kernel.plan

@@ -22,7 +22,7 @@ from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, g
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 _ITERATIONS = 6  # the most of Newton on a block
 LARGEST_WRITTEN = 120  # unknowns that are written out
@@ -86,7 +86,7 @@ class _Block:
             return cramer(matrix, [b / one for b in right])
         known = lax.stop_gradient(slopes)
 
-        def product(slopes: dict[tuple[int, int], Any], x: Sequence[Any], turned: bool) -> list[Any]:
+        def product(slopes: dict[tuple[int, int], Array], x: Sequence[Array], turned: bool) -> list[Any]:
             out: list[Any] = [0.0] * n
             for (r, c), slope in slopes.items():
                 row, column = (c, r) if turned else (r, c)
@@ -94,7 +94,7 @@ class _Block:
             return out
 
         def refined(right: Sequence[Array], turned: bool) -> tuple[Array, ...]:
-            def improve(_: Any, x: tuple[Array, ...]) -> tuple[Array, ...]:
+            def improve(_: Array, x: tuple[Array, ...]) -> tuple[Array, ...]:
                 rest = [b - d for b, d in zip(right, product(known, x, turned), strict=True)]
                 factors = self.eliminate_slopes(eq, known)
                 change = factors.solve_transposed(rest) if turned else factors.solve(rest)
@@ -111,7 +111,7 @@ class _Block:
             transpose_solve=lambda _, b: refined(b, True),
         )
 
-    def eliminate_slopes(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Eliminated:
+    def eliminate_slopes(self, eq: Equations, slopes: dict[tuple[int, int], Array]) -> Eliminated:
         """Eliminate the block's derivatives. Coordinates that are no lengths count times the size."""
         units = [eq.length if pure else 1.0 for pure in self._pure]
         return eliminate_block(self.elimination, slopes, units, limits(eq.length).fine)
@@ -206,7 +206,7 @@ class _AllRows:
             y = _augmented(slopes, tuple(jnp.zeros_like(v) for v in b), x)[0]
             return tuple(v - d for v, d in zip(b, y, strict=True)), x
 
-        def improve(state: tuple[Any, Any, tuple[tuple, tuple]]) -> tuple[Any, Any, tuple[tuple, tuple]]:
+        def improve(state: tuple[Array, Array, tuple[tuple, tuple]]) -> tuple[Any, Any, tuple[tuple, tuple]]:
             k, _, pair = state
             left = jax.tree.map(jnp.subtract, (b, c), _augmented(slopes, *pair))
             change = once(*left)
@@ -220,7 +220,7 @@ class _AllRows:
         pair = lax.while_loop(lambda st: (st[0] < 2) | ((st[1] > fine) & (st[0] < _PASSES)), improve, start)[2]
         weak = ~(smallest([f.pivots for f in factors]) > _WEAK)
 
-        def by_all(state: tuple[Any, tuple[tuple, tuple]]) -> tuple[Any, tuple[tuple, tuple]]:
+        def by_all(state: tuple[Array, tuple[tuple, tuple]]) -> tuple[Any, tuple[tuple, tuple]]:
             # They depend on the state, or XLA would do all this before the loop, whether it is entered or not.
             at = {place: jnp.where(state[0], slope, 0.0) for place, slope in slopes.items()}
             whole = [[at.get((r, k), zero) for k in range(len(c))] for r in range(len(b))]
@@ -286,7 +286,7 @@ class Kernel:
         x, iterated = self.positions(eq, x, signs)
         return self.diagnose(eq, x, iterated)
 
-    def positions(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> tuple[list[Any], dict[int, Eliminated]]:
+    def positions(self, eq: Equations, x: Lanes, signs: Sequence[Array]) -> tuple[list[Any], dict[int, Eliminated]]:
         """Solve for all coordinates; return them, and the last eliminations of the blocks that took Newton."""
         x = list(x)
         iterated: dict[int, Eliminated] = {}
@@ -301,7 +301,7 @@ class Kernel:
                 x[c] = v
         return x, iterated
 
-    def diagnose(self, eq: Equations, x: list[Any], iterated: dict[int, Eliminated] | None = None) -> SolvedLanes:
+    def diagnose(self, eq: Equations, x: list[Array], iterated: dict[int, Eliminated] | None = None) -> SolvedLanes:
         """Find what is to be known of poses."""
         factors = [(iterated or {}).get(k) or block.factors(eq, x) for k, block in enumerate(self.blocks)]
         found = tuple(f.determinant for f in factors)
@@ -354,8 +354,8 @@ class Kernel:
         self,
         eq: Equations,
         x: Lanes,
-        x_dot: Sequence[Any | None],
-        constants_dot: Mapping[Place, Any] | None = None,
+        x_dot: Sequence[Array | None],
+        constants_dot: Mapping[Place, Array] | None = None,
         ok: Array | None = None,
     ) -> list[Any | None]:
         """Differentiate all coordinates by the known ones (and by constants), lane by lane.
@@ -396,7 +396,7 @@ class Kernel:
         return x_dot
 
 
-def on_branch(eq: Equations, found: SolvedLanes, signs: Sequence[Any] | Array, passing: Any = False) -> Array:
+def on_branch(eq: Equations, found: SolvedLanes, signs: Sequence[Any] | Array, passing: ArrayLike = False) -> Array:
     """Say which lanes are solved, regular, on the branch of the given orientation, and not met by a mirror image.
 
     Poses that are only passed on the way (`passing`) may be ones at which a planned elimination loses its digits: of
@@ -412,7 +412,7 @@ def on_branch(eq: Equations, found: SolvedLanes, signs: Sequence[Any] | Array, p
     return ok
 
 
-def lane_tolerance(eq: Equations, x: Sequence[Any]) -> Array:
+def lane_tolerance(eq: Equations, x: Sequence[Array]) -> Array:
     """Largest residual of a pose that counts as a solution, lane by lane; as `newton.tolerance`."""
     least, largest = limits(eq.length), jnp.zeros(())
     for v, pure in zip(x, pure_numbers(eq.topology), strict=True):
@@ -455,7 +455,7 @@ def smallest(pivots: Sequence[Pivots]) -> Any:
     return jnp.maximum(least - _ROUNDING * jnp.finfo(grown.dtype).eps * grown, 0.0) / most
 
 
-def _reduce(f, parts: Sequence[Any]) -> Any:
+def _reduce(f, parts: Sequence[Array]) -> Any:
     return functools.reduce(f, parts)
 
 

@@ -120,7 +120,7 @@ def traced_start(plan: Plan, eq: Equations, nudge: Array | np.ndarray, repair: b
 
 
 @functools.partial(jit, static_argnums=0)
-def _assemble(plan: Plan, eq: Equations, nudge: Any) -> host.Closest:
+def _assemble(plan: Plan, eq: Equations, nudge: Array) -> host.Closest:
     eq, nudge = lax.stop_gradient((eq, nudge))
     if not len(plan.rows):
         return host.Closest(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(plan.unknown))))
@@ -172,7 +172,7 @@ def _assembler(plan: Plan, shared: bool):
     return Mapped(inner, shapes, mapped)
 
 
-def _assemble_lanes(plan: Plan, eq: Any, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
+def _assemble_lanes(plan: Plan, eq: Equations, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
     """Assemble the poses that do not fit: each with its largest residual behind it, ``(L, N + 1)``."""
     open_ = np.flatnonzero(~fits)
     view = host.HostView(plan, from_jax(eq)).select(open_)
@@ -183,7 +183,7 @@ def _assemble_lanes(plan: Plan, eq: Any, q: np.ndarray, fits: np.ndarray) -> np.
     return out
 
 
-def _as_drawn(eq: Any, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
+def _as_drawn(eq: Equations, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
     return np.concatenate([q, np.zeros((len(q), 1), q.dtype)], axis=1)
 
 

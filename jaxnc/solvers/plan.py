@@ -21,7 +21,7 @@ from jaxnc.solvers.sparse_matrix import Factoriser, KnownColumns, Pattern, spars
 from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
 from jaxnc.system.topology import INDEX, Topology
-from jaxnc.types import Array, Coordinates, Float
+from jaxnc.types import Array, Coordinates, Float, Numbers
 
 LU = 48  # unknowns of a dense plan beyond which the host solves it by sparse LU: about as many as are written out
 TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
@@ -468,7 +468,7 @@ def _group_by_size(sequence: tuple) -> tuple:
     )
 
 
-def unwind(angles: Any, turns: Any) -> Any:
+def unwind(angles: Numbers, turns: Numbers) -> Any:
     """Take whole turns off angles, of NumPy or JAX: exact to rounding of what is left, however many turns there are.
 
     One product with 2π would be rounded at the size of the angle: after a thousand turns, 4e-13 were lost.

@@ -20,7 +20,7 @@ from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import TURN
 from jaxnc.system.structure import arrays, pattern, program
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 Lanes = Sequence[Any] | np.ndarray
 """All coordinates of a mechanism, each a number or an array of lanes."""
@@ -208,7 +208,7 @@ class Rows(Functions):
         """Changes of the rows, as a function of the inputs and of the changes of what is `moving`."""
         return function(rate(self.program, range(len(self.columns), self.program.inputs - len(self.scales)), 1))
 
-    def moving(self, x: Lanes, constants: Sequence[Any]) -> list[Any]:
+    def moving(self, x: Lanes, constants: Sequence[np.ndarray]) -> list[Any]:
         """Numbers that change the rows beside the columns: other coordinates, and constants of each block."""
         rest = self.coordinates[len(self.columns) :]
         return [*(x[c] for c in rest), *(constants[b][i, k] for b, i, k in self.constants)]
@@ -446,7 +446,7 @@ def _guard_count(kind: Kind, dim: int) -> int:
     return len(jax.eval_shape(functools.partial(_evaluate_kind, kind, kind.guard, dim), *[number] * count))
 
 
-def replace_constants(numbers: Any, constants: Mapping[Place, Any]) -> RowNumbers:
+def replace_constants(numbers: Any, constants: Mapping[Place, Array]) -> RowNumbers:
     """Put other constants in the places of some."""
     found = list(numbers.constants)
     for b in {b for b, _, _ in constants}:
@@ -458,7 +458,7 @@ def replace_constants(numbers: Any, constants: Mapping[Place, Any]) -> RowNumber
     return RowNumbers(found, numbers.scales)
 
 
-def entry(numbers: Any, *at: int) -> Any:
+def entry(numbers: Numbers, *at: int) -> Any:
     """Take one number, or its lanes, out of an array; `lax.slice` is traced in a fraction of the time of an index."""
     if isinstance(numbers, np.ndarray):
         return numbers[at]

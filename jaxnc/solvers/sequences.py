@@ -189,11 +189,11 @@ def _in_blocks(
     return PoseBatch(tuple(y), size, pivots, good)
 
 
-def _to_lanes(numbers: Sequence[Any], lanes: tuple[int, ...]) -> tuple[Array, ...]:
+def _to_lanes(numbers: Sequence[Array], lanes: tuple[int, ...]) -> tuple[Array, ...]:
     return tuple(jnp.broadcast_to(jnp.asarray(v, float), lanes) for v in numbers)
 
 
-def _stack(numbers: Sequence[Any], lanes: tuple[int, ...]) -> Array:
+def _stack(numbers: Sequence[Array], lanes: tuple[int, ...]) -> Array:
     return jnp.stack(_to_lanes(numbers, lanes))
 
 

@@ -98,7 +98,7 @@ mlir.register_lowering(_MAPPED, mlir.lower_fun(functools.partial(_run_mapped, ca
 
 
 def in_lanes(
-    size: int, shared: bool, which: Sequence[Any], eq: Any, *lanes: Array
+    size: int, shared: bool, which: Sequence[Any], eq: Equations, *lanes: Array
 ) -> tuple[bool, Any, tuple[Array, ...]]:
     """Put a batch of functions of a design and of lanes ``(L, ...)`` into lanes ``(size L, ...)`` of one function.
 
@@ -212,7 +212,7 @@ def ask_of_equations(
                     f"mechanism with compile(sparse=False), or write the kind without loops and jax.numpy.linalg"
                 )
 
-    def answer(eq: Any, *given: np.ndarray) -> np.ndarray:
+    def answer(eq: Equations, *given: np.ndarray) -> np.ndarray:
         return np.asarray(f(from_jax(eq), *given), eq.home.dtype)
 
     def nothing(eq: Any, *_: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ Its finite numbers are traced when `values` is called (see `jaxnc.synthesis.pytr
 nothing anew.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ from jaxnc.synthesis.loops import Loop, four_bar_loop, loop_sines
 from jaxnc.synthesis.pytree import Leaves
 from jaxnc.synthesis.validate import as_interval, call_on_motion
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 LARGE = 20.0  # sizes of a problem: a link is not longer, and a mechanism not wider, unless that is asked for
 LEAST_TRANSMISSION = float(np.radians(5.0))  # below it a mechanism hardly moves what it drives: that is a defect
@@ -394,7 +394,7 @@ def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Condition:
 
 
 @public
-def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) -> Condition:
+def symmetric(first: str, second: str, about: Sequence[str | Sequence[float]] = ((0.0, 0.0), (0.0, 1.0))) -> Condition:
     """Two points (fixed pivots, joints at the first target) are mirror images of each other about a line.
 
     Args:
@@ -479,7 +479,7 @@ def _inside(value: Array, low: Any, high: Any, size: Any) -> list[Array]:
     return rows + ([(high - value) / size] if _is_bound(high) else [])
 
 
-def _is_bound(bound: Any) -> bool:
+def _is_bound(bound: ArrayLike) -> bool:
     """Tell whether a number, traced or not, is a bound; an infinite one is none, and never traced."""
     return not (isinstance(bound, float) and np.isinf(bound))
 

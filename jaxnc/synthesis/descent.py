@@ -104,7 +104,9 @@ class Optimiser:
         """A text that is the same in every process."""
         return hashlib.sha256(repr(_lasting(self.key)).encode()).hexdigest()[:16]
 
-    def updates(self, slope: Any, memory: Any, y: Any, value: Any, value_fn: Callable[[Any], Any]) -> tuple[Any, Any]:
+    def updates(
+        self, slope: Array, memory: object, y: Array, value: Array, value_fn: Callable[[Any], Any]
+    ) -> tuple[Any, Any]:
         """Return what is added to the unknowns, and the memory afterwards."""
         known = {"value": value, "grad": slope, "value_fn": value_fn}
         return self.update(slope, memory, y, **{name: known[name] for name in self.extra})
@@ -123,7 +125,7 @@ class _Only:
         return id(self.thing)
 
 
-def _identity(thing: Any, above: list[Any]) -> Any:
+def _identity(thing: object, above: list[object]) -> Any:
     """A key that things share if they do the same: numbers, code with what it encloses, else identity."""
     if isinstance(thing, int) and not isinstance(thing, bool) and abs(thing) < 1 << 53:
         return "float", float(thing)  # schedules make one of the other when they are first asked
@@ -153,7 +155,7 @@ def _identity(thing: Any, above: list[Any]) -> Any:
     return "only", _Only(thing)
 
 
-def _lasting(key: Any) -> Any:
+def _lasting(key: object) -> Any:
     """A key without what differs from process to process."""
     if isinstance(key, _Only):
         return getattr(key.thing, "__qualname__", type(key.thing).__name__)
@@ -455,12 +457,12 @@ def _equalities(problem: Problem, batch: int | None) -> np.ndarray:
     return np.array(equal + [False] * own, bool)
 
 
-def _strong(a: Any, like: Any) -> Any:
+def _strong(a: Array, like: Array) -> Any:
     """Give numbers a type that is not a weak one."""
     return a if _is_key(like) else lax.convert_element_type(a, like.dtype)
 
 
-def _check_gradient(what: str, gradient: Any) -> None:
+def _check_gradient(what: str, gradient: float) -> None:
     """Check a norm to stop at."""
     if isinstance(gradient, bool) or not isinstance(gradient, (int, float, np.number)) or not gradient >= 0:
         raise InputError(f"{what}: gradient={gradient!r}; it must be a norm to stop at, 0 or a positive number")

@@ -474,7 +474,7 @@ def _motions_of(problem: Problem, x: Array, found: DesignPoses, poses: Any) -> t
     z, extra = problem.split(x[: problem.count])
     system = problem.designed(z)
 
-    def motion(way: DesignPoses, q: Array, values: Any) -> Motion:
+    def motion(way: DesignPoses, q: Array, values: Callable) -> Motion:
         zero = jnp.zeros(way.values.shape)
         out = make_motion(system, problem.driven, problem.hold, q, way.status, way.values, zero, zero)
         return attach_poses(out, system, values()[:, None]) if way.changes is None else out

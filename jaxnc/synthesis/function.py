@@ -17,7 +17,7 @@ from jaxnc.synthesis.pytree import shapes
 from jaxnc.synthesis.statement import complete, set_up, turn_of
 from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike, Numbers
 from jaxnc.validate import as_array
 from jaxnc.vehicle.suspension import ATTITUDE, suspension
 
@@ -60,12 +60,12 @@ class FunctionGeneration(Problem):
         target: Any,
         input: str | None = None,
         free: Sequence[str] | None = None,
-        bounds: Mapping[str, Any] | None = None,
+        bounds: Mapping[str, Sequence[float | None]] | None = None,
         subject_to: Sequence[Condition] = (),
         hold: Sequence[str] = (),
         input_offset: bool = False,
         output_offset: bool = False,
-        weights: Any = None,
+        weights: ArrayLike | None = None,
         minimax: bool = False,
     ):
         """State the problem.
@@ -146,10 +146,10 @@ class FunctionGeneration(Problem):
             return "rad" if ATTITUDE[self.output] == "angle" else top.length_unit
         return top.unit(self.output) if isinstance(self.output, str) else ""
 
-    def inputs(self, extra: Any) -> Any:
+    def inputs(self, extra: Numbers) -> Any:
         return self.values + (extra[0] if self.input_offset else 0.0)
 
-    def span(self, home: Any, extra: Any) -> tuple[Any, Any]:
+    def span(self, home: Numbers, extra: Any) -> tuple[Any, Any]:
         first = extra[..., 0] if self.input_offset else 0.0
         return self.travel[0] + first, self.travel[1] + first
 

@@ -25,7 +25,7 @@ from jaxnc.synthesis.problem import Extras, Problem, home_value, make_motion
 from jaxnc.synthesis.statement import complete, set_up, turn_of
 from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike, Numbers
 from jaxnc.validate import as_array, as_real, call_user, function_name
 
 
@@ -47,11 +47,11 @@ class Objective(Problem):
         self,
         mechanism: Mechanism | System,
         residuals: Callable[[Motion], Any] | Sequence[Callable[[Motion], Any]],
-        values: Any,
+        values: ArrayLike,
         weights: Sequence[float] | None = None,
         input: str | None = None,
         free: Sequence[str] | None = None,
-        bounds: Mapping[str, Any] | None = None,
+        bounds: Mapping[str, Sequence[float | None]] | None = None,
         subject_to: Sequence[Condition] = (),
         hold: Sequence[str] = (),
         minimax: bool = False,
@@ -106,7 +106,7 @@ class Objective(Problem):
     def unit(self) -> str:
         return ""
 
-    def inputs(self, extra: Any) -> Any:
+    def inputs(self, extra: Numbers) -> Any:
         return self.values
 
     def misses(self, motion: Motion, extra: Array) -> Array:
@@ -150,7 +150,7 @@ class Loss(Problem):
         function: Callable[..., Any],
         input: str | None = None,
         free: Sequence[str] | None = None,
-        bounds: Mapping[str, Any] | None = None,
+        bounds: Mapping[str, Sequence[float | None]] | None = None,
         subject_to: Sequence[Condition] = (),
         hold: Sequence[str] = (),
         travel: tuple[float, float] | None = None,
@@ -197,7 +197,7 @@ class Loss(Problem):
     def reported_error(self, square: float) -> float:
         return float(square)
 
-    def inputs(self, extra: Any) -> Any:
+    def inputs(self, extra: Numbers) -> Any:
         return np.asarray(home_value(self.system, self.driven)).reshape(1)
 
     def moves(self, x: Array, poses: int) -> tuple[Motion, Motion | None]:

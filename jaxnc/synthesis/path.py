@@ -19,7 +19,7 @@ from jaxnc.synthesis.statement import compile_idea, complete, set_up, turn_of
 from jaxnc.synthesis.validate import as_points, as_sequence, as_timing, as_weights, check_radians
 from jaxnc.system.frames import quaternions
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike, Numbers
 
 _SENSE = "sense of the input"  # its sign counts
 _APART = 1e-4  # of a radian (of the travel): timings stay in order by at least this
@@ -55,20 +55,20 @@ class PathGeneration(Problem):
         self,
         mechanism: Mechanism | System,
         point: str,
-        target: Any,
-        timing: Any = None,
+        target: ArrayLike,
+        timing: ArrayLike | None = None,
         input: str | None = None,
         free: Sequence[str] | None = None,
-        bounds: Mapping[str, Any] | None = None,
+        bounds: Mapping[str, Sequence[float | None]] | None = None,
         subject_to: Sequence[Condition] = (),
         hold: Sequence[str] = (),
         travel: tuple[float, float] | None = None,
         closed: bool = False,
         offset: bool = False,
-        weights: Any = None,
+        weights: ArrayLike | None = None,
         minimax: bool = False,
         ordered: bool = True,
-        start_timing: Any = None,
+        start_timing: ArrayLike | None = None,
         either_sense: bool = False,
     ):
         """State the problem.
@@ -170,7 +170,7 @@ class PathGeneration(Problem):
         """Unknowns behind the timings."""
         return Extras.none()
 
-    def inputs(self, extra: Any) -> Any:
+    def inputs(self, extra: Numbers) -> Any:
         if self.timing is None:
             return array_module(extra).cumsum(extra)
         if not self.offset:
@@ -232,7 +232,7 @@ class PathGeneration(Problem):
         return np.concatenate([begin[:, None], way[:, None] * steps], axis=1)
 
 
-def _any_order(values: Any, count: int, what: str, turn: float) -> np.ndarray:
+def _any_order(values: object, count: int, what: str, turn: float) -> np.ndarray:
     """Values of the input in any order, ``(count,)``."""
     out = as_sequence(values, count, what)
     check_radians(out, what, 2 * turn, "give travel=(low, high) if it turns more than once")
@@ -261,17 +261,17 @@ class MotionGeneration(PathGeneration):
         mechanism: Mechanism | System,
         body: str,
         point: str,
-        places: Any,
-        orientations: Any,
-        timing: Any = None,
+        places: ArrayLike,
+        orientations: ArrayLike,
+        timing: ArrayLike | None = None,
         input: str | None = None,
         free: Sequence[str] | None = None,
-        bounds: Mapping[str, Any] | None = None,
+        bounds: Mapping[str, Sequence[float | None]] | None = None,
         subject_to: Sequence[Condition] = (),
         hold: Sequence[str] = (),
         travel: tuple[float, float] | None = None,
         offset: bool = False,
-        weights: Any = None,
+        weights: ArrayLike | None = None,
         reach: float | None = None,
         minimax: bool = False,
     ):
@@ -358,7 +358,7 @@ class MotionGeneration(PathGeneration):
         """How many unknowns say how the frame is turned."""
         return 1 if self.system.topology.dim == 2 else 3
 
-    def inputs(self, extra: Any) -> Any:
+    def inputs(self, extra: Numbers) -> Any:
         return super().inputs(extra[: -self.own_turns])
 
     def own(self, extra: Array) -> Array:

@@ -27,7 +27,7 @@ from jaxnc.solvers.assembly import derive, settle
 from jaxnc.synthesis.conditions import Condition, Seen
 from jaxnc.synthesis.pytree import Leaves, shapes
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 _P = TypeVar("_P", bound="Problem")
 _RANGE = 48  # poses at which conditions look at the range of the input
@@ -221,11 +221,11 @@ class Problem(Remade, Leaves):
         n = len(self.variables.names)
         return x[:n], x[n:]
 
-    def design(self, x: Any) -> System:
+    def design(self, x: Numbers) -> System:
         """The design that a vector of unknowns means."""
         return self.designed(self.split(x)[0])
 
-    def designed(self, z: Any) -> System:
+    def designed(self, z: Numbers) -> System:
         """The system with these values of the variables; pure, for traced values too."""
         flat, at = geometry_vector(self.system), self.variables.at
         if isinstance(z, Tracer) or isinstance(flat, Tracer):
@@ -234,16 +234,16 @@ class Problem(Remade, Leaves):
         new[at] = np.asarray(z)
         return with_geometry(self.system, new)
 
-    def move(self, x: Any) -> Motion:
+    def move(self, x: Numbers) -> Motion:
         """The motion through the targets."""
         z, extra = self.split(x if isinstance(x, Tracer) else np.asarray(x))
         return self.sweep(self.designed(z), self.inputs(extra))
 
-    def sweep(self, system: System, values: Any, repair: bool = True) -> Motion:
+    def sweep(self, system: System, values: Numbers, repair: bool = True) -> Motion:
         """A design's motion through values of the input."""
         return sweep(system, {self.driven: values}, hold=self.hold, repair=repair)
 
-    def span(self, home: Any, extra: Any) -> tuple[Any, Any]:
+    def span(self, home: Numbers, extra: Numbers) -> tuple[Any, Any]:
         """Range of the input over which conditions are looked at: from the drawing once round, or as given.
 
         Args:
@@ -266,7 +266,7 @@ class Problem(Remade, Leaves):
             return motion, motion if poses else None
         return motion, self.sweep_range(system, extra, poses)
 
-    def sweep_range(self, system: System, extra: Any, poses: int) -> Motion | None:
+    def sweep_range(self, system: System, extra: Array, poses: int) -> Motion | None:
         """The motion over the range of the input through some poses; None for no poses; pure."""
         if not poses:
             return None
@@ -421,7 +421,7 @@ def home_value(system: System, driven: str) -> Any:
     return jax.lax.stop_gradient(q[place]) if isinstance(q, Tracer) else np.asarray(q)[place]
 
 
-def check_problem(what: str, problem: Any, squares: bool = True) -> None:
+def check_problem(what: str, problem: object, squares: bool = True) -> None:
     """Check that a search is given a problem; one of sums of squares unless any number will do."""
     if squares and isinstance(problem, Problem) and problem.at_rest:
         raise InputError(

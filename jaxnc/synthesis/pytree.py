@@ -43,7 +43,7 @@ class _Same:
         return id(self.value)
 
 
-def _flatten(record: Any) -> tuple[list[Any], Any]:
+def _flatten(record: object) -> tuple[list[Any], Any]:
     leaves: list[Any] = []
     return leaves, _flatten_record(record, leaves)
 

@@ -221,7 +221,7 @@ def set_up(
     mechanism: Mechanism | System,
     driven: str | None,
     free: Sequence[str] | None,
-    bounds: Mapping[str, Any] | None,
+    bounds: Mapping[str, object] | None,
     subject_to: Sequence[Condition] | Condition,
     hold: Sequence[str],
     travel: tuple[float, float] | None,

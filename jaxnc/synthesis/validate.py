@@ -14,7 +14,7 @@ from jaxnc.validate import as_real, call_user
 _SAME = 1e-9  # of the target's extent: points that are so near to each other are one
 
 
-def as_points(target: Any, dim: int, what: str, least: int = 3, closed: bool = False) -> np.ndarray:
+def as_points(target: object, dim: int, what: str, least: int = 3, closed: bool = False) -> np.ndarray:
     """Check target points, ``(M, dim)``."""
     try:
         out = np.asarray(target, dtype=float)
@@ -37,7 +37,7 @@ def as_points(target: Any, dim: int, what: str, least: int = 3, closed: bool = F
     return out
 
 
-def as_sequence(values: Any, count: int, what: str) -> np.ndarray:
+def as_sequence(values: object, count: int, what: str) -> np.ndarray:
     """Check numbers, one for each target, ``(count,)``."""
     try:
         out = np.asarray(values, dtype=float)
@@ -50,7 +50,7 @@ def as_sequence(values: Any, count: int, what: str) -> np.ndarray:
     return out
 
 
-def as_weights(values: Any, count: int, what: str) -> np.ndarray:
+def as_weights(values: object, count: int, what: str) -> np.ndarray:
     """Check weights, all of them positive, ``(count,)``; ones if none are given."""
     if values is None:
         return np.ones(count)
@@ -64,7 +64,7 @@ def as_weights(values: Any, count: int, what: str) -> np.ndarray:
     return out
 
 
-def as_timing(values: Any, count: int, what: str, turn: float) -> np.ndarray:
+def as_timing(values: object, count: int, what: str, turn: float) -> np.ndarray:
     """Check values of the input at the targets, in the order in which a mechanism comes through them, ``(count,)``.
 
     The input goes as far as `turn` at most: a whole turn of an angle, or the range that was given for it.
@@ -141,7 +141,7 @@ def check_counts(what: str, **counts: Any) -> None:
         whole(value, f"{what}: {name}")
 
 
-def as_time_limit(what: str, seconds: Any) -> float:
+def as_time_limit(what: str, seconds: float | None) -> float:
     """Check seconds to stop after; infinite for None."""
     if seconds is None:
         return np.inf
@@ -150,7 +150,7 @@ def as_time_limit(what: str, seconds: Any) -> float:
     return float(seconds)
 
 
-def check_enough(what: str, enough: Any) -> None:
+def check_enough(what: str, enough: float) -> None:
     """Check an error to stop at."""
     if isinstance(enough, bool) or not isinstance(enough, (int, float, np.number)) or not enough >= 0:
         raise InputError(f"{what}: enough={enough!r}; it must be an error to stop at, 0 or a positive number")

@@ -47,7 +47,7 @@ _GOOD = 0.2  # from which a base counts as well conditioned
 _NEARLY_FLAT = 1e-3  # volume of a base of three segments below which the text's form is badly conditioned
 
 
-def compile_mechanism(mechanism: "Mechanism", sparse: bool | None, dtype: Any) -> System:
+def compile_mechanism(mechanism: "Mechanism", sparse: bool | None, dtype: str | None) -> System:
     """Turn a description into a system whose freedoms are counted; see `Mechanism.compile`."""
     wanted = chosen(dtype)
     with numbers(WIDE), at_once():

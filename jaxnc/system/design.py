@@ -22,7 +22,7 @@ from jaxnc.system.frames import carried
 from jaxnc.system.structure import Formula, formula
 from jaxnc.system.system import Parameters
 from jaxnc.system.topology import INDEX, Block, BlockLayout, Segment, Topology
-from jaxnc.types import Array, Float
+from jaxnc.types import Array, Float, Numbers
 
 Places = np.ndarray
 """Where numbers stand in the row of a design."""
@@ -320,7 +320,9 @@ def _two_distances(a, ra, b, rb, side):
 # -- readings -------------------------------------------------------------------------------------------------------
 
 
-def run_steps(found: Design, x: Any, run: Callable[[Step, Any], Sequence[Any]], join: Callable, levels: int = 6) -> Any:
+def run_steps(
+    found: Design, x: Numbers, run: Callable[[Step, Any], Sequence[Any]], join: Callable, levels: int = 6
+) -> Any:
     """The row of a design's numbers ``(numbers, ...)`` after so many levels, from those that are given.
 
     `run` says what the results of a step are, one after the other ``(instances, ...)``, from what it takes.
@@ -341,7 +343,7 @@ def design_numbers(top: Topology, parameters: Parameters, levels: int = 6) -> An
     dtype = parameters.points.dtype
     x = xp.concatenate([xp.zeros(1, dtype), *(a.reshape(-1) for a in par)])
 
-    def run(step: Step, given: Any) -> list[Any]:
+    def run(step: Step, given: Numbers) -> list[Any]:
         values = (step.formula.on_lanes if xp is np else step.formula.traced)(list(given))
         return [xp.broadcast_to(xp.asarray(v, dtype), given.shape[1:]) for v in values]
 

@@ -27,7 +27,7 @@ from jaxnc.system.precision import numbers
 from jaxnc.system.structure import Formula, pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
-from jaxnc.types import Array, Coordinates, Float, Inputs
+from jaxnc.types import Array, Coordinates, Float, Inputs, Numbers
 from jaxnc.validate import as_scalars, as_shape, call_user
 
 
@@ -96,7 +96,7 @@ def equations(system: System, differentiate_scales: bool = False) -> Equations:
     )
 
 
-def renumbered(eq: Equations, constants: Sequence[Any], scales: Sequence[Any]) -> Equations:
+def renumbered(eq: Equations, constants: Sequence[Numbers], scales: Sequence[Numbers]) -> Equations:
     """Give equations other constants and scales of their rows, per block ``(instances, …)``.
 
     NumPy's constants may carry changes along a last axis; then the coefficients do too.
@@ -186,7 +186,9 @@ def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float
     return scalars
 
 
-def _scales(top: Topology, block: Block, layout: BlockLayout, linear: Any, length: Any, constants: Any) -> Any:
+def _scales(
+    top: Topology, block: Block, layout: BlockLayout, linear: Numbers | None, length: Numbers, constants: Numbers
+) -> Any:
     """Factors that turn rows into lengths, ``(instances, rows)``."""
     xp: Any = np if isinstance(constants, np.ndarray) else jnp
     if not block.kind.rows:
@@ -203,7 +205,7 @@ def _scales(top: Topology, block: Block, layout: BlockLayout, linear: Any, lengt
     return xp.stack(columns, axis=-1).astype(constants.dtype)
 
 
-def _bar_length(top: Topology, drawing: Any) -> Any:
+def _bar_length(top: Topology, drawing: Numbers) -> Any:
     """Median extent of the constraints that tie points together: what a large mechanism is measured by.
 
     A tolerance relative to the whole drawing would let every bar of a chain of thousands be wrong by thousands of

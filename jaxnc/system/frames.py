@@ -21,7 +21,7 @@ from jaxnc.remembered import with_owner
 from jaxnc.system.on_lanes import on_host, on_lanes
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.topology import MarkerIndex, Segment, Topology
-from jaxnc.types import Array, Float
+from jaxnc.types import Array, Float, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.system.equations import Equations
@@ -187,7 +187,7 @@ def spins(top: Topology, segments: tuple[Segment, ...], q: Array, rates: tuple[A
     return _spin_of_axes(axes, last)
 
 
-def _spin_of_axes(axes: Any, change: Any) -> Any:
+def _spin_of_axes(axes: Numbers, change: Numbers) -> Any:
     if axes.shape[-1] == 2:
         return 0.5 * (axes[..., 0] * change[..., 1] - axes[..., 1] * change[..., 0]).sum(axis=-1)
     numeric: Any = np if isinstance(axes, np.ndarray) else jnp

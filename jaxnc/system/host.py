@@ -55,7 +55,7 @@ class HostEquations:
         if self.designs is None:
             return self
 
-        def of(x: Any, axes: int) -> Any:
+        def of(x: np.ndarray, axes: int) -> Any:
             return x[..., which] if np.ndim(x) > axes else x
 
         constants, scales = (tuple(of(x, 2) for x in y) for y in (self.constants, self.scales))

@@ -13,6 +13,7 @@ from jaxnc.compiling import jit
 from jaxnc.internals import outermost
 from jaxnc.reading import Program, function, rate, trace
 from jaxnc.system.precision import WIDE, numbers
+from jaxnc.types import Array
 
 
 def on_host(*given: Any) -> bool:
@@ -48,7 +49,7 @@ def _function(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple, order: in
 
 
 def on_lanes(
-    f: Callable, fixed: tuple[Hashable, ...], q: np.ndarray, rates: Sequence[Any] = (), constants: Sequence[Any] = ()
+    f: Callable, fixed: tuple[Hashable, ...], q: np.ndarray, rates: Sequence[Any] = (), constants: Sequence[Array] = ()
 ) -> np.ndarray:
     """The k-th time derivative of a function of one pose, ``(..., *shape)``, along poses with their first k.
 
@@ -87,7 +88,7 @@ def columns_on_lanes(
 
 @functools.partial(jit, static_argnums=0)
 def _columns_in_jax(run: Callable, q: tuple, rates: tuple, constants: tuple) -> list[Any]:
-    def columns(part: Any) -> list[Any]:
+    def columns(part: Array) -> list[Any]:
         return [part[..., k] for k in range(part.shape[-1])]
 
     x = [column for part in q for column in columns(part)]

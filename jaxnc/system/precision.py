@@ -19,6 +19,7 @@ from jaxnc.compiling import on_device, refuse_fork
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.internals import outermost
 from jaxnc.promotion import promoting
+from jaxnc.types import Array, Numbers
 
 
 class Limits(NamedTuple):
@@ -80,12 +81,12 @@ WIDE, NARROW = np.dtype(np.float64), np.dtype(np.float32)
 _AS_IT_IS = contextlib.nullcontext()
 
 
-def limits(like: Any) -> Limits:
+def limits(like: Numbers) -> Limits:
     """Limits of what counts as nothing among numbers like those of an array."""
     return _SINGLE if like.dtype == NARROW else _DOUBLE
 
 
-def farthest(like: Any) -> float:
+def farthest(like: Numbers) -> float:
     """Return the angle beyond which turns are not told apart: neighbouring numbers are farther apart than `told`."""
     return 2.0 ** (math.floor(math.log2(limits(like).told / np.finfo(like.dtype).eps)) + 1)
 
@@ -152,7 +153,7 @@ def at_once() -> contextlib.AbstractContextManager:
     return _AS_IT_IS if outermost() else jax.ensure_compile_time_eval()
 
 
-def converted(leaf: Any, wanted: np.dtype) -> Any:
+def converted(leaf: Array, wanted: np.dtype) -> Any:
     """An array of another type of numbers: what is known is converted in NumPy, which compiles nothing."""
     if isinstance(leaf, np.ndarray):
         return leaf.astype(wanted)
@@ -164,10 +165,10 @@ def converted(leaf: Any, wanted: np.dtype) -> Any:
 def widened(f: Callable) -> Callable:
     """An analysis on the host: calculated with 64-bit numbers, whatever those of its first argument are."""
 
-    def narrow(leaf: Any) -> bool:
+    def narrow(leaf: Numbers) -> bool:
         return getattr(leaf, "dtype", None) == NARROW
 
-    def wide(leaf: Any) -> Any:
+    def wide(leaf: Array) -> Any:
         return converted(leaf, WIDE) if narrow(leaf) else leaf
 
     first = inspect.unwrap(f).__code__.co_varnames[0]

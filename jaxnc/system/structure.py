@@ -36,6 +36,7 @@ from jaxnc.reading import (
 from jaxnc.system.on_lanes import carrying
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.topology import Topology
+from jaxnc.types import Array
 from jaxnc.validate import as_scalars, call_user
 
 Pairs = tuple[tuple[int, int], ...]
@@ -134,7 +135,7 @@ def _as_small(kind: Kind, dim: int, x: Sequence[Any]) -> tuple[Small, Small, Sma
     return Small(spread[: ends[0]]), Small(spread[ends[0] :]), Small(scalars), Small(constants)
 
 
-def arrays(kind: Kind, dim: int, x: Any) -> tuple[Any, Any, Any, Any]:
+def arrays(kind: Kind, dim: int, x: Array) -> tuple[Any, Any, Any, Any]:
     """Points, vectors, scalars and constants from an array of variables and constants."""
     a, b = kind.points * dim, (kind.points + kind.vectors) * dim
     p, v = x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim)
@@ -296,14 +297,14 @@ def jax_function(kind: Kind, which: str, dim: int, order: int = 0) -> Callable[[
     f, single = getattr(kind, which), which in ("measure", "misfit")
     count = size(kind, dim)
 
-    def one(x: Any) -> Any:
+    def one(x: Array) -> Any:
         p, v, s, c = arrays(kind, dim, x)
         return jnp.stack([jnp.asarray(r, x.dtype) for r in ((f(p, v, c),) if single else f(p, v, s, c))])
 
-    def along(x: Any) -> Any:
+    def along(x: Array) -> Any:
         whole, parts = x[: count + len(kind.constants)], x[count + len(kind.constants) :].reshape(order, count)
 
-        def curve(t: Any) -> Any:
+        def curve(t: Array) -> Any:
             factor, y = 1.0, whole
             for k in range(order):
                 factor = factor * t / (k + 1)
@@ -321,7 +322,7 @@ def by_jax(f: Callable[[Any], Any], kind: Any) -> Function:
     """A function of a kind, from an array to an array, on lanes: evaluated by JAX because it cannot be read."""
     mapped = jax.jit(jax.vmap(f))
 
-    def run(x: Sequence[Any]) -> tuple[Any, ...]:
+    def run(x: Sequence[np.ndarray]) -> tuple[Any, ...]:
         x = np.broadcast_arrays(*x)
         with numbers(x[0].dtype), jax.ensure_compile_time_eval():
             try:
@@ -372,7 +373,7 @@ def row_derivatives(kind: Kind, dim: int, asked: tuple[int, ...], order: int) ->
         for _ in range(order):
             f = jax.jacfwd(f)
 
-        def pick(x: Any) -> Any:
+        def pick(x: Array) -> Any:
             every = f(x)
             for axis in range(1, order + 1):
                 every = jnp.take(every, at, axis=axis)

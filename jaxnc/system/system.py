@@ -229,7 +229,7 @@ class System(Drawn):
         """Type of its numbers, with which everything is calculated for it: float64 or float32."""
         return np.dtype(self.parameters.points.dtype)
 
-    def astype(self, dtype: Any) -> "System":
+    def astype(self, dtype: str | type | np.dtype) -> "System":
         """Make a system with numbers of another width; solving, rates and gradients then have it too.
 
         Args:
@@ -331,7 +331,7 @@ def characteristic_length(points: Float[Array, "points dim"]) -> Any:
     return jnp.where(square > 0, 2.0 * jnp.sqrt(jnp.where(square > 0, square, 1.0)), 1.0)
 
 
-def floats(tree: Any, name: str) -> Any:
+def floats(tree: object, name: str) -> Any:
     """The parameters of a user's own force as float arrays."""
     try:
         return jax.tree.map(lambda x: jnp.asarray(x, float), tree)

@@ -341,7 +341,7 @@ def _turn_differences(
 
 
 def _anti_percentages(
-    static: Mapping[str, Any], axle: str, wheelbase: float | None, height: float | None, shares: tuple
+    static: Mapping[str, np.ndarray], axle: str, wheelbase: float | None, height: float | None, shares: tuple
 ) -> dict[str, float]:
     """Which part of the load transfer the suspension takes up in braking and driving, percent."""
     if wheelbase is None or height is None:
@@ -397,7 +397,7 @@ def align_columns(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -
     ]
 
 
-def _plain_data(value: Any) -> Any:
+def _plain_data(value: object) -> Any:
     if isinstance(value, Mapping):
         return {k: _plain_data(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

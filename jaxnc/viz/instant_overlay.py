@@ -106,7 +106,7 @@ class Overlay:
         """Add a name to the view's scene."""
         self.view.scene = dataclasses.replace(self.view.scene, labels=(*self.view.scene.labels, Label(column, text)))
 
-    def add_place(self, x: Any) -> int:
+    def add_place(self, x: np.ndarray) -> int:
         """Add a place to the view; returns its column."""
         return self.view.add_columns(np.asarray(x, float)[None])
 
@@ -182,7 +182,7 @@ class PlaneOverlay(Overlay):
     def _key(self, dash: str, colour: str, text: str) -> None:
         self.keys.append(((f"{dash} ", colour), (text, colour_of("ink", INK))))
 
-    def _point(self, x: Any, text: str, role: str = "pole") -> None:
+    def _point(self, x: np.ndarray, text: str, role: str = "pole") -> None:
         """Mark a place with a dot and a name."""
         while text in self.data.names:
             text += "′"
@@ -193,7 +193,7 @@ class PlaneOverlay(Overlay):
         self.add_items(Circle(role, column, units=0.62))
         self.add_label(column, text)
 
-    def _line(self, a: Any, b: Any, role: str) -> None:
+    def _line(self, a: np.ndarray, b: np.ndarray, role: str) -> None:
         self.add_items(Line(role, (self.add_place(a), self.add_place(b))))
 
     def _arrow_away(self, start: np.ndarray, way: np.ndarray, text: str) -> None:

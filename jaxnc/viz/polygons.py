@@ -241,7 +241,7 @@ def _default_title(data: Poses, pose: int, kind: str) -> str:
     return f"{data.topology.name}: {'velocities' if kind == 'velocity' else 'accelerations'}, {', '.join(texts)}"
 
 
-def _arrows(view: Any, plan: _Polygon, kind: str) -> None:
+def _arrows(view: _PolygonView, plan: _Polygon, kind: str) -> None:
     """Draw the vectors, and their parts in dashes."""
     points = view.points
     for end in plan.places[1:]:

@@ -39,7 +39,7 @@ def evenly(x: np.ndarray, count: int = _SAMPLE) -> np.ndarray:
     return x[np.unique(np.linspace(0, len(x) - 1, count).astype(int))]
 
 
-def is_simulation(thing: Any) -> "TypeGuard[Simulation]":
+def is_simulation(thing: object) -> "TypeGuard[Simulation]":
     """Tell whether a thing is a simulation; nothing is where their module was never loaded, and it stays away."""
     module = sys.modules.get("jaxnc.dynamics.simulation")
     return module is not None and isinstance(thing, module.Simulation)

@@ -10,6 +10,7 @@ from jaxnc.dynamics.energy import energy, kinetic_energy, potential_energy
 from jaxnc.errors import InputError, nearest
 from jaxnc.forces import COUPLE
 from jaxnc.kinematics.motion import Motion
+from jaxnc.types import Numbers
 from jaxnc.vehicle.report import LABELS
 from jaxnc.vehicle.suspension import ATTITUDE, NUMBERS
 from jaxnc.viz.poses import Poses
@@ -106,7 +107,7 @@ def _coordinate(poses: Poses, name: str, order: int, what: str) -> Quantity:
     return _in_units(poses, name, label, noun, order, angle, values, kind)
 
 
-def _plain_quantity(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Quantity:
+def _plain_quantity(poses: Poses, name: str, dimension: str, unit: str, values: Numbers) -> Quantity:
     """Make a quantity of its own unit; a vector if it has components."""
     values = np.asarray(values, float).reshape(poses.count, -1)
     values = np.where(poses.good[:, None], values, np.nan)

@@ -27,7 +27,7 @@ _LINES = 16  # of a report
 Rows = Sequence[Sequence[str]]
 
 
-def show_html(thing: Any) -> str:
+def show_html(thing: object) -> str:
     """Show a drawing and a description of a thing as HTML. Nothing is raised.
 
     The thing may be a mechanism, a system, a motion, a report on one, or the result of a search. What cannot be drawn
@@ -94,7 +94,7 @@ def _table(rows: Rows) -> str:
     return f'<div style="overflow-x:auto"><table style="{_TABLE}"><tbody>{"".join(lines)}</tbody></table></div>'
 
 
-def _picture(thing: Any) -> str:
+def _picture(thing: object) -> str:
     """Draw a thing, or what it is about; nothing of what is numbers only."""
     drawn = _subject(thing)
     return "" if drawn is None else inline_pose(poses(drawn), paper=True)

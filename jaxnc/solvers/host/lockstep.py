@@ -20,6 +20,7 @@ from jaxnc.solvers.rows import FEW, RowNumbers, Rows, guard_functions
 from jaxnc.system.design import Drawn
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.precision import limits
+from jaxnc.types import ArrayLike
 
 _ITERATIONS = 12  # the most of Newton
 _ASSEMBLY = 60  # and of Levenberg and Marquardt on a drawing that does not fit its dimensions
@@ -128,7 +129,7 @@ class Lockstep:
         return PoseBatch(q, good=good, doubted=doubted)
 
     def _iterate(
-        self, block: Rows, numbers: Any, weights: np.ndarray, length: float, q: np.ndarray, share: np.ndarray
+        self, block: Rows, numbers: RowNumbers, weights: np.ndarray, length: float, q: np.ndarray, share: np.ndarray
     ) -> np.ndarray:
         """Solve a block by Newton from pose to pose, in all designs; say whether each pose was found."""
         columns, least = list(block.columns), limits(np.zeros(0))
@@ -225,7 +226,7 @@ class Lockstep:
         return out
 
 
-def matrix(rows: Rows, given: list[Any], lanes: tuple[int, ...]) -> np.ndarray:
+def matrix(rows: Rows, given: list[ArrayLike], lanes: tuple[int, ...]) -> np.ndarray:
     """Evaluate the derivatives of rows by their columns, ``(rows, columns, *lanes)``."""
     out = np.zeros((rows.count, len(rows.columns), *lanes))
     for place, value in zip(rows.places, rows.run_slopes(np)(given), strict=True):
@@ -233,7 +234,7 @@ def matrix(rows: Rows, given: list[Any], lanes: tuple[int, ...]) -> np.ndarray:
     return out
 
 
-def _block_step(block: Rows, given: list[Any], lanes: tuple[int, ...]) -> list[np.ndarray]:
+def _block_step(block: Rows, given: list[ArrayLike], lanes: tuple[int, ...]) -> list[np.ndarray]:
     """Find Newton's step of each column; not finite where the block is singular."""
     if len(block.columns) <= FEW:
         return list(block.run_step(given))

@@ -114,7 +114,7 @@ class FunctionDesigns(Sequence[FunctionDesign]):
     designs: tuple[FunctionDesign, ...]
     rejected: tuple[str, ...]
 
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self, index: int) -> Any:
         return self.designs[index]
 
     def __len__(self) -> int:

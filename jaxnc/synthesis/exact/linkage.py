@@ -182,7 +182,7 @@ def _four_bar_template() -> System:
     return FourBar((0.0, 0.0), (0.3, 0.8), (2.1, 1.9), (2.5, 0.0), (1.0, 2.0)).mechanism().compile()
 
 
-def wrap_angle(angle: Any) -> Any:
+def wrap_angle(angle: ArrayLike) -> Any:
     """An angle between -π and π, radians."""
     return np.angle(np.exp(1j * np.asarray(angle)))
 

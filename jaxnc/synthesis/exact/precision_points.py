@@ -62,7 +62,7 @@ class PathEnds:
     at: np.ndarray  # how far the others got, 0 … 1
 
 
-def coupler_turns(z: np.ndarray, d: Any, e: Any) -> np.ndarray:
+def coupler_turns(z: np.ndarray, d: np.ndarray, e: np.ndarray) -> np.ndarray:
     """γ and γ' of every point but the first, ``(2, points - 1, lanes)``, from both bars."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     (u, v), (uu, vv) = x * (aa - e), xx * (a - d)
@@ -115,7 +115,7 @@ class _Linearised(NamedTuple):
         return _Linearised(q, u, uu, minors, slopes, self.inverse[lanes])
 
 
-def _linearise(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray) -> _Linearised:
+def _linearise(z: np.ndarray, g: np.ndarray, d: np.ndarray, e: np.ndarray, matrix: np.ndarray) -> _Linearised:
     """Linearise the equations at z and γ."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     n = len(d)
@@ -133,7 +133,9 @@ def _linearise(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray)
     return _Linearised(q, u, uu, minors, slopes, inverses(lanes))
 
 
-def _residuals(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray, right: np.ndarray) -> tuple:
+def _residuals(
+    z: np.ndarray, g: np.ndarray, d: np.ndarray, e: np.ndarray, matrix: np.ndarray, right: np.ndarray
+) -> tuple:
     """Residuals of the equations of bars, turns and base."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     bars = x * (aa - e) * g[0] + xx * (a - d) * g[1] + d * (e - aa - xx) - e * (a + x)
@@ -305,7 +307,7 @@ class PathDesigns(Sequence[GuidedFourBar]):
     def __len__(self) -> int:
         return len(self.designs)
 
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self, index: int) -> Any:
         return self.designs[index]
 
     def __str__(self) -> str:

@@ -122,7 +122,7 @@ def _problem_digest(problem: Problem) -> str:
     return out.hexdigest()
 
 
-def _add_to_digest(out: Any, value: Any) -> None:
+def _add_to_digest(out: Any, value: object) -> None:
     """Add numbers and names, also inside tuples and records; functions and systems do not count."""
     if isinstance(value, np.ndarray):
         out.update(np.asarray(value, dtype=float).tobytes())

@@ -222,7 +222,7 @@ class Goal(Leaves):
         return np.array([*(s.size(n) for s, n in zip(self.stocks, sizes, strict=True)), 1.0])
 
 
-def _objectives(goal: Goal, motion: Motion, extra: Any) -> list[Array]:
+def _objectives(goal: Goal, motion: Motion, extra: Array) -> list[Array]:
     return goal.pieces(motion, extra)
 
 

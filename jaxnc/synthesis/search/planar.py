@@ -15,6 +15,7 @@ from jaxnc.kinematics.design import geometry_components, geometry_vector, with_g
 from jaxnc.synthesis.bounds import Boxes
 from jaxnc.synthesis.evaluate import marker_places
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration
+from jaxnc.types import ArrayLike
 
 _ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
 _POSES = 37  # at which that is tried
@@ -89,7 +90,9 @@ def length_dimensions(problem: PathGeneration) -> np.ndarray:
     return np.array([d.quantity.long for d in problem.system.topology.given], dtype=bool)
 
 
-def move_whole(problem: PathGeneration, found: Linear, flat: np.ndarray, z0: Any, w: Any, place: Any) -> np.ndarray:
+def move_whole(
+    problem: PathGeneration, found: Linear, flat: np.ndarray, z0: object, w: ArrayLike, place: ArrayLike
+) -> np.ndarray:
     """Move mechanisms as a whole and put their tracers somewhere: parameters ``(..., n)``.
 
     They move by z0, turn and grow by w, both complex ``(...,)``; `place` is where the tracer is drawn afterwards.

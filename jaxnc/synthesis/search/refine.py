@@ -14,6 +14,7 @@ import numpy as np
 from jaxnc.synthesis.conditions import Links
 from jaxnc.synthesis.evaluate import LANES, MEETS, Evaluator, violation
 from jaxnc.synthesis.search.goal import Goal
+from jaxnc.types import ArrayLike
 
 # -- least squares in lanes --------------------------------------------------------------------------------------------
 
@@ -408,7 +409,7 @@ def _stack_rows(rows: Sequence[np.ndarray], n: int) -> np.ndarray:
     return np.stack(rows) if len(rows) else np.zeros((0, n))
 
 
-def _with(old: np.ndarray, at: np.ndarray, new: Any) -> np.ndarray:
+def _with(old: np.ndarray, at: np.ndarray, new: ArrayLike) -> np.ndarray:
     out = old.copy()
     out[at] = new
     return out

@@ -37,7 +37,7 @@ class Sums(NamedTuple):
 
     @classmethod
     def of(
-        cls, a: np.ndarray, f: np.ndarray, p: np.ndarray, w: np.ndarray, t: Any = None, reach: float = 0.0
+        cls, a: np.ndarray, f: np.ndarray, p: np.ndarray, w: np.ndarray, t: np.ndarray | None = None, reach: float = 0.0
     ) -> "Sums":
         """Sum over ways ``(L, M, 3)``, turns ``(L, M, 3, 3)``, places, weights ``(…, M)`` and turns that are wanted."""
         count, targets = a.shape[:2]

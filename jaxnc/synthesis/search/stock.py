@@ -8,7 +8,7 @@ dimension and of two are tried until none of them is better. Each combination is
 import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
@@ -179,7 +179,7 @@ def integer(what: tuple[str, str] | str, step: float = 1.0) -> Stock:
     return Stock(what, (), float(step))
 
 
-def _check_what(what: Any, caller: str) -> None:
+def _check_what(what: object, caller: str) -> None:
     pair = isinstance(what, tuple) and len(what) == 2 and all(isinstance(w, str) for w in what)
     if not (pair or isinstance(what, str)):
         raise InputError(f"{caller}: give two points, or the name of a design variable; got {what!r}")

@@ -294,7 +294,7 @@ def _planar_item(item: Item) -> dict[str, Any]:
     return {"shape": type(item).__name__.lower(), **_fields(item)}
 
 
-def _spatial_item(item: Any, meshes: dict[Mesh, int]) -> dict[str, Any]:
+def _spatial_item(item: object, meshes: dict[Mesh, int]) -> dict[str, Any]:
     """Write an item, its mesh by number."""
     out = {"shape": type(item).__name__.lower(), **_fields(item)}
     if isinstance(item, Solid):

@@ -3,7 +3,6 @@
 import html
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
@@ -77,7 +76,7 @@ def to_html(
     model: Mechanism | None = None,
     unit: str | None = None,
     plots: str | Iterable[str] | None = None,
-    forces: Any = False,
+    forces: object = False,
 ) -> Path:
     """Write a page that shows a motion and calculates it anew: no Python, no network, one file.
 
@@ -131,7 +130,7 @@ def page_parts(
     unit: str | None = None,
     scripted: bool = False,
     plots: str | Iterable[str] | None = None,
-    forces: Any = False,
+    forces: object = False,
 ) -> dict[str, str]:
     """Make what a page is filled with, by name; see `to_html`. Where scripts run for certain it needs no still."""
     if model is not None and not isinstance(model, Mechanism):

@@ -26,6 +26,7 @@ from jaxnc.system.frames import mass_centres
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
+from jaxnc.types import Array
 from jaxnc.viz.arrows import Arrows
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.quantities import force_values
@@ -96,7 +97,7 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
     shapes = ((n,), (len(top.markers), top.dim), (len(top.dimensions),), (sum(k * (c + r) for k, c, r in counts),))
     shapes = (*shapes, (n,), (n,), (), (len(view.rows),))
 
-    def redrawn(q: Any, m: Any, d: Any, c: Any) -> tuple[System, Dynamics]:
+    def redrawn(q: Array, m: Array, d: Array, c: Array) -> tuple[System, Dynamics]:
         """In the plane the page may have changed the mechanism."""
         system = _redrawn(origin, q, m, d)
         constants, scales, first = [], [], 0
@@ -109,7 +110,7 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
         eq = renumbered(dyn.eq, constants, scales)
         return system, dataclasses.replace(dyn, eq=eq, mass=mass, moments=moments, total=total, system=system)
 
-    def pose(q: Any, m: Any, d: Any, c: Any, v: Any, a: Any, t: Any, l: Any) -> PosedReactions:  # noqa: E741
+    def pose(q: Array, m: Array, d: Array, c: Array, v: Array, a: Array, t: Array, l: Array) -> PosedReactions:  # noqa: E741
         system, made = redrawn(q, m, d, c) if plane else (origin, dyn)
         motion = dataclasses.replace(
             data.motion, system=system, poses=q[None], rates=(v[None], a[None]), asked=jnp.zeros((1, len(driven))),
@@ -172,7 +173,7 @@ def _input_names(shapes: Sequence[tuple[int, ...]]) -> Any:
     return lambda k: names[k]
 
 
-def _redrawn(system: System, q: Any, m: Any, d: Any) -> System:
+def _redrawn(system: System, q: Array, m: Array, d: Array) -> System:
     """Redraw a planar system as it stands in a pose: a changed mechanism has no other drawing in a page.
 
     Centres of mass that are given as places keep theirs on their bodies.

@@ -4,7 +4,7 @@ A page draws a changed mechanism as its pose stands: `page_design` is the progra
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,7 +94,7 @@ def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
     def name(k: int) -> str:
         return f"q[{k}]" if k < n else f"c[{k - n}]"
 
-    def body(nodes: Iterable[int], into: Any) -> str:
+    def body(nodes: Iterable[int], into: Callable) -> str:
         return javascript(b.program([*nodes]), name, into)
 
     at = [r * len(view.unknown) + c for r, c in found.matrix]

@@ -241,7 +241,7 @@ class Widget:
             finally:
                 self._hearing = False
 
-    def _name_inputs(self, values: Any) -> dict[str, float]:
+    def _name_inputs(self, values: np.ndarray) -> dict[str, float]:
         return {name: float(x) for name, x in zip(self._motion.driven, values, strict=True)}
 
     def _find_pose(self, system: System, inputs: Mapping[str, float], near: np.ndarray | None = None) -> Motion:
@@ -253,7 +253,7 @@ class Widget:
             start = Motion(system, self._motion.driven, held, near, (), asked, good, None, None)  # pyright: ignore[reportArgumentType]
         return solve_position(system, dict(inputs), hold=self._motion.held, start=start, throw=True)
 
-    def _check_system(self, value: Any) -> System:
+    def _check_system(self, value: Mechanism | System) -> System:
         """Check a system that is assigned, and find where it stands."""
         value = getattr(value, "system", value)
         value = value.compile() if isinstance(value, Mechanism) else value
@@ -372,7 +372,7 @@ class Widget:
             self._closed = closed
             self._show_target()
 
-    def _check_target(self, value: Any) -> Any:
+    def _check_target(self, value: np.ndarray) -> Any:
         """Check a target that is assigned."""
         if value is None:
             return None
