@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.instant import transmission_angle as transmission_angle
     from jaxnc.kinematics.mobility import grashof as grashof
     from jaxnc.kinematics.mobility import mobility as mobility
+    from jaxnc.kinematics.modes import modes as modes
     from jaxnc.kinematics.motion import Motion as Motion
     from jaxnc.kinematics.position import motion as motion
     from jaxnc.kinematics.position import solve_position as solve_position

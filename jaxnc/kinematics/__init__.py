@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.mobility import Grashof as Grashof
     from jaxnc.kinematics.mobility import Mobility as Mobility
     from jaxnc.kinematics.mobility import grashof_type as grashof_type
+    from jaxnc.kinematics.modes import Certificate as Certificate
+    from jaxnc.kinematics.modes import Modes as Modes
     from jaxnc.kinematics.motion import Columns as Columns
     from jaxnc.kinematics.motion import Motion as Motion
     from jaxnc.kinematics.sensitivity import Sensitivity as Sensitivity
