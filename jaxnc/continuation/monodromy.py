@@ -63,7 +63,7 @@ def run_loops(
             w = np.concatenate([w, here[:, is_new(w, here)]], axis=1)
         loops += 1
         still = 0 if w.shape[1] > before else still + 1
-        if patience is not None and diverged > patience + 0.01 * paths:
+        if patience is not None and diverged > patience + 0.005 * paths:
             return Found(w, loops, 0, lost, paths, diverged)
     return Found(w, loops, still, lost, paths, diverged)
 

@@ -15,13 +15,14 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.continuation.certificate import Balls, are_disjoint, certify
 from jaxnc.continuation.monodromy import SAME, is_new
+from jaxnc.continuation.quadratic import QuadraticPaths
 from jaxnc.continuation.tracker import follow
 from jaxnc.doors import door
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.polynomial import Member, NotPolynomial, Reading, read_polynomials
-from jaxnc.kinematics.reduction import Reduction
+from jaxnc.kinematics.reduction import Placed, Reduction
 from jaxnc.kinematics.starts import (
     NoMember,
     PositiveDimension,
@@ -211,33 +212,35 @@ class Family:
 
     def __init__(self, reading: Reading, starts: StartSet):
         self.reading, self.starts = reading, starts
-        self.reductions: list[tuple[Reduction, np.ndarray]] = []
+        self.reductions: list[tuple[Reduction, Placed]] = []
 
-    def reduction(self, design: Member) -> tuple[Reduction, np.ndarray, np.ndarray]:
+    def reduction(self, design: Member) -> tuple[Reduction, Placed, Placed]:
         """An elimination that suits a design, with its maps for the generic member and for the design."""
         for known, start in self.reductions:
-            maps = _maps_of(known, design)
-            if maps is not None:
-                return known, start, maps
+            placed = _place(known, design)
+            if placed is not None:
+                return known, start, placed
         first = Member(*(_first(v) for v in (design.constants, design.known, design.turns, design.sizes)))
-        made = Reduction(self.reading, self.starts.member, first, self.starts.combine)
-        made.square_rows(self.starts.member, self.starts.x[:, 0], np.random.default_rng(7))
-        self.reductions.append((made, made.maps(self.starts.member)))
+        made = Reduction(self.reading, self.starts.member, first, self.starts.way)
+        start = made.place(self.starts.member)
+        made.square_rows(start, self.starts.x[:, 0], np.random.default_rng(7))
+        self.reductions.append((made, start))
         with np.errstate(all="ignore"):
-            return *self.reductions[-1], made.maps(design)
+            return made, start, made.place(design)
 
 
 def _first(value: Any) -> Any:
     return tuple(v[..., :1] for v in value) if isinstance(value, tuple) else value[..., :1]
 
 
-def _maps_of(reduction: Reduction, design: Member) -> np.ndarray | None:
+def _place(reduction: Reduction, design: Member) -> Placed | None:
+    """A design in an elimination; None where it would divide by next to nothing."""
     try:
         with np.errstate(all="ignore"):
-            maps = reduction.maps(design)
+            placed = reduction.place(design)
     except np.linalg.LinAlgError:
         return None
-    return maps if np.isfinite(maps).all() and np.abs(maps).max() < _WIDE else None
+    return placed if np.abs(placed.maps).max() < _WIDE else None
 
 
 def family_of(design: Design, inputs: Sequence[int], seed: int = 0) -> Family:
@@ -275,19 +278,19 @@ class Ends:
 
 def solve_all(family: Family, design: Member, seed: int = 0) -> Ends:
     """All solutions of one design, by paths from the family's generic member; what is lost goes other ways."""
-    reduction, start_maps, maps = family.reduction(design)
+    reduction, begin, end = family.reduction(design)
     start = reduction.shorten(family.starts.x)
-    t = np.tensordot(reduction.mix, reduction.restricted(design, maps)[0], 1).real
+    t = np.tensordot(reduction.mix, reduction.restricted(end)[0], 1).real
     t = t / np.abs(t).max(axis=(1, 2), keepdims=True) if len(t) else t
     count = start.shape[1]
     if not reduction.n:
-        return Ends(np.zeros((0, 1)), certify(t, np.zeros((0, 1))), maps[0], 0, 0, 0)
+        return Ends(np.zeros((0, 1)), certify(t, np.zeros((0, 1))), end.maps[0], 0, 0, 0)
     rng, best = np.random.default_rng([seed, 5]), None
     for route in range(_ROUTES):
         if route < len(_FINE):
-            legs, accuracy = [reduction.paths(family.starts.member, start_maps, design, maps)], _FINE[route]
+            legs, accuracy = [reduction.paths(begin, end)], _FINE[route]
         else:  # by way of another place in the family
-            legs, accuracy = _detour(reduction, family.starts.member, start_maps, design, maps, rng), _FINE[-1]
+            legs, accuracy = _detour(reduction, begin, end, rng), _FINE[-1]
         w, alive, far = start, np.arange(count), 0
         for leg in legs:
             ends = follow(leg, w, accuracy)
@@ -310,20 +313,19 @@ def solve_all(family: Family, design: Member, seed: int = 0) -> Ends:
     found, far, singular = best
     far = min(far, count - found.shape[1])
     singular = min(singular, count - found.shape[1] - far)
-    return Ends(found, certify(t, found), maps[0], far, singular, count - found.shape[1] - far - singular)
+    return Ends(found, certify(t, found), end.maps[0], far, singular, count - found.shape[1] - far - singular)
 
 
-def _detour(reduction, start, start_maps, design, maps, rng):
+def _detour(reduction: Reduction, begin: Placed, end: Placed, rng: np.random.Generator) -> list[QuadraticPaths]:
     """Two legs by way of a member beside the straight line, in a random complex direction."""
-    beside = start.mix(design, np.array([0.5 + 0.7j * rng.choice([-1, 1]) * (0.5 + rng.random())]))
-    middle = reduction.maps(beside)
-    return [reduction.paths(start, start_maps, beside, middle), reduction.paths(beside, middle, design, maps)]
+    part = np.array([0.5 + 0.7j * rng.choice([-1, 1]) * (0.5 + rng.random())])
+    straight = tuple(a + (b - a) * part for a, b in zip(begin.straight, end.straight, strict=True))
+    middle = reduction.place(begin.member.mix(end.member, part), straight)
+    return [reduction.paths(begin, middle), reduction.paths(middle, end)]
 
 
 def _polish(t: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Solutions after two more of Newton's steps, where they stay near."""
-    from jaxnc.continuation.quadratic import QuadraticPaths
-
     here, lanes = QuadraticPaths(t[None, None]), np.arange(w.shape[1])
     with np.errstate(all="ignore"):
         for _ in range(2):

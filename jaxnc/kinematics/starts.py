@@ -15,15 +15,14 @@ import numpy as np
 from jaxnc.continuation.monodromy import is_new, run_loops, solve_by_degree
 from jaxnc.continuation.quadratic import QuadraticPaths
 from jaxnc.kinematics.polynomial import Member, Reading
-from jaxnc.kinematics.reduction import Reduction
+from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
 from jaxnc.process import cache_folder
 
 _VERSION = 1  # of the files, and of what their keys mean
-_PATIENCE = 4  # paths between generic members that may go to infinity
+_PATIENCE = 1  # paths between generic members that may go to infinity
 _BY_DEGREE = 6  # unknowns up to which the total degree is tried, 64 paths
 _DRAWS = 20
 _SOLVES = 1e-8  # largest residual of a row that is met by a solution of combinations of rows
-_COMBINE = ("constant", "none", "never")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +31,7 @@ class StartSet:
 
     member: Member
     x: np.ndarray  # all unknowns of each, (unknowns, solutions)
-    combine: str  # what linear combinations of rows were solved first
+    way: str  # of the elimination
     loops: int  # of monodromy
     quiet: int  # of them, at the end, without a new solution
     proved: bool  # whether all paths of the total degree are accounted for
@@ -55,31 +54,31 @@ def find_starts(
     """Find all solutions of a generic member, from a pose ``(N,)`` of a design and its constants."""
     own, pose = draw_generic(reading, x, constants, rng)
     generic, solution = reading.member_of(pose, own), pose[reading.unknown, 0]
-    for combine in _COMBINE:
-        reduction = Reduction(reading, generic, design, combine)
-        freedoms = reduction.square_rows(generic, solution, rng)
+    for way in WAYS:
+        reduction = Reduction(reading, generic, design, way)
+        placed = reduction.place(generic)
+        freedoms = reduction.square_rows(placed, solution, rng)
         if freedoms:
             raise PositiveDimension(freedoms)
-        maps = reduction.maps(generic)
         w, proved = reduction.shorten(solution[:, None]), False
         if reduction.n == 0:
-            return StartSet(generic, solution[:, None], combine, 0, 0, True)
-        t = np.tensordot(reduction.mix, reduction.restricted(generic, maps)[0], 1)
+            return StartSet(generic, solution[:, None], way, 0, 0, True)
+        t = np.tensordot(reduction.mix, reduction.restricted(placed)[0], 1)
         if reduction.n <= _BY_DEGREE:
             every, proved = solve_by_degree(t, rng)
-            every = every[:, _meets_all(reduction, generic, maps, every)]
+            every = every[:, _meets_all(reduction, placed, every)]
             w = np.concatenate([w, every[:, is_new(w, every)]], axis=1)
 
         draw = functools.partial(draw_generic, reading, x, constants, rng)
-        loop = functools.partial(_make_loop, reduction, generic, maps, draw)
-        last = combine == _COMBINE[-1]
+        loop = functools.partial(_make_loop, reduction, placed, draw)
+        last = way == WAYS[-1]
         found = run_loops(w, loop, None if last else _PATIENCE, proved)
         if not found.quiet and not last:
             continue  # the elimination leads out of the family
-        known = found.w[:, _meets_all(reduction, generic, maps, found.w)]
+        known = found.w[:, _meets_all(reduction, placed, found.w)]
         one = np.concatenate([np.ones((1, known.shape[1])), known])
         proved = proved and found.w.shape[1] == w.shape[1]
-        return StartSet(generic, (maps[0] @ one)[1:], combine, found.loops, found.quiet, proved)
+        return StartSet(generic, (placed.maps[0] @ one)[1:], way, found.loops, found.quiet, proved)
     raise AssertionError("the last way ends")
 
 
@@ -92,20 +91,19 @@ def draw_generic(reading: Reading, x: np.ndarray, constants: Sequence[np.ndarray
     raise NoMember
 
 
-def _make_loop(reduction: Reduction, generic: Member, maps: np.ndarray, draw: Callable) -> list[QuadraticPaths]:
+def _make_loop(reduction: Reduction, generic: Placed, draw: Callable) -> list[QuadraticPaths]:
     """Three legs, by way of two other members and back."""
-    around = [(generic, maps)]
+    around = [generic]
     for _ in range(2):
         own, pose = draw()
-        other = reduction.reading.member_of(pose, own)
-        around.append((other, reduction.maps(other)))
-    return [reduction.paths(*around[k], *around[(k + 1) % 3]) for k in range(3)]
+        around.append(reduction.place(reduction.reading.member_of(pose, own)))
+    return [reduction.paths(around[k], around[(k + 1) % 3]) for k in range(3)]
 
 
-def _meets_all(reduction: Reduction, member: Member, maps: np.ndarray, w: np.ndarray) -> np.ndarray:
+def _meets_all(reduction: Reduction, placed: Placed, w: np.ndarray) -> np.ndarray:
     """Tell which solutions of the combinations that are solved meet every row."""
     y = np.concatenate([np.ones((1, w.shape[1])), w])
-    t = reduction.restricted(member, maps)[0]
+    t = reduction.restricted(placed)[0]
     t = t / np.abs(t).max(axis=(1, 2), keepdims=True)
     rows = np.einsum("rij,is,js->rs", t, y, y)
     return np.abs(rows).max(axis=0, initial=0.0) < _SOLVES * np.abs(y).max(axis=0) ** 2
@@ -137,7 +135,7 @@ def load_starts(reading: Reading, key: str) -> StartSet | None:
             blocks = [file[f"constants {b}"] for b in range(len(reading.top.blocks))]
             member = Member(tuple(blocks), file["known"], file["turns"], file["sizes"])
             loops, quiet, proved = (int(v) for v in file["history"])
-            return StartSet(member, file["x"], str(file["combine"]), loops, quiet, bool(proved))
+            return StartSet(member, file["x"], str(file["way"]), loops, quiet, bool(proved))
     except (OSError, ValueError, KeyError, EOFError):
         return None  # not there, or damaged: it is made anew
 
@@ -149,7 +147,7 @@ def save_starts(starts: StartSet, key: str) -> None:
         return
     arrays: dict[str, Any] = {f"constants {b}": c for b, c in enumerate(starts.member.constants)}
     arrays |= {"known": starts.member.known, "turns": starts.member.turns, "sizes": starts.member.sizes}
-    arrays |= {"x": starts.x, "combine": starts.combine}
+    arrays |= {"x": starts.x, "way": starts.way}
     arrays["history"] = np.array([starts.loops, starts.quiet, starts.proved])
     try:
         folder.mkdir(parents=True, exist_ok=True)
