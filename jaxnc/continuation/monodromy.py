@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from jaxnc.continuation.quadratic import QuadraticPaths
-from jaxnc.continuation.tracker import follow
+from jaxnc.continuation.tracker import BOLD, follow
 
 SAME = 1e-6
 """Relative difference of two ends that are one solution."""
@@ -56,7 +56,7 @@ def run_loops(
         while done < w.shape[1]:
             here, done = w[:, done:], w.shape[1]
             for leg in legs:
-                ends = follow(leg, here)
+                ends = follow(leg, here, BOLD)
                 paths, lost = paths + len(ends.arrived), lost + int(np.sum(~ends.arrived))
                 diverged += int(ends.at_infinity.sum())
                 here = ends.w[:, ends.arrived]

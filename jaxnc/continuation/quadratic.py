@@ -8,6 +8,7 @@ from math import comb
 
 import numpy as np
 
+_ORDER = 5  # of the power series
 FIT = 1e-12  # of the largest coefficient: a power of the path's parameter that counts less is none
 
 
@@ -77,18 +78,18 @@ class QuadraticPaths:
     def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: np.ndarray) -> list[np.ndarray]:
         """Find the power series; see `jaxnc.continuation.tracker.Problem`."""
         count = w.shape[1]
-        weights = self._weights(at, 3)
+        weights = self._weights(at, _ORDER)
         terms = [np.concatenate([np.ones((1, count)), w]).T]
         inner: list[np.ndarray] = []  # Σ Q_l Y_j, order by order
         out = []
-        for m in (1, 2, 3):
+        for m in range(1, _ORDER + 1):
             g = self._apply([(weights[m - j], terms[j]) for j in range(m)], lanes)
             rest = np.matmul(g, terms[0][:, :, None])[:, :, 0]
             for j in range(1, m):
                 rest = rest + np.matmul(inner[m - j - 1], terms[j][:, :, None])[:, :, 0]
             step = -np.matmul(linear, rest[:, :, None])[:, :, 0]
             out.append(step.T)
-            if m < 3:
+            if m < _ORDER:
                 terms.append(np.concatenate([np.zeros((count, 1)), step], axis=1))
                 inner.append(g + self._apply([(weights[0], terms[m])], lanes))
         return out

@@ -18,7 +18,7 @@ _FLOOR = 1e-8  # relative size of a second correction that counts as rounding
 _LEAST = 1e-10  # shortest step
 _LONGEST = 0.2
 _FIRST = 0.02
-_NEAR, _LARGE, _GROWING = 0.99, 100.0, 0.1  # of paths that end at infinity: how far they got, their size and growth
+_NEAR, _LARGE, _GROWING = 0.9, 100.0, 0.1  # of paths that end at infinity: how far they got, their size and growth
 
 
 class Problem(Protocol):
@@ -29,7 +29,7 @@ class Problem(Protocol):
         ...
 
     def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: Any) -> list[np.ndarray]:
-        """Coefficients one to three of the paths' power series, by the derivative at (or beside) their points."""
+        """First coefficients of the paths' power series, by the derivative at (or beside) their points."""
         ...
 
     def select(self, linear: Any, which: np.ndarray) -> Any:
@@ -57,12 +57,35 @@ class PathEnds:
         return ~self.arrived & near & large & (self.growth > _GROWING)
 
 
-def follow(problem: Problem, w: np.ndarray, accuracy: float = 5e-5, most: int = 3000) -> PathEnds:
+@dataclasses.dataclass(frozen=True)
+class Pace:
+    """How boldly steps are taken."""
+
+    accuracy: float = 5e-5  # relative error of a prediction to aim for
+    contraction: float = 0.002  # of the first correction: size of the second to aim for
+    left: float = 1e-7  # largest relative second correction
+
+
+BOLD, CAREFUL = Pace(2e-4, 0.02, 1e-5), Pace(2e-6, 0.001, 1e-8)
+"""Paces of power series of fifth order: for most paths, and for those that were lost."""
+
+
+def _predict(series: list[np.ndarray], h: np.ndarray) -> np.ndarray:
+    """Changes over steps: power series whose last two terms go on like a geometric one, a Padé approximant."""
+    *first, two, three = series
+    down = 1.0 - np.where(np.isfinite(three / two), three / two, 0.0) * h
+    out = np.where(np.abs(down) > 0.2, two / down, two + three * h) * h
+    for term in first[::-1]:
+        out = (term + out) * h
+    return out
+
+
+def follow(problem: Problem, w: np.ndarray, pace: Pace = Pace(), most: int = 3000) -> PathEnds:
     """Follow solutions ``(unknowns, paths)`` of a problem from 0 to 1.
 
-    A smaller `accuracy`, the relative error of a prediction to aim for, is safer and slower. What is under way after
-    the `most` rounds is given up.
+    A pace of smaller numbers is safer and slower. What is under way after the `most` rounds is given up.
     """
+    accuracy = pace.accuracy
     lanes = w.shape[1]
     out = PathEnds(np.array(w), np.zeros(lanes, bool), np.zeros(lanes), np.zeros(lanes))
     if not lanes:
@@ -70,35 +93,36 @@ def follow(problem: Problem, w: np.ndarray, accuracy: float = 5e-5, most: int = 
     alive, at, h = np.arange(lanes), np.zeros(lanes), np.full(lanes, _FIRST)
     with np.errstate(all="ignore"):
         w, linear, _ = problem.correct(w, at, alive)
-        one, two, three = problem.series(w, at, alive, linear)
+        series = problem.series(w, at, alive, linear)
+        power = 1.0 / (1 + len(series))
         for _ in range(most):
             if not len(alive):
                 break
             last = h >= (1.0 - at) * (1.0 - 1e-12)
             h = np.minimum(h, 1.0 - at)
             then = np.where(last, 1.0, at + h)
-            down = 1.0 - np.where(np.isfinite(three / two), three / two, 0.0) * h
-            bend = np.where(np.abs(down) > 0.2, two / down, two + three * h)
-            trial, _, first = problem.correct(w + (one + bend * h) * h, then, alive)
+            trial, _, first = problem.correct(w + _predict(series, h), then, alive)
             trial, linear, second = problem.correct(trial, then, alive)
-            good = (first < 10 * accuracy) & ((second <= 0.02 * first) & (second < 1e-7) | (second < _FLOOR))
-            factor = np.clip((accuracy / np.maximum(first, 1e-16)) ** 0.25, 0.2, 2.0)
-            shrink = np.clip((0.002 * first / np.maximum(second, 1e-300)) ** 0.25, 0.2, 2.0)
+            good = (first < 10 * accuracy) & (
+                (second <= 10 * pace.contraction * first) & (second < pace.left) | (second < _FLOOR)
+            )
+            factor = np.clip((accuracy / np.maximum(first, 1e-16)) ** power, 0.2, 2.0)
+            shrink = np.clip((pace.contraction * first / np.maximum(second, 1e-300)) ** power, 0.2, 2.0)
             factor = np.where(second > _FLOOR, np.minimum(factor, shrink), factor)
             h = np.minimum(h * np.where(good, factor, np.minimum(0.5, factor)), _LONGEST)
             if good.any():
                 w[:, good], at[good] = trial[:, good], then[good]
                 new = problem.series(w[:, good], at[good], alive[good], problem.select(linear, good))
-                for series, value in zip((one, two, three), new, strict=True):
-                    series[:, good] = value
+                for term, value in zip(series, new, strict=True):
+                    term[:, good] = value
             done = good & last
             over = done | (h < _LEAST) | ~(problem.size(w) < 10 * FAR)
             if over.any():
                 out.w[:, alive[over]], out.at[alive[over]] = w[:, over], at[over]
                 out.arrived[alive[done]] = True
-                out.growth[alive[over]] = problem.size(one[:, over]) * (1.0 - at[over]) / problem.size(w[:, over])
+                out.growth[alive[over]] = problem.size(series[0][:, over]) * (1.0 - at[over]) / problem.size(w[:, over])
                 stay = ~over
                 alive, at, h = alive[stay], at[stay], h[stay]
-                w, one, two, three = (value[:, stay] for value in (w, one, two, three))
+                w, series = w[:, stay], [term[:, stay] for term in series]
     out.w[:, alive], out.at[alive] = w, at
     return out

@@ -9,14 +9,14 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
+from jaxnc.compiling import on_device
 from jaxnc.continuation.certificate import Balls, are_disjoint, certify
 from jaxnc.continuation.monodromy import SAME, is_new
 from jaxnc.continuation.quadratic import QuadraticPaths
-from jaxnc.continuation.tracker import follow
+from jaxnc.continuation.tracker import BOLD, CAREFUL, follow
 from jaxnc.doors import door
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
@@ -45,7 +45,7 @@ from jaxnc.types import Inputs
 _ZERO = 1e-10  # of the mechanism's size: a constant of a design below is zero by its structure
 _WIDE = 1e5  # beside 1: maps of an elimination that divides by next to nothing
 _ROUTES = 4
-_FINE = (5e-5, 2e-6)
+_PACES = BOLD, CAREFUL
 _SINGULAR = 1e-12  # reciprocal condition number of a solution that is not regular
 _INFINITY = 1e4  # of unknowns of size one: an end beyond is at infinity
 _RESIDUAL = 1e-9  # of the mechanism's size: a pose that meets all rows
@@ -280,20 +280,20 @@ def solve_all(family: Family, design: Member, seed: int = 0) -> Ends:
     """All solutions of one design, by paths from the family's generic member; what is lost goes other ways."""
     reduction, begin, end = family.reduction(design)
     start = reduction.shorten(family.starts.x)
-    t = np.tensordot(reduction.mix, reduction.restricted(end)[0], 1).real
+    t = np.tensordot(reduction.mix, end.restricted[0], 1).real
     t = t / np.abs(t).max(axis=(1, 2), keepdims=True) if len(t) else t
     count = start.shape[1]
     if not reduction.n:
         return Ends(np.zeros((0, 1)), certify(t, np.zeros((0, 1))), end.maps[0], 0, 0, 0)
     rng, best = np.random.default_rng([seed, 5]), None
     for route in range(_ROUTES):
-        if route < len(_FINE):
-            legs, accuracy = [reduction.paths(begin, end)], _FINE[route]
+        if route < len(_PACES):
+            legs, pace = [reduction.paths(begin, end)], _PACES[route]
         else:  # by way of another place in the family
-            legs, accuracy = _detour(reduction, begin, end, rng), _FINE[-1]
+            legs, pace = _detour(reduction, begin, end, rng), _PACES[-1]
         w, alive, far = start, np.arange(count), 0
         for leg in legs:
-            ends = follow(leg, w, accuracy)
+            ends = follow(leg, w, pace)
             far += int(ends.at_infinity.sum())
             w, alive = ends.w[:, ends.arrived], alive[ends.arrived]
         w = _polish(t, w)
@@ -462,8 +462,6 @@ def judge(design: Design, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
 
 def _motion(system, view, values, q, status, residual, conditioning) -> Motion:
     named, count = system.topology.named, q.shape[1]
-    return Motion(
-        system, named(view.driven), named(view.held), jnp.asarray(q.T), (),
-        jnp.broadcast_to(jnp.asarray(values, float), (count, len(values))), jnp.asarray(status), jnp.asarray(residual),
-        jnp.asarray(conditioning),
-    )  # fmt: skip
+    asked = np.broadcast_to(values, (count, len(values)))
+    q, asked, status, residual, conditioning = on_device((q.T, asked, status, residual, conditioning))
+    return Motion(system, named(view.driven), named(view.held), q, (), asked, status, residual, conditioning)

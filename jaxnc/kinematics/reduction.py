@@ -9,6 +9,7 @@ what is solved goes straight from one end to the other instead: a driven pin, sa
 """
 
 import dataclasses
+import functools
 
 import numpy as np
 import scipy.linalg
@@ -65,6 +66,12 @@ class Placed:
     member: Member
     maps: np.ndarray  # from 1 and the unknowns that stay to 1 and all, (samples, 1 + unknowns, 1 + n)
     straight: tuple[np.ndarray, ...]  # of each stage that has it, (samples, solved, 1 + free)
+    rows: np.ndarray  # coefficients of the rows that stay, in all unknowns
+
+    @functools.cached_property
+    def restricted(self) -> np.ndarray:
+        """Coefficients of the rows that stay, in the unknowns that stay."""
+        return _congruent(self.maps, self.rows)
 
 
 def _rank(matrix: np.ndarray) -> int:
@@ -182,7 +189,7 @@ class Reduction:
                 found.append(solution)
             maps = np.matmul(maps, stage.expand(solution))
             rows = rows[stage.kept]
-        return Placed(member, maps, tuple(found))
+        return Placed(member, maps, tuple(found), t[:, rows])
 
     def square_rows(self, generic: Placed, x: np.ndarray, rng: np.random.Generator) -> int:
         """Choose as many combinations of the rows as unknowns, at a solution ``(unknowns,)`` of a generic member.
@@ -190,7 +197,7 @@ class Reduction:
         Rows that depend on each other take part by random real combinations. Returns how many freedoms the solution has
         besides: 0 where it is isolated.
         """
-        t = self.restricted(generic)[0]
+        t = generic.restricted[0]
         y = np.concatenate([[1.0], self.shorten(x[:, None])[:, 0]])
         jacobian = 2.0 * (t @ y)[:, 1:]
         jacobian = _scaled(jacobian)
@@ -206,10 +213,6 @@ class Reduction:
             self.mix[np.arange(len(alone)), alone] = 1.0
             self.mix[len(alone) :, tied] = np.linalg.qr(combined.T)[0].T
         return 0
-
-    def restricted(self, placed: Placed) -> np.ndarray:
-        """Coefficients of the rows that stay, in the unknowns that stay."""
-        return _congruent(placed.maps, self.reading.coefficients(placed.member)[:, self.rows])
 
     def shorten(self, x: np.ndarray) -> np.ndarray:
         """The unknowns that stay, ``(n, lanes)``, of all ``(unknowns, lanes)``."""
@@ -228,7 +231,7 @@ class Reduction:
             a + (np.repeat(b, _SAMPLES, 0) - a) * part[:, None, None]
             for a, b in zip(start.straight, end.straight, strict=True)
         )
-        t = self.restricted(self.place(between, straight))
+        t = self.place(between, straight).restricted
         t = np.tensordot(t, self.mix, ([1], [1])).transpose(0, 3, 1, 2)
         t = t.reshape(targets, _SAMPLES, len(self.mix), self.n + 1, self.n + 1)
         t = t / np.abs(t).max(axis=(1, 3, 4), keepdims=True)

@@ -63,10 +63,10 @@ def find_starts(
         w, proved = reduction.shorten(solution[:, None]), False
         if reduction.n == 0:
             return StartSet(generic, solution[:, None], way, 0, 0, True)
-        t = np.tensordot(reduction.mix, reduction.restricted(placed)[0], 1)
+        t = np.tensordot(reduction.mix, placed.restricted[0], 1)
         if reduction.n <= _BY_DEGREE:
             every, proved = solve_by_degree(t, rng)
-            every = every[:, _meets_all(reduction, placed, every)]
+            every = every[:, _meets_all(placed, every)]
             w = np.concatenate([w, every[:, is_new(w, every)]], axis=1)
 
         draw = functools.partial(draw_generic, reading, x, constants, rng)
@@ -75,7 +75,7 @@ def find_starts(
         found = run_loops(w, loop, None if last else _PATIENCE, proved)
         if not found.quiet and not last:
             continue  # the elimination leads out of the family
-        known = found.w[:, _meets_all(reduction, placed, found.w)]
+        known = found.w[:, _meets_all(placed, found.w)]
         one = np.concatenate([np.ones((1, known.shape[1])), known])
         proved = proved and found.w.shape[1] == w.shape[1]
         return StartSet(generic, (placed.maps[0] @ one)[1:], way, found.loops, found.quiet, proved)
@@ -100,10 +100,10 @@ def _make_loop(reduction: Reduction, generic: Placed, draw: Callable) -> list[Qu
     return [reduction.paths(around[k], around[(k + 1) % 3]) for k in range(3)]
 
 
-def _meets_all(reduction: Reduction, placed: Placed, w: np.ndarray) -> np.ndarray:
+def _meets_all(placed: Placed, w: np.ndarray) -> np.ndarray:
     """Tell which solutions of the combinations that are solved meet every row."""
     y = np.concatenate([np.ones((1, w.shape[1])), w])
-    t = reduction.restricted(placed)[0]
+    t = placed.restricted[0]
     t = t / np.abs(t).max(axis=(1, 2), keepdims=True)
     rows = np.einsum("rij,is,js->rs", t, y, y)
     return np.abs(rows).max(axis=0, initial=0.0) < _SOLVES * np.abs(y).max(axis=0) ** 2
