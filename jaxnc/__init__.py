@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from jaxnc.io.stream import stream as stream
     from jaxnc.kinematics.arc import circuit as circuit
     from jaxnc.kinematics.arc import travel as travel
+    from jaxnc.kinematics.circuits import circuits as circuits
     from jaxnc.kinematics.diagnosis import diagnose as diagnose
     from jaxnc.kinematics.instant import instant_centre as instant_centre
     from jaxnc.kinematics.instant import transmission_angle as transmission_angle

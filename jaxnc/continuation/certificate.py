@@ -35,17 +35,18 @@ class Balls:
 
 
 def certify(t: np.ndarray, w: np.ndarray) -> Balls:
-    """Certify approximate solutions ``(n, solutions)`` of a real system ``(n, 1 + n, 1 + n)``."""
+    """Certify approximate solutions ``(n, solutions)`` of a real system ``(n, 1 + n, 1 + n)``, or of one each."""
     n, count = w.shape
     if not count or not n:
         ones = np.ones(count)
         return Balls(0.0 * ones, np.inf * ones, ones, ones > 0, ones < 0)
     size = np.abs(t)
+    t, large = (np.broadcast_to(x, (count, n, n + 1, n + 1)) for x in (t, size))
     y = np.concatenate([np.ones((1, count)), w]).T
     with np.errstate(all="ignore"):
-        g = np.einsum("rij,sj->sri", t, y)
+        g = np.matmul(t, y[:, None, :, None])[..., 0]
         f, jacobian = np.einsum("sri,si->sr", g, y), 2.0 * g[:, :, 1:]
-        large = np.einsum("rij,sj->sri", size, np.abs(y))
+        large = np.matmul(large, np.abs(y)[:, None, :, None])[..., 0]
         slack = COEFFICIENTS + 4 * (n + 4) * _ROUND
         f_slack = slack * np.einsum("sri,si->sr", large, np.abs(y))
         j_slack = 2.0 * slack * large[:, :, 1:]
@@ -57,7 +58,8 @@ def certify(t: np.ndarray, w: np.ndarray) -> Balls:
         beta = (np.abs(np.einsum("sir,sr->si", inverse, f)) + np.einsum("sir,sr->si", a, f_slack)).max(axis=1)
         off = np.abs(np.eye(n) - inverse @ jacobian) + a @ (j_slack + slack * np.abs(jacobian))
         eta = off.sum(axis=2).max(axis=1)
-        gamma = np.einsum("sir,r->si", a, (1.0 + slack) * size[:, 1:, 1:].sum(axis=(1, 2))).max(axis=1)
+        bend = (1.0 + slack) * size[..., 1:, 1:].sum(axis=(-2, -1))
+        gamma = np.einsum("sir,sr->si", a, np.broadcast_to(bend, f.shape)).max(axis=1)
         half = 0.5 * (1.0 - eta)
         root = np.sqrt(half**2 - beta * gamma)
         proved = finite & ~singular & (half > 0.0) & (half**2 > 1.01 * beta * gamma)

@@ -25,11 +25,11 @@ def fit_powers(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 class QuadraticPaths:
     """Paths of systems of second degree from 0 to 1, of one target or of several.
 
-    `powers` are the coefficients, ``(targets, powers, equations, 1 + n, 1 + n)`` with symmetric last axes; `target`
-    says which path belongs to which.
+    `powers` are the coefficients, ``(targets, powers, equations, 1 + n, 1 + n)`` with symmetric last axes. Paths are
+    numbered target by target, `each` of them to one.
     """
 
-    def __init__(self, powers: np.ndarray, target: np.ndarray | None = None):
+    def __init__(self, powers: np.ndarray, each: int = 1):
         targets, self.degree, rows, wide, _ = powers.shape
         self.n = wide - 1
         # (targets, powers · (1 + n), equations · (1 + n))
@@ -37,7 +37,7 @@ class QuadraticPaths:
         some = np.flatnonzero(stacked.any(axis=(0, 2)))  # powers and unknowns that any coefficient goes with
         self.power, self.place = some // wide, some % wide
         self.stacked, self.rows = np.ascontiguousarray(stacked[:, some]), rows
-        self.target = None if targets == 1 else target
+        self.targets, self.each = targets, each
 
     def _apply(self, pairs: list[tuple[np.ndarray, np.ndarray]], lanes: np.ndarray) -> np.ndarray:
         """Multiply a sum of powers ``(lanes, powers)`` times unknowns ``(lanes, 1 + n)`` into the coefficients.
@@ -45,10 +45,15 @@ class QuadraticPaths:
         Returns ``(lanes, equations, 1 + n)``.
         """
         flat = sum(weights[:, self.power] * y[:, self.place] for weights, y in pairs)
-        if self.target is None:
+        if self.targets == 1:
             out = flat @ self.stacked[0]
         else:
-            out = np.matmul(flat[:, None, :], self.stacked[self.target[lanes]])[:, 0]
+            # Paths to one target are multiplied together; there are as many to each, some of them over.
+            targets, at = np.unique(lanes // self.each, return_inverse=True)
+            beside = lanes % self.each
+            padded = np.zeros((len(targets), self.each, flat.shape[1]), complex)
+            padded[at, beside] = flat
+            out = np.matmul(padded, self.stacked[targets])[at, beside]
         return out.reshape(len(flat), self.rows, self.n + 1)
 
     def _weights(self, at: np.ndarray, order: int) -> list[np.ndarray]:

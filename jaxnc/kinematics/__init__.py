@@ -8,6 +8,8 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.arc import DeadPoint as DeadPoint
     from jaxnc.kinematics.arc import Interval as Interval
     from jaxnc.kinematics.arc import Travel as Travel
+    from jaxnc.kinematics.circuits import Branch as Branch
+    from jaxnc.kinematics.circuits import Circuits as Circuits
     from jaxnc.kinematics.closure import ClosedEquations as ClosedEquations
     from jaxnc.kinematics.diagnosis import Diagnosis as Diagnosis
     from jaxnc.kinematics.diagnosis import Remedy as Remedy

@@ -36,6 +36,7 @@ from jaxnc.kinematics.starts import (
 from jaxnc.notebooks import Shown
 from jaxnc.process import one_thread
 from jaxnc.solvers.assembly import derive, settle, to_host
+from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations
@@ -48,6 +49,7 @@ _ROUTES = 4
 _PACES = BOLD, CAREFUL
 _SINGULAR = 1e-12  # reciprocal condition number of a solution that is not regular
 _INFINITY = 1e4  # of unknowns of size one: an end beyond is at infinity
+_REAL = 1e-8  # imaginary part of a real solution that has no certificate
 _RESIDUAL = 1e-9  # of the mechanism's size: a pose that meets all rows
 
 
@@ -181,7 +183,7 @@ class Design:
     def at(self, values: np.ndarray, inputs: Sequence[int]) -> tuple[Member, np.ndarray]:
         """The members for values of the inputs ``(inputs, targets)``, and what is known of all coordinates."""
         targets = values.shape[1]
-        x = np.repeat(self.x[:, None], targets, axis=1)
+        x = np.repeat(self.x[:, None], targets, axis=1).astype(values.dtype)
         x[list(inputs)] = values / self.unit[list(inputs), None]
         constants = tuple(np.repeat(c, targets, axis=2) for c in self.constants)
         self.reading.place_scalars(x, constants)
@@ -276,9 +278,11 @@ class Ends:
     lost: int
 
 
-def solve_all(family: Family, design: Member, seed: int = 0) -> Ends:
+def solve_all(
+    family: Family, design: Member, seed: int = 0, known: tuple[Reduction, Placed, Placed] | None = None
+) -> Ends:
     """All solutions of one design, by paths from the family's generic member; what is lost goes other ways."""
-    reduction, begin, end = family.reduction(design)
+    reduction, begin, end = known or family.reduction(design)
     start = reduction.shorten(family.starts.x)
     t = np.tensordot(reduction.mix, end.restricted[0], 1).real
     t = t / np.abs(t).max(axis=(1, 2), keepdims=True) if len(t) else t
@@ -401,7 +405,7 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
     """Poses, certificates and counts of the ends of all paths."""
     q = place_poses(design, x, ends.maps, ends.w)
     balls = ends.balls
-    is_real = balls.real | (~balls.proved & (np.abs(ends.w.imag).max(axis=0, initial=0.0) < 1e-8))
+    is_real = select_real(ends.w, balls)
     real, status, residual = judge(design, q[:, is_real].real)
     good = status == int(Status.CONVERGED)
     away = np.abs((real - (design.x * design.unit)[:, None]) / design.unit[:, None])[: design.reading.first].sum(axis=0)
@@ -417,7 +421,7 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
         )
         for k in which[order]
     )
-    motion = functools.partial(_motion, system, view, values)
+    motion = functools.partial(to_motion, system, view, values)
     other = np.flatnonzero(~good)
     return Modes(
         motion(real[:, order], status[order], residual[order], balls.condition[which[order]]),
@@ -433,6 +437,11 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
         family.starts.quiet,
         are_disjoint(ends.w, balls),
     )
+
+
+def select_real(w: np.ndarray, balls: Balls) -> np.ndarray:
+    """Tell which solutions are real: by their certificates, by their size where they have none."""
+    return balls.real | (~balls.proved & (np.abs(w.imag).max(axis=0, initial=0.0) < _REAL))
 
 
 def place_poses(design: Design, x: np.ndarray, maps: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -460,8 +469,11 @@ def judge(design: Design, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
     return q, np.where((status == int(Status.BRANCH_JUMP)) & mirrored, int(Status.MIRRORED), status), gap
 
 
-def _motion(system, view, values, q, status, residual, conditioning) -> Motion:
+def to_motion(
+    system: System, view: Plan, values: np.ndarray, q: np.ndarray, status: Any, residual: Any, conditioning: Any
+) -> Motion:
+    """Poses ``(N, lanes)`` as a motion, at one set of inputs or a set ``(lanes, inputs)`` each."""
     named, count = system.topology.named, q.shape[1]
-    asked = np.broadcast_to(values, (count, len(values)))
+    asked = np.broadcast_to(values, (count, values.shape[-1]))
     q, asked, status, residual, conditioning = on_device((q.T, asked, status, residual, conditioning))
     return Motion(system, named(view.driven), named(view.held), q, (), asked, status, residual, conditioning)

@@ -220,22 +220,24 @@ class Reduction:
             x = x[stage.free]
         return x
 
-    def paths(self, start: Placed, end: Placed, target: np.ndarray | None = None) -> QuadraticPaths:
-        """Paths from one member to one or several ones; `target` says which path leads to which."""
+    def paths(self, start: Placed, end: Placed, each: int = 1) -> QuadraticPaths:
+        """Paths from one member to one or several ones, or from several to as many, so many to each."""
         targets = end.member.known.shape[1]
         at = np.exp(2j * np.pi * np.arange(_SAMPLES) / _SAMPLES)
         part = np.tile(at, targets)
         ends = _repeat(end.member, _SAMPLES)
-        between = _repeat(start.member, targets * _SAMPLES).mix(ends, part)
+        alone = start.member.known.shape[1] == 1
+        between = _repeat(start.member, targets * _SAMPLES if alone else _SAMPLES).mix(ends, part)
         straight = tuple(
-            a + (np.repeat(b, _SAMPLES, 0) - a) * part[:, None, None]
+            (a if alone else np.repeat(a, _SAMPLES, 0)) * (1.0 - part[:, None, None])
+            + np.repeat(b, _SAMPLES, 0) * part[:, None, None]
             for a, b in zip(start.straight, end.straight, strict=True)
         )
         t = self.place(between, straight).restricted
         t = np.tensordot(t, self.mix, ([1], [1])).transpose(0, 3, 1, 2)
         t = t.reshape(targets, _SAMPLES, len(self.mix), self.n + 1, self.n + 1)
         t = t / np.abs(t).max(axis=(1, 3, 4), keepdims=True)
-        return QuadraticPaths(np.moveaxis(fit_powers(np.moveaxis(t, 1, -1), at), 0, 1), target)
+        return QuadraticPaths(np.moveaxis(fit_powers(np.moveaxis(t, 1, -1), at), 0, 1), each)
 
 
 def _scaled(matrix: np.ndarray) -> np.ndarray:
