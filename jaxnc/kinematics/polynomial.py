@@ -25,6 +25,7 @@ from jaxnc.system.structure import program, size
 from jaxnc.system.topology import Topology
 
 _RANK = 1e-9  # of the largest: a singular value below counts as zero
+_DRAWN = 60  # steps in which a generic member is drawn
 _EXACT = 1e-10  # of the mechanism's size: a number of a design below is zero by its structure
 
 Function = Callable[[Sequence[Any]], tuple[Any, ...]]
@@ -369,27 +370,34 @@ class Reading:
         """
         noise = rng.normal(size=(2, len(x)))
         z = (x + 0.35 * (noise[0] + 1j * noise[1]))[:, None]
-        drawn = []
-        for b, c in enumerate(constants):
-            found = self._drawn(b, z)
-            drawn.append(np.where(np.abs(c) > _EXACT, found if found is not None else c, c))
+        at = self._vectors  # of unit length, those of the ground too
         parts = [p for p in self.parts if not p.rows.uses_cosine and p.sizes is None]
         turns = np.zeros((len(self.top.scalars), 2, 1), complex)
-        for _ in range(30):
+        drawn = self._redrawn(constants, z)
+        for k in range(_DRAWN):
             with np.errstate(all="ignore"):
                 rows, jacobian = self._linearise(parts, z, drawn, turns)
+                units = np.zeros((len(at), len(z)), complex)
+                np.put_along_axis(units, at, z[at, 0], axis=1)
+                rows = np.concatenate([rows, 0.5 * ((z[at, 0] ** 2).sum(axis=1) - 1.0)])
+                jacobian = np.concatenate([jacobian, units])
             if not np.isfinite(rows).all() or not np.isfinite(jacobian).all():
                 return None
-            at = self._vectors  # of unit length, those of the ground too
-            rows = np.concatenate([rows, 0.5 * ((z[at, 0] ** 2).sum(axis=1) - 1.0)])
-            units = np.zeros((len(at), len(z)), complex)
-            np.put_along_axis(units, at, z[at, 0], axis=1)
-            jacobian = np.concatenate([jacobian, units])
             step = np.linalg.lstsq(jacobian, rows, rcond=_RANK)[0] if len(rows) else np.zeros(len(z))
             z = z - step[:, None]
             if np.abs(step).max(initial=0.0) < 1e-13 * np.abs(z).max():
-                return tuple(drawn), z
+                return drawn, z
+            if k < _DRAWN - 10 and np.abs(step).max() > 1e-9:  # afterwards the constants stay
+                drawn = self._redrawn(constants, z)
         return None
+
+    def _redrawn(self, constants: Sequence[np.ndarray], z: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Constants as a pose has them, those that are zero in a design zero again."""
+        out = []
+        for b, c in enumerate(constants):
+            found = self._drawn(b, z)
+            out.append(np.where(np.abs(c) > _EXACT, found if found is not None else c, c))
+        return tuple(out)
 
     @functools.cached_property
     def _vectors(self) -> np.ndarray:
