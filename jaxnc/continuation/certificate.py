@@ -20,7 +20,10 @@ COEFFICIENTS = 64 * _ROUND
 
 @dataclasses.dataclass(frozen=True)
 class Balls:
-    """A ball about each solution, in the largest of its unknowns: all arrays ``(solutions,)``."""
+    """A ball about each solution, in the largest of its unknowns, each in parts of its size (at least one).
+
+    All arrays are ``(solutions,)``.
+    """
 
     radius: np.ndarray  # there is a solution within; infinite where nothing is proved
     alone: np.ndarray  # and only one within this larger one
@@ -55,11 +58,13 @@ def certify(t: np.ndarray, w: np.ndarray) -> Balls:
         singular = np.abs(np.linalg.det(jacobian)) == 0.0
         inverse = np.linalg.inv(np.where(singular[:, None, None], np.eye(n), jacobian))
         a = np.abs(inverse)
-        beta = (np.abs(np.einsum("sir,sr->si", inverse, f)) + np.einsum("sir,sr->si", a, f_slack)).max(axis=1)
+        scale = 1.0 / _scales(w).T  # of unknowns
+        beta = np.abs(np.einsum("sir,sr->si", inverse, f)) + np.einsum("sir,sr->si", a, f_slack)
+        beta = (beta * scale).max(axis=1)
         off = np.abs(np.eye(n) - inverse @ jacobian) + a @ (j_slack + slack * np.abs(jacobian))
-        eta = off.sum(axis=2).max(axis=1)
-        bend = (1.0 + slack) * size[..., 1:, 1:].sum(axis=(-2, -1))
-        gamma = np.einsum("sir,sr->si", a, np.broadcast_to(bend, f.shape)).max(axis=1)
+        eta = (np.matmul(off, 1.0 / scale[:, :, None])[:, :, 0] * scale).max(axis=1)
+        bend = np.einsum("srij,si,sj->sr", np.abs(t[:, :, 1:, 1:]), 1.0 / scale, 1.0 / scale) * (1.0 + slack)
+        gamma = (np.einsum("sir,sr->si", a, bend) * scale).max(axis=1)
         half = 0.5 * (1.0 - eta)
         root = np.sqrt(half**2 - beta * gamma)
         proved = finite & ~singular & (half > 0.0) & (half**2 > 1.01 * beta * gamma)
@@ -71,13 +76,19 @@ def certify(t: np.ndarray, w: np.ndarray) -> Balls:
         condition = np.where(
             singular, 0.0, 1.0 / (np.abs(jacobian).sum(axis=2).max(axis=1) * a.sum(axis=2).max(axis=1))
         )
-    imaginary = np.abs(w.imag).max(axis=0)
+    imaginary = np.abs(w.imag / _scales(w)).max(axis=0)
     real = proved & (2.0 * imaginary < alone - radius)
     return Balls(radius, alone, condition, real, proved & (imaginary > radius))
 
 
 def are_disjoint(w: np.ndarray, balls: Balls) -> bool:
     """Tell whether no two of the solutions can be one: their balls have no point in common."""
-    apart = np.abs(w[:, :, None] - w[:, None, :]).max(axis=0)
-    reach = balls.radius[:, None] + balls.radius
-    return bool((apart > reach)[~np.eye(w.shape[1], dtype=bool)].all())
+    scale = _scales(w)
+    reach = balls.radius * scale
+    apart = (np.abs(w[:, :, None] - w[:, None, :]) > reach[:, :, None] + reach[:, None, :]).any(axis=0)
+    return bool(apart[~np.eye(w.shape[1], dtype=bool)].all())
+
+
+def _scales(w: np.ndarray) -> np.ndarray:
+    """Size of every unknown, at least one."""
+    return np.maximum(1.0, np.abs(w))

@@ -301,9 +301,10 @@ def solve_all(
             far += int(ends.at_infinity.sum())
             w, alive = ends.w[:, ends.arrived], alive[ends.arrived]
         w = _polish(t, w)
-        far += int(np.sum(np.abs(w).max(axis=0) > _INFINITY))
-        w = w[:, np.abs(w).max(axis=0) <= _INFINITY]
         balls = certify(t, w)
+        there = (np.abs(w).max(axis=0) > _INFINITY) & ~balls.proved
+        far += int(there.sum())
+        w, balls = w[:, ~there], certify(t, w[:, ~there])
         regular = balls.proved | (balls.condition > _SINGULAR)
         regular &= is_new(np.zeros((len(w), 0)), w)
         found = w[:, regular]
