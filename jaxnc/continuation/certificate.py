@@ -82,9 +82,9 @@ def certify(t: np.ndarray, w: np.ndarray) -> Balls:
 
 
 def are_disjoint(w: np.ndarray, balls: Balls) -> bool:
-    """Tell whether no two of the solutions can be one: their balls have no point in common."""
-    scale = _scales(w)
-    reach = balls.radius * scale
+    """Tell whether no two of the certified solutions can be one: their balls have no point in common."""
+    w, scale = w[:, balls.proved], _scales(w[:, balls.proved])
+    reach = balls.radius[balls.proved] * scale
     apart = (np.abs(w[:, :, None] - w[:, None, :]) > reach[:, :, None] + reach[:, None, :]).any(axis=0)
     return bool(apart[~np.eye(w.shape[1], dtype=bool)].all())
 

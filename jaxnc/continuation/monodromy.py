@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from jaxnc.continuation.quadratic import QuadraticPaths
-from jaxnc.continuation.tracker import BOLD, follow
+from jaxnc.continuation.tracker import BOLD
 
 SAME = 1e-6
 """Relative difference of two ends that are one solution."""
@@ -56,7 +56,7 @@ def run_loops(
         while done < w.shape[1]:
             here, done = w[:, done:], w.shape[1]
             for leg in legs:
-                ends = follow(leg, here, BOLD)
+                ends = leg.follow(here, BOLD)
                 paths, lost = paths + len(ends.arrived), lost + int(np.sum(~ends.arrived))
                 diverged += int(ends.at_infinity.sum())
                 here = ends.w[:, ends.arrived]
@@ -87,7 +87,8 @@ def solve_by_degree(t: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray
     start[:, 0, 0] = -(root**2)
     turn = np.exp(2j * np.pi * rng.random(n))[:, None, None]
     signs = 1.0 - 2.0 * ((np.arange(2**n)[None] >> np.arange(n)[:, None]) & 1)
-    ends = follow(QuadraticPaths(np.stack([turn * start, t - turn * start])[None]), root[:, None] * signs)
+    paths = QuadraticPaths(np.stack([turn * start, t - turn * start])[None])
+    ends = paths.follow(root[:, None] * signs, BOLD)
     size = np.abs(ends.w).max(axis=0)
     finite = ends.arrived & (size < 1e6)
     w = ends.w[:, finite]

@@ -4,9 +4,12 @@ A system of n equations in n unknowns is kept as ``Y' Q_r Y`` of ``Y = (1, y)``.
 are products with one matrix for all paths: all of them are exact, since everything is of second degree.
 """
 
+import dataclasses
 from math import comb
 
 import numpy as np
+
+from jaxnc.continuation.tracker import Pace, PathEnds, follow
 
 _ORDER = 5  # of the power series
 FIT = 1e-12  # of the largest coefficient: a power of the path's parameter that counts less is none
@@ -25,6 +28,8 @@ def fit_powers(values: np.ndarray, at: np.ndarray) -> np.ndarray:
 class QuadraticPaths:
     """Paths of systems of second degree from 0 to 1, of one target or of several.
 
+    The unknowns of a path are Y in a patch, ``patch Y = 1``: no path gets lost because it passes near infinity.
+
     `powers` are the coefficients, ``(targets, powers, equations, 1 + n, 1 + n)`` with symmetric last axes. Paths are
     numbered target by target, `each` of them to one.
     """
@@ -38,6 +43,8 @@ class QuadraticPaths:
         self.power, self.place = some // wide, some % wide
         self.stacked, self.rows = np.ascontiguousarray(stacked[:, some]), rows
         self.targets, self.each = targets, each
+        rng = np.random.default_rng(self.n)
+        self.patch = np.exp(2j * np.pi * rng.random(wide)) / np.sqrt(wide)
 
     def _apply(self, pairs: list[tuple[np.ndarray, np.ndarray]], lanes: np.ndarray) -> np.ndarray:
         """Multiply a sum of powers ``(lanes, powers)`` times unknowns ``(lanes, 1 + n)`` into the coefficients.
@@ -65,8 +72,15 @@ class QuadraticPaths:
             out.append(factors * at[:, None] ** np.maximum(k - m, 0))
         return out
 
+    def follow(self, w: np.ndarray, pace: Pace) -> PathEnds:
+        """Follow solutions ``(n, paths)`` from 0 to 1."""
+        y = np.concatenate([np.ones((1, w.shape[1])), w])
+        ends = follow(self, y / (self.patch @ y), pace)
+        with np.errstate(all="ignore"):
+            return dataclasses.replace(ends, w=ends.w[1:] / ends.w[0])
+
     def evaluate(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals ``(lanes, equations)`` and Jacobians ``(lanes, equations, n)``."""
+        """Residuals ``(lanes, n)`` and Jacobians ``(lanes, n, n)`` at solutions ``(n, lanes)``."""
         y = np.concatenate([np.ones((1, w.shape[1])), w]).T
         (weights,) = self._weights(at, 0)
         g = self._apply([(weights, y)], lanes)
@@ -74,30 +88,29 @@ class QuadraticPaths:
 
     def correct(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Take one of Newton's steps; see `jaxnc.continuation.tracker.Problem`."""
-        f, jacobian = self.evaluate(w, at, lanes)
-        inverse = inverses(jacobian)
+        y = w.T
+        (weights,) = self._weights(at, 0)
+        g = self._apply([(weights, y)], lanes)
+        f = np.concatenate([np.matmul(g, y[:, :, None])[:, :, 0], (y @ self.patch - 1.0)[:, None]], axis=1)
+        patch = np.broadcast_to(self.patch, (len(y), 1, self.n + 1))
+        inverse = inverses(np.concatenate([2.0 * g, patch], axis=1))
         step = -np.matmul(inverse, f[:, :, None])[:, :, 0].T
-        size = np.abs(step).max(axis=0) / (1e-3 + np.abs(w).max(axis=0))
+        size = np.abs(step).max(axis=0) / np.abs(w).max(axis=0)
         return w + step, inverse, np.where(np.isfinite(size), size, np.inf)
 
     def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: np.ndarray) -> list[np.ndarray]:
         """Find the power series; see `jaxnc.continuation.tracker.Problem`."""
-        count = w.shape[1]
-        weights = self._weights(at, _ORDER)
-        terms = [np.concatenate([np.ones((1, count)), w]).T]
+        weights, terms = self._weights(at, _ORDER), [w.T]
         inner: list[np.ndarray] = []  # Σ Q_l Y_j, order by order
-        out = []
         for m in range(1, _ORDER + 1):
             g = self._apply([(weights[m - j], terms[j]) for j in range(m)], lanes)
             rest = np.matmul(g, terms[0][:, :, None])[:, :, 0]
             for j in range(1, m):
                 rest = rest + np.matmul(inner[m - j - 1], terms[j][:, :, None])[:, :, 0]
-            step = -np.matmul(linear, rest[:, :, None])[:, :, 0]
-            out.append(step.T)
+            terms.append(-np.matmul(linear[:, :, : self.n], rest[:, :, None])[:, :, 0])
             if m < _ORDER:
-                terms.append(np.concatenate([np.zeros((count, 1)), step], axis=1))
                 inner.append(g + self._apply([(weights[0], terms[m])], lanes))
-        return out
+        return [term.T for term in terms[1:]]
 
     def select(self, linear: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Select lanes of a derivative."""
@@ -105,7 +118,11 @@ class QuadraticPaths:
 
     def size(self, w: np.ndarray) -> np.ndarray:
         """Largest unknown of each path."""
-        return np.abs(w).max(axis=0, initial=0.0)
+        return np.abs(w[1:]).max(axis=0, initial=0.0) / np.abs(w[0])
+
+    def growth(self, w: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """How fast each path goes to infinity, in parts of its size."""
+        return np.abs(rate[0] / w[0])
 
 
 def inverses(lanes: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ _FLOOR = 1e-8  # relative size of a second correction that counts as rounding
 _LEAST = 1e-10  # shortest step
 _LONGEST = 0.2
 _FIRST = 0.02
-_NEAR, _LARGE, _GROWING = 0.9, 100.0, 0.1  # of paths that end at infinity: how far they got, their size and growth
+_NEAR, _LARGE, _GROWING = 0.9, 100.0, (0.1, 4.0)  # of paths that end at infinity: how far they got, size and growth
 
 
 class Problem(Protocol):
@@ -40,6 +40,10 @@ class Problem(Protocol):
         """How large the unknowns are that may go to infinity."""
         ...
 
+    def growth(self, w: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """How fast they grow, in parts of their size."""
+        ...
+
 
 @dataclasses.dataclass(frozen=True)
 class PathEnds:
@@ -48,13 +52,14 @@ class PathEnds:
     w: np.ndarray  # unknowns at the end of each, (unknowns, paths)
     arrived: np.ndarray  # which ones got there
     at: np.ndarray  # how far the others got, 0 … 1
+    size: np.ndarray  # of the unknowns there
     growth: np.ndarray  # power of 1 / (1 - at) with which the others grew there: some 1 / k on the way to infinity
 
     @property
     def at_infinity(self) -> np.ndarray:
         """Which of the others are on their way to infinity, unknowns beside one being large and growing."""
-        near, large = self.at > _NEAR, np.abs(self.w).max(axis=0, initial=0.0) > _LARGE
-        return ~self.arrived & near & large & (self.growth > _GROWING)
+        growing = (self.growth > _GROWING[0]) & (self.growth < _GROWING[1])
+        return ~self.arrived & (self.at > _NEAR) & (self.size > _LARGE) & growing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +92,7 @@ def follow(problem: Problem, w: np.ndarray, pace: Pace = Pace(), most: int = 300
     """
     accuracy = pace.accuracy
     lanes = w.shape[1]
-    out = PathEnds(np.array(w), np.zeros(lanes, bool), np.zeros(lanes), np.zeros(lanes))
+    out = PathEnds(np.array(w), np.zeros(lanes, bool), *np.zeros((3, lanes)))
     if not lanes:
         return out
     alive, at, h = np.arange(lanes), np.zeros(lanes), np.full(lanes, _FIRST)
@@ -120,9 +125,10 @@ def follow(problem: Problem, w: np.ndarray, pace: Pace = Pace(), most: int = 300
             if over.any():
                 out.w[:, alive[over]], out.at[alive[over]] = w[:, over], at[over]
                 out.arrived[alive[done]] = True
-                out.growth[alive[over]] = problem.size(series[0][:, over]) * (1.0 - at[over]) / problem.size(w[:, over])
+                out.growth[alive[over]] = problem.growth(w[:, over], series[0][:, over]) * (1.0 - at[over])
                 stay = ~over
                 alive, at, h = alive[stay], at[stay], h[stay]
                 w, series = w[:, stay], [term[:, stay] for term in series]
     out.w[:, alive], out.at[alive] = w, at
+    out.size[:] = problem.size(out.w)
     return out

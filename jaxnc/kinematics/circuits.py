@@ -15,7 +15,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.continuation.certificate import certify
 from jaxnc.continuation.monodromy import is_new
-from jaxnc.continuation.tracker import BOLD, CAREFUL, follow
+from jaxnc.continuation.tracker import BOLD, CAREFUL
 from jaxnc.doors import door
 from jaxnc.errors import AssemblyError, InputError, counted
 from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
@@ -213,7 +213,7 @@ class _Range:
         middle[self.k] += 0.7j * min(reach, 1.0)
         member, _ = self.design.at(middle[:, None], self.order)
         there = self.reduction.place(member)
-        ends = follow(self.reduction.paths(self.begin, there), self.reduction.shorten(self.family.starts.x), CAREFUL)
+        ends = self.reduction.paths(self.begin, there).follow(self.reduction.shorten(self.family.starts.x), CAREFUL)
         w = ends.w[:, ends.arrived]
         return there, w[:, is_new(np.zeros((len(w), 0)), w)]
 
@@ -228,7 +228,7 @@ class _Range:
             some = _choose(self.end, which)
             t = self._coefficients(some)
             if n and each:
-                ends = follow(self.reduction.paths(there, some, each), np.tile(start, (1, len(which))), BOLD)
+                ends = self.reduction.paths(there, some, each).follow(np.tile(start, (1, len(which))), BOLD)
                 w, arrived, far = ends.w, ends.arrived, ends.at_infinity
             else:
                 w, arrived, far = np.zeros((n, len(which))), np.ones(len(which), bool), np.zeros(len(which), bool)
@@ -274,7 +274,7 @@ class _Range:
         arrived = np.ones(ends_at.shape[1], bool)
         if n:
             here, there = _choose(self.end, np.arange(count - 1)), _choose(self.end, np.arange(1, count))
-            ends = follow(self.reduction.paths(here, there, each), ends_at, CAREFUL)
+            ends = self.reduction.paths(here, there, each).follow(ends_at, CAREFUL)
             ends_at, arrived = ends.w, ends.arrived
         for j, (place, then) in enumerate(zip(self.places[:-1], self.places[1:], strict=True)):
             out.append(np.full(place.w.shape[1], -1))

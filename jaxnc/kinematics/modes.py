@@ -15,8 +15,8 @@ from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.continuation.certificate import Balls, are_disjoint, certify
 from jaxnc.continuation.monodromy import SAME, is_new
-from jaxnc.continuation.quadratic import QuadraticPaths
-from jaxnc.continuation.tracker import BOLD, CAREFUL, follow
+from jaxnc.continuation.quadratic import QuadraticPaths, inverses
+from jaxnc.continuation.tracker import BOLD, CAREFUL
 from jaxnc.doors import door
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
@@ -92,7 +92,7 @@ class Modes(Shown):
         proved: whether `expected` is proved by total degree; else it is what loops have found.
         loops: loops of monodromy that the structure took.
         quiet: how many of them, at the end, brought no new solution.
-        disjoint: whether all certified solutions are proved to be different.
+        disjoint: whether all certified solutions, complex ones too, are proved to be different.
     """
 
     poses: Motion
@@ -297,7 +297,7 @@ def solve_all(
             legs, pace = _detour(reduction, begin, end, rng), _PACES[-1]
         w, alive, far = start, np.arange(count), 0
         for leg in legs:
-            ends = follow(leg, w, pace)
+            ends = leg.follow(w, pace)
             far += int(ends.at_infinity.sum())
             w, alive = ends.w[:, ends.arrived], alive[ends.arrived]
         w = _polish(t, w)
@@ -334,8 +334,10 @@ def _polish(t: np.ndarray, w: np.ndarray) -> np.ndarray:
     here, lanes = QuadraticPaths(t[None, None]), np.arange(w.shape[1])
     with np.errstate(all="ignore"):
         for _ in range(2):
-            new, _, size = here.correct(w, np.zeros(w.shape[1]), lanes)
-            w = np.where(size < SAME, new, w)
+            f, jacobian = here.evaluate(w, np.zeros(w.shape[1]), lanes)
+            step = np.matmul(inverses(jacobian), f[:, :, None])[:, :, 0].T
+            small = np.abs(step).max(axis=0, initial=0.0) < SAME * np.maximum(1.0, np.abs(w).max(axis=0, initial=0.0))
+            w = np.where(small, w - step, w)
     return w
 
 
