@@ -75,8 +75,8 @@ class QuadraticPaths:
     def follow(self, w: np.ndarray, pace: Pace) -> PathEnds:
         """Follow solutions ``(n, paths)`` from 0 to 1."""
         y = np.concatenate([np.ones((1, w.shape[1])), w])
-        ends = follow(self, y / (self.patch @ y), pace)
         with np.errstate(all="ignore"):
+            ends = follow(self, y / (self.patch @ y), pace)
             return dataclasses.replace(ends, w=ends.w[1:] / ends.w[0])
 
     def evaluate(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

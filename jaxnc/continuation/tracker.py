@@ -18,6 +18,7 @@ _FLOOR = 1e-8  # relative size of a second correction that counts as rounding
 _LEAST = 1e-10  # shortest step
 _LONGEST = 0.2
 _FIRST = 0.02
+_NEXT = 1.0 - 1e-6
 _NEAR, _LARGE, _GROWING = 0.9, 100.0, (0.1, 4.0)  # of paths that end at infinity: how far they got, size and growth
 
 
@@ -60,6 +61,11 @@ class PathEnds:
         """Which of the others are on their way to infinity, unknowns beside one being large and growing."""
         growing = (self.growth > _GROWING[0]) & (self.growth < _GROWING[1])
         return ~self.arrived & (self.at > _NEAR) & (self.size > _LARGE) & growing
+
+    @property
+    def singular(self) -> np.ndarray:
+        """Which of the others got next to a finite end, where paths meet or solutions are not isolated."""
+        return ~self.arrived & (self.at > _NEXT) & (self.growth < _GROWING[0])
 
 
 @dataclasses.dataclass(frozen=True)

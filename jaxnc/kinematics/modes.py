@@ -289,36 +289,33 @@ def solve_all(
     count = start.shape[1]
     if not reduction.n:
         return Ends(np.zeros((0, 1)), certify(t, np.zeros((0, 1))), end.maps[0], 0, 0, 0)
-    rng, best = np.random.default_rng([seed, 5]), None
+    rng, found, least = np.random.default_rng([seed, 5]), [], (count, count)
     for route in range(_ROUTES):
         if route < len(_PACES):
             legs, pace = [reduction.paths(begin, end)], _PACES[route]
         else:  # by way of another place in the family
             legs, pace = _detour(reduction, begin, end, rng), _PACES[-1]
-        w, alive, far = start, np.arange(count), 0
+        w, far, singular = start, 0, 0
         for leg in legs:
             ends = leg.follow(w, pace)
-            far += int(ends.at_infinity.sum())
-            w, alive = ends.w[:, ends.arrived], alive[ends.arrived]
+            far, singular = far + int(ends.at_infinity.sum()), singular + int(ends.singular.sum())
+            w = ends.w[:, ends.arrived]
         w = _polish(t, w)
         balls = certify(t, w)
         there = (np.abs(w).max(axis=0) > _INFINITY) & ~balls.proved
-        far += int(there.sum())
-        w, balls = w[:, ~there], certify(t, w[:, ~there])
-        regular = balls.proved | (balls.condition > _SINGULAR)
-        regular &= is_new(np.zeros((len(w), 0)), w)
-        found = w[:, regular]
-        if best is not None:
-            found = np.concatenate([best[0], found[:, is_new(best[0], found)]], axis=1)
-            far = min(far, best[1])
-        singular = min(count - far - found.shape[1], int(np.sum(~regular)))
-        best = found, far, max(singular, 0)
-        if found.shape[1] + far == count:
+        unclear = ~there & ~balls.proved & (balls.condition <= _SINGULAR)
+        far, singular = far + int(there.sum()), singular + int(unclear.sum())
+        found.append(w[:, ~there & ~unclear])
+        every = np.concatenate(found, axis=1)
+        found = [every[:, is_new(np.zeros((reduction.n, 0)), every)]]
+        least = (min(least[0], far), min(least[1], singular))
+        left = count - found[0].shape[1] - sum(least)
+        if left <= 0 and (route or not least[1]):
             break
-    found, far, singular = best
-    far = min(far, count - found.shape[1])
-    singular = min(singular, count - found.shape[1] - far)
-    return Ends(found, certify(t, found), end.maps[0], far, singular, count - found.shape[1] - far - singular)
+    far = min(least[0], count - found[0].shape[1])
+    singular = min(least[1], count - found[0].shape[1] - far)
+    lost = count - found[0].shape[1] - far - singular
+    return Ends(found[0], certify(t, found[0]), end.maps[0], far, singular, lost)
 
 
 def _detour(reduction: Reduction, begin: Placed, end: Placed, rng: np.random.Generator) -> list[QuadraticPaths]:
