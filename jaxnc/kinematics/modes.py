@@ -45,8 +45,7 @@ from jaxnc.types import Inputs
 
 _ZERO = 1e-10  # of the mechanism's size: a constant of a design below is zero by its structure
 _WIDE = 1e5  # beside 1: maps of an elimination that divides by next to nothing
-_ROUTES = 4
-_PACES = BOLD, CAREFUL
+_ROUTES = ((True, BOLD), (False, BOLD), (True, CAREFUL), (False, CAREFUL), (False, CAREFUL))  # straight, or around
 _SINGULAR = 1e-12  # reciprocal condition number of a solution that is not regular
 _INFINITY = 1e4  # of unknowns of size one: an end beyond is at infinity
 _REAL = 1e-8  # imaginary part of a real solution that has no certificate
@@ -290,11 +289,8 @@ def solve_all(
     if not reduction.n:
         return Ends(np.zeros((0, 1)), certify(t, np.zeros((0, 1))), end.maps[0], 0, 0, 0)
     rng, found, least = np.random.default_rng([seed, 5]), [], (count, count)
-    for route in range(_ROUTES):
-        if route < len(_PACES):
-            legs, pace = [reduction.paths(begin, end)], _PACES[route]
-        else:  # by way of another place in the family
-            legs, pace = _detour(reduction, begin, end, rng), _PACES[-1]
+    for route, (direct, pace) in enumerate(_ROUTES):
+        legs = [reduction.paths(begin, end)] if direct else _detour(reduction, begin, end, rng)
         w, far, singular = start, 0, 0
         for leg in legs:
             ends = leg.follow(w, pace)
