@@ -86,17 +86,23 @@ class QuadraticPaths:
         g = self._apply([(weights, y)], lanes)
         return np.matmul(g, y[:, :, None])[:, :, 0], 2.0 * g[:, :, 1:]
 
-    def correct(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def correct(
+        self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, keep: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Take one of Newton's steps; see `jaxnc.continuation.tracker.Problem`."""
         y = w.T
         (weights,) = self._weights(at, 0)
         g = self._apply([(weights, y)], lanes)
         f = np.concatenate([np.matmul(g, y[:, :, None])[:, :, 0], (y @ self.patch - 1.0)[:, None]], axis=1)
         patch = np.broadcast_to(self.patch, (len(y), 1, self.n + 1))
-        inverse = inverses(np.concatenate([2.0 * g, patch], axis=1))
-        step = -np.matmul(inverse, f[:, :, None])[:, :, 0].T
+        matrix = np.concatenate([2.0 * g, patch], axis=1)
+        if keep:
+            matrix = inverses(matrix)
+            step = -np.matmul(matrix, f[:, :, None])[:, :, 0].T
+        else:
+            step = -_solve(matrix, f).T
         size = np.abs(step).max(axis=0) / np.abs(w).max(axis=0)
-        return w + step, inverse, np.where(np.isfinite(size), size, np.inf)
+        return w + step, matrix, np.where(np.isfinite(size), size, np.inf)
 
     def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: np.ndarray) -> list[np.ndarray]:
         """Find the power series; see `jaxnc.continuation.tracker.Problem`."""
@@ -123,6 +129,14 @@ class QuadraticPaths:
     def growth(self, w: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """How fast each path goes to infinity, in parts of its size."""
         return np.abs(rate[0] / w[0])
+
+
+def _solve(lanes: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solutions of systems ``(lanes, n, n)``, right-hand sides ``(lanes, n)``."""
+    try:
+        return np.linalg.solve(lanes, right[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        return np.matmul(inverses(lanes), right[:, :, None])[:, :, 0]
 
 
 def inverses(lanes: np.ndarray) -> np.ndarray:

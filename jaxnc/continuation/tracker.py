@@ -25,8 +25,13 @@ _NEAR, _LARGE, _GROWING = 0.9, 100.0, (0.1, 4.0)  # of paths that end at infinit
 class Problem(Protocol):
     """Equations that change with a parameter from 0 to 1; `lanes` are the numbers of the paths that are asked about."""
 
-    def correct(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray) -> tuple[np.ndarray, Any, np.ndarray]:
-        """Take one of Newton's steps: the result, the derivative used, the step's size beside the unknowns."""
+    def correct(
+        self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, keep: bool = True
+    ) -> tuple[np.ndarray, Any, np.ndarray]:
+        """Take one of Newton's steps: the result, the derivative used, the step's size beside the unknowns.
+
+        The derivative may be left out if it is not to be kept.
+        """
         ...
 
     def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: Any) -> list[np.ndarray]:
@@ -112,7 +117,7 @@ def follow(problem: Problem, w: np.ndarray, pace: Pace = Pace(), most: int = 300
             last = h >= (1.0 - at) * (1.0 - 1e-12)
             h = np.minimum(h, 1.0 - at)
             then = np.where(last, 1.0, at + h)
-            trial, _, first = problem.correct(w + _predict(series, h), then, alive)
+            trial, _, first = problem.correct(w + _predict(series, h), then, alive, keep=False)
             trial, linear, second = problem.correct(trial, then, alive)
             good = (first < 10 * accuracy) & (
                 (second <= 10 * pace.contraction * first) & (second < pace.left) | (second < _FLOOR)
