@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from jaxnc.continuation.monodromy import is_new, run_loops, solve_by_degree
@@ -159,6 +160,7 @@ def save_starts(starts: StartSet, key: str) -> None:
 
 
 def _folder() -> Path | None:
-    """Where start sets are kept; None where the environment turns the cache off."""
-    where = cache_folder(os.environ, sys.platform, None)
+    """Where start sets are kept, beside compiled programs; None where the environment turns the cache off."""
+    told = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    where = cache_folder(os.environ, sys.platform, told)
     return None if where is None else Path(where) / "modes"
