@@ -22,6 +22,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxnc.calls import public
+from jaxnc.continuation.quadratic import inverses
+from jaxnc.continuation.tracker import FAR, Pace, PathEnds, follow
 from jaxnc.errors import InputError, counted
 from jaxnc.synthesis.evaluate import map_threads
 from jaxnc.synthesis.exact.burmester import Dyad
@@ -29,13 +31,6 @@ from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_o
 from jaxnc.types import Any, ArrayLike
 
 # -- equations and paths of solutions ----------------------------------------------------------------------------------
-
-FAR = 1e7
-"""Beside points of size one: a solution beyond is at infinity."""
-
-_FLOOR = 1e-8  # relative size of a second correction that counts as rounding
-_LEAST = 1e-10  # shortest step
-_LONGEST = 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,33 +47,12 @@ class Task:
         return tuple(part[..., None] for part in (self.d, self.e, self.matrix, self.right))
 
 
-@dataclasses.dataclass(frozen=True)
-class PathEnds:
-    """Ends of paths."""
-
-    z: np.ndarray  # x, y, x', y', a, b, a', b' at the end of each, (8, lanes)
-    arrived: np.ndarray  # which ones got there
-    at: np.ndarray  # how far the others got, 0 … 1
-
-
 def coupler_turns(z: np.ndarray, d: Any, e: Any) -> np.ndarray:
     """γ and γ' of every point but the first, ``(2, points - 1, lanes)``, from both bars."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     (u, v), (uu, vv) = x * (aa - e), xx * (a - d)
     w, r = d * (e - aa - xx) - e * (a + x)
     return np.stack([r * uu - w * vv, v * w - u * r]) / (u * vv - uu * v)
-
-
-def inverses(lanes: np.ndarray) -> np.ndarray:
-    """Inverse matrices, ``(lanes, 8, 8)``: of those that are singular to the last bit of neighbours, or no numbers."""
-    try:
-        return np.linalg.inv(lanes)
-    except np.linalg.LinAlgError:
-        nudge = 1e-15 * np.abs(lanes).max(axis=(1, 2), keepdims=True) * np.vander(np.linspace(-1.0, 1.0, 8))
-        lanes = np.where(np.linalg.det(lanes)[:, None, None] == 0.0, lanes + nudge, lanes)
-        some, found = np.linalg.det(lanes) != 0.0, np.full_like(lanes, np.nan)
-        found[some] = np.linalg.inv(lanes[some])
-        return found
 
 
 class _Linearised:
@@ -197,57 +171,47 @@ def polish(z: np.ndarray, task: Task, steps: int = 4) -> tuple[np.ndarray, np.nd
     return w[:8], last
 
 
-def follow_paths(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5, most: int = 3000) -> PathEnds:
-    """Follow solutions of one task to those of another, in a straight line between the two.
+class _Bars:
+    """Paths from one task to another in a straight line, for `jaxnc.continuation.tracker`."""
 
-    Predicted by Padé approximants of power series, corrected by two of Newton's steps, each lane with its own step.
+    def __init__(self, start: Task, end: Task):
+        self.start, self.end = start.parts(), end.parts()
+        self.rates = tuple(b - a for a, b in zip(self.start, self.end, strict=True))
 
-    Source: P. Breiding and S. Timme, HomotopyContinuation.jl (2018), for Padé predictors; the elimination is own.
+    def _parts(self, at: np.ndarray) -> tuple:
+        return tuple(a * (1.0 - at) + b * at for a, b in zip(self.start, self.end, strict=True))
 
-    A smaller `accuracy`, the relative error of a prediction to aim for, is safer and slower. What is under way after
-    the `most` rounds is given up.
+    def correct(
+        self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, keep: bool = True
+    ) -> tuple[np.ndarray, _Linearised, np.ndarray]:
+        """Take one of Newton's steps."""
+        return _newton_step(w, self._parts(at))
+
+    def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: _Linearised) -> list[np.ndarray]:
+        """Find the paths' power series."""
+        return _series(w[:8], w[8:].reshape(2, len(self.start[0]), -1), self._parts(at), self.rates, linear)
+
+    def select(self, linear: _Linearised, which: np.ndarray) -> _Linearised:
+        """Select lanes of a derivative."""
+        return linear.of(which)
+
+    def size(self, w: np.ndarray) -> np.ndarray:
+        """Largest unknown of each path, but for its turns."""
+        return np.abs(w[:8]).max(axis=0, initial=0.0)
+
+    def growth(self, w: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """How fast each path grows, in parts of its size."""
+        return self.size(rate) / self.size(w)
+
+
+def follow_paths(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5) -> PathEnds:
+    """Follow solutions of one task ``(8, solutions)`` to those of another, in a straight line between the two.
+
+    A smaller `accuracy`, the relative error of a prediction to aim for, is safer and slower.
     """
-    lanes = z.shape[1]
-    here, there = start.parts(), end.parts()
-    rates = tuple(b - a for a, b in zip(here, there, strict=True))
-    out = PathEnds(np.array(z), np.zeros(lanes, bool), np.zeros(lanes))
-    alive, at, h = np.arange(lanes), np.zeros(lanes), np.full(lanes, 0.02)
     with np.errstate(all="ignore"):
-        g = coupler_turns(z, *here[:2])
-        w = np.concatenate([z, *g])
-        one, two, three = _series(z, g, here, rates, _Linearised(z, g, *here[:3]))
-        for _ in range(most):
-            if not len(alive):
-                break
-            last = h >= (1.0 - at) * (1.0 - 1e-12)
-            h = np.minimum(h, 1.0 - at)
-            then = np.where(last, 1.0, at + h)
-            parts = tuple(a * (1.0 - then) + b * then for a, b in zip(here, there, strict=True))
-            down = 1.0 - np.where(np.isfinite(three / two), three / two, 0.0) * h
-            bend = np.where(np.abs(down) > 0.2, two / down, two + three * h)
-            trial, _, first = _newton_step(w + (one + bend * h) * h, parts)
-            trial, linear, second = _newton_step(trial, parts)
-            good = (first < 10 * accuracy) & ((second <= 0.02 * first) & (second < 1e-7) | (second < _FLOOR))
-            factor = np.clip((accuracy / np.maximum(first, 1e-16)) ** 0.25, 0.2, 2.0)
-            shrink = np.clip((0.002 * first / np.maximum(second, 1e-300)) ** 0.25, 0.2, 2.0)
-            factor = np.where(second > _FLOOR, np.minimum(factor, shrink), factor)
-            h = np.minimum(h * np.where(good, factor, np.minimum(0.5, factor)), _LONGEST)
-            if good.any():
-                w[:, good], at[good] = trial[:, good], then[good]
-                z, g = w[:8, good], w[8:, good].reshape(2, len(start.d), -1)
-                new = _series(z, g, tuple(part[..., good] for part in parts), rates, linear.of(good))
-                for series, value in zip((one, two, three), new, strict=True):
-                    series[:, good] = value
-            done = good & last
-            over = done | (h < _LEAST) | ~(np.abs(w[:8]).max(axis=0) < 10 * FAR)
-            if over.any():
-                out.z[:, alive[over]], out.at[alive[over]] = w[:8, over], at[over]
-                out.arrived[alive[done]] = True
-                stay = ~over
-                alive, at, h = alive[stay], at[stay], h[stay]
-                w, one, two, three = (value[:, stay] for value in (w, one, two, three))
-    out.z[:, alive], out.at[alive] = w[:8], at
-    return out
+        ends = follow(_Bars(start, end), np.concatenate([z, *coupler_turns(z, *start.parts()[:2])]), Pace(accuracy))
+    return dataclasses.replace(ends, w=ends.w[:8])
 
 
 # -- linkages through points -------------------------------------------------------------------------------------------
@@ -456,7 +420,7 @@ def _route(name: str, task: Task, angle: float) -> np.ndarray:
         blocks = np.array_split(rest, max(1, len(rest) // _BLOCK))
         work = functools.partial(_follow_block, z, start, spun, accuracy)
         for lanes, out in zip(blocks, map_threads(work, blocks), strict=True):
-            ends[:, lanes], good[lanes] = out.z, out.arrived
+            ends[:, lanes], good[lanes] = out.w, out.arrived
         new, last = polish(ends, spun)
         regular = good & (last < _SINGULAR) & (np.abs(new).max(axis=0) < FAR) & ~_degenerate(new)
         ends[:, regular] = new[:, regular]
