@@ -76,7 +76,7 @@ def certify(t: np.ndarray, w: np.ndarray) -> Balls:
         condition = np.where(
             singular, 0.0, 1.0 / (np.abs(jacobian).sum(axis=2).max(axis=1) * a.sum(axis=2).max(axis=1))
         )
-    imaginary = np.abs(w.imag / _scales(w)).max(axis=0)
+    imaginary = np.abs(np.imag(w) / _scales(w)).max(axis=0)
     real = proved & (2.0 * imaginary < alone - radius)
     return Balls(radius, alone, condition, real, proved & (imaginary > radius))
 
@@ -86,7 +86,7 @@ def are_disjoint(w: np.ndarray, balls: Balls) -> bool:
     w, scale = w[:, balls.proved], _scales(w[:, balls.proved])
     reach = balls.radius[balls.proved] * scale
     apart = (np.abs(w[:, :, None] - w[:, None, :]) > reach[:, :, None] + reach[:, None, :]).any(axis=0)
-    return bool(apart[~np.eye(w.shape[1], dtype=bool)].all())
+    return bool(np.all(apart | np.eye(w.shape[1], dtype=bool)))
 
 
 def _scales(w: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ are products with one matrix for all paths: all of them are exact, since everyth
 
 import dataclasses
 from math import comb
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,7 @@ class QuadraticPaths:
 
         Returns ``(lanes, equations, 1 + n)``.
         """
-        flat = sum(weights[:, self.power] * y[:, self.place] for weights, y in pairs)
+        flat: Any = sum(weights[:, self.power] * y[:, self.place] for weights, y in pairs)
         if self.targets == 1:
             out = flat @ self.stacked[0]
         else:
@@ -149,8 +150,8 @@ def inverses(lanes: np.ndarray) -> np.ndarray:
     except np.linalg.LinAlgError:
         n = lanes.shape[1]
         nudge = 1e-15 * np.abs(lanes).max(axis=(1, 2), keepdims=True) * np.vander(np.linspace(-1.0, 1.0, n))
-        singular = np.linalg.det(lanes) == 0.0
+        singular = np.equal(np.linalg.det(lanes), 0.0)
         lanes = np.where(singular[:, None, None], lanes + nudge, lanes)
-        some, found = np.linalg.det(lanes) != 0.0, np.full_like(lanes, np.nan)
+        some, found = np.not_equal(np.linalg.det(lanes), 0.0), np.full_like(lanes, np.nan)
         found[some] = np.linalg.inv(lanes[some])
         return found

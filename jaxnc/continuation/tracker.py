@@ -82,8 +82,8 @@ class Pace:
     left: float = 1e-7  # largest relative second correction
 
 
-BOLD, CAREFUL = Pace(2e-4, 0.02, 1e-5), Pace(2e-6, 0.001, 1e-8)
-"""Paces of power series of fifth order: for most paths, and for those that were lost."""
+USUAL, BOLD, CAREFUL = Pace(), Pace(2e-4, 0.02, 1e-5), Pace(2e-6, 0.001, 1e-8)
+"""Paces of power series of fifth order; the last is for paths that were lost."""
 
 
 def _predict(series: list[np.ndarray], h: np.ndarray) -> np.ndarray:
@@ -96,7 +96,7 @@ def _predict(series: list[np.ndarray], h: np.ndarray) -> np.ndarray:
     return out
 
 
-def follow(problem: Problem, w: np.ndarray, pace: Pace = Pace(), most: int = 3000) -> PathEnds:
+def follow(problem: Problem, w: np.ndarray, pace: Pace = USUAL, most: int = 3000) -> PathEnds:
     """Follow solutions ``(unknowns, paths)`` of a problem from 0 to 1.
 
     A pace of smaller numbers is safer and slower. What is under way after the `most` rounds is given up.

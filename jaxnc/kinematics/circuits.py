@@ -239,11 +239,11 @@ class _Range:
                 good = own[arrived[own] & balls.proved[own]]
                 new = good[is_new(np.zeros((n, 0)), w[:, good])]
                 whole = len(new) + int(far[own].sum()) == len(self.family.starts)
-                out.append(self._place(value, t[j], w[:, new], whole))
+                out.append(self._place(int(value), t[j], w[:, new], whole))
         return out
 
     def _coefficients(self, placed: Placed) -> np.ndarray:
-        t = np.tensordot(placed.restricted, self.reduction.mix, ([1], [1])).transpose(0, 3, 1, 2).real
+        t = np.real(np.tensordot(placed.restricted, self.reduction.mix, ([1], [1]))).transpose(0, 3, 1, 2)
         return t / np.abs(t).max(axis=(2, 3), keepdims=True, initial=1e-300)
 
     def _place(self, value: int, t: np.ndarray, w: np.ndarray, whole: bool) -> _Place:
@@ -255,8 +255,8 @@ class _Range:
             w, doubtful = ends.w, bool(ends.lost + ends.singular)
         balls = certify(t, w)
         real = select_real(w, balls)
-        w, condition = w[:, real].real, balls.condition[real]
-        q = place_poses(self.design, self.x[:, value], self.end.maps[value], w).real
+        w, condition = np.real(w[:, real]), balls.condition[real]
+        q = np.real(place_poses(self.design, self.x[:, value], self.end.maps[value], w))
         q, status, gap = judge(self.design, q)
         good = status == int(Status.CONVERGED)
         return _Place(w[:, good], q[:, good], gap[good], condition[good], doubtful)

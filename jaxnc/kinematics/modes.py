@@ -402,7 +402,7 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
     q = place_poses(design, x, ends.maps, ends.w)
     balls = ends.balls
     is_real = select_real(ends.w, balls)
-    real, status, residual = judge(design, q[:, is_real].real)
+    real, status, residual = judge(design, np.real(q[:, is_real]))
     good = status == int(Status.CONVERGED)
     away = np.abs((real - (design.x * design.unit)[:, None]) / design.unit[:, None])[: design.reading.first].sum(axis=0)
     order = np.argsort(np.where(good, away, np.inf), kind="stable")[: int(good.sum())]
@@ -437,7 +437,7 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
 
 def select_real(w: np.ndarray, balls: Balls) -> np.ndarray:
     """Tell which solutions are real: by their certificates, by their size where they have none."""
-    return balls.real | (~balls.proved & (np.abs(w.imag).max(axis=0, initial=0.0) < _REAL))
+    return balls.real | (~balls.proved & (np.abs(np.imag(w)).max(axis=0, initial=0.0) < _REAL))
 
 
 def place_poses(design: Design, x: np.ndarray, maps: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -471,5 +471,5 @@ def to_motion(
     """Poses ``(N, lanes)`` as a motion, at one set of inputs or a set ``(lanes, inputs)`` each."""
     named, count = system.topology.named, q.shape[1]
     asked = np.broadcast_to(values, (count, values.shape[-1]))
-    q, asked, status, residual, conditioning = on_device((q.T, asked, status, residual, conditioning))
-    return Motion(system, named(view.driven), named(view.held), q, (), asked, status, residual, conditioning)
+    poses, asked, *rest = on_device((q.T, asked, status, residual, conditioning))
+    return Motion(system, named(view.driven), named(view.held), poses, (), asked, *rest)

@@ -278,7 +278,8 @@ class Reading:
             for value in part.rows.values(inputs):
                 values.append(np.broadcast_to(value, shape)[:, 0])
             for (r, v), value in zip(part.rows.slope_at, part.rows.slopes(inputs), strict=True):
-                np.add.at(jacobian, (np.arange(len(at)), r, at[:, v]), np.broadcast_to(value, shape)[:, 0])
+                places: Any = np.arange(len(at)), r, at[:, v]
+                np.add.at(jacobian, places, np.broadcast_to(value, shape)[:, 0])
             slopes.append(np.moveaxis(jacobian, 1, 0).reshape(-1, len(x)))
         return np.concatenate(values), np.concatenate(slopes)
 

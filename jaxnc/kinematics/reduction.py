@@ -10,6 +10,7 @@ what is solved goes straight from one end to the other instead: a driven pin, sa
 
 import dataclasses
 import functools
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -83,7 +84,8 @@ def _rank(matrix: np.ndarray) -> int:
 
 def _pivots(matrix: np.ndarray, rank: int) -> np.ndarray:
     """So many columns of a matrix that are well independent."""
-    return np.sort(scipy.linalg.qr(matrix, mode="economic", pivoting=True)[2][:rank]) if rank else np.zeros(0, int)
+    found: Any = scipy.linalg.qr(matrix, mode="economic", pivoting=True) if rank else (None, None, np.zeros(0, int))
+    return np.sort(found[2][:rank])
 
 
 def _congruent(maps: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -258,7 +260,7 @@ def _same_pivots(left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         for j in np.flatnonzero(large[i]):
             if j in columns or not same[rows, j].all():
                 continue
-            block = _scaled(left[0][np.ix_([*rows, i], [*columns, j])])
+            block = _scaled(left[0][np.ix_([*rows, int(i)], [*columns, int(j)])])
             if np.linalg.svd(block, compute_uv=False)[-1] > _PIVOT:
                 rows.append(int(i))
                 columns.append(int(j))

@@ -1,6 +1,5 @@
 """Branches and circuits over the range of an input."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +22,7 @@ def draw_circuits(
     circuits: "Circuits",
     path: str | Path | None = None,
     over: str | None = None,
-    size: Sequence[float] = (9.0, 4.5),
+    size: tuple[float, float] = (9.0, 4.5),
     dpi: float = 150.0,
 ) -> Figure:
     """Draw all branches over the input, a colour for each circuit, with an assembly of each beside them.
@@ -50,7 +49,7 @@ def draw_circuits(
         spread = [np.ptp(np.concatenate([np.asarray(b.poses.q) for b in circuits.branches]), axis=0)]
         over = top.coordinates[int(np.argmax(spread[0][: len(top.coordinates) - len(top.scalars)]))]
     shown = circuits.branches[:_PANELS]
-    figure = Figure(figsize=tuple(size), layout="constrained")
+    figure = Figure(figsize=size, layout="constrained")
     rows = max(1, (len(shown) + 1) // 2)
     grid = figure.add_gridspec(rows, 4)
     ax = figure.add_subplot(grid[:, :2])

@@ -23,12 +23,14 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.continuation.quadratic import inverses
-from jaxnc.continuation.tracker import FAR, Pace, PathEnds, follow
+from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds, follow
 from jaxnc.errors import InputError, counted
 from jaxnc.synthesis.evaluate import map_threads
 from jaxnc.synthesis.exact.burmester import Dyad
 from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_of
 from jaxnc.types import Any, ArrayLike
+
+_ORDER = 5  # of power series
 
 # -- equations and paths of solutions ----------------------------------------------------------------------------------
 
@@ -71,7 +73,6 @@ class _Linearised:
         rows[:n] = np.moveaxis(self.minors[:2] * self.slopes, 2, 0).reshape(n, 8, -1)
         rows[n:, 4:] = matrix
         lanes = np.moveaxis(rows, 2, 0)
-        lanes[~np.isfinite(lanes).all(axis=(1, 2))] = np.eye(8)
         self.inverse = inverses(lanes)
 
     def step(self, bars: np.ndarray, turn: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -113,7 +114,7 @@ def _series_product(p: list, q: list, k: int, first: int = 0) -> Any:
 
 
 def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _Linearised) -> list[np.ndarray]:
-    """Coefficients one to three of a path's power series, those of z before those of γ: products are convolutions."""
+    """First coefficients of a path's power series, those of z before those of γ: products are convolutions."""
     (d, e, _, _), (dd, de, dm, dr) = parts, rates
     zs, gs = [z], [list(g)[:1], list(g)[1:]]
     pieces: list[list] = [[] for _ in range(8)]
@@ -130,7 +131,7 @@ def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _L
 
     push(0, z)
     out = []
-    for k in (1, 2, 3):
+    for k in range(1, _ORDER + 1):
         push(k, np.zeros_like(z))
         u, uu, w, r = pieces[6], pieces[7], pieces[4], pieces[5]
         bars = u[k] * g[0] + uu[k] * g[1] + d * w[k] + dd * w[k - 1] - e * r[k] - de * r[k - 1]
@@ -144,7 +145,7 @@ def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _L
         for series, value in zip(gs, dg, strict=True):
             series.append(value)
         out.append(np.concatenate([dz, *dg]))
-        if k < 3:
+        if k < _ORDER:
             push(k, dz)
     return out
 
@@ -204,13 +205,10 @@ class _Bars:
         return self.size(rate) / self.size(w)
 
 
-def follow_paths(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5) -> PathEnds:
-    """Follow solutions of one task ``(8, solutions)`` to those of another, in a straight line between the two.
-
-    A smaller `accuracy`, the relative error of a prediction to aim for, is safer and slower.
-    """
+def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL) -> PathEnds:
+    """Follow solutions of one task ``(8, solutions)`` to those of another, in a straight line between the two."""
     with np.errstate(all="ignore"):
-        ends = follow(_Bars(start, end), np.concatenate([z, *coupler_turns(z, *start.parts()[:2])]), Pace(accuracy))
+        ends = follow(_Bars(start, end), np.concatenate([z, *coupler_turns(z, *start.parts()[:2])]), pace)
     return dataclasses.replace(ends, w=ends.w[:8])
 
 
@@ -222,6 +220,7 @@ _SAME = 1e-6  # relative difference of two ends that are one solution
 _REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
 _BLOCK = 384  # lanes followed together
 _ROUTES = 3
+_PACES = Pace(1e-4, 0.01, 1e-6), Pace(2e-6)
 _OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
 
 _LEVEL = {"6-21": 170, "7-11": 988}  # solutions of bases with A and D on one level, or one above the other
@@ -415,10 +414,10 @@ def _route(name: str, task: Task, angle: float) -> np.ndarray:
     turn = np.exp(1j * angle)
     spun = Task(task.d * turn, task.e / turn, task.matrix * [1 / turn, 1 / turn, turn, turn], task.right)
     ends, good = np.array(z), np.zeros(z.shape[1], bool)
-    for accuracy in (5e-5, 2e-6):
+    for pace in _PACES:
         rest = np.flatnonzero(~good)
         blocks = np.array_split(rest, max(1, len(rest) // _BLOCK))
-        work = functools.partial(_follow_block, z, start, spun, accuracy)
+        work = functools.partial(_follow_block, z, start, spun, pace)
         for lanes, out in zip(blocks, map_threads(work, blocks), strict=True):
             ends[:, lanes], good[lanes] = out.w, out.arrived
         new, last = polish(ends, spun)
@@ -430,8 +429,8 @@ def _route(name: str, task: Task, angle: float) -> np.ndarray:
     return ends[:, good] * np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None]
 
 
-def _follow_block(z: np.ndarray, start: Task, end: Task, accuracy: float, lanes: np.ndarray) -> PathEnds:
-    return follow_paths(z[:, lanes], start, end, accuracy)
+def _follow_block(z: np.ndarray, start: Task, end: Task, pace: Pace, lanes: np.ndarray) -> PathEnds:
+    return follow_paths(z[:, lanes], start, end, pace)
 
 
 def _degenerate(z: np.ndarray) -> np.ndarray:
