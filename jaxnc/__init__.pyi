@@ -53,3 +53,5 @@ from jaxnc.vehicle.suspension import suspension as suspension
 from jaxnc.viz.pages.widget import widget as widget
 
 __version__: str
+from jaxnc.kinematics.circuits import circuits as circuits
+from jaxnc.kinematics.modes import modes as modes

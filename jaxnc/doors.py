@@ -14,6 +14,8 @@ DOORS = {
     "Mechanism.save": "jaxnc.io.files:save",
     "Mechanism.to_mjcf": "jaxnc.robots:to_mjcf",
     "Mechanism.to_urdf": "jaxnc.robots:to_urdf",
+    "Circuits.draw": "jaxnc.viz.circuits:draw_circuits",
+    "Modes.draw": "jaxnc.viz.modes:draw_modes",
     "Motion.plot": "jaxnc.viz.plots:plot",
     "Motion.polygon": "jaxnc.viz.polygons:polygon",
     "Motion.sheet": "jaxnc.viz.paper:motion_sheet",

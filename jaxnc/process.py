@@ -4,6 +4,8 @@ import ctypes
 import functools
 import importlib
 import os
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Literal
 
 _TRIM, _PAD, _MMAP = -1, -2, -3  # options of mallopt(3)
@@ -11,6 +13,10 @@ _BLOCK = 2**28  # bytes: larger blocks are the system's, as before
 _KEPT = 2**29  # bytes that are kept at most, at the end of the heap
 _HEAP = 2**26  # bytes of a heap of a thread: one is given back only if more than this is free beside it
 _SET = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_TOP_PAD_"
+CACHE = "JAXNC_CACHE"
+"""The variable of the environment that says where what is kept between processes is, or that nothing is."""
+
+_OFF = ("off", "no", "none", "0", "false")
 _single: set[str] = set()  # libraries on one thread, by file: each is set once only
 
 
@@ -49,3 +55,24 @@ def keep_memory() -> bool:
     except (AttributeError, OSError, TypeError):  # another C library: musl, macOS, Windows
         return False
     return all([mallopt(_MMAP, _BLOCK), mallopt(_TRIM, _KEPT), mallopt(_PAD, _HEAP)])
+
+
+def cache_folder(environment: Mapping[str, str], platform: str, told: str | None) -> str | Path | None:
+    """Return where the user's caches are; `told` is what JAX knows by its own means. None if turned off."""
+    wish = environment.get(CACHE, "").strip()
+    if wish.lower() in _OFF:
+        return None
+    if wish:
+        return Path(wish).expanduser()
+    if told:
+        return told
+    home = Path(environment.get("HOME") or Path.home())
+    if platform == "win32":
+        base = Path(environment.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    elif platform == "darwin":
+        base = home / "Library" / "Caches"
+    else:
+        # The convention asks that a relative path be ignored.
+        given = Path(environment.get("XDG_CACHE_HOME") or "")
+        base = given if given.is_absolute() else home / ".cache"
+    return base / "jaxnc"

@@ -128,6 +128,8 @@ def things() -> dict[str, Any]:
         "outputs": "C",
         "output": "C",
         "t": np.linspace(0.0, 0.02, 3),
+        "modes": nc.modes(system, {"phi": 0.4}),
+        "circuits": nc.circuits(system, {"phi": PHI}),
         "name": "phi",
         "names": ["C"],
         "crank": "crank",
@@ -160,6 +162,7 @@ def own() -> dict[str, dict[str, Any] | None]:
         "widget": None,  # tests/viz/test_viz_widget.py
         "motion": {"inputs": {"phi": lambda t: 0.3 + t}},
         "circuit": {"poses": 5},
+        "circuits": {"inputs": {"phi": PHI}},
         "sweep": {"inputs": {"phi": PHI}},
         "shard": {"devices": "all"},
         "stream": {"inputs": {"phi": PHI}, "path": "stream.npz", "progress": False, "chunk": 4},
@@ -246,6 +249,8 @@ def own() -> dict[str, dict[str, Any] | None]:
         "families.mass_matrix": {"formulation": nc.formulate(loaded(), "relative")},
         "families.accelerations": {"formulation": nc.formulate(loaded(), "relative")},
         "kinematics.axodes": None,  # in space, as the error says
+        "viz.draw_modes": None,  # tests/test_modes.py
+        "viz.draw_circuits": None,
         "viz.animate": None,  # a second for each call
         "viz.burmester": None,  # of curves that only `Guidance.curves` makes
         "viz.plot": {"names": "C"},

@@ -47,6 +47,7 @@ FLOORS = {
     "mechanism": 1,
     "system": 2,
     "solvers": 3,
+    "continuation": 3,
     "kinematics": 4,
     "dynamics": 4,
     "families": 4,

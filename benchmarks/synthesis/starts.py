@@ -69,7 +69,7 @@ def monodromy(name: str, seed: int, known: tuple[np.ndarray, Task] | None) -> tu
         ends = found
         for start, end in zip([home, *ways], [*ways, home], strict=True):
             out = follow_paths(ends, start, end)
-            ends = out.z[:, out.arrived]
+            ends = out.w[:, out.arrived]
         ends, last = polish(ends, home)
         before = found.shape[1]
         found = precision_points.distinct_solutions(np.concatenate([found, ends[:, last < 1e-9]], axis=1), count)
@@ -89,7 +89,7 @@ def traced(z: np.ndarray, task: Task, shift: complex = 0.01 - 0.02j) -> float:
         out = follow_paths(z, task, moved)
         if not out.arrived.all():
             return np.inf
-        sums.append(polish(out.z, moved)[0][pivot].sum())
+        sums.append(polish(out.w, moved)[0][pivot].sum())
     return float(abs(sums[1] + sums[2] - 2.0 * sums[0]) / abs(sums[2] - sums[1]))
 
 

@@ -204,7 +204,8 @@ def configure(no_cache: bool) -> None:
     """Switch 64-bit numbers on and keep compiled programs. A folder that cannot be written costs a line only."""
     import jax
 
-    from jaxnc.io.cache import VARIABLE, cache
+    from jaxnc.io.cache import cache
+    from jaxnc.process import CACHE
 
     _check_devices()
     jax.config.update("jax_enable_x64", True)
@@ -213,7 +214,7 @@ def configure(no_cache: bool) -> None:
             return
     except OutputError as error:
         print(
-            f"jaxnc: warning: compiled programs are not kept: {error}; {VARIABLE}=FOLDER names one, --no-cache does "
+            f"jaxnc: warning: compiled programs are not kept: {error}; {CACHE}=FOLDER names one, --no-cache does "
             f"without",
             file=sys.stderr,
         )

@@ -25,6 +25,7 @@ from jaxnc.families.reference import Reference
 from jaxnc.families.relative import Relative, SpatialRelative
 from jaxnc.families.shapes import PARAMETERS
 from jaxnc.kinematics.inputs import make_plan
+from jaxnc.kinematics.modes import modes
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.traced import analyse_traced
@@ -218,16 +219,17 @@ class Independent(Formulation):
         return self.to_natural(z)
 
     def assemblies(self, values: dict[str, float], starts: int | None = None, seed: int = 0) -> Motion:
-        """All poses with these values of the independent coordinates that are found from many starts.
+        """All poses with these values of the independent coordinates: those of `jaxnc.modes`, which has the proof too.
 
-        The list is observed, not proved: a pose that hardly any start leads to may be missing.
+        A mechanism that it refuses is solved from many starts. That list is observed, not proved: a pose that hardly
+        any start leads to may be missing.
 
         Args:
             values: a number for every independent coordinate.
-            starts: how many random starts, in each of which every body is whole and somewhere else. If not given, so
-                many that the list is stable: 2048 at least, four times as many as the last new pose took, and every
-                pose found five times; 16,384 at most.
-            seed: another number gives other starts.
+            starts: how many random starts, in each of which every body is whole and somewhere else, if it is to be
+                random starts. Where it has to be and this is not given, so many that the list is stable: 2048 at least,
+                four times as many as the last new pose took, and every pose found five times; 16,384 at most.
+            seed: another number gives other ways, or other starts.
 
         Returns:
             The poses of the natural mechanism, ``(assemblies,)``; the one nearest to the drawing first. Each is a
@@ -240,6 +242,11 @@ class Independent(Formulation):
         if set(values) != set(names):
             raise InputError(f"assemblies() takes a value of each of {', '.join(names)}; got {', '.join(values)}")
         values = {name: float(values[name]) for name in names}
+        if starts is None:
+            try:
+                return modes(self.natural, values, seed=seed).poses
+            except InputError:  # no polynomials, or not isolated; what is wrong with the values is told below
+                pass
         system, top, eq = self.natural, self.natural.topology, derive(self.natural)
         view = make_plan(system, tuple(values), (), "least squares")
         home = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q)

@@ -3,14 +3,12 @@
 import os
 import sys
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 
 from jaxnc.calls import public
 from jaxnc.io.target import folder as made
+from jaxnc.process import cache_folder
 
-VARIABLE = "JAXNC_CACHE"
-_OFF = ("off", "no", "none", "0", "false")
 _LARGEST = 500_000_000  # bytes; beyond, what was not used for longest goes
 _ENDINGS = ("-cache", "-atime")  # of the files that JAX writes
 
@@ -65,27 +63,6 @@ def _quiet() -> None:
     if level in (None, "", "NOTSET"):
         jax.config.update("jax_logging_level", "CRITICAL")
         jax.config.update("jax_logging_level", level)
-
-
-def cache_folder(environment: Mapping[str, str], platform: str, told: str | None) -> str | Path | None:
-    """Return where compiled programs are kept; `told` is what JAX knows by its own means. None if turned off."""
-    wish = environment.get(VARIABLE, "").strip()
-    if wish.lower() in _OFF:
-        return None
-    if wish:
-        return Path(wish).expanduser()
-    if told:
-        return told
-    home = Path(environment.get("HOME") or Path.home())
-    if platform == "win32":
-        base = Path(environment.get("LOCALAPPDATA") or home / "AppData" / "Local")
-    elif platform == "darwin":
-        base = home / "Library" / "Caches"
-    else:
-        # The convention asks that a relative path be ignored.
-        given = Path(environment.get("XDG_CACHE_HOME") or "")
-        base = given if given.is_absolute() else home / ".cache"
-    return base / "jaxnc"
 
 
 def trim(where: Path, largest: int = _LARGEST) -> None:

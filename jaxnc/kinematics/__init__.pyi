@@ -1,6 +1,8 @@
 from jaxnc.kinematics.arc import DeadPoint as DeadPoint
 from jaxnc.kinematics.arc import Interval as Interval
 from jaxnc.kinematics.arc import Travel as Travel
+from jaxnc.kinematics.circuits import Branch as Branch
+from jaxnc.kinematics.circuits import Circuits as Circuits
 from jaxnc.kinematics.closure import ClosedEquations as ClosedEquations
 from jaxnc.kinematics.diagnosis import Diagnosis as Diagnosis
 from jaxnc.kinematics.diagnosis import Remedy as Remedy
@@ -18,6 +20,8 @@ from jaxnc.kinematics.instant import path_curvature as path_curvature
 from jaxnc.kinematics.mobility import Grashof as Grashof
 from jaxnc.kinematics.mobility import Mobility as Mobility
 from jaxnc.kinematics.mobility import grashof_type as grashof_type
+from jaxnc.kinematics.modes import Certificate as Certificate
+from jaxnc.kinematics.modes import Modes as Modes
 from jaxnc.kinematics.motion import Columns as Columns
 from jaxnc.kinematics.motion import Motion as Motion
 from jaxnc.kinematics.sensitivity import Sensitivity as Sensitivity

@@ -62,6 +62,8 @@ from jaxnc.synthesis.tolerance.robust import robust as robust
 from jaxnc.synthesis.tolerance.spread import Spread as Spread
 from jaxnc.synthesis.tolerance.spread import Tolerance as Tolerance
 from jaxnc.synthesis.tracing.atlas import Atlas as Atlas
+from jaxnc.synthesis.tracing.atlas import Candidates as Candidates
+from jaxnc.synthesis.tracing.atlas import Shelf as Shelf
 from jaxnc.synthesis.tracing.atlas import atlas as atlas
 from jaxnc.synthesis.tracing.chains import Chain as Chain
 from jaxnc.synthesis.tracing.chains import dyadic_chains as dyadic_chains

@@ -10,7 +10,8 @@ from places import EXAMPLES, ROOT
 
 import jaxnc as nc
 from jaxnc.errors import OutputError
-from jaxnc.io.cache import cache_folder, trim
+from jaxnc.io.cache import trim
+from jaxnc.process import cache_folder
 
 SWINGING = str(EXAMPLES / "swinging_four_bar.toml")
 # A command, and how often it found a program in the cache or did not.

@@ -7,7 +7,8 @@ import pytest
 
 import jaxnc as nc
 from jaxnc import synthesis as syn
-from jaxnc.synthesis.exact.precision_points import Task, follow_paths, inverses, polish, stored_starts
+from jaxnc.continuation.quadratic import inverses
+from jaxnc.synthesis.exact.precision_points import Task, follow_paths, polish, stored_starts
 
 MET = 1e-9  # of the size: places after moving there; bars may be a thousand times the size of the points
 ROUNDING = 1e-7  # of sums over hundreds of solutions, the largest of them a hundred times the others
@@ -143,7 +144,7 @@ def test_trace_of_six_points():
         moved = dataclasses.replace(task, right=right)
         out = follow_paths(z, task, moved)
         assert out.arrived.all()
-        sums.append(polish(out.z, moved)[0][5])
+        sums.append(polish(out.w, moved)[0][5])
     bend, way = sums[1] + sums[2] - 2 * sums[0], sums[2] - sums[1]
     assert abs(bend.sum()) < ROUNDING * abs(way.sum())
     assert abs(bend).min() > ROUNDING * abs(way.sum())

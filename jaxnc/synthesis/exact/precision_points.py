@@ -18,25 +18,21 @@ import dataclasses
 import functools
 import importlib.resources
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from jaxnc.calls import public
+from jaxnc.continuation.quadratic import inverses
+from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds, follow
 from jaxnc.errors import InputError, counted
 from jaxnc.synthesis.evaluate import map_threads
 from jaxnc.synthesis.exact.burmester import Dyad
 from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_of
 from jaxnc.types import Any, ArrayLike
 
+_ORDER = 5  # of power series
+
 # -- equations and paths of solutions ----------------------------------------------------------------------------------
-
-FAR = 1e7
-"""Beside points of size one: a solution beyond is at infinity."""
-
-_FLOOR = 1e-8  # relative size of a second correction that counts as rounding
-_LEAST = 1e-10  # shortest step
-_LONGEST = 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,16 +49,7 @@ class Task:
         return tuple(part[..., None] for part in (self.d, self.e, self.matrix, self.right))
 
 
-@dataclasses.dataclass(frozen=True)
-class PathEnds:
-    """Ends of paths."""
-
-    z: np.ndarray  # x, y, x', y', a, b, a', b' at the end of each, (8, lanes)
-    arrived: np.ndarray  # which ones got there
-    at: np.ndarray  # how far the others got, 0 … 1
-
-
-def coupler_turns(z: np.ndarray, d: np.ndarray, e: np.ndarray) -> np.ndarray:
+def coupler_turns(z: np.ndarray, d: Any, e: Any) -> np.ndarray:
     """γ and γ' of every point but the first, ``(2, points - 1, lanes)``, from both bars."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     (u, v), (uu, vv) = x * (aa - e), xx * (a - d)
@@ -70,27 +57,23 @@ def coupler_turns(z: np.ndarray, d: np.ndarray, e: np.ndarray) -> np.ndarray:
     return np.stack([r * uu - w * vv, v * w - u * r]) / (u * vv - uu * v)
 
 
-def inverses(lanes: np.ndarray) -> np.ndarray:
-    """Inverse matrices, ``(lanes, 8, 8)``: of those that are singular to the last bit of neighbours, or no numbers."""
-    try:
-        return np.linalg.inv(lanes)
-    except np.linalg.LinAlgError:
-        nudge = 1e-15 * np.abs(lanes).max(axis=(1, 2), keepdims=True) * np.vander(np.linspace(-1.0, 1.0, 8))
-        lanes = np.where(np.linalg.det(lanes)[:, None, None] == 0.0, lanes + nudge, lanes)
-        some, found = np.linalg.det(lanes) != 0.0, np.full_like(lanes, np.nan)
-        found[some] = np.linalg.inv(lanes[some])
-        return found
+class _Linearised:
+    """The equations' derivative at a solution, and the step that takes away what they leave."""
 
-
-class _Linearised(NamedTuple):
-    """The equations' derivative at a solution, and the step that takes away what they leave; lanes last."""
-
-    q: np.ndarray
-    u: np.ndarray
-    uu: np.ndarray
-    minors: np.ndarray
-    slopes: np.ndarray
-    inverse: np.ndarray  # lanes first
+    def __init__(self, z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray):
+        x, xx, a, aa = z.reshape(4, 2, 1, -1)
+        n = len(d)
+        self.q = g[::-1] + 1.0
+        self.u, self.uu = x * (aa - e), xx * (a - d)
+        # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
+        minor = self.q[0] * self.uu - self.q[1] * self.u
+        self.minors = np.stack([minor[1], -minor[0], self.u[0] * self.uu[1] - self.uu[0] * self.u[1]])
+        self.slopes = np.stack([(aa - e) * g[0] - e, (a - d) * g[1] - d, xx * g[1] - e, x * g[0] - d])
+        rows = np.zeros((8, 8, z.shape[1]), complex)
+        rows[:n] = np.moveaxis(self.minors[:2] * self.slopes, 2, 0).reshape(n, 8, -1)
+        rows[n:, 4:] = matrix
+        lanes = np.moveaxis(rows, 2, 0)
+        self.inverse = inverses(lanes)
 
     def step(self, bars: np.ndarray, turn: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Changes of z and γ that take away what the equations of bars, turns and base leave."""
@@ -111,31 +94,14 @@ class _Linearised(NamedTuple):
 
     def of(self, lanes: np.ndarray) -> "_Linearised":
         """Select some lanes."""
-        q, u, uu, minors, slopes = (part[..., lanes] for part in self[:-1])
-        return _Linearised(q, u, uu, minors, slopes, self.inverse[lanes])
+        out = object.__new__(_Linearised)
+        for name in ("q", "u", "uu", "minors", "slopes"):
+            setattr(out, name, getattr(self, name)[..., lanes])
+        out.inverse = self.inverse[lanes]
+        return out
 
 
-def _linearise(z: np.ndarray, g: np.ndarray, d: np.ndarray, e: np.ndarray, matrix: np.ndarray) -> _Linearised:
-    """Linearise the equations at z and γ."""
-    x, xx, a, aa = z.reshape(4, 2, 1, -1)
-    n = len(d)
-    q = g[::-1] + 1.0
-    u, uu = x * (aa - e), xx * (a - d)
-    # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
-    minor = q[0] * uu - q[1] * u
-    minors = np.stack([minor[1], -minor[0], u[0] * uu[1] - uu[0] * u[1]])
-    slopes = np.stack([(aa - e) * g[0] - e, (a - d) * g[1] - d, xx * g[1] - e, x * g[0] - d])
-    rows = np.zeros((8, 8, z.shape[1]), complex)
-    rows[:n] = np.moveaxis(minors[:2] * slopes, 2, 0).reshape(n, 8, -1)
-    rows[n:, 4:] = matrix
-    lanes = np.moveaxis(rows, 2, 0)
-    lanes[~np.isfinite(lanes).all(axis=(1, 2))] = np.eye(8)
-    return _Linearised(q, u, uu, minors, slopes, inverses(lanes))
-
-
-def _residuals(
-    z: np.ndarray, g: np.ndarray, d: np.ndarray, e: np.ndarray, matrix: np.ndarray, right: np.ndarray
-) -> tuple:
+def _residuals(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray, right: np.ndarray) -> tuple:
     """Residuals of the equations of bars, turns and base."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     bars = x * (aa - e) * g[0] + xx * (a - d) * g[1] + d * (e - aa - xx) - e * (a + x)
@@ -148,7 +114,7 @@ def _series_product(p: list, q: list, k: int, first: int = 0) -> Any:
 
 
 def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _Linearised) -> list[np.ndarray]:
-    """Coefficients one to three of a path's power series, those of z before those of γ: products are convolutions."""
+    """First coefficients of a path's power series, those of z before those of γ: products are convolutions."""
     (d, e, _, _), (dd, de, dm, dr) = parts, rates
     zs, gs = [z], [list(g)[:1], list(g)[1:]]
     pieces: list[list] = [[] for _ in range(8)]
@@ -165,7 +131,7 @@ def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _L
 
     push(0, z)
     out = []
-    for k in (1, 2, 3):
+    for k in range(1, _ORDER + 1):
         push(k, np.zeros_like(z))
         u, uu, w, r = pieces[6], pieces[7], pieces[4], pieces[5]
         bars = u[k] * g[0] + uu[k] * g[1] + d * w[k] + dd * w[k - 1] - e * r[k] - de * r[k - 1]
@@ -179,7 +145,7 @@ def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _L
         for series, value in zip(gs, dg, strict=True):
             series.append(value)
         out.append(np.concatenate([dz, *dg]))
-        if k < 3:
+        if k < _ORDER:
             push(k, dz)
     return out
 
@@ -188,7 +154,7 @@ def _newton_step(w: np.ndarray, parts: tuple) -> tuple[np.ndarray, _Linearised, 
     """Take one of Newton's steps: the result, the derivative used, the step's size beside the unknowns."""
     n = len(parts[0])
     z, g = w[:8], w[8:].reshape(2, n, -1)
-    linear = _linearise(z, g, *parts[:3])
+    linear = _Linearised(z, g, *parts[:3])
     dz, dg = linear.step(*_residuals(z, g, *parts))
     size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
     size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
@@ -206,57 +172,44 @@ def polish(z: np.ndarray, task: Task, steps: int = 4) -> tuple[np.ndarray, np.nd
     return w[:8], last
 
 
-def follow_paths(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5, most: int = 3000) -> PathEnds:
-    """Follow solutions of one task to those of another, in a straight line between the two.
+class _Bars:
+    """Paths from one task to another in a straight line, for `jaxnc.continuation.tracker`."""
 
-    Predicted by Padé approximants of power series, corrected by two of Newton's steps, each lane with its own step.
+    def __init__(self, start: Task, end: Task):
+        self.start, self.end = start.parts(), end.parts()
+        self.rates = tuple(b - a for a, b in zip(self.start, self.end, strict=True))
 
-    Source: P. Breiding and S. Timme, HomotopyContinuation.jl (2018), for Padé predictors; the elimination is own.
+    def _parts(self, at: np.ndarray) -> tuple:
+        return tuple(a * (1.0 - at) + b * at for a, b in zip(self.start, self.end, strict=True))
 
-    A smaller `accuracy`, the relative error of a prediction to aim for, is safer and slower. What is under way after
-    the `most` rounds is given up.
-    """
-    lanes = z.shape[1]
-    here, there = start.parts(), end.parts()
-    rates = tuple(b - a for a, b in zip(here, there, strict=True))
-    out = PathEnds(np.array(z), np.zeros(lanes, bool), np.zeros(lanes))
-    alive, at, h = np.arange(lanes), np.zeros(lanes), np.full(lanes, 0.02)
+    def correct(
+        self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, keep: bool = True
+    ) -> tuple[np.ndarray, _Linearised, np.ndarray]:
+        """Take one of Newton's steps."""
+        return _newton_step(w, self._parts(at))
+
+    def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: _Linearised) -> list[np.ndarray]:
+        """Find the paths' power series."""
+        return _series(w[:8], w[8:].reshape(2, len(self.start[0]), -1), self._parts(at), self.rates, linear)
+
+    def select(self, linear: _Linearised, which: np.ndarray) -> _Linearised:
+        """Select lanes of a derivative."""
+        return linear.of(which)
+
+    def size(self, w: np.ndarray) -> np.ndarray:
+        """Largest unknown of each path, but for its turns."""
+        return np.abs(w[:8]).max(axis=0, initial=0.0)
+
+    def growth(self, w: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """How fast each path grows, in parts of its size."""
+        return self.size(rate) / self.size(w)
+
+
+def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL) -> PathEnds:
+    """Follow solutions of one task ``(8, solutions)`` to those of another, in a straight line between the two."""
     with np.errstate(all="ignore"):
-        g = coupler_turns(z, *here[:2])
-        w = np.concatenate([z, *g])
-        one, two, three = _series(z, g, here, rates, _linearise(z, g, *here[:3]))
-        for _ in range(most):
-            if not len(alive):
-                break
-            last = h >= (1.0 - at) * (1.0 - 1e-12)
-            h = np.minimum(h, 1.0 - at)
-            then = np.where(last, 1.0, at + h)
-            parts = tuple(a * (1.0 - then) + b * then for a, b in zip(here, there, strict=True))
-            down = 1.0 - np.where(np.isfinite(three / two), three / two, 0.0) * h
-            bend = np.where(np.abs(down) > 0.2, two / down, two + three * h)
-            trial, _, first = _newton_step(w + (one + bend * h) * h, parts)
-            trial, linear, second = _newton_step(trial, parts)
-            good = (first < 10 * accuracy) & ((second <= 0.02 * first) & (second < 1e-7) | (second < _FLOOR))
-            factor = np.clip((accuracy / np.maximum(first, 1e-16)) ** 0.25, 0.2, 2.0)
-            shrink = np.clip((0.002 * first / np.maximum(second, 1e-300)) ** 0.25, 0.2, 2.0)
-            factor = np.where(second > _FLOOR, np.minimum(factor, shrink), factor)
-            h = np.minimum(h * np.where(good, factor, np.minimum(0.5, factor)), _LONGEST)
-            if good.any():
-                w[:, good], at[good] = trial[:, good], then[good]
-                z, g = w[:8, good], w[8:, good].reshape(2, len(start.d), -1)
-                new = _series(z, g, tuple(part[..., good] for part in parts), rates, linear.of(good))
-                for series, value in zip((one, two, three), new, strict=True):
-                    series[:, good] = value
-            done = good & last
-            over = done | (h < _LEAST) | ~(np.abs(w[:8]).max(axis=0) < 10 * FAR)
-            if over.any():
-                out.z[:, alive[over]], out.at[alive[over]] = w[:8, over], at[over]
-                out.arrived[alive[done]] = True
-                stay = ~over
-                alive, at, h = alive[stay], at[stay], h[stay]
-                w, one, two, three = (value[:, stay] for value in (w, one, two, three))
-    out.z[:, alive], out.at[alive] = w[:8], at
-    return out
+        ends = follow(_Bars(start, end), np.concatenate([z, *coupler_turns(z, *start.parts()[:2])]), pace)
+    return dataclasses.replace(ends, w=ends.w[:8])
 
 
 # -- linkages through points -------------------------------------------------------------------------------------------
@@ -267,6 +220,7 @@ _SAME = 1e-6  # relative difference of two ends that are one solution
 _REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
 _BLOCK = 384  # lanes followed together
 _ROUTES = 3
+_PACES = Pace(1e-4, 0.01, 1e-6), Pace(2e-6)
 _OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
 
 _LEVEL = {"6-21": 170, "7-11": 988}  # solutions of bases with A and D on one level, or one above the other
@@ -307,7 +261,7 @@ class PathDesigns(Sequence[GuidedFourBar]):
     def __len__(self) -> int:
         return len(self.designs)
 
-    def __getitem__(self, index: int) -> Any:
+    def __getitem__(self, index: Any) -> Any:
         return self.designs[index]
 
     def __str__(self) -> str:
@@ -460,12 +414,12 @@ def _route(name: str, task: Task, angle: float) -> np.ndarray:
     turn = np.exp(1j * angle)
     spun = Task(task.d * turn, task.e / turn, task.matrix * [1 / turn, 1 / turn, turn, turn], task.right)
     ends, good = np.array(z), np.zeros(z.shape[1], bool)
-    for accuracy in (5e-5, 2e-6):
+    for pace in _PACES:
         rest = np.flatnonzero(~good)
         blocks = np.array_split(rest, max(1, len(rest) // _BLOCK))
-        work = functools.partial(_follow_block, z, start, spun, accuracy)
+        work = functools.partial(_follow_block, z, start, spun, pace)
         for lanes, out in zip(blocks, map_threads(work, blocks), strict=True):
-            ends[:, lanes], good[lanes] = out.z, out.arrived
+            ends[:, lanes], good[lanes] = out.w, out.arrived
         new, last = polish(ends, spun)
         regular = good & (last < _SINGULAR) & (np.abs(new).max(axis=0) < FAR) & ~_degenerate(new)
         ends[:, regular] = new[:, regular]
@@ -475,8 +429,8 @@ def _route(name: str, task: Task, angle: float) -> np.ndarray:
     return ends[:, good] * np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None]
 
 
-def _follow_block(z: np.ndarray, start: Task, end: Task, accuracy: float, lanes: np.ndarray) -> PathEnds:
-    return follow_paths(z[:, lanes], start, end, accuracy)
+def _follow_block(z: np.ndarray, start: Task, end: Task, pace: Pace, lanes: np.ndarray) -> PathEnds:
+    return follow_paths(z[:, lanes], start, end, pace)
 
 
 def _degenerate(z: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, JaxncError
+from jaxnc.process import cache_folder
 from jaxnc.progress import bar
 from jaxnc.synthesis.tracing import curves
 from jaxnc.synthesis.tracing.chains import Chain, ChainArrays, dyadic_chains
@@ -44,6 +45,7 @@ _CLOSE = 1500  # designs near a curve by the sizes of their harmonics that are l
 _SHORT, _LONG = 6, 60  # steps of the crank in an open piece of a curve
 
 
+@public
 class Shelf(NamedTuple):
     """Designs with the same number of bars; the first axis is that of designs."""
 
@@ -66,7 +68,8 @@ class Shelf(NamedTuple):
         return Shelf(self.bars, *(array[index] for array in self[1:]))
 
 
-class Candidate(NamedTuple):
+@public
+class Candidates(NamedTuple):
     """Designs whose curves are like a target, the most alike first."""
 
     shelf: Shelf
@@ -97,7 +100,7 @@ class Atlas:
 
     def find(
         self, target: Any, closed: bool, bars: int, count: int, allowed: Callable[[Chain], bool] | None = None
-    ) -> Candidate:
+    ) -> Candidates:
         """Find the designs whose curves are most like a target, in whatever place, size and turn."""
         shelf = self.shelves[bars]
         if allowed is not None:
@@ -120,7 +123,7 @@ class Atlas:
         near = np.argpartition(apart, many - 1)[:many] if many else np.zeros(0, int)
         misfit, turn, mirrored = lay(goal, stored[near].astype(np.float32))
         order = np.argsort(misfit, kind="stable")[:count]
-        return Candidate(shelf.at(near[order]), misfit[order], turn[order], mirrored[order])
+        return Candidates(shelf.at(near[order]), misfit[order], turn[order], mirrored[order])
 
     def _sizes(self, shelf: Shelf) -> np.ndarray:
         kept = self.__dict__.setdefault("_magnitudes", {})
@@ -205,14 +208,21 @@ def check_bars(what: str, bars: Any) -> tuple[int, ...]:
 
 
 def _folder(folder: str | Path | None) -> Path | None:
-    from jaxnc.io.cache import cache_folder
-    from jaxnc.io.target import folder as made
-
-    if folder is not None:
-        return Path(made(Path(folder).expanduser()))
-    told = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    own = cache_folder(os.environ, sys.platform, told)
-    return None if own is None else Path(made(Path(own) / "atlas"))
+    """Find, and make, the folder that keeps the files; None where caches are switched off."""
+    if folder is None:
+        told = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+        own = cache_folder(os.environ, sys.platform, told)
+        if own is None:
+            return None
+        folder = Path(own) / "atlas"
+    if not isinstance(folder, str | Path) or not str(folder).strip():
+        raise InputError(f"atlas: folder={folder!r}: expected the name of a folder, as text or a pathlib.Path")
+    where = Path(folder).expanduser()
+    try:
+        where.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise JaxncError(f"atlas: folder {where} cannot be made: {error.strerror or error}; name another one") from None
+    return where
 
 
 def _read(path: Path | None) -> dict[int, Shelf] | None:

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import jit
+from jaxnc.solvers.dense import cholesky_solve
 from jaxnc.synthesis.tracing.chains import GROUND, KINDS, ChainArrays
 from jaxnc.synthesis.tracing.curves import EACH, move
 from jaxnc.types import Array
@@ -137,9 +138,7 @@ def _solve(matrix: Array, slope: Array, damping: Array) -> Array:
     root = jnp.sqrt(scale)
     whole = matrix / (root[:, None] * root) + (damping + 1e-15) * jnp.eye(len(slope))
     whole = whole + jnp.diag(jnp.where(size > 1e-14, 0.0, 1.0))
-    factor = jnp.linalg.cholesky(whole)
-    half = jax.scipy.linalg.solve_triangular(factor, slope / root, lower=True)
-    return jax.scipy.linalg.solve_triangular(factor, half, lower=True, trans=1) / root
+    return cholesky_solve(whole, (slope / root)[:, None])[:, 0] / root
 
 
 def _look(
@@ -308,7 +307,7 @@ def start_lanes(target: np.ndarray, closed: bool, found: Any, arrays: ChainArray
     Args:
         target: its corners, ``(M, 2)``, in units of its size about its centre.
         closed: whether it is closed.
-        found: designs, a `Candidate`.
+        found: designs, a `Candidates`.
         arrays: their chains.
     """
     shelf = found.shelf

@@ -17,7 +17,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.progress import bar
 from jaxnc.synthesis.conditions import Condition, CrankTurns, TransmissionAngle, Within
-from jaxnc.synthesis.tracing.atlas import BARS, Atlas, Candidate, atlas, chain_arrays, check_bars
+from jaxnc.synthesis.tracing.atlas import BARS, Atlas, Candidates, atlas, chain_arrays, check_bars
 from jaxnc.synthesis.tracing.chains import GROUND, Chain, dyadic_chains
 from jaxnc.synthesis.tracing.fit import COUNT, Lanes, Target, begin_timed, refine, start_lanes, trace_curves
 from jaxnc.synthesis.tracing.linkage import INPUT, Drawn, to_mechanism
@@ -458,7 +458,7 @@ class _Search:
         stop = min(self.taken + _GROUPS * _WIDTH, len(self.queue.misfit))
         chosen = slice(self.taken, stop)
         self.taken = stop
-        some = Candidate(self.queue.shelf.at(chosen), *(array[chosen] for array in self.queue[1:]))
+        some = Candidates(self.queue.shelf.at(chosen), *(array[chosen] for array in self.queue[1:]))
         lanes = start_lanes(self.target.even, self.target.closed, some, chain_arrays(self.bars).at(some.shelf.chain))
         if self.target.timing is not None:
             lanes = begin_timed(lanes, self.goal)

@@ -1,0 +1,491 @@
+"""`circuits`: all assemblies over the range of an input, joined up into branches and circuits.
+
+A branch is what the input drives the mechanism along, from one dead point to another or to an end of the range. A
+circuit is what can be reached without taking the mechanism apart: branches that meet at dead points within the range.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.continuation.certificate import certify
+from jaxnc.continuation.monodromy import is_new
+from jaxnc.continuation.tracker import BOLD, CAREFUL
+from jaxnc.doors import door
+from jaxnc.errors import AssemblyError, InputError, counted
+from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
+from jaxnc.kinematics.modes import Design, Family, judge, place_poses, prepare, select_real, solve_all, to_motion
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.reduction import Placed
+from jaxnc.notebooks import Shown
+from jaxnc.process import one_thread
+from jaxnc.status import Status
+from jaxnc.system.system import System
+from jaxnc.types import Inputs
+
+_TURN = 1e-9  # radians: a range that is a whole number of turns long
+_SAME = 1e-5  # of the mechanism's size: poses that are one
+_BATCH = 2_000_000  # numbers of coefficients that are held at once
+_REFINED = (1e-3, 1e-5)  # of the step: intervals in which a dead point is found anew, by and by
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class Branch:
+    """A part of a circuit along which the input goes one way.
+
+    Attributes:
+        circuit: which circuit it belongs to, from 0, the drawing's first.
+        poses: its poses at the values of the input that it has, in their order.
+        lower: smallest value of the input there: that of the dead point at its end, or an end of the range.
+        upper: the largest one.
+        dead: whether the lower and the upper end is a dead point.
+        turns: whether the branch closes: the input turns on and on.
+    """
+
+    circuit: int
+    poses: Motion
+    lower: float
+    upper: float
+    dead: tuple[bool, bool]
+    turns: bool
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class Circuits(Shown):
+    """All assemblies over a range of an input; ``len()`` counts the circuits, ``print()`` says what they are.
+
+    Attributes:
+        name: the input.
+        values: its values, ``(values,)``.
+        branches: all branches, those of the drawing's circuit first.
+        count: number of assemblies at each value, ``(values,)``.
+        drawn: number of the drawing's circuit, 0; None if the drawing is on none of them.
+        dead_points: values of the input at which branches meet, in ascending order.
+        doubtful: number of values at which paths were lost or solutions are not isolated.
+        angle: whether the input is an angle.
+    """
+
+    name: str
+    values: np.ndarray
+    branches: tuple[Branch, ...]
+    count: np.ndarray
+    drawn: int | None
+    dead_points: tuple[float, ...]
+    doubtful: int
+    angle: bool
+
+    def __len__(self) -> int:
+        return 1 + max((b.circuit for b in self.branches), default=-1)
+
+    def circuit(self, number: int) -> tuple[Branch, ...]:
+        """The branches of a circuit.
+
+        Args:
+            number: which one, from 0.
+
+        Returns:
+            The branches, in the order of their lower ends.
+
+        Raises:
+            InputError: there is no such circuit.
+        """
+        if not 0 <= number < len(self):
+            raise InputError(f"circuit({number}): there are {counted(len(self), 'circuit')}, numbered from 0")
+        return tuple(b for b in self.branches if b.circuit == number)
+
+    def __str__(self) -> str:
+        def told(value: float) -> str:
+            return f"{math.degrees(value):.6g}°" if self.angle else f"{value:.6g}"
+
+        lines = []
+        for k in range(len(self)):
+            parts = self.circuit(k)
+            ends = sorted({b.lower for b in parts if b.dead[0]} | {b.upper for b in parts if b.dead[1]})
+            whose = "the drawing's" if k == self.drawn else f"circuit {k}"
+            text = f"{whose} has {counted(len(parts), 'branch', 'branches')}"
+            if ends:
+                where = ", ".join(map(told, ends))
+                text += f", which {'meet' if len(parts) > 1 else 'ends'} at {self.name} = {where}"
+            elif all(b.turns for b in parts):
+                text += f", {self.name} turns fully"
+            lines.append(text)
+        least, most = (int(self.count.min()), int(self.count.max())) if len(self.count) else (0, 0)
+        range_ = f"{self.name} from {told(self.values[0])} to {told(self.values[-1])}"
+        number = counted(most, "assembly", "assemblies") if least == most else f"{least} to {most} assemblies"
+        head = f"{counted(len(self), 'circuit')}; {'; '.join(lines)}" if lines else "no assembly"
+        text = f"{head}. {range_}: {number}."
+        if self.drawn is None and lines:
+            text += " The drawing is on none of them."
+        if self.doubtful:
+            text += f" At {counted(self.doubtful, 'value')} solutions are not isolated, or paths were lost."
+        return text
+
+    __repr__ = __str__
+
+    def draw(self, path: Any = None, **options: Any):
+        """Draw the branches over the input; see `jaxnc.viz.draw_circuits`."""
+        return door("Circuits.draw")(self, path, **options)
+
+
+@dataclasses.dataclass
+class _Place:
+    """Real assemblies at one value of the input."""
+
+    w: np.ndarray  # in the unknowns that stay, (n, assemblies)
+    q: np.ndarray  # all coordinates, (N, assemblies)
+    gap: np.ndarray
+    condition: np.ndarray
+    doubtful: bool
+
+
+@public
+def circuits(
+    system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0
+) -> Circuits:
+    """Find every assembly over a range of an input, and which can be reached from which without taking apart.
+
+    Args:
+        system: the system.
+        inputs: values of one driven coordinate in ascending order, by name, and one number of every other one; radians
+            and lengths. Two branches are told apart, and joined, from value to value: 2° of a crank is a good step.
+        hold: free coordinates that keep the value they have in the drawing.
+        unit: what angles are given in, ``"rad"`` or ``"deg"``.
+        seed: as of `modes`.
+
+    Returns:
+        Branches and circuits. A circuit that closes outside of the range only counts as several.
+
+    Raises:
+        InputError: no array or several, fewer than two values or not ascending ones, and what `modes` refuses.
+    """
+    one_thread("numpy")
+    check_system(system, "circuits()")
+    doubt_degrees(system, unit, inputs)
+    (inputs,) = in_radians(system, unit, inputs)
+    view = make_plan(system, named(inputs), hold)
+    names, values, shape = stack(inputs)
+    values = np.asarray(values, float)
+    moving = [n for n in names if np.ndim(inputs[n])]
+    if len(moving) != 1 or len(shape) != 1 or shape[0] < 2:
+        raise InputError(
+            f"circuits() follows one input over its values, such as {{{(names or ('phi',))[0]!r}: "
+            f"np.linspace(0, 2 * np.pi, 181)}}, and takes one number of every other; got "
+            f"{len(moving)} arrays{f' of shape {shape}' if shape else ''}"
+        )
+    k = names.index(moving[0])
+    if not (np.diff(values[:, k]) > 0.0).all():
+        raise InputError(f"circuits(): the values of {moving[0]!r} must ascend, each one greater than the one before")
+    check_parameters(system)
+    order = tuple(system.topology.position[n] for n in names)
+    design, family = prepare(system, order, tuple(map(int, view.held)), seed)
+    range_ = _Range(design, family, order, values, k, seed)
+    angle = system.topology.is_angle(moving[0])
+    turn = (values[-1, k] - values[0, k]) / (2.0 * math.pi)
+    closes = angle and turn > 0.5 and abs(turn - round(turn)) < _TURN
+    found = _join(range_, closes)
+    motion = functools.partial(to_motion, system, view)
+    return _report(system, range_, found, motion, moving[0], inputs, hold, angle)
+
+
+class _Range:
+    """A mechanism over the values of an input."""
+
+    def __init__(self, design: Design, family: Family, order: tuple[int, ...], values: np.ndarray, k: int, seed: int):
+        self.design, self.family, self.order, self.values, self.k = design, family, order, values, k
+        self.member, self.x = design.at(values.T, order)
+        self.reduction, self.begin, self.end = family.reduction(self.member)
+        self.seed = seed
+        self.places = self._solve()
+
+    @functools.cached_property
+    def near(self) -> tuple[Placed, np.ndarray]:
+        """All solutions at a complex value of the input in the middle, from where the ways to all values are short."""
+        middle = 0.5 * (self.values[0] + self.values[-1]).astype(complex)
+        reach = 0.5 * (self.values[-1, self.k] - self.values[0, self.k])
+        middle[self.k] += 0.7j * min(reach, 1.0)
+        member, _ = self.design.at(middle[:, None], self.order)
+        there = self.reduction.place(member)
+        ends = self.reduction.paths(self.begin, there).follow(self.reduction.shorten(self.family.starts.x), CAREFUL)
+        w = ends.w[:, ends.arrived]
+        return there, w[:, is_new(np.zeros((len(w), 0)), w)]
+
+    def _solve(self) -> list[_Place]:
+        """Real assemblies at all values."""
+        there, start = self.near
+        n, each, count = self.reduction.n, start.shape[1], len(self.values)
+        out: list[_Place] = []
+        block = max(1, int(_BATCH / max(1, 4 * n**3 + n * each)))
+        for first in range(0, count, block):
+            which = np.arange(first, min(first + block, count))
+            some = _choose(self.end, which)
+            t = self._coefficients(some)
+            if n and each:
+                ends = self.reduction.paths(there, some, each).follow(np.tile(start, (1, len(which))), BOLD)
+                w, arrived, far = ends.w, ends.arrived, ends.at_infinity
+            else:
+                w, arrived, far = np.zeros((n, len(which))), np.ones(len(which), bool), np.zeros(len(which), bool)
+                each = 1
+            balls = certify(np.repeat(t, each, axis=0), w)
+            for j, value in enumerate(which):
+                own = np.arange(j * each, (j + 1) * each)
+                good = own[arrived[own] & balls.proved[own]]
+                new = good[is_new(np.zeros((n, 0)), w[:, good])]
+                whole = len(new) + int(far[own].sum()) == len(self.family.starts)
+                out.append(self._place(int(value), t[j], w[:, new], whole))
+        return out
+
+    def _coefficients(self, placed: Placed) -> np.ndarray:
+        t = np.real(np.tensordot(placed.restricted, self.reduction.mix, ([1], [1]))).transpose(0, 3, 1, 2)
+        return t / np.abs(t).max(axis=(2, 3), keepdims=True, initial=1e-300)
+
+    def _place(self, value: int, t: np.ndarray, w: np.ndarray, whole: bool) -> _Place:
+        """The assemblies at a value, from the solutions that one way has found; all ways again if that lacks some."""
+        doubtful = False
+        if not whole:
+            member, _ = self.design.at(self.values[value][:, None], self.order)
+            ends = solve_all(self.family, member, self.seed, (self.reduction, self.begin, _choose(self.end, [value])))
+            w, doubtful = ends.w, bool(ends.lost + ends.singular)
+        balls = certify(t, w)
+        real = select_real(w, balls)
+        w, condition = np.real(w[:, real]), balls.condition[real]
+        q = np.real(place_poses(self.design, self.x[:, value], self.end.maps[value], w))
+        q, status, gap = judge(self.design, q)
+        good = status == int(Status.CONVERGED)
+        return _Place(w[:, good], q[:, good], gap[good], condition[good], doubtful)
+
+    def connect(self) -> list[np.ndarray]:
+        """For every value but the last: which assembly at the next each one becomes, -1 for none."""
+        count = len(self.places)
+        each = max((p.w.shape[1] for p in self.places), default=0)
+        n, out = self.reduction.n, []
+        if not each:
+            return [np.zeros(0, int)] * (count - 1)
+        ends_at = np.full((n, (count - 1) * each), np.nan, complex)
+        for j, place in enumerate(self.places[:-1]):
+            ends_at[:, j * each : j * each + place.w.shape[1]] = place.w
+        arrived = np.ones(ends_at.shape[1], bool)
+        if n:
+            here, there = _choose(self.end, np.arange(count - 1)), _choose(self.end, np.arange(1, count))
+            ends = self.reduction.paths(here, there, each).follow(ends_at, CAREFUL)
+            ends_at, arrived = ends.w, ends.arrived
+        for j, (place, then) in enumerate(zip(self.places[:-1], self.places[1:], strict=True)):
+            out.append(np.full(place.w.shape[1], -1))
+            for i in range(place.w.shape[1]):
+                lane = j * each + i
+                if arrived[lane] and then.w.shape[1]:
+                    apart = np.abs(then.w - ends_at[:, lane : lane + 1]).max(axis=0, initial=0.0)
+                    if apart.min() < _SAME * (1.0 + np.abs(ends_at[:, lane]).max(initial=0.0)):
+                        out[-1][i] = int(apart.argmin())
+        return out
+
+    def dead_point(self, k: int, one: np.ndarray, two: np.ndarray) -> float:
+        """Value of the input between the k-th and the next at which two solutions ``(n,)`` become one."""
+        low, high = self.values[k], self.values[k + 1]
+        y, move, at = 0.5 * (one + two).astype(complex), (one - two).astype(complex), 0.5
+        for width in (1.0, *_REFINED):
+            if width < 1.0:
+                value = low + (high - low) * at
+                reach = (self.values[k + 1] - self.values[k]) * width
+                low, high, at = value - reach, value + reach, 0.5
+            member, _ = self.design.at(np.stack([low, high], axis=1), self.order)
+            placed = self.reduction.place(member)
+            paths = self.reduction.paths(_choose(placed, [0]), _choose(placed, [1]))
+            y, move, at = _turning(paths, y, move, at)
+        return float(low[self.k] + (high[self.k] - low[self.k]) * at)
+
+
+def _turning(paths: Any, y: np.ndarray, move: np.ndarray, at: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Where two solutions of equations with a parameter meet, from nearby: place, direction and parameter."""
+    n, lane = len(y), np.zeros(1, int)
+    move = move / np.linalg.norm(move)
+    norm, h = move.conj(), 1e-6
+    for _ in range(12):
+        f, j = (v[0] for v in paths.evaluate(y[:, None], np.array([at]), lane))
+        f1, j1 = (v[0] for v in paths.evaluate(y[:, None], np.array([at + h]), lane))
+        f0, j0 = (v[0] for v in paths.evaluate(y[:, None], np.array([at - h]), lane))
+        bend = paths.evaluate((y + move)[:, None], np.array([at]), lane)[1][0] - j  # second derivatives are constant
+        whole = np.zeros((2 * n + 1, 2 * n + 1), complex)
+        whole[:n, :n], whole[:n, 2 * n] = j, (f1 - f0) / (2 * h)
+        whole[n : 2 * n, :n], whole[n : 2 * n, n : 2 * n] = bend, j
+        whole[n : 2 * n, 2 * n] = (j1 - j0) @ move / (2 * h)
+        whole[2 * n, n : 2 * n] = norm
+        step = np.linalg.lstsq(whole, -np.concatenate([f, j @ move, [norm @ move - 1.0]]), rcond=None)[0]
+        y, move, at = y + step[:n], move + step[n : 2 * n], at + float(step[2 * n].real)
+        if np.abs(step).max() < 1e-12:
+            break
+    return y, move, float(np.clip(at, -1.0, 2.0))
+
+
+def _choose(placed: Placed, which: Any) -> Placed:
+    """Some of several members in an elimination."""
+    which = np.asarray(which, int)
+    m = placed.member
+
+    def of(value: np.ndarray) -> np.ndarray:
+        return value[..., which]
+
+    member = dataclasses.replace(
+        m, constants=tuple(map(of, m.constants)), known=of(m.known), turns=of(m.turns), sizes=of(m.sizes)
+    )
+    straight = tuple(s[which] for s in placed.straight)
+    return Placed(member, placed.maps[which], straight, placed.rows[which])
+
+
+@dataclasses.dataclass
+class _Strand:
+    """Assemblies at values one after another that are one branch."""
+
+    first: int
+    modes: list[int]
+    start: float | None = None  # the dead point at its begin, if there is one
+    end: float | None = None
+    turns: bool = False
+
+    @property
+    def last(self) -> int:
+        return self.first + len(self.modes) - 1
+
+
+def _join(range_: _Range, closes: bool) -> tuple[list[_Strand], list[int]]:
+    """Strands, and which circuit each belongs to."""
+    steps = range_.connect()
+    strands: list[_Strand] = []
+    group: list[int] = []
+
+    def root(k: int) -> int:
+        while group[k] != k:
+            k = group[k]
+        return k
+
+    def begin(first: int, mode: int) -> int:
+        strands.append(_Strand(first, [mode]))
+        group.append(len(group))
+        return len(strands) - 1
+
+    here = {m: begin(0, m) for m in range(range_.places[0].w.shape[1])}
+    for k, step in enumerate(steps):
+        then: dict[int, int] = {}
+        ended = []
+        for mode, strand in here.items():
+            to = int(step[mode])
+            if to >= 0 and to not in then:
+                then[to] = strand
+                strands[strand].modes.append(to)
+            else:
+                ended.append(strand)
+        begun = []
+        for mode in range(range_.places[k + 1].w.shape[1]):
+            if mode not in then:
+                then[mode] = begin(k + 1, mode)
+                begun.append(then[mode])
+        for some, side, at, of in ((ended, "end", k, -1), (begun, "start", k + 1, 0)):
+            for pair in _pairs(range_, strands, some, at):
+                one, two = (range_.places[at].w[:, strands[s].modes[of]] for s in pair)
+                value = range_.dead_point(k, one, two)
+                for s in pair:
+                    setattr(strands[s], side, value)
+                group[root(pair[0])] = root(pair[1])
+        here = then
+    if closes:
+        _close(range_, strands, group, root)
+    return strands, [root(k) for k in range(len(strands))]
+
+
+def _pairs(range_: _Range, strands: list[_Strand], some: list[int], k: int) -> list[tuple[int, int]]:
+    """Strands that end, or begin, at one dead point: the nearest ones of those at a value."""
+    out, left = [], list(some)
+    w = range_.places[k].w
+
+    def at(s: int) -> np.ndarray:
+        strand = strands[s]
+        return w[:, strand.modes[k - strand.first]]
+
+    while len(left) > 1:
+        apart = {(a, b): np.abs(at(a) - at(b)).max(initial=0.0) for i, a in enumerate(left) for b in left[i + 1 :]}
+        best = min(apart, key=lambda pair: apart[pair])
+        out.append(best)
+        left = [s for s in left if s not in best]
+    return out
+
+
+def _close(range_: _Range, strands: list[_Strand], group: list[int], root: Any) -> None:
+    """Join what ends with a whole number of turns to what begins there."""
+    first, last = range_.places[0], range_.places[-1]
+    size = range_.design.reading.first
+    unit = range_.design.unit[:size, None]
+    for k, strand in enumerate(strands):
+        if strand.last != len(range_.places) - 1 or strand.end is not None:
+            continue
+        pose = last.q[:size, strand.modes[-1] : strand.modes[-1] + 1]
+        apart = np.abs((first.q[:size] - pose) / unit).max(axis=0, initial=0.0)
+        if len(apart) and apart.min() < _SAME:
+            mode = int(apart.argmin())
+            for other, one in enumerate(strands):
+                if one.first == 0 and one.modes[0] == mode:
+                    group[root(k)] = root(other)
+                    strand.turns = one.turns = True
+
+
+def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, hold, angle: bool) -> Circuits:
+    """Branches in order, the drawing's circuit first."""
+    strands, roots = found
+    drawn = _drawn(system, range_, strands, name, inputs, hold)
+    order: dict[int, int] = {} if drawn is None else {roots[drawn]: 0}
+    for r in roots:
+        order.setdefault(r, len(order))
+    values = range_.values[:, range_.k]
+    branches = []
+    for strand, r in zip(strands, roots, strict=True):
+        which = range(strand.first, strand.last + 1)
+        places = [(range_.places[k], m) for k, m in zip(which, strand.modes, strict=True)]
+        q = np.stack([p.q[:, m] for p, m in places], axis=1)
+        if angle:
+            q = _unwrapped(range_, q)
+        gap, condition = (np.array([getattr(p, what)[m] for p, m in places]) for what in ("gap", "condition"))
+        poses = motion(range_.values[strand.first : strand.last + 1], q, np.zeros(len(places), int), gap, condition)
+        lower = values[strand.first] if strand.start is None else strand.start
+        upper = values[strand.last] if strand.end is None else strand.end
+        dead = (strand.start is not None, strand.end is not None)
+        turns = strand.turns and not any(dead)
+        branches.append(Branch(order[r], poses, float(lower), float(upper), dead, turns))
+    branches.sort(key=lambda b: (b.circuit, b.lower))
+    points = sorted({s for strand in strands for s in (strand.start, strand.end) if s is not None})
+    count = np.array([p.w.shape[1] for p in range_.places])
+    doubtful = sum(p.doubtful for p in range_.places)
+    return Circuits(name, values, tuple(branches), count, None if drawn is None else 0, tuple(points), doubtful, angle)
+
+
+def _unwrapped(range_: _Range, q: np.ndarray) -> np.ndarray:
+    """Angles that only follow go on along a branch."""
+    reading = range_.design.reading
+    for k, is_angle in enumerate(reading.top.angles):
+        s = reading.first + k
+        if is_angle and reading.follows[s]:
+            q[s] = np.unwrap(q[s])
+    return q
+
+
+def _drawn(system: System, range_: _Range, strands: list[_Strand], name: str, inputs: Inputs, hold) -> int | None:
+    """Which strand the drawing is on, when its input is brought to the nearest value; None if on none."""
+    drawn = range_.design.x[range_.order[range_.k]] * range_.design.unit[range_.order[range_.k]]
+    values = range_.values[:, range_.k]
+    k = int(np.abs(values - drawn).argmin())
+    asked = {n: float(v) for n, v in zip(inputs, range_.values[k], strict=True)}
+    try:
+        pose = np.asarray(solve_position(system, asked, hold=hold, throw=False).check().q, float)
+    except AssemblyError:
+        return None
+    size = range_.design.reading.first
+    apart = np.abs((range_.places[k].q[:size] - pose[:size, None]) / range_.design.unit[:size, None]).max(axis=0)
+    if not len(apart) or apart.min() > _SAME:
+        return None
+    mode = int(apart.argmin())
+    return next(i for i, s in enumerate(strands) if s.first <= k <= s.last and s.modes[k - s.first] == mode)

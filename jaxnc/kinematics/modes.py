@@ -1,0 +1,475 @@
+"""`modes`: every assembly of a mechanism for its inputs, with a statement of completeness and certificates.
+
+All solutions of a generic member of the mechanism's family are followed to the mechanism (parameter homotopy). The
+member's are found once for a structure, by monodromy and total degree, and kept in the user's cache.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.compiling import on_device
+from jaxnc.continuation.certificate import Balls, are_disjoint, certify
+from jaxnc.continuation.monodromy import SAME, is_new
+from jaxnc.continuation.quadratic import QuadraticPaths, inverses
+from jaxnc.continuation.tracker import BOLD, CAREFUL
+from jaxnc.doors import door
+from jaxnc.errors import InputError, counted
+from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.polynomial import Member, NotPolynomial, Reading, read_polynomials
+from jaxnc.kinematics.reduction import Placed, Reduction
+from jaxnc.kinematics.starts import (
+    NoMember,
+    PositiveDimension,
+    StartSet,
+    draw_generic,
+    find_starts,
+    load_starts,
+    save_starts,
+    structure_key,
+)
+from jaxnc.notebooks import Shown
+from jaxnc.process import one_thread
+from jaxnc.solvers.assembly import derive, settle, to_host
+from jaxnc.solvers.plan import Plan
+from jaxnc.status import Status
+from jaxnc.system.equations import pure_numbers
+from jaxnc.system.host import HostEquations
+from jaxnc.system.system import System
+from jaxnc.types import Inputs
+
+_ZERO = 1e-10  # of the mechanism's size: a constant of a design below is zero by its structure
+_WIDE = 1e5  # beside 1: maps of an elimination that divides by next to nothing
+_ROUTES = ((True, BOLD), (False, BOLD), (True, CAREFUL), (False, CAREFUL), (False, CAREFUL))  # straight, or around
+_SINGULAR = 1e-12  # reciprocal condition number of a solution that is not regular
+_INFINITY = 1e4  # of unknowns of size one: an end beyond is at infinity
+_REAL = 1e-8  # imaginary part of a real solution that has no certificate
+_RESIDUAL = 1e-9  # of the mechanism's size: a pose that meets all rows
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """What is proved of one assembly, with rounding counted.
+
+    Existence and uniqueness are those of the equations that are solved: where rows are redundant, combinations of them.
+
+    Attributes:
+        radius: within so much of the pose's coordinates there is a solution, a length; infinite if nothing is proved.
+        alone: and no other one within this larger distance.
+        conditioning: reciprocal condition number of the equations at the pose, 0 … 1.
+        exact: whether existence, uniqueness and that the solution is real are proved.
+    """
+
+    radius: float
+    alone: float
+    conditioning: float
+    exact: bool
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class Modes(Shown):
+    """All assemblies of a mechanism for one set of inputs; ``len()`` counts the real ones, ``print()`` says all.
+
+    Attributes:
+        poses: the real assemblies, ``(assemblies,)``, the one nearest to the drawing first.
+        certificates: what is proved of each of them.
+        mirrored: real solutions of the rows that are no assemblies: a body is its mirror image, or an angle its half
+            turn.
+        complex: all coordinates of all other solutions, ``(solutions, N)``; angles and distances that only follow are
+            zero in them.
+        expected: how many solutions a generic mechanism of this structure has, complex ones included.
+        at_infinity: how many of them this mechanism has at infinity.
+        singular: how many end where solutions meet or are not isolated.
+        lost: how many paths were lost, after all attempts.
+        proved: whether `expected` is proved by total degree; else it is what loops have found.
+        loops: loops of monodromy that the structure took.
+        quiet: how many of them, at the end, brought no new solution.
+        disjoint: whether all certified solutions, complex ones too, are proved to be different.
+    """
+
+    poses: Motion
+    certificates: tuple[Certificate, ...]
+    mirrored: Motion
+    complex: np.ndarray
+    expected: int
+    at_infinity: int
+    singular: int
+    lost: int
+    proved: bool
+    loops: int
+    quiet: int
+    disjoint: bool
+
+    def __len__(self) -> int:
+        return len(self.certificates)
+
+    @property
+    def complete(self) -> bool:
+        """True if every path ended in a solution of its own or at infinity, and every assembly is certified."""
+        return not self.lost and not self.singular and self.disjoint and all(c.exact for c in self.certificates)
+
+    @property
+    def statement(self) -> str:
+        """What is proved and what was observed, in sentences."""
+        how = (
+            "proved by total degree: every path ends in a solution or at infinity"
+            if self.proved
+            else f"observed: {counted(self.loops, 'loop')} of monodromy, the last {self.quiet} without a new one"
+        )
+        ends = [f"{counted(len(self), 'assembly', 'assemblies')}"]
+        real = self.mirrored.status.shape[0]
+        others = (
+            (real, "mirror image or half turn", "mirror images or half turns"),
+            (len(self.complex), "complex", "complex"),
+            (self.at_infinity, "at infinity", "at infinity"),
+            (self.singular, "singular", "singular"),
+            (self.lost, "lost", "lost"),
+        )
+        ends += [f"{n} {one if n == 1 else more}" for n, one, more in others if n]
+        exact = sum(c.exact for c in self.certificates)
+        told = "all" if exact == len(self) else f"{exact} of {len(self)}"
+        lines = [
+            f"A generic mechanism of this structure has {counted(self.expected, 'solution')} ({how}).",
+            f"This one has {', '.join(ends)}.",
+        ]
+        if len(self):
+            lines.append(f"Existence and uniqueness are proved of {told}{', and that no two are one' * self.disjoint}.")
+        if self.singular:
+            lines.append(
+                "Singular ends are multiple solutions, or not isolated: the mechanism moves with these inputs held."
+            )
+        if self.lost:
+            lines.append("Lost paths may end in assemblies that are missing here.")
+        return " ".join(lines)
+
+    def __str__(self) -> str:
+        system = self.poses.system
+        at = ", ".join(f"{n} = {float(v.reshape(-1)[0]):.6g}" for n, v in self.poses.inputs.items() if v.size)
+        head = f"{system.topology.name}{f' at {at}' if at else ''}: {counted(len(self), 'assembly', 'assemblies')}"
+        lines = [head, *(f"  {line}." for line in self.statement.rstrip(".").split(". "))]
+        for k, c in enumerate(self.certificates):
+            proof = f"within {c.radius:.1g}, alone within {c.alone:.1g}" if c.exact else "not certified"
+            lines.append(f"  {k}: {proof} {system.topology.length_unit}, conditioning {c.conditioning:.1g}")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def draw(self, path: Any = None, **options: Any):
+        """Draw all assemblies side by side; see `jaxnc.viz.draw_modes`."""
+        return door("Modes.draw")(self, path, **options)
+
+
+# -- a mechanism in numbers --------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """A system in parts of its size: what the family's equations are made from."""
+
+    reading: Reading
+    host: HostEquations
+    unit: np.ndarray  # size of every coordinate
+    x: np.ndarray  # the assembled drawing, (N,)
+    constants: tuple[np.ndarray, ...]  # per block (instances, constants, 1)
+
+    def at(self, values: np.ndarray, inputs: Sequence[int]) -> tuple[Member, np.ndarray]:
+        """The members for values of the inputs ``(inputs, targets)``, and what is known of all coordinates."""
+        targets = values.shape[1]
+        x = np.repeat(self.x[:, None], targets, axis=1).astype(values.dtype)
+        x[list(inputs)] = values / self.unit[list(inputs), None]
+        constants = tuple(np.repeat(c, targets, axis=2) for c in self.constants)
+        self.reading.place_scalars(x, constants)
+        turns, sizes = self.reading.measure_turns(self.constants, self.x[:, None])
+        turns = np.repeat(turns, targets, axis=2)
+        for k, is_angle in enumerate(self.reading.top.angles):
+            s = self.reading.first + k
+            if is_angle and self.reading.known[s]:
+                turns[k] = np.cos(x[s]), np.sin(x[s])
+        sizes = np.repeat(self.reading.pair_sizes(sizes), targets, axis=1)
+        return Member(constants, np.where(self.reading.known[:, None], x, 0.0), turns, sizes), x
+
+
+def describe(system: System, reading: Reading) -> Design:
+    """A system in parts of its size."""
+    eq = derive(system)
+    host, top = to_host(eq), reading.top
+    drawn = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q, float)
+    spread = drawn[: len(top.points) * top.dim].reshape(-1, top.dim)
+    size = float(np.ptp(spread, axis=0).max(initial=0.0)) or 1.0
+    unit = np.where(pure_numbers(top), 1.0, size)
+    constants = tuple((c / size**p)[:, :, None] for c, p in zip(host.constants, reading.powers, strict=True))
+    return Design(reading, host, unit, drawn / unit, constants)
+
+
+class Family:
+    """A structure with its inputs, and what is zero in it: start set and eliminations, for all designs."""
+
+    def __init__(self, reading: Reading, starts: StartSet):
+        self.reading, self.starts = reading, starts
+        self.reductions: list[tuple[Reduction, Placed]] = []
+
+    def reduction(self, design: Member) -> tuple[Reduction, Placed, Placed]:
+        """An elimination that suits a design, with its maps for the generic member and for the design."""
+        for known, start in self.reductions:
+            placed = _place(known, design)
+            if placed is not None:
+                return known, start, placed
+        first = Member(*(_first(v) for v in (design.constants, design.known, design.turns, design.sizes)))
+        made = Reduction(self.reading, self.starts.member, first, self.starts.way)
+        start = made.place(self.starts.member)
+        made.square_rows(start, self.starts.x[:, 0], np.random.default_rng(7))
+        self.reductions.append((made, start))
+        with np.errstate(all="ignore"):
+            return made, start, made.place(design)
+
+
+def _first(value: Any) -> Any:
+    return tuple(v[..., :1] for v in value) if isinstance(value, tuple) else value[..., :1]
+
+
+def _place(reduction: Reduction, design: Member) -> Placed | None:
+    """A design in an elimination; None where it would divide by next to nothing."""
+    try:
+        with np.errstate(all="ignore"):
+            placed = reduction.place(design)
+    except np.linalg.LinAlgError:
+        return None
+    return placed if np.abs(placed.maps).max() < _WIDE else None
+
+
+def family_of(design: Design, inputs: Sequence[int], seed: int = 0) -> Family:
+    """The family of a design: made once for a structure, or read from the user's cache."""
+    base, zeros = design.reading, tuple((np.abs(c) <= _ZERO).tobytes() for c in design.constants)
+    known = base.families
+    if (zeros, seed) not in known:
+        rng = np.random.default_rng([seed, 33])
+        reading = base.paired(*draw_generic(base, design.x, design.constants, rng))
+        key = structure_key(reading, design.constants, _ZERO) + f"-{seed}"
+        starts = load_starts(reading, key)
+        if starts is None:
+            own = dataclasses.replace(design, reading=reading)
+            member, _ = own.at((design.x * design.unit)[list(inputs), None], inputs)
+            starts = find_starts(reading, design.x, design.constants, member, rng)
+            save_starts(starts, key)
+        known[zeros, seed] = Family(reading, starts)
+    return known[zeros, seed]
+
+
+# -- all solutions -----------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Ends:
+    """Ends of all paths at one design."""
+
+    w: np.ndarray  # the solutions, in the unknowns that stay, (n, solutions)
+    balls: Balls
+    maps: np.ndarray  # from them to all unknowns
+    at_infinity: int
+    singular: int
+    lost: int
+
+
+def solve_all(
+    family: Family, design: Member, seed: int = 0, known: tuple[Reduction, Placed, Placed] | None = None
+) -> Ends:
+    """All solutions of one design, by paths from the family's generic member; what is lost goes other ways."""
+    reduction, begin, end = known or family.reduction(design)
+    start = reduction.shorten(family.starts.x)
+    t = np.tensordot(reduction.mix, end.restricted[0], 1).real
+    t = t / np.abs(t).max(axis=(1, 2), keepdims=True) if len(t) else t
+    count = start.shape[1]
+    if not reduction.n:
+        return Ends(np.zeros((0, 1)), certify(t, np.zeros((0, 1))), end.maps[0], 0, 0, 0)
+    rng, found, least = np.random.default_rng([seed, 5]), [], (count, count)
+    for route, (direct, pace) in enumerate(_ROUTES):
+        legs = [reduction.paths(begin, end)] if direct else _detour(reduction, begin, end, rng)
+        w, far, singular = start, 0, 0
+        for leg in legs:
+            ends = leg.follow(w, pace)
+            far, singular = far + int(ends.at_infinity.sum()), singular + int(ends.singular.sum())
+            w = ends.w[:, ends.arrived]
+        w = _polish(t, w)
+        balls = certify(t, w)
+        there = (np.abs(w).max(axis=0) > _INFINITY) & ~balls.proved
+        unclear = ~there & ~balls.proved & (balls.condition <= _SINGULAR)
+        far, singular = far + int(there.sum()), singular + int(unclear.sum())
+        found.append(w[:, ~there & ~unclear])
+        every = np.concatenate(found, axis=1)
+        found = [every[:, is_new(np.zeros((reduction.n, 0)), every)]]
+        least = (min(least[0], far), min(least[1], singular))
+        left = count - found[0].shape[1] - sum(least)
+        if left <= 0 and (route or not least[1]):
+            break
+    far = min(least[0], count - found[0].shape[1])
+    singular = min(least[1], count - found[0].shape[1] - far)
+    lost = count - found[0].shape[1] - far - singular
+    return Ends(found[0], certify(t, found[0]), end.maps[0], far, singular, lost)
+
+
+def _detour(reduction: Reduction, begin: Placed, end: Placed, rng: np.random.Generator) -> list[QuadraticPaths]:
+    """Two legs by way of a member beside the straight line, in a random complex direction."""
+    part = np.array([0.5 + 0.7j * rng.choice([-1, 1]) * (0.5 + rng.random())])
+    straight = tuple(a + (b - a) * part for a, b in zip(begin.straight, end.straight, strict=True))
+    middle = reduction.place(begin.member.mix(end.member, part), straight)
+    return [reduction.paths(begin, middle), reduction.paths(middle, end)]
+
+
+def _polish(t: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Solutions after two more of Newton's steps, where they stay near."""
+    here, lanes = QuadraticPaths(t[None, None]), np.arange(w.shape[1])
+    with np.errstate(all="ignore"):
+        for _ in range(2):
+            f, jacobian = here.evaluate(w, np.zeros(w.shape[1]), lanes)
+            step = np.matmul(inverses(jacobian), f[:, :, None])[:, :, 0].T
+            small = np.abs(step).max(axis=0, initial=0.0) < SAME * np.maximum(1.0, np.abs(w).max(axis=0, initial=0.0))
+            w = np.where(small, w - step, w)
+    return w
+
+
+@public
+def modes(system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0) -> Modes:
+    """Find every assembly of a mechanism for one set of inputs, with certificates and a statement of completeness.
+
+    Args:
+        system: the system.
+        inputs: one value of each driven coordinate, by name; radians and lengths. Empty for a mechanism without
+            freedom.
+        hold: free coordinates that keep the value they have in the drawing.
+        unit: what angles are given in, ``"rad"`` or ``"deg"``.
+        seed: another number takes other ways, and another generic mechanism to begin from.
+
+    Returns:
+        The assemblies; failures are counted there, never raised.
+
+    Raises:
+        InputError: inputs that are too many or too few, or not finite; rows that are no polynomials of second degree
+            (gears, rolling, screws, own kinds); a mechanism that moves with its inputs held.
+    """
+    one_thread("numpy")
+    check_system(system, "modes()")
+    doubt_degrees(system, unit, inputs)
+    (inputs,) = in_radians(system, unit, inputs)
+    view = make_plan(system, named(inputs), hold)
+    names, values, shape = stack(inputs)
+    if shape:
+        raise InputError(
+            f"modes() is of one set of inputs, and these have the shape {shape}; for a range see circuits()"
+        )
+    check_parameters(system)
+    order = tuple(system.topology.position[n] for n in names)
+    design, family = prepare(system, order, tuple(map(int, view.held)), seed)
+    member, x = design.at(np.asarray(values, float)[:, None], order)
+    return _report(system, view, design, family, x[:, 0], np.asarray(values), solve_all(family, member, seed))
+
+
+def prepare(system: System, driven: tuple[int, ...], held: tuple[int, ...], seed: int) -> tuple[Design, Family]:
+    """The design of a system and its family; what cannot be read as polynomials is refused."""
+    top = system.topology
+    try:
+        reading = read_polynomials(top.structure, (*driven, *held))
+        design = describe(system, reading)
+        family = family_of(design, (*driven, *held), seed)
+    except NotPolynomial as error:
+        block, instance, why = error.args
+        owner = top.called(*top.blocks[block].owners[instance])
+        raise InputError(
+            f"modes(): {owner!r} of {top.name!r} ({top.blocks[block].kind.name}) is not for this: {why}; "
+            f"jaxnc.formulate(mechanism, 'independent').assemblies(…) looks from many starts, without a proof"
+        ) from None
+    except PositiveDimension as error:
+        raise InputError(
+            f"modes(): with these inputs {top.name!r} still has {counted(error.args[0], 'freedom')}: hold a coordinate "
+            f"of what moves (a rod's spin), hold=[…], or drive it; jaxnc.mobility(system) names the free motions"
+        ) from None
+    except NoMember:
+        raise InputError(
+            f"modes(): the rows of {top.name!r} contradict each other but for special dimensions (an overconstrained "
+            f"mechanism), and no family of mechanisms was found to begin from"
+        ) from None
+    return dataclasses.replace(design, reading=family.reading), family
+
+
+def _report(system, view, design: Design, family: Family, x: np.ndarray, values: np.ndarray, ends: Ends) -> Modes:
+    """Poses, certificates and counts of the ends of all paths."""
+    q = place_poses(design, x, ends.maps, ends.w)
+    balls = ends.balls
+    is_real = select_real(ends.w, balls)
+    real, status, residual = judge(design, np.real(q[:, is_real]))
+    good = status == int(Status.CONVERGED)
+    away = np.abs((real - (design.x * design.unit)[:, None]) / design.unit[:, None])[: design.reading.first].sum(axis=0)
+    order = np.argsort(np.where(good, away, np.inf), kind="stable")[: int(good.sum())]
+    scale = float(design.unit[: design.reading.first].max(initial=0.0))
+    which = np.flatnonzero(is_real)
+    certificates = tuple(
+        Certificate(
+            float(balls.radius[k]) * scale,
+            float(balls.alone[k]) * scale,
+            float(balls.condition[k]),
+            bool(balls.real[k]),
+        )
+        for k in which[order]
+    )
+    motion = functools.partial(to_motion, system, view, values)
+    other = np.flatnonzero(~good)
+    return Modes(
+        motion(real[:, order], status[order], residual[order], balls.condition[which[order]]),
+        certificates,
+        motion(real[:, other], status[other], residual[other], balls.condition[which[other]]),
+        q[:, ~is_real].T,
+        len(family.starts),
+        ends.at_infinity,
+        ends.singular,
+        ends.lost,
+        family.starts.proved,
+        family.starts.loops,
+        family.starts.quiet,
+        are_disjoint(ends.w, balls),
+    )
+
+
+def select_real(w: np.ndarray, balls: Balls) -> np.ndarray:
+    """Tell which solutions are real: by their certificates, by their size where they have none."""
+    return balls.real | (~balls.proved & (np.abs(np.imag(w)).max(axis=0, initial=0.0) < _REAL))
+
+
+def place_poses(design: Design, x: np.ndarray, maps: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """All coordinates ``(N, lanes)`` of solutions ``(n, lanes)``; angles and distances that only follow are zero."""
+    reading = design.reading
+    q = np.repeat(x[:, None].astype(complex), w.shape[1], axis=1)
+    q[reading.follows] = 0.0
+    q[reading.unknown] = (maps @ np.concatenate([np.ones((1, w.shape[1])), w]))[1:]
+    return q * design.unit[:, None]
+
+
+def judge(design: Design, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Real poses with what follows measured, their statuses and largest residuals."""
+    reading, host = design.reading, design.host
+    with np.errstate(all="ignore"):
+        measured = host.measured(q)
+        follows = reading.follows[reading.first :]
+        q[reading.first :][follows] = measured[follows]
+        gap = np.abs(host.residual(q)).max(axis=0, initial=0.0)
+        upright, mirrored = host.guards(q)
+    status = np.where(
+        gap <= _RESIDUAL * design.unit.max(initial=1.0), int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE)
+    )
+    status = np.where((status == 0) & ~upright, int(Status.BRANCH_JUMP), status)
+    return q, np.where((status == int(Status.BRANCH_JUMP)) & mirrored, int(Status.MIRRORED), status), gap
+
+
+def to_motion(
+    system: System, view: Plan, values: np.ndarray, q: np.ndarray, status: Any, residual: Any, conditioning: Any
+) -> Motion:
+    """Poses ``(N, lanes)`` as a motion, at one set of inputs or a set ``(lanes, inputs)`` each."""
+    named, count = system.topology.named, q.shape[1]
+    asked = np.broadcast_to(values, (count, values.shape[-1]))
+    poses, asked, *rest = on_device((q.T, asked, status, residual, conditioning))
+    return Motion(system, named(view.driven), named(view.held), poses, (), asked, *rest)

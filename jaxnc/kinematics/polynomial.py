@@ -1,0 +1,456 @@
+"""A driven mechanism as a square system of second degree, and as a member of the family that its structure has.
+
+Rows are polynomials in the unknown coordinates; their coefficients are read exactly, from the programs of the kinds.
+An angle enters by its cosine and sine, two numbers of their own; where it is driven, and joins directions of constant
+lengths, a second row tells it from its half turn. Angles and distances that only follow are left out and measured
+afterwards. Combinations of rows that are linear are solved first.
+
+A *member* of the family holds numbers for everything that may vary: constants of the rows, what is fixed and driven.
+They may be complex. What is exactly zero in a design stays so in all members: it belongs to its structure.
+"""
+
+import copy
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxnc.constraints import Kind
+from jaxnc.reading import Builder, OutOfRange, Program, Unreadable, function, partials, polynomials
+from jaxnc.remembered import with_owner
+from jaxnc.system.equations import pure_numbers
+from jaxnc.system.structure import program, size
+from jaxnc.system.topology import Topology
+
+_RANK = 1e-9  # of the largest: a singular value below counts as zero
+_DRAWN = 60  # steps in which a generic member is drawn
+_EXACT = 1e-10  # of the mechanism's size: a number of a design below is zero by its structure
+
+Function = Callable[[Sequence[Any]], tuple[Any, ...]]
+
+
+# -- kinds -------------------------------------------------------------------------------------------------------------
+
+
+class _Rows(NamedTuple):
+    """Rows of a kind as functions of variables, constants, and cosines and sines of its scalars."""
+
+    values: Function
+    slopes: Function
+    slope_at: tuple[tuple[int, int], ...]  # row and variable
+    bends: Function
+    bend_at: tuple[tuple[int, int, int], ...]  # row and two variables
+    uses_cosine: frozenset[int]  # scalars of which a cosine or sine is used, by number
+    uses_value: frozenset[int]  # scalars that are used as they are
+    source: Program
+
+    @property
+    def per(self) -> int:
+        """Number of rows."""
+        return len(self.source.outputs)
+
+
+def _generic(found: Program, variables: int, scalars: int) -> Program:
+    """Write a program anew, with cosines and sines of its scalars as inputs, and the first case of every choice."""
+    b = Builder(found.inputs + 2 * scalars)
+    at: list[int] = []
+    for node in found.nodes:
+        if node.op == "input":
+            at.append(b.first[node.value])
+        elif node.op == "number":
+            at.append(b.number(node.value[1]))
+        elif node.op in ("sin", "cos") and (of := found.nodes[node.of[0]]).op == "input" and of.value < variables:
+            k = of.value - (variables - scalars)
+            at.append(b.first[found.inputs + 2 * k + (node.op == "sin")])
+        elif node.op == "select":
+            at.append(at[node.of[1]])
+        else:
+            at.append(b.op(node.op, *(at[i] for i in node.of), value=node.value))
+    return b.program([at[k] for k in found.outputs])
+
+
+@functools.lru_cache(maxsize=512)
+def _generic_program(kind: Kind, which: str, dim: int) -> Program | None:
+    try:
+        found = program(kind, which, dim)
+    except (Unreadable, OutOfRange):
+        return None
+    return None if found is None else _generic(found, size(kind, dim), kind.scalars)
+
+
+@functools.lru_cache(maxsize=512)
+def _rows_of(kind: Kind, which: str, dim: int) -> _Rows | None:
+    """Read the rows of a kind, or its guard; None where nobody can read them."""
+    found, count = _generic_program(kind, which, dim), size(kind, dim)
+    if found is None:
+        return None
+    slopes, at = partials(found, range(count))
+    bends, second = partials(slopes, range(count))
+    inputs = {node.value for node in found.nodes if node.op == "input"}
+    first, angles = count - kind.scalars, found.inputs - 2 * kind.scalars
+    return _Rows(
+        function(found),
+        function(slopes),
+        at,
+        function(bends),
+        tuple((*at[k], v) for k, v in second),
+        frozenset(k for k in range(kind.scalars) if {angles + 2 * k, angles + 2 * k + 1} & inputs),
+        frozenset(k for k in range(kind.scalars) if first + k in inputs),
+        found,
+    )
+
+
+@functools.lru_cache(maxsize=2048)
+def _is_quadratic(kind: Kind, which: str, dim: int, moving: tuple[int, ...]) -> bool:
+    rows = _rows_of(kind, which, dim)
+    assert rows is not None
+    found = polynomials(rows.source, moving)
+    return all(row.terms is not None and max(map(len, row.terms), default=0) <= 2 for row in found)
+
+
+@functools.lru_cache(maxsize=512)
+def _function_of(kind: Kind, which: str, dim: int) -> Function | None:
+    found = _generic_program(kind, which, dim)
+    return None if found is None else function(found)
+
+
+# -- members -----------------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Member:
+    """Numbers of a member of the family, in parts of the mechanism's size; each with a last axis of samples."""
+
+    constants: tuple[np.ndarray, ...]  # per block (instances, constants, samples)
+    known: np.ndarray  # all coordinates, those that are not known zero, (N, samples)
+    turns: np.ndarray  # cosine and sine of each scalar, (scalars, 2, samples)
+    sizes: np.ndarray  # right-hand sides of the rows that tell angles from their half turns, (pairs, samples)
+
+    def mix(self, other: "Member", part: np.ndarray) -> "Member":
+        """Members on the straight line to another one, `part` of the way, ``(samples,)``."""
+
+        def mixed(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            return a + (b - a) * part
+
+        return Member(
+            tuple(map(mixed, self.constants, other.constants)),
+            mixed(self.known, other.known),
+            mixed(self.turns, other.turns),
+            mixed(self.sizes, other.sizes),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """Instances of a kind whose rows are used: one block's, or the guards that tell driven angles from half turns."""
+
+    block: int
+    instances: np.ndarray
+    rows: _Rows
+    sizes: np.ndarray | None = None  # numbers of the right-hand sides; None of ordinary rows
+
+    @property
+    def per(self) -> int:
+        """Number of rows of an instance."""
+        return self.rows.per
+
+
+class NotPolynomial(Exception):
+    """Rows that are no polynomials of second degree: block, instance and why."""
+
+
+class Reading:
+    """A structure with its inputs, read as polynomials: which rows and unknowns there are."""
+
+    def __init__(self, top: Topology, inputs: tuple[int, ...]):
+        self.top, self.dim, self.first = top, top.dim, len(top.coordinates) - len(top.scalars)
+        self.known = np.array(top.fixed, bool)
+        self.known[list(inputs)] = True
+        self.follows = np.zeros(len(top.coordinates), bool)
+        self.families: dict[Any, Any] = {}  # start sets, by what is zero in a design
+        self.dropped: list[tuple[int, int]] = []  # measures of scalars that only follow: block and instance
+        self.determined: list[tuple[int, int, int]] = []  # scalars that a row of known ones gives: its place there, too
+        self._sort_scalars()
+        self.unknown = np.flatnonzero(~self.known & ~self.follows)
+        self.parts: list[Part] = []
+        gone = {*self.dropped, *((b, i) for b, i, _ in self.determined)}
+        for b, block in enumerate(top.blocks):
+            which = np.array([i for i in range(block.count) if (b, i) not in gone], int)
+            if block.kind.rows and len(which):
+                self.parts.append(Part(b, which, self._checked(b, which)))
+
+    def _sort_scalars(self) -> None:
+        """Find out which scalars are given by known ones, and which only follow."""
+        top, known = self.top, self.known
+        at: dict[int, list[tuple[int, int]]] = {}
+        for b, block in enumerate(top.blocks):
+            for i, scalars in enumerate(block.scalars):
+                for s in set(scalars):
+                    at.setdefault(s, []).append((b, i))
+        going = True
+        while going:  # rows of scalars alone, of which one is open
+            going = False
+            for b, block in enumerate(top.blocks):
+                if block.kind.points or block.kind.vectors or len(block.kind.rows) != 1:
+                    continue
+                rows = _rows_of(block.kind, "residual", top.dim)
+                if rows is None or rows.uses_cosine:
+                    continue
+                for i, scalars in enumerate(block.scalars):
+                    open_ = [k for k, s in enumerate(scalars) if not known[s]]
+                    if len(open_) == 1 and all(open_[0] not in t[1:] for t in rows.bend_at):
+                        known[scalars[open_[0]]] = True
+                        self.determined.append((b, i, open_[0]))
+                        going = True
+        for k, measure in enumerate(top.measures):
+            s = self.first + k
+            if not known[s] and at.get(s, []) == [measure]:
+                self.follows[s] = True
+                self.dropped.append(measure)
+
+    def _checked(self, b: int, which: np.ndarray) -> _Rows:
+        """The rows of a block's instances; refused if they are no polynomials of second degree in the unknowns."""
+        block, layout = self.top.blocks[b], self.top.layout[b]
+        rows = _rows_of(block.kind, "residual", self.dim)
+        if rows is None:
+            raise NotPolynomial(b, int(which[0]), "its rows cannot be read as arithmetic")
+        first = layout.variables.shape[1] - block.kind.scalars
+        for i in which:
+            moving = self._moving(b, i)
+            if any(first + k in moving for k in rows.uses_cosine):
+                raise NotPolynomial(b, int(i), "it has an angle that is neither an input nor only measured")
+            if not _is_quadratic(block.kind, "residual", self.dim, moving):
+                raise NotPolynomial(b, int(i), "its rows are no polynomials of second degree in what is unknown")
+        return rows
+
+    def _moving(self, b: int, i: int) -> tuple[int, ...]:
+        """Places of an instance's unknowns among its variables."""
+        return tuple(int(k) for k in np.flatnonzero(~self.known[self.top.layout[b].variables[i]]))
+
+    # -- values and coefficients -----------------------------------------------------------------------------------
+
+    def _inputs(self, part: Part, x: np.ndarray, constants: Sequence[np.ndarray], turns: np.ndarray) -> list[Any]:
+        """Variables, constants, cosines and sines of a part's instances, each ``(instances, samples)``."""
+        block, layout = self.top.blocks[part.block], self.top.layout[part.block]
+        out = list(x[layout.variables[part.instances].T])
+        out += list(np.moveaxis(constants[part.block][part.instances], 1, 0))
+        for k in range(block.kind.scalars):
+            # A single coordinate of a point may stand in the place of a scalar; its cosine is used by no row.
+            at = np.maximum(layout.scalars[part.instances, k] - self.first, 0)
+            out += list(np.moveaxis(turns[at], 1, 0)) if len(turns) else [0.0, 0.0]
+        return out
+
+    def coefficients(self, member: Member) -> np.ndarray:
+        """Symmetric coefficients of all rows, ``(samples, rows, 1 + unknowns, 1 + unknowns)``."""
+        samples, wide = member.known.shape[1], 1 + len(self.unknown)
+        place = np.zeros(len(self.top.coordinates), int)  # of each coordinate among 1 and the unknowns
+        place[self.unknown] = 1 + np.arange(len(self.unknown))
+        square = wide * wide
+        count = sum(len(p.instances) * p.per for p in self.parts)
+        out = np.zeros((count * square, samples), complex)
+        row = 0
+        for part in self.parts:
+            x = self._inputs(part, member.known, member.constants, member.turns)
+            at = place[self.top.layout[part.block].variables[part.instances]]  # (instances, variables)
+            base = (row + np.arange(len(at)) * part.per) * square
+            for r, value in enumerate(part.rows.values(x)):
+                out[base + r * square] += value if part.sizes is None else value - member.sizes[part.sizes]
+            for (r, v), value in zip(part.rows.slope_at, part.rows.slopes(x), strict=True):
+                moves = np.flatnonzero(at[:, v])
+                half = 0.5 * np.broadcast_to(value, (len(at), samples))[moves]
+                out[base[moves] + r * square + at[moves, v]] += half
+                out[base[moves] + r * square + at[moves, v] * wide] += half
+            for (r, u, v), value in zip(part.rows.bend_at, part.rows.bends(x), strict=True):
+                moves = np.flatnonzero((at[:, u] > 0) & (at[:, v] > 0))
+                half = 0.5 * np.broadcast_to(value, (len(at), samples))[moves]
+                out[base[moves] + r * square + at[moves, u] * wide + at[moves, v]] += half
+            row += len(at) * part.per
+        return np.moveaxis(out.reshape(count, wide, wide, samples), 3, 0)
+
+    def _linearise(self, parts: Sequence[Part], x: np.ndarray, constants: Sequence[np.ndarray], turns: np.ndarray):
+        """Rows of some parts at a pose ``(N, 1)``, and their derivatives by all coordinates, ``(rows, N)``."""
+        values, slopes = [np.zeros(0)], [np.zeros((0, len(x)))]
+        for part in parts:
+            inputs, at = self._inputs(part, x, constants, turns), self.top.layout[part.block].variables[part.instances]
+            jacobian, shape = np.zeros((len(at), part.per, len(x)), complex), (len(at), 1)
+            for value in part.rows.values(inputs):
+                values.append(np.broadcast_to(value, shape)[:, 0])
+            for (r, v), value in zip(part.rows.slope_at, part.rows.slopes(inputs), strict=True):
+                places: Any = np.arange(len(at)), r, at[:, v]
+                np.add.at(jacobian, places, np.broadcast_to(value, shape)[:, 0])
+            slopes.append(np.moveaxis(jacobian, 1, 0).reshape(-1, len(x)))
+        return np.concatenate(values), np.concatenate(slopes)
+
+    # -- angles ----------------------------------------------------------------------------------------------------
+
+    def measure_turns(self, constants: Sequence[np.ndarray], x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cosine and sine of all angles in poses, ``(scalars, 2, samples)``, and the lengths' products they go with."""
+        samples = x.shape[1]
+        turns = np.zeros((len(self.top.scalars), 2, samples), complex)
+        turns[:, 0] = 1.0
+        sizes = np.zeros((len(self.top.scalars), samples), complex)
+        for k, (b, i) in enumerate(self.top.measures):
+            guard = self._guard(b)
+            if guard is None or not self.top.angles[k]:
+                continue
+            one = Part(b, np.array([i]), guard)
+            found = []
+            for turn in ((1.0, 0.0), (0.0, 1.0)):
+                every = np.broadcast_to(np.array(turn)[:, None], turns.shape)
+                found.append(np.broadcast_to(guard.values(self._inputs(one, x, constants, every))[0], (1, samples))[0])
+            sizes[k] = np.sqrt(found[0] ** 2 + found[1] ** 2)
+            turns[k] = np.stack(found) / np.where(sizes[k] == 0.0, 1.0, sizes[k])
+        return turns, sizes
+
+    def _guard(self, b: int) -> _Rows | None:
+        """The guard of an angle's kind, its cosine part; None where it has none such."""
+        kind = self.top.blocks[b].kind
+        rows = None if kind.guard is None else _rows_of(kind, "guard", self.dim)
+        return rows if rows is not None and rows.uses_cosine and rows.per == 1 else None
+
+    def paired(self, constants: Sequence[np.ndarray], x: np.ndarray) -> "Reading":
+        """The reading with a second row of each driven angle between directions of constant length.
+
+        It is the cosine part, less the product of the lengths. That is constant if the change of its square is a
+        combination of the rows' in a generic pose of a member.
+        """
+        spread = np.arange(self.first)[~np.array(self.top.fixed[: self.first], bool)]
+        turns, _ = self.measure_turns(constants, x)
+        plain = [p for p in self.parts if not p.rows.uses_cosine]
+        jacobian = self._linearise(plain, x, constants, turns)[1][:, spread]
+        more: list[Part] = []
+        count = 0
+        for part in [p for p in self.parts if p.rows.uses_cosine]:
+            guard, kept = self._guard(part.block), []
+            for i in part.instances if guard is not None else ():
+                assert guard is not None
+                if not _is_quadratic(self.top.blocks[part.block].kind, "guard", self.dim, self._moving(part.block, i)):
+                    continue
+                one, change = Part(part.block, np.array([i]), guard), np.zeros(len(spread), complex)
+                for turn in ((1.0, 0.0), (0.0, 1.0)):
+                    every = np.broadcast_to(np.array(turn)[:, None], turns.shape)
+                    value, slope = self._linearise([one], x, constants, every)
+                    change = change + value[0] * slope[0, spread]
+                rest = change - np.linalg.lstsq(jacobian.T, change, rcond=_RANK)[0] @ jacobian
+                if np.abs(rest).max(initial=0.0) <= 1e-7 * max(np.abs(change).max(initial=0.0), 1e-300):
+                    kept.append(i)
+            if kept:
+                assert guard is not None
+                more.append(Part(part.block, np.array(kept), guard, count + np.arange(len(kept))))
+                count += len(kept)
+        out = copy.copy(self)
+        out.parts = [*self.parts, *more]
+        return out
+
+    def pair_sizes(self, sizes: np.ndarray) -> np.ndarray:
+        """Right-hand sides of the second rows of driven angles, from the products of lengths of all angles."""
+        at = [
+            self.top.measures.index((part.block, int(i)))
+            for part in self.parts
+            if part.sizes is not None
+            for i in part.instances
+        ]
+        return sizes[np.array(at, int)]
+
+    # -- members ---------------------------------------------------------------------------------------------------
+
+    def member_of(self, x: np.ndarray, constants: Sequence[np.ndarray]) -> Member:
+        """The member that has a pose ``(N, samples)``, with the inputs of that pose."""
+        turns, sizes = self.measure_turns(constants, x)
+        return Member(tuple(constants), np.where(self.known[:, None], x, 0.0), turns, self.pair_sizes(sizes))
+
+    def draw_member(
+        self, x: np.ndarray, constants: Sequence[np.ndarray], rng: np.random.Generator
+    ) -> tuple[tuple[np.ndarray, ...], np.ndarray] | None:
+        """Draw a generic member: constants, and a complex pose ``(N, 1)`` that it has; None if none was found.
+
+        The pose is somewhere about the real one ``(N,)`` that is given with the design's constants; constants that are
+        zero stay zero.
+        """
+        noise = rng.normal(size=(2, len(x)))
+        z = (x + 0.35 * (noise[0] + 1j * noise[1]))[:, None]
+        at = self._vectors  # of unit length, those of the ground too
+        parts = [p for p in self.parts if not p.rows.uses_cosine and p.sizes is None]
+        turns = np.zeros((len(self.top.scalars), 2, 1), complex)
+        drawn = self._redrawn(constants, z)
+        for k in range(_DRAWN):
+            with np.errstate(all="ignore"):
+                rows, jacobian = self._linearise(parts, z, drawn, turns)
+                units = np.zeros((len(at), len(z)), complex)
+                np.put_along_axis(units, at, z[at, 0], axis=1)
+                rows = np.concatenate([rows, 0.5 * ((z[at, 0] ** 2).sum(axis=1) - 1.0)])
+                jacobian = np.concatenate([jacobian, units])
+            if not np.isfinite(rows).all() or not np.isfinite(jacobian).all():
+                return None
+            step = np.linalg.lstsq(jacobian, rows, rcond=_RANK)[0] if len(rows) else np.zeros(len(z))
+            z = z - step[:, None]
+            if np.abs(step).max(initial=0.0) < 1e-13 * np.abs(z).max():
+                return drawn, z
+            if k < _DRAWN - 10 and np.abs(step).max() > 1e-9:  # afterwards the constants stay
+                drawn = self._redrawn(constants, z)
+        return None
+
+    def _redrawn(self, constants: Sequence[np.ndarray], z: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Constants as a pose has them, those that are zero in a design zero again."""
+        out = []
+        for b, c in enumerate(constants):
+            found = self._drawn(b, z)
+            out.append(np.where(np.abs(c) > _EXACT, found if found is not None else c, c))
+        return tuple(out)
+
+    @functools.cached_property
+    def _vectors(self) -> np.ndarray:
+        """Coordinates of the unit vectors, ``(vectors, dim)``."""
+        return (self.top.dim * len(self.top.points) + np.arange(self.top.dim * len(self.top.vectors))).reshape(
+            len(self.top.vectors), self.top.dim
+        )
+
+    def _drawn(self, b: int, x: np.ndarray) -> np.ndarray | None:
+        """Constants of a block as a pose ``(N, samples)`` has them, ``(instances, constants, samples)``."""
+        block = self.top.blocks[b]
+        if not block.kind.constants:
+            return np.zeros((block.count, 0, x.shape[1]))
+        run = _function_of(block.kind, "drawn", self.dim)
+        if run is None:
+            return None
+        inputs = list(x[self.top.layout[b].variables.T])
+        inputs += [np.zeros((block.count, x.shape[1]))] * len(block.kind.constants) + [0.0] * 2 * block.kind.scalars
+        with np.errstate(all="ignore"):
+            found = run(inputs)
+        return np.stack([np.broadcast_to(v, (block.count, x.shape[1])) for v in found], axis=1)
+
+    @functools.cached_property
+    def powers(self) -> tuple[np.ndarray, ...]:
+        """By which power of the mechanism's size each constant grows, ``(instances, constants)`` per block."""
+        rng = np.random.default_rng(1)
+        x = rng.normal(size=(len(self.top.coordinates), 1)) + 1j * rng.normal(size=(len(self.top.coordinates), 1))
+        lengths = ~pure_numbers(self.top)
+        out = []
+        for b, block in enumerate(self.top.blocks):
+            one, two = self._drawn(b, x), self._drawn(b, np.where(lengths[:, None], 2.0 * x, x))
+            if one is None or two is None:
+                out.append(np.zeros((block.count, len(block.kind.constants))))
+                continue
+            with np.errstate(all="ignore"):
+                power = np.log2(np.abs(two / one))[:, :, 0]
+            out.append(np.where(np.isfinite(power), np.rint(power), 0.0))
+        return tuple(out)
+
+    def place_scalars(self, x: np.ndarray, constants: Sequence[np.ndarray]) -> None:
+        """Give the scalars of a pose ``(N, samples)`` that rows of known ones determine."""
+        for b, i, k in self.determined:
+            rows = _rows_of(self.top.blocks[b].kind, "residual", self.dim)
+            assert rows is not None
+            at, part = self.top.blocks[b].scalars[i][k], Part(b, np.array([i]), rows)
+            x[at] = 0.0
+            inputs = self._inputs(part, x, constants, np.zeros((len(self.top.scalars), 2, x.shape[1])))
+            slope = dict(zip((v for _, v in rows.slope_at), rows.slopes(inputs), strict=True))[k]
+            x[at] = -np.broadcast_to(rows.values(inputs)[0], (1, x.shape[1]))[0] / slope
+
+
+@with_owner
+def read_polynomials(top: Topology, inputs: tuple[int, ...]) -> Reading:
+    """Read a structure with its inputs (driven and held); remembered with it."""
+    return Reading(top, inputs)

@@ -1,0 +1,291 @@
+"""Linear rows solved first: what is left of a family's equations, in as few unknowns as that gives.
+
+Combinations of rows in which the quadratic parts cancel are linear; they are solved for some unknowns, and what is left
+is looked at again. Which rows and unknowns these are is chosen once, for a generic member and a design together.
+
+A path between two members is straight in their numbers. Where linear rows are divided only by what is the same in all
+members, what follows from them is a polynomial of the path's parameter, and the path stays in the family. Otherwise
+what is solved goes straight from one end to the other instead: a driven pin, say, leaves its circle on the way.
+"""
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from jaxnc.continuation.quadratic import QuadraticPaths, fit_powers
+from jaxnc.kinematics.polynomial import Member, Reading
+
+_RANK = 1e-9  # of the largest: a singular value below counts as zero
+_NOTHING = 1e-12  # a coefficient, beside rows of size one, that is rounding
+_EQUAL = 1e-9  # relative difference of a coefficient that is the same in all members
+_PIVOT = 0.05  # of a row's largest coefficient: what it may be divided by
+_SAMPLES = 16  # of a path: enough for polynomials of degree fifteen
+
+WAYS = ("straight", "determined")
+"""What may go straight: all that is solved, or only unknowns that are determined altogether."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Stage:
+    """A step of the elimination, by numbers of the rows and unknowns that the step before has left."""
+
+    kept: np.ndarray  # rows that stay
+    rows: np.ndarray  # rows that are solved
+    others: np.ndarray  # rows whose combinations are taken from these, so that the quadratic parts cancel
+    factors: np.ndarray  # how often, (rows, others); the same in all members
+    solved: np.ndarray  # unknowns that they are solved for
+    free: np.ndarray  # unknowns that stay
+    straight: bool  # whether what is solved goes straight on a path
+
+    def lines(self, t: np.ndarray) -> np.ndarray:
+        """The linear rows, ``(…, rows, 1 + n)``, of coefficients ``(…, all rows, 1 + n, 1 + n)``."""
+        first = t[..., self.rows, 0, :] - np.matmul(self.factors, t[..., self.others, 0, :])
+        return first * np.where(np.arange(t.shape[-1]) == 0, 1.0, 2.0)
+
+    def solve(self, t: np.ndarray) -> np.ndarray:
+        """What the unknowns that are solved are, ``(…, solved, 1 + free)``, by 1 and those that stay."""
+        lines = self.lines(t)
+        right = np.concatenate([lines[..., :1], lines[..., 1 + self.free]], axis=-1)
+        return -np.linalg.solve(lines[..., 1 + self.solved], right)
+
+    def expand(self, solution: np.ndarray) -> np.ndarray:
+        """Map from 1 and the unknowns that stay to 1 and those before, ``(…, 1 + n, 1 + free)``."""
+        out = np.zeros((*solution.shape[:-2], 1 + len(self.solved) + len(self.free), 1 + len(self.free)), complex)
+        out[..., 0, 0] = 1.0
+        out[..., 1 + self.free, 1 + np.arange(len(self.free))] = 1.0
+        out[..., 1 + self.solved, :] = solution
+        return out
+
+
+@dataclasses.dataclass(frozen=True)
+class Placed:
+    """Members in an elimination: maps to all unknowns, and what goes straight between members."""
+
+    member: Member
+    maps: np.ndarray  # from 1 and the unknowns that stay to 1 and all, (samples, 1 + unknowns, 1 + n)
+    straight: tuple[np.ndarray, ...]  # of each stage that has it, (samples, solved, 1 + free)
+    rows: np.ndarray  # coefficients of the rows that stay, in all unknowns
+
+    @functools.cached_property
+    def restricted(self) -> np.ndarray:
+        """Coefficients of the rows that stay, in the unknowns that stay."""
+        return _congruent(self.maps, self.rows)
+
+
+def _rank(matrix: np.ndarray) -> int:
+    if not matrix.size:
+        return 0
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return int(np.sum(values > _RANK * values[0])) if values[0] > 0 else 0
+
+
+def _pivots(matrix: np.ndarray, rank: int) -> np.ndarray:
+    """So many columns of a matrix that are well independent."""
+    found: Any = scipy.linalg.qr(matrix, mode="economic", pivoting=True) if rank else (None, None, np.zeros(0, int))
+    return np.sort(found[2][:rank])
+
+
+def _congruent(maps: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Coefficients ``(samples, rows, …)`` in other unknowns."""
+    return np.matmul(np.swapaxes(maps, 1, 2)[:, None], np.matmul(t, maps[:, None]))
+
+
+class Reduction:
+    """The elimination of a structure's linear rows, chosen for a generic member and a design."""
+
+    def __init__(self, reading: Reading, generic: Member, design: Member, way: str = WAYS[0]):
+        self.reading, self.way = reading, way
+        self.stages: list[Stage] = []
+        pair = np.stack([reading.coefficients(m)[0] for m in (generic, design)])
+        wide = pair.shape[-1]
+        rows, maps = np.arange(pair.shape[1]), np.broadcast_to(np.eye(wide, dtype=complex), (2, wide, wide))
+        while rows.size:
+            reduced = _congruent(maps, pair[:, rows])
+            size = np.abs(pair[:, rows]).max(axis=(2, 3), keepdims=True)
+            reduced = np.where(np.abs(reduced) > _NOTHING * size, reduced, 0.0)
+            stage = self._choose(reduced)
+            if stage is None:
+                break
+            self.stages.append(stage)
+            maps = np.matmul(maps, stage.expand(stage.solve(reduced)))
+            rows = rows[stage.kept]
+        self.rows = rows  # that stay, of all
+        self.n = maps.shape[2] - 1
+        self.mix = np.eye(len(rows))  # combinations of them that are solved
+
+    def _choose(self, pair: np.ndarray) -> Stage | None:
+        """The next stage for coefficients ``(2, rows, 1 + n, 1 + n)``; None if there is none."""
+        count, n = pair.shape[1], pair.shape[2] - 1
+        i, j = np.triu_indices(n)
+        quads = pair[:, :, 1 + i, 1 + j]
+        size = np.abs(quads).max(axis=2, keepdims=True, initial=0.0)
+        quads = quads / np.where(size > 0.0, size, 1.0)
+        rank = _rank(quads[0])
+        basis = _pivots(quads[1 if _rank(quads[1]) == rank else 0].T, rank)
+        others = np.setdiff1d(np.arange(count), basis)
+        factors = np.zeros((2, len(others), len(basis)), complex)
+        if rank and len(others):
+            for k in range(2):
+                factors[k] = np.linalg.lstsq(quads[k, basis].T, quads[k, others].T, rcond=_RANK)[0].T
+                factors[k] *= size[k, others] / np.where(size[k, basis].T > 0.0, size[k, basis].T, 1.0)
+        same = np.abs(factors[0] - factors[1]).max(axis=1, initial=0.0) < _EQUAL * (
+            1.0 + np.abs(factors[0]).max(initial=0.0)
+        )
+        others, factors = others[same], factors[0, same]
+        factors = np.where(np.abs(factors) > _NOTHING, factors, 0.0)
+        if not len(others):
+            return None
+        empty = np.zeros(0, int)
+        every = Stage(empty, others, basis, factors, empty, np.arange(n), False)
+        lines = every.lines(pair)
+        # Combinations of nothing but rounding are rows without unknowns.
+        scale = np.abs(pair[:, others]).max(axis=(2, 3))[:, :, None]
+        lines = np.where(np.abs(lines) > 10 * _NOTHING * scale, lines, 0.0)
+        left = lines[:, :, 1:]
+        stays = np.setdiff1d(np.arange(count), others)
+        idle = ~left.any(axis=(0, 2))
+        picked, solved = _same_pivots(left)
+        straight = not len(picked)
+        if straight:
+            rank = _rank(_scaled(left[0]))
+            best = _scaled(left[1 if _rank(_scaled(left[1])) == rank else 0])
+            picked = _pivots(best.T, rank)
+            solved = _pivots(best[picked], rank)
+            if self.way == "determined":
+                picked, solved = _determined(left, picked, solved)
+            rest = empty if self.way != "determined" else self._undetermined(left, picked, solved)
+        else:
+            rest = np.setdiff1d(np.flatnonzero(~idle), picked)
+        if not len(picked) and not idle.any():
+            return None
+        kept = np.sort(np.concatenate([stays, others[rest]]))
+        if not len(picked) and len(kept) == count:
+            return None
+        free = np.setdiff1d(np.arange(n), solved)
+        return Stage(kept, others[picked], basis, factors[picked], solved, free, straight)
+
+    @staticmethod
+    def _undetermined(left: np.ndarray, picked: np.ndarray, solved: np.ndarray) -> np.ndarray:
+        """Linear rows that say something about other unknowns than those solved."""
+        other = np.setdiff1d(np.arange(left.shape[2]), solved)
+        return np.setdiff1d(np.flatnonzero(left[:, :, other].any(axis=(0, 2))), picked)
+
+    def place(self, member: Member, straight: tuple[np.ndarray, ...] | None = None) -> Placed:
+        """Solve the linear rows of members; `straight` are solutions that are given."""
+        t = self.reading.coefficients(member)
+        samples, _, wide, _ = t.shape
+        maps = np.broadcast_to(np.eye(wide, dtype=complex), (samples, wide, wide))
+        rows, found = np.arange(t.shape[1]), []
+        for stage in self.stages:
+            if stage.straight and straight is not None:
+                solution = straight[len(found)]
+            else:
+                used = np.union1d(stage.rows, stage.others)
+                part = np.zeros((samples, len(rows), maps.shape[2], maps.shape[2]), complex)
+                part[:, used] = _congruent(maps, t[:, rows[used]])
+                solution = stage.solve(part)
+            if stage.straight:
+                found.append(solution)
+            maps = np.matmul(maps, stage.expand(solution))
+            rows = rows[stage.kept]
+        return Placed(member, maps, tuple(found), t[:, rows])
+
+    def square_rows(self, generic: Placed, x: np.ndarray, rng: np.random.Generator) -> int:
+        """Choose as many combinations of the rows as unknowns, at a solution ``(unknowns,)`` of a generic member.
+
+        Rows that depend on each other take part by random real combinations. Returns how many freedoms the solution has
+        besides: 0 where it is isolated.
+        """
+        t = generic.restricted[0]
+        y = np.concatenate([[1.0], self.shorten(x[:, None])[:, 0]])
+        jacobian = 2.0 * (t @ y)[:, 1:]
+        jacobian = _scaled(jacobian)
+        rank = _rank(jacobian)
+        if rank < self.n:
+            return self.n - rank
+        if rank < len(jacobian):
+            left = np.linalg.svd(jacobian.conj())[0][:, rank:]
+            tied = np.flatnonzero(np.abs(left).max(axis=1) > 1e-8)
+            alone = np.setdiff1d(np.arange(len(jacobian)), tied)
+            combined = rng.normal(size=(rank - len(alone), len(tied)))
+            self.mix = np.zeros((rank, len(jacobian)))
+            self.mix[np.arange(len(alone)), alone] = 1.0
+            self.mix[len(alone) :, tied] = np.linalg.qr(combined.T)[0].T
+        return 0
+
+    def shorten(self, x: np.ndarray) -> np.ndarray:
+        """The unknowns that stay, ``(n, lanes)``, of all ``(unknowns, lanes)``."""
+        for stage in self.stages:
+            x = x[stage.free]
+        return x
+
+    def paths(self, start: Placed, end: Placed, each: int = 1) -> QuadraticPaths:
+        """Paths from one member to one or several ones, or from several to as many, so many to each."""
+        targets = end.member.known.shape[1]
+        at = np.exp(2j * np.pi * np.arange(_SAMPLES) / _SAMPLES)
+        part = np.tile(at, targets)
+        ends = _repeat(end.member, _SAMPLES)
+        alone = start.member.known.shape[1] == 1
+        between = _repeat(start.member, targets * _SAMPLES if alone else _SAMPLES).mix(ends, part)
+        straight = tuple(
+            (a if alone else np.repeat(a, _SAMPLES, 0)) * (1.0 - part[:, None, None])
+            + np.repeat(b, _SAMPLES, 0) * part[:, None, None]
+            for a, b in zip(start.straight, end.straight, strict=True)
+        )
+        t = self.place(between, straight).restricted
+        t = np.tensordot(t, self.mix, ([1], [1])).transpose(0, 3, 1, 2)
+        t = t.reshape(targets, _SAMPLES, len(self.mix), self.n + 1, self.n + 1)
+        t = t / np.abs(t).max(axis=(1, 3, 4), keepdims=True)
+        return QuadraticPaths(np.moveaxis(fit_powers(np.moveaxis(t, 1, -1), at), 0, 1), each)
+
+
+def _scaled(matrix: np.ndarray) -> np.ndarray:
+    size = np.abs(matrix).max(axis=1, keepdims=True, initial=0.0)
+    return matrix / np.where(size > 0.0, size, 1.0)
+
+
+def _same_pivots(left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of matrices ``(2, rows, n)`` whose block is the same in both, and regular."""
+    scale = np.abs(left).max(axis=2, keepdims=True, initial=0.0)
+    same = np.abs(left[0] - left[1]) <= _EQUAL * np.minimum(scale[0], scale[1])
+    large = (np.abs(left) > _PIVOT * scale).all(axis=0) & same
+    rows: list[int] = []
+    columns: list[int] = []
+    for i in np.argsort((~same).sum(axis=1), kind="stable"):
+        if not same[i, columns].all():
+            continue
+        for j in np.flatnonzero(large[i]):
+            if j in columns or not same[rows, j].all():
+                continue
+            block = _scaled(left[0][np.ix_([*rows, int(i)], [*columns, int(j)])])
+            if np.linalg.svd(block, compute_uv=False)[-1] > _PIVOT:
+                rows.append(int(i))
+                columns.append(int(j))
+                break
+    order = np.argsort(columns)
+    return np.array(rows, int)[order] if rows else np.zeros(0, int), np.sort(np.array(columns, int))
+
+
+def _determined(left: np.ndarray, picked: np.ndarray, solved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of rows that are solved for some unknowns those that determine them altogether."""
+    lines = left[0, picked]
+    steps = np.linalg.solve(lines[:, solved], lines)
+    other = np.setdiff1d(np.arange(left.shape[2]), solved)
+    alone = np.flatnonzero(np.abs(steps[:, other]).max(axis=1, initial=0.0) < _EQUAL)
+    if not len(alone):
+        return np.zeros(0, int), np.zeros(0, int)
+    inside = solved[alone]
+    outside = np.setdiff1d(np.arange(left.shape[2]), inside)
+    rows = np.flatnonzero(~left[:, :, outside].any(axis=(0, 2)))
+    rows = rows[_pivots(_scaled(left[0, rows][:, inside]).T, len(inside))] if len(rows) >= len(inside) else rows[:0]
+    return (rows, inside) if len(rows) == len(inside) and len(rows) else (np.zeros(0, int), np.zeros(0, int))
+
+
+def _repeat(member: Member, count: int) -> Member:
+    def of(value: np.ndarray) -> np.ndarray:
+        return np.repeat(value, count, axis=-1)
+
+    return Member(tuple(map(of, member.constants)), of(member.known), of(member.turns), of(member.sizes))

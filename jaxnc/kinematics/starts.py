@@ -1,0 +1,166 @@
+"""Start sets: all solutions of a generic member of a structure's family, found once and kept in the user's cache."""
+
+import dataclasses
+import functools
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxnc.continuation.monodromy import is_new, run_loops, solve_by_degree
+from jaxnc.continuation.quadratic import QuadraticPaths
+from jaxnc.kinematics.polynomial import Member, Reading
+from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
+from jaxnc.process import cache_folder
+
+_VERSION = 1  # of the files, and of what their keys mean
+_PATIENCE = 1  # paths between generic members that may go to infinity
+_BY_DEGREE = 6  # unknowns up to which the total degree is tried, 64 paths
+_DRAWS = 20
+_SOLVES = 1e-8  # largest residual of a row that is met by a solution of combinations of rows
+
+
+@dataclasses.dataclass(frozen=True)
+class StartSet:
+    """All solutions that were found of a generic member."""
+
+    member: Member
+    x: np.ndarray  # all unknowns of each, (unknowns, solutions)
+    way: str  # of the elimination
+    loops: int  # of monodromy
+    quiet: int  # of them, at the end, without a new solution
+    proved: bool  # whether all paths of the total degree are accounted for
+
+    def __len__(self) -> int:
+        return self.x.shape[1]
+
+
+class PositiveDimension(Exception):
+    """Solutions that are not isolated, with how many freedoms."""
+
+
+class NoMember(Exception):
+    """No generic member was found: rows contradict each other but for special dimensions."""
+
+
+def find_starts(
+    reading: Reading, x: np.ndarray, constants: Sequence[np.ndarray], design: Member, rng: np.random.Generator
+) -> StartSet:
+    """Find all solutions of a generic member, from a pose ``(N,)`` of a design and its constants."""
+    own, pose = draw_generic(reading, x, constants, rng)
+    generic, solution = reading.member_of(pose, own), pose[reading.unknown, 0]
+    for way in WAYS:
+        reduction = Reduction(reading, generic, design, way)
+        placed = reduction.place(generic)
+        freedoms = reduction.square_rows(placed, solution, rng)
+        if freedoms:
+            raise PositiveDimension(freedoms)
+        w, proved = reduction.shorten(solution[:, None]), False
+        if reduction.n == 0:
+            return StartSet(generic, solution[:, None], way, 0, 0, True)
+        t = np.tensordot(reduction.mix, placed.restricted[0], 1)
+        if reduction.n <= _BY_DEGREE:
+            every, proved = solve_by_degree(t, rng)
+            every = every[:, _meets_all(placed, every)]
+            w = np.concatenate([w, every[:, is_new(w, every)]], axis=1)
+
+        draw = functools.partial(draw_generic, reading, x, constants, rng)
+        loop = functools.partial(_make_loop, reduction, placed, draw)
+        last = way == WAYS[-1]
+        found = run_loops(w, loop, None if last else _PATIENCE, proved)
+        if not found.quiet and not last:
+            continue  # the elimination leads out of the family
+        known = found.w[:, _meets_all(placed, found.w)]
+        one = np.concatenate([np.ones((1, known.shape[1])), known])
+        proved = proved and found.w.shape[1] == w.shape[1]
+        return StartSet(generic, (placed.maps[0] @ one)[1:], way, found.loops, found.quiet, proved)
+    raise AssertionError("the last way ends")
+
+
+def draw_generic(reading: Reading, x: np.ndarray, constants: Sequence[np.ndarray], rng: np.random.Generator):
+    """Draw the constants of a generic member, and a pose ``(N, 1)`` that it has."""
+    for _ in range(_DRAWS):
+        drawn = reading.draw_member(x, constants, rng)
+        if drawn is not None:
+            return drawn
+    raise NoMember
+
+
+def _make_loop(reduction: Reduction, generic: Placed, draw: Callable) -> list[QuadraticPaths]:
+    """Three legs, by way of two other members and back."""
+    around = [generic]
+    for _ in range(2):
+        own, pose = draw()
+        around.append(reduction.place(reduction.reading.member_of(pose, own)))
+    return [reduction.paths(around[k], around[(k + 1) % 3]) for k in range(3)]
+
+
+def _meets_all(placed: Placed, w: np.ndarray) -> np.ndarray:
+    """Tell which solutions of the combinations that are solved meet every row."""
+    y = np.concatenate([np.ones((1, w.shape[1])), w])
+    t = placed.restricted[0]
+    t = t / np.abs(t).max(axis=(1, 2), keepdims=True)
+    rows = np.einsum("rij,is,js->rs", t, y, y)
+    return np.abs(rows).max(axis=0, initial=0.0) < _SOLVES * np.abs(y).max(axis=0) ** 2
+
+
+# -- kept --------------------------------------------------------------------------------------------------------------
+
+
+def structure_key(reading: Reading, constants: Sequence[np.ndarray], zero: float) -> str:
+    """A key of a structure with its inputs, without names; the same in every process."""
+    top = reading.top
+    blocks = [
+        (part.block, part.instances.tolist(), part.sizes is not None, part.rows.source.nodes, part.rows.source.outputs)
+        for part in reading.parts
+    ]
+    index = [(b.points, b.vectors, b.scalars) for b in top.blocks]
+    zeros = [np.flatnonzero(np.abs(c) <= zero).tolist() for c in constants]
+    text = repr((_VERSION, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros))
+    return hashlib.sha256(text.encode()).hexdigest()[:40]
+
+
+def load_starts(reading: Reading, key: str) -> StartSet | None:
+    """Read a start set from the user's cache; None where there is none that can be read."""
+    folder = _folder()
+    if folder is None:
+        return None
+    try:
+        with np.load(folder / f"{key}.npz") as file:
+            blocks = [file[f"constants {b}"] for b in range(len(reading.top.blocks))]
+            member = Member(tuple(blocks), file["known"], file["turns"], file["sizes"])
+            loops, quiet, proved = (int(v) for v in file["history"])
+            return StartSet(member, file["x"], str(file["way"]), loops, quiet, bool(proved))
+    except (OSError, ValueError, KeyError, EOFError):
+        return None  # not there, or damaged: it is made anew
+
+
+def save_starts(starts: StartSet, key: str) -> None:
+    """Write a start set into the user's cache, if there is one that can be written."""
+    folder = _folder()
+    if folder is None:
+        return
+    arrays: dict[str, Any] = {f"constants {b}": c for b, c in enumerate(starts.member.constants)}
+    arrays |= {"known": starts.member.known, "turns": starts.member.turns, "sizes": starts.member.sizes}
+    arrays |= {"x": starts.x, "way": starts.way}
+    arrays["history"] = np.array([starts.loops, starts.quiet, starts.proved])
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder, suffix=".part", delete=False) as file:
+            np.savez(file, **arrays)
+        os.replace(file.name, folder / f"{key}.npz")
+    except OSError:
+        return  # a full disk, or a folder that is not ours: it is found again next time
+
+
+def _folder() -> Path | None:
+    """Where start sets are kept, beside compiled programs; None where the environment turns the cache off."""
+    told = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    where = cache_folder(os.environ, sys.platform, told)
+    return None if where is None else Path(where) / "modes"

@@ -1,0 +1,323 @@
+"""Every assembly of a mechanism, against published sets, counts made otherwise, and the arc-length tracer."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from mechanisms import reference
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from test_assemblies import SMALL, USUAL, turns_of_the_plate
+
+import jaxnc as nc
+from jaxnc.continuation.certificate import certify
+from jaxnc.continuation.monodromy import solve_by_degree
+from jaxnc.kinematics import modes as module
+from jaxnc.kinematics.polynomial import read_polynomials
+
+ROUNDING = 1e-11  # poses of size one
+CIRCLES = np.array([0.3, 1.9, 4.4])  # angles of a crank, anywhere
+
+
+@pytest.fixture(autouse=True)
+def cached(tmp_path, monkeypatch):
+    """Start sets in a folder of the test's own."""
+    monkeypatch.setenv("JAXNC_CACHE", str(tmp_path))
+    return tmp_path / "modes"
+
+
+def planar(name, ground, points, bodies, angle=None, distances=()):
+    m = nc.Mechanism(name)
+    for p, at in ground.items():
+        m.ground(p, at)
+    for p, at in points.items():
+        m.point(p, at)
+    for body in bodies:
+        m.body(f"body {body}", list(body))
+    if angle:
+        m.angle("phi", at=angle[0], to=angle[1])
+    for name, a, b in distances:
+        m.distance(name, a, b)
+    return m
+
+
+def stephenson(turn=0.0, names=str) -> nc.Mechanism:
+    """Stephenson III, driven at its outer dyad; turned, and called otherwise if asked for."""
+    c, s = np.cos(turn), np.sin(turn)
+
+    def places(**given):
+        return {names(p): (c * x - s * y, s * x + c * y) for p, (x, y) in given.items()}
+
+    bodies = ["".join(map(names, b)) for b in ("AB", "BCE", "DC", "EF", "GF")]
+    ground = places(A=(0, 0), D=(3, 0.2), G=(4.8, 1.5))
+    points = places(B=(0.5, 1.1), C=(2.9, 1.9), E=(1.9, 2.9), F=(4.1, 2.8))
+    return planar("six-bar", ground, points, bodies, (names("G"), names("F")))
+
+
+def triad(places) -> nc.System:
+    m = nc.Mechanism("crank-driven triad")
+    for name in "ADH":
+        m.ground(name, places[name])
+    for name in "BEFG":
+        m.point(name, places[name])
+    for body in ("AB", "EFG", "BE", "DF", "HG"):
+        m.body(body, list(body))
+    m.angle("phi", at="A", to="B", start="D")
+    return m.compile()
+
+
+def arm() -> nc.System:
+    """Manseur and Doty's arm with 16 real solutions, its hand held; drawn in one of them, found otherwise.
+
+    Source: R. Manseur and K. L. Doty, A robot manipulator with 16 real inverse kinematic solution sets, Int. J.
+    Robotics Research 8(5) (1989) 75-79.
+    """
+    a, d, alpha = [0.3, 1.0, 0.0, 1.5, 0.0, 0.0], [0.0, 0.0, 0.2, 0.0, 0.0, 0.0], np.radians([90, 1, 90, 1, 90, 0])
+    turn = np.array([[-0.760117, -0.641689, 0.102262], [0.133333, 0.0, 0.991071], [-0.635959, 0.766965, 0.085558]])
+    hand = np.eye(4)
+    hand[:3, :3] = Rotation.from_matrix(turn).as_matrix()
+    hand[:3, 3] = -1.140175, 0.0, 0.0
+
+    def frames(theta):
+        out = [np.eye(4)]
+        for t, x, z, tilt in zip(theta, a, d, alpha, strict=True):
+            c, s, ca, sa = np.cos(t), np.sin(t), np.cos(tilt), np.sin(tilt)
+            link = [[c, -s * ca, s * sa, x * c], [s, c * ca, -c * sa, x * s], [0, sa, ca, z], [0, 0, 0, 1]]
+            out.append(out[-1] @ np.array(link))
+        return out
+
+    rng = np.random.default_rng(0)
+    found = None
+    while found is None or np.abs(found.fun).max() > 1e-13:
+        start = rng.uniform(-3, 3, 6)
+        found = least_squares(lambda x: (frames(x)[-1] - hand)[:3].ravel(), start, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    m = nc.Mechanism("arm", dim=3)
+    along = (0.0, 0.35, -0.4, 0.3, 0.45, 0.2)  # points on the axes, apart where axes meet
+    for k, (frame, x) in enumerate(zip(frames(found.x), along, strict=False)):
+        held = k in (0, 5)
+        (m.ground if held else m.point)(f"O{k}", frame[:3, 3] + x * frame[:3, 2])
+        (m.ground_vector if held else m.vector)(f"u{k}", frame[:3, 2])
+    for k in range(5):
+        m.body(f"link {k}", [f"O{k}", f"O{k + 1}"], vectors=[f"u{k}", f"u{k + 1}"])
+    return m.compile()
+
+
+def platform(sparse=None):
+    """Dietmaier's platform with 40 real modes: system, leg lengths, published places of the six points."""
+    data = reference("stewart_dietmaier40")
+    base, hand, legs = (np.array(data["definition"][k]) for k in ("base_points", "platform_points", "leg_lengths"))
+    poses = np.array(data["reference"]["poses"])
+    want = hand @ np.swapaxes(Rotation.from_quat(poses[:, [1, 2, 3, 0]]).as_matrix(), 1, 2) + poses[:, None, 4:]
+    m = nc.Mechanism("platform", dim=3)
+    for k in range(6):
+        m.ground(f"A{k}", base[k])
+        m.point(f"B{k}", want[7, k])
+    m.body("platform", [f"B{k}" for k in range(6)])
+    for k in range(6):
+        m.distance(f"L{k}", f"A{k}", f"B{k}")
+    return m.compile(sparse=sparse), {f"L{k}": legs[k] for k in range(6)}, want
+
+
+def check(found: nc.kinematics.Modes, expected: int, real: int | None = None) -> None:
+    """A complete result whose poses meet all rows."""
+    assert found.expected == expected and found.complete, found.statement
+    assert real is None or len(found) == real, found.statement
+    ends = len(found) + len(found.complex) + found.mirrored.status.shape[0] + found.at_infinity
+    assert ends == expected, "every path is accounted for"
+    for k in range(len(found)):
+        rows = nc.system.residual(found.poses.system, found.poses.q[k])
+        assert np.abs(np.asarray(rows)).max() < ROUNDING
+        assert found.certificates[k].radius < 1e-6 < found.certificates[k].alone
+
+
+def test_counts_in_the_plane():
+    rpr = planar("3-RPR", dict(a=(0, 0), b=(4, 0.3), c=(1.7, 3.9)), dict(A=(1, 1), B=(2.4, 1.2), C=(1.6, 2.2)), ["ABC"],
+                 distances=[("La", "a", "A"), ("Lb", "b", "B"), ("Lc", "c", "C")]).compile()  # fmt: skip
+    structure = planar("two bars", dict(A=(0, 0), B=(4, 0)), dict(C=(1, 2)), ["AC", "BC"]).compile()
+    for seed in range(2):
+        check(nc.modes(nc.library.four_bar().compile(), {"phi": 1.0}, seed=seed), 2, 2)
+        check(nc.modes(rpr, {"La": 1.5, "Lb": 1.9, "Lc": 1.8}, seed=seed), 6)
+        check(nc.modes(stephenson().compile(), {"phi": 156.0}, unit="deg", seed=seed), 6, 6)
+        check(nc.modes(nc.library.stephenson_six_bar().compile(), {"phi": 1.0}, seed=seed), 4, 4)
+        found = nc.modes(structure, {}, seed=seed)
+        check(found, 2, 2)
+    np.testing.assert_allclose(found.poses["C"], [(1, 2), (1, -2)], atol=ROUNDING)
+    assert found.proved and "proved by total degree" in found.statement
+
+
+@pytest.mark.parametrize("places", [SMALL, USUAL], ids=["small", "usual"])
+def test_the_triads_counts_are_those_of_a_scan(places):
+    """Of the ternary link's turn alone the same is counted by changes of sign; all round, and up to six at once."""
+    system, start = triad(places), np.arctan2(*places["D"][::-1])
+    for phi in np.arange(0.1, 2 * np.pi, 0.4):
+        found = nc.modes(system, {"phi": phi})
+        check(found, 6, turns_of_the_plate(phi + start, **places))
+
+
+def test_counts_in_space():
+    rscr = nc.library.rscr().compile()
+    check(nc.modes(rscr, {"1.x": 0.09}), 8, 4)
+    check(nc.modes(nc.library.rssr().compile(), {"phi": 0.2}), 2, 2)
+    found = nc.modes(arm(), {})
+    check(found, 16, 16)
+    assert "observed" in found.statement and not found.proved
+    # No two of the hand's solutions are one: told by all axes.
+    axes = np.concatenate([np.asarray(found.poses[f"u{k}"]) for k in range(1, 5)], axis=1)
+    assert np.abs(axes[:, None] - axes).max(axis=2)[~np.eye(16, dtype=bool)].min() > 1e-3
+
+
+def test_all_forty_of_dietmaiers_platform(cached):
+    """Each of the published platform's modes once, and nothing else; also with sparse matrices, from the same set."""
+    for sparse in (None, True):
+        system, legs, want = platform(sparse)
+        found = nc.modes(system, legs)
+        check(found, 40, 40)
+        got = np.stack([np.asarray(found.poses[f"B{k}"]) for k in range(6)], axis=1)
+        apart = np.abs(got[:, None] - want).max(axis=(2, 3))
+        assert sorted(apart.argmin(axis=1)) == list(range(40))
+        assert apart.min(axis=1).max() < 1e-10
+        assert apart[0].argmin() == 7, "the one that was drawn comes first"
+    assert len(list(cached.iterdir())) == 1
+    # A platform of other dimensions, from the same start set: all forty solutions.
+    rng = np.random.default_rng(3)
+    moved = {n: np.asarray(system[n]) + 0.2 * rng.normal(size=3) for n in system.topology.points}
+    check(nc.modes(system.replace(moved), {n: x * (1 + 0.1 * rng.normal()) for n, x in legs.items()}), 40)
+
+
+def test_neither_names_nor_place_nor_order_matter():
+    angles = np.array([2.72, 2.8, 4.0])
+    renamed = stephenson(turn=0.7, names=lambda p: dict(zip("ABCDEFG", "GFEDCBA", strict=True))[p]).compile()
+    for phi in angles:
+        one, two = nc.modes(stephenson().compile(), {"phi": phi}), nc.modes(renamed, {"phi": phi + 0.7})
+        assert len(one) == len(two)
+        reach = [np.linalg.norm(np.asarray(f.poses[e]), axis=1) for f, e in ((one, "E"), (two, "C"))]
+        np.testing.assert_allclose(np.sort(reach[0]), np.sort(reach[1]), atol=1e-9)
+
+
+def test_a_start_set_is_found_once(cached, monkeypatch):
+    m = nc.library.four_bar()
+
+    def fresh():
+        system = m.compile()
+        reading = read_polynomials(system.topology.structure, (system.topology.position["phi"],))
+        reading.families.clear()
+        return system
+
+    first = nc.modes(fresh(), {"phi": 0.4})
+    (file,) = cached.iterdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "find_starts", None)
+        again = nc.modes(fresh(), {"phi": 0.4})
+        np.testing.assert_allclose(again.poses.q, first.poses.q, atol=ROUNDING)
+    file.write_bytes(b"damaged")
+    check(nc.modes(fresh(), {"phi": 0.4}), 2, 2)
+    assert file.stat().st_size > 100
+    monkeypatch.setenv("JAXNC_CACHE", "off")
+    file.unlink()
+    check(nc.modes(fresh(), {"phi": 0.4}), 2, 2)
+    assert not list(cached.iterdir())
+
+
+def test_a_kind_of_ones_own():
+    """A point on a parabola, at a given distance: four places, two of them real."""
+    kind = nc.constraints.Kind("parabola", lambda p, v, s, c: (p[0][1] - p[0][0] * p[0][0],), points=1, source="own")
+    m = nc.Mechanism("on a parabola")
+    m.ground("A", (0.0, 1.0))
+    m.constrain("parabola", kind, points=[m.point("P", (1.0, 1.0))])
+    m.distance("s", "A", "P")
+    found = nc.modes(m.compile(), {"s": 2.0})
+    check(found, 4)
+    y = np.roots([1.0, -1.0, -3.0])  # y + (y - 1)² = 4
+    want = sorted(x for z in y if z > 0 for x in (np.sqrt(z), -np.sqrt(z)))
+    np.testing.assert_allclose(np.sort(found.poses["P"][:, 0]), want, atol=ROUNDING)
+
+
+def test_certificates_prove_what_is_so_only():
+    """Of x² + y² = 1, x y = 1 / 2 - e: proofs near the solutions, none elsewhere, nor where two become one."""
+
+    def system(e):
+        t = np.zeros((2, 3, 3))
+        t[0, 1, 1] = t[0, 2, 2] = 1.0
+        t[0, 0, 0] = -1.0
+        t[1, 1, 2] = t[1, 2, 1] = 0.5
+        t[1, 0, 0] = e - 0.5
+        return t
+
+    rng = np.random.default_rng(0)
+    for e, count in ((0.3, 4), (-0.3, 0)):
+        w, whole = solve_by_degree(system(e), rng)
+        balls = certify(system(e), w)
+        assert whole and w.shape[1] == 4 and balls.proved.all()
+        assert balls.real.sum() == count and balls.complex.sum() == 4 - count
+    exact = np.array([[np.cos(0.5 * np.arcsin(0.4))], [np.sin(0.5 * np.arcsin(0.4))]])
+    balls = certify(system(0.3), exact + 1e-7)
+    assert 1e-7 < balls.radius[0] < 1e-6, "the solution is within"
+    assert not certify(system(0.3), exact + 0.3).proved.any()
+    assert not certify(system(0.0), np.full((2, 1), np.sqrt(0.5))).proved.any(), "a double solution"
+    assert not certify(system(1e-13), np.full((2, 1), np.sqrt(0.5))).proved.any(), "two that rounding hides"
+
+
+def test_singular_ends_and_infinity_are_told():
+    """At a dead point two assemblies are one; a parallelogram's second family meets the first at its change point."""
+    bar = nc.library.four_bar().compile()
+    system = stephenson().compile()
+    travel = nc.travel(system, "phi")
+    at = nc.modes(system, {"phi": travel.lower})
+    assert not at.complete and at.singular == 2 and "multiple solutions" in at.statement
+    assert len(nc.modes(system, {"phi": travel.lower - 1e-3})) + 2 == len(
+        nc.modes(system, {"phi": travel.lower + 1e-3})
+    )
+    assert nc.modes(bar, {"phi": 1.0}).at_infinity == 0
+
+
+def test_circuits_meet_where_the_tracer_turns():
+    system = stephenson().compile()
+    found = nc.circuits(system, {"phi": np.linspace(0, 2 * np.pi, 181)})
+    travel = nc.travel(system, "phi")
+    assert len(found) == 2 and found.drawn == 0
+    for branch in found.circuit(0):
+        np.testing.assert_allclose((branch.lower, branch.upper), (travel.lower, travel.upper), atol=1e-9)
+    other = nc.travel(system, "phi", start=found.circuit(1)[1].poses.pose(2))
+    want = sorted(d.value for d in other.dead_points)
+    ends = {round(e, 7) for b in found.circuit(1) for e in (b.lower, b.upper)}
+    np.testing.assert_allclose(sorted(ends), want, atol=1e-6)
+    assert len(found.circuit(1)) == 4 == len(other.intervals)
+    assert "2 circuits; the drawing's has 2 branches, which meet at phi = 111.04°, 202.481°" in str(found)
+    np.testing.assert_array_equal(found.count[[0, 60, 78, 100]], [0, 2, 6, 4 - 2 * (100 * 2 > 202.48)])
+    for branch in found.branches:
+        assert bool(branch.poses.converged.all()) and np.abs(np.diff(np.asarray(branch.poses["F"]), axis=0)).max() < 0.1
+    assert nc.circuits(system, {"phi": np.linspace(2.0, 3.0, 31)}).circuit(0)[0].dead == (False, False)
+
+
+def test_a_crank_turns_on_both_circuits_of_a_four_bar():
+    found = nc.circuits(nc.library.four_bar().compile(), {"phi": np.linspace(0, 2 * np.pi, 73)})
+    assert len(found) == 2 and all(b.turns for b in found.branches) and not found.dead_points
+    turn = np.linspace(0, 2 * np.pi, 73)
+    want = nc.sweep(nc.library.four_bar().compile(), {"phi": turn})["C"]
+    np.testing.assert_allclose(found.branches[0].poses["C"], want, atol=1e-10)
+    assert str(found).startswith("2 circuits; the drawing's has 1 branch, phi turns fully")
+
+
+def test_pictures(tmp_path):
+    found = nc.modes(stephenson().compile(), {"phi": 2.72})
+    assert len(found.draw(tmp_path / "modes.png").axes) == len(found)
+    assert (tmp_path / "modes.png").stat().st_size > 1000
+    range_ = nc.circuits(stephenson().compile(), {"phi": np.linspace(2.5, 3.0, 21)})
+    range_.draw(tmp_path / "circuits.svg", over="C.x")
+    assert "C.x" in (tmp_path / "circuits.svg").read_text() or (tmp_path / "circuits.svg").stat().st_size > 1000
+    none = dataclasses.replace(found, certificates=())
+    with pytest.raises(nc.InputError, match="no assembly"):
+        none.draw()
+
+
+def test_what_is_refused():
+    with pytest.raises(nc.InputError, match=r"geared five bar.*angle that is neither.*formulate"):
+        nc.modes(nc.library.geared_five_bar().compile(), {"phi": 0.4})
+    with pytest.raises(nc.InputError, match=r"circuits\(\)"):
+        nc.modes(nc.library.four_bar().compile(), {"phi": CIRCLES})
+    with pytest.raises(nc.InputError, match="too few inputs"):
+        nc.modes(nc.library.four_bar().compile(), {})
+    with pytest.raises(nc.InputError, match="one input over its values"):
+        nc.circuits(nc.library.four_bar().compile(), {"phi": 0.3})
+    with pytest.raises(nc.InputError, match="must ascend"):
+        nc.circuits(nc.library.four_bar().compile(), {"phi": [0.3, 0.2]})
