@@ -157,6 +157,39 @@ def test_an_atlas_is_kept_and_mended(tmp_path, monkeypatch):
     np.testing.assert_array_equal(again.shelves[6].design, first.shelves[6].design)
 
 
+def crossing(a, b, p, q, like):
+    """Where circles about a and b meet, through p and q as drawn, on the side of `like`."""
+    (r, s), d = (np.abs(p), np.abs(q)), np.abs(b - a)
+    along = (d * d + r * r - s * s) / (2 * d)
+    both = [a + (b - a) / d * complex(along, way * np.sqrt(max(r * r - along * along, 0.0))) for way in (1, -1)]
+    return min(both, key=lambda z: abs(z - like))
+
+
+def test_an_atlas_is_written_for_others(small, tmp_path):
+    """Joints and bars, moved by intersections of circles, trace the curves that stand beside them."""
+    picked = nc.synthesis.Atlas({bars: shelf.at(slice(40)) for bars, shelf in small.shelves.items()})
+    with np.load(picked.save(tmp_path / "links.npz", points=100)) as file:
+        x0, bars, fixed, joints, curves = (
+            file[n] for n in ("x0", "connectivity", "node_types", "joints", "target_curves")
+        )
+    assert len(x0) > 30 and curves.shape[1:] == (100, 2)
+    for k in range(0, len(x0), 7):
+        n = joints[k]
+        drawn = x0[k, :n] @ [1, 1j]
+        now = drawn.copy()
+        for t in range(20):
+            known = dict(enumerate(drawn)) if t < 0 else {i: drawn[i] for i in np.flatnonzero(fixed[k, :n])}
+            known[1] = drawn[0] + (drawn[1] - drawn[0]) * np.exp(2j * np.pi * t / 100)
+            while len(known) < n:
+                i = next(i for i in range(n) if i not in known and sum(bool(bars[k, i, j]) for j in known) == 2)
+                a, b = (j for j in known if bars[k, i, j])
+                known[i] = crossing(known[a], known[b], drawn[i] - drawn[a], drawn[i] - drawn[b], now[i])
+            now = np.array([known[i] for i in range(n)])
+            assert abs(now[-1] - curves[k, t] @ [1, 1j]) < 1e-6 * np.ptp(curves[k])
+    with pytest.raises(nc.InputError, match=r"\.npz"):
+        picked.save("links.csv")
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [

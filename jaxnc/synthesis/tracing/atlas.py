@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
-from jaxnc.errors import InputError, JaxncError
+from jaxnc.errors import InputError, JaxncError, OutputError
 from jaxnc.process import cache_folder
 from jaxnc.progress import bar
 from jaxnc.synthesis.tracing import curves
@@ -29,6 +29,7 @@ from jaxnc.synthesis.tracing.descriptors import (
     open_coefficients,
     upright,
 )
+from jaxnc.synthesis.tracing.linkage import Drawn, to_joints
 from jaxnc.synthesis.validate import as_seed, check_counts
 from jaxnc.types import Array
 
@@ -124,6 +125,52 @@ class Atlas:
         misfit, turn, mirrored = lay(goal, stored[near].astype(np.float32))
         order = np.argsort(misfit, kind="stable")[:count]
         return Candidates(shelf.at(near[order]), misfit[order], turn[order], mirrored[order])
+
+    def save(self, path: str | Path, count: int | None = None, points: int = 200, progress: bool | None = None) -> Path:
+        """Write linkages of turning joints, with their curves, as arrays for whoever trains models on them.
+
+        The layout is that of the LINKS data (A. Heyrani Nobari et al., 2022): ``x0`` the places of joints
+        ``(N, n, 2)``, the crank's pivot first, its pin second; ``connectivity`` which of them bars join ``(N, n, n)``;
+        ``node_types`` which stay where they are ``(N, n)``. Joints that a linkage does not have are zeros behind
+        the ``joints`` that it has ``(N,)``; the last of those traces ``target_curves``, ``(N, points, 2)``, at even
+        steps of the crank all round.
+
+        Args:
+            path: the file, ``.npz``.
+            count: how many linkages; all of turning joints if not given.
+            points: of each curve.
+            progress: show a bar; if not given, where stderr is a terminal, and in a notebook.
+        """
+        path = Path(path)
+        if path.suffix != ".npz":
+            raise InputError(f"save: path={str(path)!r}: arrays are written as .npz; end the name in .npz")
+        check_counts("save", points=points, **({} if count is None else {"count": count}))
+        rows = [(s, k) for s in self.shelves.values() for k in range(len(s.chain)) if not s.chains[s.chain[k]].sliders]
+        found = []
+        with bar(len(rows[:count]), "linkages", "linkage", progress) as shown:
+            for shelf, k in rows[:count]:
+                row = (shelf.sign[k].astype(float), shelf.design[k].astype(float))
+                drawn = Drawn(shelf.chains[shelf.chain[k]], *row, 0j, 1 + 0j, 0.0, 2.0 * np.pi)
+                found.append((*to_joints(drawn), drawn.trace(np.arange(points) * (2.0 * np.pi / points))))
+                shown.update()
+        joints = np.array([len(places) for places, *_ in found], np.int32)
+        most = int(joints.max(initial=0))
+        arrays: dict[str, Any] = {
+            "x0": np.zeros((len(found), most, 2)),
+            "connectivity": np.zeros((len(found), most, most), np.int8),
+            "node_types": np.zeros((len(found), most), np.int8),
+            "joints": joints,
+            "target_curves": np.array([np.stack([z.real, z.imag], axis=1) for *_, z in found]),
+        }
+        for k, (places, bars, fixed, _) in enumerate(found):
+            n = len(places)
+            arrays["x0"][k, :n], arrays["connectivity"][k, :n, :n], arrays["node_types"][k, :n] = places, bars, fixed
+        try:
+            with path.open("wb") as file:
+                np.savez_compressed(file, allow_pickle=False, **arrays)
+        except OSError as error:
+            raise OutputError(f"{path}: {error.strerror or error}; name another file") from None
+        return path
 
     def _sizes(self, shelf: Shelf) -> np.ndarray:
         kept = self.__dict__.setdefault("_magnitudes", {})

@@ -98,11 +98,22 @@ def to_mechanism(drawn: Drawn, name: str = "") -> tuple[Mechanism, float]:
     The crank turns by the angle ``phi``, and the point ``P`` traces. Joints that turn are points that bodies share; a
     sliding link has a prismatic joint with the line on which it slides.
     """
-    sheet, chain = _Sheet(drawn), drawn.chain
-    frames = sheet.frames
-    long = float(np.median([max(abs(row[0] + 1j * row[1]), 0.1) for row in drawn.design[:-2].reshape(-1, EACH)]))
+    sheet = _Sheet(drawn)
+    long = float(np.median([max(abs(complex(*row[:2])), 0.1) for row in drawn.design[:-2].reshape(-1, EACH)]))
+    slides = _hang(sheet, long)
+    origin, along = sheet.frames[drawn.chain.tracer]
+    tracer = origin + along * complex(*drawn.design[-2:])
+    return _build(sheet, slides, tracer, name or drawn.chain.name, long)
+
+
+def _hang(sheet: _Sheet, long: float) -> list[tuple[tuple[str, str], int, complex, complex]]:
+    """Hang up all dyads: points go on the sheet, and of what slides the line, the body, its place and its direction.
+
+    A line has its second point so far from the first as `long` says.
+    """
+    drawn, chain, frames = sheet.drawn, sheet.drawn.chain, sheet.frames
     sheet.add(0j, GROUND, CRANK)
-    slides: list[tuple[tuple[str, str], int, complex, complex]] = []  # line, sliding body, its place there, direction
+    slides: list[tuple[tuple[str, str], int, complex, complex]] = []
     for d, (kind, a, b) in enumerate(chain.dyads):
         row = drawn.design[EACH * d : EACH * (d + 1)]
         one, two = 2 + 2 * d, 3 + 2 * d
@@ -122,9 +133,34 @@ def to_mechanism(drawn: Drawn, name: str = "") -> tuple[Mechanism, float]:
             slides.append((_line(sheet, a, p, frames[one][1], long), one, inner, frames[one][1]))
         if kind[2] == "P":
             slides.append((_line(sheet, b, q, frames[two][1], long), two, inner, frames[two][1]))
-    origin, along = frames[chain.tracer]
-    tracer = origin + along * complex(*drawn.design[-2:])
-    return _build(sheet, slides, tracer, name or chain.name, long)
+    return slides
+
+
+def to_joints(drawn: Drawn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Write a design of turning joints as points and bars between them.
+
+    Returns:
+        Places ``(n, 2)``, the crank's pivot first, its pin second, the tracing point last; which pairs are bars,
+        ``(n, n)`` of 0 and 1; and which points stay where they are, ``(n,)`` of 0 and 1.
+    """
+    sheet = _Sheet(drawn)
+    _hang(sheet, 1.0)
+    origin, along = sheet.frames[drawn.chain.tracer]
+    sheet.places[TRACER] = origin + along * complex(*drawn.design[-2:])
+    sheet.on[drawn.chain.tracer].append(TRACER)
+    pin = max(sheet.on[CRANK][1:], key=lambda point: abs(sheet.places[point]))
+    first = [sheet.on[CRANK][0], pin]
+    order = [*first, *(point for point in sheet.places if point not in first)]
+    at = {point: k for k, point in enumerate(order)}
+    bars = np.zeros((len(order), len(order)), np.int8)
+    for body in range(CRANK, drawn.chain.bars):
+        base = first if body == CRANK else sheet.on[body][:2]
+        pairs = [tuple(base), *((end, point) for point in sheet.on[body] if point not in base for end in base)]
+        for a, b in pairs:
+            bars[at[a], at[b]] = bars[at[b], at[a]] = 1
+    z = drawn.place + drawn.factor * np.array([sheet.places[point] for point in order])
+    fixed = np.array([point in sheet.on[GROUND] for point in order], np.int8)
+    return np.stack([z.real, z.imag], axis=1), bars, fixed
 
 
 def _line(sheet: _Sheet, body: int, at: complex, along: complex, long: float) -> tuple[str, str]:
