@@ -249,8 +249,12 @@ def family_of(design: Design, inputs: Sequence[int], seed: int = 0) -> Family:
     base, zeros = design.reading, tuple((np.abs(c) <= _ZERO).tobytes() for c in design.constants)
     known = base.families
     if (zeros, seed) not in known:
+        base.check_cases(design.x, design.constants)
         rng = np.random.default_rng([seed, 33])
-        reading = base.paired(*draw_generic(base, design.x, design.constants, rng))
+        generic = draw_generic(base, design.x, design.constants, rng)
+        if base.freedoms(*generic) < len(inputs):
+            raise NoMember  # overconstrained: generic dimensions do not move
+        reading = base.paired(*generic)
         key = structure_key(reading, design.constants, _ZERO) + f"-{seed}"
         starts = load_starts(reading, key)
         if starts is None:
@@ -391,8 +395,8 @@ def prepare(system: System, driven: tuple[int, ...], held: tuple[int, ...], seed
         ) from None
     except NoMember:
         raise InputError(
-            f"modes(): the rows of {top.name!r} contradict each other but for special dimensions (an overconstrained "
-            f"mechanism), and no family of mechanisms was found to begin from"
+            f"modes(): {top.name!r} is overconstrained: it moves for special dimensions only, and has no family of "
+            f"mechanisms to begin from; leave out what is redundant (jaxnc.mobility(system) names it)"
         ) from None
     return dataclasses.replace(design, reading=family.reading), family
 
