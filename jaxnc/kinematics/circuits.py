@@ -225,7 +225,7 @@ class _Range:
         block = max(1, int(_BATCH / max(1, 4 * n**3 + n * each)))
         for first in range(0, count, block):
             which = np.arange(first, min(first + block, count))
-            some = _choose(self.end, which)
+            some = self.end.choose(which)
             t = self._coefficients(some)
             if n and each:
                 ends = self.reduction.paths(there, some, each).follow(np.tile(start, (1, len(which))), BOLD)
@@ -251,7 +251,7 @@ class _Range:
         doubtful = False
         if not whole:
             member, _ = self.design.at(self.values[value][:, None], self.order)
-            ends = solve_all(self.family, member, self.seed, (self.reduction, self.begin, _choose(self.end, [value])))
+            ends = solve_all(self.family, member, self.seed, (self.reduction, self.begin, self.end.choose([value])))
             w, doubtful = ends.w, bool(ends.lost + ends.singular)
         balls = certify(t, w)
         real = select_real(w, balls)
@@ -273,7 +273,7 @@ class _Range:
             ends_at[:, j * each : j * each + place.w.shape[1]] = place.w
         arrived = np.ones(ends_at.shape[1], bool)
         if n:
-            here, there = _choose(self.end, np.arange(count - 1)), _choose(self.end, np.arange(1, count))
+            here, there = self.end.choose(np.arange(count - 1)), self.end.choose(np.arange(1, count))
             ends = self.reduction.paths(here, there, each).follow(ends_at, CAREFUL)
             ends_at, arrived = ends.w, ends.arrived
         for j, (place, then) in enumerate(zip(self.places[:-1], self.places[1:], strict=True)):
@@ -297,7 +297,7 @@ class _Range:
                 low, high, at = value - reach, value + reach, 0.5
             member, _ = self.design.at(np.stack([low, high], axis=1), self.order)
             placed = self.reduction.place(member)
-            paths = self.reduction.paths(_choose(placed, [0]), _choose(placed, [1]))
+            paths = self.reduction.paths(placed.choose([0]), placed.choose([1]))
             y, move, at = _turning(paths, y, move, at)
         return float(low[self.k] + (high[self.k] - low[self.k]) * at)
 
@@ -322,21 +322,6 @@ def _turning(paths: Any, y: np.ndarray, move: np.ndarray, at: float) -> tuple[np
         if np.abs(step).max() < 1e-12:
             break
     return y, move, float(np.clip(at, -1.0, 2.0))
-
-
-def _choose(placed: Placed, which: Any) -> Placed:
-    """Some of several members in an elimination."""
-    which = np.asarray(which, int)
-    m = placed.member
-
-    def of(value: np.ndarray) -> np.ndarray:
-        return value[..., which]
-
-    member = dataclasses.replace(
-        m, constants=tuple(map(of, m.constants)), known=of(m.known), turns=of(m.turns), sizes=of(m.sizes)
-    )
-    straight = tuple(s[which] for s in placed.straight)
-    return Placed(member, placed.maps[which], straight, placed.rows[which])
 
 
 @dataclasses.dataclass

@@ -221,17 +221,13 @@ class Family:
             placed = _place(known, design)
             if placed is not None:
                 return known, start, placed
-        first = Member(*(_first(v) for v in (design.constants, design.known, design.turns, design.sizes)))
+        first = design.each(lambda v: v[..., :1])
         made = Reduction(self.reading, self.starts.member, first, self.starts.way)
         start = made.place(self.starts.member)
         made.square_rows(start, self.starts.x[:, 0], np.random.default_rng(7))
         self.reductions.append((made, start))
         with np.errstate(all="ignore"):
             return made, start, made.place(design)
-
-
-def _first(value: Any) -> Any:
-    return tuple(v[..., :1] for v in value) if isinstance(value, tuple) else value[..., :1]
 
 
 def _place(reduction: Reduction, design: Member) -> Placed | None:

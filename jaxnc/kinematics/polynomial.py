@@ -44,7 +44,6 @@ class _Rows(NamedTuple):
     bends: Function
     bend_at: tuple[tuple[int, int, int], ...]  # row and two variables
     uses_cosine: frozenset[int]  # scalars of which a cosine or sine is used, by number
-    uses_value: frozenset[int]  # scalars that are used as they are
     source: Program
 
     @property
@@ -93,7 +92,7 @@ def _rows_of(kind: Kind, which: str, dim: int) -> _Rows | None:
     slopes, at = partials(found, range(count))
     bends, second = partials(slopes, range(count))
     inputs = {node.value for node in found.nodes if node.op == "input"}
-    first, angles = count - kind.scalars, found.inputs - 2 * kind.scalars
+    angles = found.inputs - 2 * kind.scalars
     return _Rows(
         function(found),
         function(slopes),
@@ -101,7 +100,6 @@ def _rows_of(kind: Kind, which: str, dim: int) -> _Rows | None:
         function(bends),
         tuple((*at[k], v) for k, v in second),
         frozenset(k for k in range(kind.scalars) if {angles + 2 * k, angles + 2 * k + 1} & inputs),
-        frozenset(k for k in range(kind.scalars) if first + k in inputs),
         found,
     )
 
@@ -131,6 +129,10 @@ class Member:
     known: np.ndarray  # all coordinates, those that are not known zero, (N, samples)
     turns: np.ndarray  # cosine and sine of each scalar, (scalars, 2, samples)
     sizes: np.ndarray  # right-hand sides of the rows that tell angles from their half turns, (pairs, samples)
+
+    def each(self, f: Callable[[np.ndarray], np.ndarray]) -> "Member":
+        """Apply a function to all arrays."""
+        return Member(tuple(map(f, self.constants)), f(self.known), f(self.turns), f(self.sizes))
 
     def mix(self, other: "Member", part: np.ndarray) -> "Member":
         """Members on the straight line to another one, `part` of the way, ``(samples,)``."""
