@@ -26,6 +26,7 @@ from jaxnc.kinematics.reduction import Placed
 from jaxnc.notebooks import Shown
 from jaxnc.process import one_thread
 from jaxnc.status import Status
+from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
@@ -147,6 +148,7 @@ class _Place:
 
 
 @public
+@widened
 def circuits(
     system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0
 ) -> Circuits:

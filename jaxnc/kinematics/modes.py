@@ -40,6 +40,7 @@ from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations
+from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
@@ -335,6 +336,7 @@ def _polish(t: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 @public
+@widened
 def modes(system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0) -> Modes:
     """Find every assembly of a mechanism for one set of inputs, with certificates and a statement of completeness.
 
