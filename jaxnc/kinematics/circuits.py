@@ -70,7 +70,7 @@ class Circuits(Shown):
         count: number of assemblies at each value, ``(values,)``.
         drawn: number of the drawing's circuit, 0; None if the drawing is on none of them.
         dead_points: values of the input at which branches meet, in ascending order.
-        doubtful: number of values at which paths were lost or solutions are not isolated.
+        doubtful: number of values at which paths were lost, solutions are not isolated, or a branch ends alone.
         angle: whether the input is an angle.
     """
 
@@ -126,7 +126,10 @@ class Circuits(Shown):
         if self.drawn is None and lines:
             text += " The drawing is on none of them."
         if self.doubtful:
-            text += f" At {counted(self.doubtful, 'value')} solutions are not isolated, or paths were lost."
+            text += (
+                f" At {counted(self.doubtful, 'value')} solutions are not isolated, paths were lost, or a branch ends "
+                f"alone: take smaller steps there."
+            )
         return text
 
     __repr__ = __str__
@@ -447,6 +450,8 @@ def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, ho
     points = sorted({s for strand in strands for s in (strand.start, strand.end) if s is not None})
     count = np.array([p.w.shape[1] for p in range_.places])
     doubtful = sum(p.doubtful for p in range_.places)
+    for s in strands:  # ends that found no other to meet: steps are too long there
+        doubtful += (s.start is None and s.first > 0) + (s.end is None and s.last < len(values) - 1)
     return Circuits(name, values, tuple(branches), count, None if drawn is None else 0, tuple(points), doubtful, angle)
 
 
