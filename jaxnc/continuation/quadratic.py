@@ -142,7 +142,7 @@ def _solve(lanes: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 def inverses(lanes: np.ndarray) -> np.ndarray:
     """Inverse matrices ``(lanes, n, n)``; of what is singular to the last bit those of neighbours, or no numbers."""
-    bad = ~np.isfinite(lanes).all(axis=(1, 2))
+    bad: Any = ~np.isfinite(lanes).all(axis=(1, 2))
     if bad.any():
         lanes = np.where(bad[:, None, None], np.eye(lanes.shape[1]), lanes)
     try:

@@ -26,6 +26,7 @@ from jaxnc.kinematics.reduction import Placed
 from jaxnc.notebooks import Shown
 from jaxnc.process import one_thread
 from jaxnc.status import Status
+from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
@@ -69,7 +70,7 @@ class Circuits(Shown):
         count: number of assemblies at each value, ``(values,)``.
         drawn: number of the drawing's circuit, 0; None if the drawing is on none of them.
         dead_points: values of the input at which branches meet, in ascending order.
-        doubtful: number of values at which paths were lost or solutions are not isolated.
+        doubtful: number of values at which paths were lost, solutions are not isolated, or a branch ends alone.
         angle: whether the input is an angle.
     """
 
@@ -125,7 +126,10 @@ class Circuits(Shown):
         if self.drawn is None and lines:
             text += " The drawing is on none of them."
         if self.doubtful:
-            text += f" At {counted(self.doubtful, 'value')} solutions are not isolated, or paths were lost."
+            text += (
+                f" At {counted(self.doubtful, 'value')} solutions are not isolated, paths were lost, or a branch ends "
+                f"alone: take smaller steps there."
+            )
         return text
 
     __repr__ = __str__
@@ -147,6 +151,7 @@ class _Place:
 
 
 @public
+@widened
 def circuits(
     system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0
 ) -> Circuits:
@@ -225,7 +230,7 @@ class _Range:
         block = max(1, int(_BATCH / max(1, 4 * n**3 + n * each)))
         for first in range(0, count, block):
             which = np.arange(first, min(first + block, count))
-            some = _choose(self.end, which)
+            some = self.end.choose(which)
             t = self._coefficients(some)
             if n and each:
                 ends = self.reduction.paths(there, some, each).follow(np.tile(start, (1, len(which))), BOLD)
@@ -251,7 +256,7 @@ class _Range:
         doubtful = False
         if not whole:
             member, _ = self.design.at(self.values[value][:, None], self.order)
-            ends = solve_all(self.family, member, self.seed, (self.reduction, self.begin, _choose(self.end, [value])))
+            ends = solve_all(self.family, member, self.seed, (self.reduction, self.begin, self.end.choose([value])))
             w, doubtful = ends.w, bool(ends.lost + ends.singular)
         balls = certify(t, w)
         real = select_real(w, balls)
@@ -273,7 +278,7 @@ class _Range:
             ends_at[:, j * each : j * each + place.w.shape[1]] = place.w
         arrived = np.ones(ends_at.shape[1], bool)
         if n:
-            here, there = _choose(self.end, np.arange(count - 1)), _choose(self.end, np.arange(1, count))
+            here, there = self.end.choose(np.arange(count - 1)), self.end.choose(np.arange(1, count))
             ends = self.reduction.paths(here, there, each).follow(ends_at, CAREFUL)
             ends_at, arrived = ends.w, ends.arrived
         for j, (place, then) in enumerate(zip(self.places[:-1], self.places[1:], strict=True)):
@@ -297,7 +302,7 @@ class _Range:
                 low, high, at = value - reach, value + reach, 0.5
             member, _ = self.design.at(np.stack([low, high], axis=1), self.order)
             placed = self.reduction.place(member)
-            paths = self.reduction.paths(_choose(placed, [0]), _choose(placed, [1]))
+            paths = self.reduction.paths(placed.choose([0]), placed.choose([1]))
             y, move, at = _turning(paths, y, move, at)
         return float(low[self.k] + (high[self.k] - low[self.k]) * at)
 
@@ -322,21 +327,6 @@ def _turning(paths: Any, y: np.ndarray, move: np.ndarray, at: float) -> tuple[np
         if np.abs(step).max() < 1e-12:
             break
     return y, move, float(np.clip(at, -1.0, 2.0))
-
-
-def _choose(placed: Placed, which: Any) -> Placed:
-    """Some of several members in an elimination."""
-    which = np.asarray(which, int)
-    m = placed.member
-
-    def of(value: np.ndarray) -> np.ndarray:
-        return value[..., which]
-
-    member = dataclasses.replace(
-        m, constants=tuple(map(of, m.constants)), known=of(m.known), turns=of(m.turns), sizes=of(m.sizes)
-    )
-    straight = tuple(s[which] for s in placed.straight)
-    return Placed(member, placed.maps[which], straight, placed.rows[which])
 
 
 @dataclasses.dataclass
@@ -460,6 +450,8 @@ def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, ho
     points = sorted({s for strand in strands for s in (strand.start, strand.end) if s is not None})
     count = np.array([p.w.shape[1] for p in range_.places])
     doubtful = sum(p.doubtful for p in range_.places)
+    for s in strands:  # ends that found no other to meet: steps are too long there
+        doubtful += (s.start is None and s.first > 0) + (s.end is None and s.last < len(values) - 1)
     return Circuits(name, values, tuple(branches), count, None if drawn is None else 0, tuple(points), doubtful, angle)
 
 

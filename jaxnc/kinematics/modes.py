@@ -40,6 +40,7 @@ from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations
+from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
@@ -221,17 +222,13 @@ class Family:
             placed = _place(known, design)
             if placed is not None:
                 return known, start, placed
-        first = Member(*(_first(v) for v in (design.constants, design.known, design.turns, design.sizes)))
+        first = design.each(lambda v: v[..., :1])
         made = Reduction(self.reading, self.starts.member, first, self.starts.way)
         start = made.place(self.starts.member)
         made.square_rows(start, self.starts.x[:, 0], np.random.default_rng(7))
         self.reductions.append((made, start))
         with np.errstate(all="ignore"):
             return made, start, made.place(design)
-
-
-def _first(value: Any) -> Any:
-    return tuple(v[..., :1] for v in value) if isinstance(value, tuple) else value[..., :1]
 
 
 def _place(reduction: Reduction, design: Member) -> Placed | None:
@@ -249,8 +246,12 @@ def family_of(design: Design, inputs: Sequence[int], seed: int = 0) -> Family:
     base, zeros = design.reading, tuple((np.abs(c) <= _ZERO).tobytes() for c in design.constants)
     known = base.families
     if (zeros, seed) not in known:
+        base.check_cases(design.x, design.constants)
         rng = np.random.default_rng([seed, 33])
-        reading = base.paired(*draw_generic(base, design.x, design.constants, rng))
+        generic = draw_generic(base, design.x, design.constants, rng)
+        if base.freedoms(*generic) < len(inputs):
+            raise NoMember  # overconstrained: generic dimensions do not move
+        reading = base.paired(*generic)
         key = structure_key(reading, design.constants, _ZERO) + f"-{seed}"
         starts = load_starts(reading, key)
         if starts is None:
@@ -335,6 +336,7 @@ def _polish(t: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 @public
+@widened
 def modes(system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0) -> Modes:
     """Find every assembly of a mechanism for one set of inputs, with certificates and a statement of completeness.
 
@@ -391,8 +393,8 @@ def prepare(system: System, driven: tuple[int, ...], held: tuple[int, ...], seed
         ) from None
     except NoMember:
         raise InputError(
-            f"modes(): the rows of {top.name!r} contradict each other but for special dimensions (an overconstrained "
-            f"mechanism), and no family of mechanisms was found to begin from"
+            f"modes(): {top.name!r} is overconstrained: it moves for special dimensions only, and has no family of "
+            f"mechanisms to begin from; leave out what is redundant (jaxnc.mobility(system) names it)"
         ) from None
     return dataclasses.replace(design, reading=family.reading), family
 

@@ -21,10 +21,11 @@ from jaxnc.constraints import Kind
 from jaxnc.reading import Builder, OutOfRange, Program, Unreadable, function, partials, polynomials
 from jaxnc.remembered import with_owner
 from jaxnc.system.equations import pure_numbers
-from jaxnc.system.structure import program, size
+from jaxnc.system.structure import formula, program, size
 from jaxnc.system.topology import Topology
 
 _RANK = 1e-9  # of the largest: a singular value below counts as zero
+_WILD = 50.0  # numbers of a generic member, beside one: larger ones are badly conditioned
 _DRAWN = 60  # steps in which a generic member is drawn
 _EXACT = 1e-10  # of the mechanism's size: a number of a design below is zero by its structure
 
@@ -43,7 +44,6 @@ class _Rows(NamedTuple):
     bends: Function
     bend_at: tuple[tuple[int, int, int], ...]  # row and two variables
     uses_cosine: frozenset[int]  # scalars of which a cosine or sine is used, by number
-    uses_value: frozenset[int]  # scalars that are used as they are
     source: Program
 
     @property
@@ -52,20 +52,23 @@ class _Rows(NamedTuple):
         return len(self.source.outputs)
 
 
-def _generic(found: Program, variables: int, scalars: int) -> Program:
-    """Write a program anew, with cosines and sines of its scalars as inputs, and the first case of every choice."""
+def _generic(found: Program, variables: int, scalars: int, drawn: bool) -> Program:
+    """Write a program anew, with cosines and sines of its scalars as inputs, and the first case of every choice.
+
+    Of what is read off a drawing no constant is given beforehand.
+    """
     b = Builder(found.inputs + 2 * scalars)
     at: list[int] = []
     for node in found.nodes:
         if node.op == "input":
-            at.append(b.first[node.value])
+            at.append(b.number(0.0) if drawn and node.value >= variables else b.first[node.value])
         elif node.op == "number":
             at.append(b.number(node.value[1]))
         elif node.op in ("sin", "cos") and (of := found.nodes[node.of[0]]).op == "input" and of.value < variables:
             k = of.value - (variables - scalars)
             at.append(b.first[found.inputs + 2 * k + (node.op == "sin")])
         elif node.op == "select":
-            at.append(at[node.of[1]])
+            at.append(at[node.of[2 if b.known(at[node.of[0]]) is False else 1]])
         else:
             at.append(b.op(node.op, *(at[i] for i in node.of), value=node.value))
     return b.program([at[k] for k in found.outputs])
@@ -77,7 +80,7 @@ def _generic_program(kind: Kind, which: str, dim: int) -> Program | None:
         found = program(kind, which, dim)
     except (Unreadable, OutOfRange):
         return None
-    return None if found is None else _generic(found, size(kind, dim), kind.scalars)
+    return None if found is None else _generic(found, size(kind, dim), kind.scalars, which == "drawn")
 
 
 @functools.lru_cache(maxsize=512)
@@ -89,7 +92,7 @@ def _rows_of(kind: Kind, which: str, dim: int) -> _Rows | None:
     slopes, at = partials(found, range(count))
     bends, second = partials(slopes, range(count))
     inputs = {node.value for node in found.nodes if node.op == "input"}
-    first, angles = count - kind.scalars, found.inputs - 2 * kind.scalars
+    angles = found.inputs - 2 * kind.scalars
     return _Rows(
         function(found),
         function(slopes),
@@ -97,7 +100,6 @@ def _rows_of(kind: Kind, which: str, dim: int) -> _Rows | None:
         function(bends),
         tuple((*at[k], v) for k, v in second),
         frozenset(k for k in range(kind.scalars) if {angles + 2 * k, angles + 2 * k + 1} & inputs),
-        frozenset(k for k in range(kind.scalars) if first + k in inputs),
         found,
     )
 
@@ -127,6 +129,10 @@ class Member:
     known: np.ndarray  # all coordinates, those that are not known zero, (N, samples)
     turns: np.ndarray  # cosine and sine of each scalar, (scalars, 2, samples)
     sizes: np.ndarray  # right-hand sides of the rows that tell angles from their half turns, (pairs, samples)
+
+    def each(self, f: Callable[[np.ndarray], np.ndarray]) -> "Member":
+        """Apply a function to all arrays."""
+        return Member(tuple(map(f, self.constants)), f(self.known), f(self.turns), f(self.sizes))
 
     def mix(self, other: "Member", part: np.ndarray) -> "Member":
         """Members on the straight line to another one, `part` of the way, ``(samples,)``."""
@@ -224,6 +230,21 @@ class Reading:
             if not _is_quadratic(block.kind, "residual", self.dim, moving):
                 raise NotPolynomial(b, int(i), "its rows are no polynomials of second degree in what is unknown")
         return rows
+
+    def check_cases(self, x: np.ndarray, constants: Sequence[np.ndarray]) -> None:
+        """Refuse rows in which something is chosen by a case, and another one holds for a design than was read."""
+        y = (x + 0.1 * np.sin(1.0 + np.arange(len(x))))[:, None]
+        turns = np.stack([np.cos(y[self.first :]), np.sin(y[self.first :])], axis=1)
+        for part in self.parts:
+            if part.sizes is None:
+                inputs = self._inputs(part, y, constants, turns)
+                kind = self.top.blocks[part.block].kind
+                plain = formula(kind, "residual", self.dim).on_lanes(inputs[: len(inputs) - 2 * kind.scalars])
+                for one, two in zip(part.rows.values(inputs), plain, strict=True):
+                    apart = np.abs(np.broadcast_to(one - two, (len(part.instances), 1)))[:, 0]
+                    if not (apart < 1e-9 * (1.0 + np.abs(two).max())).all():
+                        at = int(part.instances[np.argmax(apart)])
+                        raise NotPolynomial(part.block, at, "its rows change with a case")
 
     def _moving(self, b: int, i: int) -> tuple[int, ...]:
         """Places of an instance's unknowns among its variables."""
@@ -344,6 +365,15 @@ class Reading:
         out.parts = [*self.parts, *more]
         return out
 
+    def freedoms(self, constants: Sequence[np.ndarray], x: np.ndarray) -> int:
+        """Number of freedoms of a pose ``(N, 1)``, before any input is held."""
+        moves = np.flatnonzero(~np.array(self.top.fixed, bool) & ~self.follows)
+        turns, _ = self.measure_turns(constants, x)
+        rows = self._linearise([p for p in self.parts if not p.rows.uses_cosine], x, constants, turns)[1][:, moves]
+        values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(0)
+        angles = sum(len(p.instances) for p in self.parts if p.rows.uses_cosine)
+        return len(moves) - angles - int(np.sum(values > 1e-8 * values.max(initial=0.0)))
+
     def pair_sizes(self, sizes: np.ndarray) -> np.ndarray:
         """Right-hand sides of the second rows of driven angles, from the products of lengths of all angles."""
         at = [
@@ -387,10 +417,19 @@ class Reading:
             step = np.linalg.lstsq(jacobian, rows, rcond=_RANK)[0] if len(rows) else np.zeros(len(z))
             z = z - step[:, None]
             if np.abs(step).max(initial=0.0) < 1e-13 * np.abs(z).max():
-                return drawn, z
+                sizes = [np.abs(a).max(initial=0.0) for a in (z, *drawn)]
+                return (drawn, z) if max(sizes) < _WILD and not self._has_collapsed(x, z[:, 0]) else None
             if k < _DRAWN - 10 and np.abs(step).max() > 1e-9:  # afterwards the constants stay
                 drawn = self._redrawn(constants, z)
         return None
+
+    def _has_collapsed(self, x: np.ndarray, z: np.ndarray) -> bool:
+        """Tell whether points of a pose are one that are apart in another: what meets rows that way is no member."""
+        first, second = (
+            np.abs(p[:, None] - p).max(axis=2, initial=0.0)
+            for p in (y[: len(self.top.points) * self.dim].reshape(-1, self.dim) for y in (x, z))
+        )
+        return bool(((first > 1e-6) & (second < 1e-3)).any())
 
     def _redrawn(self, constants: Sequence[np.ndarray], z: np.ndarray) -> tuple[np.ndarray, ...]:
         """Constants as a pose has them, those that are zero in a design zero again."""

@@ -10,6 +10,7 @@ what is solved goes straight from one end to the other instead: a driven pin, sa
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,12 @@ class Placed:
     def restricted(self) -> np.ndarray:
         """Coefficients of the rows that stay, in the unknowns that stay."""
         return _congruent(self.maps, self.rows)
+
+    def choose(self, which: Sequence[int] | np.ndarray) -> "Placed":
+        """Choose some of the members."""
+        at = np.asarray(which, int)
+        member = self.member.each(lambda v: v[..., at])
+        return Placed(member, self.maps[at], tuple(s[at] for s in self.straight), self.rows[at])
 
 
 def _rank(matrix: np.ndarray) -> int:
@@ -227,9 +234,10 @@ class Reduction:
         targets = end.member.known.shape[1]
         at = np.exp(2j * np.pi * np.arange(_SAMPLES) / _SAMPLES)
         part = np.tile(at, targets)
-        ends = _repeat(end.member, _SAMPLES)
+        ends = end.member.each(lambda v: np.repeat(v, _SAMPLES, axis=-1))
         alone = start.member.known.shape[1] == 1
-        between = _repeat(start.member, targets * _SAMPLES if alone else _SAMPLES).mix(ends, part)
+        often = targets * _SAMPLES if alone else _SAMPLES
+        between = start.member.each(lambda v: np.repeat(v, often, axis=-1)).mix(ends, part)
         straight = tuple(
             (a if alone else np.repeat(a, _SAMPLES, 0)) * (1.0 - part[:, None, None])
             + np.repeat(b, _SAMPLES, 0) * part[:, None, None]
@@ -282,10 +290,3 @@ def _determined(left: np.ndarray, picked: np.ndarray, solved: np.ndarray) -> tup
     rows = np.flatnonzero(~left[:, :, outside].any(axis=(0, 2)))
     rows = rows[_pivots(_scaled(left[0, rows][:, inside]).T, len(inside))] if len(rows) >= len(inside) else rows[:0]
     return (rows, inside) if len(rows) == len(inside) and len(rows) else (np.zeros(0, int), np.zeros(0, int))
-
-
-def _repeat(member: Member, count: int) -> Member:
-    def of(value: np.ndarray) -> np.ndarray:
-        return np.repeat(value, count, axis=-1)
-
-    return Member(tuple(map(of, member.constants)), of(member.known), of(member.turns), of(member.sizes))

@@ -310,7 +310,31 @@ def test_pictures(tmp_path):
         none.draw()
 
 
+JOINTED = (
+    "cardan_joint crank_slider_on_bar five_bar hart jansen_leg klann_leg rccc peaucellier_lipkin rolling_disc rssp"
+    " scotch_yoke spherical_four_bar watt_six_bar wobble_plate"
+)
+
+
+@pytest.mark.parametrize("name", JOINTED.split())
+def test_the_pose_that_is_followed_is_among_them(name):
+    """What the solver of poses finds from the drawing is one of the assemblies, in mechanisms of many joints."""
+    m = getattr(nc.library, name)()
+    system, run = m.compile(), m.model.run
+    inputs = {n: drive.start + 0.1 * (drive.end - drive.start) for n, drive in run.inputs.items()}
+    pose = nc.solve_position(system, inputs, hold=run.hold)
+    found = nc.modes(system, inputs, hold=run.hold)
+    assert not found.lost
+    spread = system.topology.dim * len(system.topology.points)
+    apart = np.abs(np.asarray(found.poses.q)[:, :spread] - np.asarray(pose.q)[:spread]).max(axis=1)
+    assert apart.min() < ROUNDING
+    check_scalars = np.asarray(found.poses.q)[apart.argmin(), spread:]
+    np.testing.assert_allclose(np.cos(check_scalars), np.cos(np.asarray(pose.q)[spread:]), atol=1e-9)
+
+
 def test_what_is_refused():
+    with pytest.raises(nc.InputError, match=r"parallelogram.*overconstrained.*mobility"):
+        nc.modes(nc.library.parallelogram().compile(), {"phi": 0.4})
     with pytest.raises(nc.InputError, match=r"geared five bar.*angle that is neither.*formulate"):
         nc.modes(nc.library.geared_five_bar().compile(), {"phi": 0.4})
     with pytest.raises(nc.InputError, match=r"circuits\(\)"):

@@ -175,6 +175,15 @@ def test_an_ankle_of_two_motors(ankle, folder):
     check(folder / "ankle.xml", ankle, values_of(ankle, 0.3))
 
 
+def test_every_assembly_of_an_ankle(ankle):
+    """Of eight solutions four are real; Newton's steps from 400 random poses ended in no other upright one."""
+    values = {"left": 0.1, "right": -0.2}
+    found = nc.modes(ankle.system, values)
+    assert (len(found), found.expected, found.complete) == (4, 8, True)
+    pose = np.asarray(nc.solve_position(ankle.system, values)["heel_left"])
+    assert np.abs(np.asarray(found.poses["heel_left"]) - pose).max(axis=1).min() < 1e-10
+
+
 @pytest.mark.parametrize("shape", [(1,), (2, 1), (0,)])
 @pytest.mark.parametrize("text", ["ankle", "leg"])
 def test_all_that_is_told_has_the_leading_shape_of_the_motors(text, shape, ankle, folder):
