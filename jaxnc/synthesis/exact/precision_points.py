@@ -307,7 +307,7 @@ class PathDesigns(Sequence[GuidedFourBar]):
     def __len__(self) -> int:
         return len(self.designs)
 
-    def __getitem__(self, index: int) -> Any:
+    def __getitem__(self, index: int) -> GuidedFourBar | None:
         return self.designs[index]
 
     def __str__(self) -> str:
