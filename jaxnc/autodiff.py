@@ -118,7 +118,7 @@ def _is_still(change: Any) -> bool:
     return type(change) is ad.Zero or getattr(change, "dtype", None) == jax.dtypes.float0
 
 
-def _zero(x: Any) -> Any:
+def _zero(x: Any) -> np.ndarray:
     """The tangent of an array that has none, NumPy's: JAX's would be compiled."""
     dtype = jax.dtypes.result_type(x)
     return np.zeros(np.shape(x), dtype if jax.dtypes.issubdtype(dtype, np.inexact) else jax.dtypes.float0)

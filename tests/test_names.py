@@ -30,7 +30,6 @@ GUIDES = {
     "cache": "docs/batches.md",
     "circuits": "docs/modes.md",
     "circuit": "docs/modelling.md",
-    "circuits": "docs/modes.md",
     "constraints": "docs/dynamics.md",
     "diagnose": "docs/modelling.md",
     "dynamics": "docs/dynamics.md",

@@ -79,7 +79,7 @@ class ReplayedFlow:
         """Put the state where the drives have it, as `Flow.impose`."""
         return dataclasses.replace(self.flow, drive_args=self.law.drive_args).impose(t, q, v)
 
-    def solve_stage(self, stage: Any, t: Array, q: Array, v: Array, known: StageSolution) -> StageSolution:
+    def solve_stage(self, stage: Array, t: Array, q: Array, v: Array, known: StageSolution) -> StageSolution:
         """Return a solution of `Flow.solve_stage` that was found before, with its derivatives."""
         return _replay(self.flow, self.law, stage, t, q, v, known)
 
@@ -409,7 +409,7 @@ def _origin(spec: SimulationSpec, state: Any) -> Origin:
 @functools.partial(jit, static_argnums=0)
 def _pull_back_run(
     spec: SimulationSpec, flow: Flow, numbers: RunNumbers, smooth: Any, other: Any, change: Any
-) -> tuple[list, Any, Any, Array, list]:
+) -> tuple[list, Array, Array | None, Array, list]:
     """Pull a change of a run back to its motion, start, rates, times, and the event's real numbers.
 
     `smooth` are the arrays of the run that are differentiated, `other` the rest. The change of the start is that of the

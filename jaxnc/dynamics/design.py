@@ -184,7 +184,9 @@ def request_pull_back(
     )
 
 
-def _answer(spec: SimulationSpec, origin: Origin, par: Any, eq: Any, at: Any, pose: Any, law: Any) -> Any:
+def _answer(
+    spec: SimulationSpec, origin: Origin, par: Any, eq: Equations, at: np.ndarray, pose: np.ndarray, law: Any
+) -> np.ndarray:
     whole = Law(**dict.fromkeys(Law._fields, ()) | dict(zip(DERIVED, law, strict=True)))
     return pull_back_design(spec, origin, Parameters(*par), eq, at, pose, whole).astype(at.dtype)
 
@@ -197,7 +199,7 @@ def _read_programs(spec: SimulationSpec, origin: Origin, shapes: tuple, structur
     _answer(spec, origin, *jax.tree.unflatten(structure, numbers))
 
 
-def join_parameters(parameters: Parameters, found: Numbers, own: Any) -> tuple[Parameters, Any]:
+def join_parameters(parameters: Parameters, found: Numbers, own: Any) -> tuple[Parameters, Numbers]:
     """Put changes of all parameters ``(changes,)``, and of the functions' own, together as parameters.
 
     Returns:

@@ -94,15 +94,15 @@ def angular_momentum(motion: Motion, about: ArrayLike | None = None) -> Array:
 # Functions of all states at once: of NumPy's arrays or of JAX's.
 
 
-def _centre(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
+def _centre(dyn: Dynamics, q: Numbers, v: Numbers) -> Numbers:
     return q @ dyn.moments.T / dyn.total
 
 
-def _kinetic(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
+def _kinetic(dyn: Dynamics, q: Numbers, v: Numbers) -> Numbers:
     return 0.5 * ((v @ dyn.mass) * v).sum(axis=-1)
 
 
-def _potential(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
+def _potential(dyn: Dynamics, q: Numbers, v: Numbers) -> Numbers:
     if not isinstance(q, np.ndarray):
         return jax.vmap(lambda x: potential(dyn, x))(q)
     top, total = dyn.topology, np.zeros(len(q), q.dtype)
@@ -114,11 +114,11 @@ def _potential(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
     return total - q @ dyn.moments.T @ dyn.gravity
 
 
-def _both(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
+def _both(dyn: Dynamics, q: Numbers, v: Numbers) -> Numbers:
     return _kinetic(dyn, q, v) + _potential(dyn, q, v)
 
 
-def _momentum(dyn: Dynamics, q: Numbers, v: Numbers) -> Any:
+def _momentum(dyn: Dynamics, q: Numbers, v: Numbers) -> Numbers:
     return v @ dyn.moments.T
 
 
@@ -298,7 +298,7 @@ def _works(motion: Motion, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _between(
     t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, lam: np.ndarray, s: float, order: int, points: int
-) -> tuple[Any, ...]:
+) -> tuple[np.ndarray, ...]:
     """Interpolate states at a part `s` of every interval, by the rates of its ends up to an order less one."""
     h = np.diff(t)[:, None]
     ends = [x * h**k for k, x in enumerate((q[:-1], v[:-1], a[:-1])[:order])]

@@ -97,18 +97,18 @@ def _normal_rate(order: int) -> Callable:
     return function(rate(program, range(6), order))
 
 
-def _spans(top: Topology, points: Numbers, vectors: Numbers) -> list[tuple[Any, Any]]:
+def _spans(top: Topology, points: Numbers, vectors: Numbers) -> list[tuple[Numbers, Numbers]]:
     """Return the two segments that each hidden vector is across."""
     assert top.extended is not None
     frames = {f"{b.name} across": b.segments for b in top.bodies}
 
-    def span(segment: tuple[int, ...]) -> Any:
+    def span(segment: tuple[int, ...]) -> Numbers:
         return vectors[~segment[0]] if len(segment) == 1 else points[segment[1]] - points[segment[0]]
 
     return [(span(first), span(second)) for first, second, *_ in (frames[name] for name in top.extended.loads.hidden)]
 
 
-def across_vectors(top: Topology, points: Numbers, vectors: Numbers) -> Any:
+def across_vectors(top: Topology, points: Numbers, vectors: Numbers) -> Numbers:
     """Return the hidden vectors in the order of the extended topology, ``(hidden, 3)``: NumPy's of NumPy arrays.
 
     NumPy's points and vectors may carry changes along a last axis; then the hidden vectors do too.

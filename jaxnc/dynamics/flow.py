@@ -290,7 +290,7 @@ class Flow:
     # -- motion ---------------------------------------------------------------------------------------------------
 
     def solve_stage(
-        self, stage: Any, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
+        self, stage: ArrayLike, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
     ) -> StageSolution:
         """Solve for accelerations, or for the changes that bring a pose or rates back onto the constraints.
 

@@ -7,7 +7,7 @@ The sign of the sliding speed is smoothed, ``tanh(v / speed)``: a joint that sti
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ from jaxnc.system.frames import spins, spread
 from jaxnc.system.identity import GROUND
 from jaxnc.system.loads import FrictionIndex
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 PASSES = 6
 """How often accelerations and friction are made consistent."""
@@ -59,7 +59,7 @@ class FrictionFlow:
         """Put the state where the drives have it, as `Flow.impose`."""
         return self.flow.impose(t, q, v)
 
-    def solve_stage(self, stage: Any, t: Array, q: Array, v: Array) -> StageSolution:
+    def solve_stage(self, stage: ArrayLike, t: Array, q: Array, v: Array) -> StageSolution:
         """Solve a stage as `Flow.solve_stage`, for accelerations with friction."""
 
         def accelerate() -> StageSolution:

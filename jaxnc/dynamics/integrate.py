@@ -324,7 +324,7 @@ def pull_back(
 
 def equal_steps(
     advance: Callable[[Array, Array, Any], Any], seen: Callable[[Array, Any], Any], t: Array, carry: Any, steps: int
-) -> Any:
+) -> MotionState:
     """Return states at all times after the first by as many equal steps between two times, differentiable both ways.
 
     `advance` is a step ``(t, h, carry)``; `seen` what is kept of it, ``(t, carry)``.

@@ -107,7 +107,7 @@ def _inertias(top: Topology, par: Parameters) -> list[tuple[np.ndarray, Any, Any
 
 def group_inertias(
     top: Topology, points: Numbers, drawing: Numbers, vectors: Numbers, physical: Numbers
-) -> list[tuple[np.ndarray, Any, Any, Any]]:
+) -> list[tuple[np.ndarray, Numbers, Numbers, Numbers]]:
     """Find `inertias` from the numbers of a design: in NumPy, if they are NumPy's, a body in each lane.
 
     NumPy's numbers may carry changes along a last axis; then masses and moments do too.
@@ -181,7 +181,7 @@ def _gather_numbers(
     """Gather the numbers of the inertia of each body of a group, ``(bodies, ...)``: NumPy's of NumPy arrays."""
     xp: Any = np if isinstance(points, np.ndarray) else jnp
 
-    def spans(places: Numbers, which: list[tuple]) -> Any:
+    def spans(places: Numbers, which: list[tuple]) -> Numbers:
         """Segments of all bodies, ``(bodies, segments, dim)``."""
         columns = []
         for k in range(len(which[0])):

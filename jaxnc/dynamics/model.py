@@ -209,7 +209,7 @@ def drawn_parameters(kind: ForceKind, dim: int) -> tuple[Formula, list[bool]]:
     def read(y: Array) -> Array:
         return jnp.stack([jnp.zeros((), y.dtype) if c is None else jnp.asarray(c, y.dtype) for c in call(y)])
 
-    def say(y: Array) -> tuple[Any, ...]:
+    def say(y: Array) -> tuple[Array | None, ...]:
         return tuple(None if c is None else jnp.asarray(c, float) for c in call(y))
 
     missing = [value is None for value in jax.eval_shape(say, jax.ShapeDtypeStruct((width,), float))]

@@ -492,7 +492,7 @@ def motion_reactions(motion: Motion, multipliers: Array) -> Reactions:
     return Reactions(motion, multipliers, efforts)
 
 
-def states_of(motion: Motion) -> tuple[Dynamics, Any, Any, Any, Any]:
+def states_of(motion: Motion) -> tuple[Dynamics, Numbers, Numbers, Numbers, Numbers]:
     """Return equations of motion, times, and poses, rates and accelerations in the coordinates of the dynamics.
 
     The latter are NumPy's where they are known.

@@ -254,7 +254,7 @@ class _TwoArguments:
 
     f: Callable
 
-    def __call__(self, t: Array, state: State, parameters: Any) -> Any:
+    def __call__(self, t: Array, state: State, parameters: Any) -> Array | None:
         return call_user(self.f, "event=", "t, state", t, state)
 
 

@@ -123,7 +123,7 @@ def join_fields(
         count: so many times there are in the end: what was not reached holds the last state.
     """
 
-    def together(*each: Any) -> Any:
+    def together(*each: Any) -> Array:
         ends = lengths or [len(x) for x in each]
         whole = np.concatenate([np.asarray(x)[bool(k) : n] for k, (x, n) in enumerate(zip(each, ends, strict=True))])
         return on_device(np.concatenate([whole, np.repeat(whole[-1:], max(count - len(whole), 0), axis=0)]))

@@ -284,11 +284,11 @@ class _ChainedStages:
         """Return the memory with the solution of a stage."""
         return (v, a), self._ahead(row["share"] * self.h, memory[1], (v, a))
 
-    def errors(self, memory: Any, miss: Array) -> tuple[Any, Any]:
+    def errors(self, memory: Any, miss: Array) -> tuple[Array, Array]:
         """Estimate nothing."""
         return jnp.zeros(()), jnp.zeros(())
 
-    def _ahead(self, reach: Any, start: Any, slopes: Any) -> tuple[Any, Any]:
+    def _ahead(self, reach: Array, start: Any, slopes: Any) -> tuple[Any, Any]:
         """Move pose and rates along their slopes."""
         q, v = (jax.tree.map(lambda x, dx: x + reach * dx, *pair) for pair in zip(start[:2], slopes, strict=True))
         return q, v

@@ -57,7 +57,7 @@ def magnitude(x: Numbers) -> Any:
     return where(square > 0, where(square > 0, square, 1.0) ** 0.5, 0.0)
 
 
-def _unit(x: Any) -> Any:
+def _unit(x: Any) -> np.ndarray:
     return x / magnitude(x)[..., None]
 
 
@@ -378,7 +378,7 @@ class Ledger:
 
     # -- entries --------------------------------------------------------------------------------------------------
 
-    def arm(self, item: int) -> Any:
+    def arm(self, item: int) -> Numbers:
         """Return the place of a point, or a vector."""
         return self.points[..., item, :] if item >= 0 else self.vectors[..., ~item, :]
 
@@ -444,7 +444,7 @@ class Ledger:
 
     # -- what there is --------------------------------------------------------------------------------------------
 
-    def _local_rows(self) -> list[Any]:
+    def _local_rows(self) -> list[Numbers]:
         """Return per block the derivatives of its rows ``(P, instances, rows, variables)``."""
         out, first = [], 0
         for block, layout in zip(self.top.blocks, self.top.layout, strict=True):
@@ -454,7 +454,7 @@ class Ledger:
             first += size
         return out
 
-    def pull(self, b: int, i: int) -> Any:
+    def pull(self, b: int, i: int) -> Numbers:
         """Return what an instance's multipliers put on its variables, ``(P, variables)``: -Φ_qᵀ λ."""
         lam = self.parts.multipliers[:, self.top.layout[b].rows[i]]
         return -(self.rows[b][:, i] * lam[..., None]).sum(-2)
@@ -581,7 +581,7 @@ class Ledger:
                     total = total[0] + f * (item >= 0), total[1] + cross(self.arm(item), f)
         return total
 
-    def at(self, b: int, p: int) -> tuple[Any, Any]:
+    def at(self, b: int, p: int) -> tuple[Numbers, Numbers]:
         """Return what acts on a body where it holds a point: what passes, loads and masses; on its own also joints.
 
         A joint counts as a whole: of what its rows put on single points only the sum is a wrench. A cable, relation or
@@ -601,7 +601,7 @@ class Ledger:
                 force, moment = force + self.wrenches[b][key][0], moment + self.wrenches[b][key][1]
         return force, moment
 
-    def centre(self, b: int) -> Any:
+    def centre(self, b: int) -> Numbers:
         """Return the centre of mass of a body; its first point if it has no mass."""
         top = self.top
         for group, (first, masses) in zip(top.loads.inertias, self.parts.moments, strict=True):
@@ -710,7 +710,7 @@ def _bear(ledger: Ledger, wheel: int, key: "Key", force: Numbers, moment: Number
     ledger.ground(points[0], force)
 
 
-def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Any, Any]:
+def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]:
     """Return pitch point and force on the first wheel of a gear pair."""
     top, xp = ledger.top, array_library(ledger.points)
     constants = [c[:, None] for c in ledger.parts.constants[b][:, i].T]

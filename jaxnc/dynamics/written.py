@@ -69,12 +69,12 @@ class WrittenRows:
         slopes = self.rows.slopes(eq, x)
         local = {c: k for k, c in enumerate(self.massed)}
 
-        def row(r: int) -> dict[int, Any]:
+        def row(r: int) -> dict[int, Array]:
             return {c: slopes[r, k] for c, k in self.place.items() if (r, k) in slopes}
 
         follow: dict[int, tuple[dict[int, Any], Any]] = {}
 
-        def reduce_row(r: int, skip: int = -1) -> tuple[dict[int, Any], Any]:
+        def reduce_row(r: int, skip: int = -1) -> tuple[dict[int, Array], Array]:
             """A row in the massed coordinates alone, and its miss."""
             out: dict[int, Any] = {}
             rest = miss[r]
@@ -120,7 +120,7 @@ class WrittenRows:
         return out, y
 
 
-def _solve(a: list[list[Any]], b: list[Array]) -> list[Any]:
+def _solve(a: list[list[Any]], b: list[Array]) -> list[Array]:
     """Solve with a symmetric positive definite matrix given by its lower half: L D Lᵀ."""
     m = len(b)
     low: list[list[Any]] = [[None] * m for _ in range(m)]
@@ -233,7 +233,7 @@ class WrittenFlow:
         """Return the state as it is: nothing is driven."""
         return q, v
 
-    def solve_stage(self, stage: Any, t: Any, q: Any, v: Any) -> StageSolution:
+    def solve_stage(self, stage: Array, t: Array, q: Any, v: Any) -> StageSolution:
         """Solve a stage as `Flow.solve_stage`; of arrays ``(N,)``, or of tuples of their elements."""
         if not isinstance(q, tuple):
             found = self.solve_stage(stage, t, tuple(q), tuple(v))

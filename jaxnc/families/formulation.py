@@ -23,7 +23,7 @@ from jaxnc.system.equations import measured
 from jaxnc.system.frames import along, over
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 from jaxnc.validate import as_shape
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ class Formulation:
         q = jnp.stack([jnp.asarray(x) for x in (*spread, *scalars)])
         return measure_scalars(top, eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
 
-    def from_natural(self, q: Any, continuous: bool = True) -> Array:
+    def from_natural(self, q: Numbers, continuous: bool = True) -> Array:
         """Coordinates of the family from natural ones, exact and differentiable.
 
         Args:

@@ -187,7 +187,7 @@ class _Family:
         """The state: nothing is driven."""
         return q, v
 
-    def solve_stage(self, stage: Any, t: Array, q: Array, v: Array) -> StageSolution:
+    def solve_stage(self, stage: ArrayLike, t: Array, q: Array, v: Array) -> StageSolution:
         """Solve a stage as `jaxnc.dynamics.flow.Flow` does: one system of equations with other right-hand sides."""
         z, dz = q, v
         f, known, dyn = self.formulation, self.known, self.known.dyn

@@ -22,6 +22,7 @@ from jaxnc.families import shapes
 from jaxnc.families.bodies import Part
 from jaxnc.families.shapes import Between, Reading, Recipe, rotation_rows
 from jaxnc.pickling import factory, register_by_name
+from jaxnc.types import Array
 
 Linear = tuple[tuple[float, str, int], ...]
 """A sum ``factor · what[index]``: ``"s"`` a variable, ``"c"`` a constant, ``"1"`` one, ``"x"``, ``"y"``, ``"z"`` a
@@ -223,7 +224,7 @@ class Program:
         )
         return (*constants, *own)
 
-    def measure(self, p: Any, v: Any, c: Any) -> Any:
+    def measure(self, p: Any, v: Any, c: Any) -> Array | None:
         """The kind's measure of the drawing itself."""
         assert self.kind.measure is not None
         return self.kind.measure(p[jnp.array(self.own, int)], v[jnp.array(self.own_vectors, int)], c[self.first :])

@@ -29,7 +29,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class Chain:
         back = jnp.block([[r.T, jnp.zeros((3, 3))], [-(r.T @ skew_matrix(t)), r.T]])
         return back.T @ inertia @ back
 
-    def efforts(self, z: Any, dz: Any, ddz: Any) -> Array:
+    def efforts(self, z: Numbers, dz: Numbers, ddz: Numbers) -> Array:
         """Efforts that the joints need for a motion (recursive Newton-Euler).
 
         Args:
@@ -202,7 +202,7 @@ class Chain:
                 forces[self.joints[k].before] = forces[self.joints[k].before] + forces[k]
         return out
 
-    def mass_matrix(self, z: Any) -> Array:
+    def mass_matrix(self, z: Numbers) -> Array:
         """The mass matrix ``(n, n)`` in a pose (composite rigid bodies)."""
         return self._mass(jnp.asarray(z, float))
 

@@ -32,7 +32,7 @@ from jaxnc.system.on_lanes import carrying, columns_on_lanes, needed_inputs, on_
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 from jaxnc.validate import call_user, function_name
 
 _FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
@@ -44,7 +44,7 @@ _GEOMETRY = "points", "vectors", "markers", "dimensions"
 # -- the design as one vector -----------------------------------------------------------------------------------------
 
 
-def geometry_vector(system: System) -> Any:
+def geometry_vector(system: System) -> Numbers:
     """Put the geometry of a design into one vector: points, vectors, markers, dimensions.
 
     It is NumPy's, unless it is traced.

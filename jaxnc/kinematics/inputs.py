@@ -22,7 +22,7 @@ from jaxnc.system.equations import Equations
 from jaxnc.system.precision import active, limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import LARGE, Topology
-from jaxnc.types import Array, Inputs
+from jaxnc.types import Array, ArrayLike, Inputs
 from jaxnc.validate import as_array
 
 _SMALL = 65_536  # numbers that are worth having on the host
@@ -64,7 +64,7 @@ def positive(value: Any, what: str, zero: bool = False) -> None:
         raise InputError(f"{what} must be a {'number from 0 on' if zero else 'positive number'}, got {value!r}")
 
 
-def one_number(value: Any, what: str) -> float:
+def one_number(value: ArrayLike, what: str) -> float:
     """A single finite number; anything else is refused."""
     found = as_array(value, what)
     if found.shape != () or not np.isfinite(found):
@@ -217,7 +217,7 @@ class _InRadians:
 
     function: Callable
 
-    def __call__(self, t: Any) -> Any:
+    def __call__(self, t: Array) -> Array:
         return self.function(t) * (math.pi / 180.0)
 
 

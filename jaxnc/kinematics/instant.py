@@ -162,7 +162,7 @@ def quarter(x: Numbers) -> Any:
     return _library_of(x).stack([-x[..., 1], x[..., 0]], axis=-1)
 
 
-def cross_spin(spin: Numbers, arm: Numbers) -> Any:
+def cross_spin(spin: Numbers, arm: Numbers) -> Numbers:
     """Angular velocity × arm, of the plane or of space."""
     return spin[..., None] * quarter(arm) if arm.shape[-1] == 2 else _library_of(spin, arm).cross(spin, arm)
 
@@ -436,7 +436,7 @@ def _lay_places(motion: "Motion", body: str, places: Any, pose: int) -> Any:
     return a[pose] + along * e[pose] + across * quarter(e[pose])
 
 
-def _in_library_of(x: Array, like: np.ndarray) -> Any:
+def _in_library_of(x: Array, like: np.ndarray) -> np.ndarray:
     return np.asarray(x) if isinstance(like, np.ndarray) else x
 
 
@@ -504,7 +504,7 @@ def _lay_axes(motion: "Motion", body: str, axes: ScrewAxis, pose: int) -> ScrewA
     place, turn, point, direction = given
     back = turn[pose] @ turn.swapaxes(-1, -2)
 
-    def carry(x: np.ndarray) -> Any:
+    def carry(x: np.ndarray) -> np.ndarray:
         return (back @ x[..., None])[..., 0]
 
     return axes._replace(point=place[pose] + carry(point - place), direction=carry(direction))

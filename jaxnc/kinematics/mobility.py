@@ -252,7 +252,7 @@ def _slipping(system: System, eq: Equations, sample: Any) -> int:
 
 
 @jax.jit  # operation by operation it is a hundred programs
-def _rate_rows(system: System, q: Array) -> Any:
+def _rate_rows(system: System, q: Array) -> Array:
     return coefficients(system.topology, rate_constants(system), q)
 
 

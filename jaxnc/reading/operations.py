@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from jaxnc.types import Array
+
 if TYPE_CHECKING:
     from jaxnc.reading.trace import Reader
 
@@ -27,7 +29,7 @@ class OutOfRange(IndexError):
     """An index beyond an array, which JAX would move to the array's end in silence."""
 
 
-def evaluate_equation(eqn: Any, values: Sequence[np.ndarray]) -> list[Any]:
+def evaluate_equation(eqn: Any, values: Sequence[np.ndarray]) -> list[Array]:
     """Results of an equation whose arguments are known, as JAX has them."""
     with jax.ensure_compile_time_eval():
         out = eqn.primitive.bind(*values, **eqn.params)

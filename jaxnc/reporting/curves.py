@@ -5,10 +5,10 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from jaxnc.types import ArrayLike
 from jaxnc.viz.style import symbol
 from jaxnc.viz.svg import element, path_data
 
@@ -39,7 +39,7 @@ def chart(x: np.ndarray, name: str, unit: str, curves: Sequence[Curve], level: f
     across = (_WIDTH - _LEFT - _RIGHT) / float(np.ptp(x))
     up = (_HEIGHT - _TOP - _BOTTOM) / (high - low)
 
-    def place(u: Any, v: Any) -> np.ndarray:
+    def place(u: ArrayLike, v: ArrayLike) -> np.ndarray:
         places = _LEFT + (u - x.min()) * across, _HEIGHT - _BOTTOM - (v - low) * up
         return np.stack(np.broadcast_arrays(*places), axis=-1)
 

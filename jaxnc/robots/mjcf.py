@@ -66,7 +66,7 @@ class MjcfFile:
         """Make an error that names the file."""
         return ModelFileError(f"{self.path}: {what}")
 
-    def set_home(self, qpos: Any) -> None:
+    def set_home(self, qpos: np.ndarray) -> None:
         """Make a pose the home pose."""
         self.data.qpos[:] = qpos
         self.mujoco.mj_kinematics(self.model, self.data)
@@ -270,7 +270,7 @@ class MjcfFile:
         m, names, d = self.model, self.names, self.description
         tied = {int(m.eq_obj1id[i]) for i in range(m.neq) if int(m.eq_type[i]) == int(self.mujoco.mjtEq.mjEQ_TENDON)}
 
-        def joints_with(values: Any) -> list[str]:
+        def joints_with(values: np.ndarray) -> list[str]:
             return list(dict.fromkeys(names("JOINT", m.dof_jntid[np.flatnonzero(values)])))
 
         d.leave_out("contacts of geoms", names("GEOM", np.flatnonzero(m.geom_contype | m.geom_conaffinity)))
@@ -343,7 +343,7 @@ class MjcfFile:
                 element.objtype, (element.name1, element.name2) = site, names
 
 
-def _matrix(numbers: Any) -> np.ndarray:
+def _matrix(numbers: np.ndarray) -> np.ndarray:
     return np.array(numbers).reshape(3, 3)
 
 

@@ -19,7 +19,7 @@ from jaxnc.solvers.assembly import derive, rank_of, sample_poses
 from jaxnc.system.frames import quaternions
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.system import System
-from jaxnc.types import Array, Float
+from jaxnc.types import Array, Float, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.robots.mjcf import MjcfFile
@@ -228,7 +228,7 @@ def _array_library(motion: Motion) -> Any:
     return np if on_host(motion.poses, motion) else jnp
 
 
-def _to_jax(x: Any) -> Array:
+def _to_jax(x: Numbers) -> Array:
     return on_device(x) if isinstance(x, np.ndarray) else x
 
 
@@ -239,7 +239,7 @@ def _quaternion_matrix(w: float, x: float, y: float, z: float) -> np.ndarray:
                      [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z]])  # fmt: skip
 
 
-def _shortest_turn(a: Any, b: Any) -> Any:
+def _shortest_turn(a: Numbers, b: Numbers) -> Any:
     """Return the smallest rotations ``(..., 3, 3)`` that take one direction ``(3,)`` to others ``(..., 3)``."""
     numeric: Any = np if isinstance(b, np.ndarray) else jnp
     a, b = a / numeric.linalg.norm(a), b / numeric.linalg.norm(b, axis=-1, keepdims=True)

@@ -105,7 +105,7 @@ def _is_short(step: TrialStep, least: Limits, length: float) -> np.ndarray:
     return (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
 
 
-def smooth(bend: Any, kink: Any, lengths: Any, slack: Any) -> Any:
+def smooth(bend: Any, kink: Any, lengths: Any, slack: Any) -> np.ndarray:
     """Say whether the change of a tangent in a step is small and comes gradually; `lengths` is the step's by both."""
     return (bend <= SHARP * lengths + slack) & (kink <= KINK * lengths + slack)
 

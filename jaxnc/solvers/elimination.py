@@ -322,7 +322,7 @@ class Factors:
             x[step.column] = rest / step.pivot
         return x
 
-    def solve_transposed(self, right: Sequence[Numbers]) -> list[Any]:
+    def solve_transposed(self, right: Sequence[Numbers]) -> list[Numbers]:
         """Solve ``Aᵀ y = b``; b is by column, y by row."""
         b, z = list(right), list(right)
         y: list[Any] = [None] * len(right)

@@ -86,7 +86,7 @@ class _Block:
             return cramer(matrix, [b / one for b in right])
         known = lax.stop_gradient(slopes)
 
-        def product(slopes: dict[tuple[int, int], Array], x: Sequence[Array], turned: bool) -> list[Any]:
+        def product(slopes: dict[tuple[int, int], Array], x: Sequence[Array], turned: bool) -> list[Array]:
             out: list[Any] = [0.0] * n
             for (r, c), slope in slopes.items():
                 row, column = (c, r) if turned else (r, c)
@@ -206,7 +206,7 @@ class _AllRows:
             y = _augmented(slopes, tuple(jnp.zeros_like(v) for v in b), x)[0]
             return tuple(v - d for v, d in zip(b, y, strict=True)), x
 
-        def improve(state: tuple[Array, Array, tuple[tuple, tuple]]) -> tuple[Any, Any, tuple[tuple, tuple]]:
+        def improve(state: tuple[Array, Array, tuple[tuple, tuple]]) -> tuple[Array, Array, tuple[tuple, tuple]]:
             k, _, pair = state
             left = jax.tree.map(jnp.subtract, (b, c), _augmented(slopes, *pair))
             change = once(*left)
@@ -220,7 +220,7 @@ class _AllRows:
         pair = lax.while_loop(lambda st: (st[0] < 2) | ((st[1] > fine) & (st[0] < _PASSES)), improve, start)[2]
         weak = ~(smallest([f.pivots for f in factors]) > _WEAK)
 
-        def by_all(state: tuple[Array, tuple[tuple, tuple]]) -> tuple[Any, tuple[tuple, tuple]]:
+        def by_all(state: tuple[Array, tuple[tuple, tuple]]) -> tuple[Array, tuple[tuple, tuple]]:
             # They depend on the state, or XLA would do all this before the loop, whether it is entered or not.
             at = {place: jnp.where(state[0], slope, 0.0) for place, slope in slopes.items()}
             whole = [[at.get((r, k), zero) for k in range(len(c))] for r in range(len(b))]
@@ -277,7 +277,7 @@ class Kernel:
         """Return the determinant of every block at a pose."""
         return tuple(b.factors(eq, x).determinant for b in self.blocks)
 
-    def solve(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> SolvedLanes:
+    def solve(self, eq: Equations, x: Lanes, signs: Sequence[Array]) -> SolvedLanes:
         """Solve all lanes.
 
         Known coordinates are at their values, the others where to begin; signs are the orientation wanted of each
@@ -286,7 +286,7 @@ class Kernel:
         x, iterated = self.positions(eq, x, signs)
         return self.diagnose(eq, x, iterated)
 
-    def positions(self, eq: Equations, x: Lanes, signs: Sequence[Array]) -> tuple[list[Any], dict[int, Eliminated]]:
+    def positions(self, eq: Equations, x: Lanes, signs: Sequence[Array]) -> tuple[list[Array], dict[int, Eliminated]]:
         """Solve for all coordinates; return them, and the last eliminations of the blocks that took Newton."""
         x = list(x)
         iterated: dict[int, Eliminated] = {}
@@ -321,7 +321,7 @@ class Kernel:
         mirrored = _reduce(jnp.logical_or, [g <= 0.0 for g in bodies] or [jnp.array(False)])
         return size, smallest(pivots), upright, mirrored
 
-    def _iterate(self, block: _Block, eq: Equations, x: list) -> tuple[Sequence[Any], Factors]:
+    def _iterate(self, block: _Block, eq: Equations, x: list) -> tuple[Sequence[Array], Factors]:
         """Solve a block by Newton, in all lanes until the last has it."""
         columns, pure = block.columns, pure_numbers(self.plan.topology)
         shape = jnp.broadcast_shapes(*(jnp.shape(x[c]) for c in block.rows.needed), jnp.shape(eq.length))
@@ -357,7 +357,7 @@ class Kernel:
         x_dot: Sequence[Array | None],
         constants_dot: Mapping[Place, Array] | None = None,
         ok: Array | None = None,
-    ) -> list[Any | None]:
+    ) -> list[Array | None]:
         """Differentiate all coordinates by the known ones (and by constants), lane by lane.
 
         Changes are None where there is none; those of unknown coordinates are replaced. Where it is not `ok` the change
@@ -446,7 +446,7 @@ def opaque_true(eq: Equations) -> Array:
     return jnp.all(eq.length > 0.0)
 
 
-def smallest(pivots: Sequence[Pivots]) -> Any:
+def smallest(pivots: Sequence[Pivots]) -> Array:
     """Return the smallest over the largest pivot of all blocks, zero where rounding may have made it of zero."""
     if not pivots:
         return jnp.ones(())
@@ -455,7 +455,7 @@ def smallest(pivots: Sequence[Pivots]) -> Any:
     return jnp.maximum(least - _ROUNDING * jnp.finfo(grown.dtype).eps * grown, 0.0) / most
 
 
-def _reduce(f, parts: Sequence[Array]) -> Any:
+def _reduce(f, parts: Sequence[Array]) -> Array:
     return functools.reduce(f, parts)
 
 

@@ -36,7 +36,7 @@ class _TracedNumerics:
 
     sin, cos = staticmethod(sin), staticmethod(cos)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Callable:
         return getattr(jnp, name)
 
 
@@ -133,7 +133,7 @@ class Functions:
                 out[place] = found[k]
         return out
 
-    def _call_kind(self, at: Instance, numbers: Any, local: Sequence[Any]) -> tuple[Any, ...]:
+    def _call_kind(self, at: Instance, numbers: Any, local: Sequence[Array]) -> tuple[Array, ...]:
         """Evaluate the function of an instance that no program has."""
         (b, i), kind = at, self.top.blocks[at[0]].kind
         constants = [entry(numbers.constants[b], i, k) for k in range(len(kind.constants))]
@@ -162,7 +162,7 @@ class Rows(Functions):
                     wanted[b, i] = mine
         super().__init__(top, wanted, "residual", columns, scaled=True)
 
-    def slopes(self, numbers: Any, x: Lanes, xp: Any = TRACED) -> dict[tuple[int, int], Any]:
+    def slopes(self, numbers: Any, x: Lanes, xp: Any = TRACED) -> dict[tuple[int, int], Array]:
         """Differentiate by the columns: slopes that can differ from zero, by row and place of the column."""
         found = dict(zip(self.places, self.run_slopes(xp)(self.collect(x, numbers)), strict=True))
         column = {c: k for k, c in enumerate(self.columns)}
@@ -174,7 +174,7 @@ class Rows(Functions):
                 if c not in column or not wanted:
                     continue
 
-                def along(value: Any, at: Instance = at, v: int = v, local: list = local) -> tuple[Any, ...]:
+                def along(value: Array, at: Instance = at, v: int = v, local: list = local) -> tuple[Array, ...]:
                     return self._call_kind(at, numbers, [*local[:v], value, *local[v + 1 :]])
 
                 changes = jax.jvp(along, (jnp.asarray(local[v]),), (jnp.ones_like(local[v]),))[1]
@@ -208,7 +208,7 @@ class Rows(Functions):
         """Changes of the rows, as a function of the inputs and of the changes of what is `moving`."""
         return function(rate(self.program, range(len(self.columns), self.program.inputs - len(self.scales)), 1))
 
-    def moving(self, x: Lanes, constants: Sequence[np.ndarray]) -> list[Any]:
+    def moving(self, x: Lanes, constants: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Numbers that change the rows beside the columns: other coordinates, and constants of each block."""
         rest = self.coordinates[len(self.columns) :]
         return [*(x[c] for c in rest), *(constants[b][i, k] for b, i, k in self.constants)]

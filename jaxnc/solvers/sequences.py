@@ -284,7 +284,7 @@ def _judge_block(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Ar
     return good, _Trail(marks, last, good[-1])
 
 
-def _known_product(plan: Plan, a: Any, b: Any) -> Any:
+def _known_product(plan: Plan, a: Any, b: Any) -> Array:
     """Multiply two changes of marks, as far as they are known coordinates."""
     facing = len(a) - len(plan.known)
     return sum((v * w for v, w in zip(a[facing:], b[facing:], strict=True)), jnp.zeros(a[0].shape))

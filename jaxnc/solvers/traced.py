@@ -99,7 +99,7 @@ mlir.register_lowering(_MAPPED, mlir.lower_fun(functools.partial(_run_mapped, ca
 
 def in_lanes(
     size: int, shared: bool, which: Sequence[Any], eq: Equations, *lanes: Array
-) -> tuple[bool, Any, tuple[Array, ...]]:
+) -> tuple[bool, Equations, tuple[Array, ...]]:
     """Put a batch of functions of a design and of lanes ``(L, ...)`` into lanes ``(size L, ...)`` of one function.
 
     Arguments are those of a `Mapped` rule, `shared` whether the design is one for all lanes. Returned is whether it

@@ -20,7 +20,7 @@ from jaxnc.solvers.plan import Plan, unwind
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
-from jaxnc.types import Array, Coordinates, Float
+from jaxnc.types import Array, ArrayLike, Coordinates, Float
 
 _SHORTEST = 1e-6  # of the way from the start pose to a lane: what is left of a branch that has ended
 _UNLIKELY = 0.02  # of the way from a point of a table: lanes with a fold so near rather go from the start pose
@@ -389,7 +389,7 @@ class _Walk:
         return ways._replace(step=jnp.where(lax.dynamic_slice_in_dim(going, at, routes.width), ways.step, 0.0))
 
 
-def _put(store: Array, arrays: Iterable[Array], at: Any) -> Array:
+def _put(store: Array, arrays: Iterable[Array], at: ArrayLike) -> Array:
     """Put arrays of lanes below each other, beginning in a column."""
     row = 0
     for a in arrays:

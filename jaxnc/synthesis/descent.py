@@ -457,7 +457,7 @@ def _equalities(problem: Problem, batch: int | None) -> np.ndarray:
     return np.array(equal + [False] * own, bool)
 
 
-def _strong(a: Array, like: Array) -> Any:
+def _strong(a: Array, like: Array) -> Array:
     """Give numbers a type that is not a weak one."""
     return a if _is_key(like) else lax.convert_element_type(a, like.dtype)
 

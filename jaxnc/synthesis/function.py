@@ -22,7 +22,7 @@ from jaxnc.validate import as_array
 from jaxnc.vehicle.suspension import ATTITUDE, suspension
 
 
-def _read_attitude(motion: Motion, name: str) -> Any:
+def _read_attitude(motion: Motion, name: str) -> Array:
     return getattr(suspension(motion), name)
 
 
@@ -149,7 +149,7 @@ class FunctionGeneration(Problem):
     def inputs(self, extra: Numbers) -> Any:
         return self.values + (extra[0] if self.input_offset else 0.0)
 
-    def span(self, home: Numbers, extra: Any) -> tuple[Any, Any]:
+    def span(self, home: Numbers, extra: Numbers) -> tuple[Any, Any]:
         first = extra[..., 0] if self.input_offset else 0.0
         return self.travel[0] + first, self.travel[1] + first
 

@@ -378,7 +378,7 @@ class MotionGeneration(PathGeneration):
         return np.concatenate([self.timings(rng, count), turn], axis=1)
 
 
-def rotation_matrix(v: Any) -> Any:
+def rotation_matrix(v: Any) -> np.ndarray:
     """Rotation by a vector (Rodrigues), smooth at zero; NumPy's by NumPy's."""
     of = array_module(v)
     square = of.sum(v * v)

@@ -16,6 +16,7 @@ from jax.core import Tracer
 
 from jaxnc.pickling import from_fields
 from jaxnc.system.system import System
+from jaxnc.types import Numbers
 
 _LEAF = object()
 
@@ -52,7 +53,7 @@ def _unflatten(structure: Any, leaves: Any) -> Any:
     return structure[0](structure, iter(leaves))
 
 
-def _flatten_record(record: Any, leaves: list[Any]) -> Any:
+def _flatten_record(record: Any, leaves: list[Numbers]) -> Any:
     fields = tuple(field.name for field in dataclasses.fields(record))
     parts = (None if name in record.apart else getattr(record, name) for name in fields)
     return _rebuild_record, type(record), fields, tuple(_take_leaves(part, leaves) for part in parts)
@@ -97,7 +98,7 @@ def _rebuild_array(structure: Any, leaves: Iterator[Any]) -> np.ndarray:
     return np.frombuffer(data, dtype).reshape(shape)
 
 
-def _rebuild_tree(structure: Any, leaves: Iterator[Any]) -> Any:
+def _rebuild_tree(structure: Any, leaves: Iterator[Any]) -> System:
     return jax.tree.unflatten(structure[1], [next(leaves) for _ in range(structure[2])])
 
 

@@ -98,7 +98,7 @@ class HostEquations:
         """The functions of each block's kind."""
         return [host_kind(block.kind, self.topology.dim) for block in self.topology.blocks]
 
-    def _local(self, b: int, q: np.ndarray) -> list[Any]:
+    def _local(self, b: int, q: np.ndarray) -> list[np.ndarray]:
         """Variables and constants of a block's instances, each ``(instances, lanes)`` or ``(instances, 1)``."""
         return [*q[self.topology.layout[b].variables.T], *self._given[b][0]]
 

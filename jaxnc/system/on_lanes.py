@@ -88,7 +88,7 @@ def columns_on_lanes(
 
 @functools.partial(jit, static_argnums=0)
 def _columns_in_jax(run: Callable, q: tuple, rates: tuple, constants: tuple) -> list[Any]:
-    def columns(part: Array) -> list[Any]:
+    def columns(part: Array) -> list[Array]:
         return [part[..., k] for k in range(part.shape[-1])]
 
     x = [column for part in q for column in columns(part)]

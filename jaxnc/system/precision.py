@@ -153,7 +153,7 @@ def at_once() -> contextlib.AbstractContextManager:
     return _AS_IT_IS if outermost() else jax.ensure_compile_time_eval()
 
 
-def converted(leaf: Array, wanted: np.dtype) -> Any:
+def converted(leaf: Array, wanted: np.dtype) -> Array:
     """An array of another type of numbers: what is known is converted in NumPy, which compiles nothing."""
     if isinstance(leaf, np.ndarray):
         return leaf.astype(wanted)
@@ -168,7 +168,7 @@ def widened(f: Callable) -> Callable:
     def narrow(leaf: Numbers) -> bool:
         return getattr(leaf, "dtype", None) == NARROW
 
-    def wide(leaf: Array) -> Any:
+    def wide(leaf: Array) -> Array:
         return converted(leaf, WIDE) if narrow(leaf) else leaf
 
     first = inspect.unwrap(f).__code__.co_varnames[0]

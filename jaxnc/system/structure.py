@@ -36,7 +36,7 @@ from jaxnc.reading import (
 from jaxnc.system.on_lanes import carrying
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 from jaxnc.validate import as_scalars, call_user
 
 Pairs = tuple[tuple[int, int], ...]
@@ -135,7 +135,7 @@ def _as_small(kind: Kind, dim: int, x: Sequence[Any]) -> tuple[Small, Small, Sma
     return Small(spread[: ends[0]]), Small(spread[ends[0] :]), Small(scalars), Small(constants)
 
 
-def arrays(kind: Kind, dim: int, x: Array) -> tuple[Any, Any, Any, Any]:
+def arrays(kind: Kind, dim: int, x: Array) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """Points, vectors, scalars and constants from an array of variables and constants."""
     a, b = kind.points * dim, (kind.points + kind.vectors) * dim
     p, v = x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim)
@@ -301,10 +301,10 @@ def jax_function(kind: Kind, which: str, dim: int, order: int = 0) -> Callable[[
         p, v, s, c = arrays(kind, dim, x)
         return jnp.stack([jnp.asarray(r, x.dtype) for r in ((f(p, v, c),) if single else f(p, v, s, c))])
 
-    def along(x: Array) -> Any:
+    def along(x: Array) -> Array:
         whole, parts = x[: count + len(kind.constants)], x[count + len(kind.constants) :].reshape(order, count)
 
-        def curve(t: Array) -> Any:
+        def curve(t: Array) -> Array:
             factor, y = 1.0, whole
             for k in range(order):
                 factor = factor * t / (k + 1)

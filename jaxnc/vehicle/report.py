@@ -157,7 +157,7 @@ class SuspensionReport:
         """The unit of lengths."""
         return next(row.unit for row in self.rows if ATTITUDE.get(row.name) == "length")
 
-    def data(self) -> dict[str, Any]:
+    def data(self) -> dict[str, str]:
         """All of it as dictionaries, lists and numbers; None where a number is not finite."""
         arrays = {"along": self.along.tolist(), "curves": {k: v.tolist() for k, v in self.curves.items()}}
         return _plain_data(asdict(self) | arrays)

@@ -21,7 +21,7 @@ from jaxnc.notebooks import Shown
 from jaxnc.records import record, static
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Float
+from jaxnc.types import Array, ArrayLike, Float
 from jaxnc.vehicle.hardpoints import Line, Names, names_in, trade_names, usual
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ class _TracedSuspension(Suspension):
             _of=(motion, layout, radius), converged=motion.converged, length_unit=motion.system.topology.length_unit
         )
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Array:
         if name not in NUMBERS:
             raise AttributeError(f"a suspension has no number {name!r}")
         motion, layout, radius = vars(self)["_of"]
@@ -440,7 +440,7 @@ _SIDE = ("brake_support_angle", "side_swing_arm_length", "side_instant_centre_he
 
 
 def wheel_numbers(
-    motion: Motion, layout: Layout, names: tuple[str, ...], radius: Any, by: str | None = None
+    motion: Motion, layout: Layout, names: tuple[str, ...], radius: ArrayLike | None, by: str | None = None
 ) -> dict[str, Any]:
     """Read numbers of a wheel ``(...,)``, places ``(..., 3)``, in all poses; None of what cannot be told.
 

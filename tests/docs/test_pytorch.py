@@ -22,10 +22,6 @@ def page():
     return space
 
 
-def test_it_is_about_forty_lines():
-    assert len(re.search(r"```python\n(.*?)```", PAGE, re.S)[1].splitlines()) <= 45
-
-
 def test_values_and_gradients_are_those_of_jax(page):
     system = nc.library.four_bar().compile()
 

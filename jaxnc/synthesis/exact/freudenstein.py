@@ -114,7 +114,7 @@ class FunctionDesigns(Sequence[FunctionDesign]):
     designs: tuple[FunctionDesign, ...]
     rejected: tuple[str, ...]
 
-    def __getitem__(self, index: int) -> Any:
+    def __getitem__(self, index: int) -> FunctionDesign | None:
         return self.designs[index]
 
     def __len__(self) -> int:
@@ -330,7 +330,7 @@ def _solve_five(x: np.ndarray, y: np.ndarray) -> list:
     )  # fmt: skip
     basis = np.linalg.svd(rows)[2][-2:]
 
-    def form(direction: np.ndarray) -> Any:
+    def form(direction: np.ndarray) -> np.ndarray:
         v = direction @ basis
         k1, k2, g = v[..., 0] + 1j * v[..., 1], v[..., 2] + 1j * v[..., 3], v[..., 5] + 1j * v[..., 6]
         return (k2 * np.conj(k1) * np.conj(g)).imag

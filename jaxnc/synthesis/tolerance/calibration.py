@@ -16,7 +16,7 @@ from jaxnc.kinematics.design import shift_geometry
 from jaxnc.synthesis.tolerance.sampling import make_question, variable_components
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
-from jaxnc.types import Any, Array, ArrayLike, Inputs, Numbers
+from jaxnc.types import Array, ArrayLike, Inputs, Numbers
 
 _RANK = 1e-8  # of the largest singular value: combinations of dimensions below it are not determined
 _NAMED = 1e-2  # part of a dimension that lies in undetermined combinations, from which it is named
@@ -281,7 +281,7 @@ def _linearise(asked, angles, system, at, changes, values, measured, weights):
     return rest, slopes, good
 
 
-def _align(good: Numbers, like: Numbers) -> Any:
+def _align(good: Numbers, like: Numbers) -> Numbers:
     """Poses with trailing axes, to stand beside an output."""
     return good.reshape(good.shape + (1,) * (like.ndim - good.ndim))
 

@@ -3,6 +3,7 @@
 import html
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
@@ -18,6 +19,10 @@ from jaxnc.viz.repr_html import Page
 from jaxnc.viz.spatial.camera import read_view
 from jaxnc.viz.style import BODIES, DARK, INK, LIGHT, colour_of
 from jaxnc.viz.svg import draw_still
+
+if TYPE_CHECKING:
+    from jaxnc.dynamics.inverse import InverseDynamics
+    from jaxnc.dynamics.reactions import Reactions
 
 _SVG = '<svg id="drawing" role="group" aria-label="Drawing of the mechanism"></svg>'
 _BACK = """<button id="undo" type="button" disabled title="The dimensions before the last change">undo</button>\
@@ -76,7 +81,7 @@ def to_html(
     model: Mechanism | None = None,
     unit: str | None = None,
     plots: str | Iterable[str] | None = None,
-    forces: object = False,
+    forces: "bool | InverseDynamics | Reactions" = False,
 ) -> Path:
     """Write a page that shows a motion and calculates it anew: no Python, no network, one file.
 
@@ -130,7 +135,7 @@ def page_parts(
     unit: str | None = None,
     scripted: bool = False,
     plots: str | Iterable[str] | None = None,
-    forces: object = False,
+    forces: "bool | InverseDynamics | Reactions" = False,
 ) -> dict[str, str]:
     """Make what a page is filled with, by name; see `to_html`. Where scripts run for certain it needs no still."""
     if model is not None and not isinstance(model, Mechanism):

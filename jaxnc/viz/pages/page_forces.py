@@ -6,7 +6,7 @@ functions of `jaxnc.dynamics`, so that no force is stated a second time.
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -167,7 +167,7 @@ def _inner(dyn: Dynamics, view: Plan) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _input_names(shapes: Sequence[tuple[int, ...]]) -> Any:
+def _input_names(shapes: Sequence[tuple[int, ...]]) -> Callable:
     names = [f"{letter}[{k}]" if shape else letter for letter, shape in zip(_NAMES, shapes, strict=True)
              for k in range(int(np.prod(shape, dtype=int)))]  # fmt: skip
     return lambda k: names[k]

@@ -372,7 +372,7 @@ class Widget:
             self._closed = closed
             self._show_target()
 
-    def _check_target(self, value: np.ndarray) -> Any:
+    def _check_target(self, value: np.ndarray) -> np.ndarray | None:
         """Check a target that is assigned."""
         if value is None:
             return None
@@ -428,7 +428,7 @@ def _class() -> type:
             return self._check_inputs(proposal["value"])
 
         @traitlets.validate("target")
-        def _valid_target(self, proposal: Any) -> Any:
+        def _valid_target(self, proposal: Any) -> np.ndarray | None:
             return self._check_target(proposal["value"])
 
     return Dragged
