@@ -261,11 +261,7 @@ class PathDesigns(Sequence[GuidedFourBar]):
     def __len__(self) -> int:
         return len(self.designs)
 
-<<<<<<< HEAD
-    def __getitem__(self, index: Any) -> Any:
-=======
     def __getitem__(self, index: int) -> GuidedFourBar | None:
->>>>>>> house
         return self.designs[index]
 
     def __str__(self) -> str:
