@@ -18,7 +18,6 @@ import numpy as np
 
 from jaxnc.errors import CallError, JaxncError, UnknownName, brief, nearest, not_installed
 from jaxnc.promotion import promoted, promoting
-from jaxnc.types import ArrayLike
 
 _P = TypeVar("_P", bound=Callable)
 
@@ -320,7 +319,7 @@ def _is_number(value: Any) -> bool:
     return True
 
 
-def _is_array(value: ArrayLike) -> bool:
+def _is_array(value: Any) -> bool:
     if isinstance(value, list | tuple):
         return all(_is_array(x) for x in value[:_MANY])
     return getattr(getattr(value, "dtype", None), "kind", "") in tuple("biufV") or _is_number(value)

@@ -11,8 +11,6 @@ from typing import Any, TypeVar, dataclass_transform
 import jax
 import numpy as np
 
-from jaxnc.types import Array
-
 _R = TypeVar("_R", bound=type)
 
 
@@ -42,7 +40,7 @@ def _equal_records(self: Any, other: Any) -> bool:
     return one == two and all(_same_leaf(x, y) for x, y in zip(a, b, strict=True))
 
 
-def _same_leaf(x: Array, y: Array) -> bool:
+def _same_leaf(x: Any, y: Any) -> bool:
     same = np.shape(x) == np.shape(y) and getattr(x, "dtype", type(x)) == getattr(y, "dtype", type(y))
     return same and bool(np.all(np.asarray(x) == np.asarray(y)))
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from jaxnc.errors import MechanismError, brief, drawn_with_numbers, nearest, writable
 from jaxnc.mechanism import model as record
-from jaxnc.types import ArrayLike
 
 PUNCTUATION = ' .-,;=()[]"'  # not in names of quantities: "B.x", "P-Q", "v(phi) [rad/s]", phi=0:6
 
@@ -251,7 +250,7 @@ class Checks:
             )
         return number
 
-    def not_negative(self, value: ArrayLike, what: str) -> float:
+    def not_negative(self, value: Any, what: str) -> float:
         """Check a number that may be zero."""
         number = self.finite(value, what)
         if number < 0:

@@ -22,6 +22,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
+from jaxnc.validate import as_array
 from jaxnc.viz.arrows import shafts
 from jaxnc.viz.draft import caption
 from jaxnc.viz.instant_overlay import PlaneOverlay, SpaceOverlay, Wish
@@ -103,7 +104,10 @@ def draw(
     others = [data.pose(i) for i in ghosts]
     drawing = make_view(data, [k, *others], trace, labels, view)
     if room is not None:
-        drawing.include(np.asarray(room, dtype=float))
+        places = as_array(room, "room=")
+        if places.ndim != 2 or places.shape[1] != data.dim:
+            raise InputError(f"room= takes places, (n, {data.dim}); got shape {places.shape}")
+        drawing.include(places)
     drawing.aim(velocities, accelerations, k, forces)
     overlay = (SpaceOverlay if data.dim == 3 else PlaneOverlay)(drawing, k) if show else None
     if overlay:

@@ -17,7 +17,6 @@ SWINGING = str(EXAMPLES / "swinging_four_bar.toml")
 # A command, and how often it found a program in the cache or did not.
 COMMAND = """
 import sys, jax
-from places import EXAMPLES, ROOT
 seen = {"hits": 0, "misses": 0}
 def listen(event, **_):
     for kind in seen:
