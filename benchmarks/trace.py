@@ -40,7 +40,7 @@ def targets(per_kind: int) -> Iterator[tuple[str, str, np.ndarray, bool, dict[st
 
     import jaxnc as nc
     from jaxnc.synthesis.tracing.atlas import make
-    from jaxnc.synthesis.tracing.linkage import Drawn
+    from jaxnc.synthesis.tracing.linkage import ChainDesign
 
     for letter in OUTLINES[:per_kind]:
         (corners,) = TextPath((0, 0), letter, size=1.0).to_polygons()
@@ -53,7 +53,9 @@ def targets(per_kind: int) -> Iterator[tuple[str, str, np.ndarray, bool, dict[st
         plain = [k for k, c in enumerate(shelf.chain) if not shelf.chains[c].sliders and shelf.sine[k] > 0.03]
         for k in plain[:per_kind]:
             chain = shelf.chains[shelf.chain[k]]
-            design = Drawn(chain, shelf.sign[k].astype(float), shelf.design[k].astype(float), 0j, 1 + 0j, 0.1, 6.0)
+            design = ChainDesign(
+                chain, shelf.sign[k].astype(float), shelf.design[k].astype(float), 0j, 1 + 0j, 0.1, 6.0
+            )
             z = design.trace(np.linspace(0.1, 2 * np.pi + 0.1, 60, endpoint=False))
             fewer = tuple(b for b in (4, 6, 8) if b <= bars)
             yield f"{bars}-bar", f"{chain.name} {k}", np.stack([z.real, z.imag], axis=1), True, {"bars": fewer}

@@ -66,7 +66,9 @@ from jaxnc.synthesis.tracing.atlas import Candidates as Candidates
 from jaxnc.synthesis.tracing.atlas import Shelf as Shelf
 from jaxnc.synthesis.tracing.atlas import atlas as atlas
 from jaxnc.synthesis.tracing.chains import Chain as Chain
+from jaxnc.synthesis.tracing.chains import Hung as Hung
 from jaxnc.synthesis.tracing.chains import dyadic_chains as dyadic_chains
+from jaxnc.synthesis.tracing.linkage import ChainDesign as ChainDesign
 from jaxnc.synthesis.tracing.trace import TracedDesign as TracedDesign
 from jaxnc.synthesis.tracing.trace import TraceResult as TraceResult
 from jaxnc.synthesis.tracing.trace import trace as trace

@@ -12,7 +12,7 @@ from jaxnc.synthesis.tracing import atlas as making
 from jaxnc.synthesis.tracing import fit
 from jaxnc.synthesis.tracing.chains import Chain, Hung, dyadic_chains
 from jaxnc.synthesis.tracing.descriptors import closed_coefficients, lay_closed, normalise
-from jaxnc.synthesis.tracing.linkage import Drawn, to_mechanism
+from jaxnc.synthesis.tracing.linkage import ChainDesign, to_mechanism
 from jaxnc.synthesis.tracing.trace import Curve, curve_distance, space_evenly
 from jaxnc.synthesis.tracing.turning import count_chains
 
@@ -31,7 +31,9 @@ def unseen(bars, count, seed=1):
     kept = {int(c): k for k, c in enumerate(shelf.chain)}
     for k in list(kept.values())[:count]:
         chain = shelf.chains[shelf.chain[k]]
-        yield Drawn(chain, shelf.sign[k].astype(float), shelf.design[k].astype(float), 0.3j, 1.4 - 0.5j, 0.4, 6.28)
+        yield ChainDesign(
+            chain, shelf.sign[k].astype(float), shelf.design[k].astype(float), 0.3j, 1.4 - 0.5j, 0.4, 6.28
+        )
 
 
 @pytest.mark.parametrize(("bars", "chains", "inversions"), [(4, 1, 1), (6, 2, 5), (8, 16, 71)])

@@ -29,7 +29,7 @@ from jaxnc.synthesis.tracing.descriptors import (
     open_coefficients,
     upright,
 )
-from jaxnc.synthesis.tracing.linkage import Drawn, to_joints
+from jaxnc.synthesis.tracing.linkage import ChainDesign, to_joints
 from jaxnc.synthesis.validate import as_seed, check_counts
 from jaxnc.types import Array
 
@@ -150,7 +150,7 @@ class Atlas:
         with bar(len(rows[:count]), "linkages", "linkage", progress) as shown:
             for shelf, k in rows[:count]:
                 row = (shelf.sign[k].astype(float), shelf.design[k].astype(float))
-                drawn = Drawn(shelf.chains[shelf.chain[k]], *row, 0j, 1 + 0j, 0.0, 2.0 * np.pi)
+                drawn = ChainDesign(shelf.chains[shelf.chain[k]], *row, 0j, 1 + 0j, 0.0, 2.0 * np.pi)
                 found.append((*to_joints(drawn), drawn.trace(np.arange(points) * (2.0 * np.pi / points))))
                 shown.update()
         joints = np.array([len(places) for places, *_ in found], np.int32)

@@ -16,11 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxnc.calls import public
+
 KINDS = ("RRR", "RRP", "RPR", "PRP")  # PRR is RRP told from its other end
 _SYMMETRIC = ("RRR", "RPR", "PRP")
 GROUND, CRANK = 0, 1
 
 
+@public
 class Hung(NamedTuple):
     """A dyad: its joints from one outer one to the other, and the bodies on which its outer joints hang."""
 
@@ -29,6 +32,7 @@ class Hung(NamedTuple):
     second: int
 
 
+@public
 class Chain(NamedTuple):
     """A crank-driven linkage of dyads, and the body on which its tracing point rides."""
 

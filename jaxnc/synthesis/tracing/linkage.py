@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.tracing.chains import CRANK, GROUND, Chain
 from jaxnc.synthesis.tracing.curves import EACH
@@ -14,7 +15,8 @@ _NAMES = [c for c in "ABCDEFGHIJKLMNOQRSTUVW"]
 _SAME = 1e-9  # of the drawing's size: places that are one
 
 
-class Drawn(NamedTuple):
+@public
+class ChainDesign(NamedTuple):
     """A design of a chain as numbers, its place among them."""
 
     chain: Chain
@@ -69,7 +71,7 @@ def close(
 class _Sheet:
     """Names and places of a mechanism's points, and who carries them."""
 
-    def __init__(self, drawn: Drawn):
+    def __init__(self, drawn: ChainDesign):
         self.drawn, self.frames = drawn, drawn.frames(drawn.begin)
         self.places: dict[str, complex] = {}
         self.on: dict[int, list[str]] = {body: [] for body in range(drawn.chain.bars)}
@@ -92,7 +94,7 @@ class _Sheet:
         return name
 
 
-def to_mechanism(drawn: Drawn, name: str = "") -> tuple[Mechanism, float]:
+def to_mechanism(drawn: ChainDesign, name: str = "") -> tuple[Mechanism, float]:
     """Write a design as a mechanism; the angle of its crank as it is drawn, radians, comes with it.
 
     The crank turns by the angle ``phi``, and the point ``P`` traces. Joints that turn are points that bodies share; a
@@ -136,7 +138,7 @@ def _hang(sheet: _Sheet, long: float) -> list[tuple[tuple[str, str], int, comple
     return slides
 
 
-def to_joints(drawn: Drawn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def to_joints(drawn: ChainDesign) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Write a design of turning joints as points and bars between them.
 
     Returns:

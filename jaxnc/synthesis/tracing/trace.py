@@ -20,7 +20,7 @@ from jaxnc.synthesis.conditions import Condition, CrankTurns, TransmissionAngle,
 from jaxnc.synthesis.tracing.atlas import BARS, Atlas, Candidates, atlas, chain_arrays, check_bars
 from jaxnc.synthesis.tracing.chains import GROUND, Chain, dyadic_chains
 from jaxnc.synthesis.tracing.fit import COUNT, Lanes, Target, begin_timed, refine, start_lanes, trace_curves
-from jaxnc.synthesis.tracing.linkage import INPUT, Drawn, to_mechanism
+from jaxnc.synthesis.tracing.linkage import INPUT, ChainDesign, to_mechanism
 from jaxnc.synthesis.validate import as_seed, as_time_limit, as_timing
 from jaxnc.system.system import System
 from jaxnc.types import Array
@@ -174,7 +174,7 @@ class TracedDesign:
     closed: bool
     transmission: float
     turns: bool
-    numbers: Drawn
+    numbers: ChainDesign
 
     @property
     def bars(self) -> int:
@@ -602,7 +602,7 @@ def _look_closely(target: Curve, terms: _Terms, lanes: Lanes, bars: int, exact: 
             continue
         chain = _chain_of(lanes, k, bars)
         span = 2.0 * np.pi if target.closed else float(row[-1])
-        drawn = Drawn(chain, np.asarray(lanes.sign[k]), row[:-6], place, factor, float(row[-2]), span)
+        drawn = ChainDesign(chain, np.asarray(lanes.sign[k]), row[:-6], place, factor, float(row[-2]), span)
         angle = float(np.arcsin(np.sqrt(np.clip(sines[k], 0.0, 1.0))))
         points = target.centre + target.size * curves[k]
         design = TracedDesign(chain, 0.0, exact, points, target.closed, angle, turns, drawn)
