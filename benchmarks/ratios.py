@@ -14,6 +14,7 @@ _TURNED, _RENAMED, _OWN = (f"jaxnc: {x}" for x in ("turned", "renamed and permut
 _NARROW = "jaxnc: float32"
 _SWEEP, _ENSEMBLE = "jaxnc: sweep", "pylinkage Ensemble"
 _GRADIENT, _HESSIAN = "jaxnc: value and gradient", "jaxnc: Hessian-vector product"
+_TEN, _TEN_GRADIENT = "jaxnc: ten seconds", "jaxnc: and their gradient"
 
 # Name; case and way whose time is divided; case and way whose time it is divided by; better direction; target.
 _TIMES: tuple[tuple[str, tuple[str, str], tuple[str, str], str, float | None], ...] = (
@@ -44,6 +45,7 @@ _TIMES: tuple[tuple[str, tuple[str, str], tuple[str, str], str, float | None], .
     ("macpherson: naive JAX / jaxnc", ("macpherson", "naive JAX"), ("macpherson", OURS), "higher", 20.0),
     ("value and gradient / value", ("derivatives", _GRADIENT), ("derivatives", OURS), "lower", 2.0),
     ("Hessian-vector product / value", ("derivatives", _HESSIAN), ("derivatives", OURS), "lower", 6.0),
+    ("simulation: gradient / value", ("soft joints", _TEN_GRADIENT), ("soft joints", _TEN), "lower", 3.0),
     ("four-bar: float32 / float64", ("widths four-bar", _NARROW), ("widths four-bar", OURS), "lower", None),
     ("macpherson: float32 / float64", ("widths MacPherson", _NARROW), ("widths MacPherson", OURS), "lower", None),
     ("devices: one / two", ("devices: one only", OURS), ("devices", OURS), "higher", 1.8),

@@ -17,6 +17,7 @@ from benchmarks.cases import (
     long_rows,
     mechanisms,
     single_pose,
+    soft_joints,
     widths,
 )
 from benchmarks.suite import Suite
@@ -43,6 +44,7 @@ CASES: dict[str, tuple[Callable[[Suite], None], str]] = {
     "searches": (first_answers.searches, "a new process: the first designs of a path, a function, a suspension"),
     "compile": (first_call.compiled, "compilation of the first batched call, in fresh processes"),
     "slider-cranks": (dynamics.slider_cranks, "slider-cranks under gravity at once, fixed steps"),
+    "soft-joints": (soft_joints.driven_leg, "ten seconds of a leg and their gradient, beside MuJoCo's soft joints"),
     "growth-batch": (growth.with_batch, "time per lane against the size of the batch"),
     "growth-unknowns": (growth.with_unknowns, "time per lane against the number of unknowns"),
     "growth-designs": (growth.with_designs, "time per lane against the number of designs"),

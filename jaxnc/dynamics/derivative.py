@@ -1,8 +1,9 @@
 """Simulations as functions of all their numbers, with a program for each direction of differentiation.
 
-Forward, a run is differentiated as it stands. In reverse it is gone through again, interval by interval; what does not
-depend on its states (the equations of the design, the start) is differentiated once, at the states that the run has
-found. A stage of a step is pulled back by the implicit function theorem, see `ReplayedFlow`.
+Forward, a run is differentiated as it stands. In reverse its steps are gone through: equal steps were kept, if they are
+not too many, others are made again, interval by interval. What does not depend on its states (the equations of the
+design, the start) is differentiated once, at the states that the run has found. A stage of a step is pulled back by the
+implicit function theorem, see `ReplayedFlow`.
 """
 
 import dataclasses
@@ -21,9 +22,9 @@ from jaxnc.autodiff import attach as attach_derivative
 from jaxnc.compiling import filter_jit, is_outermost, jit, on_device
 from jaxnc.dynamics.design import Origin, host_differentiates, join_parameters, pull_back_design, request_pull_back
 from jaxnc.dynamics.extended import is_concrete, lift, lift_rates, lower
-from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, Law, RowWeights, StageSolution, weigh_rows
+from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, Law, StageSolution
 from jaxnc.dynamics.friction import has_friction
-from jaxnc.dynamics.integrate import Control, History, Integration, pull_back
+from jaxnc.dynamics.integrate import START, Control, History, Integration, pull_back
 from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.runs import (
     Run,
@@ -31,7 +32,9 @@ from jaxnc.dynamics.runs import (
     SimulationSpec,
     Start,
     choose_form,
+    keeps_trail,
     prepare_form,
+    recall,
     run_equal,
     run_marched,
     summarise,
@@ -51,7 +54,7 @@ from jaxnc.internals import evaluate_at_once
 from jaxnc.records import record
 from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import Equations, coefficients, slips
+from jaxnc.system.equations import Equations
 from jaxnc.system.precision import numbers as numbers_as
 from jaxnc.types import Array, Numbers
 
@@ -62,14 +65,23 @@ _WHOLE = ("violation", "correction", "steps", "end")
 # -- stages -----------------------------------------------------------------------------------------------------------
 
 
+class StageMiss(NamedTuple):
+    """What the equations of a stage, ``M c + Jᵀ λ = f, J c = g``, are off by; or changes of that, the adjoint."""
+
+    forces: Array  # of the unknown coordinates (n,)
+    rows: Array  # (m,)
+    gap: Array  # the largest residual of the rows
+    slip: Array  # the largest of their rates
+    driven: Array  # accelerations of the driven coordinates (driven,)
+
+
 @record
 class ReplayedFlow:
     """A motion whose stages are solved already, and only get their derivatives: the implicit function theorem.
 
     A solution (accelerations, or what brings a pose or its rates back onto the constraints) solves
-    ``M c + Jᵀ λ = f, J c = g``. What it changes by is found by the same matrix, and the rest is the derivative of one
-    number, Lagrange's, in which the solution and its adjoint stand as constants. It is written as a sum over the
-    constraints, each with its own coordinates, so that no matrix is put together for it.
+    ``M c + Jᵀ λ = f, J c = g``. What it changes by is found by the same matrix, from changes of what the equations are
+    off by where the solution stands as a constant.
     """
 
     flow: Flow  # the motion, with its matrices prepared
@@ -95,46 +107,39 @@ def _replay_forward(*args: Any) -> tuple[StageSolution, tuple]:
 
 def _replay_back(args: tuple, change: StageSolution) -> tuple:
     flow, law, stage, t, q, v, known = args
-    top, view, u = flow.dyn.topology, flow.view, flow.view.unknown
-    accelerating, placing, moving = (jnp.where(stage == k, 1.0, 0.0) for k in (ACCELERATION, POSITION, VELOCITY))
-    rows, (weight, size, inner) = flow.rows(q, v), flow.scale()
-    count = len(view.rows)
-    here, behind = slice(0, count), slice(count, None)  # rows on positions, and on velocities alone
-    j = rows.unknown.at[behind].multiply(1.0 - placing) if top.rates else rows.unknown
-    a, b = saddle(inner, j / weight, flow.redundant)(change.change[u] / weight, change.multipliers * size)
-    push = jnp.zeros_like(q).at[u].set(a / (weight * size))
+    u, driven, (weight, size, inner) = flow.view.unknown, flow.view.known, flow.scale()
+    # One refinement does: after a thousand steps a gradient is as good as with three, to 1e-13.
+    solve = saddle(inner, flow.stage_equations(stage, t, q, v)[0], flow.redundant, 1)
+    a, b = solve(change.change[u] / weight, change.multipliers * size)
+    push = a / (weight * size)
     # What is driven moves the others too: its accelerations stand in both equations.
-    driven = accelerating * (change.change - law.mass @ push)[view.known] - accelerating * (rows.known.T @ b)
-    speeds = _peak(rows.slip) * change.slip - moving * b
-    lam = known.multipliers
-    each = RowWeights(
-        _peak(rows.values) * change.gap - placing * b[here], speeds[here], -accelerating * b[here],
-        -b[here], known.change, -push, lam[here],
-    )  # fmt: skip
-
-    def lagrangian(law: Law, t: Array, q: Array, v: Array) -> Array:
-        now = law.put(flow)
-        dyn, still = now.dyn, v.at[view.fixed].set(0.0)
-        total = push @ (accelerating * forces(dyn, t, q, v) - law.mass @ known.change)
-        total = total + weigh_rows(view, dyn.eq, q, still, each)
-        if flow.drives:
-            total = total + driven @ now.drive_values(t)[2]
-        if top.rates:
-            rest, bent = jax.jvp(lambda x: slips(top, law.rates, x, v), (q,), (v,))
-            matrix = coefficients(top, law.rates, q)
-            both = lam[behind] @ (matrix @ push) + b[behind] @ (matrix @ known.change)
-            total = total + speeds[behind] @ rest - accelerating * b[behind] @ bent - (1.0 - placing) * both
-        return total
-
-    of_law, *of_state = jax.grad(lagrangian, (0, 1, 2, 3))(law, t, q, v)
+    of_drives = change.change[driven] - law.mass[driven[:, None], u[None]] @ push - flow.rows(q, v).known.T @ b
+    of_drives = jnp.where(stage == ACCELERATION, of_drives, 0.0)
+    _, pull = jax.vjp(lambda *x: _miss(flow, stage, known, *x), law, t, q, v)
+    of_law, *of_state = pull(StageMiss(push, -b, change.gap, change.slip, of_drives))
     return None, of_law, None, *of_state, None
 
 
+def _miss(flow: Flow, stage: Array, known: StageSolution, law: Law, t: Array, q: Array, v: Array) -> StageMiss:
+    """Return what the equations of a stage are off by where its solution is `known`."""
+    view, now = flow.view, law.put(flow)
+    u, c, lam = view.unknown, known.change, known.multipliers
+    accelerating, placing, moving = (jnp.where(stage == k, 1.0, 0.0) for k in (ACCELERATION, POSITION, VELOCITY))
+    rows = now.rows(q, v)
+    behind = np.arange(len(lam)) >= len(view.rows)  # rows on velocities say nothing of where a pose belongs
+    part = jnp.where(behind, 1.0 - placing, 1.0)
+    gaps = jnp.concatenate([rows.values, jnp.zeros(len(lam) - len(view.rows))])
+    off = part * (rows.unknown @ c[u] + rows.known @ c[view.known])
+    off = off + accelerating * rows.bent + placing * gaps + moving * rows.slip
+    pushed = (accelerating * forces(now.dyn, t, q, v) - law.mass @ c)[u] - (part * lam) @ rows.unknown
+    return StageMiss(pushed, off, _peak(rows.values), _peak(rows.slip), now.drive_values(t)[2])
+
+
 def _peak(r: Array) -> Array:
-    """Differentiate the largest magnitude; JAX's derivative is no number where it calculates a maximum twice."""
+    """Return the largest magnitude; JAX's derivative is no number where it calculates a maximum twice."""
     if not r.shape[0]:
-        return r
-    return jnp.where(jnp.arange(r.shape[0]) == jnp.argmax(jnp.abs(r)), jnp.sign(r), 0.0)
+        return jnp.zeros(())
+    return jnp.where(jnp.arange(r.shape[0]) == jnp.argmax(jnp.abs(r)), jnp.sign(r), 0.0) @ r
 
 
 _replay.defvjp(_replay_forward, _replay_back)
@@ -181,6 +186,7 @@ _OTHER = jax.tree.structure({"status": 0, "steps": _PAIR})
 def _leaves(run: Run) -> tuple[list, list]:
     """Part a run into arrays that are differentiated and arrays that are not."""
     states, rest = (None, None) if run.history is None else (run.history.state, run.history._replace(state=None))
+    # The trail is not differentiated: beyond the first order steps are made again.
     return jax.tree.leaves((run.smooth, run.start, states)), jax.tree.leaves((run.other, rest))
 
 
@@ -188,6 +194,11 @@ def _start_and_history(smooth: Any, other: Any) -> tuple[Array, History]:
     """Put start and history of a run together from its arrays."""
     start, *states = smooth[_SMOOTH.num_leaves :]
     return start, History(MotionState(*states), *other[_OTHER.num_leaves :])
+
+
+def _without_trail(other: Any) -> list:
+    """Return the arrays of a run that are not differentiated, without those of its trail."""
+    return list(other[: _OTHER.num_leaves + 3])
 
 
 def _value(question: _Question, x: Any, rest: Any) -> tuple[list, list]:
@@ -215,18 +226,22 @@ def run_known(spec: SimulationSpec, numbers: RunNumbers, flow: Flow | None = Non
     pose = np.asarray(assemble_pose(spec.system(numbers.parameters), numbers.state, throw=False))
     start = _start(spec, found, lift(top, pose), numbers.rates, t, _compiled_rates)
     form = choose_form(found, spec)
+    steps = spec.steps if flow is None and keeps_trail(form, spec, count) else 0
     if spec.steps and method != "rk4":
         run = run_equal(top, form, method, t, start, spec.steps)
     else:
         padded = np.concatenate([t, np.full(1 + 2 ** int(np.ceil(np.log2(count - 1))) - count, t[-1])])
         control = Control(*map(np.asarray, numbers.control))
-        run = run_marched(top, form, method, padded, start, control, spec.event, numbers.event)
+        run = run_marched(top, form, method, padded, start, control, spec.event, numbers.event, steps)
 
-    def unpad(tree: object) -> Any:
+    def unpad(tree: object, count: int = count) -> Any:
         return on_device(jax.tree.map(lambda x: np.asarray(x)[:count], tree))
 
     smooth, other = (x | unpad({k: v for k, v in x.items() if k not in _WHOLE}) for x in (run.smooth, run.other))
-    history = run.history if flow is not None or run.history is None else unpad(run.history)
+    history = run.history
+    if flow is None and history is not None:
+        trail = unpad(history.trail, START + steps * (count - 1))
+        history = unpad(history._replace(trail=None))._replace(trail=trail)
     return Run(smooth, other, run.start, history)
 
 
@@ -238,7 +253,8 @@ def _run_traced(spec: SimulationSpec, numbers: RunNumbers) -> Run:
     start = _start(spec, flow, lift(top, pose), numbers.rates, numbers.t, _named_rates)
     form = choose_form(flow, spec)
     if spec.steps:
-        return run_equal(top, form, spec.method, numbers.t, start, spec.steps)
+        keep = keeps_trail(form, spec, len(numbers.t))
+        return run_equal(top, form, spec.method, numbers.t, start, spec.steps, keep)
     return run_marched(top, form, spec.method, numbers.t, start, numbers.control, spec.event, numbers.event)
 
 
@@ -299,6 +315,24 @@ def _cotangent(question: _Question, x: Any, rest: Any, smooth: Any, other: Any, 
 
 @functools.partial(jit, static_argnums=0)
 def _pull_back_traced(question: _Question, x: list, rest: list, smooth: list, other: list, change: list) -> list:
+    """Pull back a run of traced numbers; to differentiate that, steps are made again, as the trail is a constant."""
+    bare = _without_trail(other)
+    if len(bare) == len(other):
+        return _pull_back_all(question, x, rest, smooth, other, change)
+    found = _pull_back_all(question, *lax.stop_gradient((x, rest, smooth, other, change)))
+    return attach_derivative(_change_of_pull_back, question, found, x, rest, smooth, bare, change)
+
+
+def _change_of_pull_back(question: _Question, value: list, args: tuple, changes: tuple) -> list:
+    x, rest, smooth, other, change = args
+
+    def pull(x: list, smooth: list, change: list) -> list:
+        return _pull_back_all(question, x, rest, smooth, other, change)
+
+    return jax.jvp(pull, (x, smooth, change), (changes[0], changes[2], changes[4]))[1]
+
+
+def _pull_back_all(question: _Question, x: list, rest: list, smooth: list, other: list, change: list) -> list:
     spec, numbers = question.spec, question.numbers(x, rest)
     if spec.method not in METHODS:
         _, pull = jax.vjp(lambda x: _leaves(_run_traced(spec, question.numbers(x, rest)))[0], x)
@@ -438,7 +472,8 @@ def _pull_back_run(
     states_bar = jax.tree.map(jnp.add, states_bar, history_bar.state)
     advance, again = _replayed_steps(flow, spec.method)
     job = Integration(advance, spec.method, parts, numbers.control, t)
-    more, first_bar, t_more = pull_back(job, again, first, history, states_bar)
+    known = None if history.trail is None else functools.partial(recall, flow, spec.method)
+    more, first_bar, t_more = pull_back(job, again, first, history, states_bar, known)
     found = back((start_bar._replace(q=start_bar.q + at_bar), first_bar))
     still = jax.tree.map(jnp.zeros_like, moved[1:3])
     return jax.tree.map(lambda *x: sum(x[1:], x[0]), found, (parts_bar, *still, t_bar, event_bar), (
@@ -468,11 +503,12 @@ def _replayed_steps(flow: Flow, method: str) -> tuple[Callable, Callable]:
         return advance, lambda *x: advance(*x)[0]
 
     def first(parts, t, h, state):
-        return step(ready, method, True, t, h, state)
+        end, errors, phases = step(ready, method, True, t, h, state)
+        return end, errors, phases.solution
 
     def again(parts, t, h, state, solutions):
         replayed: Any = ReplayedFlow(ready, Law.of(_with_parts(flow, parts)))
-        return step(replayed, method, True, t, h, state, solutions)[0]
+        return step(replayed, method, True, t, h, state, (solutions,))[0]
 
     return first, again
 

@@ -131,41 +131,6 @@ def _evaluate_block(top: Topology, b: int, eq: Equations, x: Array, dx: Array) -
     return values, jnp.moveaxis(local[own], 2, 0), found[count + len(places) :] * scale
 
 
-class RowWeights(NamedTuple):
-    """Weights that a sum over a plan's rows is made with."""
-
-    values: Array  # of their values (m,)
-    speeds: Array  # of their rates (m,)
-    bent: Array  # of their second rates without accelerations (m,)
-    rows: Array  # of their derivatives along `way` (m,)
-    way: Array  # a way of all coordinates (N,)
-    columns: Array  # of their derivatives by all coordinates (N,), the rows weigh_rows by `by`
-    by: Array  # those weights (m,)
-
-
-def weigh_rows(view: Plan, eq: Equations, q: Coordinates, v: Coordinates, weights: RowWeights) -> Array:
-    """Sum a plan's rows and their derivatives to one number, to be differentiated; no matrix is put together."""
-    top, total = view.topology, jnp.zeros(())
-    used = [b for b, block in enumerate(top.blocks) if block.kind.rows]
-    if not used:
-        return total
-    full = [jnp.zeros(len(top.rows)).at[view.rows].set(x) for x in weights[:4] + weights[6:]]
-    shapes = [top.layout[b].variables.shape for b in used]
-    # One gather for all: in reverse it is a loop over what it took.
-    local = jnp.stack([q, v], axis=1)[np.concatenate([top.layout[b].variables.reshape(-1) for b in used])]
-    ends = np.cumsum([0, *(n * k for n, k in shapes)])
-    for b, start, end, shape in zip(used, ends[:-1], ends[1:], shapes, strict=True):
-        x, dx = local[start:end, 0].reshape(shape), local[start:end, 1].reshape(shape)
-        layout = top.layout[b]
-        values, slopes, bent = _evaluate_block(top, b, eq, x, dx)
-        of_values, of_speeds, of_bent, of_rows, by = (w[layout.rows] for w in full)
-        way, columns = weights.way[layout.variables], weights.columns[layout.variables]
-        of_slopes = of_speeds[:, :, None] * dx[:, None] + of_rows[:, :, None] * way[:, None]
-        of_slopes = of_slopes + by[:, :, None] * columns[:, None]
-        total = total + jnp.sum(of_values.T * values + of_bent.T * bent) + jnp.sum(of_slopes * slopes)
-    return total
-
-
 # -- motion -----------------------------------------------------------------------------------------------------------
 
 
@@ -305,10 +270,24 @@ class Flow:
             v: rates.
             extra: further generalised forces ``(N,)``.
         """
+        u = self.view.unknown
+        j, f, g, base, miss = self.stage_equations(stage, t, q, v, extra)
+        weight, size, inner = self.scale()
+        x, y = saddle(inner, j, self.redundant)(f, g)
+        return StageSolution(base.at[u].set(x / weight), y * size, *miss)
+
+    def stage_equations(
+        self, stage: Any, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
+    ) -> tuple[Array, Array, Array, Array, tuple[Array, Array]]:
+        """Return the scaled system of a stage: its jacobian ``(m, n)``, and right-hand sides ``(n,)`` and ``(m,)``.
+
+        Behind these come the change of the driven coordinates ``(N,)``, and the largest residuals of rows and rates.
+        Arguments are those of `solve_stage`.
+        """
         view, dyn, u = self.view, self.dyn, self.view.unknown
         r, j, known, slip, bent = self.rows(q, v)
         gaps, still = jnp.concatenate([r, jnp.zeros(len(slip) - len(r))]), jnp.zeros_like(q)
-        weight, size, inner = self.scale()
+        weight, size, _ = self.scale()
 
         def drive() -> Array:
             return still.at[view.known].set(self.drive_values(jnp.asarray(t, float))[2])
@@ -324,9 +303,8 @@ class Flow:
         g = select_stage(stage, bend, lambda: -gaps, lambda: -slip)
         if len(slip) > len(r):  # rows on velocities say nothing of where a pose belongs
             j = j.at[len(r) :].multiply(select_stage(stage, lambda: 1.0, lambda: 0.0, lambda: 1.0))
-        x, y = saddle(inner, j / weight, self.redundant)(f, g)
         base = select_stage(stage, drive, lambda: still, lambda: still)
-        return StageSolution(base.at[u].set(x / weight), y * size, largest(r), largest(slip))
+        return j / weight, f, g, base, (largest(r), largest(slip))
 
     def accelerate(
         self, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None

@@ -94,6 +94,7 @@ class History(NamedTuple):
     t: Array
     h: Array
     status: Array
+    trail: Array | None = None  # of all equal steps (steps, …), those of no length first: what they were solved to
 
 
 class _Bracket(NamedTuple):
@@ -242,55 +243,91 @@ def _march_evenly(
     return course._replace(state=state, t=t1, made=(made + wanted.astype(made.dtype), vain)), count, memory
 
 
-def integrate(job: Integration, state: MotionState) -> tuple[History, Course]:
-    """Move from a start, which need not lie on the constraints; return the motion at all times and its last course."""
-    whole = job.t[0], job.t[-1]
+def integrate(
+    job: Integration, state: MotionState, remember: Callable[[MotionState, Any], Array] | None = None, steps: int = 0
+) -> tuple[History, Course]:
+    """Move from a start, which need not lie on the constraints; return the motion at all times and its last course.
 
-    def between(course, xs):
-        *ends, warm = xs
-        course, _, _ = _march(job, course, tuple(ends), warm, whole)
+    `remember` says what is kept of each step, of its start and of what more `job.advance` has returned, where so many
+    equal `steps` are made between two times.
+    """
+    whole, count = (job.t[0], job.t[-1]), START + steps * (len(job.t) - 1)
+    memory: Any = ()
+    if remember is not None:
+        one = jax.eval_shape(lambda: remember(state, *job.advance(job.moving, job.t[0], job.t[0], state)[2:]))
+        memory = jnp.zeros((count, *one.shape), one.dtype)
+
+    def between(carry, xs):
+        course, memory = carry
+        number, *ends, warm = xs
+        first = jnp.where(warm > 0, 0, START + (number - 1) * steps)
+
+        def note(memory, k, t, h, state, *more):
+            return memory if remember is None else memory.at[first + k].set(remember(state, *more))
+
+        noted = None if remember is None else note
+        course, _, memory = _march(job, course, tuple(ends), warm, whole, noted, memory)
         if job.order:
             begun = lax.stop_gradient(_first_step(course.state, job.control))
             course = course._replace(h=jnp.where(course.h > 0.0, course.h, begun))
         if job.event is not None:
-            first = job.event(job.parameters, course.t, course.state)
-            course = course._replace(value=jnp.where(warm > 0, first, course.value))
-        return course, History(course.state, course.t, course.h, course.status)
+            first_value = job.event(job.parameters, course.t, course.state)
+            course = course._replace(value=jnp.where(warm > 0, first_value, course.value))
+        return (course, memory), (course.state, course.t, course.h, course.status)
 
-    course, history = lax.scan(between, job.begin(state), job.intervals)
-    return history, course
+    xs = jnp.arange(len(job.t)), *job.intervals
+    (course, memory), history = lax.scan(between, (job.begin(state), memory), xs)
+    return History(*history, None if remember is None else memory), course
 
 
 def pull_back(
-    job: Integration, again: Callable, start: MotionState, history: History, change: MotionState
+    job: Integration,
+    again: Callable,
+    start: MotionState,
+    history: History,
+    change: MotionState,
+    recall: Callable[[Array], tuple] | None = None,
 ) -> tuple[Any, MotionState, Array]:
     """Go back through `integrate`: pull changes of the states back to the motion, the start and the times.
 
-    `again` is a step once more, ``(moving, t, h, state, *more)`` with what more `job.advance` has returned.
+    `again` is a step once more, ``(moving, t, h, state, *more)`` with what more `job.advance` has returned. Equal steps
+    that were kept are not made again: `recall` says of what was kept which state and what more that was.
     """
-    moving, t, first = job.moving, job.t, job.begin(start)
+    moving, t, first, equal = job.moving, job.t, job.begin(start), job.control.equal
     before = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b[:-1]]), start, history.state)
     wanted = jnp.concatenate([jnp.zeros(1), history.h[:-1]])
     going = jnp.concatenate([jnp.zeros(1, history.status.dtype), history.status[:-1]])
-    number = lambda x: jnp.zeros((_KEPT, *jnp.shape(x)), jnp.result_type(x))  # noqa: E731
+    each = lambda x: jnp.zeros((_KEPT, *jnp.shape(x)), jnp.result_type(x))  # noqa: E731
     returned = jax.eval_shape(job.advance, moving, t[0], t[0], start)[2:]
-    blank = jax.tree.map(number, (t[0], t[0], start, *(jax.tree.map(lambda x: jnp.zeros(x.shape), returned))))
+    blank = jax.tree.map(each, (t[0], t[0], start, *(jax.tree.map(lambda x: jnp.zeros(x.shape), returned))))
 
     def note(memory, count, *step):
         return jax.tree.map(lambda m, x: m.at[count % _KEPT].set(x), memory, step)
 
     def between(carry, xs):
         state_bar, moving_bar = carry
-        state, h, status, reached, (t0, t1, warm), more = xs
+        number, state, h, status, reached, (t0, t1, warm), more = xs
         state_bar = jax.tree.map(jnp.add, state_bar, more)
         course = first._replace(state=state, t=t0, h=h, status=status)
         wide = jnp.where(reached > t0, reached - t0, 1.0)
         ends, whole = (t0, reached if job.order else t1), (t[0], reached)
+        made, before = jnp.where(warm > 0, warm, equal), jnp.where(warm > 0, 0, START + (number - 1) * equal)
+
+        def remember(high):
+            if recall is None:
+                return _march(job, course, ends, warm, whole, note, blank, high)[1:]
+            return jnp.minimum(made, high), ()
+
+        def step(memory, k):
+            if recall is None or history.trail is None:
+                return jax.tree.map(lambda m: m[k % _KEPT], memory)
+            h = (t1 - t0) / equal
+            return t0 + k * h, h, *recall(history.trail[before + k])
 
         def back(carry):
             count, low, memory, state_bar, moving_bar, (t0_bar, t1_bar) = carry
             count = count - 1
-            at, h, state, *more = jax.tree.map(lambda m: m[count % _KEPT], memory)
+            at, h, state, *more = step(memory, count)
             _, pull = jax.vjp(lambda *x: again(*x, *more), moving, at, h, state)
             # Behind where a motion failed nothing is asked for: it passes nothing on, however steep it was.
             asked = jnp.any(jnp.stack([jnp.any(x != 0.0) for x in jax.tree.leaves(state_bar)]))
@@ -304,7 +341,7 @@ def pull_back(
 
         def some(carry):
             high, state_bar, moving_bar, ends_bar = carry
-            _, count, memory = _march(job, course, ends, warm, whole, note, blank, high)
+            count, memory = remember(high)
             low = jnp.maximum(count - _KEPT, 0)
             _, _, _, state_bar, moving_bar, ends_bar = lax.while_loop(
                 lambda c: c[0] > c[1], back, (count, low, memory, state_bar, moving_bar, ends_bar)
@@ -316,7 +353,7 @@ def pull_back(
         return (state_bar, moving_bar), ends_bar
 
     nothing = jax.tree.map(jnp.zeros_like, (start, moving))
-    xs = before, wanted, going, history.t, job.intervals, change
+    xs = jnp.arange(len(t)), before, wanted, going, history.t, job.intervals, change
     (start_bar, moving_bar), (t0_bar, t1_bar) = lax.scan(between, nothing, xs, reverse=True)
     t_bar = t1_bar.at[:-1].add(t0_bar[1:]).at[0].add(t0_bar[0])
     return moving_bar, start_bar, t_bar
@@ -324,16 +361,17 @@ def pull_back(
 
 def equal_steps(
     advance: Callable[[Array, Array, Any], Any], seen: Callable[[Array, Any], Any], t: Array, carry: Any, steps: int
-) -> MotionState:
-    """Return states at all times after the first by as many equal steps between two times, differentiable both ways.
+) -> tuple[MotionState, Any]:
+    """Make as many equal steps between two times, differentiable both ways; return states at all times after the first.
 
-    `advance` is a step ``(t, h, carry)``; `seen` what is kept of it, ``(t, carry)``.
+    `advance` is a step ``(t, h, carry)``, which returns what is carried on and what is kept of it: all that is kept,
+    ``(T - 1, steps, …)``, is returned, too. `seen` is what is kept of a time, ``(t, carry)``.
     """
 
     def interval(carry, ends):
         t0, t1 = ends
         h = (t1 - t0) / steps
-        carry, _ = lax.scan(lambda c, k: (advance(t0 + k * h, h, c), None), carry, jnp.arange(steps, dtype=t.dtype))
-        return carry, seen(t1, carry)
+        carry, kept = lax.scan(lambda c, k: advance(t0 + k * h, h, c), carry, jnp.arange(steps, dtype=t.dtype))
+        return carry, (seen(t1, carry), kept)
 
     return lax.scan(jax.checkpoint(interval), carry, (t[:-1], t[1:]))[1]

@@ -12,12 +12,12 @@ from jax import lax
 from jaxnc import progress
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lower
-from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.flow import Flow, StageSolution
 from jaxnc.dynamics.friction import FrictionFlow, accelerate_with_friction, has_friction
-from jaxnc.dynamics.integrate import Control, Event, History, Integration, equal_steps, integrate
+from jaxnc.dynamics.integrate import START, Control, Event, History, Integration, equal_steps, integrate
 from jaxnc.dynamics.model import State, dynamics
 from jaxnc.dynamics.simulation import join_fields
-from jaxnc.dynamics.steps import METHODS, MotionState, Moving, alpha_step, settle, start_alpha, step
+from jaxnc.dynamics.steps import METHODS, MotionState, Moving, Phase, alpha_step, phases_of, settle, start_alpha, step
 from jaxnc.dynamics.written import WrittenFlow
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.newton import largest
@@ -28,6 +28,7 @@ from jaxnc.types import Array
 from jaxnc.validate import as_real, call_user
 
 _SMALL = 7  # unknowns and rows that are written out for a method of many stages
+_KEPT = 2**21  # numbers of all steps of a run that are kept for its derivatives; beyond, steps are made again
 _APART = 1e-3  # of the mechanism's size: a simulation that meets its constraints worse has come apart
 _PARTS = 20  # of a simulation that someone watches, or a few more
 _DELAY = 2.0  # seconds before a bar is shown
@@ -160,6 +161,32 @@ def prepare_form(form: Flow | WrittenFlow) -> tuple[Flow, Moving]:
     return flow, FrictionFlow(flow) if has_friction(flow.dyn) else flow
 
 
+def keeps_trail(form: Flow | WrittenFlow, spec: SimulationSpec, times: int) -> bool:
+    """Tell whether all steps of a run are kept for its derivatives: equal ones, with all that their stages solve for.
+
+    A motion that is written out does not solve for multipliers where it only corrects.
+    """
+    if isinstance(form, WrittenFlow) or not spec.steps or spec.method not in METHODS or has_friction(form.dyn):
+        return False
+    n, m = len(form.dyn.mass), len(form.zero_multipliers())
+    phases = len(phases_of(spec.method, True)["stage"])
+    return (START + spec.steps * (times - 1)) * (3 * n + phases * (n + m)) <= _KEPT
+
+
+def _remember(state: MotionState, phases: Phase) -> Array:
+    """Return what is kept of a step in one array, which is quicker than several: its start, and all solutions."""
+    return jnp.concatenate([x.reshape(-1) for x in (*state[:3], *phases.solution[:2])])
+
+
+def recall(flow: Flow, method: str, trail: Array) -> tuple[MotionState, StageSolution]:
+    """Return the start of a step and the solutions of its phases."""
+    n, m, zero = len(flow.dyn.mass), len(flow.zero_multipliers()), jnp.zeros(())
+    phases = len(phases_of(method, True)["stage"])
+    q, v, a, change, multipliers = jnp.split(trail, np.cumsum([n, n, n, phases * n]))
+    state = MotionState(q, v, a, jnp.zeros(m), zero, zero)
+    return state, StageSolution(change.reshape(-1, n), multipliers.reshape(-1, m), *jnp.zeros((2, phases)))
+
+
 @filter_jit
 def run_marched(
     top: Topology,
@@ -170,52 +197,66 @@ def run_marched(
     control: Control,
     event: Callable | None,
     parameters: Any,
+    steps: int = 0,
 ) -> Run:
     """Make a run whose steps follow its errors, or of equal steps.
 
-    The sign change of ``event(t, state, parameters)`` ends the motion.
+    The sign change of ``event(t, state, parameters)`` ends the motion. All of so many `steps` between two times are
+    kept, unless it is 0.
     """
     flow, moving = prepare_form(form)
     leaves, structure = jax.tree.flatten(moving)
 
     def advance(leaves, t, h, state):
-        return step(jax.tree.unflatten(structure, leaves), method, True, t, h, state)[:2]
+        return step(jax.tree.unflatten(structure, leaves), method, True, t, h, state)
 
     happens = None if event is None else event_function(flow, event)
     job = Integration(advance, method, leaves, control, t, happens, parameters)
-    history, course = integrate(job, start.state(flow))
+    history, course = integrate(job, start.state(flow), _remember if steps else None, steps)
     smooth, status = summarise(top, flow, t, start, history, event, parameters)
     return Run(smooth, {"status": status, "steps": course.made}, start.q, history)
 
 
 @filter_jit
-def run_equal(top: Topology, form: Flow | WrittenFlow, method: str, t: Array, start: Start, steps: int) -> Run:
+def run_equal(
+    top: Topology, form: Flow | WrittenFlow, method: str, t: Array, start: Start, steps: int, keep: bool = False
+) -> Run:
     """Make a run of so many equal steps between two times, differentiable both ways; arguments as of `run_marched`.
 
     Elements of a motion that is written out are carried one by one: mapped, every one of them is one long array.
+    All steps are kept if wanted.
     """
     flow, moving = prepare_form(form)
-    state = start.state(flow)
-    if isinstance(moving, WrittenFlow):
+    state, kept = start.state(flow), jnp.zeros(0)
+    written = isinstance(moving, WrittenFlow)
+    if written:
         state = state._replace(q=tuple(state.q), v=tuple(state.v), a=tuple(state.a))
-    first = settle(moving, t[0], state)
-    if method in METHODS:
-        states = equal_steps(
-            lambda at, h, state: step(moving, method, True, at, h, state)[0], lambda at, state: state, t, first, steps
-        )
+
+    def advance(at: Array, h: Array, state: MotionState) -> tuple[MotionState, Any]:
+        new, _, phases = step(moving, method, True, at, h, state)
+        return new, _remember(state, phases) if keep else ()
+
+    if keep:
+        first, kept = lax.scan(lambda state, _: advance(t[0], jnp.zeros(()), state), state, None, length=START)
     else:
-        states = equal_steps(
-            lambda at, h, carry: alpha_step(flow, at, h, carry),
+        first = settle(moving, t[0], state)
+    if method in METHODS:
+        states, more = equal_steps(advance, lambda at, state: state, t, first, steps)
+    else:
+        states, more = equal_steps(
+            lambda at, h, carry: (alpha_step(flow, at, h, carry), ()),
             lambda at, carry: MotionState(carry.q, carry.v, *accelerate_with_friction(flow, at, carry.q, carry.v)),
             t, start_alpha(flow, t[0], first.q, first.v), steps,
         )  # fmt: skip
-    if isinstance(moving, WrittenFlow):
+    if keep:
+        kept = jnp.concatenate([kept, more.reshape(-1, *kept.shape[1:])])
+    if written:
         first, states = (
             x._replace(**{name: jnp.stack(getattr(x, name), axis=-1) for name in ("q", "v", "a")})
             for x in (first, states)
         )
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, states)
-    history = History(states, t, jnp.zeros(len(t)), jnp.zeros(len(t), jnp.int32))
+    history = History(states, t, jnp.zeros(len(t)), jnp.zeros(len(t), jnp.int32), kept if keep else None)
     smooth, status = summarise(top, flow, t, start, history, None, ())
     made = jnp.asarray(steps * (len(t) - 1), jnp.int32), jnp.zeros((), jnp.int32)
     return Run(smooth, {"status": status, "steps": made}, start.q, history if method in METHODS else None)

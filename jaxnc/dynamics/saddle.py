@@ -26,11 +26,12 @@ _REFINEMENTS = 2
 
 
 def saddle(
-    hessian: Float[Array, "n n"], jacobian: Float[Array, "m n"], redundant: bool
+    hessian: Float[Array, "n n"], jacobian: Float[Array, "m n"], redundant: bool, refinements: int = _REFINEMENTS
 ) -> Callable[[Array, Array], tuple[Array, Array]]:
     """A function from f ``(n,)`` and g ``(m,)`` to x and λ, factorised once; differentiable to any order, both ways.
 
-    The hessian is symmetric, of size one, and positive definite where ``J x = 0``; rows are of size one, too.
+    The hessian is symmetric, of size one, and positive definite where ``J x = 0``; rows are of size one, too. Redundant
+    rows get one refinement more.
     """
     m, n = jacobian.shape
     h, j = lax.stop_gradient((hessian, jacobian))
@@ -49,7 +50,7 @@ def saddle(
     def direct(_, right):
         b = jnp.concatenate(right)
         z = _solution(*factors, b)
-        for _ in range(_REFINEMENTS + redundant):
+        for _ in range(refinements + redundant):
             back = product((z[:n], z[n:]), h, j)
             z = z + _solution(*factors, b - jnp.concatenate(back))
         return z[:n], z[n:]

@@ -127,9 +127,8 @@ def simulate(
     places, wanted = wanted if isinstance(wanted, tuple) else (None, wanted)
     drives, drive_args = hoist_drives(tuple((inputs or {}).items()))
     event, event_parameters = _hoist_event(system, _three_arguments(event), event_parameters)
-    control = Control(
-        rtol, atol, 0.0 if first is None else first, most, count_steps(np.asarray(t), step) if fixed else 0
-    )
+    equal = 0 if not fixed else 1 if step is None else count_steps(np.asarray(t), step)
+    control = Control(rtol, atol, 0.0 if first is None else first, most, equal)
     numbers = RunNumbers(system.parameters, given, wanted, t, event_parameters, drive_args, control)
     spec = SimulationSpec(
         system.topology, system.degrees_of_freedom, system.independent, method, drives, singular, control.equal, event,

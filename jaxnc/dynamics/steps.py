@@ -156,7 +156,7 @@ METHODS: dict[str, Method] = {
 
 
 @functools.cache
-def _phases(method: str, settled: bool) -> dict[str, np.ndarray]:
+def phases_of(method: str, settled: bool) -> dict[str, np.ndarray]:
     """Tabulate the phases of a step, a row of every table for each phase."""
     found = METHODS[method]
     s = len(found.times)
@@ -175,19 +175,22 @@ def _phases(method: str, settled: bool) -> dict[str, np.ndarray]:
     }
 
 
-def step(
-    moving: Moving,
-    method: str,
-    settled: bool,
-    t: ArrayLike,
-    h: Array,
-    state: MotionState,
-    known: StageSolution | None = None,
-) -> tuple[MotionState, tuple[Any, Any], StageSolution]:
-    """Step by a Runge-Kutta method; return the end, estimates of the errors of pose and rates, and all solutions.
+class Phase(NamedTuple):
+    """A phase of a step; of all phases, with one more axis in front."""
 
-    `settled` says whether the step ends on the constraints. Solutions of all phases may be `known`: the motion then
-    takes its own as one more argument in each.
+    t: Array  # its time
+    q: Array  # the pose that it is solved at
+    v: Array  # the rates
+    solution: StageSolution
+
+
+def step(
+    moving: Moving, method: str, settled: bool, t: ArrayLike, h: Array, state: MotionState, known: tuple = ()
+) -> tuple[MotionState, tuple[Any, Any], Phase]:
+    """Step by a Runge-Kutta method; return the end, estimates of the errors of pose and rates, and all phases.
+
+    `settled` says whether the step ends on the constraints. What is `known` of all phases the motion takes as further
+    arguments, its own in each.
     """
     found = METHODS[method]
     stages = (_ChainedStages if found.chained else _StoredStages)(found, h, state)
@@ -207,15 +210,15 @@ def step(
                 row["last"], lambda: (moving.solve_stage(row["stage"], at, q, v), miss), lambda: solve(at, q, v, last)
             )
             miss = jnp.maximum(miss, move)
+        found = Phase(at, q, v, solution)
         if settled:
             q, v = _correct(row["stage"], q, v, solution.change)
-        return (q, v, stages.add(memory, row, v, solution.change), solution, miss), solution
+        return (q, v, stages.add(memory, row, v, solution.change), solution, miss), found
 
     first = StageSolution(state.a, state.multipliers, state.gap, state.slip)
     start = (state.q, state.v, stages.begin(), first, jnp.zeros(()))
-    xs = _phases(method, settled), () if known is None else (known,)
-    (q, v, memory, last, miss), solutions = jax.lax.scan(phase, start, xs)
-    return MotionState(q, v, *last), stages.errors(memory, miss), solutions
+    (q, v, memory, last, miss), each = jax.lax.scan(phase, start, (phases_of(method, settled), known))
+    return MotionState(q, v, *last), stages.errors(memory, miss), each
 
 
 def settle(moving: Moving, t: Array, state: MotionState) -> MotionState:
@@ -395,7 +398,7 @@ def alpha_step(flow: Flow, t: Array, h: Array, old: AlphaState) -> AlphaState:
     return AlphaState(q, flow.project_velocity(q, v), a, real, lam)
 
 
-def count_steps(t: np.ndarray, longest_step: float | None) -> int:
+def count_steps(t: np.ndarray, longest_step: float) -> int:
     """Count the equal steps between two times that keep every step no longer than wanted."""
     longest = float(np.max(np.abs(np.diff(t)), initial=0.0))
-    return 1 if longest_step is None or longest == 0.0 else max(1, int(np.ceil(longest / longest_step * (1 - 1e-12))))
+    return max(1, int(np.ceil(longest / longest_step * (1 - 1e-12))))

@@ -213,8 +213,12 @@ def _integrate(
     eq, held, moving = known.own, f.rows > 0, _Family(f, known)
     zero, none = jnp.zeros(()), jnp.zeros(len(free_plan(f.topology).rows))
     first = settle(moving, times[0], MotionState(z, dz, jnp.zeros_like(z), none, zero, zero))
-    states = equal_steps(
-        lambda t, h, state: step(moving, "rk4", held, t, h, state)[0], lambda t, state: state, times, first, steps
+    states, _ = equal_steps(
+        lambda t, h, state: (step(moving, "rk4", held, t, h, state)[0], ()),
+        lambda t, state: state,
+        times,
+        first,
+        steps,
     )
     place = functools.partial(f.place, known.natural)
 

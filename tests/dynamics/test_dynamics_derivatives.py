@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.dynamics import derivative
 from jaxnc.dynamics.derivative import ReplayedFlow
 from jaxnc.dynamics.design import DERIVED, DesignChanges, host_differentiates
 from jaxnc.dynamics.extended import extended, lift
@@ -268,6 +269,36 @@ def test_what_an_input_closes_over_has_derivatives_in_both_directions():
     assert float(nc.jit(jax.grad(far))(0.7)) == pytest.approx(wanted, rel=1e-6)
     assert float(jax.jvp(far, (0.7,), (1.0,))[1]) == pytest.approx(wanted, rel=1e-6)
     assert np.isfinite(both[1]).all()
+
+
+@pytest.mark.parametrize("step", [None, 0.03], ids=["one a time", "several"])
+def test_steps_that_were_kept_are_gone_back_through_as_steps_made_again(step, monkeypatch):
+    """By the design, by what an input closes over, and by times, which decide how long single steps are."""
+    from jaxnc.dynamics import runs
+
+    start = float(np.arctan2(-0.2, 0.3))
+
+    def far(system, rate, t=T):
+        inputs = {"phi": lambda t: start + rate * t * t}
+        run = nc.simulate(system, t, inputs=inputs, method="rk4", step=step, throw=False)
+        return run["C"][-1, 0] + 0.3 * run.velocity("C")[1, 1] + 1e-3 * run.multipliers[2, 0]
+
+    kept, plain = [], runs.recall
+    monkeypatch.setattr(derivative, "recall", lambda *x: (kept.append(1), plain(*x))[1])
+    given, gradients = (double(), 0.7, jnp.asarray(T))[: 2 if step else 3], []
+    for most in (runs._KEPT, 0):
+        monkeypatch.setattr(runs, "_KEPT", most)
+        slope = jax.grad(far, argnums=tuple(range(len(given))))
+        gradients += [slope(*given), nc.jit(slope)(*given)]
+        assert bool(kept) == (most > 0)
+        kept.clear()
+    for other in gradients[1:]:
+        for a, b in zip(jax.tree.leaves(gradients[0]), jax.tree.leaves(other), strict=True):
+            assert np.allclose(a, b, rtol=1e-9, atol=1e-12)
+    if step is None:
+        for k in range(len(T)):
+            ends = [far(double(), 0.7, T + h * np.eye(len(T))[k]) for h in (1e-4, -1e-4)]
+            assert float(gradients[0][2][k]) == pytest.approx(float(ends[0] - ends[1]) / 2e-4, rel=1e-6, abs=1e-7)
 
 
 def test_a_lane_that_fails_passes_no_derivative_on():
