@@ -77,8 +77,8 @@ _CLASSES = """## Every class of mechanism
 
 The whole library, and robots that are read from files, each over a part of its range: beside eight Newton steps from
 the drawing on the library's own residual, with `jacfwd` and `solve` under `vmap`. Those that gain least come first.
-`gradient` is value and gradient by the design over the value alone; the last column says what of the naive steps' poses
-is right.
+`gradient` is value and gradient by the design over the value alone; an overconstrained mechanism has none, since it
+does not close where its points are moved. The last column says what of the naive steps' poses is right.
 """
 
 
@@ -135,7 +135,8 @@ def _classes(record: Record) -> str:
         cells = (
             *(case.removeprefix("class "), ours[0].note if ours[0] else ""),
             *("–" if r is None else table.per_lane(r.median_ns_per_lane) for r in (*ours, naive)),
-            *("–" if x is None else f"{x:.3g}" for x in (*gains, _times(both, value))),
+            *("–" if x is None else f"{x:.3g}" for x in gains),
+            "none" if both and both.correct is None else "–" if not both else f"{_times(both, value):.3g}",
             *(table.right(min(rights, default=None)), table.right(naive.correct if naive else None)),
         )
         lines.append((min((x for x in gains if x is not None), default=0.0), cells))

@@ -46,8 +46,8 @@ _TOGETHER = 256  # lanes of other designs that go on together
 _CHUNKS = {40_000: 256, 300_000: 1024}  # lanes in one round, if there are no more than so many of them
 _CHUNK = 2048  # of more: they stay in the cache
 _POINTS = 129  # of the table
-_ROUNDS = 32  # from the start pose to the points of the table, at least
-_MORE = 4.0  # times as many if points were lost on their way
+_ROUNDS = 8  # from the start pose to the points of the table, at least
+_MORE = 4.0  # times as many if points were lost on their way, twice at most
 _DENSE = 0.1  # radians between two points of the table, at most
 
 
@@ -245,7 +245,7 @@ def from_table(
     # The points of the table go their way round by round; in a last round come the lanes, chunk by chunk.
     begin = _PoseTable(still, still, facing, facing, jnp.ones(width, bool))
     first = jnp.zeros((), int), jnp.asarray(rounds, q.dtype)
-    most = _MORE * first[1]
+    most = _MORE**2 * first[1]
     made = lax.while_loop(lambda state: state[0] <= state[1], round_, (*first, begin, blank))[-1]
     made = [a[:given] for a in made] if total != given else made
     return PoseBatch(tuple(made[:-3]), *made[-3:])

@@ -310,6 +310,18 @@ def test_a_large_batch_is_its_parts():
     np.testing.assert_allclose(shaped.q, np.asarray(motion.q).reshape(30, 50, -1), atol=1e-13)
 
 
+def test_a_constant_design_is_kept_apart_as_a_traced_one():
+    """XLA folds what it knows of a design that is constant, and would calculate again what several others use."""
+    system, u = four_bar(), jnp.linspace(0.1, 0.2, 256)
+
+    def poses(system, u):
+        return jax.vmap(lambda u: nc.solve_position(system, {"phi": u}).q)(u)
+
+    programs = jax.jit(lambda u: poses(system, u)).lower(u), jax.jit(poses).lower(system, u)
+    constant, traced = (p.compile().as_text().count(" conditional(") for p in programs)
+    assert constant == traced > 0
+
+
 def test_gradients_of_a_large_batch():
     system = four_bar()
     u = RNG.uniform(0.0, 6.0, 700)
