@@ -159,7 +159,7 @@ def from_table(
     driven, unknown = int(plan.known[0]), [int(c) for c in plan.unknown]
     guessed = [unknown.index(c) for c in core.guessed]
     start = [q[c] for c in range(q.shape[0])]
-    go = opaque_true(eq)
+    go = opaque_true(eq, core.closed)
     outset = fusion_barrier(go, lambda: core.determinants(eq, start))
     signs = [jnp.sign(d) for d in outset]
     origin = q[driven]
@@ -362,7 +362,7 @@ def stepper(
     fixed = {int(c): x[int(c)] for c in plan.fixed}
     # What has a closed form needs no guess: there is one solution of each orientation.
     guessing = kernel.jumps or bool(kernel.guessed)
-    go = opaque_true(eq)
+    go = opaque_true(eq, kernel.closed)
 
     def whole(y):
         return [fixed[c] if c in fixed else y[moving.index(c)] for c in range(len(x))]

@@ -82,7 +82,7 @@ class _Block:
         if n <= FEW:
             matrix = [[slopes.get((r, c), 0.0) for c in range(n)] for r in range(n)]
             # Quotients are what XLA computes once, however many use them; so in reverse.
-            one = jnp.where(opaque_true(eq), 1.0, 2.0)
+            one = jnp.where(opaque_true(eq, closed=True), 1.0, 2.0)
             return cramer(matrix, [b / one for b in right])
         known = lax.stop_gradient(slopes)
 
@@ -296,7 +296,7 @@ class Kernel:
             else:
                 y, iterated[k] = self._iterate(block, eq, x)
             if len(self.blocks) > _FEW and k not in iterated:
-                y = fusion_barrier(opaque_true(eq), lambda y: y, y)
+                y = fusion_barrier(opaque_true(eq, self.closed), lambda y: y, y)
             for c, v in zip(block.columns, y, strict=True):
                 x[c] = v
         return x, iterated
@@ -325,7 +325,7 @@ class Kernel:
         """Solve a block by Newton, in all lanes until the last has it."""
         columns, pure = block.columns, pure_numbers(self.plan.topology)
         shape = jnp.broadcast_shapes(*(jnp.shape(x[c]) for c in block.rows.needed), jnp.shape(eq.length))
-        one, go = jnp.ones(shape), opaque_true(eq)
+        one, go = jnp.ones(shape), opaque_true(eq, closed=False)
 
         def newton_step(y):
             at = list(x)
@@ -441,9 +441,14 @@ def fusion_barrier(go: Array, f, *arguments):
     return lax.cond(go, f, lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes), *arguments)
 
 
-def opaque_true(eq: Equations) -> Array:
-    """Return true, which the compiler cannot know."""
-    return lax.optimization_barrier(jnp.all(eq.length > 0.0))  # of a design that is constant in the program, too
+def opaque_true(eq: Equations, closed: bool) -> Array:
+    """Return true, which the compiler cannot know.
+
+    Of a design that is constant in the program it can where all blocks have `closed` forms: these are the quicker for
+    being folded.
+    """
+    true = jnp.all(eq.length > 0.0)
+    return true if closed else lax.optimization_barrier(true)
 
 
 def smallest(pivots: Sequence[Pivots]) -> Array:

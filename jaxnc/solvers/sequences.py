@@ -149,7 +149,8 @@ def _in_blocks(
 
     def begin_some(start, designs):
         eq, x = equations(start + jnp.arange(designs)), lax.dynamic_slice_in_dim(q, start, designs).T
-        facing = fusion_barrier(opaque_true(eq), lambda x: _to_lanes(core.determinants(eq, list(x)), (designs,)), x)
+        go = opaque_true(eq, closed=True)
+        facing = fusion_barrier(go, lambda x: _to_lanes(core.determinants(eq, list(x)), (designs,)), x)
         home = x[core.plan.known]
         marks = *facing, *home
         signs, none = (jax.tree.map(f, of) for f, of in ((jnp.sign, facing), (jnp.zeros_like, marks)))
@@ -213,7 +214,7 @@ def _solve_steps(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: 
         Unknown coordinates, largest residual and conditioning, each ``(steps, designs)``; the marks (see `_Trail`);
         and which poses are right by themselves, ``(steps, designs)``.
     """
-    go, lanes, facing = opaque_true(eq), u.shape[2], len(signs)
+    go, lanes, facing = opaque_true(eq, closed=True), u.shape[2], len(signs)
     known, unknown = ([int(c) for c in which] for which in (core.plan.known, core.plan.unknown))
 
     def place(x, u, y=()):

@@ -128,7 +128,7 @@ class _Routes:
     def __init__(self, plan: Plan, eq: Equations, q: Coordinates, values: Array):
         self.plan, self.eq, self.core, (self.given, k) = plan, eq, kernel(plan), values.shape
         self.driven, self.unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
-        self.start, self.go = [q[c] for c in range(q.shape[0])], opaque_true(eq)
+        self.start, self.go = [q[c] for c in range(q.shape[0])], opaque_true(eq, self.core.closed)
         self.outset = fusion_barrier(self.go, lambda: self.core.determinants(eq, self.start))
         self.signs, self.origin = [jnp.sign(d) for d in self.outset], q[np.array(self.driven)]
         turning = plan.periodic[:k]

@@ -312,10 +312,10 @@ def test_a_large_batch_is_its_parts():
 
 def test_a_constant_design_is_kept_apart_as_a_traced_one():
     """XLA folds what it knows of a design that is constant, and would calculate again what several others use."""
-    system, u = four_bar(), jnp.linspace(0.1, 0.2, 256)
+    system, u = generic_mechanism().compile(), jnp.linspace(0.9, 1.0, 256)
 
     def poses(system, u):
-        return jax.vmap(lambda u: nc.solve_position(system, {"phi": u}).q)(u)
+        return jax.vmap(lambda u: nc.solve_position(system, {"P1.y": u}).q)(u)
 
     programs = jax.jit(lambda u: poses(system, u)).lower(u), jax.jit(poses).lower(system, u)
     constant, traced = (p.compile().as_text().count(" conditional(") for p in programs)
