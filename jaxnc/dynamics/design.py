@@ -27,7 +27,7 @@ from jaxnc.system.host import from_jax
 from jaxnc.system.structure import readable
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Float, Numbers
+from jaxnc.types import Array, Float, Numbers, PyTree
 
 DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "forces"
 """Numbers of a `Law` that follow from the design."""
@@ -199,7 +199,7 @@ def _read_programs(spec: SimulationSpec, origin: Origin, shapes: tuple, structur
     _answer(spec, origin, *jax.tree.unflatten(structure, numbers))
 
 
-def join_parameters(parameters: Parameters, found: Numbers, own: Any) -> tuple[Parameters, Numbers]:
+def join_parameters(parameters: Parameters, found: Numbers, own: PyTree) -> tuple[Parameters, Numbers]:
     """Put changes of all parameters ``(changes,)``, and of the functions' own, together as parameters.
 
     Returns:

@@ -127,7 +127,7 @@ def _angular_momentum(dyn: Dynamics, q: Any, v: Any, about: Any) -> Any:
     return cross(points - about, p).sum(1) + cross(vectors, couples).sum(1)
 
 
-def _evaluate(motion: Motion, order: int, f: Callable[..., Any], *more: Any) -> Array:
+def _evaluate(motion: Motion, order: int, f: Callable, *more: object) -> Array:
     """Evaluate a function of states over all states of a motion, in the coordinates of its dynamics."""
     if not isinstance(motion, Motion):
         raise InputError(f"energies and momenta are those of a motion, got {type(motion).__name__}")

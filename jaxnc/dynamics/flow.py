@@ -27,7 +27,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, coefficients, slips, weights
 from jaxnc.system.structure import jax_function, program, quadratic, size
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, ArrayLike, Coordinates
+from jaxnc.types import Array, ArrayLike, Coordinates, PyTree
 
 Drive = tuple[str, Callable]
 """A coordinate that follows a function of time."""
@@ -143,7 +143,7 @@ class StageSolution(NamedTuple):
     slip: Array  # the largest of their rates
 
 
-def select_stage(stage: ArrayLike, *options: Callable[[], Any]) -> Any:
+def select_stage(stage: ArrayLike, *options: Callable[[], Any]) -> PyTree:
     """Return the option of a stage, a pytree; of a stage that is known only this option is calculated."""
     if isinstance(stage, int):
         return options[stage]()
@@ -277,7 +277,7 @@ class Flow:
         return StageSolution(base.at[u].set(x / weight), y * size, *miss)
 
     def stage_equations(
-        self, stage: Any, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
+        self, stage: ArrayLike, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
     ) -> tuple[Array, Array, Array, Array, tuple[Array, Array]]:
         """Return the scaled system of a stage: its jacobian ``(m, n)``, and right-hand sides ``(n,)`` and ``(m,)``.
 

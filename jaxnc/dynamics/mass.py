@@ -95,12 +95,12 @@ def inertias(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
 
 
 @by_identity
-def _inertias_on_host(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
+def _inertias_on_host(system: System) -> list[tuple[np.ndarray, Numbers, Numbers, Numbers]]:
     with np.errstate(all="ignore"):
         return _inertias(system.topology, system.parameters.in_numpy())
 
 
-def _inertias(top: Topology, par: Parameters) -> list[tuple[np.ndarray, Any, Any, Any]]:
+def _inertias(top: Topology, par: Parameters) -> list[tuple[np.ndarray, Numbers, Numbers, Numbers]]:
     x, found = design_numbers(top, par, 1), design(top)
     return group_inertias(top, par.points, x[found.drawing], x[found.vectors], par.physical)
 

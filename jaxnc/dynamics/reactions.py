@@ -7,7 +7,7 @@ loads by name (springs, dampers, actuators), and all forces of a mechanism at th
 import functools
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -44,6 +44,9 @@ from jaxnc.system.identity import Owner, Thing, addresses, find
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Numbers
+
+if TYPE_CHECKING:
+    from jaxnc.solvers.plan import Plan
 
 
 @public
@@ -138,7 +141,7 @@ def _in_one_program(f: Callable[..., R]) -> Callable[..., R]:
     compiled = filter_jit(f)
 
     @functools.wraps(f)
-    def call(self: Any, *args: Any, **named: Any) -> R:
+    def call(self: "Reactions", *args: object, **named: object) -> R:
         return (f if is_concrete(self) else compiled)(self, *args, **named)
 
     return call
@@ -446,7 +449,9 @@ def open_forces(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Arra
     return out - friction_forces(dyn, q, v, a, lam, None, t) if has_friction(dyn) else out
 
 
-def _stress_reaches(found: Reactions, dyn: Dynamics, view: Any, q: Array, stress: np.ndarray) -> dict[str, np.ndarray]:
+def _stress_reaches(
+    found: Reactions, dyn: Dynamics, view: "Plan", q: Array, stress: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return what multipliers ``(k, rows)`` alone put on joints, supports and inputs, named as by `unique`."""
     top, count = dyn.topology, len(stress) + 1
     rest = jnp.zeros((count, len(q)))

@@ -24,7 +24,7 @@ from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology, interned
-from jaxnc.types import Array
+from jaxnc.types import Array, PyTree
 from jaxnc.validate import as_real, call_user
 
 _SMALL = 7  # unknowns and rows that are written out for a method of many stages
@@ -196,7 +196,7 @@ def run_marched(
     start: Start,
     control: Control,
     event: Callable | None,
-    parameters: Any,
+    parameters: PyTree,
     steps: int = 0,
 ) -> Run:
     """Make a run whose steps follow its errors, or of equal steps.
@@ -329,7 +329,7 @@ def summarise(
 
 def run_in_parts(
     run: Callable[[SimulationSpec, RunNumbers], Run], spec: SimulationSpec, numbers: RunNumbers, name: str
-) -> dict[str, Any]:
+) -> dict[str, PyTree]:
     """Make a run of known numbers, with a bar if it takes more than a few seconds and someone is watching.
 
     Returns:

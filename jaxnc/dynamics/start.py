@@ -1,7 +1,7 @@
 """Where a simulation begins: poses and velocities made consistent, and motions refused that nothing determines."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +22,10 @@ from jaxnc.status import Status
 from jaxnc.system.equations import coefficients, weights
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import Array, Inputs, Numbers, PyTree
+
+if TYPE_CHECKING:
+    from jaxnc.dynamics.runs import SimulationSpec
 
 Rates = Array | tuple[tuple[int, ...], Any] | None
 """Rates to start with: of all coordinates of a pose, of some coordinates by place, or of none."""
@@ -71,7 +74,7 @@ def _put_on_ground(system: System, q: Array) -> Array:
     return on_device(out)
 
 
-def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Array:
+def start_pose(system: System, state: Motion | Inputs | None) -> Array:
     """Find the pose ``(N,)`` that a simulation starts from.
 
     `state` is a pose, with the ground where this design has it; or values of as many coordinates as there are freedoms,
@@ -80,7 +83,7 @@ def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Arra
     return assemble_pose(system, check_start(system, state))
 
 
-def assemble_pose(system: System, state: Any, throw: bool = True) -> Array:
+def assemble_pose(system: System, state: PyTree, throw: bool = True) -> Array:
     """Find the start from what `check_start` returns; nothing is raised if not `throw`, and in traced code."""
     if state is not None and not isinstance(state, Mapping):
         return state
@@ -97,7 +100,7 @@ def assemble_pose(system: System, state: Any, throw: bool = True) -> Array:
     return q if is_concrete(system, q) else attach_drawing(system, q, state)
 
 
-def determines_pose(system: Any, state: Mapping[str, Numbers]) -> bool:
+def determines_pose(system: "System | SimulationSpec", state: Mapping[str, Numbers]) -> bool:
     """Tell whether values by name determine the pose of a system, or of its topology and count of freedoms."""
     return len(state) == system.degrees_of_freedom and all(n in system.topology.position for n in state)
 
@@ -213,7 +216,7 @@ def _solve_rows(h: np.ndarray, j: np.ndarray, f: np.ndarray, g: np.ndarray) -> n
     return z[:n]
 
 
-def _host_slopes(flow: Flow, q: Any) -> tuple[np.ndarray, np.ndarray]:
+def _host_slopes(flow: Flow, q: Numbers) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows' derivatives by the unknown and by the driven coordinates, every coordinate a length."""
     top, view, eq, at = flow.dyn.topology, flow.view, to_host(flow.dyn.eq), np.asarray(q)
     j = eq.jacobian(at[:, None])[0][view.rows]

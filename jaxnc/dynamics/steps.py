@@ -233,7 +233,7 @@ def settle(moving: Moving, t: Array, state: MotionState) -> MotionState:
     return jax.lax.scan(phase, state, stages)[0]
 
 
-def _correct(stage: Array, q: object, v: Any, change: object) -> tuple[Any, Any]:
+def _correct(stage: Array, q: object, v: Array, change: object) -> tuple[Array, Array]:
     """Add a stage's change to the pose or to the rates."""
     return tuple(
         jax.tree.map(lambda a, b, k=kind: a + jnp.where(stage == k, b, 0.0), x, change)
@@ -291,7 +291,7 @@ class _ChainedStages:
         """Estimate nothing."""
         return jnp.zeros(()), jnp.zeros(())
 
-    def _ahead(self, reach: Array, start: Any, slopes: Any) -> tuple[Any, Any]:
+    def _ahead(self, reach: Array, start: Any, slopes: Any) -> tuple[Array, Array]:
         """Move pose and rates along their slopes."""
         q, v = (jax.tree.map(lambda x, dx: x + reach * dx, *pair) for pair in zip(start[:2], slopes, strict=True))
         return q, v

@@ -16,8 +16,10 @@ ones on the body that carries their bearings. A single force at the pitch point 
 and does the same work. What it has more is held by the bearings, and passes through them to the carrier.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -34,10 +36,14 @@ from jaxnc.system.system import System
 from jaxnc.system.topology import JointIndex, Segment, Topology
 from jaxnc.types import Array, Numbers
 
+if TYPE_CHECKING:
+    from jaxnc.system.loads import ForceBlock
+    from jaxnc.system.topology import Block
+
 # -- vectors of poses -------------------------------------------------------------------------------------------------
 
 
-def array_library(*arrays: Any) -> Any:
+def array_library(*arrays: object) -> ModuleType:
     """Return NumPy where all is known, so that reading a wrench compiles nothing; else JAX."""
     return np if all(isinstance(a, np.ndarray) for a in arrays) else jnp
 
@@ -94,7 +100,7 @@ def body_items(top: Topology, body: int) -> tuple[int, ...]:
     return (*found.points, *(~u for u in found.vectors))
 
 
-def instance_items(block: Any, i: int) -> tuple[int, ...]:
+def instance_items(block: "Block | ForceBlock", i: int) -> tuple[int, ...]:
     """List points and ~vectors of an instance of a constraint or force."""
     return (*block.points[i], *(~u for u in block.vectors[i]))
 
@@ -283,15 +289,15 @@ class Parts(NamedTuple):
     q: Any  # poses, (P, N)
     entries: Any  # derivatives of all rows
     multipliers: Any  # of all rows, (P, rows)
-    inertia: Any  # per group of bodies of one form, M q̈ on their nodes, (P, bodies, width)
-    weight: Any  # the same of their weights
+    inertia: tuple[Numbers, ...]  # per group of bodies of one form, M q̈ on their nodes, (P, bodies, width)
+    weight: tuple[Numbers, ...]  # the same of their weights
     moments: Any  # per group, first moments (P, bodies, dim, width) and masses (P, bodies)
-    slips: Any  # forces of the rows on velocities on all coordinates, (P, rows, N)
-    loads: Any  # per block of forces, (P, forces, variables)
-    functions: Any  # per force that is a function, on all coordinates (P, N)
-    friction: Any  # per friction, what it puts on its two bodies, each (P, N)
+    slips: Numbers  # forces of the rows on velocities on all coordinates, (P, rows, N)
+    loads: tuple[Array, ...]  # per block of forces, (P, forces, variables)
+    functions: tuple[Array, ...]  # per force that is a function, on all coordinates (P, N)
+    friction: tuple[tuple[Array, Array], ...]  # per friction, what it puts on its two bodies, each (P, N)
     constants: Any  # of the constraints of each block
-    pressure: Any  # pressure angles of the meshes, by joint
+    pressure: dict[int, Numbers]  # pressure angles of the meshes, by joint
 
 
 Masses = list[tuple[Any, Any, Any]]
@@ -739,7 +745,9 @@ def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]
     return place, force
 
 
-def _pitch(xp: Any, centres: list[Any], axes: list[Any], constants: Any) -> tuple[Any, Any, Any, Any]:
+def _pitch(
+    xp: ModuleType, centres: Sequence[Numbers], axes: Sequence[Numbers], constants: Sequence[Numbers]
+) -> tuple[Any, Any, Any, Any]:
     """Return the pitch point in space, its arm from the first axis, the pitch line, and signed ratio of the radii."""
     (a, b), w = axes, centres[1] - centres[0]
     ab = (a * b).sum(-1)[..., None]
@@ -787,7 +795,7 @@ def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Any, Any]:
     return place, force
 
 
-def _axis(ledger: Ledger, segment: Any) -> Any:
+def _axis(ledger: Ledger, segment: Sequence[int]) -> Any:
     if len(segment) == 1:
         return ledger.vectors[..., ~segment[0], :]
     return _unit(ledger.points[..., segment[1], :] - ledger.points[..., segment[0], :])

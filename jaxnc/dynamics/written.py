@@ -8,7 +8,7 @@ which is safe in every pose that is not singular.
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +28,9 @@ from jaxnc.solvers.rows import Rows
 from jaxnc.system.structure import curvature, pattern, quadratic
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from jaxnc.system.equations import Equations
 
 LARGEST = 16  # unknowns and rows that are written out: beyond, compiling takes too long
 
@@ -50,7 +53,7 @@ class WrittenRows:
         # Places of the rows that are left.
         self.kept = tuple(r for r in range(len(view.rows)) if r not in {r for _, r in massless})
 
-    def rates(self, eq: Any, x: Elements, v: Elements) -> tuple[list[Any], list[Any], list[Any]]:
+    def rates(self, eq: "Equations", x: Elements, v: Elements) -> tuple[list[Any], list[Any], list[Any]]:
         """Return Φ, dΦ/dt, and d²Φ/dt² without accelerations, row by row."""
 
         def first(*x):

@@ -7,7 +7,6 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -127,7 +126,7 @@ class Comparison:
         return json.dumps(whole, indent=2, ensure_ascii=False)
 
 
-def _show_cell(value: Any) -> str:
+def _show_cell(value: object) -> str:
     if value is None:
         return "-"
     if isinstance(value, tuple):

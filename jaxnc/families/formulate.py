@@ -11,7 +11,6 @@ population parameters", Biometrika 40, 1953: species that were seen once tell of
 
 import copy
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -36,7 +35,7 @@ from jaxnc.records import record as recorded
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.status import Status
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 FAMILIES = ("independent", "relative", "reference", "natural", "mixed")
 
@@ -206,7 +205,7 @@ def _without_scalars(mechanism: Mechanism, keep: tuple[str, ...]) -> Mechanism:
 class Independent(Formulation):
     """A closed chain in independent coordinates."""
 
-    def to_natural(self, z: Any) -> Array:
+    def to_natural(self, z: ArrayLike) -> Array:
         """Natural coordinates from the independent ones, on the drawing's assembly; by solving the position problem."""
         z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
         self._check(z.shape, len(self.listed), "variables of the family")

@@ -19,6 +19,7 @@ from jaxnc.constraints.directions import about, unit
 from jaxnc.constraints.elementary import cos, ratio, sin
 from jaxnc.constraints.kind import cross, dot, norm
 from jaxnc.system.frames import body_axes, quaternions
+from jaxnc.types import Array, Components, Numbers, Scalar
 
 Segments = tuple[tuple[int, ...], ...]
 """Directions of a part in the numbers of an instance: two points each, or a vector (~k,)."""
@@ -44,7 +45,7 @@ class Recipe:
         return len(self.names)
 
 
-def values(recipe: Recipe, p: Any, v: Any) -> tuple[Any, ...]:
+def values(recipe: Recipe, p: Components, v: Components) -> tuple[Any, ...]:
     """Read a recipe, from points ``(points, dim)`` and vectors ``(vectors, 3)``."""
     return _HOW[recipe.how][0]([p[i] for i in recipe.points], [v[i] for i in recipe.vectors], recipe.extra)
 
@@ -283,7 +284,7 @@ def rotation_rows(how: str, of: list, axis: list) -> tuple[tuple, ...]:
     )
 
 
-def parameters(how: str, r: Any) -> tuple[Any, ...]:
+def parameters(how: str, r: Array) -> tuple[Array, ...]:
     """The parameters of a rotation matrix ``(3, 3)``; of Euler parameters those with a positive first one."""
     if how == "euler parameters":
         return tuple(quaternions(r))
@@ -311,7 +312,7 @@ class Reading:
     recipe: Recipe
     part: int = 0
 
-    def __call__(self, p: Any, v: Any, c: Any) -> Any:
+    def __call__(self, p: Components, v: Components, c: Components) -> Scalar:
         """The variable's value."""
         return values(self.recipe, p, v)[self.part]
 
@@ -366,7 +367,7 @@ def _frame(segments: Segments, p: Any, v: Any) -> Any:
     return body_axes(segments, p, v) if segments else jnp.eye(3)
 
 
-def _unit_along(line: tuple[int, ...], p: Any, v: Any) -> Any:
+def _unit_along(line: tuple[int, ...], p: Components, v: Components) -> Array:
     return unit(p[line[1]] - p[line[0]] if len(line) == 2 else v[~line[0]])
 
 
@@ -376,7 +377,7 @@ def _angle_about(turn: Any, axis: Any) -> Any:
     return angle(0.5 * (jnp.trace(turn) - 1.0), jnp.dot(axial, axis))
 
 
-def skew_matrix(a: Any) -> Any:
+def skew_matrix(a: Numbers) -> Any:
     """The matrix ``(3, 3)`` of the vector product with a vector from the left."""
     x, y, z = a
     half = jnp.array([[0.0, 0.0, 0.0]] * 3).at[0, 1].set(-z).at[0, 2].set(y).at[1, 2].set(-x)

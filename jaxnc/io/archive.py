@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -108,7 +107,7 @@ class PartialTable:
         OutputError: the folder cannot be written.
     """
 
-    def __init__(self, path: Path, question: Mapping[str, Any], go_on: bool = True):
+    def __init__(self, path: Path, question: Mapping[str, object], go_on: bool = True):
         self.path, self.folder = path, path.with_name(path.name + ".part")
         self.rows: int = 0
         self.inputs: dict[str, int] = {}

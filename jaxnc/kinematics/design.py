@@ -8,7 +8,7 @@ function makes of the poses, and nothing else.
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -32,7 +32,7 @@ from jaxnc.system.on_lanes import carrying, columns_on_lanes, needed_inputs, on_
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import Array, ArrayLike, Numbers
 from jaxnc.validate import call_user, function_name
 
 _FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
@@ -152,7 +152,7 @@ class PoseReading(NamedTuple):
     names: tuple[tuple[str, int], ...] | None = None
     labels: Mapping[str, str] = {}  # what else points and vectors of the mechanism are called
 
-    def by_name(self, columns: Any, stack: Callable[[Any], Any]) -> dict[str, Any]:
+    def by_name(self, columns: Sequence[Numbers] | np.ndarray, stack: Callable) -> dict[str, Any]:
         """Sort the numbers by name; `stack` puts those of one name into an array."""
         out, first = {}, 0
         for name, width in self.names or ():
@@ -197,7 +197,7 @@ def read_poses(motion: Motion, asked: PoseReading, by: str | None = None) -> dic
     return asked.by_name(columns, functools.partial((np if hosted_poses else jnp).stack, axis=-1))
 
 
-def _mixed_slopes(motion: Motion, by: str, second: np.ndarray, name: str) -> Any:
+def _mixed_slopes(motion: Motion, by: str, second: np.ndarray, name: str) -> np.ndarray:
     """Second derivatives of all coordinates by two inputs, from those along the inputs and along their sum."""
     if name == by:
         return second
@@ -276,7 +276,7 @@ class OutputSet:
     wanted: tuple[tuple[str, str | Callable[[Motion], Any]], ...]
 
     @staticmethod
-    def of(what: str, given: Any) -> "OutputSet":
+    def of(what: str, given: "str | Callable | Sequence[str] | Mapping[str, str | Callable]") -> "OutputSet":
         """Sort out what a user asks for: a name, a function, or several; `what` is the caller, for messages."""
         if callable(given):
             return OutputSet((("", given),))
@@ -295,7 +295,7 @@ class OutputSet:
         return found.get("", found)
 
     @staticmethod
-    def _call(label: str, output: str | Callable[[Motion], Any], motion: Motion) -> Any:
+    def _call(label: str, output: str | Callable[[Motion], ArrayLike], motion: Motion) -> Array:
         if isinstance(output, str):
             return motion[output]
         what = f"output {label!r}" if label else "outputs="
@@ -394,7 +394,7 @@ class DesignDerivatives:
                 out[self.good[lanes], k] = value[..., 1:]
         return out.reshape(*lead, *shape, self.count)
 
-    def of_function(self, output: Callable[[Motion], Any]) -> tuple[dict[str, Array], dict[str, Array]]:
+    def of_function(self, output: Callable[[Motion], ArrayLike]) -> tuple[dict[str, Array], dict[str, Array]]:
         """Outputs and their Jacobian ``(..., variables)``, forward or in reverse, whichever has fewer passes.
 
         Compiled once for each `output` that is equal to another one.
@@ -435,7 +435,7 @@ def _outputs(
 
 @functools.partial(jit, static_argnums=(0, 1))
 def _output_jacobian(
-    output: Callable[[Motion], Any],
+    output: Callable[[Motion], ArrayLike],
     back: bool,
     motion: Motion,
     at: Array,

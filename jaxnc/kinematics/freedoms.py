@@ -9,7 +9,7 @@ be counted, and exchanged for others, one by one.
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System, unheld
 from jaxnc.system.topology import JointIndex, Topology
+
+if TYPE_CHECKING:
+    from jaxnc.system.topology import BodyIndex
 
 GROUND = -1
 _RANK = 1e-7  # of the largest singular value
@@ -127,7 +130,7 @@ def undriven_freedoms(system: System) -> list[str]:
     ]
 
 
-def _own_spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | None:
+def _own_spin(system: System, q: np.ndarray, body: "BodyIndex") -> tuple[np.ndarray, str] | None:
     """Find the velocity of all coordinates while one body turns about the line between the joints that hold it."""
     top = system.topology
     if top.dim != 3 or len(body.segments) < 2:

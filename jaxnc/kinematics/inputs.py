@@ -45,7 +45,7 @@ def array(value: object, what: str) -> Any:
     return as_array(value, what, active())
 
 
-def finite(value: Any, what: str) -> None:
+def finite(value: ArrayLike, what: str) -> None:
     """Refuse NaN and infinity in values that are known."""
     if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
         bad = int(np.sum(~np.isfinite(value)))
@@ -83,7 +83,7 @@ def whole(value: float, what: str, least: int = 1, most: int = _COUNTED) -> int:
     return int(value)
 
 
-def check_system(system: Any, what: str) -> None:
+def check_system(system: object, what: str) -> None:
     """Refuse anything but a compiled system outside of traced code, before it fails further down."""
     if not isinstance(system, System):
         kind = type(system).__name__
@@ -184,7 +184,7 @@ def angle_unit(unit: str | None) -> str:
     return unit
 
 
-def in_radians(system: System, unit: str | None, *given: Any) -> tuple[Any, ...]:
+def in_radians(system: System, unit: str | None, *given: object) -> tuple[Any, ...]:
     """Mappings from names to values of inputs or their rates, those of angles in radians.
 
     Given are mappings to numbers, arrays, sequences of them, or functions of time; anything else is left alone. `unit`
@@ -221,7 +221,7 @@ class _InRadians:
         return self.function(t) * (math.pi / 180.0)
 
 
-def doubt_degrees(system: System, unit: str | None, *given: Any) -> None:
+def doubt_degrees(system: System, unit: str | None, *given: object) -> None:
     """Warn where angles that are taken in radians look like degrees; not where `unit` says what they are.
 
     Beyond a turn nobody writes radians in whole numbers, or steps over more than half a turn at a time, or through a

@@ -4,6 +4,7 @@ A body is seen from the ground or from another body. All is a function of positi
 lies at infinity, or is not defined because nothing moves, is said by flags, and every number is finite.
 """
 
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -15,7 +16,7 @@ from jaxnc.compiling import on_device
 from jaxnc.errors import InputError, nearest
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.topology import BodyIndex
-from jaxnc.types import Array, Numbers
+from jaxnc.types import Array, Numbers, PyTree
 
 if TYPE_CHECKING:
     from jaxnc.kinematics.motion import Motion
@@ -53,10 +54,10 @@ class InstantMotion(NamedTuple):
     rate: Array
     finite: Array
     moving: Array
-    angular_acceleration: Any = None
+    angular_acceleration: Array | None = None
     pole_velocity: Any = None
-    inflection: Any = None
-    acceleration_pole: Any = None
+    inflection: Array | None = None
+    acceleration_pole: Array | None = None
     accelerating: Any = None
 
 
@@ -141,7 +142,7 @@ class BodyState(NamedTuple):
     size: Any  # of the mechanism, a length, by which angles are measured
 
 
-def _library_of(*given: Any) -> Any:
+def _library_of(*given: object) -> ModuleType:
     return np if all(isinstance(x, np.ndarray | np.generic) for x in given if x is not None) else jnp
 
 
@@ -309,7 +310,7 @@ def state_of(motion: "Motion", body: str | None = None, point: str | None = None
     return BodyState(place, velocity, spin, acceleration, turning, speed, pull, size)
 
 
-def _fastest(motion: "Motion", order: int) -> Any:
+def _fastest(motion: "Motion", order: int) -> Numbers:
     """The largest rate of any point, ``(...,)``, of which rounding in the others is a share."""
     top = motion.system.topology
     rate: Any = motion.rates[order - 1]
@@ -317,7 +318,7 @@ def _fastest(motion: "Motion", order: int) -> Any:
     return _vector_norm(rate[..., : len(top.points) * top.dim].reshape(*rate.shape[:-1], -1, top.dim)).max(axis=-1)
 
 
-def as_jax(found: Any) -> Any:
+def as_jax(found: PyTree) -> Any:
     """Turn NumPy's arrays in a pytree into JAX's; nothing is compiled for them."""
     return jax.tree.map(lambda x: on_device(x) if isinstance(x, np.ndarray | np.generic) else x, found)
 

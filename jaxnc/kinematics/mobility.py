@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -22,6 +22,9 @@ from jaxnc.system.precision import on_host, widened
 from jaxnc.system.system import System, drivable, unheld
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from jaxnc.solvers.assembly import Sample
 
 _CLOSED = 1e-9  # of the size: a drawing with a larger gap does not assemble
 _POSES = 4  # assembled poses at which the rank is taken; the largest counts
@@ -240,7 +243,7 @@ def _join_counts(noun: str, numbers: list[int]) -> str:
     return f"{said} {noun}" + ("" if said == "1" else "s")
 
 
-def _slipping(system: System, eq: Equations, sample: Any) -> int:
+def _slipping(system: System, eq: Equations, sample: "Sample") -> int:
     """Count the freedoms that the rows on velocities take away in a pose."""
     top = system.topology
     if not top.rates:
@@ -298,7 +301,7 @@ def grubler(topology: Topology) -> int:
     return int(count - sum(joint.freedoms_removed for joint in topology.joints))
 
 
-def _idle(matrix: Any) -> list[int]:
+def _idle(matrix: np.ndarray) -> list[int]:
     """Rows without a slope in a general pose."""
     if not isinstance(matrix, np.ndarray) or not matrix.size:
         return []
@@ -321,7 +324,7 @@ def _dependent_sparse(matrix: Any) -> tuple[list[int], list[int]]:
     return sorted(redundant), involved.tolist()
 
 
-def _dependent(matrix: Any) -> tuple[list[int], list[int]]:
+def _dependent(matrix: np.ndarray) -> tuple[list[int], list[int]]:
     """Find the rows that depend on earlier ones, and all rows that take part in a dependency."""
     if not isinstance(matrix, np.ndarray):
         return _dependent_sparse(matrix)

@@ -175,7 +175,7 @@ def sweep(
     rates: Inputs | None = None,
     accelerations: Inputs | None = None,
     hold: Sequence[str] = (),
-    start: Motion | Mapping[str, Any] | None = None,
+    start: Motion | Inputs | None = None,
     jerk: bool = False,
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
@@ -340,7 +340,7 @@ def _rate_orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array,
     return (first, second, 0.0 * first) if jerk else (first, second)
 
 
-def _follow_inputs(question: _Question, start: Motion | Mapping[str, Any] | None, repair: bool, throw: bool) -> Motion:
+def _follow_inputs(question: _Question, start: Motion | Inputs | None, repair: bool, throw: bool) -> Motion:
     """Follow a sequence of inputs along one branch."""
     view, eq = question.view, derive(question.system)
     q0 = start_of(question.system, eq, start, repair=repair)

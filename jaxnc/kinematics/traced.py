@@ -33,7 +33,7 @@ from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import farthest, limits
-from jaxnc.types import Array, Coordinates, Float
+from jaxnc.types import Array, Coordinates, Float, PyTree
 
 _VERY_MANY = 20_000  # poses of a large batch: a faster kernel pays for a longer compilation
 _CHUNK = 64  # lanes at a time: of poses near guesses, and of rates by matrices
@@ -299,7 +299,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         return lax.while_loop(lambda state: ~state[0], repair_all, (everything, found))[1]
 
     def shapes(eq, q, begun, values):
-        def like(*more, dtype=values.dtype) -> Any:
+        def like(*more, dtype=values.dtype) -> jax.ShapeDtypeStruct:
             return jax.ShapeDtypeStruct((*values.shape[:2], *more), dtype)
 
         n = len(plan.unknown)
@@ -448,7 +448,7 @@ def _repair(
     return jnp.ones((), bool), table[:, :, 0].T[None] if across else table
 
 
-def _to_table(found: PoseBatch, dtype: Any) -> Array:
+def _to_table(found: PoseBatch, dtype: np.dtype) -> Array:
     """Put poses and what became of them into one array, ``(S, columns, T)``."""
     rest = [*found.known, found.size, found.conditioning, found.status.astype(dtype)]
     if not isinstance(found.q, tuple):
@@ -487,7 +487,7 @@ def _ask(plan: Plan, method: str, eq: Equations, q: Array, last: Array | None, a
     )
 
 
-def _give_up(like: Any, *_: Any) -> np.ndarray:
+def _give_up(like: PyTree, *_: object) -> np.ndarray:
     """Answer `_ask` where the user has interrupted the host."""
     found = np.zeros(like.shape, like.dtype)
     found[:, -1] = int(Status.TOO_FAR)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from jaxnc.constraints import Kind, RateKind
     from jaxnc.forces import ForceKind
     from jaxnc.kinematics.motion import Motion
+    from jaxnc.mechanism.model import Body
     from jaxnc.robots import Exported
     from jaxnc.system.system import System
 
@@ -50,7 +51,7 @@ class Fall(tuple):
 
     __slots__ = ()
 
-    def __call__(self, *given: Any, **named: Any) -> NoReturn:
+    def __call__(self, *given: object, **named: object) -> NoReturn:
         """Refuse, in words."""
         raise CallError(
             "gravity is set, not called: m.gravity = (0, -9.81), or (0, 0, -9.81) in space; its length unit is that of "
@@ -1060,7 +1061,13 @@ class Mechanism(Drawn):
         return self._apply_named("stop", name, start, to, values, ("lower", "upper"))
 
     def _apply_named(
-        self, kind: str, name: str, start: str, to: str | None, values: Mapping[str, Any], optional: Sequence[str] = ()
+        self,
+        kind: str,
+        name: str,
+        start: str,
+        to: str | None,
+        values: Mapping[str, object],
+        optional: Sequence[str] = (),
     ) -> str:
         from jaxnc.forces import CATALOGUE
 
@@ -1106,7 +1113,7 @@ class Mechanism(Drawn):
 
         return self.apply(name, EFFORT, scalars=[coordinate], parameters={"value": value})
 
-    def load(self, name: str, function: Callable[..., Any], parameters: Any = None) -> str:
+    def load(self, name: str, function: Callable, parameters: Any = None) -> str:
         """Add a generalised force of one's own on all coordinates.
 
         Args:
@@ -1315,7 +1322,7 @@ class Mechanism(Drawn):
         return door("Mechanism.to_urdf")(self, path, at)
 
 
-def _as_pair(end: Any) -> Any:
+def _as_pair(end: object) -> Any:
     return tuple(end) if isinstance(end, (list, tuple)) else end
 
 
@@ -1324,7 +1331,7 @@ def _coincident(point: str | None, other: str | None) -> Any:
     return None if point is None and other is None else (point, other)
 
 
-def _body_points(body: Any) -> list[str]:
+def _body_points(body: "Body | list[str]") -> list[str]:
     return body.points if isinstance(body, record.Body) else body
 
 

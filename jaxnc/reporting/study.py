@@ -181,7 +181,7 @@ def report(
     return made
 
 
-def _system(thing: Any) -> System:
+def _system(thing: object) -> System:
     system = thing.system if isinstance(thing, Motion) else thing
     if not isinstance(system, System):
         raise InputError(f"report() is of a Mechanism, a System or a Motion; got {type(thing).__name__}")

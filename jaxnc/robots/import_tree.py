@@ -264,7 +264,7 @@ class ImportTree:
         spans = [d for _, d in self._spans(rigid)]
         return max((float(np.linalg.norm(np.cross(a, b))) for a, b in combinations(spans, 2)), default=0.0) <= _CLEAR
 
-    def _angle(self, joint: ElementaryJoint) -> tuple[str, dict[str, Any]]:
+    def _angle(self, joint: ElementaryJoint) -> tuple[str, dict]:
         """Choose how a hinge's angle is measured, from a direction of its parent to one of its child."""
         anchor = self.anchors[joint.name]
         start, to = (self._zero(joint, self.rigids[k]) for k in (anchor.before, anchor.after))

@@ -44,7 +44,7 @@ def to_host(eq: Equations) -> HostEquations:
     return from_jax(eq)
 
 
-def _is_traced(*trees: Any) -> bool:
+def _is_traced(*trees: object) -> bool:
     return any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
 
 

@@ -265,25 +265,25 @@ class EliminatedPair:
 
     rows: tuple[int, ...]
     columns: tuple[int, ...]
-    elements: tuple[Any, Any, Any, Any]
+    elements: tuple[Numbers, Numbers, Numbers, Numbers]
     inverse: Any  # of the determinant
     pivots: Pivots
     determinant: Any
 
-    def solve(self, right: Sequence[Any]) -> list[Any]:
+    def solve(self, right: Sequence[Numbers]) -> list[Any]:
         """Solve ``A x = b``; b is a sequence of elements by row, x by column."""
         p, q, r, s = self.elements
         b, d = (right[i] for i in self.rows)
         return _put_at(self.columns, ((s * b - q * d) * self.inverse, (p * d - r * b) * self.inverse))
 
-    def solve_transposed(self, right: Sequence[Any]) -> list[Any]:
+    def solve_transposed(self, right: Sequence[Numbers]) -> list[Numbers]:
         """Solve ``Aᵀ y = b``; b is by column, y by row."""
         p, q, r, s = self.elements
         b, d = (right[j] for j in self.columns)
         return _put_at(self.rows, ((s * b - r * d) * self.inverse, (p * d - q * b) * self.inverse))
 
 
-def _put_at(places: Sequence[int], values: Sequence[Any]) -> list[Any]:
+def _put_at(places: Sequence[int], values: Sequence[Numbers]) -> list[Numbers]:
     out: list[Any] = [None] * len(places)
     for k, value in zip(places, values, strict=True):
         out[k] = value
@@ -293,8 +293,8 @@ def _put_at(places: Sequence[int], values: Sequence[Any]) -> list[Any]:
 class _Step(NamedTuple):
     row: int
     column: int
-    pivot: Any
-    below: tuple[tuple[int, Any], ...]  # rows further down and their elements in the pivot's column
+    pivot: Numbers
+    below: tuple[tuple[int, Numbers], ...]  # rows further down and their elements in the pivot's column
     right: tuple[tuple[int, Any], ...]  # columns not yet eliminated in the pivot row and their elements
 
 

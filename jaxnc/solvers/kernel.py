@@ -22,7 +22,7 @@ from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, g
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
-from jaxnc.types import Array, ArrayLike
+from jaxnc.types import Array, ArrayLike, Numbers
 
 _ITERATIONS = 6  # the most of Newton on a block
 LARGEST_WRITTEN = 120  # unknowns that are written out
@@ -41,7 +41,7 @@ class SolvedLanes(NamedTuple):
     size: Any  # largest residual of all rows, a length
     pivots: Any  # smallest over largest pivot, coordinates as lengths
     upright: Any  # whether no row and no body is met by a mirror image
-    mirrored: Any  # whether a body is
+    mirrored: Numbers | bool  # whether a body is
 
 
 class _Block:

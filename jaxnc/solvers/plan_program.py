@@ -126,7 +126,7 @@ class PlanProgram:
         return [x[c] for c in range(len(self.plan.unknown))]
 
     @with_owner
-    def _function(self, parts: tuple[str, ...], numbers: bool) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+    def _function(self, parts: tuple[str, ...], numbers: bool) -> Callable[[Sequence], tuple]:
         return function(self._builder.program([k for part in parts for k in self.parts[part]]), math if numbers else np)
 
     def run(self, parts: tuple[str, ...], eq: HostEquations, q: np.ndarray, right: Any = ()) -> list[np.ndarray]:

@@ -48,7 +48,7 @@ class PoseBatch(NamedTuple):
         every = zip(self, *others, strict=True)
         return PoseBatch(*(f(*some) if isinstance(some[0], np.ndarray) else some[0] for some in every))
 
-    def put(self, index: Any, other: "PoseBatch") -> None:
+    def put(self, index: np.ndarray | tuple, other: "PoseBatch") -> None:
         """Write what is known of another batch in the place of some of these."""
         for mine, new in zip(self, other, strict=True):
             if isinstance(mine, np.ndarray):

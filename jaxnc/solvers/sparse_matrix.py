@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxnc.process import one_thread
 from jaxnc.records import record, static
-from jaxnc.types import Array, Float
+from jaxnc.types import Array, Float, PyTree
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -260,7 +260,7 @@ class Factoriser:
         like = tuple(jax.ShapeDtypeStruct(s, data.dtype) for s in ((self.size,), (self._block.count,)))
         return self._ask(like, lambda x: self.pivots(self._factorise_once(x)), data)
 
-    def _ask(self, like: Any, f: Callable[..., Any], *given: Array) -> Any:
+    def _ask(self, like: PyTree, f: Callable, *given: Array) -> PyTree:
         from jaxnc.solvers.traced import ask_host  # with what only traced code needs
 
         def nothing(*_: np.ndarray) -> Any:

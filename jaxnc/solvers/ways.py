@@ -20,7 +20,7 @@ from jaxnc.solvers.plan import Plan, unwind
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
-from jaxnc.types import Array, ArrayLike, Coordinates, Float
+from jaxnc.types import Array, ArrayLike, Coordinates, Float, PyTree
 
 _SHORTEST = 1e-6  # of the way from the start pose to a lane: what is left of a branch that has ended
 _UNLIKELY = 0.02  # of the way from a point of a table: lanes with a fold so near rather go from the start pose
@@ -159,7 +159,7 @@ class _Routes:
         state = jnp.zeros((n + 4, given)), jnp.zeros((n + len(self.outset) + 1, block if self.tabled else 0)), store
         return lax.fori_loop(0, -(-given // block) + self.tabled, walk, state)[0]
 
-    def full(self, these: Iterable[Any]) -> tuple[Array, ...]:
+    def full(self, these: Iterable[Array]) -> tuple[Array, ...]:
         """Make lanes of numbers."""
         return tuple(jnp.broadcast_to(v, (self.width,)) for v in these)
 
@@ -258,7 +258,7 @@ class _Routes:
         return i + 1, jax.tree.map(lambda a, b: jnp.where(good, a, b), new, old)
 
     def _judge(
-        self, ways: _Ways, trial: "_Trial", guess: Array, y: Sequence[Array], facing: Any, kept: Array
+        self, ways: _Ways, trial: "_Trial", guess: Array, y: Sequence[Array], facing: Array, kept: Array
     ) -> tuple[Array, ...]:
         """Say whether the step is made, how long the next one is after it and elsewhere, and what is left."""
         fresh, ahead = trial.fresh, trial.ahead
@@ -404,7 +404,7 @@ def _unpack(packed: Array, counts: tuple[int | None, ...]) -> _Ways:
     return _Ways(*(part[0] if count is None else part for part, count in zip(parts, counts, strict=True)))
 
 
-def _once(go: Array, f: Callable[[Any], Any], x: Any) -> Any:
+def _once(go: Array, f: Callable, x: PyTree) -> PyTree:
     """Apply a function, or do nothing: a loop that is not entered leaves arrays in place, and a `cond` copies them."""
     return lax.while_loop(lambda state: state[0], lambda state: (jnp.zeros((), bool), f(state[1])), (go, x))[1]
 

@@ -41,7 +41,7 @@ from jaxnc.synthesis.search.checkpoint import Course, interruptible
 from jaxnc.synthesis.search.screen import initial_guess, reseat_targets, screen
 from jaxnc.synthesis.search.sqp import End
 from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts
-from jaxnc.types import Array, ArrayLike
+from jaxnc.types import Array, ArrayLike, PyTree
 
 LARGE = 1e15  # the value of a design that does not assemble
 GOOD, LOST, NO_VALUE, NO_SLOPE = range(4)  # what became of a trial
@@ -125,7 +125,7 @@ class _Only:
         return id(self.thing)
 
 
-def _identity(thing: object, above: list[object]) -> Any:
+def _identity(thing: object, above: list[object]) -> object:
     """A key that things share if they do the same: numbers, code with what it encloses, else identity."""
     if isinstance(thing, int) and not isinstance(thing, bool) and abs(thing) < 1 << 53:
         return "float", float(thing)  # schedules make one of the other when they are first asked
@@ -155,7 +155,7 @@ def _identity(thing: object, above: list[object]) -> Any:
     return "only", _Only(thing)
 
 
-def _lasting(key: object) -> Any:
+def _lasting(key: object) -> object:
     """A key without what differs from process to process."""
     if isinstance(key, _Only):
         return getattr(key.thing, "__qualname__", type(key.thing).__name__)
@@ -211,7 +211,7 @@ class Lane:
     trial: Array
     slope: Array
     merit: Array
-    memory: Any
+    memory: PyTree
     after: Any
     share: Array
     multipliers: Array

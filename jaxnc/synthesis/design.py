@@ -21,7 +21,7 @@ from jaxnc.synthesis.loops import four_bar_loop, link_lengths
 from jaxnc.synthesis.problem import Problem
 from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.search.basins import Basin
@@ -167,7 +167,7 @@ class _Numbers(NamedTuple):
     errors: Any
     misses: Any
     own: Any
-    conditions: Any
+    conditions: Sequence[Numbers]
 
 
 def _read_numbers(problem: Problem, one: MovedDesign) -> _Numbers:

@@ -34,6 +34,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
+    from jaxnc.solvers.plan import Plan
     from jaxnc.synthesis.search.goal import Goal
 
 _Item = TypeVar("_Item")
@@ -286,7 +287,7 @@ class _Designs:
         return part._replace(changes=slopes, turn=found.turn and self.changing(found.turn, some))
 
 
-def _view(problem: Problem) -> Any:
+def _view(problem: Problem) -> "Plan":
     system = problem.system
     return plan(system.topology, (problem.driven,), problem.hold, system.degrees_of_freedom)
 

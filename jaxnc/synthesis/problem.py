@@ -9,6 +9,7 @@ import copy
 import dataclasses
 import math
 from collections.abc import Sequence
+from types import ModuleType
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -154,7 +155,7 @@ class Problem(Remade, Leaves):
 
     # -- to be given by each kind of problem -----------------------------------------------------------------------
 
-    def inputs(self, extra: Any) -> Any:
+    def inputs(self, extra: Numbers) -> Any:
         """Values of the input at the targets, ``(T,)``, see `affine`; NumPy arrays from NumPy arrays."""
         raise NotImplementedError
 
@@ -389,12 +390,12 @@ class Problem(Remade, Leaves):
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
 
 
-def with_fields(problem: _P, **fields: Any) -> _P:
+def with_fields(problem: _P, **fields: object) -> _P:
     """Copy a problem with other values of some fields; nothing is checked again."""
     return from_fields(type(problem), vars(problem) | fields)
 
 
-def array_module(*values: Any) -> Any:
+def array_module(*values: object) -> ModuleType:
     """The module for arithmetic with arrays: NumPy, which compiles nothing, unless one of them is JAX's."""
     return jnp if any(isinstance(v, (jax.Array, Tracer)) for v in values) else np
 

@@ -107,7 +107,7 @@ class Result(Shown):
 
     problem: Problem
     designs: tuple[Design, ...]
-    history: tuple[Any, ...]
+    history: tuple[Progress, ...]
     refined: int
     screened: int
     broken: int

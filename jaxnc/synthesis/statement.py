@@ -1,7 +1,7 @@
 """The part of a problem's statement that all kinds share: names, bounds and conditions, checked and completed."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -114,7 +114,7 @@ def turn_of(stated: Statement, beyond: bool) -> float:
     return max(2 * np.pi, high - low) if beyond else 4 * np.pi
 
 
-def complete(problem: Problem, stated: Statement, **fields: Any) -> None:
+def complete(problem: Problem, stated: Statement, **fields: object) -> None:
     """Give a problem its fields; refuse conditions of the user's own that are not finite for the starting idea."""
     vars(problem).update(stated._asdict() | fields)
     if not problem.at_rest:
@@ -171,7 +171,10 @@ _compiled_met = jit(Problem.condition_values)
 
 
 def choose_variables(
-    system: System, free: Sequence[str] | None = None, bounds: Mapping[str, Any] | None = None, what: str = "problem"
+    system: System,
+    free: Sequence[str] | None = None,
+    bounds: Mapping[str, Sequence] | None = None,
+    what: str = "problem",
 ) -> Variables:
     """Choose design variables.
 

@@ -1,7 +1,7 @@
 """Numbers that a problem is stated and searched with, checked; an error names what is at fault and what to try."""
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -10,6 +10,9 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import whole
 from jaxnc.types import Array
 from jaxnc.validate import as_real, call_user
+
+if TYPE_CHECKING:
+    from jaxnc.kinematics.motion import Motion
 
 _SAME = 1e-9  # of the target's extent: points that are so near to each other are one
 
@@ -97,14 +100,14 @@ def check_radians(values: np.ndarray, what: str, turn: float, remedy: str) -> No
         )
 
 
-def call_on_motion(function: Callable[[Any], Any], what: str, motion: Any) -> Array:
+def call_on_motion(function: Callable, what: str, motion: "Motion | None") -> Array:
     """Call a user's function with a motion; the numbers that it returns, as an array."""
     return as_real(
         call_user(function, what, "motion", motion), what, "a number or an array of numbers, built by jax.numpy"
     )
 
 
-def as_names(values: Any, what: str) -> list[str]:
+def as_names(values: object, what: str) -> list[str]:
     """Check that names are some."""
     if isinstance(values, str):
         return [values]

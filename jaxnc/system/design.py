@@ -8,7 +8,7 @@ behind. The readings are NumPy (with changes along the last axis, if wanted), JA
 import functools
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +23,9 @@ from jaxnc.system.structure import Formula, formula
 from jaxnc.system.system import Parameters
 from jaxnc.system.topology import INDEX, Block, BlockLayout, Segment, Topology
 from jaxnc.types import Array, Float, Numbers
+
+if TYPE_CHECKING:
+    from jaxnc.system.topology import Shape
 
 Places = np.ndarray
 """Where numbers stand in the row of a design."""
@@ -126,7 +129,7 @@ class _DesignWriter:
             np.concatenate([np.zeros(1, INDEX), *misfit]),
         )
 
-    def _shape(self, shape: Any) -> Places:
+    def _shape(self, shape: "Shape") -> Places:
         """Redraw bodies with explicit dimensions."""
         members = np.array(shape.members, int)
         wanted = np.array(shape.dimensions, int).reshape(len(members), -1)
@@ -204,7 +207,7 @@ def _distance_formula(dim: int) -> Formula:
 def recipe_formula(recipe: tuple, count: int, dim: int, values: int) -> Formula:
     """A body's points as its recipe places them, from those drawn ``(count, dim)`` and its explicit dimensions."""
 
-    def place(*x: Any) -> Any:
+    def place(*x: object) -> Any:
         home: Any = Small(Small(x[k * dim : (k + 1) * dim]) for k in range(count))
         return redraw(recipe, home, cast(Any, Small(x[count * dim :])))
 
@@ -221,7 +224,7 @@ def _marker_formula(dim: int, forms: str, direction: bool) -> Formula:
     wide = [dim * (2 if form == "p" else 1) for form in (*forms, "v" if direction else "p")]
     ends = np.cumsum([0, *wide])
 
-    def coefficients(*x: Any) -> Any:
+    def coefficients(*x: object) -> Any:
         parts = [x[a:b] for a, b in itertools.pairwise(ends.tolist())]
         *spans, drawn, arm = [Small(p) if len(p) == dim else Small(p[dim:]) - Small(p[:dim]) for p in parts]
         return carried(cast(Any, spans), cast(Any, arm), cast(Any, drawn), direction)

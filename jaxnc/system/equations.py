@@ -188,7 +188,7 @@ def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float
 
 def _scales(
     top: Topology, block: Block, layout: BlockLayout, linear: Numbers | None, length: Numbers, constants: Numbers
-) -> Any:
+) -> Numbers:
     """Factors that turn rows into lengths, ``(instances, rows)``."""
     xp: Any = np if isinstance(constants, np.ndarray) else jnp
     if not block.kind.rows:
@@ -205,7 +205,7 @@ def _scales(
     return xp.stack(columns, axis=-1).astype(constants.dtype)
 
 
-def _bar_length(top: Topology, drawing: Numbers) -> Any:
+def _bar_length(top: Topology, drawing: Numbers) -> Numbers:
     """Median extent of the constraints that tie points together: what a large mechanism is measured by.
 
     A tolerance relative to the whole drawing would let every bar of a chain of thousands be wrong by thousands of

@@ -19,6 +19,7 @@ from jaxnc.kinematics.instant import (
     instant_motion,
     path_curvature,
 )
+from jaxnc.types import Numbers
 from jaxnc.viz.bodies import Bodies
 from jaxnc.viz.legend import Legend
 from jaxnc.viz.poses import Poses, evenly
@@ -98,7 +99,7 @@ class Overlay:
         k = ... if self.data.single else self.pose
         return type(found)(*(None if x is None else np.asarray(x)[k] for x in found))
 
-    def add_items(self, *items: Any) -> None:
+    def add_items(self, *items: object) -> None:
         """Add items to the view's scene."""
         self.view.scene = dataclasses.replace(self.view.scene, items=(*self.view.scene.items, *items))
 
@@ -377,7 +378,7 @@ class SpaceOverlay(Overlay):
         self.add_label(column, text)
         self.inside.append(place)
 
-    def _chord(self, point: Any, direction: Any) -> np.ndarray:
+    def _chord(self, point: Numbers, direction: Numbers) -> np.ndarray:
         """Cut a line to what is within reach, ``(2, 3)``; NaN if it passes far away."""
         foot = point + (self.middle - point) @ direction * direction
         half = (_REACH * self.size) ** 2 - float(((foot - self.middle) ** 2).sum())

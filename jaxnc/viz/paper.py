@@ -48,7 +48,7 @@ def motion_sheet(
     against: str | None = None,
     title: str | None = None,
     dpi: float = 200.0,
-    **options: Any,
+    **options: object,
 ) -> Figure:
     """Put a motion on one sheet for a paper or a report: drawing, paths, dimensions, extremes and plots.
 

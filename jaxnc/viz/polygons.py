@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -251,7 +250,7 @@ def _arrows(view: _PolygonView, plan: _Polygon, kind: str) -> None:
 
 
 def _arrow(
-    ax: Axes, a: np.ndarray, b: np.ndarray, colour: str, width: float, dash: Any, points: float, name: str
+    ax: Axes, a: np.ndarray, b: np.ndarray, colour: str, width: float, dash: object, points: float, name: str
 ) -> None:
     look = {"arrowstyle": "-|>", "color": colour, "lw": width, "linestyle": dash, "mutation_scale": 2.4 * points}
     note = ax.annotate(

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -14,6 +14,9 @@ from matplotlib.text import Text
 from jaxnc.viz.arrows import Arrows, arrows, nice
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import HEADING, LIGHT, NUMBERS
+
+if TYPE_CHECKING:
+    from matplotlib.transforms import Transform
 
 _BAR = 0.28  # of the width: a bar that shows the scale
 
@@ -103,11 +106,11 @@ class View:
             fontsize=self.text_size - 0.5, color=LIGHT["soft"], ha="center", va="bottom", gid="scale", **look,
         )  # fmt: skip
 
-    def write(self, x: float, y: float, text: str, **look: Any) -> Text:
+    def write(self, x: float, y: float, text: str, **look: object) -> Text:
         """Write a text in the plane of the picture."""
         return Axes.text(self.ax, x, y, text, **{"parse_math": False, **look})
 
-    def add_banner(self, height: float, transform: Any) -> None:
+    def add_banner(self, height: float, transform: "Transform") -> None:
         """Make room for what became of a pose that is not right."""
         self.banner = self.write(
             0.5, height, "", transform=transform, color=LIGHT["failure"], fontsize=self.text_size, ha="center",

@@ -7,7 +7,7 @@ are the poses behind it. Coordinates are ``(N, steps, designs)``.
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from jaxnc.system.design import Drawn
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import ArrayLike
+
+if TYPE_CHECKING:
+    from jaxnc.system.host import HostEquations
 
 _ITERATIONS = 12  # the most of Newton
 _ASSEMBLY = 60  # and of Levenberg and Marquardt on a drawing that does not fit its dimensions
@@ -258,7 +261,7 @@ def steady_steps(value: np.ndarray, share: np.ndarray) -> np.ndarray:
     return branch.steady([value[1:]], [value[:-1]], [rise], share)
 
 
-def _solve_closed(block: Rows, numbers: Any, q: np.ndarray) -> None:
+def _solve_closed(block: Rows, numbers: "RowNumbers | HostEquations", q: np.ndarray) -> None:
     """Solve a block with a closed form, in all poses, on the side that its first pose has."""
     columns, lanes = list(block.columns), q.shape[1:]
     given = block.collect(q, numbers)

@@ -147,7 +147,7 @@ def precision_four_bars(
     output_offset: float | None = 0.0,
     ground: float = 1.0,
     over: tuple[float, float] | None = None,
-    function: Callable[[np.ndarray], Any] | None = None,
+    function: Callable[[np.ndarray], ArrayLike] | None = None,
 ) -> FunctionDesigns:
     """All four-bars whose rocker stands at given angles when the crank does, at 3, 4 or 5 precision points.
 
@@ -209,7 +209,7 @@ def precision_four_bars(
 
 @public
 def function_four_bars(
-    function: Callable[[np.ndarray], Any],
+    function: Callable[[np.ndarray], ArrayLike],
     over: tuple[float, float],
     input_range: float,
     output_range: float,

@@ -49,7 +49,7 @@ class Task:
         return tuple(part[..., None] for part in (self.d, self.e, self.matrix, self.right))
 
 
-def coupler_turns(z: np.ndarray, d: Any, e: Any) -> np.ndarray:
+def coupler_turns(z: np.ndarray, d: ArrayLike, e: ArrayLike) -> np.ndarray:
     """γ and γ' of every point but the first, ``(2, points - 1, lanes)``, from both bars."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     (u, v), (uu, vv) = x * (aa - e), xx * (a - d)
@@ -101,7 +101,9 @@ class _Linearised:
         return out
 
 
-def _residuals(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray, right: np.ndarray) -> tuple:
+def _residuals(
+    z: np.ndarray, g: np.ndarray, d: np.ndarray, e: np.ndarray, matrix: np.ndarray, right: np.ndarray
+) -> tuple:
     """Residuals of the equations of bars, turns and base."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     bars = x * (aa - e) * g[0] + xx * (a - d) * g[1] + d * (e - aa - xx) - e * (a + x)

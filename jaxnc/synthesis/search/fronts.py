@@ -9,7 +9,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from jaxnc.synthesis.search.refine import Refinement
 from jaxnc.synthesis.search.solve import starting_rows
 from jaxnc.synthesis.search.sqp import MEETS, End, Sqp
 from jaxnc.synthesis.validate import as_seed, check_counts
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -129,7 +129,7 @@ class Front(Shown):
 @public
 def pareto(
     problem: Problem,
-    others: Mapping[str, Callable[[Motion], Any]] | None = None,
+    others: Mapping[str, Callable[[Motion], ArrayLike]] | None = None,
     points: int = 16,
     starts: int = 2000,
     refine: int = 48,

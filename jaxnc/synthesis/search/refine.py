@@ -7,7 +7,7 @@ like one that is worse, so that nothing is ever not a number. Multipliers follow
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -370,7 +370,7 @@ class Refinement:
 
     # -- inside ----------------------------------------------------------------------------------------------------
 
-    def _advance(self, lanes: LaneState, count: int, bounds: Any = None) -> LaneState:
+    def _advance(self, lanes: LaneState, count: int, bounds: tuple[np.ndarray, np.ndarray] | None = None) -> LaneState:
         """Take iterations; `bounds` are in the unknowns' scales, those of the goal if not given."""
         goal, scale = self.goal, self.scale
 

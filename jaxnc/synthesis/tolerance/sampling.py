@@ -103,7 +103,7 @@ def variable_components(what: str, system: System, name: str) -> tuple[tuple[str
         raise InputError(str(error).replace("sensitivity:", f"{what}:")) from None
 
 
-def _width(what: str, name: str, value: Any, count: int) -> np.ndarray:
+def _width(what: str, name: str, value: object, count: int) -> np.ndarray:
     try:
         width = np.asarray(value, float)
     except (TypeError, ValueError, OverflowError):
