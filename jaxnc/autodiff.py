@@ -20,11 +20,11 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 from jaxnc.promotion import promoted
-from jaxnc.types import Array, PyTree
+from jaxnc.types import AnyArray, Array, PyTree
 
 Arrays = Sequence[Array]
 # Change of the value, a pytree as it is, of (what is static, the value, its arguments, the changes of these).
-Rule = Callable[[Any, Any, tuple, tuple], Any]
+Rule = Callable[[PyTree, PyTree, tuple, tuple], PyTree]
 
 
 class TwoRules(NamedTuple):
@@ -118,7 +118,7 @@ def _is_still(change: object) -> bool:
     return type(change) is ad.Zero or getattr(change, "dtype", None) == jax.dtypes.float0
 
 
-def _zero(x: Any) -> np.ndarray:
+def _zero(x: AnyArray) -> np.ndarray:
     """The tangent of an array that has none, NumPy's: JAX's would be compiled."""
     dtype = jax.dtypes.result_type(x)
     return np.zeros(np.shape(x), dtype if jax.dtypes.issubdtype(dtype, np.inexact) else jax.dtypes.float0)
@@ -128,10 +128,10 @@ class Rules(NamedTuple):
     """A function and its two linear ones, pure and hashable; all take and return lists of arrays."""
 
     # (what, x, rest) to what is differentiated and what is not.
-    value: Callable[[Any, Arrays, Arrays], tuple[list, list]]
+    value: Callable[..., tuple[list, list]]
     # (what, x, rest, smooth, other, change): the change of what is differentiated with that of x; the value there is
     # `smooth`, which is differentiated, and `other`.
-    tangent: Callable[[Any, Arrays, Arrays, Arrays, Arrays, Arrays], list]
+    tangent: Callable[..., list]
     # (what, x, rest, smooth, other, change): the transpose, a list as x.
     cotangent: Callable
 

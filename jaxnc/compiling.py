@@ -170,7 +170,7 @@ def options() -> dict[str, bool | int | str]:
     return wanted
 
 
-def on_device(tree: object) -> Any:
+def on_device(tree: object) -> PyTree:
     """Turn NumPy arrays into JAX arrays, inside of traced code too; ``jnp.asarray`` compiles one program a shape."""
     if outermost():
         return jax.device_put(tree)

@@ -29,6 +29,9 @@ Numbers: TypeAlias = Array | np.ndarray
 PyTree: TypeAlias = Any
 """What `jax.tree` takes apart into arrays: records, tuples, lists and dicts of them, or one array."""
 
+AnyArray: TypeAlias = Any
+"""An array of NumPy or of JAX, where code is the same for both and `Numbers` is too narrow; or None, or a tuple of them."""
+
 Coordinates: TypeAlias = Float[Array, " N"]
 """All coordinates of a mechanism in one pose: points, unit vectors, then angles and distances."""
 
@@ -58,6 +61,7 @@ class Components(Protocol):
 
 __all__ = [
     "Any",
+    "AnyArray",
     "Array",
     "ArrayLike",
     "Components",

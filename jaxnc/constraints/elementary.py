@@ -14,7 +14,7 @@ Cephes' ``sinf`` and ``cosf`` (Moshier, 1992). What is read as a program has the
 
 import math
 import operator
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import jax
@@ -71,7 +71,7 @@ class Small:
         if isinstance(at, int) and not -size <= at < size + beyond:
             raise OutOfRange(f"index {at} in an array of {size}")
 
-    def _with(self, f: Any, other: Any) -> "Small":
+    def _with(self, f: Callable, other: Any) -> "Small":
         shape = getattr(other, "shape", (len(other),) if isinstance(other, tuple) else ())
         if not shape:
             return Small(f(a, other) for a in self.items)
@@ -140,7 +140,7 @@ def ratio(a: Scalar, b: Scalar) -> Any:
     return where(nonzero, a / where(nonzero, b, 1.0), 0.0)
 
 
-def angle(sine: Any, cosine: Any) -> Any:
+def angle(sine: Scalar, cosine: Any) -> Any:
     """The angle of a direction from its two parts, zero where there is none."""
     safe = (cosine != 0) | (sine != 0)
     y, x = where(safe, sine, 0.0), where(safe, cosine, 1.0)

@@ -267,7 +267,7 @@ def _is_drawn(state: object) -> bool:
     return state is None or isinstance(state, dict)
 
 
-def _start(spec: SimulationSpec, flow: Flow, q: Any, rates: Any, t: Any, find_rates: Callable) -> Start:
+def _start(spec: SimulationSpec, flow: Flow, q: Array, rates: Any, t: Any, find_rates: Callable) -> Start:
     """Return the start at a pose with its hidden vectors.
 
     Rates by name are made consistent by `find_rates`, or on the host where it can; all else by the first steps.
@@ -442,7 +442,7 @@ def _origin(spec: SimulationSpec, state: Any) -> Origin:
 
 @functools.partial(jit, static_argnums=0)
 def _pull_back_run(
-    spec: SimulationSpec, flow: Flow, numbers: RunNumbers, smooth: Any, other: Any, change: Any
+    spec: SimulationSpec, flow: Flow, numbers: RunNumbers, smooth: PyTree, other: Any, change: Any
 ) -> tuple[list, Array, Array | None, Array, list]:
     """Pull a change of a run back to its motion, start, rates, times, and the event's real numbers.
 

@@ -185,7 +185,7 @@ def request_pull_back(
 
 
 def _answer(
-    spec: SimulationSpec, origin: Origin, par: Any, eq: Equations, at: np.ndarray, pose: np.ndarray, law: Any
+    spec: SimulationSpec, origin: Origin, par: PyTree, eq: Equations, at: np.ndarray, pose: np.ndarray, law: Any
 ) -> np.ndarray:
     whole = Law(**dict.fromkeys(Law._fields, ()) | dict(zip(DERIVED, law, strict=True)))
     return pull_back_design(spec, origin, Parameters(*par), eq, at, pose, whole).astype(at.dtype)

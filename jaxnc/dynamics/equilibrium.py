@@ -29,7 +29,7 @@ from jaxnc.status import Status
 from jaxnc.system.equations import refuse_rates, residual, weights
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, Inputs
 
 _METHODS = ("minimum", "newton")
 _STEPS = 200
@@ -88,7 +88,7 @@ class Equilibrium:
 @public
 def equilibrium(
     system: System,
-    state: Motion | Mapping[str, Any] | None = None,
+    state: Motion | Inputs | None = None,
     method: str = "minimum",
     hold: Mapping[str, Any] | None = None,
     throw: bool | None = None,

@@ -35,7 +35,7 @@ from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.system.system import System
-from jaxnc.types import Array, ArrayLike, PyTree
+from jaxnc.types import Array, ArrayLike, Inputs, PyTree
 from jaxnc.validate import as_shape
 
 _APART = 1e-3  # of the mechanism's size, and of its largest speed: a state that is farther off is none of it
@@ -110,7 +110,7 @@ class VectorField:
 
     def start(
         self,
-        state: Motion | Mapping[str, Any] | None = None,
+        state: Motion | Inputs | None = None,
         rates: Mapping[str, Any] | None = None,
         t: ArrayLike = 0.0,
         unit: str | None = None,

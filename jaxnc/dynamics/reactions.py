@@ -43,7 +43,7 @@ from jaxnc.system.frames import spread, turns
 from jaxnc.system.identity import Owner, Thing, addresses, find
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import AnyArray, Array, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.solvers.plan import Plan
@@ -381,10 +381,10 @@ class Reactions:
     def _q(self) -> Array:
         return self._states()[2]
 
-    def _states(self) -> tuple[Dynamics, Any, Any, Any, Any]:
+    def _states(self) -> tuple[Dynamics, AnyArray, AnyArray, AnyArray, AnyArray]:
         return states_of(self.motion)
 
-    def _flat(self) -> tuple[Dynamics, Any, Any, Any, Any, Any]:
+    def _flat(self) -> tuple[Dynamics, AnyArray, AnyArray, AnyArray, AnyArray, AnyArray]:
         """Return equations of motion, and times, states and multipliers of all poses, one after another."""
         dyn, t, *states = self._states()
         q, v, a, lam = (x.reshape(t.size, x.shape[-1]) for x in (*states, self.multipliers))
@@ -504,7 +504,7 @@ def states_of(motion: Motion) -> tuple[Dynamics, Numbers, Numbers, Numbers, Numb
     """
     system = motion.system
     t = np.zeros(motion.status.shape) if motion.time is None else motion.time
-    given: Any = motion.q, motion.rates[0], motion.rates[1]
+    given: AnyArray = motion.q, motion.rates[0], motion.rates[1]
     if is_concrete(given):
         given = tuple(map(np.asarray, given))
     flat = (x.reshape(-1, x.shape[-1]) for x in given)

@@ -137,7 +137,7 @@ class Start(NamedTuple):
 class Run(NamedTuple):
     """A run, in the coordinates of the system."""
 
-    smooth: dict[str, Any]  # fields of a `Simulation` that are differentiated
+    smooth: dict[str, PyTree]  # fields of a `Simulation` that are differentiated
     other: dict[str, Any]  # those that are not
     start: Array  # the pose as given, in the coordinates of the dynamics
     history: History | None  # what going back through it needs; None if it is differentiated as it stands
@@ -292,7 +292,7 @@ def _follow_event(happens: Callable, parameters: object, history: History, end: 
 
 def summarise(
     top: Topology, flow: Flow, t: Array, start: Start, history: History, event: Callable | None, parameters: object
-) -> tuple[dict[str, Any], Array]:
+) -> tuple[dict[str, PyTree], Array]:
     """Return the differentiated fields of a `Simulation`, in the coordinates of the system, and its status."""
     states, status = history.state, history.status
     end = jnp.where(history.t[-1] == t[-1], t[-1], lax.stop_gradient(history.t[-1]))

@@ -160,7 +160,7 @@ def _plain_float(x: float) -> float:
     return x if isinstance(x, Tracer) else float(x)
 
 
-def _known_start(system: System, given: Any, drives: tuple[tuple[str, Callable], ...], t: Numbers) -> Any:
+def _known_start(system: System, given: Any, drives: tuple[tuple[str, Callable], ...], t: Numbers) -> Array:
     """Find the start of known numbers; where all freedoms are driven, follow the drawing's branch to the drives."""
     begin = assemble_pose(system, given)
     if given is not None or not drives or len(drives) != system.degrees_of_freedom:

@@ -36,7 +36,7 @@ _SMALL = 1e-9  # on the diagonal of rows, as in `jaxnc.dynamics.saddle`, with as
 # -- poses ------------------------------------------------------------------------------------------------------------
 
 
-def check_start(system: System, state: Motion | Mapping[str, Any] | None) -> Any:
+def check_start(system: System, state: Motion | Inputs | None) -> Any:
     """Check what a user says of the start, and return a pose ``(N,)``, values by name, or None."""
     top = system.topology
     if isinstance(state, Motion):
@@ -119,7 +119,7 @@ def still_coordinates(top: Topology, state: Mapping[str, Array] | None) -> tuple
 # -- rates ------------------------------------------------------------------------------------------------------------
 
 
-def check_rates(system: System, rates: Motion | Mapping[str, Any] | None) -> Rates:
+def check_rates(system: System, rates: Motion | Inputs | None) -> Rates:
     """Check what a user says of the rates at the start.
 
     `rates` are a motion that carries them; or rates of coordinates, points and vectors by name; or None for rest.

@@ -19,7 +19,7 @@ and does the same work. What it has more is held by the bearings, and passes thr
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -34,7 +34,7 @@ from jaxnc.system.identity import GROUND, Owner, Thing
 from jaxnc.system.loads import FrictionIndex
 from jaxnc.system.system import System
 from jaxnc.system.topology import JointIndex, Segment, Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import AnyArray, Array, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.system.loads import ForceBlock
@@ -48,7 +48,7 @@ def array_library(*arrays: object) -> ModuleType:
     return np if all(isinstance(a, np.ndarray) for a in arrays) else jnp
 
 
-def cross(a: Numbers, b: Numbers) -> Any:
+def cross(a: Numbers, b: Numbers) -> AnyArray:
     """Return the moment of a force b with the arm a: ``(...,)`` in the plane, ``(..., 3)`` in space."""
     if a.shape[-1] == 2:
         return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
@@ -56,14 +56,14 @@ def cross(a: Numbers, b: Numbers) -> Any:
     return array_library(*parts).stack(parts, -1)
 
 
-def magnitude(x: Numbers) -> Any:
+def magnitude(x: Numbers) -> AnyArray:
     """Return the length of vectors ``(..., dim)``; zero, with derivative zero, of none."""
     square = (x * x).sum(-1)
     where = array_library(square).where
     return where(square > 0, where(square > 0, square, 1.0) ** 0.5, 0.0)
 
 
-def _unit(x: Any) -> np.ndarray:
+def _unit(x: AnyArray) -> np.ndarray:
     return x / magnitude(x)[..., None]
 
 
@@ -286,21 +286,21 @@ def friction_bodies(top: Topology, index: FrictionIndex) -> tuple[int, int]:
 class Parts(NamedTuple):
     """Parts of the wrenches of poses, everything with a leading axis of poses."""
 
-    q: Any  # poses, (P, N)
-    entries: Any  # derivatives of all rows
-    multipliers: Any  # of all rows, (P, rows)
+    q: AnyArray  # poses, (P, N)
+    entries: AnyArray  # derivatives of all rows
+    multipliers: AnyArray  # of all rows, (P, rows)
     inertia: tuple[Numbers, ...]  # per group of bodies of one form, M q̈ on their nodes, (P, bodies, width)
     weight: tuple[Numbers, ...]  # the same of their weights
-    moments: Any  # per group, first moments (P, bodies, dim, width) and masses (P, bodies)
+    moments: AnyArray  # per group, first moments (P, bodies, dim, width) and masses (P, bodies)
     slips: Numbers  # forces of the rows on velocities on all coordinates, (P, rows, N)
     loads: tuple[Array, ...]  # per block of forces, (P, forces, variables)
     functions: tuple[Array, ...]  # per force that is a function, on all coordinates (P, N)
     friction: tuple[tuple[Array, Array], ...]  # per friction, what it puts on its two bodies, each (P, N)
-    constants: Any  # of the constraints of each block
+    constants: AnyArray  # of the constraints of each block
     pressure: dict[int, Numbers]  # pressure angles of the meshes, by joint
 
 
-Masses = list[tuple[Any, Any, Any]]
+Masses = list[tuple[AnyArray, AnyArray, AnyArray]]
 """Per group of bodies of one form: mass matrices, first moments and masses."""
 
 
@@ -356,16 +356,16 @@ class Ledger:
         only: the body whose wrenches are wanted, if there are no meshes; all if not given.
     """
 
-    def __init__(self, top: Topology, found: Parts, efforts: dict[int, Any], only: int | None = None):
+    def __init__(self, top: Topology, found: Parts, efforts: dict[int, AnyArray], only: int | None = None):
         self.top, self.parts = top, found
         self.only = None if any(joint.type in MESHES for joint in top.joints) else only
         self.points, self.vectors = spread(top, found.q)
         # Per body, force (P, dim) and moment about the origin (P,) or (P, 3) by key.
-        self.wrenches: list[dict[Key, tuple[Any, Any]]] = [{} for _ in top.bodies]
-        self.taken: dict[tuple[int, int], Any] = {}
+        self.wrenches: list[dict[Key, tuple[AnyArray, AnyArray]]] = [{} for _ in top.bodies]
+        self.taken: dict[tuple[int, int], AnyArray] = {}
         # Per fixed point, forces that its coordinates hold by virtual power, but the ground holds elsewhere.
-        self.grounded: dict[int, Any] = {}
-        self.pressing: dict[tuple[int, int], list[tuple[Key, Any]]] = {}
+        self.grounded: dict[int, AnyArray] = {}
+        self.pressing: dict[tuple[int, int], list[tuple[Key, AnyArray]]] = {}
         # Joints whose rows say only together what passes; a cable pulls at each of its points.
         self.held_whole = {key_of(joint) for joint in top.joints if joint.drawn and joint.type != "cable"}
         self.first_scalar = len(top.coordinates) - len(top.scalars)
@@ -443,7 +443,7 @@ class Ledger:
         for (item, f), body in zip(self.split(self.top.blocks[b], i, force), slot_owners(self.top)[b][i], strict=True):
             self.put(int(body), key, item, f, there)
 
-    def split(self, block: Any, i: int, force: Numbers) -> list[tuple[int, Any]]:
+    def split(self, block: "Block | ForceBlock", i: int, force: Numbers) -> list[tuple[int, AnyArray]]:
         """Part forces on the variables of an instance ``(..., variables)`` by the items that they act on."""
         dim = self.top.dim
         return [(item, force[..., k * dim : (k + 1) * dim]) for k, item in enumerate(instance_items(block, i))]
@@ -468,7 +468,7 @@ class Ledger:
     def _own(self) -> None:
         """Find what each body's balance leaves to others, ``M q̈ + Φ_bᵀ λ``; put weights and point masses."""
         top, dim = self.top, self.top.dim
-        self.left: dict[tuple[int, int], Any] = {}
+        self.left: dict[tuple[int, int], AnyArray] = {}
         number = {body.name: b for b, body in enumerate(top.bodies)}
         for group, inertia, weight in zip(top.loads.inertias, self.parts.inertia, self.parts.weight, strict=True):
             for k, index in enumerate(group):
@@ -575,7 +575,7 @@ class Ledger:
                 self.put(b, key, item, force)
                 self.put(other, key, item, -force)
 
-    def press_on(self, b: int, owner: Owner) -> tuple[Any, Any]:
+    def press_on(self, b: int, owner: Owner) -> tuple[AnyArray, AnyArray]:
         """Return what a joint's own rows put on all that a body holds, also where others hold it too."""
         top = self.top
         force = self.points[..., 0, :] * 0.0
@@ -747,7 +747,7 @@ def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]
 
 def _pitch(
     xp: ModuleType, centres: Sequence[Numbers], axes: Sequence[Numbers], constants: Sequence[Numbers]
-) -> tuple[Any, Any, Any, Any]:
+) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """Return the pitch point in space, its arm from the first axis, the pitch line, and signed ratio of the radii."""
     (a, b), w = axes, centres[1] - centres[0]
     ab = (a * b).sum(-1)[..., None]
@@ -780,7 +780,7 @@ def _pitch(
     return place, arm, xp.where(parallel, a, g), xp.where(parallel, side, met)
 
 
-def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Any, Any]:
+def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]:
     """Return pitch point and force on the pinion of a rack."""
     top, xp = ledger.top, array_library(ledger.points)
     (centre, *_), (start, *along) = top.joints[j].sides[:2]
@@ -795,7 +795,7 @@ def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Any, Any]:
     return place, force
 
 
-def _axis(ledger: Ledger, segment: Sequence[int]) -> Any:
+def _axis(ledger: Ledger, segment: Sequence[int]) -> Numbers:
     if len(segment) == 1:
         return ledger.vectors[..., ~segment[0], :]
     return _unit(ledger.points[..., segment[1], :] - ledger.points[..., segment[0], :])

@@ -86,7 +86,7 @@ class Evaluator:
 
     def __init__(self, p: Components, v: Components, s: Components, c: Components):
         self.p, self.v, self.s, self.c = p, v, s, c
-        self.turns: dict[Turn, Any] = {}
+        self.turns: dict[Turn, tuple] = {}
 
     def linear(self, value: Linear) -> Any:
         """A linear form; None for an empty one."""
@@ -100,7 +100,7 @@ class Evaluator:
             out = term if out is None else out + term
         return out
 
-    def turn(self, turn: Turn) -> Any:
+    def turn(self, turn: Turn) -> tuple:
         """The rotation as rows of a matrix."""
         if turn not in self.turns:
             of = [self.linear(x) for x in turn.of]
@@ -116,7 +116,7 @@ class Evaluator:
             self.turns[turn] = found
         return self.turns[turn]
 
-    def arm(self, arm: "Arm | Vector") -> list[Any]:
+    def arm(self, arm: "Arm | Vector") -> list:
         """Components along the axes of the ground."""
         if isinstance(arm, Vector):
             return list(self.v[arm.index])
@@ -126,7 +126,7 @@ class Evaluator:
         rows = self.turn(arm.turn)
         return [_add_up(r[k] * x for k, x in enumerate(at) if x is not None) for r in rows]
 
-    def place(self, place: Place) -> list[Any]:
+    def place(self, place: Place) -> list:
         """Coordinates of a point."""
         parts = [self.arm(arm) for arm in place]
         return [_fill_zero(_add_up(x for x in column if x is not None), self) for column in zip(*parts, strict=True)]
@@ -143,7 +143,7 @@ class Evaluator:
         """Points and vectors in the form in which a kind takes them."""
         return self.gather(places), self.gather([[_fill_zero(x, self) for x in d] for d in directions])
 
-    def gather(self, values: Sequence[Any]) -> Any:
+    def gather(self, values: Sequence) -> Any:
         """Numbers, or rows of numbers, in the form in which a kind takes them."""
         nested = bool(values) and isinstance(values[0], list)
         first = values[0][0] if nested else values[0] if values else None

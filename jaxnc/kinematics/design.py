@@ -32,7 +32,7 @@ from jaxnc.system.on_lanes import carrying, columns_on_lanes, needed_inputs, on_
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, ArrayLike, Numbers
+from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
 from jaxnc.validate import call_user, function_name
 
 _FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
@@ -147,12 +147,12 @@ class PoseReading(NamedTuple):
     function: Callable[..., Array]
     fixed: tuple[Hashable, ...]  # all that decides what the function does
     inputs: tuple[str, ...] = ()
-    numbers: tuple[Any, ...] = ()  # of its own, which the design does not change
+    numbers: tuple[AnyArray, ...] = ()  # of its own, which the design does not change
     # Names of what it returns, and how many numbers each has: 0 for a single one. None: one array.
     names: tuple[tuple[str, int], ...] | None = None
     labels: Mapping[str, str] = {}  # what else points and vectors of the mechanism are called
 
-    def by_name(self, columns: Sequence[Numbers] | np.ndarray, stack: Callable) -> dict[str, Any]:
+    def by_name(self, columns: Sequence[Numbers] | np.ndarray, stack: Callable) -> dict[str, AnyArray]:
         """Sort the numbers by name; `stack` puts those of one name into an array."""
         out, first = {}, 0
         for name, width in self.names or ():
@@ -170,14 +170,14 @@ def _pick_name(top: Topology, name: str, state: Array, home: Array, markers: Arr
     return Pose(top, markers, state)[name]
 
 
-def read_poses(motion: Motion, asked: PoseReading, by: str | None = None) -> dict[str, Any]:
+def read_poses(motion: Motion, asked: PoseReading, by: str | None = None) -> dict[str, Array]:
     """Read numbers by name ``(...,)``, or several of one name ``(..., k)``, in all poses of a motion.
 
     With an input in `by` their derivatives by it are read instead, the other inputs held. NumPy reads them, unless
     something is traced; then nothing is calculated that they do not need.
     """
     hosted_poses = on_host(np.zeros(()), motion, asked.numbers)
-    q: Any = np.asarray(motion.q) if hosted_poses else motion.q
+    q: AnyArray = np.asarray(motion.q) if hosted_poses else motion.q
     top, width, count = motion.system.topology, q.shape[-1], 1 + len(asked.inputs)
     fixed = (top, *asked.fixed)
     shapes = ((count * width,), (width,), motion.system.parameters.markers.shape, *map(np.shape, asked.numbers))
@@ -210,7 +210,7 @@ def plan_of(motion: Motion, system: System | None = None) -> Plan:
     return plan(system.topology, motion.driven, motion.held, system.degrees_of_freedom)
 
 
-def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> Any:
+def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> AnyArray:
     """Derivatives of all coordinates as inputs change at some paces, the others held; zero where a pose was not found.
 
     Returns:
@@ -273,7 +273,7 @@ class OutputSet:
 
     # Names of points, markers and coordinates, or functions of a motion, by label. A function without a label stands
     # alone, and what it returns is what the outputs are.
-    wanted: tuple[tuple[str, str | Callable[[Motion], Any]], ...]
+    wanted: tuple[tuple[str, str | Callable[[Motion], ArrayLike]], ...]
 
     @staticmethod
     def of(what: str, given: "str | Callable | Sequence[str] | Mapping[str, str | Callable]") -> "OutputSet":
@@ -426,7 +426,7 @@ class DesignDerivatives:
 
 
 def _outputs(
-    output: Callable[[Motion], Any], motion: Motion, at: Array, changes: Array, q: Array, rates: tuple[Array, ...]
+    output: Callable[[Motion], ArrayLike], motion: Motion, at: Array, changes: Array, q: Array, rates: tuple[Array, ...]
 ) -> dict[str, Array]:
     """Outputs of a changed design, with poses and rates that have changed with it."""
     changed = shift_geometry(motion.system, at, changes)

@@ -44,7 +44,7 @@ from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Float, Inputs, Numbers
+from jaxnc.types import AnyArray, Array, ArrayLike, Float, Inputs, Numbers
 from jaxnc.validate import as_real, call_user
 
 _SLIPS = 1e-6  # of the largest rate: below, a motion rolls
@@ -85,7 +85,7 @@ class _Question(NamedTuple):
         )
 
 
-def _with_lead(x: Numbers, shape: tuple[int, ...], own: int = 1) -> Any:
+def _with_lead(x: Numbers, shape: tuple[int, ...], own: int = 1) -> AnyArray:
     """Put an array's last axes, its own, behind other leading axes."""
     wanted = (*shape, *x.shape[x.ndim - own :])
     return x if x.shape == wanted else x.reshape(wanted)
@@ -96,7 +96,7 @@ def _with_lead(x: Numbers, shape: tuple[int, ...], own: int = 1) -> Any:
 def solve_position(
     system: System,
     inputs: Inputs,
-    start: Mapping[str, Any] | Motion | None = None,
+    start: Motion | Inputs | None = None,
     branch: Motion | None = None,
     hold: Sequence[str] = (),
     rates: Inputs | None = None,
@@ -140,7 +140,7 @@ def solve_position(
     question, start = _check_call(system, inputs, hold, rates, accelerations, start, unit)
     view, shape = question.view, question.shape
     eq = derive(system)
-    q0: Any = None  # an earlier pose needs no drawing
+    q0: AnyArray = None  # an earlier pose needs no drawing
     if not isinstance(start, Motion):
         q0 = settle(eq, np.zeros(len(system.topology.coordinates)), repair).q
     count, driven = math.prod(shape), len(view.driven)
@@ -225,8 +225,8 @@ def sweep(
 @as_its_system
 def motion(
     system: System,
-    inputs: Mapping[str, Callable | tuple | Any],
-    t: Any,
+    inputs: Mapping[str, Callable | tuple | ArrayLike],
+    t: AnyArray,
     hold: Sequence[str] = (),
     start: Motion | Mapping[str, Any] | None = None,
     jerk: bool = False,
@@ -294,7 +294,7 @@ def _check_call(
     return _Question(system, view, values, _rate_orders(names, shape, rates, accelerations, jerk)), start
 
 
-def _in_time(name: str, data: Any, t: np.ndarray, count: int) -> list[Array]:
+def _in_time(name: str, data: "Callable | tuple | ArrayLike", t: np.ndarray, count: int) -> list[Array]:
     if callable(data):
         what = f"input {name!r}"
         out: list[Array] = []
@@ -377,10 +377,10 @@ def _find_poses(
     method: str,
     eq: Equations,
     q0: Array,
-    values: Any,
+    values: AnyArray,
     orders: tuple[Array, ...],
     repair: bool = True,
-    devices: tuple[Any, ...] | None = None,
+    devices: tuple | None = None,
 ) -> PoseBatch:
     """Solve for poses and their rates where they are found soonest; arguments and result as of `traced.analyse_traced`.
 
@@ -489,7 +489,7 @@ def held_as_drawn(
 def start_poses(
     top: Topology,
     eq: Equations,
-    q: Any,
+    q: AnyArray,
     guess: Mapping[str, Any] | Motion,
     known: Mapping[str, Array] | None = None,
     held: Sequence[str] = (),
@@ -524,7 +524,7 @@ def start_poses(
     else:
         q = jnp.broadcast_to(jnp.asarray(q), (*shape, len(top.coordinates)))
 
-    def assign(q: Any, columns: Any, value: Any) -> Any:
+    def assign(q: AnyArray, columns: AnyArray, value: AnyArray) -> AnyArray:
         if not few:
             return q.at[..., columns].set(value)
         q[..., columns] = value

@@ -494,7 +494,7 @@ def _give_up(like: PyTree, *_: object) -> np.ndarray:
     return found
 
 
-def _follow_lanes(plan: Plan, method: str, eq: Any, start: Any, last: Any, asked: Any, good: Any) -> np.ndarray:
+def _follow_lanes(plan: Plan, method: str, eq: Equations, start: Any, last: Any, asked: Any, good: Any) -> np.ndarray:
     """Answer `_ask` on the host, inside of compiled code: nothing here may call JAX."""
     places = [*plan.unknown, *plan.known]
     if last is not None:

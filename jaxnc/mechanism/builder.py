@@ -43,7 +43,7 @@ class Acting(Remade):
 
     noun = "force"
     name: str
-    function: Callable[..., Any]
+    function: Callable
 
 
 class Fall(tuple):
@@ -101,7 +101,7 @@ class Mechanism(Drawn):
         self.model = record.Model(name=name, dim=dim, description=description, units=units)
         self.kinds: "dict[str, Kind | RateKind]" = {}
         self.force_kinds: dict[str, ForceKind] = {}
-        self.functions: dict[str, tuple[Any, Any]] = {}
+        self.functions: dict[str, tuple[Acting, Any]] = {}
         self.members: dict[tuple[frozenset, frozenset], str] = {}
 
     @property
@@ -891,7 +891,7 @@ class Mechanism(Drawn):
         body: str,
         mass: float,
         com: Place | None = None,
-        inertia: Any = None,
+        inertia: object = None,
         shape: str | None = None,
         size: Sequence[float] = (),
     ) -> str:
@@ -1076,7 +1076,7 @@ class Mechanism(Drawn):
             return self.apply(name, CATALOGUE[f"coordinate {kind}"], scalars=[start], parameters=given)
         return self.apply(name, CATALOGUE[kind], points=[start, to], parameters=given)
 
-    def force(self, name: str, point: str, value: Any, parameters: Any = None) -> str:
+    def force(self, name: str, point: str, value: object, parameters: object = None) -> str:
         """Add a force on a point.
 
         Args:
@@ -1096,7 +1096,7 @@ class Mechanism(Drawn):
         kind = FORCE if self.model.dim == 2 else FORCE_IN_SPACE
         return self.apply(name, kind, points=[point], parameters=dict(zip(self.axes, place, strict=True)))
 
-    def torque(self, name: str, coordinate: str, value: Any, parameters: Any = None) -> str:
+    def torque(self, name: str, coordinate: str, value: float | Callable, parameters: object = None) -> str:
         """Add an effort on a coordinate: a torque on an angle, a force along a distance (an actuator).
 
         Args:
@@ -1113,7 +1113,7 @@ class Mechanism(Drawn):
 
         return self.apply(name, EFFORT, scalars=[coordinate], parameters={"value": value})
 
-    def load(self, name: str, function: Callable, parameters: Any = None) -> str:
+    def load(self, name: str, function: Callable, parameters: object = None) -> str:
         """Add a generalised force of one's own on all coordinates.
 
         Args:

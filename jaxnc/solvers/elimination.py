@@ -16,7 +16,7 @@ import functools
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +25,7 @@ from jaxnc.remembered import with_owner
 from jaxnc.system.equations import places
 from jaxnc.system.structure import host_kind, program
 from jaxnc.system.topology import Special, Topology
-from jaxnc.types import ArrayLike, Numbers
+from jaxnc.types import AnyArray, ArrayLike, Numbers
 
 _SMALL = 1e-3  # of the largest derivative of its row, in the drawing, where sweeps begin, or nearby
 _ENOUGH = 0.1  # of the largest row that is left: the first row that is as independent as this is taken
@@ -34,7 +34,7 @@ _LOST = 1e-10  # of the largest element: smaller pivots where the matrix was loo
 _COMPARED = 150  # multiplications of a factorisation, at most, whose pivots are compared: it takes long to compile
 _USUAL = 100.0  # a row times more may be taken from another: beyond, elements grow
 
-Elements = Mapping[tuple[int, int], Any]
+Elements = Mapping[tuple[int, int], AnyArray]
 
 
 def with_special(top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, rank: int) -> Topology:
@@ -254,9 +254,9 @@ def _parity(order: Sequence[int]) -> int:
 class Pivots(NamedTuple):
     """The pivots of a matrix."""
 
-    least: Any  # the smallest of what each could have been, its column where it is eliminated; zero where singular
-    most: Any  # the largest, of rows that have grown what they were before
-    grown: Any  # the largest, with all growth: rounding is a part of it
+    least: AnyArray  # the smallest of what each could have been, its column where it is eliminated; zero where singular
+    most: AnyArray  # the largest, of rows that have grown what they were before
+    grown: AnyArray  # the largest, with all growth: rounding is a part of it
 
 
 @dataclass(frozen=True)
@@ -266,11 +266,11 @@ class EliminatedPair:
     rows: tuple[int, ...]
     columns: tuple[int, ...]
     elements: tuple[Numbers, Numbers, Numbers, Numbers]
-    inverse: Any  # of the determinant
+    inverse: AnyArray  # of the determinant
     pivots: Pivots
-    determinant: Any
+    determinant: AnyArray
 
-    def solve(self, right: Sequence[Numbers]) -> list[Any]:
+    def solve(self, right: Sequence[Numbers]) -> list[AnyArray]:
         """Solve ``A x = b``; b is a sequence of elements by row, x by column."""
         p, q, r, s = self.elements
         b, d = (right[i] for i in self.rows)
@@ -284,7 +284,7 @@ class EliminatedPair:
 
 
 def _put_at(places: Sequence[int], values: Sequence[Numbers]) -> list[Numbers]:
-    out: list[Any] = [None] * len(places)
+    out: list[AnyArray] = [None] * len(places)
     for k, value in zip(places, values, strict=True):
         out[k] = value
     return out
@@ -295,7 +295,7 @@ class _Step(NamedTuple):
     column: int
     pivot: Numbers
     below: tuple[tuple[int, Numbers], ...]  # rows further down and their elements in the pivot's column
-    right: tuple[tuple[int, Any], ...]  # columns not yet eliminated in the pivot row and their elements
+    right: tuple[tuple[int, Numbers], ...]  # columns not yet eliminated in the pivot row and their elements
 
 
 @dataclass(frozen=True)
@@ -304,11 +304,11 @@ class Factors:
 
     steps: tuple[_Step, ...]
     pivots: Pivots
-    determinant: Any
+    determinant: AnyArray
 
-    def solve(self, right: Sequence[Numbers]) -> list[Any]:
+    def solve(self, right: Sequence[Numbers]) -> list[AnyArray]:
         """Solve ``A x = b``; b is a sequence of elements by row, x by column."""
-        x: list[Any] = [None] * len(right)
+        x: list[AnyArray] = [None] * len(right)
         b = list(right)
         # Quotients are what XLA computes once, however many use them.
         for step in self.steps:
@@ -325,7 +325,7 @@ class Factors:
     def solve_transposed(self, right: Sequence[Numbers]) -> list[Numbers]:
         """Solve ``Aᵀ y = b``; b is by column, y by row."""
         b, z = list(right), list(right)
-        y: list[Any] = [None] * len(right)
+        y: list[AnyArray] = [None] * len(right)
         for step in self.steps:
             z[step.row] = b[step.column]
             quotient = z[step.row] / step.pivot

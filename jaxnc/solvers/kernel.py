@@ -7,7 +7,7 @@ rows that are affine need one step; everything else takes Newton from a guess, b
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, g
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
-from jaxnc.types import Array, ArrayLike, Numbers
+from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
 
 _ITERATIONS = 6  # the most of Newton on a block
 LARGEST_WRITTEN = 120  # unknowns that are written out
@@ -36,11 +36,11 @@ _WEAK = 1e-4  # of the largest pivot: where the chosen rows are weaker, all rows
 class SolvedLanes(NamedTuple):
     """Solved lanes and what is known of them."""
 
-    x: list[Any]  # all coordinates, each a number or lanes
-    determinants: tuple[Any, ...]  # of every block; its sign is the block's orientation
-    size: Any  # largest residual of all rows, a length
-    pivots: Any  # smallest over largest pivot, coordinates as lengths
-    upright: Any  # whether no row and no body is met by a mirror image
+    x: list[AnyArray]  # all coordinates, each a number or lanes
+    determinants: tuple[AnyArray, ...]  # of every block; its sign is the block's orientation
+    size: AnyArray  # largest residual of all rows, a length
+    pivots: AnyArray  # smallest over largest pivot, coordinates as lengths
+    upright: AnyArray  # whether no row and no body is met by a mirror image
     mirrored: Numbers | bool  # whether a body is
 
 
@@ -72,7 +72,7 @@ class _Block:
         """Rows and columns of the pivots."""
         return set(zip(self.elimination.rows, self.elimination.columns, strict=True))
 
-    def solve(self, eq: Equations, slopes: dict[tuple[int, int], Array], right: Sequence[Array]) -> Sequence[Any]:
+    def solve(self, eq: Equations, slopes: dict[tuple[int, int], Array], right: Sequence[Array]) -> Sequence[AnyArray]:
         """Solve with the block's derivatives, which are lanes: exactly, and differentiable to any order.
 
         Few columns are solved by determinants. The order of an elimination's pivots is not that of each lane: it is
@@ -87,7 +87,7 @@ class _Block:
         known = lax.stop_gradient(slopes)
 
         def product(slopes: dict[tuple[int, int], Array], x: Sequence[Array], turned: bool) -> list[Array]:
-            out: list[Any] = [0.0] * n
+            out: list[AnyArray] = [0.0] * n
             for (r, c), slope in slopes.items():
                 row, column = (c, r) if turned else (r, c)
                 out[row] = out[row] + slope * x[column]
@@ -307,11 +307,13 @@ class Kernel:
         found = tuple(f.determinant for f in factors)
         return SolvedLanes(x, found, *self._diagnose(eq, x, factors))
 
-    def evaluate(self, eq: Equations, x: Lanes) -> tuple[Any, Any, Any, Any]:
+    def evaluate(self, eq: Equations, x: Lanes) -> tuple[Array, Array, Array, Array]:
         """Return the largest residual, the conditioning, and whether upright and mirrored, of poses found elsewhere."""
         return self._diagnose(eq, x, [block.factors(eq, x) for block in self.blocks])
 
-    def _diagnose(self, eq: Equations, x: Lanes, factors: Sequence[Eliminated]) -> tuple[Any, Any, Any, Any]:
+    def _diagnose(
+        self, eq: Equations, x: Lanes, factors: Sequence[Eliminated]
+    ) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
         pivots = [f.pivots for f in factors]
         size = _reduce(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
         rows, bodies = (guard.values(eq, x) for guard in self.guards)
@@ -380,7 +382,7 @@ class Kernel:
                 # Scales multiply what vanishes: their changes change nothing.
                 return part.rows.values(replace_constants(eq, constants), at)
 
-            changes: list[Any] = [x_dot[c] for c in moving] + [constants_dot[at] for at in varied]
+            changes: list[AnyArray] = [x_dot[c] for c in moving] + [constants_dot[at] for at in varied]
             values = [x[c] for c in moving] + [entry(eq.constants[b], i, k) for b, i, k in varied]
             at = [jnp.broadcast_to(v, jnp.shape(d)) for v, d in zip(values, changes, strict=True)]
             _, r_dot = jax.jvp(rows, tuple(at), tuple(map(jnp.asarray, changes)))
@@ -396,7 +398,9 @@ class Kernel:
         return x_dot
 
 
-def on_branch(eq: Equations, found: SolvedLanes, signs: Sequence[Any] | Array, passing: ArrayLike = False) -> Array:
+def on_branch(
+    eq: Equations, found: SolvedLanes, signs: Sequence[AnyArray] | Array, passing: ArrayLike = False
+) -> Array:
     """Say which lanes are solved, regular, on the branch of the given orientation, and not met by a mirror image.
 
     Poses that are only passed on the way (`passing`) may be ones at which a planned elimination loses its digits: of

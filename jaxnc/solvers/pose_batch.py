@@ -1,12 +1,11 @@
 """The one record of solved poses: on the host, in traced code, and of whole analyses."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
-AnyArray: TypeAlias = Any
-"""An array of NumPy or of JAX, None, or a tuple of arrays."""
+from jaxnc.types import AnyArray
 
 
 class PoseBatch(NamedTuple):

@@ -21,13 +21,13 @@ from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import TURN
 from jaxnc.system.structure import arrays, pattern, program
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers, Scalar
+from jaxnc.types import AnyArray, Array, Numbers, Scalar
 
 if TYPE_CHECKING:
     from jaxnc.system.equations import Equations
     from jaxnc.system.host import HostEquations
 
-Lanes = Sequence[Any] | np.ndarray
+Lanes = Sequence[AnyArray] | np.ndarray
 """All coordinates of a mechanism, each a number or an array of lanes."""
 Instance = tuple[int, int]
 """An instance of a kind: its block in the topology, and its number there."""
@@ -53,7 +53,7 @@ Numerics = ModuleType | _TracedNumerics
 class RowNumbers(NamedTuple):
     """The numbers of a design that rows need; `Equations` and `HostEquations` have these fields too."""
 
-    constants: Sequence[Any]  # of each block ``(instances, constants, *lanes)``
+    constants: Sequence[AnyArray]  # of each block ``(instances, constants, *lanes)``
     scales: Sequence[Numbers]  # of each block's rows ``(instances, rows, *lanes)``; they make rows lengths
 
 
@@ -118,20 +118,22 @@ class Functions:
         """Constants that the functions depend on."""
         return [(b, i, k) for b, i in self._variables for k in range(len(self.top.blocks[b].kind.constants))]
 
-    def collect(self, x: Lanes, numbers: "RowNumbers | Equations | HostEquations") -> list[Any]:
+    def collect(self, x: Lanes, numbers: "RowNumbers | Equations | HostEquations") -> list[AnyArray]:
         """Collect inputs of the program, from coordinates and `Numbers`."""
         constants = (entry(numbers.constants[b], i, k) for b, i, k in self.constants)
         scales = (entry(numbers.scales[b], i, k) for b, i, k in self.scales)
         return [*(x[c] for c in self.coordinates), *constants, *scales]
 
     @with_owner
-    def run(self, xp: Numerics) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+    def run(self, xp: Numerics) -> Callable[[Sequence], tuple]:
         """Return the program as a function of NumPy's or of JAX's lanes."""
         return function(self.program, xp)
 
-    def values(self, numbers: "RowNumbers | Equations | HostEquations", x: Lanes, xp: Numerics = TRACED) -> list[Any]:
+    def values(
+        self, numbers: "RowNumbers | Equations | HostEquations", x: Lanes, xp: Numerics = TRACED
+    ) -> list[AnyArray]:
         """Evaluate the functions."""
-        out: list[Any] = [None] * self.count
+        out: list[AnyArray] = [None] * self.count
         for place, value in zip(self._places, self.run(xp)(self.collect(x, numbers)), strict=True):
             out[place] = value
         for at, outputs in self._foreign.items():
@@ -302,12 +304,12 @@ class Rows(Functions):
         rows, slopes = self._write_slopes(b)
         return function(b.program([_node(b, v) for v in cramer(slopes, rows)]))
 
-    def _write_slopes(self, b: Builder) -> tuple[list[Any], list[list[Any]]]:
+    def _write_slopes(self, b: Builder) -> tuple[list[Number], list[list[Number | float]]]:
         """Write the rows and all their derivatives, structural zeros as numbers."""
         at = b.append(self.program, b.first)
         rows = [Number(b, at[k]) for k in self.program.outputs]
         at = b.append(self.partials, b.first)
-        slopes: list[list[Any]] = [[0.0] * len(self.columns) for _ in rows]
+        slopes: list[list[Number | float]] = [[0.0] * len(self.columns) for _ in rows]
         for (r, c), k in zip(self.places, self.partials.outputs, strict=True):
             slopes[r][c] = Number(b, at[k])
         return rows, slopes
@@ -348,7 +350,7 @@ class Rows(Functions):
         """Write the second derivatives of the rows by the first column; None of a row that has none."""
         second, at = partials(self.partials, (0,))
         nodes = b.append(second, b.first)
-        found: list[Any] = [None] * self.count
+        found: list[Number | None] = [None] * self.count
         for k, (n, _) in enumerate(at):
             row, column = self.places[n]
             if column == 0:
@@ -396,7 +398,7 @@ def _determinant(a: Sequence[Sequence[Scalar]]) -> Scalar:
     """Expand a determinant by the first row."""
     if len(a) == 1:
         return a[0][0]
-    out: Any = 0.0
+    out: Scalar = 0.0
     for c, element in enumerate(a[0]):
         minor = _determinant([[*row[:c], *row[c + 1 :]] for row in a[1:]])
         if _is_zero(element) or _is_zero(minor):
@@ -469,7 +471,7 @@ def replace_constants(numbers: "RowNumbers | Equations", constants: Mapping[Plac
     return RowNumbers(found, numbers.scales)
 
 
-def entry(numbers: Numbers, *at: int) -> Any:
+def entry(numbers: Numbers, *at: int) -> AnyArray:
     """Take one number, or its lanes, out of an array; `lax.slice` is traced in a fraction of the time of an index."""
     if isinstance(numbers, np.ndarray):
         return numbers[at]

@@ -267,7 +267,7 @@ def _count_reached(plan: Plan, marks: Array, kept: Array) -> Array:
     return jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0)
 
 
-def _judge_block(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
+def _judge_block(plan: Plan, marks: tuple[Array, ...], kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
     """Say which steps of a block keep to the branch, none of a sequence after the first that does not.
 
     The `marks` are those after every step, each ``(steps, designs)``; `kept` says whether every pose is right by

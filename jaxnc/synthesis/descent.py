@@ -86,8 +86,8 @@ class Optimiser:
             raise InputError(
                 f"{what}: the optimiser must be an optax transformation, with init and update, got {name}{remedy}"
             )
-        self.init: Callable[..., Any] = given.init  # the memory of an optimiser at some unknowns
-        self.update: Callable[..., Any] = given.update
+        self.init: Callable = given.init  # the memory of an optimiser at some unknowns
+        self.update: Callable = given.update
         taken = inspect.signature(self.update).parameters.values()
         every = any(p.kind is p.VAR_KEYWORD for p in taken)
         self.extra = _EXTRA if every else tuple(p.name for p in taken if p.name in _EXTRA)
@@ -105,8 +105,8 @@ class Optimiser:
         return hashlib.sha256(repr(_lasting(self.key)).encode()).hexdigest()[:16]
 
     def updates(
-        self, slope: Array, memory: object, y: Array, value: Array, value_fn: Callable[[Any], Any]
-    ) -> tuple[Any, Any]:
+        self, slope: Array, memory: object, y: Array, value: Array, value_fn: Callable[[PyTree], PyTree]
+    ) -> tuple[PyTree, PyTree]:
         """Return what is added to the unknowns, and the memory afterwards."""
         known = {"value": value, "grad": slope, "value_fn": value_fn}
         return self.update(slope, memory, y, **{name: known[name] for name in self.extra})
@@ -212,7 +212,7 @@ class Lane:
     slope: Array
     merit: Array
     memory: PyTree
-    after: Any
+    after: PyTree
     share: Array
     multipliers: Array
     heavy: Array
@@ -349,7 +349,7 @@ class Descent(Shown, Leaves):
         """Look at a design's trial and make the next one."""
         look, equal, random, bounds = self._look(lane, key), self.equal, self.random, self.bounds
 
-        def slope_of(y: Array) -> tuple[Array, Array, Any]:
+        def slope_of(y: Array) -> tuple[Array, Array, PyTree]:
             (merit, seen), slope = jax.value_and_grad(look, has_aux=True)(y)
             value, conditions, outcome = seen
             outcome = jnp.where((outcome == GOOD) & ~jnp.all(jnp.isfinite(slope)), NO_SLOPE, outcome)
@@ -417,7 +417,7 @@ class Descent(Shown, Leaves):
             before=before,
         )
 
-    def _look(self, lane: Lane, key: Array | None) -> Callable[[Array], tuple[Array, Any]]:
+    def _look(self, lane: Lane, key: Array | None) -> Callable[[Array], tuple[Array, PyTree]]:
         """Make the function of unknowns in their scales: value with conditions, large where a design is lost."""
         problem, targets, own = self.problem, None, key
         if self.batch is not None:
@@ -427,7 +427,7 @@ class Descent(Shown, Leaves):
             parts = jnp.arange(self.batch) + jax.random.uniform(first, (self.batch,))
             targets = jnp.minimum(parts * (problem.targets / self.batch), problem.targets - 1).astype(jnp.int32)
 
-        def look(y: Array) -> tuple[Array, Any]:
+        def look(y: Array) -> tuple[Array, PyTree]:
             value, conditions, found = problem.cost(y * self.bounds.scale, own if problem.random else None, targets)
             heavy, of = lane.heavy, lane.multipliers
             short = of - heavy * self._with_margin(conditions)

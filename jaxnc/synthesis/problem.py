@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +28,7 @@ from jaxnc.solvers.assembly import derive, settle
 from jaxnc.synthesis.conditions import Condition, Seen
 from jaxnc.synthesis.pytree import Leaves, shapes
 from jaxnc.system.system import System
-from jaxnc.types import Array, Numbers
+from jaxnc.types import AnyArray, Array, Numbers
 
 _P = TypeVar("_P", bound="Problem")
 _RANGE = 48  # poses at which conditions look at the range of the input
@@ -121,7 +121,7 @@ class Problem(Remade, Leaves):
     minimax: bool
     dense: bool
     mechanism: Mechanism | None
-    weights: Any
+    weights: AnyArray
 
     def __copy__(self) -> "Problem":
         return from_fields(type(self), vars(self))
@@ -155,7 +155,7 @@ class Problem(Remade, Leaves):
 
     # -- to be given by each kind of problem -----------------------------------------------------------------------
 
-    def inputs(self, extra: Numbers) -> Any:
+    def inputs(self, extra: Numbers) -> AnyArray:
         """Values of the input at the targets, ``(T,)``, see `affine`; NumPy arrays from NumPy arrays."""
         raise NotImplementedError
 
@@ -217,7 +217,7 @@ class Problem(Remade, Leaves):
 
     # -- derived ---------------------------------------------------------------------------------------------------
 
-    def split(self, x: Any) -> tuple[Array, Array]:
+    def split(self, x: AnyArray) -> tuple[Array, Array]:
         """Design variables and the problem's own unknowns."""
         n = len(self.variables.names)
         return x[:n], x[n:]
@@ -244,7 +244,7 @@ class Problem(Remade, Leaves):
         """A design's motion through values of the input."""
         return sweep(system, {self.driven: values}, hold=self.hold, repair=repair)
 
-    def span(self, home: Numbers, extra: Numbers) -> tuple[Any, Any]:
+    def span(self, home: Numbers, extra: Numbers) -> tuple[AnyArray, AnyArray]:
         """Range of the input over which conditions are looked at: from the drawing once round, or as given.
 
         Args:
@@ -403,19 +403,26 @@ def array_module(*values: object) -> ModuleType:
 def repeat_drawing(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
     """A motion whose poses are all the drawing."""
     home = np.asarray(derive(system).home)
-    poses: Any = np.broadcast_to(home, (count, len(home)))
+    poses: AnyArray = np.broadcast_to(home, (count, len(home)))
     zero, none, asked = (np.zeros(shape, kind) for shape, kind in ((count, float), (count, int), ((count, 1), float)))
     return make_motion(system, driven, hold, poses, none, asked[:, 0], zero, zero)
 
 
 def make_motion(
-    system: System, driven: str, hold: Sequence[str], q: Any, status: Any, values: Any, residual: Any, conditioning: Any
+    system: System,
+    driven: str,
+    hold: Sequence[str],
+    q: AnyArray,
+    status: AnyArray,
+    values: AnyArray,
+    residual: AnyArray,
+    conditioning: AnyArray,
 ) -> Motion:
     """Make a motion from poses ``(T, N)`` with their status, inputs, residuals and conditioning, each ``(T,)``."""
     return Motion(system, (driven,), tuple(hold), q, (), values[:, None], status, residual, conditioning)
 
 
-def home_value(system: System, driven: str) -> Any:
+def home_value(system: System, driven: str) -> AnyArray:
     """Value of a coordinate in the assembled drawing; it is not differentiated."""
     q = settle(derive(system), np.zeros(len(system.topology.coordinates)), repair=False).q  # of traced code by itself
     place = system.topology.position[driven]

@@ -18,6 +18,7 @@ from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_vect
 from jaxnc.synthesis.problem import Problem, make_motion
 from jaxnc.synthesis.search.planar import Pairs, PlanarFit
 from jaxnc.synthesis.search.spatial import Spatial, nearest_rotation
+from jaxnc.types import AnyArray
 
 # -- the idea ----------------------------------------------------------------------------------------------------------
 
@@ -200,7 +201,7 @@ def _fit_timed(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Fit designs whose timings are known: unknowns, errors that are left, and how many do not move."""
     seen = solve_poses(problem, np.concatenate([z, guesses[:, 0]], axis=1), 0)
-    limits: Any = fit.limits(z)
+    limits: AnyArray = fit.limits(z)
     parts, left = fit.fit(fit.rows(z, seen.q), limits)
     good = np.all(seen.status == 0, axis=1)
     return *_place_designs(problem, fit, z, parts, np.zeros((len(z), 0)), left, good), int(np.sum(~good))
@@ -211,7 +212,7 @@ class _Curves(NamedTuple):
 
     rows: tuple[np.ndarray, ...]
     begin: np.ndarray
-    limits: Any
+    limits: AnyArray
 
     def of(self, at: np.ndarray) -> "_Curves":
         """Select some shapes."""
@@ -255,7 +256,7 @@ class _Timings:
         at = np.arange(len(z)), np.argmin(np.where(np.isfinite(left), left, np.inf), axis=1)
         return *_place_designs(problem, fit, z, tuple(part[at] for part in parts), extra[at], left[at], good), unfit
 
-    def _likely(self, z: np.ndarray, good: np.ndarray, table: _Curves, u: np.ndarray) -> Any:
+    def _likely(self, z: np.ndarray, good: np.ndarray, table: _Curves, u: np.ndarray) -> AnyArray:
         """Select shapes and timings for a closer look, by a quick one at a part of the targets."""
         first = u[..., self.few]
         new = self._move_timings(table, first, self.few, _COARSE)
@@ -274,7 +275,7 @@ class _Timings:
         i = np.clip(s.astype(int), 0, count - 1)
         return i, s - i
 
-    def _fit(self, table: _Curves, u: np.ndarray, some: np.ndarray) -> Any:
+    def _fit(self, table: _Curves, u: np.ndarray, some: np.ndarray) -> AnyArray:
         i, part = self._where(table, u)
         lanes = np.arange(len(u))[:, None, None]
 
@@ -295,7 +296,7 @@ class _Timings:
         new = np.empty_like(u)
         for m in range(u.shape[-1]):
             off = [(curve - wanted[m], heavy) for curve, wanted, heavy in pairs]
-            square: Any = sum(heavy * (one.real**2 + one.imag**2) for one, heavy in off)
+            square: AnyArray = sum(heavy * (one.real**2 + one.imag**2) for one, heavy in off)
             near = np.argmin(np.where(np.isfinite(square), square, np.inf), axis=-1)
             new[..., m] = table.begin[:, None] + stride * self.step * near
         if self.problem.whole:  # within half a turn of the first one
@@ -309,18 +310,18 @@ class _Timings:
         near = np.arange(-far, count + far + 2)
         near = np.mod(near, count) if self.problem.whole else np.clip(near, 0, count)
         lanes = np.arange(len(u))[:, None, None], np.arange(u.shape[1])[None, :, None]
-        seen: list[tuple[Any, float]] = []
+        seen: list[tuple[AnyArray, float]] = []
         for curve, wanted, heavy in pairs:
-            window: Any = sliding_window_view(curve[..., near], 2 * far + 2, axis=-1)[(*lanes, i)]
+            window: AnyArray = sliding_window_view(curve[..., near], 2 * far + 2, axis=-1)[(*lanes, i)]
             seen.append((window - wanted[:, None], heavy))
-        square: Any = sum(heavy * (off.real**2 + off.imag**2) for off, heavy in seen)
+        square: AnyArray = sum(heavy * (off.real**2 + off.imag**2) for off, heavy in seen)
         best = np.clip(np.argmin(square, axis=-1), 1, 2 * far)[..., None]
         # The foot of the perpendicular on the chord about the nearest pose.
         along, long = 0.0, 1e-300
-        here: Any
+        here: AnyArray
         for off, heavy in seen:
             before, here, after = (np.take_along_axis(off, best + n, axis=-1)[..., 0] for n in (-1, 0, 1))
-            way: Any = 0.5 * (after - before)
+            way: AnyArray = 0.5 * (after - before)
             along = along - heavy * (way.real * here.real + way.imag * here.imag)
             long = long + heavy * (way.real**2 + way.imag**2)
         part = np.clip(along / long, -1.0, 1.0)
@@ -431,7 +432,7 @@ def _tracer_places(problem: PathGeneration, x: np.ndarray, q: np.ndarray) -> np.
         return q[..., k * top.dim : (k + 1) * top.dim]
     if top.dim == 2:
         number = [m.name for m in top.markers].index(problem.point)
-        place: Any = marker_places(problem, x[:, : len(problem.variables.names)], q, number)
+        place: AnyArray = marker_places(problem, x[:, : len(problem.variables.names)], q, number)
         return np.stack([place.real, place.imag], axis=-1)
     none, zero = np.zeros(q.shape[1], int), np.zeros(q.shape[1])
     ways = [
