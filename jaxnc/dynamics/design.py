@@ -35,7 +35,6 @@ DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "for
 Origin = Plan | tuple[int, ...] | None
 """What a start follows from: the known coordinates of a plan, the drawing but for some coordinates, or nothing."""
 
-_DEPENDENT = 1e-7  # of the largest singular value: rows below are redundant
 _GEOMETRY = "points", "vectors", "markers", "dimensions", "physical"
 
 
@@ -116,7 +115,8 @@ class DesignChanges:
         if not (np.isfinite(slopes).all() and np.isfinite(left).all()):
             return np.zeros((len(q), self.count))
         for some in [np.where(put, 0.0, slopes), slopes] if put.any() else [slopes]:
-            step = np.linalg.pinv(some, rcond=_DEPENDENT) @ left
+            # 1e-7 of the largest singular value: rows below are redundant
+            step = np.linalg.pinv(some, rcond=1e-7) @ left
             at[view.unknown, 1:] -= step / weight[:, None]
             left = left - slopes @ step
         return lift(top, at)[:, 1:]

@@ -27,7 +27,6 @@ from jaxnc.system.topology import Topology, interned
 from jaxnc.types import Array, PyTree
 from jaxnc.validate import as_real, call_user
 
-_SMALL = 7  # unknowns and rows that are written out for a method of many stages
 _KEPT = 2**21  # numbers of all steps of a run that are kept for its derivatives; beyond, steps are made again
 _APART = 1e-3  # of the mechanism's size: a simulation that meets its constraints worse has come apart
 _PARTS = 20  # of a simulation that someone watches, or a few more
@@ -148,7 +147,8 @@ class Run(NamedTuple):
 
 def choose_form(flow: Flow, spec: SimulationSpec) -> Flow | WrittenFlow:
     """Write a motion out, for the methods that are quicker with it."""
-    small = len(flow.view.unknown) + len(flow.view.rows) <= _SMALL
+    # 7 unknowns and rows that are written out for a method of many stages
+    small = len(flow.view.unknown) + len(flow.view.rows) <= 7
     wanted = spec.method == "rk4" or (spec.method == "dopri8" and small)
     return (WrittenFlow.of(flow, spec.degrees_of_freedom) if wanted else None) or flow
 

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 Rates = Array | tuple[tuple[int, ...], Any] | None
 """Rates to start with: of all coordinates of a pose, of some coordinates by place, or of none."""
 
-_SMALL = 1e-9  # on the diagonal of rows, as in `jaxnc.dynamics.saddle`, with as many refinements
-
 
 # -- poses ------------------------------------------------------------------------------------------------------------
 
@@ -210,7 +208,8 @@ def _solve_rows(h: np.ndarray, j: np.ndarray, f: np.ndarray, g: np.ndarray) -> n
     m, n = j.shape
     true = np.block([[h, j.T], [j, np.zeros((m, m))]])
     right, z = np.concatenate([f, g]), np.zeros(n + m)
-    inverse = np.linalg.inv(true - _SMALL * np.diag(np.repeat([0.0, 1.0], [n, m])))
+    # 1e-9 on the diagonal of rows, as in `jaxnc.dynamics.saddle`, with as many refinements
+    inverse = np.linalg.inv(true - 1e-9 * np.diag(np.repeat([0.0, 1.0], [n, m])))
     for _ in range(4):
         z = z + inverse @ (right - true @ z)
     return z[:n]

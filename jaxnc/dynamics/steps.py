@@ -23,8 +23,6 @@ from jaxnc.solvers import dense
 from jaxnc.system.equations import weights
 from jaxnc.types import AnyArray, Array, ArrayLike, PyTree
 
-_STAGE_ITERATIONS = 7  # of Newton's method in an implicit stage
-
 
 class Moving(Protocol):
     """A motion that can be integrated; coordinates are an array, or a tuple with one number for each."""
@@ -260,7 +258,7 @@ def _implicit_stage(moving: Moving, part: Array, t: ArrayLike, state: MotionStat
             move = solve(there(at, q, v, a).change - a)
             return a + move, jnp.max(jnp.abs(move))
 
-        a, moves = jax.lax.scan(closer, near.change, None, length=_STAGE_ITERATIONS)
+        a, moves = jax.lax.scan(closer, near.change, None, length=7)  # of Newton's method in an implicit stage
         return near._replace(change=a), moves[-1]
 
     return iterate

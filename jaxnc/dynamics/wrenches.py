@@ -635,9 +635,6 @@ class Ledger:
 
 # -- meshes -----------------------------------------------------------------------------------------------------------
 
-_AT_APEX = 1e-9  # of the wheels' size: closer centres stand where the axes meet, which then point to the wheels
-_PARALLEL = 1e-12  # square of the sine below which axes count as parallel
-
 
 def _put_mesh(ledger: Ledger, j: int) -> None:
     """Put the tooth force of a joint where it acts, if it is a mesh whose wheels one body carries."""
@@ -753,13 +750,14 @@ def _pitch(
     ab = (a * b).sum(-1)[..., None]
     wa, wb = (w * a).sum(-1)[..., None], (w * b).sum(-1)[..., None]
     square = 1.0 - ab * ab
-    parallel = square <= _PARALLEL
+    parallel = square <= 1e-12  # the square of a sine: axes count as parallel
     safe = xp.where(parallel, 1.0, square)
     t1, t2 = (wa - ab * wb) / safe, (ab * wa - wb) / safe
     apex = centres[0] + t1 * a
     ratio = constants[1] / constants[0] * constants[2]
     # Axes that meet: seen from there, each towards its wheel.
-    least = _AT_APEX * (magnitude(w)[..., None] + constants[0])
+    # closer centres stand where the axes meet, which then point to the wheels
+    least = 1e-9 * (magnitude(w)[..., None] + constants[0])
     side1, side2 = (xp.where(t > least, -1.0, 1.0) for t in (t1, t2))
     u1, u2, met = side1 * a, side2 * b, ratio * side1 * side2
     cosine = (u1 * u2).sum(-1)[..., None]

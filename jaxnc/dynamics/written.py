@@ -32,7 +32,6 @@ from jaxnc.types import AnyArray, Array
 if TYPE_CHECKING:
     from jaxnc.system.equations import Equations
 
-LARGEST = 16  # unknowns and rows that are written out: beyond, compiling takes too long
 
 Elements = Sequence[AnyArray]
 
@@ -161,7 +160,8 @@ def write_out(view: Plan, massed: tuple[int, ...], freedom: int) -> WrittenRows 
     """
     top = view.topology
     unknown = [int(c) for c in view.unknown]
-    if top.dim == 3 or len(unknown) + len(view.rows) > LARGEST or len(view.rows) != len(unknown) - freedom:
+    # more than 16 unknowns and rows are not written out: compiling would take too long
+    if top.dim == 3 or len(unknown) + len(view.rows) > 16 or len(view.rows) != len(unknown) - freedom:
         return None
     pairs = _eliminate_massless(top, view, [c for c in unknown if c not in massed])
     return None if pairs is None else WrittenRows(view, pairs)

@@ -32,9 +32,6 @@ SPREADS = (0.03, 0.1, 0.3, 1.0)
 
 _STARTS = 256  # for each spread
 _STEPS = 30
-_REPEATS = 3
-_TURN = 0.3  # displacement of a driven angle, radians; of a distance, 0.05 of the mechanism's size
-_SHIFT = 0.05
 _NEAR = 1e-4  # of the mechanism's size: closer poses are the same assembly
 
 
@@ -164,7 +161,8 @@ def compare(
         )
     home = solve_position(natural, {n: float(derive(natural).home[natural.topology.position[n]]) for n in names})
     size = float(derive(natural).length)
-    moved = {n: _TURN if natural.topology.is_angle(n) else _SHIFT * size for n in names}
+    # radians; distances are displaced by a part of the mechanism's size
+    moved = {n: 0.3 if natural.topology.is_angle(n) else 0.05 * size for n in names}
     starts = _starts(natural, np.asarray(home.q), seed)
     rows, made = [], {}
     for family in families:
@@ -236,7 +234,7 @@ def _solve_family(
     poses = poses.at[0].set(target[0])
     found = jax.block_until_ready(_attempt(view, eq, poses, _STEPS))
     spent = []
-    for _ in range(_REPEATS):
+    for _ in range(3):
         begin = time.perf_counter()
         jax.block_until_ready(_attempt(view, eq, poses, _STEPS))
         spent.append(time.perf_counter() - begin)

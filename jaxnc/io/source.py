@@ -16,7 +16,6 @@ from jaxnc.errors import InputError, MechanismError, ModelFileError, nearest, wr
 from jaxnc.mechanism.model import Model
 
 SUFFIXES = (".toml", ".json")
-_DEEPEST = 50  # tables in tables; a model has five
 Place = tuple[str | int, ...]
 """Keys from the top of a file down to an entry."""
 T = TypeVar("T")
@@ -80,7 +79,7 @@ class Source:
         left: list[tuple[Any, Place]] = [(data, ())]
         while left:
             value, place = left.pop()
-            if len(place) > _DEEPEST:
+            if len(place) > 50:  # a model has five tables in tables
                 raise self.fault("it is nested too deeply to be a model")
             if isinstance(value, dict):
                 left += [(key, place) for key in value]

@@ -35,8 +35,6 @@ from jaxnc.system.topology import Topology
 from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
 from jaxnc.validate import call_user, function_name
 
-_FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
-_SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
 _CHUNK = 8192  # numbers at a time: poses times changes
 _GEOMETRY = "points", "vectors", "markers", "dimensions"
 
@@ -356,8 +354,10 @@ class DesignDerivatives:
         exists = np.ones(self.count, bool)
         for lanes in self._chunks():
             size, rest = host.unabsorbed_changes(self.view, self.drawn, self.q[:, lanes])
-            least = _SMALL * np.max(size, axis=1, initial=0.0, keepdims=True)
-            exists &= (rest <= _FITS * np.maximum(size, least)).all(axis=0)
+            # 1e-6 of the largest change of the rows: below, there is nothing to take up
+            least = 1e-6 * np.max(size, axis=1, initial=0.0, keepdims=True)
+            # 1e-8 of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
+            exists &= (rest <= 1e-8 * np.maximum(size, least)).all(axis=0)
         return exists
 
     def of_readings(self, readings: Mapping[str, PoseReading]) -> dict[str, np.ndarray]:

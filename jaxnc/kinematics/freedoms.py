@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from jaxnc.system.topology import BodyIndex
 
 GROUND = -1
-_RANK = 1e-7  # of the largest singular value
 _STILL = 1e-6  # of the largest velocity
 _LISTED = 6  # names that a sentence gives
 _LOCKING = (Thing.BODY, Thing.JOINT, Thing.RELATION, Thing.CONSTRAINT)
@@ -178,7 +177,7 @@ def matrix_rank(matrix: np.ndarray) -> int:
     if not matrix.size:
         return 0
     values = np.linalg.svd(matrix, compute_uv=False)
-    return int(np.sum(values > _RANK * max(values[0], 1e-300)))
+    return int(np.sum(values > 1e-7 * max(values[0], 1e-300)))  # 1e-7 of the largest singular value is none
 
 
 class Freedoms:

@@ -26,13 +26,10 @@ from jaxnc.types import Array
 if TYPE_CHECKING:
     from jaxnc.solvers.assembly import Sample
 
-_CLOSED = 1e-9  # of the size: a drawing with a larger gap does not assemble
-_POSES = 4  # assembled poses at which the rank is taken; the largest counts
 IDLE = (
     "holds nothing to first order, since its points can move across it only, so that too many freedoms are counted: "
     "replace it by a relation of their coordinates"
 )
-_CHANGE = 0.02  # of the size: a general change of the drawing, to see which redundancies depend on its dimensions
 _PART = 1e-6  # of the largest share of a row in a dependency: less is rounding
 
 
@@ -156,7 +153,7 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
     eq = derive(system)
     if top.large and top.dim == 3:
         dense_only(top, "the mobility report of a spatial mechanism, which names joints,")
-    samples = sample_poses(system, _POSES)
+    samples = sample_poses(system, 4)  # 4 assembled poses at which the rank is taken; the largest counts
     best = max(samples, key=lambda sample: sample.rank)
     matrix, rank = best.jacobian, best.rank
     left = np.abs(np.asarray(evaluate(eq, samples[0].q)[0]))
@@ -271,11 +268,12 @@ def _special(system: System, rank: int, by_count: int) -> int:
     for name, scale in (("points", size), ("vectors", 1.0), ("markers", size), ("dimensions", None)):
         leaf = np.asarray(getattr(par, name))
         amount = np.abs(leaf) if scale is None else scale
-        changed[name] = on_device(leaf + _CHANGE * amount * rng.standard_normal(leaf.shape))
+        # 0.02 of the size, a general change of the drawing: which redundancies depend on its dimensions?
+        changed[name] = on_device(leaf + 0.02 * amount * rng.standard_normal(leaf.shape))
     other = replace(system, parameters=replace(par, **changed))
     samples = sample_poses(other, 2)
     general = max(sample.rank for sample in samples)
-    if samples[0].gap > _CLOSED * size:
+    if samples[0].gap > 1e-9 * size:  # 1e-9 of the size: a drawing with a larger gap does not assemble
         return max(1, general - rank, by_count)  # the changed drawing cannot even be assembled
     rigid = general == len(system.topology.unknown)
     return max(0, general - rank, by_count if rigid and general > rank else 0)

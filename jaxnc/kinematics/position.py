@@ -47,8 +47,6 @@ from jaxnc.system.topology import Topology
 from jaxnc.types import AnyArray, Array, ArrayLike, Float, Inputs, Numbers
 from jaxnc.validate import as_real, call_user
 
-_SLIPS = 1e-6  # of the largest rate: below, a motion rolls
-_TRIES = 24  # places of the missing points that are begun from, the drawing's among them
 _ITERATIONS = 60
 _FEW = 64  # guesses that are completed on the host
 _FROM_DRAWING = 1e-4  # of assemblies equally near to what was given, the one nearest to the drawing counts
@@ -363,7 +361,8 @@ def _check_rolling(motion: Motion) -> Motion:
     off = np.abs(np.asarray(jax.vmap(lambda q, v: slips(top, constants, q, v))(motion.q, motion.rates[0])))
     off = np.where(np.asarray(motion.status == 0)[:, None], off, 0.0)
     pose, row = np.unravel_index(int(off.argmax()), off.shape)
-    if off[pose, row] > _SLIPS * float(jnp.max(jnp.abs(motion.rates[0]))):
+    # below 1e-6 of the largest rate a motion rolls
+    if off[pose, row] > 1e-6 * float(jnp.max(jnp.abs(motion.rates[0]))):
         raise InputError(
             f"{top.name!r}: the prescribed velocities break {top.rate_rows[row]!r} by {off[pose, row]:.3g} in pose "
             f"{pose}. Positions do not see rows on velocities, so a sweep without rates goes anywhere; prescribe a "
@@ -584,7 +583,8 @@ def _missing(top: Topology, sure: tuple[int, ...], given: tuple[int, ...]) -> _M
     scalars = np.array([c for c in range(first, len(top.coordinates)) if c not in given], int)
     points = np.array([c for c in range(first) if not top.fixed[c] and c not in given], int)
     nearly = np.array([c for c in given if c not in sure], int)
-    moved = np.random.default_rng(11).uniform(-1.0, 1.0, (1 if top.large else _TRIES, len(points)))
+    # 24 places of the missing points are begun from, the drawing's among them
+    moved = np.random.default_rng(11).uniform(-1.0, 1.0, (1 if top.large else 24, len(points)))
     moved[0] = 0.0
     beside, whole = (plan(top, (), tuple(top.coordinates[c] for c in w if not top.fixed[c])) for w in (given, sure))
     return _Missing(scalars, points, nearly, moved, beside, whole)

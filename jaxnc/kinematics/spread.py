@@ -33,7 +33,6 @@ Devices: TypeAlias = str | int | Device | Sequence[Device] | None
 
 _FORMS = '"all", "global", a number, or jax devices such as jax.devices()[:2]'
 _AXIS = "lanes"
-_SMALL = 10_000  # numbers of an array whose copies on other devices are kept as long as it is there
 
 
 @public
@@ -215,7 +214,8 @@ def _place_arguments(
 
 def _keeps(leaf: Array) -> bool:
     """Say whether copies of an array, such as the equations have, are kept for the next call: it cannot change."""
-    return isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) == 1 and leaf.size <= _SMALL
+    # copies of 10_000 numbers on other devices are kept as long as the array is there
+    return isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) == 1 and leaf.size <= 10_000
 
 
 @functools.lru_cache(maxsize=16)

@@ -37,12 +37,9 @@ from jaxnc.types import Array, Coordinates, Float, PyTree
 
 _VERY_MANY = 20_000  # poses of a large batch: a faster kernel pays for a longer compilation
 _CHUNK = 64  # lanes at a time: of poses near guesses, and of rates by matrices
-_RATES_CHUNK = 2048  # lanes of rates at a time, by elements that are written out
 _AT_ONCE = 1_000_000  # numbers that are handed to the host together
 _TABLE = 48_000  # numbers of poses that are kept in one table
-_SMALL = 6  # unknowns of a block that is soon compiled
 _LADDER = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # times a power of ten: sizes of programs
-_SERVES = 1.5  # times as many poses as are wanted a program may solve for
 
 _sizes: weakref.WeakKeyDictionary[Plan, dict[str, set[int]]] = weakref.WeakKeyDictionary()  # of compiled programs
 
@@ -189,7 +186,8 @@ def _padded_size(view: Plan, method: str, count: int) -> int:
     programs.
     """
     sizes = _sizes.setdefault(view, {}).setdefault(method, set())
-    made = min((s for s in sizes if count <= s <= _SERVES * count), default=0)
+    # a program may solve for 1.5 times as many poses as are wanted
+    made = min((s for s in sizes if count <= s <= 1.5 * count), default=0)
     if made:
         return made
     digits = 10 ** (len(str(count)) - 1)
@@ -324,7 +322,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
 def _sooner_on_host(plan: Plan, method: str, count: int) -> bool:
     """Say whether the host finds all poses of one design: few, of blocks that XLA takes long to compile."""
     blocks = kernel(plan).blocks if writes_out(plan) else []
-    small = blocks and max(len(block.columns) for block in blocks) <= _SMALL
+    small = blocks and max(len(block.columns) for block in blocks) <= 6  # a block of 6 unknowns is soon compiled
     return not small and not _side_by_side(plan, method, count) and host_solve.is_few(plan, method, count)
 
 
@@ -583,7 +581,8 @@ def lane_rates(
     rates are this function differentiated along the motion.
     """
     if plan.square and writes_out(plan) and q.shape[0] >= fill.LEAST:
-        return in_chunks(functools.partial(_written_out, plan, eq), _RATES_CHUNK, q, tuple(known), ok)
+        # 2048 lanes of rates at a time, by elements that are written out
+        return in_chunks(functools.partial(_written_out, plan, eq), 2048, q, tuple(known), ok)
     one = jax.vmap(lambda *lane: tuple(pose_rates(plan, eq, *lane)))
     return in_chunks(one, _CHUNK, q, tuple(known), ok)
 

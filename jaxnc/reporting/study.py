@@ -50,7 +50,6 @@ from jaxnc.system.system import System
 from jaxnc.vehicle.report import SuspensionReport
 from jaxnc.viz.draft import POSES, whole_range
 
-_LOOKED = 73  # poses at most at which derivatives are taken
 _MOST = 12  # derivatives of an output that are listed
 
 
@@ -325,7 +324,8 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
     if motion.system.topology.large:
         return None
     good = np.flatnonzero(np.asarray(motion.converged))
-    chosen = good[np.unique(np.linspace(0, len(good) - 1, min(_LOOKED, len(good))).astype(int))]
+    # derivatives are taken at 73 poses at most
+    chosen = good[np.unique(np.linspace(0, len(good) - 1, min(73, len(good))).astype(int))]
     some = motion.pose(chosen)
     try:
         found = sensitivity(some, list(names), throw=False)

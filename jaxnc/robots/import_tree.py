@@ -23,7 +23,6 @@ from jaxnc.robots.description import (
     perpendicular,
 )
 
-_PARALLEL = 1e-9  # sine of an angle below which axes are one direction
 _CLEAR = 0.2  # sine from which a direction is good to count an angle by
 _SAME = 1e-9  # of the robot's size: places that are one
 
@@ -173,7 +172,7 @@ class ImportTree:
         if joint.kind == "ball":
             child.hold(at)
             return at, "", at
-        parallel = (v for v in parent.vectors if self._sine(v, joint.axis) < _PARALLEL)
+        parallel = (v for v in parent.vectors if self._sine(v, joint.axis) < 1e-9)  # axes are one direction
         axis = next(parallel, None) or self._vector(f"{joint.name} axis", joint.axis, parent)
         child.hold(vector=axis)
         if joint.kind == "hinge":

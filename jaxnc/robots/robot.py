@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from jaxnc.robots.mjcf import MjcfFile
     from jaxnc.robots.urdf import UrdfFile
 
-_RISES = 1e-6  # of a null space: what a coordinate must still move to be taken for an input
-
 
 @public
 class Robot:
@@ -82,7 +80,8 @@ class Robot:
             if len(chosen) == len(null):
                 break
             at = [top.position[c] for c in (*chosen, name)]
-            if np.linalg.svd(moves[:, at], compute_uv=False)[-1] > _RISES:
+            # 1e-6 of a null space must a coordinate still move to be taken for an input
+            if np.linalg.svd(moves[:, at], compute_uv=False)[-1] > 1e-6:
                 chosen.append(name)
         motors = set(driven) or set(own.values())
         return tuple(c for c in chosen if c in motors), tuple(c for c in chosen if c not in motors)

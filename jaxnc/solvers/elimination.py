@@ -27,12 +27,7 @@ from jaxnc.system.structure import host_kind, program
 from jaxnc.system.topology import Special, Topology
 from jaxnc.types import AnyArray, ArrayLike, Numbers
 
-_SMALL = 1e-3  # of the largest derivative of its row, in the drawing, where sweeps begin, or nearby
 _ENOUGH = 0.1  # of the largest row that is left: the first row that is as independent as this is taken
-_THRESHOLD = 0.1  # a pivot is at least this part of the largest element of its row
-_LOST = 1e-10  # of the largest element: smaller pivots where the matrix was looked at are not trusted
-_COMPARED = 150  # multiplications of a factorisation, at most, whose pivots are compared: it takes long to compile
-_USUAL = 100.0  # a row times more may be taken from another: beyond, elements grow
 
 Elements = Mapping[tuple[int, int], AnyArray]
 
@@ -54,7 +49,8 @@ def with_special(top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, ra
     held = np.flatnonzero(where[:, top.unknown].any(axis=1))
     free = np.zeros(where.shape[1], bool)
     free[top.unknown] = True
-    small = where & free & (size <= _SMALL * size.max(axis=2, initial=0.0, keepdims=True)).any(axis=0)
+    # 1e-3 of the largest derivative of the row, in the drawing, where sweeps begin, or nearby
+    small = where & free & (size <= 1e-3 * size.max(axis=2, initial=0.0, keepdims=True)).any(axis=0)
     rows = None
     if rank < len(held):
         rows = tuple(int(held[k]) for k in _independent_rows(jacobians[-1][np.ix_(held, top.unknown)], rank))
@@ -208,11 +204,13 @@ def plan_elimination(sample: np.ndarray) -> Elimination:
         for i in left_r:
             row = np.abs(a[i, left_c])
             top = row.max(initial=0.0)
-            if top <= _LOST * largest:
+            # 1e-10 of the largest element: smaller pivots where the matrix was looked at are not trusted
+            if top <= 1e-10 * largest:
                 continue
             inside = int(pattern[i, left_c].sum()) - 1
             for j in left_c:
-                if not pattern[i, j] or abs(a[i, j]) < _THRESHOLD * top:
+                # a pivot is at least 0.1 of the largest element of its row
+                if not pattern[i, j] or abs(a[i, j]) < 0.1 * top:
                     continue
                 fill = inside * (int(pattern[left_r, j].sum()) - 1)
                 key = (fill, -abs(a[i, j]) / top)
@@ -367,7 +365,8 @@ def eliminate_block(
         first, second = largest / units[j], jnp.abs(determinant / largest) / units[m]
         pivots = Pivots(jnp.minimum(first, second), *(jnp.maximum(first, second),) * 2)
         return EliminatedPair(plan.rows, plan.columns, (p, q, r, s), inverse, pivots, determinant * plan.sign)
-    compared = plan.cost <= _COMPARED
+    # 150 multiplications of a factorisation whose pivots are compared: it takes long to compile
+    compared = plan.cost <= 150
     steps, left_r, left_c = [], list(plan.rows), list(plan.columns)
     sizes, natural, usual = [], [], None
     for i, j in zip(plan.rows, plan.columns, strict=True):
@@ -389,7 +388,7 @@ def eliminate_block(
         sizes.append(largest / units[j])
         natural.append(sizes[-1] if usual is None else jnp.where(usual, sizes[-1], 0.0))
         if below and right and compared:
-            now = largest <= _USUAL * jnp.abs(pivot)
+            now = largest <= 100.0 * jnp.abs(pivot)  # 100 times a row may be taken from another: beyond, elements grow
             usual = now if usual is None else usual & now
         steps.append(_Step(i, j, pivot, column, right))
     parts = (jnp.minimum, sizes), (jnp.maximum, natural), (jnp.maximum, sizes)

@@ -24,13 +24,9 @@ from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
 from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
 
-_ITERATIONS = 6  # the most of Newton on a block
 LARGEST_WRITTEN = 120  # unknowns that are written out
-MOST_WRITTEN = 1000  # multiplications of their eliminations: a program of so many takes XLA half a minute
-_ROUNDING = 100.0  # times the last digit of the largest number met in an elimination
 _FEW = 2  # blocks that may be computed into each other
 _PASSES = 6  # of a refinement, at most
-_WEAK = 1e-4  # of the largest pivot: where the chosen rows are weaker, all rows are orthogonalised
 
 
 class SolvedLanes(NamedTuple):
@@ -218,7 +214,8 @@ class _AllRows:
         start = jnp.zeros((), int), jnp.asarray(jnp.inf, zero.dtype), jax.tree.map(jnp.zeros_like, (b, c))
         fine = 100.0 * jnp.finfo(zero.dtype).eps
         pair = lax.while_loop(lambda st: (st[0] < 2) | ((st[1] > fine) & (st[0] < _PASSES)), improve, start)[2]
-        weak = ~(smallest([f.pivots for f in factors]) > _WEAK)
+        # 1e-4 of the largest pivot: where the chosen rows are weaker, all rows are orthogonalised
+        weak = ~(smallest([f.pivots for f in factors]) > 1e-4)
 
         def by_all(state: tuple[Array, tuple[tuple, tuple]]) -> tuple[Array, tuple[tuple, tuple]]:
             # They depend on the state, or XLA would do all this before the loop, whether it is entered or not.
@@ -347,7 +344,7 @@ class Kernel:
 
         start = tuple(jnp.broadcast_to(x[c], shape) for c in columns)
         state = (jnp.zeros((), int), start, Pivots(one, one, one), one, jnp.asarray(jnp.inf))
-        most = 1 if block.rows.form == "affine" else _ITERATIONS
+        most = 1 if block.rows.form == "affine" else 6  # 6 of Newton, at most
         fine = limits(eq.length).fine
         _, y, pivots, determinant, _ = lax.while_loop(lambda st: (st[0] < most) & (st[4] > fine), improve, state)
         return y, Factors((), pivots, determinant)
@@ -456,7 +453,8 @@ def smallest(pivots: Sequence[Pivots]) -> Array:
         return jnp.ones(())
     least = _reduce(jnp.minimum, [p.least for p in pivots])
     most, grown = (_reduce(jnp.maximum, parts) for parts in ([p.most for p in pivots], [p.grown for p in pivots]))
-    return jnp.maximum(least - _ROUNDING * jnp.finfo(grown.dtype).eps * grown, 0.0) / most
+    # 100 times the last digit of the largest number met in the elimination
+    return jnp.maximum(least - 100.0 * jnp.finfo(grown.dtype).eps * grown, 0.0) / most
 
 
 def _reduce(f, parts: Sequence[Array]) -> Array:
@@ -467,7 +465,8 @@ def writes_out(plan: Plan) -> bool:
     """Say whether a plan is small enough to be written out element by element: beyond, compiling takes too long."""
     if plan.large or not 0 < len(plan.unknown) <= LARGEST_WRITTEN:
         return False
-    return sum(block.elimination.cost for block in kernel(plan).blocks) <= MOST_WRITTEN
+    # a program of 1000 multiplications takes XLA half a minute
+    return sum(block.elimination.cost for block in kernel(plan).blocks) <= 1000
 
 
 @with_owner

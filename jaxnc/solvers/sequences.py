@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from jaxnc.system.equations import Equations
 
 _LANES = 2304  # poses at a time: they stay in the cache
-_DESIGNS = 128  # of so many designs, or more if each has few poses
-_WHOLE = 4608  # poses that are solved at once, in one block: fewer loops, and sooner compiled
 _LINE = 32  # steps to the farthest of scattered values, to either side: a tenth of a radian on half a turn
 
 
@@ -142,8 +140,9 @@ def _in_blocks(
             the goals are right.
     """
     count, total, _ = goals.shape
-    whole = (first + total * steps) * count <= _WHOLE
-    designs = min(count, max(_DESIGNS, _LANES // (total * steps)))
+    # 4608 poses are solved at once, in one block: fewer loops, and sooner compiled
+    whole = (first + total * steps) * count <= 4608
+    designs = min(count, max(128, _LANES // (total * steps)))  # 128 designs, or more if each has few poses
     designs = next((k for k in range(designs, designs // 2, -1) if count % k == 0), designs)
     rows = min(total, max(1, _LANES // (designs * steps)))
     rows = next((k for k in range(rows, rows // 2, -1) if total % k == 0), rows)

@@ -26,14 +26,12 @@ from jaxnc.system.precision import numbers
 from jaxnc.system.structure import program
 from jaxnc.types import Array, PyTree
 
-_AFTERWARDS = 0.05  # seconds after which an interrupted program has returned
 PIECE = 12_000
 """Numbers that are handed over in one array, 96 KB.
 
 What is larger than 100 KB JAX copies in a thread of the pool that the call itself waits in: on a machine with one core
 it would wait for ever.
 """
-_PIECES = 32  # of one array, at most: each takes its time to compile
 
 
 class Mapped:
@@ -163,7 +161,8 @@ def ask_host(
         remedy: what else the user may do, for messages.
     """
     leaves, structure = jax.tree.flatten(given)
-    shapes, counts = [jnp.shape(a) for a in leaves], [min(-(-jnp.size(a) // PIECE), _PIECES) for a in leaves]
+    # 32 pieces of one array, at most: each takes its time to compile
+    shapes, counts = [jnp.shape(a) for a in leaves], [min(-(-jnp.size(a) // PIECE), 32) for a in leaves]
     pieces = []
     for leaf, count in zip(leaves, counts, strict=True):
         pieces += jnp.array_split(jnp.reshape(leaf, -1), count) if count > 1 else [leaf]
@@ -178,7 +177,8 @@ def ask_host(
             return f(*question)
         except KeyboardInterrupt:
             # Compiled code would make an error of its own of it. It is raised again when that has returned.
-            later = threading.Timer(_AFTERWARDS, _thread.interrupt_main)
+            # after so many seconds an interrupted program has returned
+            later = threading.Timer(0.05, _thread.interrupt_main)
             later.daemon = True
             later.start()
             return given_up(*question)

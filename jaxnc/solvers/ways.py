@@ -23,10 +23,7 @@ from jaxnc.system.precision import limits
 from jaxnc.types import Array, ArrayLike, Coordinates, Float, PyTree
 
 _SHORTEST = 1e-6  # of the way from the start pose to a lane: what is left of a branch that has ended
-_UNLIKELY = 0.02  # of the way from a point of a table: lanes with a fold so near rather go from the start pose
-_SHORTER = 0.25  # of a step that was refused is the next one, at least
 _EASY = 0.5  # of what a step may bend is aimed at
-_TOWARDS = 0.75  # of what is left before a fold is a step
 _BENT = 8.0  # steps before a fold the way is bent
 _FAR = 1e6  # times the way: no fold is foretold
 _NARROW = 128  # lanes at least that go together
@@ -35,10 +32,7 @@ _FEW = 4096  # lanes: of so many, the last of which take a good part of the time
 _EVEN = 64  # lanes go together by multiples of so many: code without remainders is sooner compiled, and quicker
 _MOST = 8  # steps that lanes try before those that are not there yet are put together
 _TURNS = 18  # times that they are
-_SOON = 6  # of those of a table's points: lanes can do without the last of them
-_BLOCK = 8192  # lanes of a block: they stay in the cache
 _POINTS = {2: 17, 3: 9}  # of a table of poses, along each input
-_WORTH = 4  # times as many lanes as it has points, from which it pays
 
 
 class _Ways(NamedTuple):
@@ -65,7 +59,8 @@ class _Ways(NamedTuple):
         Of narrow numbers it is not told: rounding alone makes determinants fall.
         """
         told = jnp.finfo(self.at.dtype).eps < _SHORTEST**2
-        short = jnp.where(self.aside > 0.0, _UNLIKELY, _SHORTEST)
+        # lanes with a fold so near to a point of the table rather go from the start pose
+        short = jnp.where(self.aside > 0.0, 0.02, _SHORTEST)
         return told & (self.at > 0.0) & (self.left < short) & (self.at + 4.0 * self.left < 1.0)
 
     @property
@@ -134,12 +129,12 @@ class _Routes:
         turning = plan.periodic[:k]
         near = jnp.where(turning, jnp.round((values - self.origin) / (2 * jnp.pi)), 0.0) if turning.any() else None
         self.turns, self.goals = near, (values if near is None else unwind(values, near)).T
-        self.block = min(self.given, _BLOCK)
+        self.block = min(self.given, 8192)  # 8192 lanes stay in the cache
         width = max(_NARROW, (_KEPT if self.given > _FEW else _KEPT // 3) // len(self.unknown))
         self.width = min(self.block, _EVEN * -(-self.block // -(-self.block // width) // _EVEN))
         self.norm, self.least = length_of(plan, eq), limits(eq.length)
         self.points = _POINTS.get(k, self.given)
-        self.tabled = self.given >= _WORTH * self.points**k
+        self.tabled = self.given >= 4 * self.points**k  # a table pays from 4 times as many lanes as it has points
         self.low, self.high = jnp.min(self.goals, axis=1), jnp.max(self.goals, axis=1)
         n, blocks = len(self.unknown), len(self.outset)
         self.size = self.points**k if self.tabled else 0
@@ -276,8 +271,10 @@ class _Routes:
         bend = _EASY / jnp.maximum(sharp, 0.1 * _EASY)  # times as long a step would bend as much as it may
         again = bend * (ahead + jnp.where(fresh, 0.0, trial.behind)) - ahead
         longer = jnp.where(fresh, ways.step, jnp.clip(again, 0.4 * ahead, 2.0 * ahead))
-        longer = jnp.minimum(jnp.minimum(longer, ways.longest), jnp.maximum(_TOWARDS * left, _SHORTEST))
-        shorter = jnp.clip(jnp.where(kept & ~fresh, bend, 0.0), _SHORTER, 0.5) * ways.step
+        # 0.75 of what is left before a fold is a step
+        longer = jnp.minimum(jnp.minimum(longer, ways.longest), jnp.maximum(0.75 * left, _SHORTEST))
+        # 0.25 of a step that was refused is the next one, at least
+        shorter = jnp.clip(jnp.where(kept & ~fresh, bend, 0.0), 0.25, 0.5) * ways.step
         return self.full((good, longer, shorter, left))
 
 
@@ -323,7 +320,8 @@ class _Walk:
     def run(self, made: Array, rows: Array, store: Array) -> tuple[Array, Array, Array]:
         """Walk, and put what became of the lanes into their place; likewise of the points of the table, in `rows`."""
         routes, at_table, first = self.routes, self.at_table, self.first
-        turns = jnp.where(at_table, _SOON, _TURNS)
+        # 6 times those of a table's points: lanes can do without the last of them
+        turns = jnp.where(at_table, 6, _TURNS)
         none = jnp.zeros(routes.block, bool)
         turn, _, order, went, made, rows, _, store = lax.while_loop(
             lambda st: (st[0] < turns) & ((st[0] == 0) | jnp.any(st[-2])),

@@ -47,23 +47,18 @@ LARGE = 1e15  # the value of a design that does not assemble
 GOOD, LOST, NO_VALUE, NO_SLOPE = range(4)  # what became of a trial
 MEETS = 1e-7  # violation that is none
 _MARGIN = 1e-4  # by which inequalities are asked for more than they need
-_HEAVY = 10.0  # first weight of a violation
 _HEAVIEST = 1e6
 _HEAVIER = 4.0  # times, where a round has not made the violation so many times smaller
 _ROUND = 50  # steps between changes of multipliers, at most
 _LEVEL = 1e-2  # of the violation: a gradient so small is level enough to change them at once
 _SHORTER = 0.25  # times, after a step that is taken back
-_SHORTEST = 1e-9  # part of a step: below it none is possible
 
 _ROOM = 64  # steps that compiled code takes at once, at most
 _LASTING = 0.2  # seconds that they should last: so often is a descent looked at, and can be stopped
-_GAIN = 1e-3  # of the value: less in `patience` steps is no progress
 _AVERAGED = 20  # steps over which values that are samples are averaged, to be compared with `enough`
 _SAMPLES = 64  # of a value that is drawn anew at every step, to rank designs
 _LATER = 1 << 30  # number of the first of these samples
-_KEPT_EVERY = 1.0  # seconds between two savings
 _LOOKS = 50  # random designs that are looked at for each lane
-_LIKELY = 4  # times as many as there are lanes, of which those that assemble are taken
 
 _EXTRA = ("value", "grad", "value_fn")  # what optimisers that search along lines ask for
 _THEIRS = ("optax", "jax")  # packages whose functions are what their code and closures are
@@ -341,7 +336,7 @@ class Descent(Shown, Leaves):
             after=memory,
             share=none + 1.0,
             multipliers=jnp.zeros(len(self.equal), y.dtype),
-            heavy=none + _HEAVY,
+            heavy=none + 10.0,  # first weight of a violation
             before=large,
         )
 
@@ -378,7 +373,7 @@ class Descent(Shown, Leaves):
         better = good & (
             random | (meets < lane.best_violation) | ((meets == lane.best_violation) & (value < lane.best_value))
         )
-        over = lane.over | (share < _SHORTEST) | ((lane.steps == 0) & ~good)
+        over = lane.over | (share < 1e-9) | ((lane.steps == 0) & ~good)  # below 1e-9 of a step none is possible
         if not random:
             over = over | (good & (left <= self.tolerance) & (far <= MEETS))
 
@@ -611,7 +606,8 @@ class DescentLanes:
         else:
             now, before = np.min(late, axis=0), np.min(early, axis=0)
         over = np.asarray(self.lanes.over)
-        tired = ~over & ~(now < before - _GAIN * np.abs(before))
+        # a gain of less than 1e-3 of the value in `patience` steps is no progress
+        tired = ~over & ~(now < before - 1e-3 * np.abs(before))
         self.idle |= tired
         self.lanes = _with_over(self.lanes, over | tired)
 
@@ -732,7 +728,7 @@ def descend(
             stopped = course.out_of_time
             if not stopped and enough is not None and best <= enough:
                 stopped = f"stopped at enough={enough:g}"
-            course.save(run, every=_KEPT_EVERY)
+            course.save(run, every=1.0)  # seconds
     except KeyboardInterrupt:
         stopped = "interrupted"
     course.bar.close()
@@ -760,7 +756,8 @@ def descend(
 def starting_designs(problem: Problem, rng: np.random.Generator, lanes: int, looks: int) -> np.ndarray:
     """The idea, and the most promising random designs that assemble, ``(lanes or fewer, n)``."""
     own = initial_guess(problem, rng)
-    x = screen(problem, rng, looks, _LIKELY * lanes).x if lanes > 1 else own[:0]
+    # 4 times as many as there are lanes, of which those that assemble are taken
+    x = screen(problem, rng, looks, 4 * lanes).x if lanes > 1 else own[:0]
     every = np.clip(np.concatenate([own, x]), problem.low, problem.high)
     every = np.stack(reseat_targets(problem, list(every)))
     good = np.all(solve_poses(problem, every, 0).status == 0, axis=1)

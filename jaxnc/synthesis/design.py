@@ -31,7 +31,6 @@ _MEETS = 1e-8
 _CLOSE = 1e-3  # of the size: a condition that is met by less may hold a design back
 NAMED = 4  # conditions that are named in a sentence
 BLUNT = "has a transmission angle of"
-_ROUNDING = 4096  # units of rounding: no error that is smaller can be told from none
 
 
 def is_rounding(problem: Problem, error: float, dtype: np.dtype | type = np.float64) -> bool:
@@ -43,7 +42,8 @@ def is_rounding(problem: Problem, error: float, dtype: np.dtype | type = np.floa
     if target is None:
         return False
     size = max(problem.size, float(np.max(np.abs(target))), 1.0 if problem.unit == "rad" else 0.0)
-    return bool(error <= _ROUNDING * float(np.finfo(dtype).eps) * size)
+    # 4096 units of rounding: no error that is smaller can be told from none
+    return bool(error <= 4096 * float(np.finfo(dtype).eps) * size)
 
 
 @public

@@ -39,13 +39,12 @@ if TYPE_CHECKING:
 
 _Item = TypeVar("_Item")
 _Out = TypeVar("_Out")
-_THREADS = 8  # threads
 
 
 def map_threads(work: Callable[[_Item], _Out], items: Sequence[_Item]) -> list[_Out]:
     """Apply a function to items in threads; the first by itself, since it prepares what the others share."""
     out, rest = [work(item) for item in items[:1]], items[1:]
-    count = min(_processors(), _THREADS, len(rest))
+    count = min(_processors(), 8, len(rest))  # 8 threads
     if count < 2:
         return out + [work(item) for item in rest]
     pool = ThreadPoolExecutor(count)
@@ -69,11 +68,9 @@ _compiled_sines = jit(loops.loop_sines)
 
 _WIDE = 512  # designs at once where only those are sought that go on
 _STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
-_FOLLOWED = 0.1  # the same where poses are followed to one after the other: longer ones are lost in space
 _MOST = 64  # poses between two targets, at most
 _SHORT = 1e-3  # of a step: a first one, that shows where poses and determinants are going
 _PARTS = 8  # into which a step is divided across which determinants change too much
-_CLOSER = 12  # times, at most: beside a dead point that is just missed steps become as short as it is near
 
 
 class DesignPoses(NamedTuple):
@@ -243,7 +240,8 @@ class _Designs:
         if self.problem.periodic:
             home = home + 2 * np.pi * np.round((values[:, 0] - home) / (2 * np.pi))
         turning = bool(self.view.angles) and self.view.angles[0] == 0
-        step = _STEP if self.steps.closed else _FOLLOWED
+        # poses that are followed to one after the other: longer steps are lost in space
+        step = _STEP if self.steps.closed else 0.1
         track, at = _make_track(home, values, step * (1.0 if turning else self.length))
         start = self.start.copy()
         start[self.view.known[0]] = home
@@ -263,7 +261,7 @@ class _Designs:
     ) -> None:
         """Look closer, in shorter steps, at designs that pass near a dead point; their poses are put into `q`."""
         lanes = np.arange(known.shape[2])
-        for _ in range(_CLOSER):
+        for _ in range(12):  # beside a dead point that is just missed steps become as short as it is near
             some = np.flatnonzero(doubted.any(axis=0))
             if not len(some):
                 return

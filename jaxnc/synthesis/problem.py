@@ -31,7 +31,6 @@ from jaxnc.system.system import System
 from jaxnc.types import AnyArray, Array, Numbers
 
 _P = TypeVar("_P", bound="Problem")
-_RANGE = 48  # poses at which conditions look at the range of the input
 POSES = 181  # at which what comes out is judged
 
 
@@ -328,7 +327,8 @@ class Problem(Remade, Leaves):
     @property
     def poses(self) -> int:
         """Number of poses over the range that a search looks at."""
-        return _RANGE if any(c.over_range for c in self.conditions) else 0
+        # 48 poses at which conditions look at the range of the input
+        return 48 if any(c.over_range for c in self.conditions) else 0
 
     @property
     def targets(self) -> int:

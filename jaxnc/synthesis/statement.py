@@ -19,9 +19,7 @@ from jaxnc.synthesis.problem import Problem, Variables, home_value
 from jaxnc.synthesis.validate import as_interval, as_names, check_radians
 from jaxnc.system.system import System, characteristic_length, drivable
 
-_NUDGE = 0.05  # radians, or parts of the size, by which an input is moved to see which distances stay
 _TURNS = 40 * np.pi  # an input that travels further is doubted to be in radians
-_STIFF = 1e-7  # of a distance: less is no change
 
 
 class Statement(NamedTuple):
@@ -84,13 +82,13 @@ def check_spans(what: str, system: System, driven: str, hold: Sequence[str], con
             if any(a in names and b in names for names in bodies.values()):
                 continue
             if motion is None:
-                step = _NUDGE * (
+                step = 0.05 * (  # radians, or parts of the size: an input is moved to see which distances stay
                     1.0 if driven in top.scalars else float(characteristic_length(system.parameters.points))
                 )
                 home = float(home_value(system, driven))
                 motion = sweep(system, {driven: home + step * np.linspace(0.0, 1.0, 3)}, hold=hold, repair=False)
             far = np.linalg.norm(np.asarray(motion[a]) - np.asarray(motion[b]), axis=1)[np.asarray(motion.converged)]
-            if np.ptp(far) > _STIFF * np.max(far) if len(far) else False:
+            if np.ptp(far) > 1e-7 * np.max(far) if len(far) else False:  # 1e-7 of a distance: less is no change
                 shown = ", ".join(f"{name} {'-'.join(names)}" for name, names in bodies.items() if len(names) > 1)
                 raise InputError(
                     f"{what}: {c.name}: {a} and {b} are not on one body, and their distance is no length of the design "

@@ -33,11 +33,7 @@ _FAR = 1.2  # diagonals of the mechanism from its middle: what lies farther is l
 _CURVE = 0.55  # the same for how far curves decide the extents
 _FEW = 4  # bodies, the ground among them, between whose centres lines are drawn
 _RUN = 0.16  # of the diagonal: arrow to what is not in the picture
-_ARC = 0.5  # radians on either side of a point, of its circle of curvature
 _SUB = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-_REACH = 0.62  # diagonals of the mechanism from its middle: how far lines are drawn
-_RULINGS = 72  # lines of a ruled surface at most
-_RULING = 0.24  # of the diagonal: half of such a line
 
 
 class Overlay:
@@ -129,7 +125,8 @@ class Overlay:
 
     def arc_angles(self, radius: float) -> np.ndarray:
         """Choose angles on either side of a point at which its circle of curvature is drawn."""
-        return np.linspace(-1, 1, 61) * min(_ARC, 0.25 * self.size / radius)
+        # 0.5 radians on either side of a point, of its circle of curvature
+        return np.linspace(-1, 1, 61) * min(0.5, 0.25 * self.size / radius)
 
     def paint(self) -> None:
         """Draw curves and texts, once the view is open."""
@@ -381,7 +378,8 @@ class SpaceOverlay(Overlay):
     def _chord(self, point: Numbers, direction: Numbers) -> np.ndarray:
         """Cut a line to what is within reach, ``(2, 3)``; NaN if it passes far away."""
         foot = point + (self.middle - point) @ direction * direction
-        half = (_REACH * self.size) ** 2 - float(((foot - self.middle) ** 2).sum())
+        # lines are drawn so many diagonals of the mechanism from its middle
+        half = (0.62 * self.size) ** 2 - float(((foot - self.middle) ** 2).sum())
         if half <= 0 or not direction.any():
             return np.full((2, 3), np.nan)
         return foot + np.sqrt(half) * np.array([[-1.0], [1.0]]) * direction
@@ -410,7 +408,7 @@ class SpaceOverlay(Overlay):
 
     def _add_axodes(self, body: str, other: str = GROUND) -> None:
         found = axodes(self.motion, body, other, self.pose)
-        good = evenly(np.flatnonzero(self.data.good), _RULINGS)
+        good = evenly(np.flatnonzero(self.data.good), 72)  # 72 lines of a ruled surface at most
         on = "the ground" if other == GROUND else other
         for surface, colour, text in (
             (found.fixed, self.colour(other), f"fixed axode, on {on}"),
@@ -440,7 +438,7 @@ class SpaceOverlay(Overlay):
             between = (point[other] - p) @ (d - cosine * e) / max(1.0 - cosine * cosine, 1e-12)
             low, high = ((end - p) @ d for end in chord)
             middle = np.clip(between, low, high)
-            half = _RULING * self.size
+            half = 0.24 * self.size  # half of a ruled surface's line, of the diagonal
             out[k] = p + np.clip([[middle - half], [middle + half]], low, high) * d
         return out
 

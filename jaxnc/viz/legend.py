@@ -10,7 +10,6 @@ from jaxnc.viz.style import LIGHT, NUMBERS, wide, wrap
 
 _GAP = "    "  # between entries
 _ROW = 1.5  # height of a row, in letters
-_AXIS = 3.4  # numbers and name of the axis above them, in letters
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,8 @@ class Legend:
         ]
         if rows:
             box = VPacker(children=rows, pad=0, sep=0.3 * NUMBERS)
-            below = -(_AXIS * NUMBERS + 6.0) if ax.axison else -2.0
+            # 3.4 letters for numbers and name of the axis above them
+            below = -(3.4 * NUMBERS + 6.0) if ax.axison else -2.0
             ax.add_artist(
                 AnnotationBbox(
                     box, (0.0, 0.0), (0.0, below), xycoords="axes fraction", boxcoords="offset points",

@@ -21,7 +21,6 @@ from jaxnc.viz.scene import Circle, Item, Label, Line, Scene
 from jaxnc.viz.style import INK, LIGHT, colour_of, symbol
 
 _SAME = 1e-6  # of the longest vector: images closer than this are one
-_ROOM = 0.07  # of its extents, for names
 _SHORT = 1e-3  # of it: parts shorter than this are not drawn
 KINDS = ("velocity", "acceleration")
 
@@ -162,7 +161,7 @@ class _PolygonView(PlaneView):
 
     def __init__(self, data: Poses, scene: Scene, where: np.ndarray, notes: list[str]):
         self.data, self.scene, self.shown, self.columns = data, scene, [0], where[None]
-        room = _ROOM * float(np.ptp(where, axis=0).max()) * np.array([1.0, 0.4])
+        room = 0.07 * float(np.ptp(where, axis=0).max()) * np.array([1.0, 0.4])  # 0.07 of its extents, for names
         self.lower, self.upper = where.min(axis=0) - room, where.max(axis=0) + room
         self.arrow_sets, self.legend = [], Legend(tuple(((text, LIGHT["ink"]),) for text in notes))
 

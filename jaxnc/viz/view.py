@@ -18,8 +18,6 @@ from jaxnc.viz.style import HEADING, LIGHT, NUMBERS
 if TYPE_CHECKING:
     from matplotlib.transforms import Transform
 
-_BAR = 0.28  # of the width: a bar that shows the scale
-
 
 class View:
     """A scene to be put in axes.
@@ -94,7 +92,7 @@ class View:
 
     def round_length(self, width: float) -> float:
         """Choose the length of a bar that shows the scale, for paper of a width, lengths."""
-        return nice(_BAR * min(width, 2.0 * self.size))
+        return nice(0.28 * min(width, 2.0 * self.size))  # 0.28 of the width for a bar that shows the scale
 
     def add_scale_bar(self, left: float, low: float, unit: float, length: float, wide: float, **look: Any) -> None:
         """Draw a bar with its length in place of axes; `wide` is that length in the coordinates of the transform."""

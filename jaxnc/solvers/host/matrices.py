@@ -15,7 +15,6 @@ import numpy as np
 
 _APART = 0.15  # sizes of the mechanism: so far all coordinates together go from one lane that is known to the next
 _LANES = (4, 24)  # the fewest for which that pays, and the most
-_ROUGH = 1e-3  # off by more, relative, an interpolated inverse is not refined
 _HALF = 10.0  # times the root of the last digit: off by no more, one refinement makes it good
 _FOUR = np.arange(4)
 
@@ -84,7 +83,7 @@ class Inverses:
             return
         self._inverse = close.interpolated
         off = _error_of(matrix, self._inverse)
-        poor = ~(off <= _ROUGH)
+        poor = ~(off <= 1e-3)  # off by more, an interpolated inverse is not refined
         if poor.any():
             self._inverse = np.array(self._inverse)
             self._inverse[poor], off[poor] = inverse_of(matrix[poor]), _HALF * eps**0.5

@@ -21,7 +21,6 @@ POSES = 121
 """Poses of the range at which the structural error is looked at."""
 
 _MET = 1e-9  # radians: a precision point further off than this, after really moving there, is a defect
-_REAL = 1e-7  # imaginary part, beside the root's size, of a root that counts as real
 _NOTHING = 1e-9  # of the largest: a coefficient that stands for a bar at infinity
 
 
@@ -341,7 +340,8 @@ def _solve_five(x: np.ndarray, y: np.ndarray) -> list:
     monomials = np.stack([s**3, s * s * t, s * t * t, t**3], axis=1)
     cubic = np.linalg.solve(monomials, form(np.stack([s, t], axis=1)))
     roots = [complex(root) for root in np.roots(cubic)]
-    directions = [(root.real, 1.0) for root in roots if abs(root.imag) <= _REAL * max(1.0, abs(root))]
+    # an imaginary part, beside the root's size, of a root that counts as real
+    directions = [(root.real, 1.0) for root in roots if abs(root.imag) <= 1e-7 * max(1.0, abs(root))]
     if abs(cubic[0]) < 1e-14 * np.abs(cubic).max():
         directions.append((1.0, 0.0))
     found = []

@@ -220,8 +220,6 @@ _SINGULAR = 1e-7  # last step of Newton's, beside the solution: above, the end i
 _NOTHING = 1e-8  # of the size: a bar that is no longer has no length
 _SAME = 1e-6  # relative difference of two ends that are one solution
 _REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
-_BLOCK = 384  # lanes followed together
-_ROUTES = 3
 _PACES = Pace(1e-4, 0.01, 1e-6), Pace(2e-6)
 _OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
 
@@ -315,7 +313,7 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     task = _make_task(places, given[::-1] if exchanged else given, size)
     name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
     expected, ends, overlaps = _expected_count(name, given), np.zeros((8, 0), complex), []
-    for route in range(_ROUTES):
+    for route in range(3):
         found = _route(name, task, 1.0 + 2.4 * route)
         known, ends = ends, distinct_solutions(np.concatenate([ends, found], axis=1), len(places))
         overlaps.append((known.shape[1], found.shape[1], known.shape[1] + found.shape[1] - ends.shape[1]))
@@ -418,7 +416,7 @@ def _route(name: str, task: Task, angle: float) -> np.ndarray:
     ends, good = np.array(z), np.zeros(z.shape[1], bool)
     for pace in _PACES:
         rest = np.flatnonzero(~good)
-        blocks = np.array_split(rest, max(1, len(rest) // _BLOCK))
+        blocks = np.array_split(rest, max(1, len(rest) // 384))  # 384 lanes are followed together
         work = functools.partial(_follow_block, z, start, spun, pace)
         for lanes, out in zip(blocks, map_threads(work, blocks), strict=True):
             ends[:, lanes], good[lanes] = out.w, out.arrived

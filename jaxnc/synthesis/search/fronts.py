@@ -34,9 +34,7 @@ from jaxnc.types import Array, ArrayLike
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_ALSO = 1e-8  # weight of the objectives that do not count, so that among equals the better one is taken
 _FEW = 4  # random designs from which each point of the front is also started
-_ROUNDS = 2  # times that the points of the front are started from each other's designs
 _POINT = 1e-6  # a front that is narrower than this part of its values is one point
 
 
@@ -183,7 +181,8 @@ def pareto(
         with interruptible():
             rng = np.random.default_rng(seed)
             begun = starting_rows(problem, Refinement(goal, iterations), starts, refine, rng)
-            ends = [(np.where(np.arange(k) == i, 1.0, _ALSO), np.full(k, OPEN)) for i in range(k)]
+            # objectives that do not count weigh 1e-8, so that among equals the better one is taken
+            ends = [(np.where(np.arange(k) == i, 1.0, 1e-8), np.full(k, OPEN)) for i in range(k)]
             search.refine([(x, *end) for end in ends for x in begun])
             search.settle()
             if all(e in search for e in ends):
@@ -282,7 +281,7 @@ class _Search:
         places = [(ends[0][0], np.array([OPEN, *np.square(b)])) for b in itertools.product(*steps)]
         corners = [self.best[self.key(e)][1] for e in ends]
         self.refine([(x, *place) for place in places for x in [*corners, *begun[:_FEW]]])
-        for _ in range(_ROUNDS):
+        for _ in range(2):  # the points of the front are started from each other's designs
             starts = []
             for place in places:
                 apart = [float(np.abs(np.sqrt(p[1][1:]) - np.sqrt(place[1][1:])).sum()) for p in places]

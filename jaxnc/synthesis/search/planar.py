@@ -17,9 +17,6 @@ from jaxnc.synthesis.evaluate import marker_places
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration
 from jaxnc.types import AnyArray, ArrayLike
 
-_ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
-_POSES = 37  # at which that is tried
-_PULL = 1e3  # times as heavy as errors is what bounds miss, before it is cut off
 _PULLS = 6  # times that what is out of bounds is looked for
 
 
@@ -113,7 +110,8 @@ def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
     flat = np.asarray(geometry_vector(problem.system), dtype=float)
     n = 2 * (len(top.points) + len(top.markers))
     z = flat[:n:2] + 1j * flat[1:n:2]
-    ways = [(0.0, 1.0), (0.1 * size, 1.0), (0.1j * size, 1.0), (0.0, 1.1), (0.0, np.exp(1j * _ANGLE))]
+    # 0.37 radians, to try whether a mechanism turns as a whole
+    ways = [(0.0, 1.0), (0.1 * size, 1.0), (0.1j * size, 1.0), (0.0, 1.1), (0.0, np.exp(1j * 0.37))]
     drawn = [move_whole(problem, found, flat, z0, w, z0 + w * z[found.tracer]) for z0, w in ways]
     a, b = (z[i] for i in found.base)
     drawn.append(move_whole(problem, found, flat, 0.0, 1.0, z[found.tracer] + 0.2 * (b - a)))
@@ -140,7 +138,7 @@ def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
 
 def _point_paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Move a drawing over the range of the input: places of points, and which poses are found."""
-    motion = problem.sweep(with_geometry(problem.system, flat), np.linspace(*problem.travel, _POSES))
+    motion = problem.sweep(with_geometry(problem.system, flat), np.linspace(*problem.travel, 37))
     return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
 
 
@@ -215,7 +213,8 @@ def fit_linear(
     y = _solve_finite(normal, side)
     missed = 0.0
     if limits is not None:
-        missed = _pull_inside(found, limits, normal, side, sizes, y, _PULL * float(weights.sum()))
+        # what bounds miss is 1e3 times as heavy as errors, before it is cut off
+        missed = _pull_inside(found, limits, normal, side, sizes, y, 1e3 * float(weights.sum()))
     left = total + np.sum(y * (normal @ y - 2.0 * side), axis=(-2, -1))
     left = np.where(left > 0.0, left, 0.0 * left) + missed
     parts = list(np.moveaxis(y[..., 0] / sizes, -1, 0))

@@ -24,7 +24,6 @@ from jaxnc.types import AnyArray
 
 _IDEA_POSES = 144  # of the idea's curve
 _TURNS = 24  # of the frame of a planar body that are tried
-_IDEA_GUESSES = 40  # of unknowns of which no more is known
 _MOST = 7  # that are kept
 
 
@@ -42,7 +41,8 @@ def initial_guess(problem: Problem, rng: np.random.Generator) -> np.ndarray:
             seen = np.asarray(motion.orientation(problem.body))
             rows = [np.concatenate([problem.extras.home[: -problem.own_turns], _best_turn(problem, seen)])]
     else:
-        rows = [x for x in problem.guesses(rng, _IDEA_GUESSES) if (x != problem.extras.home).any()]
+        # 40 guesses of unknowns of which no more is known
+        rows = [x for x in problem.guesses(rng, 40) if (x != problem.extras.home).any()]
     extra = np.stack([problem.extras.home, *rows])
     return np.concatenate([np.repeat(problem.variables.home[None], len(extra), axis=0), extra], axis=1)
 
@@ -136,14 +136,8 @@ def order_targets(cost: np.ndarray, around: bool) -> tuple[float, np.ndarray]:
 
 _SCREENED = 256  # designs at once: what is worked on fits into the processor's memory
 _TABLE = 96  # poses of a design's whole curve
-_GUESSES = 12  # timings tried for each shape
-_FEWER = 5  # the same where each target has a direction too
-_ANYWHERE = 4  # of them where the points have no order
-_POINTS = 12  # targets that the first look takes, of more
-_COARSE = 2  # poses of the table from one to the next that it takes
+_FEWER = 5  # timings tried for each shape, where each target has a direction too
 _SHARE = 0.25  # of the shapes that are looked at again, with all
-_TIMINGS = 2  # of each of them
-_AGAIN = 2  # times that their timings are taken anew from the curve fitted to them
 _NEAR = 10  # poses of the table to both sides in which a nearer one is looked for
 
 
@@ -186,7 +180,7 @@ def _guess_count(problem: PathGeneration) -> int:
     """Number of timings that are tried for each shape."""
     if isinstance(problem, MotionGeneration):
         return _FEWER
-    return _GUESSES if problem.ordered else _ANYWHERE
+    return 12 if problem.ordered else 4  # timings are tried for each shape; fewer where the points have no order
 
 
 def choose_fit(problem: Problem) -> PlanarFit | Spatial | None:
@@ -229,7 +223,8 @@ class _Timings:
         self.step = (self.high - self.low) / _TABLE
         count = len(problem.target)
         self.every = np.arange(count)
-        self.few = np.unique(np.rint(np.linspace(0, count - 1, min(count, _POINTS))).astype(int))
+        # 12 targets that the first look takes, of more
+        self.few = np.unique(np.rint(np.linspace(0, count - 1, min(count, 12))).astype(int))
         # What lies between those that were looked at is moved in proportion.
         self.spread = np.stack([np.interp(self.every, self.few, row) for row in np.eye(len(self.few))])
 
@@ -247,7 +242,7 @@ class _Timings:
         else:
             u = np.cumsum(guesses, axis=2)  # which are steps
             z, good, table, u = self._likely(z, good, table, u)
-            for _ in range(_AGAIN):
+            for _ in range(2):  # timings are taken anew from the curve fitted to them
                 u = self._move_timings(table, u, self.every)
         parts, left = self._fit(table, u, self.every)
         extra = guesses
@@ -259,11 +254,11 @@ class _Timings:
     def _likely(self, z: np.ndarray, good: np.ndarray, table: _Curves, u: np.ndarray) -> AnyArray:
         """Select shapes and timings for a closer look, by a quick one at a part of the targets."""
         first = u[..., self.few]
-        new = self._move_timings(table, first, self.few, _COARSE)
+        new = self._move_timings(table, first, self.few, 2)  # every second pose of the table
         u = u + (new - first) @ self.spread
         left = self._fit(table, new, self.few)[1]
         left = np.where(good[:, None] & np.isfinite(left), left, np.inf)
-        order = np.argsort(left, axis=1, kind="stable")[:, :_TIMINGS]
+        order = np.argsort(left, axis=1, kind="stable")[:, :2]  # 2 timings of each of the shapes
         least = left[np.arange(len(z)), order[:, 0]]
         at = np.sort(np.argsort(least, kind="stable")[: max(1, math.ceil(self.share * len(z)))])
         return z[at], good[at], table.of(at), np.take_along_axis(u[at], order[at][..., None], axis=1)
@@ -359,7 +354,6 @@ def _place_designs(
 
 _CURVE_POSES = 361  # of the curve
 _SEATED = 64  # designs at once
-_NEARER = 1 - 1e-6  # of a distance: a place is another one only if it is nearer by that
 _APART = 2.0  # steps of the curve: what is nearer to a place is that place
 
 
@@ -394,7 +388,8 @@ def _reseat_chunk(problem: PathGeneration, rows: np.ndarray) -> np.ndarray:
         if problem.whole:
             apart -= 2 * np.pi * np.round(apart / (2 * np.pi))
         here = _target_squares(problem, x, curve, begin, step, now)
-        stay = (np.abs(apart) <= _APART * step) | ~(square < _NEARER * here)
+        # a place is another one only if it is nearer by 1e-6 of the distance
+        stay = (np.abs(apart) <= _APART * step) | ~(square < (1 - 1e-6) * here)
     new = np.where(stay & np.isfinite(apart), new + apart, new)
     out = rows.copy()
     fresh = ~stay.all(axis=1) & np.isfinite(new).all(axis=1)

@@ -26,9 +26,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.search.goal import Goal
     from jaxnc.synthesis.search.refine import Refinement
 
-_SEEDS = 6  # relaxed designs that are rounded
 _CORNERS = 64  # ways to round one of them, the nearest first
-_BEAM = 4  # combinations whose neighbours are looked at
 _STEPS = 60  # rounds of looking around, at most
 
 Sizes = tuple[int, ...]
@@ -232,10 +230,11 @@ def best_sizes(
             if sizes not in found or error < found[sizes][0]:
                 found[sizes] = error, x
 
-    first = [(sizes, x) for x in rows[:_SEEDS] for sizes in _rounded_sizes(goal.stocks, goal.measure(x))]
+    # 6 relaxed designs are rounded
+    first = [(sizes, x) for x in rows[:6] for sizes in _rounded_sizes(goal.stocks, goal.measure(x))]
     refine(first)
     for _ in range(_STEPS):
-        best = sorted(found, key=lambda s: found[s][0])[:_BEAM]
+        best = sorted(found, key=lambda s: found[s][0])[:4]  # the neighbours of 4 combinations are looked at
         moves = []
         for base in best:
             for sizes in _next_sizes(goal.stocks, base):

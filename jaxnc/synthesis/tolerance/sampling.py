@@ -134,9 +134,6 @@ def _covariance(what: str, covariance: ArrayLike, names: list[str], distribution
     return matrix
 
 
-_LANES = 2**21  # poses solved together
-
-
 @dataclasses.dataclass(frozen=True)
 class Question:
     """A question to every design: inputs that are driven, coordinates held, outputs. Hashable, for compilation."""
@@ -203,7 +200,7 @@ def sample_outputs(
     """Outputs of every changed design, ``(samples, …)`` by name, and which poses converged, ``(samples, *poses)``."""
     count = len(changes)
     poses = int(np.prod(values[0].shape, dtype=int)) if values else 1
-    chunk = min(count, max(1, _LANES // poses))
+    chunk = min(count, max(1, 2**21 // poses))  # 2**21 poses are solved together
     found: list[Any] = []
     for start in range(0, count, chunk):
         # The last chunk overlaps the one before: one shape, compiled once.
