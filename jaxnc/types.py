@@ -30,7 +30,7 @@ PyTree: TypeAlias = Any
 """What `jax.tree` takes apart into arrays: records, tuples, lists and dicts of them, or one array."""
 
 AnyArray: TypeAlias = Any
-"""An array of NumPy or of JAX where code is the same for both, which `Numbers` cannot say; or None, or a tuple of them."""
+"""An array of NumPy or of JAX where code is the same for both, and type checkers cannot say; or None, or some."""
 
 Coordinates: TypeAlias = Float[Array, " N"]
 """All coordinates of a mechanism in one pose: points, unit vectors, then angles and distances."""

@@ -32,7 +32,6 @@ from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
 _METHODS = ("minimum", "newton")
-_STEPS = 200
 _NEUTRAL = 1e-12  # of the largest stiffness: a motion that meets less is indifferent
 
 
@@ -278,7 +277,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
 
     def more(state):
         i, *_, stop = state
-        return (i <= _STEPS) & ~stop
+        return (i <= 200) & ~stop
 
     def step(state):
         """Take a trial or not, and make the next: so everything is asked in one line of the program, the start too."""

@@ -28,8 +28,6 @@ from jaxnc.types import Array, PyTree
 from jaxnc.validate import as_real, call_user
 
 _KEPT = 2**21  # numbers of all steps of a run that are kept for its derivatives; beyond, steps are made again
-_APART = 1e-3  # of the mechanism's size: a simulation that meets its constraints worse has come apart
-_PARTS = 20  # of a simulation that someone watches, or a few more
 _DELAY = 2.0  # seconds before a bar is shown
 
 
@@ -302,7 +300,8 @@ def summarise(
     whole = jnp.isfinite(states.q).all(axis=1) & jnp.isfinite(states.v).all(axis=1)
     whole = jnp.cumprod(whole.astype(int)) > 0
     qs, vs = (jnp.where(whole[:, None], x, x0) for x, x0 in ((states.q, first[0]), (states.v, first[1])))
-    apart = jnp.cumsum(~(whole & (states.gap <= _APART * flow.dyn.eq.length))) > 0
+    # 1e-3 of the mechanism's size: a simulation that meets its constraints worse has come apart
+    apart = jnp.cumsum(~(whole & (states.gap <= 1e-3 * flow.dyn.eq.length))) > 0
     status = jnp.where((status == 0) & apart, int(Status.CAME_APART), status)
     ok = status == 0
     reached = jnp.max(jnp.where(apart, t[0], t))
@@ -339,7 +338,8 @@ def run_in_parts(
     if count < 2 or not progress.is_watched() or progress.showing():
         found = run(spec, numbers)
         return found.smooth | found.other
-    width = 2 ** max(0, int(np.ceil(np.log2(count / _PARTS))))
+    # 20 parts of a simulation that someone watches, or a few more
+    width = 2 ** max(0, int(np.ceil(np.log2(count / 20))))
     parts, lengths = [], []
     with progress.bar(count, name, "times", delay=_DELAY, leave=False) as shown:
         for first in range(0, count, width):

@@ -32,7 +32,6 @@ SPREADS = (0.03, 0.1, 0.3, 1.0)
 
 _STARTS = 256  # for each spread
 _STEPS = 30
-_NEAR = 1e-4  # of the mechanism's size: closer poses are the same assembly
 
 
 @dataclass
@@ -245,7 +244,8 @@ def _solve_family(
     natural = np.asarray(f.to_natural(end[1:][:, top.unknown]))
     spread = natural.shape[1] - len(f.natural.topology.scalars)
     size = float(derive(f.natural).length)
-    same = good & (np.abs(natural[:, :spread] - starts[0, :spread]).max(axis=1) < _NEAR * size)
+    # 1e-4 of the mechanism's size: closer poses are the same assembly
+    same = good & (np.abs(natural[:, :spread] - starts[0, :spread]).max(axis=1) < 1e-4 * size)
     row.basin = tuple(float(x) for x in same.reshape(len(SPREADS), -1).mean(axis=1))
     row.converged = tuple(float(x) for x in good.reshape(len(SPREADS), -1).mean(axis=1))
 

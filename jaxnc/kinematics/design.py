@@ -35,7 +35,6 @@ from jaxnc.system.topology import Topology
 from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
 from jaxnc.validate import call_user, function_name
 
-_CHUNK = 8192  # numbers at a time: poses times changes
 _GEOMETRY = "points", "vectors", "markers", "dimensions"
 
 
@@ -342,7 +341,7 @@ class DesignDerivatives:
         self.q = poses.reshape(-1, poses.shape[-1])[self.good].T
 
     def _chunks(self) -> Iterator[np.ndarray]:
-        size = max(1, _CHUNK // (1 + self.count))
+        size = max(1, 8192 // (1 + self.count))  # 8192 numbers at a time: poses times changes
         for first in range(0, len(self.good), size):
             yield np.arange(first, min(first + size, len(self.good)))
 

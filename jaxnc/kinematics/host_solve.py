@@ -21,10 +21,6 @@ from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import farthest
 from jaxnc.types import Numbers
 
-_FAR = 1e-2  # of the size: a longer step is none of the shortest, at which a branch ends
-_NEAR = 0.1  # of the size: a solution so near to a guess is the nearest
-
-
 _asked: weakref.WeakKeyDictionary[Plan, float] = weakref.WeakKeyDictionary()  # what batches were worth so far
 
 
@@ -149,7 +145,8 @@ def solve_sequences(
             found.put((..., (again[:, None] * total + place).reshape(-1)), other)
         way = inner.weights[view.known] * np.diff(np.concatenate([turned[view.known][None], known]), axis=0)
         longest = np.abs(way).max(axis=1, initial=0.0).T * inner.least.smallest
-        found.exhausted[(longest > _FAR * np.reshape(inner.eq.length, (-1, 1))).reshape(-1)] = True
+        # 1e-2 of the size: a longer step is none of the shortest, at which a branch ends
+        found.exhausted[(longest > 1e-2 * np.reshape(inner.eq.length, (-1, 1))).reshape(-1)] = True
         status = _status(inner, begin, found, _lost_in_order(found, assembled, total), np.repeat(each[:, 0], total))
     back = (each * total + np.maximum(place - first[:, None], 0)).reshape(-1)
     told = PoseBatch(found.q.T, found.size, found.conditioning, status=status)
@@ -193,7 +190,8 @@ def solve_nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.n
         size, *upright, signs, conditioning = inner.diagnose(q)
         moved = inner.weights * (q - begin)
         good = (size <= inner.tolerance(q)) & upright[0]
-        good &= np.sqrt(np.einsum("nl,nl->l", moved, moved)) <= _NEAR * eq.length
+        # 0.1 of the size: a solution so near to a guess is the nearest
+        good &= np.sqrt(np.einsum("nl,nl->l", moved, moved)) <= 0.1 * eq.length
         if view.square:
             good &= (signs == inner.orientation(begin)).all(axis=0)
         if not good.all():

@@ -27,7 +27,6 @@ from jaxnc.validate import as_array
 
 _SMALL = 65_536  # numbers that are worth having on the host
 _COUNTED = 2**31 - 1  # poses, samples, steps: more are taken for a slip
-_FEW = 1000  # values that show how large steps are
 
 METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 """What the usual length units are in metres."""
@@ -259,7 +258,8 @@ def _like_degrees(value: object) -> str:
         x = x.astype(float) if x.dtype.kind in "iuf" else np.zeros(0)
     except (TypeError, ValueError):
         return ""
-    if not x.size or not np.abs(x.flat[:: max(1, x.size // _FEW)]).max() > 2.0 * math.pi or not np.isfinite(x).all():
+    # 1000 values show how large steps are
+    if not x.size or not np.abs(x.flat[:: max(1, x.size // 1000)]).max() > 2.0 * math.pi or not np.isfinite(x).all():
         return ""
     if np.all(x == np.round(x)):
         return f"is {x.flat[0]:g}" if x.size == 1 else f"goes in whole numbers from {x.min():g} to {x.max():g}"

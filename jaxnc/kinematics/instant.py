@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 GROUND = "ground"
 """What is no body, and no body may be called."""
 
-_NOISE = 2 / 3  # power of the rounding unit below which a relative rate is none
-
 
 @public
 class InstantMotion(NamedTuple):
@@ -170,7 +168,7 @@ def cross_spin(spin: Numbers, arm: Numbers) -> Numbers:
 
 def _rounding_share(x: Numbers) -> float:
     """Which share of rates is rounding."""
-    return float(np.finfo(x.dtype).eps) ** _NOISE
+    return float(np.finfo(x.dtype).eps) ** (2 / 3)  # a relative rate below this power of the rounding unit is none
 
 
 def instant_of(state: BodyState) -> InstantMotion:

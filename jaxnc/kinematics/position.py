@@ -48,7 +48,6 @@ from jaxnc.types import AnyArray, Array, ArrayLike, Float, Inputs, Numbers
 from jaxnc.validate import as_real, call_user
 
 _ITERATIONS = 60
-_FEW = 64  # guesses that are completed on the host
 _FROM_DRAWING = 1e-4  # of assemblies equally near to what was given, the one nearest to the drawing counts
 
 
@@ -563,7 +562,7 @@ def _guess_entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], w
 
 def _few_known(top: Topology, given: object, count: int) -> bool:
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
-    return outermost() and not traced and (top.large or count <= _FEW)
+    return outermost() and not traced and (top.large or count <= 64)  # 64 guesses are completed on the host
 
 
 class _Missing(NamedTuple):

@@ -50,8 +50,6 @@ from jaxnc.system.system import System
 from jaxnc.vehicle.report import SuspensionReport
 from jaxnc.viz.draft import POSES, whole_range
 
-_MOST = 12  # derivatives of an output that are listed
-
 
 @public
 @dataclass(frozen=True)
@@ -337,7 +335,8 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
         block = found[name].reshape(len(chosen), -1, len(found.variables))
         size = np.linalg.norm(block, axis=1) if block.shape[1] > 1 else np.abs(block[:, 0])
         most = size.max(axis=0)
-        for k in [int(k) for k in np.argsort(-most, kind="stable") if most[k] > ZERO * most.max()][:_MOST]:
+        # 12 derivatives of an output are listed
+        for k in [int(k) for k in np.argsort(-most, kind="stable") if most[k] > ZERO * most.max()][:12]:
             pose = int(size[:, k].argmax())
             below = found.variable_units[k]
             angle = below == "rad" and motion.system.topology.angle_unit == "deg"

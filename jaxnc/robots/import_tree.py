@@ -24,7 +24,6 @@ from jaxnc.robots.description import (
 )
 
 _CLEAR = 0.2  # sine from which a direction is good to count an angle by
-_SAME = 1e-9  # of the robot's size: places that are one
 
 Direction = str | tuple[str, str]
 """A vector, or two points."""
@@ -191,7 +190,7 @@ class ImportTree:
         return 1.0 if self.directions[self.anchors[joint.name].axis] @ joint.axis > 0 else -1.0
 
     def _near(self, a: Vec, b: Vec) -> bool:
-        return bool(np.linalg.norm(a - b) <= _SAME * self.size)
+        return bool(np.linalg.norm(a - b) <= 1e-9 * self.size)  # 1e-9 of the robot's size: places that are one
 
     def _sine(self, vector: str, direction: Vec) -> float:
         return float(np.linalg.norm(np.cross(self.directions[vector], direction)))

@@ -27,8 +27,6 @@ from jaxnc.system.structure import host_kind, program
 from jaxnc.system.topology import Special, Topology
 from jaxnc.types import AnyArray, ArrayLike, Numbers
 
-_ENOUGH = 0.1  # of the largest row that is left: the first row that is as independent as this is taken
-
 Elements = Mapping[tuple[int, int], AnyArray]
 
 
@@ -92,7 +90,8 @@ def _independent_rows(matrix: np.ndarray, rank: int) -> list[int]:
     left, chosen = matrix.copy(), []
     for _ in range(rank):
         lengths = np.linalg.norm(left, axis=1)
-        k = int(np.argmax(lengths >= _ENOUGH * lengths.max()))
+        # the first row that is as independent as 0.1 of the largest that is left is taken
+        k = int(np.argmax(lengths >= 0.1 * lengths.max()))
         chosen.append(k)
         way = left[k] / lengths[k]
         left = left - np.outer(left @ way, way)

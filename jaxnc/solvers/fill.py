@@ -40,9 +40,7 @@ from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
 
 LEAST = 256  # lanes of one input from which a table pays
-_FEW = 16  # lanes of several inputs from which ways of their own do
 _CHUNKS = {40_000: 256, 300_000: 1024}  # lanes in one round, if there are no more than so many of them
-_CHUNK = 2048  # of more: they stay in the cache
 _POINTS = 129  # of the table
 _MORE = 4.0  # times as many if points were lost on their way
 
@@ -54,7 +52,8 @@ def can_fill(plan: Plan) -> bool:
 
 def pays(plan: Plan, lanes: int) -> bool:
     """Say whether so many inputs of one design are solved here, where code is compiled anyway."""
-    return lanes >= (LEAST if len(plan.driven) == 1 else _FEW) and can_fill(plan)
+    # from 16 lanes of several inputs ways of their own pay
+    return lanes >= (LEAST if len(plan.driven) == 1 else 16) and can_fill(plan)
 
 
 def in_order(
@@ -136,7 +135,8 @@ class _PoseTable(NamedTuple):
 
 def _at_once(lanes: int, least: int) -> int:
     """Lanes in one round. The fewer they are, the sooner the table is there; the more, the fewer rounds."""
-    return max(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), _CHUNK), least)
+    # 2048 of more lanes: they stay in the cache
+    return max(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), 2048), least)
 
 
 def from_table(

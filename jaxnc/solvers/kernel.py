@@ -25,8 +25,6 @@ from jaxnc.system.structure import jumps, steep
 from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
 
 LARGEST_WRITTEN = 120  # unknowns that are written out
-_FEW = 2  # blocks that may be computed into each other
-_PASSES = 6  # of a refinement, at most
 
 
 class SolvedLanes(NamedTuple):
@@ -213,7 +211,8 @@ class _AllRows:
         # Where the rows of A are weak, each pass leaves more: it is gone on until nothing changes any more.
         start = jnp.zeros((), int), jnp.asarray(jnp.inf, zero.dtype), jax.tree.map(jnp.zeros_like, (b, c))
         fine = 100.0 * jnp.finfo(zero.dtype).eps
-        pair = lax.while_loop(lambda st: (st[0] < 2) | ((st[1] > fine) & (st[0] < _PASSES)), improve, start)[2]
+        # 6 passes of a refinement, at most
+        pair = lax.while_loop(lambda st: (st[0] < 2) | ((st[1] > fine) & (st[0] < 6)), improve, start)[2]
         # 1e-4 of the largest pivot: where the chosen rows are weaker, all rows are orthogonalised
         weak = ~(smallest([f.pivots for f in factors]) > 1e-4)
 
@@ -292,7 +291,7 @@ class Kernel:
                 y = block.rows.run_solution(TRACED)([*block.rows.collect(x, eq), sign])
             else:
                 y, iterated[k] = self._iterate(block, eq, x)
-            if len(self.blocks) > _FEW and k not in iterated:
+            if len(self.blocks) > 2 and k not in iterated:  # 2 blocks may be computed into each other
                 y = fusion_barrier(opaque_true(eq), lambda y: y, y)
             for c, v in zip(block.columns, y, strict=True):
                 x[c] = v

@@ -26,7 +26,6 @@ RANK = 3e-7  # of the largest singular value, sparse or dense: at a double root 
 _KEPT = 2  # factorisations
 _DOUBT = 10.0  # times smaller or larger than the threshold: too close to decide
 _SHIFTS = (1e-9, 1e-8, 1e-7)  # of the largest singular value, squared: the first that keeps the factorisation regular
-_MOST = 400  # directions that are looked at; a mechanism with so many freedoms is none of the large ones meant here
 
 
 @record
@@ -334,7 +333,8 @@ def _nullity(matrix: "csc_matrix") -> Nullity:
         smallest = np.zeros(width)  # with fewer rows than directions the rest is not stretched at all
         smallest[width - len(values) :] = values[::-1] / max(size, 1e-300)
         count = int(np.sum(smallest < RANK))
-        if count < width or width == n or width >= _MOST:
+        # a mechanism with 400 freedoms is none of the large ones meant here
+        if count < width or width == n or width >= 400:
             break
         grown = min(n, 4 * width)
         x = np.linalg.qr(np.concatenate([x, rng.standard_normal((n, grown - width))], axis=1))[0]

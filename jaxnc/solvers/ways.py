@@ -24,13 +24,11 @@ from jaxnc.types import Array, ArrayLike, Coordinates, Float, PyTree
 
 _SHORTEST = 1e-6  # of the way from the start pose to a lane: what is left of a branch that has ended
 _EASY = 0.5  # of what a step may bend is aimed at
-_BENT = 8.0  # steps before a fold the way is bent
 _FAR = 1e6  # times the way: no fold is foretold
 _NARROW = 128  # lanes at least that go together
 _KEPT = 8192  # numbers of their poses: they stay in the cache
 _FEW = 4096  # lanes: of so many, the last of which take a good part of the time, three times fewer go together
 _EVEN = 64  # lanes go together by multiples of so many: code without remainders is sooner compiled, and quicker
-_MOST = 8  # steps that lanes try before those that are not there yet are put together
 _TURNS = 18  # times that they are
 _POINTS = {2: 17, 3: 9}  # of a table of poses, along each input
 
@@ -300,7 +298,7 @@ class _Trial(NamedTuple):
         ratio = jnp.where(fresh, 0.0, (at - ways.at) / behind)
         # Towards a fold poses change as the root of what is left.
         roots = [jnp.sqrt(jnp.maximum(ways.left + part, 0.0)) for part in (behind, 0.0, ways.at - at)]
-        bent = ways.left < _BENT * behind
+        bent = ways.left < 8.0 * behind  # 8 steps before a fold the way is bent
         change = jnp.where(bent, (roots[1] - roots[2]) / (roots[0] - roots[1]), ratio)
         return _Trial(fresh, ahead, at, behind, ratio, change)
 
@@ -366,7 +364,7 @@ class _Walk:
             return lax.cond(at_table, routes.begin_table, routes.try_at_once, goal, at, self.table)
 
         ways = lax.cond(turn == 0, set_out, self._go_on, at, going, store)
-        most = jnp.where(turn == 0, 2, _MOST)
+        most = jnp.where(turn == 0, 2, 8)  # 8 steps are tried before lanes that are not there yet are put together
         _, ways = lax.while_loop(lambda st: (st[0] < most) & jnp.any(st[1].open), routes.advance, (0, ways))
         goes = ways.undecided & ((turn == 0) | lax.dynamic_slice_in_dim(going, at, routes.width))
         going = lax.dynamic_update_slice_in_dim(going, goes, at, 0)

@@ -20,8 +20,6 @@ from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.pytree import Leaves
 from jaxnc.types import Array
 
-_MET = 1e-9  # of the size: what a length may miss
-
 
 class Boxes(NamedTuple):
     """Bounds of the joints and lengths of a problem."""
@@ -69,7 +67,7 @@ class Boxes(NamedTuple):
                 flat[:, i] -= share[0] / total * off
                 flat[:, j] += share[1] / total * off
             flat = np.where(self.narrow, np.clip(flat, self.low, self.high), flat)
-            if far <= _MET * self.size:
+            if far <= 1e-9 * self.size:  # 1e-9 of the size may a length miss
                 break
         return flat
 

@@ -46,19 +46,13 @@ from jaxnc.types import Array, ArrayLike, PyTree
 LARGE = 1e15  # the value of a design that does not assemble
 GOOD, LOST, NO_VALUE, NO_SLOPE = range(4)  # what became of a trial
 MEETS = 1e-7  # violation that is none
-_MARGIN = 1e-4  # by which inequalities are asked for more than they need
-_HEAVIEST = 1e6
 _HEAVIER = 4.0  # times, where a round has not made the violation so many times smaller
-_ROUND = 50  # steps between changes of multipliers, at most
-_LEVEL = 1e-2  # of the violation: a gradient so small is level enough to change them at once
-_SHORTER = 0.25  # times, after a step that is taken back
 
 _ROOM = 64  # steps that compiled code takes at once, at most
 _LASTING = 0.2  # seconds that they should last: so often is a descent looked at, and can be stopped
 _AVERAGED = 20  # steps over which values that are samples are averaged, to be compared with `enough`
 _SAMPLES = 64  # of a value that is drawn anew at every step, to rank designs
 _LATER = 1 << 30  # number of the first of these samples
-_LOOKS = 50  # random designs that are looked at for each lane
 
 _EXTRA = ("value", "grad", "value_fn")  # what optimisers that search along lines ask for
 _THEIRS = ("optax", "jax")  # packages whose functions are what their code and closures are
@@ -367,7 +361,8 @@ class Descent(Shown, Leaves):
         memory = jax.tree.map(pick, lane.after, lane.memory)
         far = jnp.max(jnp.where(equal, jnp.abs(conditions), -conditions), initial=0.0)
         left = bounds.distance_down(y, slope)
-        share = jnp.where(lane.over, lane.share, pick(jnp.minimum(2.0 * lane.share, 1.0), _SHORTER * lane.share))
+        # a step that is taken back becomes 0.25 times as long
+        share = jnp.where(lane.over, lane.share, pick(jnp.minimum(2.0 * lane.share, 1.0), 0.25 * lane.share))
 
         meets = jnp.maximum(far, MEETS)
         better = good & (
@@ -384,11 +379,12 @@ class Descent(Shown, Leaves):
 
         multipliers, heavy, before = lane.multipliers, lane.heavy, lane.before
         if len(equal) and not random:
-            due = good & (((lane.steps + 1) % _ROUND == 0) | (left <= jnp.maximum(_LEVEL * far, self.tolerance)))
+            # 50 steps, or a gradient of 1e-2 of the violation, which is level enough to change multipliers at once
+            due = good & (((lane.steps + 1) % 50 == 0) | (left <= jnp.maximum(1e-2 * far, self.tolerance)))
             wanted = multipliers - heavy * self._with_margin(conditions)
             multipliers = jnp.where(due, jnp.where(equal, wanted, jnp.maximum(wanted, 0.0)), multipliers)
             more = due & (far > MEETS) & (_HEAVIER * far > before)
-            heavy = jnp.where(more, jnp.minimum(_HEAVIER * heavy, _HEAVIEST), heavy)
+            heavy = jnp.where(more, jnp.minimum(_HEAVIER * heavy, 1e6), heavy)
             before = jnp.where(due, far, before)
         return Lane(
             y=y,
@@ -436,7 +432,7 @@ class Descent(Shown, Leaves):
 
     def _with_margin(self, conditions: Array) -> Array:
         """Conditions with a margin on those that are no equations."""
-        return conditions - jnp.where(self.equal, 0.0, _MARGIN)
+        return conditions - jnp.where(self.equal, 0.0, 1e-4)  # 1e-4 more than they need is asked of inequalities
 
 
 def _equalities(problem: Problem, batch: int | None) -> np.ndarray:
@@ -704,7 +700,7 @@ def descend(
         check_counts(what, starts=starts)
     own = {"optimiser": descent.optimiser.digest, "starts": starts if given is None else given.tolist()}
     course.set_terms(**own, batch=batch, gradient=gradient, patience=patience, key=seed)
-    looked = 0 if given is not None else _LOOKS * int(starts)
+    looked = 0 if given is not None else 50 * int(starts)  # 50 random designs are looked at for each lane
     try:
         with interruptible():
             x = given

@@ -68,8 +68,6 @@ _compiled_sines = jit(loops.loop_sines)
 
 _WIDE = 512  # designs at once where only those are sought that go on
 _STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
-_MOST = 64  # poses between two targets, at most
-_SHORT = 1e-3  # of a step: a first one, that shows where poses and determinants are going
 _PARTS = 8  # into which a step is divided across which determinants change too much
 
 
@@ -331,7 +329,8 @@ def _make_track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.n
     """Lay short steps from home through the values asked for: ``(steps, designs)``, and where these values are."""
     stops = np.concatenate([home[:, None], values], axis=1)
     apart = np.abs(np.diff(stops, axis=1))
-    counts = np.clip(np.ceil(np.where(np.isfinite(apart), apart, 0.0) / most), 1, _MOST).astype(int)
+    # 64 poses between two targets, at most
+    counts = np.clip(np.ceil(np.where(np.isfinite(apart), apart, 0.0) / most), 1, 64).astype(int)
     counts[:, :2] += 1  # the way begins at the drawing, or, where that is the first target, there
     ends = np.cumsum(counts, axis=1)
     steps = np.arange(ends.max() + 1)
@@ -341,7 +340,8 @@ def _make_track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.n
     along = np.minimum(steps - np.take_along_axis(ends - counts, way, axis=1), np.take_along_axis(counts, way, axis=1))
     first = way < 2
     part = (along - first) / (np.take_along_axis(counts, way, axis=1) - first)
-    part = np.where(first & (along <= 1), along * _SHORT / np.take_along_axis(counts, way, axis=1), part)
+    # 1e-3 of a step, to show where poses and determinants are going
+    part = np.where(first & (along <= 1), along * 1e-3 / np.take_along_axis(counts, way, axis=1), part)
     track = np.take_along_axis(stops, way, axis=1) * (1.0 - part) + np.take_along_axis(stops, way + 1, axis=1) * part
     return track.T, ends.T
 

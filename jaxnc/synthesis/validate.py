@@ -14,8 +14,6 @@ from jaxnc.validate import as_real, call_user
 if TYPE_CHECKING:
     from jaxnc.kinematics.motion import Motion
 
-_SAME = 1e-9  # of the target's extent: points that are so near to each other are one
-
 
 def as_points(target: object, dim: int, what: str, least: int = 3, closed: bool = False) -> np.ndarray:
     """Check target points, ``(M, dim)``."""
@@ -32,7 +30,8 @@ def as_points(target: object, dim: int, what: str, least: int = 3, closed: bool 
         raise InputError(f"{what}: target point {bad[0] + 1} is not finite: {out[bad[0]].tolist()}")
     if len(out) < least:
         raise InputError(f"{what}: {len(out)} target points; give at least {least}")
-    if closed and np.max(np.abs(out[-1] - out[0])) <= _SAME * np.max(np.ptp(out, axis=0)):
+    # 1e-9 of the target's extent: points that are so near to each other are one
+    if closed and np.max(np.abs(out[-1] - out[0])) <= 1e-9 * np.max(np.ptp(out, axis=0)):
         raise InputError(
             f"{what}: target point {len(out)} repeats the first one, and a closed path goes on from its last point to "
             f"the first by itself; leave it out: target[:-1] (and of timing and weights what belongs to it)"

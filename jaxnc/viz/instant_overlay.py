@@ -31,7 +31,6 @@ Wish = str | tuple[str, ...]
 
 _FAR = 1.2  # diagonals of the mechanism from its middle: what lies farther is listed, not drawn
 _CURVE = 0.55  # the same for how far curves decide the extents
-_FEW = 4  # bodies, the ground among them, between whose centres lines are drawn
 _RUN = 0.16  # of the diagonal: arrow to what is not in the picture
 _SUB = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
@@ -229,7 +228,7 @@ class PlaneOverlay(Overlay):
                 self._note_far_centre(text, pair, x)
         for centre, texts in spots.values():
             self._point(centre, ", ".join(texts))
-        if len(moving) <= _FEW and not names:
+        if len(moving) <= 4 and not names:  # lines are drawn between the centres of 4 bodies, the ground among them
             self._add_kennedy_lines(moving, found)
 
     def _note_far_centre(self, text: str, pair: tuple[str, str], x: InstantMotion) -> None:

@@ -38,7 +38,6 @@ _DIRECTIONS = 24
 _RINGS = (0.0, 0.8, 1.7, 2.9, 4.4)  # extra distance from the point, units
 _NEXT = 1.75  # from a point to the edge of its name, units
 _NEAR = (0.0, 1.2, 2.9)  # as `_RINGS`, of names that give way
-_TURNS = 3
 _CLEAR = 0.55  # wanted distance to lines, units
 _STRAIGHT = ("bar", "edge", "rod", "cable", "distance", "velocity", "acceleration", "weight", "applied", "reaction")
 _SPRING_RINGS = (0.15, 0.38, 0.62, 0.85)  # of a spring, kept clear
@@ -182,7 +181,7 @@ def place_labels(
         for foot, (a, b, width) in zip(at, obstacles, strict=True):
             cost += (crowding(foot + steps, half, a, b, width) + _outside(foot + steps, half, edges)) / len(places)
         options.append((steps, cost + _overlaps(at, steps, half, taken).mean(axis=0)))
-    for turn in range(_TURNS):  # each in turn keeps clear of the others, first of those before it
+    for turn in range(3):  # each in turn keeps clear of the others, first of those before it
         moved = False
         for k, (steps, own) in enumerate(options):
             others = [i for i in range(len(labels) if turn else k) if i != k]

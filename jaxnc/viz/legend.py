@@ -9,7 +9,6 @@ from matplotlib.offsetbox import AnnotationBbox, HPacker, TextArea, VPacker
 from jaxnc.viz.style import LIGHT, NUMBERS, wide, wrap
 
 _GAP = "    "  # between entries
-_ROW = 1.5  # height of a row, in letters
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Legend:
 
     def height(self, room: float) -> float:
         """Measure the height of the rows in a width, points."""
-        return _ROW * NUMBERS * len(self.rows(room))
+        return 1.5 * NUMBERS * len(self.rows(room))  # a row is 1.5 letters high
 
     def paint(self, ax: Axes, room: float) -> None:
         """Write the legend under axes of a width, points."""

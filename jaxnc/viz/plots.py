@@ -19,7 +19,6 @@ from jaxnc.viz.quantities import Quantity, abscissa, default_plots, quantity
 from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, axis_name, crown, furnish
 
 _FLAT, _REST = 0.1, 1e-4  # of what axes show: curves that vary by less look flat, and those that stand still
-_FAR = 2.5  # times what varies: what axes show at most for the sake of curves that stand still
 
 
 @public
@@ -144,7 +143,8 @@ def _fit(group: list[Quantity], further: Quantity) -> bool:
     if not varies.any():
         return True
     moving = ends[varies]
-    return bool(span[varies].min() >= _FLAT * whole and whole <= _FAR * float(np.ptp(moving)))
+    # for curves that stand still axes show at most 2.5 times what varies
+    return bool(span[varies].min() >= _FLAT * whole and whole <= 2.5 * float(np.ptp(moving)))
 
 
 def _ends(q: Quantity) -> tuple[float, float]:

@@ -20,7 +20,6 @@ from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Circle, Item, Label, Line, Scene
 from jaxnc.viz.style import INK, LIGHT, colour_of, symbol
 
-_SAME = 1e-6  # of the longest vector: images closer than this are one
 _SHORT = 1e-3  # of it: parts shorter than this are not drawn
 KINDS = ("velocity", "acceleration")
 
@@ -55,7 +54,7 @@ class _Polygon:
     def image(self, vector: np.ndarray, name: str) -> int:
         """Number of the place that is the image of a point."""
         for k, other in enumerate(self.places):
-            if np.linalg.norm(vector - other) <= _SAME * self.longest:
+            if np.linalg.norm(vector - other) <= 1e-6 * self.longest:  # images that are closer are one
                 self.names[k].append(name)
                 return k
         self.places.append(np.asarray(vector, float))

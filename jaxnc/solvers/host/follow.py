@@ -16,7 +16,6 @@ from jaxnc.solvers.host.view import HostView, PoseEvaluation, largest_of_lanes
 from jaxnc.system.precision import farthest
 
 _SQUARED = 1e-4  # of the size: a shorter correction may be the last, if the one before says so
-_MOST = 50_000  # evaluations for the way between targets: about 25 for each radian that something turns
 
 
 class Followed(NamedTuple):
@@ -154,7 +153,8 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
         np.zeros(count, bool),
     )
     # 250 evaluations for each target, besides those for the way between them
-    most, counts = 250 * total + _MOST, np.full(count, total) if counts is None else counts
+    # and 50_000 for the way between them: about 25 for each radian that something turns
+    most, counts = 250 * total + 50_000, np.full(count, total) if counts is None else counts
     values, counts, asked = _cut_off(view, start, values, counts, most)
     lanes = _Lanes(view, start, values, counts)
     for _ in range(most):

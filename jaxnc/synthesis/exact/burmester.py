@@ -153,8 +153,6 @@ def trace_cubic(forms: np.ndarray, start: complex, points: int, extent: float) -
 EXACT = 1e-12
 """Residual of a dyad, beside the size of the poses, that counts as exact."""
 
-_FAR = 1e6  # of the size of the poses: a pivot beyond is at infinity, its bar a slider
-
 
 @public
 @dataclasses.dataclass(frozen=True)
@@ -435,7 +433,8 @@ class Guidance:
         real, others, infinite, worst = [], 0, 0, 0.0
         for w in common_points(*conics):
             scale = w @ s
-            if abs(scale) * _FAR < np.abs(w @ basis).max():
+            # beyond 1e6 times the size of the poses a pivot is at infinity, its bar a slider
+            if abs(scale) * 1e6 < np.abs(w @ basis).max():
                 infinite += 1
                 continue
             x = np.array([w @ np.real(u), w @ np.imag(u), w @ np.real(a), w @ np.imag(a)]) / scale

@@ -20,7 +20,6 @@ from jaxnc.validate import as_shape, call_user
 POSES = 121
 """Poses of the range at which the structural error is looked at."""
 
-_MET = 1e-9  # radians: a precision point further off than this, after really moving there, is a defect
 _NOTHING = 1e-9  # of the largest: a coefficient that stands for a bar at infinity
 
 
@@ -402,7 +401,7 @@ def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
     defects = []
     if not math.isfinite(error):
         defects.append("dead point")
-    elif error > _MET:
+    elif error > 1e-9:  # radians: a precision point further off, after really moving there, is a defect
         defects.append("branch")
     found, ranged, _ = _sweep_scale(linkage, bars, grid)
     wanted = _call_function(function, grid, "precision_four_bars") if function is not None else None

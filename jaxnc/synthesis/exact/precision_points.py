@@ -217,7 +217,6 @@ def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL) -> P
 # -- linkages through points -------------------------------------------------------------------------------------------
 
 _SINGULAR = 1e-7  # last step of Newton's, beside the solution: above, the end is singular
-_NOTHING = 1e-8  # of the size: a bar that is no longer has no length
 _SAME = 1e-6  # relative difference of two ends that are one solution
 _REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
 _PACES = Pace(1e-4, 0.01, 1e-6), Pace(2e-6)
@@ -437,7 +436,8 @@ def _degenerate(z: np.ndarray) -> np.ndarray:
     """Where a bar has no length, or the point lies on a joint of the coupler."""
     x, y, xx, yy, a, b, aa, bb = z
     pairs = ((x, xx), (y, yy), (x - y, xx - yy), (x + a, xx + aa), (y + b, yy + bb), (a - b, aa - bb))
-    return np.min([np.maximum(np.abs(p), np.abs(q)) for p, q in pairs], axis=0) < _NOTHING
+    # a bar of 1e-8 of the size has no length
+    return np.min([np.maximum(np.abs(p), np.abs(q)) for p, q in pairs], axis=0) < 1e-8
 
 
 def _solution_keys(z: np.ndarray, count: int) -> np.ndarray:

@@ -24,10 +24,6 @@ from jaxnc.synthesis.search.sqp import LANES, MEETS, End, Sqp
 
 _LOOK = 192  # of the designs that were refined, the best that are looked at
 _LIKE = 1e-4  # of the size: designs whose points are so near to each other are one
-_LEVEL = 1e-6  # of the error: so are ends whose errors are, and whose points are within
-_FLAT = 1e-2  # of the size of each other, since a basin may be flat
-_SLOPE = 1e-2  # of the error: so much above an end, and as near, a design that has not ended is on the way there
-_ENOUGH = 4  # targets from which on the points that move tell of those that do not
 _STAGES = ((4, 1.0, 1), (10, 1.0, 1), (40, 0.5, 3), (120, 0.0, 3), (0, 0.0, 1))
 """Until which iteration (0: as many as asked for) which part of the designs goes on, and at least how many of them."""
 
@@ -108,9 +104,10 @@ def _in_one_basin(problem: Problem, better: End, end: End, apart: float, extent:
         return True
     if max(end.square, better.square) <= 1e-20:  # a square that is none
         return apart <= _LIKE * extent  # exact ones farther apart: see `jaxnc.synthesis.search.basins`
-    if apart > _FLAT * extent:
+    if apart > 1e-2 * extent:  # 1e-2 of the size: a basin may be flat
         return False
-    return above <= (_LEVEL if end.converged else _SLOPE) * better.square
+    # ends whose errors differ by 1e-6 are one, and what has not ended, 1e-2 above, is on the way there
+    return above <= (1e-6 if end.converged else 1e-2) * better.square
 
 
 def _group_designs(problem: Problem, moves: Iterable[MovedDesign], most: int) -> list[tuple[int, int]]:
@@ -143,7 +140,7 @@ def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
     top = problem.system.topology
     q = q[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
     moving = ~np.array(top.fixed, bool)[: len(top.points) * top.dim].reshape(-1, top.dim).all(axis=1)
-    if len(q) >= _ENOUGH and moving.any():
+    if len(q) >= 4 and moving.any():  # of 4 targets and more the points that move tell of those that do not
         q = q[:, moving]
         q = np.concatenate([q, np.broadcast_to(q.mean(axis=0), q.shape)], axis=1)
     apart = np.linalg.norm(q[:, :, None] - q[:, None], axis=-1).reshape(-1)

@@ -34,7 +34,6 @@ from jaxnc.types import Array, ArrayLike
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_FEW = 4  # random designs from which each point of the front is also started
 _POINT = 1e-6  # a front that is narrower than this part of its values is one point
 
 
@@ -280,7 +279,8 @@ class _Search:
         steps = [low[j] + (high[j] - low[j]) * np.arange(1, each + 1) / (each + 1) for j in range(1, k)]
         places = [(ends[0][0], np.array([OPEN, *np.square(b)])) for b in itertools.product(*steps)]
         corners = [self.best[self.key(e)][1] for e in ends]
-        self.refine([(x, *place) for place in places for x in [*corners, *begun[:_FEW]]])
+        # 4 random designs from which each point of the front is also started
+        self.refine([(x, *place) for place in places for x in [*corners, *begun[:4]]])
         for _ in range(2):  # the points of the front are started from each other's designs
             starts = []
             for place in places:

@@ -187,12 +187,9 @@ def _solve_lanes(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 # -- starts and lanes --------------------------------------------------------------------------------------------------
 
 _ROUND = 20  # iterations between looks at them
-_HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
-_LOST = 10  # rounds of it after which one that is behind, or does not meet its conditions, is given up
 _STILL = 1e-8  # of the merit: a lane that has won less in a round stands still
 ROUGH = 1e-2  # the same where designs are only sought, to be brought to their ends afterwards
 LEVEL = 1e-6  # and where the largest error is made small, which goes on by ever less
-_QUIET = 2  # rounds of standing still after which a lane that meets its conditions is done
 
 
 class Refinement:
@@ -326,10 +323,13 @@ class Refinement:
         still = (far <= MEETS) & (np.abs(merit - self.last) <= self.still * merit)
         self.quiet = np.where(still, self.quiet + 1, 0)
         self.last = np.minimum(self.last, merit)
-        over = lanes.settled | (self.spent >= self.most) | (self.quiet >= _QUIET)
-        over = over | (self.poor >= _LOST) & ((merit > 2.0 * min(best, self.best)) | (far > MEETS))
+        # 2 rounds of standing still: a lane that meets its conditions is done
+        over = lanes.settled | (self.spent >= self.most) | (self.quiet >= 2)
+        # 10 rounds without getting anywhere: a lane that is behind, or does not meet its conditions, is given up
+        over = over | (self.poor >= 10) & ((merit > 2.0 * min(best, self.best)) | (far > MEETS))
         if self.queue:
-            over = over | (self.poor >= _HOPELESS) & (merit > 2.0 * best)
+            # 4 rounds without getting anywhere: the lane is given to another start
+            over = over | (self.poor >= 4) & (merit > 2.0 * best)
         self._take_out(self.live & over)
 
     def stop(self) -> None:

@@ -23,7 +23,6 @@ from jaxnc.types import AnyArray
 # -- the idea ----------------------------------------------------------------------------------------------------------
 
 _IDEA_POSES = 144  # of the idea's curve
-_TURNS = 24  # of the frame of a planar body that are tried
 _MOST = 7  # that are kept
 
 
@@ -59,7 +58,7 @@ def _idea_timings(problem: PathGeneration) -> list[tuple[float, np.ndarray]]:
         seen = np.asarray(motion.orientation(problem.body))
         if seen.ndim == 1:
             heavy, tried = problem.reach**2, []
-            for turn in np.linspace(0.0, 2 * np.pi, _TURNS, endpoint=False):
+            for turn in np.linspace(0.0, 2 * np.pi, 24, endpoint=False):  # 24 turns of the frame of a planar body
                 off = 4.0 * np.sin(0.5 * (seen - turn - problem.turns[:, None])) ** 2
                 tried.append((cost + heavy * off, np.array([turn])))
     found = []
@@ -136,9 +135,6 @@ def order_targets(cost: np.ndarray, around: bool) -> tuple[float, np.ndarray]:
 
 _SCREENED = 256  # designs at once: what is worked on fits into the processor's memory
 _TABLE = 96  # poses of a design's whole curve
-_FEWER = 5  # timings tried for each shape, where each target has a direction too
-_SHARE = 0.25  # of the shapes that are looked at again, with all
-_NEAR = 10  # poses of the table to both sides in which a nearer one is looked for
 
 
 class Screened(NamedTuple):
@@ -164,7 +160,8 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     each = 1 if timed else _guess_count(problem)
     guesses = problem.guesses(rng, count * each).reshape(count, each, len(problem.extras.names))
     some = range(0, count, _SCREENED)
-    screened = _fit_timed if timed else _Timings(problem, fit, max(_SHARE, 2.0 * most / count)).best
+    # 0.25 of the shapes are looked at again, with all
+    screened = _fit_timed if timed else _Timings(problem, fit, max(0.25, 2.0 * most / count)).best
 
     def part(k: int) -> tuple[np.ndarray, np.ndarray, int]:
         with np.errstate(all="ignore"):
@@ -179,7 +176,7 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
 def _guess_count(problem: PathGeneration) -> int:
     """Number of timings that are tried for each shape."""
     if isinstance(problem, MotionGeneration):
-        return _FEWER
+        return 5  # timings for each shape, where each target has a direction too
     return 12 if problem.ordered else 4  # timings are tried for each shape; fewer where the points have no order
 
 
@@ -300,7 +297,7 @@ class _Timings:
 
     def _nearer(self, table: _Curves, pairs: Pairs, u: np.ndarray, stride: int) -> np.ndarray:
         """Find timings at which curves are nearer to the targets, in the same order."""
-        count, far = _TABLE // stride, _NEAR // stride
+        count, far = _TABLE // stride, 10 // stride  # a nearer pose of the table is looked for in 10 to both sides
         i, _ = self._where(table, u, count)
         near = np.arange(-far, count + far + 2)
         near = np.mod(near, count) if self.problem.whole else np.clip(near, 0, count)
@@ -354,7 +351,6 @@ def _place_designs(
 
 _CURVE_POSES = 361  # of the curve
 _SEATED = 64  # designs at once
-_APART = 2.0  # steps of the curve: what is nearer to a place is that place
 
 
 def reseat_targets(problem: Problem, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -389,7 +385,8 @@ def _reseat_chunk(problem: PathGeneration, rows: np.ndarray) -> np.ndarray:
             apart -= 2 * np.pi * np.round(apart / (2 * np.pi))
         here = _target_squares(problem, x, curve, begin, step, now)
         # a place is another one only if it is nearer by 1e-6 of the distance
-        stay = (np.abs(apart) <= _APART * step) | ~(square < (1 - 1e-6) * here)
+        # what is nearer to a place than 2 steps of the curve is that place
+        stay = (np.abs(apart) <= 2.0 * step) | ~(square < (1 - 1e-6) * here)
     new = np.where(stay & np.isfinite(apart), new + apart, new)
     out = rows.copy()
     fresh = ~stay.all(axis=1) & np.isfinite(new).all(axis=1)

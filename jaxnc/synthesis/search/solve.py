@@ -25,8 +25,6 @@ from jaxnc.types import Array
 
 _ENDED = 2  # times as many as are kept are brought to their ends
 _INTERRUPTED = "interrupted"
-_AMPLE = 1.02  # times what was missed: the gap between two poses changes with the design
-_LEAST = 1e-9  # more, so that what is refined to 1e-8 is met
 
 
 @public
@@ -248,7 +246,8 @@ def _tighten_margins(
                 done.append(basin)
                 continue
             new = basin.end.row.copy()
-            new[goal.margin_places] += [_AMPLE * far[n] + _LEAST if n in far else 0.0 for n in names]
+            # 1.02 times what was missed, as the gap between two poses changes with the design, and 1e-9 to be met
+            new[goal.margin_places] += [1.02 * far[n] + 1e-9 if n in far else 0.0 for n in names]
             short.append((basin, new))
         if not short:
             return done

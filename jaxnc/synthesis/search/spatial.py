@@ -19,7 +19,6 @@ from jaxnc.synthesis.search.planar import Pairs, all_parameters, length_dimensio
 from jaxnc.system.topology import Segment
 
 _RIDGE = 1e-10  # of each unknown's own weight: what nothing depends on stays as it is
-_HELD = 1e8  # the same for a size at its bound
 
 
 class Sums(NamedTuple):
@@ -176,7 +175,8 @@ def _fit_rest(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.n
         )
     again = (held != y[:, 3]) | (not free.scale)
     if again.any():
-        y[np.ix_(again, use)] = _solve_linear(sums.normal[again], side[again], use, held[again], _HELD)
+        # a size at its bound is held
+        y[np.ix_(again, use)] = _solve_linear(sums.normal[again], side[again], use, held[again], 1e8)
         y[again, 3] = held[again]
     left = sums.square + np.einsum("ni,ni->n", y, (sums.normal @ y[:, :, None])[..., 0] - 2.0 * side)
     place = (r @ y[:, :3, None])[..., 0] if all(free.axes) else y[:, :3]

@@ -217,7 +217,6 @@ _FEEL = 1e-7  # of the unknowns' scales: the step of differences of gradients
 _NEAR = 1e-7  # a condition that is met by less is active
 _PROMISE = 1e-10  # of the square: a point is an end if a step of second order promises no more
 _EXACT = 1e-26  # mean square of the errors that is none
-_NOTHING = 1e-13  # of the trust region: smaller steps are none
 _LIGHT = 1e-2  # weight of errors beside conditions in a correction
 _STALE = 3  # steps after which second derivatives are formed anew; between them they are updated
 
@@ -489,7 +488,7 @@ class Sqp:
         end = far <= MEETS and (exact or lane.promised <= _PROMISE)
         # At an end it goes on to rounding as long as that is quick.
         done = exact or lane.promised <= 1e-3 * _PROMISE or lane.lost
-        lane.over = (end and done) or max(lane.reach, lane.wide) < _NOTHING
+        lane.over = (end and done) or max(lane.reach, lane.wide) < 1e-13  # smaller steps are none
         return lane.over
 
     def _least(self, square: float) -> float:

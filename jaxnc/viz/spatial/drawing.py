@@ -35,7 +35,6 @@ _CLEAR = 5.2  # the same where there is no box
 _BORDER = 33.0  # for numbers and names of the axes, points
 _EDGE = 5.0  # of the paper, points
 _SPARE = 3.4  # of a name, beyond the extents, units
-_SHARE = 0.52  # of the room that is the mechanism's at least
 _BODIES = ("bar", "plate", "edge", "wheel", "block")
 _ARROW = reach(0.2, 0.62)
 _ACROSS_X, _ACROSS_Y = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))
@@ -248,7 +247,8 @@ class SpaceView(View):
             scale = np.maximum(room - pad, 0.3 * room) / np.maximum(span, 1e-9 * self.size)
             self.scale = float(scale.min()) if span.any() else float(room.min())
             if bare.any():  # names do not take more of the room than the mechanism
-                self.scale = max(self.scale, _SHARE * float((room / np.maximum(bare, 1e-9 * self.size)).min()))
+                # 0.52 of the room is the mechanism's at least
+                self.scale = max(self.scale, 0.52 * float((room / np.maximum(bare, 1e-9 * self.size)).min()))
             self.unit = self.points / self.scale
             self._take_tips(self.unit)
 
