@@ -20,11 +20,11 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 from jaxnc.promotion import promoted
-from jaxnc.types import Array
+from jaxnc.types import AnyArray, Array, PyTree
 
 Arrays = Sequence[Array]
 # Change of the value, a pytree as it is, of (what is static, the value, its arguments, the changes of these).
-Rule = Callable[[Any, Any, tuple, tuple], Any]
+Rule = Callable[[PyTree, PyTree, tuple, tuple], PyTree]
 
 
 class TwoRules(NamedTuple):
@@ -35,7 +35,7 @@ class TwoRules(NamedTuple):
     least: int  # numbers that the first array of the value has where there are many, all that it is mapped over too
 
 
-def attach(rule: Rule | TwoRules, static: Hashable, value: object, *args: Any) -> Any:
+def attach(rule: Rule | TwoRules, static: Hashable, value: object, *args: object) -> PyTree:
     """Give a value, which was found elsewhere, its derivatives by a rule; the value itself passes through unchanged.
 
     Args:
@@ -59,7 +59,7 @@ def attach(rule: Rule | TwoRules, static: Hashable, value: object, *args: Any) -
     ))  # fmt: skip
 
 
-def _pass_value(*arrays: Any, count: int, **_: Any) -> list:
+def _pass_value(*arrays: object, count: int, **_: object) -> list:
     return list(arrays[:count])
 
 
@@ -114,11 +114,11 @@ batching.primitive_batchers[_ATTACH] = _attached_batch
 mlir.register_lowering(_ATTACH, mlir.lower_fun(_pass_value, multiple_results=True))
 
 
-def _is_still(change: Any) -> bool:
+def _is_still(change: object) -> bool:
     return type(change) is ad.Zero or getattr(change, "dtype", None) == jax.dtypes.float0
 
 
-def _zero(x: Any) -> np.ndarray:
+def _zero(x: AnyArray) -> np.ndarray:
     """The tangent of an array that has none, NumPy's: JAX's would be compiled."""
     dtype = jax.dtypes.result_type(x)
     return np.zeros(np.shape(x), dtype if jax.dtypes.issubdtype(dtype, np.inexact) else jax.dtypes.float0)
@@ -128,12 +128,12 @@ class Rules(NamedTuple):
     """A function and its two linear ones, pure and hashable; all take and return lists of arrays."""
 
     # (what, x, rest) to what is differentiated and what is not.
-    value: Callable[[Any, Arrays, Arrays], tuple[list, list]]
+    value: Callable[..., tuple[list, list]]
     # (what, x, rest, smooth, other, change): the change of what is differentiated with that of x; the value there is
     # `smooth`, which is differentiated, and `other`.
-    tangent: Callable[[Any, Arrays, Arrays, Arrays, Arrays, Arrays], list]
+    tangent: Callable[..., list]
     # (what, x, rest, smooth, other, change): the transpose, a list as x.
-    cotangent: Callable[[Any, Arrays, Arrays, Arrays, Arrays, Arrays], list]
+    cotangent: Callable
 
 
 def custom_jvp_vjp(rules: Rules, what: Hashable, x: list, rest: list) -> tuple[list, list]:
@@ -169,7 +169,7 @@ def _push(static: tuple[Rules, Hashable], smooth: list, args: tuple, changes: tu
 _X, _REST, _SMOOTH, _OTHER, _LINEAR = range(5)  # the groups of arrays of a derivative; from the last on, c and all d
 
 
-def _bind(groups: Sequence[Arrays], **params: Any) -> list:
+def _bind(groups: Sequence[Arrays], **params: object) -> list:
     return _DERIVATIVE.bind(*itertools.chain(*groups), **(params | {"sizes": tuple(map(len, groups))}))
 
 
@@ -202,7 +202,7 @@ def _along_changes(f: Callable, way: Arrays, x: Arrays) -> list:
     return jax.jvp(f, (x,), (way,))[1]
 
 
-def _derived_shapes(*avals: Any, back: bool, sizes: tuple[int, ...], **_: Any) -> list:
+def _derived_shapes(*avals: object, back: bool, sizes: tuple[int, ...], **_: object) -> list:
     return [ShapedArray(a.shape, a.dtype) for a in _groups_of(sizes, avals)[_X if back else _SMOOTH]]
 
 

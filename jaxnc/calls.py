@@ -119,7 +119,7 @@ def public(thing: _P) -> _P:
     return opened
 
 
-def _raise_unknown(self: object, name: str) -> Any:
+def _raise_unknown(self: object, name: str) -> object:
     """Raise an error for a name that an object has not, with the nearest that it has; Python asks for it last."""
     if name.startswith("_") or hasattr(type(self), name):  # protocols look about; a property has failed by itself
         return object.__getattribute__(self, name)
@@ -133,7 +133,7 @@ def _check_calls(f: Callable, called: str, bound: int = 0) -> Any:
     """Wrap a function so that wrong calls are told; the first `bound` arguments are not given by the user."""
 
     @functools.wraps(f)
-    def call(*args: Any, **options: Any) -> Any:
+    def call(*args: object, **options: object) -> Any:
         try:
             with promoting():
                 return f(*args, **options)
@@ -234,7 +234,7 @@ def _argument_notes(f: Callable) -> dict[str, str]:
     return out
 
 
-def _hints(f: Callable) -> dict[str, Any]:
+def _hints(f: Callable) -> dict[str, object]:
     """The kinds of a function's arguments; what is known to type checkers only is left out."""
     f = inspect.unwrap(f)
     out = {}
@@ -251,7 +251,7 @@ def _hints(f: Callable) -> dict[str, Any]:
 class _Names(dict):
     """The names that an annotation may use; of what is imported for type checkers alone, those that jaxnc offers."""
 
-    def __missing__(self, name: str) -> Any:
+    def __missing__(self, name: str) -> object:
         if name == "Path":
             return Path
         for home in (builtins, *(importlib.import_module(f"jaxnc{package}") for package in _PACKAGES)):
@@ -263,7 +263,7 @@ class _Names(dict):
 # -- values and kinds ------------------------------------------------------------------------------------------
 
 
-def _fits(value: Any, kind: Any) -> bool:
+def _fits(value: object, kind: object) -> bool:
     """Say whether a value may be of the kind that an annotation says; doubts are in its favour."""
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if kind is Any or kind is object or isinstance(kind, TypeVar | str | typing.ForwardRef):
@@ -319,7 +319,7 @@ def _is_number(value: Any) -> bool:
     return True
 
 
-def _is_array(value: Any) -> bool:
+def _is_array(value: object) -> bool:
     if isinstance(value, list | tuple):
         return all(_is_array(x) for x in value[:_MANY])
     return getattr(getattr(value, "dtype", None), "kind", "") in tuple("biufV") or _is_number(value)
@@ -340,7 +340,7 @@ def _is_list(value: Any, args: tuple, fixed: bool) -> bool:
     return all(_fits(x, args[0]) for x in entries)
 
 
-def _kind_in_words(kind: Any) -> str:
+def _kind_in_words(kind: object) -> str:
     """A kind of argument, as messages call it."""
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Annotated:
@@ -370,6 +370,6 @@ def _kind_in_words(kind: Any) -> str:
     return f"a {kind.__name__}"
 
 
-def _many(kind: Any) -> str:
+def _many(kind: object) -> str:
     """Several of a kind."""
     return {str: "names", float: "numbers", int: "whole numbers"}.get(kind) or _kind_in_words(kind).removeprefix("a ")

@@ -18,6 +18,7 @@ from jax.core import Tracer
 from jaxnc.calls import public
 from jaxnc.errors import InputError, JaxncError, brief
 from jaxnc.internals import evaluate_at_once, has_started, outermost
+from jaxnc.types import PyTree
 
 R = TypeVar("R")
 
@@ -63,7 +64,7 @@ def filter_jit(f: Callable[..., R]) -> Callable[..., R]:
     return _compile_either(f, compiler)
 
 
-def shapes_of(f: Callable[..., Any], *args: Any) -> Any:
+def shapes_of(f: Callable, *args: PyTree) -> PyTree:
     """Return what a function returns, arrays by their shapes and types; nothing is calculated."""
     kept = []
 
@@ -84,7 +85,7 @@ def _split_arrays(tree: object) -> tuple[list, tuple]:
     return arrays, (structure, tuple(None if is_array else x for x, is_array in zip(leaves, which, strict=True)), which)
 
 
-def _join_arrays(arrays: Sequence, rest: tuple) -> Any:
+def _join_arrays(arrays: Sequence, rest: tuple) -> PyTree:
     structure, others, which = rest
     each = iter(arrays)
     return jax.tree.unflatten(structure, [next(each) if a else x for x, a in zip(others, which, strict=True)])
@@ -123,7 +124,7 @@ def blame_callback(error: Exception, caller: str) -> None:
         ) from None
 
 
-def is_outermost(*trees: Any) -> bool:
+def is_outermost(*trees: object) -> bool:
     """Say whether all numbers are known, and what is made of them becomes no part of a larger program.
 
     So it is of what does not depend on the arguments of a ``grad`` or ``vmap`` that nothing is compiled around.
@@ -169,7 +170,7 @@ def options() -> dict[str, bool | int | str]:
     return wanted
 
 
-def on_device(tree: object) -> Any:
+def on_device(tree: object) -> PyTree:
     """Turn NumPy arrays into JAX arrays, inside of traced code too; ``jnp.asarray`` compiles one program a shape."""
     if outermost():
         return jax.device_put(tree)

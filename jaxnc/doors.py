@@ -7,7 +7,6 @@ reads this table: every door leads upward to a function that there is, and is op
 
 import importlib
 from collections.abc import Callable
-from typing import Any
 
 DOORS = {
     "Mechanism.compile": "jaxnc.system.assemble:compile_mechanism",
@@ -35,7 +34,7 @@ DOORS = {
 """By door: the module and the function that it leads to."""
 
 
-def door(name: str) -> Callable[..., Any]:
+def door(name: str) -> Callable:
     """Load the function that a door leads to."""
     module, _, function = DOORS[name].partition(":")
     return getattr(importlib.import_module(module), function)

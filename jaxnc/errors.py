@@ -70,7 +70,7 @@ def is_traced(value: object) -> bool:
     return any(kind.__name__ == "Tracer" for one in each for kind in type(one).__mro__)
 
 
-def drawn_with_numbers(value: Any) -> str:
+def drawn_with_numbers(value: object) -> str:
     """Say what to do where a drawing was given numbers that JAX traces; "" if they are not."""
     if not is_traced(value):
         return ""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 
-def on_demand(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def on_demand(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """Make the ``__getattr__`` and ``__dir__`` of a package that imports nothing until one of its names is used.
 
     The names are written once, as imports in the package's ``__init__.pyi``: type checkers and editors read them there,

@@ -1,7 +1,7 @@
 """Things that show themselves in a notebook; the pictures are made by `jaxnc.viz` when they are asked for."""
 
 import importlib.util
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jaxnc.doors import door
 
@@ -21,6 +21,6 @@ class Shown:
 class Drawn(Shown):
     """A mechanism, as it was typed, assembled or moved."""
 
-    def draw(self, path: "str | Path | None" = None, **options: Any):
+    def draw(self, path: "str | Path | None" = None, **options: object):
         """Draw the mechanism in one pose, complete or not; see `jaxnc.viz.draw`."""
         return door("draw")(self, path=path, **options)

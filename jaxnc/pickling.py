@@ -103,7 +103,7 @@ def from_fields(kind: type[_T], fields: Mapping[str, object]) -> _T:
     return out
 
 
-def functions_of(record: Any) -> Iterator[tuple[str, Callable]]:
+def functions_of(record: object) -> Iterator[tuple[str, Callable]]:
     """Yield the functions in the fields of a dataclass, and in tuples there, with the field's name."""
     for name, value in fields_of(record).items():
         waiting = [value]

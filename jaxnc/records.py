@@ -33,7 +33,7 @@ def record(cls: _R) -> _R:
     return made
 
 
-def _equal_records(self: Any, other: Any) -> bool:
+def _equal_records(self: object, other: object) -> bool:
     if type(self) is not type(other):
         return NotImplemented
     (a, one), (b, two) = jax.tree.flatten(self), jax.tree.flatten(other)

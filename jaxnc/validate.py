@@ -3,7 +3,7 @@
 import os
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,9 @@ from jax.core import Tracer
 
 from jaxnc.errors import InputError, brief
 from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from jax.typing import DTypeLike
 
 _LIBRARIES = tuple(os.path.dirname(str(package.__file__)) + os.sep for package in (jax, np))
 _NO_NUMBERS = "cSTUMm"  # kinds of arrays that NumPy would make numbers of: complex ones, texts, dates
@@ -23,7 +26,7 @@ _NO_NUMBER_YET = (
 )
 
 
-def call_user(f: Callable[..., Any], what: str, takes: str, *args: Any) -> Any:
+def call_user(f: Callable, what: str, takes: str, *args: object) -> Any:
     """Call a user's function with some arguments; its own errors pass through.
 
     `what` is its use, named as the user did, and `takes` its arguments, for messages.
@@ -44,7 +47,7 @@ def call_user(f: Callable[..., Any], what: str, takes: str, *args: Any) -> Any:
         raise InputError(f"{what}: {function_name(f)} must take ({takes}); {error}") from None
 
 
-def as_real(found: Any, what: str, returns: str, shape: Sequence[int] | None = None) -> Array:
+def as_real(found: object, what: str, returns: str, shape: Sequence[int] | None = None) -> Array:
     """Return what a user's function has returned as an array of real numbers.
 
     `what` is its use, named as the user did, and `returns` what it should, for messages.
@@ -90,7 +93,7 @@ def as_scalars(found: Any, what: str, count: int | None = None, drawn: bool = Fa
     return parts
 
 
-def as_array(value: object, what: str, dtype: Any = float) -> np.ndarray:
+def as_array(value: object, what: str, dtype: "DTypeLike" = float) -> np.ndarray:
     """Return a number, list or array that a user has given as an array; refuse what NumPy would only make numbers of.
 
     Args:
@@ -112,7 +115,7 @@ def as_array(value: object, what: str, dtype: Any = float) -> np.ndarray:
         raise InputError(f"{what} must be a number or an array of numbers, got {_repeat(value)}") from None
 
 
-def _repeat(value: Any) -> str:
+def _repeat(value: object) -> str:
     """Write what is no number, as far as an error repeats it."""
     try:
         told = repr(value)
@@ -121,7 +124,7 @@ def _repeat(value: Any) -> str:
     return told if len(told) <= _TOLD else told[:_TOLD] + "…"
 
 
-def as_shape(value: Any, what: str, *shape: Any, dtype: Any = float) -> Any:
+def as_shape(value: object, what: str, *shape: object, dtype: "DTypeLike" = float) -> Any:
     """Return numbers of a shape that a user has given as an array; traced ones as they are.
 
     Args:
@@ -146,7 +149,7 @@ def as_shape(value: Any, what: str, *shape: Any, dtype: Any = float) -> Any:
     return found
 
 
-def _describe_result(found: Any) -> str:
+def _describe_result(found: object) -> str:
     """Describe what a function has returned, as messages show it."""
     if isinstance(found, jax.Array | np.ndarray):
         return f"an array of shape {found.shape}"
@@ -155,7 +158,7 @@ def _describe_result(found: Any) -> str:
     return kind + (text if len(text) <= 60 else text[:57] + "...")
 
 
-def function_name(f: Callable[..., Any]) -> str:
+def function_name(f: Callable) -> str:
     """Name a function as messages call it."""
     inner = getattr(f, "func", f)  # of a functools.partial
     name = getattr(inner, "__name__", type(inner).__name__)

@@ -14,7 +14,7 @@ from jaxnc.pickling import factory
 from jaxnc.types import Array
 
 
-def _measured_angle(parts: Callable[[Array, Array, Array], tuple[Any, Any]]) -> dict[str, Any]:
+def _measured_angle(parts: Callable[[Array, Array, Array], tuple]) -> dict[str, Any]:
     """The fields of a kind that measures an angle, from its cosine and sine parts at ``(p, v, c)``."""
 
     def guard(p, v, s, c):

@@ -14,7 +14,7 @@ Cephes' ``sinf`` and ``cosf`` (Moshier, 1992). What is read as a program has the
 
 import math
 import operator
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import jax
@@ -24,6 +24,7 @@ from jax import lax
 
 from jaxnc.constraints.symbols import Expression
 from jaxnc.reading import Number, OutOfRange
+from jaxnc.types import Scalar
 
 _WRITING = Number | Expression
 
@@ -33,7 +34,7 @@ class Small:
 
     __slots__ = ("items",)
 
-    def __init__(self, items: Any):
+    def __init__(self, items: Iterable):
         self.items = tuple(items)
 
     @property
@@ -45,10 +46,10 @@ class Small:
     def __len__(self) -> int:
         return len(self.items)
 
-    def __iter__(self) -> Iterator[Any]:
+    def __iter__(self) -> Iterator:
         return iter(self.items)
 
-    def __getitem__(self, at: Any) -> Any:
+    def __getitem__(self, at: int | slice | tuple) -> Any:
         if isinstance(at, tuple):
             first, *rest = at
             if not rest:
@@ -64,13 +65,13 @@ class Small:
         self._check(at, 0)
         return self.items[at]
 
-    def _check(self, at: Any, beyond: int) -> None:
+    def _check(self, at: object, beyond: int) -> None:
         """Refuse a place that is not there, which an array of JAX's would move to its end in silence."""
         size = len(self.items)
         if isinstance(at, int) and not -size <= at < size + beyond:
             raise OutOfRange(f"index {at} in an array of {size}")
 
-    def _with(self, f: Any, other: Any) -> "Small":
+    def _with(self, f: Callable, other: Any) -> "Small":
         shape = getattr(other, "shape", (len(other),) if isinstance(other, tuple) else ())
         if not shape:
             return Small(f(a, other) for a in self.items)
@@ -80,26 +81,26 @@ class Small:
 
     __hash__ = object.__hash__
 
-    def __eq__(self, other: Any) -> bool:
+    def __eq__(self, other: object) -> bool:
         raise TypeError("items are compared by arrays")
 
-    def __add__(self, other: Any) -> "Small":
+    def __add__(self, other: object) -> "Small":
         return self._with(operator.add, other)
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> "Small":
+    def __sub__(self, other: object) -> "Small":
         return self._with(operator.sub, other)
 
-    def __rsub__(self, other: Any) -> "Small":
+    def __rsub__(self, other: object) -> "Small":
         return self._with(lambda a, b: b - a, other)
 
-    def __mul__(self, other: Any) -> "Small":
+    def __mul__(self, other: object) -> "Small":
         return self._with(operator.mul, other)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> "Small":
+    def __truediv__(self, other: object) -> "Small":
         return self._with(operator.truediv, other)
 
     def __neg__(self) -> "Small":
@@ -131,7 +132,7 @@ def root(square: Any) -> Any:
     return where(positive, sqrt(where(positive, square, 1.0)), 0.0)
 
 
-def ratio(a: Any, b: Any) -> Any:
+def ratio(a: Scalar, b: Scalar) -> Any:
     """``a / b``, and 0 where b is 0, with finite derivatives."""
     if isinstance(a, Expression) or isinstance(b, Expression):
         return a / b
@@ -139,7 +140,7 @@ def ratio(a: Any, b: Any) -> Any:
     return where(nonzero, a / where(nonzero, b, 1.0), 0.0)
 
 
-def angle(sine: Any, cosine: Any) -> Any:
+def angle(sine: Scalar, cosine: Any) -> Any:
     """The angle of a direction from its two parts, zero where there is none."""
     safe = (cosine != 0) | (sine != 0)
     y, x = where(safe, sine, 0.0), where(safe, cosine, 1.0)
@@ -181,7 +182,7 @@ _WRITTEN = {
 }
 
 
-def sin(x: Any) -> Any:
+def sin(x: Scalar) -> Any:
     """Sine; of a plain number without JAX, so that probing a kind compiles nothing."""
     if isinstance(x, float):
         return math.sin(x)
@@ -190,7 +191,7 @@ def sin(x: Any) -> Any:
     return _sin(x) if jnp.result_type(x) in _WRITTEN else lax.sin(jnp.asarray(x, float))
 
 
-def cos(x: Any) -> Any:
+def cos(x: Scalar) -> Any:
     """Cosine; of a plain number without JAX."""
     if isinstance(x, float):
         return math.cos(x)

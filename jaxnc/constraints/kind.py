@@ -56,10 +56,10 @@ class Kind(Remade):
     scalars: int = 0
     constants: tuple[str, ...] = ()
     drawn: RowFunction | None = None
-    measure: Callable[[Any, Any, Any], Any] | None = None
+    measure: Callable | None = None
     guard: RowFunction | None = None
     mirror: bool = False
-    misfit: Callable[[Any, Any, Any], Any] | None = None
+    misfit: Callable | None = None
     source: str = ""
 
     def __post_init__(self):
@@ -107,7 +107,7 @@ class RateKind(Remade):
             raise ValueError(f"kind {self.name!r} has constants {self.constants} but no `drawn` to read them off")
 
 
-def kept_angle(parts: Callable[[Array, Array], tuple[Any, Any]]) -> dict[str, Any]:
+def kept_angle(parts: Callable[[Array, Array], tuple]) -> dict:
     """The fields of a kind of one row that keeps an angle as drawn, from its cosine and sine parts at ``(p, v)``.
 
     ``cos α · sine part - sin α · cosine part = 0`` keeps its rank at every angle (erratum 9); the angle α + π, which it

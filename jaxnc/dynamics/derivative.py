@@ -56,7 +56,7 @@ from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import numbers as numbers_as
-from jaxnc.types import Array, Numbers
+from jaxnc.types import Array, Numbers, PyTree
 
 _WHOLE = ("violation", "correction", "steps", "end")
 """Fields of a run that are not of each time."""
@@ -101,7 +101,7 @@ def _replay(flow: Flow, law: Law, stage: Array, t: Array, q: Array, v: Array, kn
     return known
 
 
-def _replay_forward(*args: Any) -> tuple[StageSolution, tuple]:
+def _replay_forward(*args: PyTree) -> tuple[StageSolution, tuple]:
     return args[-1], args
 
 
@@ -155,7 +155,7 @@ class _Question(NamedTuple):
     structure: Any  # of the numbers
     smooth: tuple[bool, ...]  # which of them are differentiated
 
-    def numbers(self, x: Any, rest: Any) -> RunNumbers:
+    def numbers(self, x: PyTree, rest: PyTree) -> RunNumbers:
         """Return all numbers, from those that are differentiated and those that are not."""
         count = len(Control._fields)
         each, others = iter(x), iter(rest[: len(rest) - count])
@@ -163,7 +163,7 @@ class _Question(NamedTuple):
         return jax.tree.unflatten(self.structure, leaves)._replace(control=Control(*rest[len(rest) - count :]))
 
 
-def differentiable_run(spec: SimulationSpec, numbers: RunNumbers) -> dict[str, Any]:
+def differentiable_run(spec: SimulationSpec, numbers: RunNumbers) -> dict[str, PyTree]:
     """Return the fields of a `Simulation`, differentiable in both directions."""
     leaves, structure = jax.tree.flatten(numbers._replace(control=None))
     smooth = tuple(map(_is_real, leaves))
@@ -190,18 +190,18 @@ def _leaves(run: Run) -> tuple[list, list]:
     return jax.tree.leaves((run.smooth, run.start, states)), jax.tree.leaves((run.other, rest))
 
 
-def _start_and_history(smooth: Any, other: Any) -> tuple[Array, History]:
+def _start_and_history(smooth: PyTree, other: PyTree) -> tuple[Array, History]:
     """Put start and history of a run together from its arrays."""
     start, *states = smooth[_SMOOTH.num_leaves :]
     return start, History(MotionState(*states), *other[_OTHER.num_leaves :])
 
 
-def _without_trail(other: Any) -> list:
+def _without_trail(other: PyTree) -> list:
     """Return the arrays of a run that are not differentiated, without those of its trail."""
     return list(other[: _OTHER.num_leaves + 3])
 
 
-def _value(question: _Question, x: Any, rest: Any) -> tuple[list, list]:
+def _value(question: _Question, x: PyTree, rest: PyTree) -> tuple[list, list]:
     if is_outermost(x, rest):
         with evaluate_at_once():
             return _leaves(run_known(question.spec, question.numbers(x, rest)))
@@ -267,7 +267,7 @@ def _is_drawn(state: object) -> bool:
     return state is None or isinstance(state, dict)
 
 
-def _start(spec: SimulationSpec, flow: Flow, q: Any, rates: Any, t: Any, find_rates: Callable) -> Start:
+def _start(spec: SimulationSpec, flow: Flow, q: Array, rates: Any, t: Any, find_rates: Callable) -> Start:
     """Return the start at a pose with its hidden vectors.
 
     Rates by name are made consistent by `find_rates`, or on the host where it can; all else by the first steps.
@@ -296,7 +296,7 @@ _compiled_rates = filter_jit(_named_rates)
 # -- derivatives ------------------------------------------------------------------------------------------------------
 
 
-def _tangent(question: _Question, x: Any, rest: Any, smooth: Any, other: Any, change: Any) -> list:
+def _tangent(question: _Question, x: PyTree, rest: PyTree, smooth: PyTree, other: PyTree, change: PyTree) -> list:
     return _push_forward(question, *map(list, (x, rest, change)))
 
 
@@ -305,7 +305,7 @@ def _push_forward(question: _Question, x: list, rest: list, change: list) -> lis
     return jax.jvp(lambda x: _leaves(_run_traced(question.spec, question.numbers(x, rest)))[0], (x,), (change,))[1]
 
 
-def _cotangent(question: _Question, x: Any, rest: Any, smooth: Any, other: Any, change: Any) -> list:
+def _cotangent(question: _Question, x: PyTree, rest: PyTree, smooth: PyTree, other: PyTree, change: PyTree) -> list:
     spec, numbers = question.spec, question.numbers(x, rest)
     known = is_outermost(x, rest, smooth, other, change) and is_concrete(numbers)
     if known and spec.method in METHODS and host_differentiates(spec.topology):
@@ -345,7 +345,7 @@ def _pull_back_all(question: _Question, x: list, rest: list, smooth: list, other
     return _requested_pull_back(question)(x, rest, flow.dyn.eq, at, bars)
 
 
-def _pull_back_known(question: _Question, numbers: RunNumbers, smooth: Any, other: Any, change: Any) -> list:
+def _pull_back_known(question: _Question, numbers: RunNumbers, smooth: PyTree, other: PyTree, change: PyTree) -> list:
     """Pull back a run of known numbers: the host knows how the numbers of a motion change with the design."""
     spec, at = question.spec, np.asarray(_start_and_history(smooth, other)[0])
     flow = _flow(spec, numbers)
@@ -442,7 +442,7 @@ def _origin(spec: SimulationSpec, state: Any) -> Origin:
 
 @functools.partial(jit, static_argnums=0)
 def _pull_back_run(
-    spec: SimulationSpec, flow: Flow, numbers: RunNumbers, smooth: Any, other: Any, change: Any
+    spec: SimulationSpec, flow: Flow, numbers: RunNumbers, smooth: PyTree, other: Any, change: Any
 ) -> tuple[list, Array, Array | None, Array, list]:
     """Pull a change of a run back to its motion, start, rates, times, and the event's real numbers.
 
@@ -517,12 +517,12 @@ def _is_real(x: Numbers) -> bool:
     return bool(jnp.issubdtype(jnp.result_type(x), jnp.floating))
 
 
-def _real(tree: Any) -> list:
+def _real(tree: PyTree) -> list:
     """List the leaves that are real numbers."""
     return [x for x in jax.tree.leaves(tree) if _is_real(x)]
 
 
-def _with_real(tree: Any, real: list) -> Any:
+def _with_real(tree: PyTree, real: list) -> PyTree:
     each = iter(real)
     return jax.tree.map(lambda x: next(each) if _is_real(x) else x, tree)
 

@@ -27,7 +27,7 @@ from jaxnc.system.host import from_jax
 from jaxnc.system.structure import readable
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Float, Numbers
+from jaxnc.types import Array, Float, Numbers, PyTree
 
 DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "forces"
 """Numbers of a `Law` that follow from the design."""
@@ -35,7 +35,6 @@ DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "for
 Origin = Plan | tuple[int, ...] | None
 """What a start follows from: the known coordinates of a plan, the drawing but for some coordinates, or nothing."""
 
-_DEPENDENT = 1e-7  # of the largest singular value: rows below are redundant
 _GEOMETRY = "points", "vectors", "markers", "dimensions", "physical"
 
 
@@ -116,7 +115,8 @@ class DesignChanges:
         if not (np.isfinite(slopes).all() and np.isfinite(left).all()):
             return np.zeros((len(q), self.count))
         for some in [np.where(put, 0.0, slopes), slopes] if put.any() else [slopes]:
-            step = np.linalg.pinv(some, rcond=_DEPENDENT) @ left
+            # 1e-7 of the largest singular value: rows below are redundant
+            step = np.linalg.pinv(some, rcond=1e-7) @ left
             at[view.unknown, 1:] -= step / weight[:, None]
             left = left - slopes @ step
         return lift(top, at)[:, 1:]
@@ -185,7 +185,7 @@ def request_pull_back(
 
 
 def _answer(
-    spec: SimulationSpec, origin: Origin, par: Any, eq: Equations, at: np.ndarray, pose: np.ndarray, law: Any
+    spec: SimulationSpec, origin: Origin, par: PyTree, eq: Equations, at: np.ndarray, pose: np.ndarray, law: Any
 ) -> np.ndarray:
     whole = Law(**dict.fromkeys(Law._fields, ()) | dict(zip(DERIVED, law, strict=True)))
     return pull_back_design(spec, origin, Parameters(*par), eq, at, pose, whole).astype(at.dtype)
@@ -199,7 +199,7 @@ def _read_programs(spec: SimulationSpec, origin: Origin, shapes: tuple, structur
     _answer(spec, origin, *jax.tree.unflatten(structure, numbers))
 
 
-def join_parameters(parameters: Parameters, found: Numbers, own: Any) -> tuple[Parameters, Numbers]:
+def join_parameters(parameters: Parameters, found: Numbers, own: PyTree) -> tuple[Parameters, Numbers]:
     """Put changes of all parameters ``(changes,)``, and of the functions' own, together as parameters.
 
     Returns:

@@ -127,7 +127,7 @@ def _angular_momentum(dyn: Dynamics, q: Any, v: Any, about: Any) -> Any:
     return cross(points - about, p).sum(1) + cross(vectors, couples).sum(1)
 
 
-def _evaluate(motion: Motion, order: int, f: Callable[..., Any], *more: Any) -> Array:
+def _evaluate(motion: Motion, order: int, f: Callable, *more: object) -> Array:
     """Evaluate a function of states over all states of a motion, in the coordinates of its dynamics."""
     if not isinstance(motion, Motion):
         raise InputError(f"energies and momenta are those of a motion, got {type(motion).__name__}")
@@ -157,7 +157,6 @@ def _evaluate_traced(f: Callable[..., Any], system: System, q: Array, v: Array, 
 # -- where the energy comes from and goes to --------------------------------------------------------------------------
 
 _POINTS = 8  # times that multipliers between two of them are read off, if there are as many
-_LEAP = 0.1  # of the fastest point's speed: no smooth motion that is seen at more than six times a turn gains it so
 _NODES = (0.5 - np.sqrt(21.0) / 14.0, 0.5, 0.5 + np.sqrt(21.0) / 14.0)  # of Lobatto's rule, between the ends
 
 
@@ -260,7 +259,8 @@ def _leaps(motion: Motion, t: np.ndarray) -> bool:
     places = len(motion.system.topology.points) * motion.system.topology.dim
     v, a = (np.asarray(x)[: len(t), :places] for x in motion.rates[:2])
     leaps = np.linalg.norm(np.diff(v, axis=0) - np.diff(t)[:, None] * (a[1:] + a[:-1]) / 2, axis=1)
-    return bool(np.any(leaps > _LEAP * np.linalg.norm(v, axis=1).max(initial=0.0)))
+    # 0.1 of the fastest point's speed: no smooth motion that is seen at more than six times a turn gains it so
+    return bool(np.any(leaps > 0.1 * np.linalg.norm(v, axis=1).max(initial=0.0)))
 
 
 def _exchanges(motion: Motion) -> bool:

@@ -29,14 +29,10 @@ from jaxnc.status import Status
 from jaxnc.system.equations import refuse_rates, residual, weights
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, Inputs
 
 _METHODS = ("minimum", "newton")
-_STEPS = 200
-_REACH = 20  # corrections of a start, which what is held may be far from
 _NEUTRAL = 1e-12  # of the largest stiffness: a motion that meets less is indifferent
-_ROUND = 1e-11  # of the forces: what is left of them at an equilibrium
-_PLACE = 1e-14  # of the length: how far off a place is by rounding
 
 
 @public
@@ -88,7 +84,7 @@ class Equilibrium:
 @public
 def equilibrium(
     system: System,
-    state: Motion | Mapping[str, Any] | None = None,
+    state: Motion | Inputs | None = None,
     method: str = "minimum",
     hold: Mapping[str, Any] | None = None,
     throw: bool | None = None,
@@ -266,7 +262,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     fixed = dataclasses.replace(fixed, ready=(weight, jnp.ones(()), eye))
     home = jnp.asarray(flow.dyn.eq.home)[view.fixed]
     q = jax.lax.stop_gradient(fixed.impose(jnp.zeros(()), q.at[view.fixed].set(home), q)[0])
-    q = fixed.project_position(q, _REACH)
+    q = fixed.project_position(q, 20)  # 20 corrections of a start, which what is held may be far from
     length = fixed.dyn.eq.length
 
     def evaluate(q) -> _Place:
@@ -281,7 +277,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
 
     def more(state):
         i, *_, stop = state
-        return (i <= _STEPS) & ~stop
+        return (i <= 200) & ~stop
 
     def step(state):
         """Take a trial or not, and make the next: so everything is asked in one line of the program, the start too."""
@@ -316,7 +312,8 @@ def _find(flow: Flow, q: Array, downhill: bool):
     gap = largest(residual(fixed.dyn.eq, q)[view.rows])
     spread = _largest_stiffness(k)
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
-    rounding = jnp.maximum(_ROUND * 1e3 * jnp.maximum(largest(f), 1e-300), _PLACE * largest(k) * length)
+    # 1e-11 of the forces is left at an equilibrium, and a place is off by 1e-14 of the length, by rounding
+    rounding = jnp.maximum(1e-11 * 1e3 * jnp.maximum(largest(f), 1e-300), 1e-14 * largest(k) * length)
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))
     q, lam = attach(_balanced_change, None, (q, lam), flow, status == 0)
     # Motions that the constraints do not admit are made stiffer than any other, and come last.

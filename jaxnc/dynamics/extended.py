@@ -31,7 +31,7 @@ from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Numbers
 
 
-def is_concrete(*trees: Any) -> bool:
+def is_concrete(*trees: object) -> bool:
     """Tell whether all numbers are known (not traced) and of one design, so that NumPy can calculate with them."""
     leaves = jax.tree.leaves(trees)
     single = all(x.parameters.points.ndim == 2 for x in trees if isinstance(x, System))

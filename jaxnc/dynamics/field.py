@@ -35,7 +35,7 @@ from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.system.system import System
-from jaxnc.types import Array, ArrayLike
+from jaxnc.types import Array, ArrayLike, Inputs, PyTree
 from jaxnc.validate import as_shape
 
 _APART = 1e-3  # of the mechanism's size, and of its largest speed: a state that is farther off is none of it
@@ -110,7 +110,7 @@ class VectorField:
 
     def start(
         self,
-        state: Motion | Mapping[str, Any] | None = None,
+        state: Motion | Inputs | None = None,
         rates: Mapping[str, Any] | None = None,
         t: ArrayLike = 0.0,
         unit: str | None = None,
@@ -186,7 +186,7 @@ class VectorField:
         _, added = jax.jvp(lambda extra: flow.accelerate(t, x, w, extra)[0], (still,), (push,))
         return jnp.zeros_like(q), lower(top, added)
 
-    def motion(self, t: Any, y: Phase) -> Simulation:
+    def motion(self, t: ArrayLike, y: Phase) -> Simulation:
         """Make a motion of states: by name, to be plotted, drawn, saved, with its energy and its reactions.
 
         Args:
@@ -214,7 +214,7 @@ class VectorField:
         flow = dataclasses.replace(flow, redundant=self._flow.redundant, drive_args=self._flow.drive_args)
         return VectorField.of(system, self.stabilise, flow)
 
-    def _pair(self, y: Any, *lead: int) -> Phase:
+    def _pair(self, y: PyTree, *lead: int) -> Phase:
         """A state in two arrays; anything else is refused."""
         top = self.system.topology
         if not isinstance(y, tuple | list) or len(y) != 2:

@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, coefficients, slips, weights
 from jaxnc.system.structure import jax_function, program, quadratic, size
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, ArrayLike, Coordinates
+from jaxnc.types import AnyArray, Array, ArrayLike, Coordinates, PyTree
 
 Drive = tuple[str, Callable]
 """A coordinate that follows a function of time."""
@@ -49,7 +49,7 @@ class RowValues(NamedTuple):
     bent: Array  # how they accelerate without accelerations of the coordinates, d²Φ/dt² - Φ_q q̈, (m,)
 
 
-_KindReading = tuple[Callable[[list[Any]], Any], tuple[tuple[int, int], ...]]
+_KindReading = tuple[Callable[[list[AnyArray]], AnyArray], tuple[tuple[int, int], ...]]
 
 
 @functools.lru_cache(maxsize=1024)
@@ -137,13 +137,13 @@ def _evaluate_block(top: Topology, b: int, eq: Equations, x: Array, dx: Array) -
 class StageSolution(NamedTuple):
     """The solution of a stage in a state."""
 
-    change: Any  # the accelerations, or by how much the coordinates or rates change, (N,)
-    multipliers: Any  # those of the rows that are solved with, (m,)
+    change: AnyArray  # the accelerations, or by how much the coordinates or rates change, (N,)
+    multipliers: AnyArray  # those of the rows that are solved with, (m,)
     gap: Array  # largest residual of the rows in the state, a length
     slip: Array  # the largest of their rates
 
 
-def select_stage(stage: ArrayLike, *options: Callable[[], Any]) -> Any:
+def select_stage(stage: ArrayLike, *options: Callable[[], PyTree]) -> PyTree:
     """Return the option of a stage, a pytree; of a stage that is known only this option is calculated."""
     if isinstance(stage, int):
         return options[stage]()
@@ -277,7 +277,7 @@ class Flow:
         return StageSolution(base.at[u].set(x / weight), y * size, *miss)
 
     def stage_equations(
-        self, stage: Any, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
+        self, stage: ArrayLike, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
     ) -> tuple[Array, Array, Array, Array, tuple[Array, Array]]:
         """Return the scaled system of a stage: its jacobian ``(m, n)``, and right-hand sides ``(n,)`` and ``(m,)``.
 
@@ -329,16 +329,16 @@ class Flow:
 class Law(NamedTuple):
     """The numbers of a motion that its accelerations depend on."""
 
-    constants: tuple[Any, ...]  # of the constraints
-    linear: tuple[Any, ...]  # coefficients of quadratic kinds
-    quadratic: tuple[Any, ...]
-    mass: Any
-    moments: Any
-    gravity: Any
-    forces: tuple[Any, ...]  # parameters of the kinds of force
-    own: tuple[Any, ...]  # parameters of the forces that are functions
-    rates: tuple[Any, ...]  # constants of the rows on velocities
-    drive_args: tuple[tuple[Any, ...], ...]
+    constants: tuple[AnyArray, ...]  # of the constraints
+    linear: tuple[AnyArray, ...]  # coefficients of quadratic kinds
+    quadratic: tuple[AnyArray, ...]
+    mass: AnyArray
+    moments: AnyArray
+    gravity: AnyArray
+    forces: tuple[PyTree, ...]  # parameters of the kinds of force
+    own: tuple[PyTree, ...]  # parameters of the forces that are functions
+    rates: tuple[AnyArray, ...]  # constants of the rows on velocities
+    drive_args: tuple[tuple[AnyArray, ...], ...]
 
     @classmethod
     def of(cls, flow: Flow) -> "Law":

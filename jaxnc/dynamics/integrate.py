@@ -6,7 +6,7 @@ length take the start there, so that a program contains one step only. An event 
 In reverse every interval is gone through again from what was kept at its start, and its steps are kept, some at a time.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -16,7 +16,7 @@ from jax import lax
 
 from jaxnc.dynamics.steps import METHODS, MotionState
 from jaxnc.status import Status
-from jaxnc.types import Array, ArrayLike
+from jaxnc.types import Array, ArrayLike, PyTree
 
 SAFE, LEAST, MOST = 0.9, 0.2, 10.0
 """Of a step that would just do; how much shorter or longer the next one may be."""
@@ -41,8 +41,8 @@ Note = Callable[..., Any]
 class Control(NamedTuple):
     """How long steps are."""
 
-    rtol: Any  # relative tolerance of a step
-    atol: Any  # absolute tolerance, a length (an angle, a rate)
+    rtol: ArrayLike  # relative tolerance of a step
+    atol: ArrayLike  # absolute tolerance, a length (an angle, a rate)
     first: Any  # the first step; chosen if not positive
     most: Any  # the most steps
     equal: Any  # so many equal steps between two times, by a method that estimates no errors
@@ -57,7 +57,7 @@ class Integration(NamedTuple):
     control: Control
     t: Array  # the times that are kept, (T,)
     event: Event | None = None  # of steps that are adapted
-    parameters: Any = ()  # of the event
+    parameters: PyTree = ()  # of the event
 
     @property
     def order(self) -> int:
@@ -128,7 +128,7 @@ class _Bracket(NamedTuple):
         return _Bracket(low, high, at_low, at_high, h)
 
 
-def _norm(errors: Any, old: Any, new: Any, control: Control) -> Array:
+def _norm(errors: Sequence[Array], old: Sequence[Array], new: Sequence[Array], control: Control) -> Array:
     """Measure errors of poses and rates in parts of what is allowed; return the larger one."""
 
     def part(e, a, b):
@@ -150,8 +150,8 @@ def _first_step(state: MotionState, control: Control) -> Array:
 
 def _march(
     job: Integration, course: Course, ends: tuple[Array, Array], warm: Array, whole: tuple[Array, Array],
-    note: Note | None = None, memory: Any = (), until: ArrayLike = ALL,
-) -> tuple[Course, Array, Any]:  # fmt: skip
+    note: Note | None = None, memory: PyTree = (), until: ArrayLike = ALL,
+) -> tuple[Course, Array, PyTree]:  # fmt: skip
     """Step from one kept time to the next; return the course there, the count of steps, and the memory of them.
 
     `warm` steps of no length are made instead, where it is not 0. `whole` are first and last time of the whole motion,
@@ -224,9 +224,9 @@ def _march_evenly(
     ends: tuple[Array, Array],
     warm: Array,
     note: Note | None,
-    memory: Any,
+    memory: PyTree,
     until: ArrayLike,
-) -> tuple[Course, Array, Any]:
+) -> tuple[Course, Array, PyTree]:
     """Step as `_march`, by equal steps."""
     t0, t1 = ends
     made, vain = course.made
@@ -244,7 +244,7 @@ def _march_evenly(
 
 
 def integrate(
-    job: Integration, state: MotionState, remember: Callable[[MotionState, Any], Array] | None = None, steps: int = 0
+    job: Integration, state: MotionState, remember: Callable[[MotionState, PyTree], Array] | None = None, steps: int = 0
 ) -> tuple[History, Course]:
     """Move from a start, which need not lie on the constraints; return the motion at all times and its last course.
 
@@ -287,7 +287,7 @@ def pull_back(
     history: History,
     change: MotionState,
     recall: Callable[[Array], tuple] | None = None,
-) -> tuple[Any, MotionState, Array]:
+) -> tuple[PyTree, MotionState, Array]:
     """Go back through `integrate`: pull changes of the states back to the motion, the start and the times.
 
     `again` is a step once more, ``(moving, t, h, state, *more)`` with what more `job.advance` has returned. Equal steps
@@ -360,8 +360,12 @@ def pull_back(
 
 
 def equal_steps(
-    advance: Callable[[Array, Array, Any], Any], seen: Callable[[Array, Any], Any], t: Array, carry: Any, steps: int
-) -> tuple[MotionState, Any]:
+    advance: Callable[[Array, Array, PyTree], PyTree],
+    seen: Callable[[Array, PyTree], PyTree],
+    t: Array,
+    carry: PyTree,
+    steps: int,
+) -> tuple[MotionState, PyTree]:
     """Make as many equal steps between two times, differentiable both ways; return states at all times after the first.
 
     `advance` is a step ``(t, h, carry)``, which returns what is carried on and what is kept of it: all that is kept,

@@ -21,8 +21,6 @@ from jaxnc.system.equations import coefficients, jacobian, refuse_rates, weights
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike
 
-_PASSES = 4  # of friction, whose forces change the reactions that they are proportional to
-
 
 @public
 @record
@@ -138,7 +136,7 @@ def _inverse(system: System, dyn: Dynamics, view: Plan, t: ArrayLike, q: Array, 
         lam = multipliers(right)
         total = right
         if has_friction(dyn):
-            for _ in range(_PASSES):
+            for _ in range(4):  # the forces of friction change the reactions that they are proportional to
                 total = right + friction_forces(dyn, x, dx, ddx, lam, total - right, t)
                 lam = multipliers(total)
         whole = everything.T @ lam - total

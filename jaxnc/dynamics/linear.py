@@ -1,7 +1,6 @@
 """Linearisation about an equilibrium or a steady motion: natural frequencies, modes, state-space matrices."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -132,7 +131,7 @@ class Linearisation:
 @public
 def linearise(
     system: System,
-    state: Motion | Equilibrium | Mapping[str, Any] | None = None,
+    state: Motion | Equilibrium | Inputs | None = None,
     rates: Inputs | None = None,
     coordinates: Sequence[str] | None = None,
     inputs: Sequence[str] = (),

@@ -8,6 +8,7 @@ inertia by the theorem of virtual power.
 """
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -51,7 +52,7 @@ def _mass_matrix(system: System) -> tuple[Array, Array, Array]:
     return sum_inertias(system.topology, inertias(system))
 
 
-def sum_inertias(top: Topology, found: Any) -> tuple[Any, Any, Any]:
+def sum_inertias(top: Topology, found: Sequence[tuple[np.ndarray, Numbers, Numbers, Numbers]]) -> tuple[Any, Any, Any]:
     """Sum the `inertias` of all bodies to the matrices of `mass_matrix`; axes behind their own, of changes, stay."""
     size, dim = len(top.coordinates), top.dim
     host = not found or isinstance(found[0][1], np.ndarray)
@@ -87,7 +88,7 @@ def _places(dim: int, at: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tu
     )
 
 
-def inertias(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
+def inertias(system: System) -> list[tuple[np.ndarray, Numbers, Numbers, Numbers]]:
     """Return per group of bodies of one form coordinates ``(bodies, k)``, mass matrices, first moments and masses."""
     if is_concrete(system):
         return _inertias_on_host(system)
@@ -95,12 +96,12 @@ def inertias(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
 
 
 @by_identity
-def _inertias_on_host(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
+def _inertias_on_host(system: System) -> list[tuple[np.ndarray, Numbers, Numbers, Numbers]]:
     with np.errstate(all="ignore"):
         return _inertias(system.topology, system.parameters.in_numpy())
 
 
-def _inertias(top: Topology, par: Parameters) -> list[tuple[np.ndarray, Any, Any, Any]]:
+def _inertias(top: Topology, par: Parameters) -> list[tuple[np.ndarray, Numbers, Numbers, Numbers]]:
     x, found = design_numbers(top, par, 1), design(top)
     return group_inertias(top, par.points, x[found.drawing], x[found.vectors], par.physical)
 

@@ -7,7 +7,7 @@ loads by name (springs, dampers, actuators), and all forces of a mechanism at th
 import functools
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -43,7 +43,10 @@ from jaxnc.system.frames import spread, turns
 from jaxnc.system.identity import Owner, Thing, addresses, find
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import AnyArray, Array, Numbers
+
+if TYPE_CHECKING:
+    from jaxnc.solvers.plan import Plan
 
 
 @public
@@ -138,7 +141,7 @@ def _in_one_program(f: Callable[..., R]) -> Callable[..., R]:
     compiled = filter_jit(f)
 
     @functools.wraps(f)
-    def call(self: Any, *args: Any, **named: Any) -> R:
+    def call(self: "Reactions", *args: object, **named: object) -> R:
         return (f if is_concrete(self) else compiled)(self, *args, **named)
 
     return call
@@ -378,10 +381,10 @@ class Reactions:
     def _q(self) -> Array:
         return self._states()[2]
 
-    def _states(self) -> tuple[Dynamics, Any, Any, Any, Any]:
+    def _states(self) -> tuple[Dynamics, AnyArray, AnyArray, AnyArray, AnyArray]:
         return states_of(self.motion)
 
-    def _flat(self) -> tuple[Dynamics, Any, Any, Any, Any, Any]:
+    def _flat(self) -> tuple[Dynamics, AnyArray, AnyArray, AnyArray, AnyArray, AnyArray]:
         """Return equations of motion, and times, states and multipliers of all poses, one after another."""
         dyn, t, *states = self._states()
         q, v, a, lam = (x.reshape(t.size, x.shape[-1]) for x in (*states, self.multipliers))
@@ -446,7 +449,9 @@ def open_forces(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Arra
     return out - friction_forces(dyn, q, v, a, lam, None, t) if has_friction(dyn) else out
 
 
-def _stress_reaches(found: Reactions, dyn: Dynamics, view: Any, q: Array, stress: np.ndarray) -> dict[str, np.ndarray]:
+def _stress_reaches(
+    found: Reactions, dyn: Dynamics, view: "Plan", q: Array, stress: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return what multipliers ``(k, rows)`` alone put on joints, supports and inputs, named as by `unique`."""
     top, count = dyn.topology, len(stress) + 1
     rest = jnp.zeros((count, len(q)))
@@ -499,7 +504,7 @@ def states_of(motion: Motion) -> tuple[Dynamics, Numbers, Numbers, Numbers, Numb
     """
     system = motion.system
     t = np.zeros(motion.status.shape) if motion.time is None else motion.time
-    given: Any = motion.q, motion.rates[0], motion.rates[1]
+    given: AnyArray = motion.q, motion.rates[0], motion.rates[1]
     if is_concrete(given):
         given = tuple(map(np.asarray, given))
     flat = (x.reshape(-1, x.shape[-1]) for x in given)

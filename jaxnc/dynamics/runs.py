@@ -24,13 +24,10 @@ from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology, interned
-from jaxnc.types import Array
+from jaxnc.types import Array, PyTree
 from jaxnc.validate import as_real, call_user
 
-_SMALL = 7  # unknowns and rows that are written out for a method of many stages
 _KEPT = 2**21  # numbers of all steps of a run that are kept for its derivatives; beyond, steps are made again
-_APART = 1e-3  # of the mechanism's size: a simulation that meets its constraints worse has come apart
-_PARTS = 20  # of a simulation that someone watches, or a few more
 _DELAY = 2.0  # seconds before a bar is shown
 
 
@@ -137,7 +134,7 @@ class Start(NamedTuple):
 class Run(NamedTuple):
     """A run, in the coordinates of the system."""
 
-    smooth: dict[str, Any]  # fields of a `Simulation` that are differentiated
+    smooth: dict[str, PyTree]  # fields of a `Simulation` that are differentiated
     other: dict[str, Any]  # those that are not
     start: Array  # the pose as given, in the coordinates of the dynamics
     history: History | None  # what going back through it needs; None if it is differentiated as it stands
@@ -148,7 +145,8 @@ class Run(NamedTuple):
 
 def choose_form(flow: Flow, spec: SimulationSpec) -> Flow | WrittenFlow:
     """Write a motion out, for the methods that are quicker with it."""
-    small = len(flow.view.unknown) + len(flow.view.rows) <= _SMALL
+    # 7 unknowns and rows that are written out for a method of many stages
+    small = len(flow.view.unknown) + len(flow.view.rows) <= 7
     wanted = spec.method == "rk4" or (spec.method == "dopri8" and small)
     return (WrittenFlow.of(flow, spec.degrees_of_freedom) if wanted else None) or flow
 
@@ -196,7 +194,7 @@ def run_marched(
     start: Start,
     control: Control,
     event: Callable | None,
-    parameters: Any,
+    parameters: PyTree,
     steps: int = 0,
 ) -> Run:
     """Make a run whose steps follow its errors, or of equal steps.
@@ -292,7 +290,7 @@ def _follow_event(happens: Callable, parameters: object, history: History, end: 
 
 def summarise(
     top: Topology, flow: Flow, t: Array, start: Start, history: History, event: Callable | None, parameters: object
-) -> tuple[dict[str, Any], Array]:
+) -> tuple[dict[str, PyTree], Array]:
     """Return the differentiated fields of a `Simulation`, in the coordinates of the system, and its status."""
     states, status = history.state, history.status
     end = jnp.where(history.t[-1] == t[-1], t[-1], lax.stop_gradient(history.t[-1]))
@@ -302,7 +300,8 @@ def summarise(
     whole = jnp.isfinite(states.q).all(axis=1) & jnp.isfinite(states.v).all(axis=1)
     whole = jnp.cumprod(whole.astype(int)) > 0
     qs, vs = (jnp.where(whole[:, None], x, x0) for x, x0 in ((states.q, first[0]), (states.v, first[1])))
-    apart = jnp.cumsum(~(whole & (states.gap <= _APART * flow.dyn.eq.length))) > 0
+    # 1e-3 of the mechanism's size: a simulation that meets its constraints worse has come apart
+    apart = jnp.cumsum(~(whole & (states.gap <= 1e-3 * flow.dyn.eq.length))) > 0
     status = jnp.where((status == 0) & apart, int(Status.CAME_APART), status)
     ok = status == 0
     reached = jnp.max(jnp.where(apart, t[0], t))
@@ -329,7 +328,7 @@ def summarise(
 
 def run_in_parts(
     run: Callable[[SimulationSpec, RunNumbers], Run], spec: SimulationSpec, numbers: RunNumbers, name: str
-) -> dict[str, Any]:
+) -> dict[str, PyTree]:
     """Make a run of known numbers, with a bar if it takes more than a few seconds and someone is watching.
 
     Returns:
@@ -339,7 +338,8 @@ def run_in_parts(
     if count < 2 or not progress.is_watched() or progress.showing():
         found = run(spec, numbers)
         return found.smooth | found.other
-    width = 2 ** max(0, int(np.ceil(np.log2(count / _PARTS))))
+    # 20 parts of a simulation that someone watches, or a few more
+    width = 2 ** max(0, int(np.ceil(np.log2(count / 20))))
     parts, lengths = [], []
     with progress.bar(count, name, "times", delay=_DELAY, leave=False) as shown:
         for first in range(0, count, width):

@@ -20,8 +20,6 @@ from jaxnc.solvers import dense
 from jaxnc.system.precision import numbers
 from jaxnc.types import Array, Float
 
-_REDUNDANT = 1e-9  # ε where rows are redundant: larger is safer at singular positions, smaller converges faster
-_PLAIN = 1e-13  # where they are not
 _REFINEMENTS = 2
 
 
@@ -35,7 +33,8 @@ def saddle(
     """
     m, n = jacobian.shape
     h, j = lax.stop_gradient((hessian, jacobian))
-    small = _REDUNDANT if redundant else _PLAIN
+    # ε where rows are redundant: larger is safer at singular positions, smaller converges faster
+    small = 1e-9 if redundant else 1e-13
     matrix = jnp.concatenate(
         [jnp.concatenate([h, j.T], axis=1), jnp.concatenate([j, -small * jnp.eye(m)], axis=1)], axis=0
     )

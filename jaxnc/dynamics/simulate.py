@@ -30,7 +30,7 @@ from jaxnc.kinematics.position import solve_position
 from jaxnc.status import Status
 from jaxnc.system.equations import refuse_rates
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers, PyTree
 from jaxnc.validate import as_real, call_user
 
 ADAPTIVE = ("dopri8", "kvaerno5")
@@ -160,7 +160,7 @@ def _plain_float(x: float) -> float:
     return x if isinstance(x, Tracer) else float(x)
 
 
-def _known_start(system: System, given: Any, drives: tuple[tuple[str, Callable], ...], t: Any) -> Any:
+def _known_start(system: System, given: Any, drives: tuple[tuple[str, Callable], ...], t: Numbers) -> Array:
     """Find the start of known numbers; where all freedoms are driven, follow the drawing's branch to the drives."""
     begin = assemble_pose(system, given)
     if given is not None or not drives or len(drives) != system.degrees_of_freedom:
@@ -169,7 +169,7 @@ def _known_start(system: System, given: Any, drives: tuple[tuple[str, Callable],
     return begin if int(found.status) else found.q
 
 
-def _check_fixed(system: System, method: str, event: Callable | None, t: Any, step: float | None) -> None:
+def _check_fixed(system: System, method: str, event: Callable | None, t: Numbers, step: float | None) -> None:
     """Refuse what methods of fixed step cannot do."""
     if event is not None:
         raise InputError(f"event= works with the adaptive methods, not with {method!r}; {', '.join(ADAPTIVE)}")
@@ -205,7 +205,7 @@ def hoist_drives(
     return pure, tuple(more for _, more in found) if any(more for _, more in found) else ()
 
 
-def _hoist(f: Callable, *example: Any) -> tuple[Callable, tuple]:
+def _hoist(f: Callable, *example: PyTree) -> tuple[Callable, tuple]:
     """Return a function of a number as one that closes over nothing traced, and what more it is given then.
 
     `jax.closure_convert` does so for what is differentiated only; what is mapped may not stay behind either.
@@ -218,7 +218,7 @@ def _hoist(f: Callable, *example: Any) -> tuple[Callable, tuple]:
         return f, ()
     kept = [None if traced else c for c, traced in zip(found.consts, which, strict=True)]
 
-    def pure(*args: Any) -> Array:
+    def pure(*args: object) -> Array:
         given, more = args[: len(example)], iter(args[len(example) :])
         consts = [next(more) if traced else c for c, traced in zip(kept, which, strict=True)]
         return jaxpr_as_fun(ClosedJaxpr(found.jaxpr, consts))(*jax.tree.leaves(given))[0]
@@ -226,7 +226,7 @@ def _hoist(f: Callable, *example: Any) -> tuple[Callable, tuple]:
     return pure, tuple(c for c, traced in zip(found.consts, which, strict=True) if traced)
 
 
-def _hoist_event(system: System, event: Callable | None, parameters: Any) -> tuple[Callable | None, Any]:
+def _hoist_event(system: System, event: Callable | None, parameters: PyTree) -> tuple[Callable | None, PyTree]:
     """Return an event that closes over nothing traced; what it closed over comes with its parameters."""
     if event is None:
         return None, ()

@@ -23,7 +23,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.status import Status
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, PyTree
 
 
 @public
@@ -113,8 +113,8 @@ def _balance_lines(found: EnergyBalance) -> list[str]:
 
 
 def join_fields(
-    parts: Sequence[Mapping[str, Any]], lengths: Sequence[int] | None = None, count: int = 0
-) -> dict[str, Any]:
+    parts: Sequence[Mapping[str, PyTree]], lengths: Sequence[int] | None = None, count: int = 0
+) -> dict[str, PyTree]:
     """Join the fields of simulations, each of which begins where the one before ends.
 
     Args:

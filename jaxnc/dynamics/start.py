@@ -1,7 +1,7 @@
 """Where a simulation begins: poses and velocities made consistent, and motions refused that nothing determines."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,18 +22,19 @@ from jaxnc.status import Status
 from jaxnc.system.equations import coefficients, weights
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import Array, Inputs, Numbers, PyTree
+
+if TYPE_CHECKING:
+    from jaxnc.dynamics.runs import SimulationSpec
 
 Rates = Array | tuple[tuple[int, ...], Any] | None
 """Rates to start with: of all coordinates of a pose, of some coordinates by place, or of none."""
-
-_SMALL = 1e-9  # on the diagonal of rows, as in `jaxnc.dynamics.saddle`, with as many refinements
 
 
 # -- poses ------------------------------------------------------------------------------------------------------------
 
 
-def check_start(system: System, state: Motion | Mapping[str, Any] | None) -> Any:
+def check_start(system: System, state: Motion | Inputs | None) -> Any:
     """Check what a user says of the start, and return a pose ``(N,)``, values by name, or None."""
     top = system.topology
     if isinstance(state, Motion):
@@ -71,7 +72,7 @@ def _put_on_ground(system: System, q: Array) -> Array:
     return on_device(out)
 
 
-def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Array:
+def start_pose(system: System, state: Motion | Inputs | None) -> Array:
     """Find the pose ``(N,)`` that a simulation starts from.
 
     `state` is a pose, with the ground where this design has it; or values of as many coordinates as there are freedoms,
@@ -80,7 +81,7 @@ def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Arra
     return assemble_pose(system, check_start(system, state))
 
 
-def assemble_pose(system: System, state: Any, throw: bool = True) -> Array:
+def assemble_pose(system: System, state: PyTree, throw: bool = True) -> Array:
     """Find the start from what `check_start` returns; nothing is raised if not `throw`, and in traced code."""
     if state is not None and not isinstance(state, Mapping):
         return state
@@ -97,7 +98,7 @@ def assemble_pose(system: System, state: Any, throw: bool = True) -> Array:
     return q if is_concrete(system, q) else attach_drawing(system, q, state)
 
 
-def determines_pose(system: Any, state: Mapping[str, Numbers]) -> bool:
+def determines_pose(system: "System | SimulationSpec", state: Mapping[str, Numbers]) -> bool:
     """Tell whether values by name determine the pose of a system, or of its topology and count of freedoms."""
     return len(state) == system.degrees_of_freedom and all(n in system.topology.position for n in state)
 
@@ -116,7 +117,7 @@ def still_coordinates(top: Topology, state: Mapping[str, Array] | None) -> tuple
 # -- rates ------------------------------------------------------------------------------------------------------------
 
 
-def check_rates(system: System, rates: Motion | Mapping[str, Any] | None) -> Rates:
+def check_rates(system: System, rates: Motion | Inputs | None) -> Rates:
     """Check what a user says of the rates at the start.
 
     `rates` are a motion that carries them; or rates of coordinates, points and vectors by name; or None for rest.
@@ -207,13 +208,14 @@ def _solve_rows(h: np.ndarray, j: np.ndarray, f: np.ndarray, g: np.ndarray) -> n
     m, n = j.shape
     true = np.block([[h, j.T], [j, np.zeros((m, m))]])
     right, z = np.concatenate([f, g]), np.zeros(n + m)
-    inverse = np.linalg.inv(true - _SMALL * np.diag(np.repeat([0.0, 1.0], [n, m])))
+    # 1e-9 on the diagonal of rows, as in `jaxnc.dynamics.saddle`, with as many refinements
+    inverse = np.linalg.inv(true - 1e-9 * np.diag(np.repeat([0.0, 1.0], [n, m])))
     for _ in range(4):
         z = z + inverse @ (right - true @ z)
     return z[:n]
 
 
-def _host_slopes(flow: Flow, q: Any) -> tuple[np.ndarray, np.ndarray]:
+def _host_slopes(flow: Flow, q: Numbers) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows' derivatives by the unknown and by the driven coordinates, every coordinate a length."""
     top, view, eq, at = flow.dyn.topology, flow.view, to_host(flow.dyn.eq), np.asarray(q)
     j = eq.jacobian(at[:, None])[0][view.rows]

@@ -9,7 +9,7 @@ The generalised-α method is implicit and of fixed step, on index 3, for stiff m
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import jax
@@ -21,19 +21,17 @@ from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.solvers import dense
 from jaxnc.system.equations import weights
-from jaxnc.types import Array, ArrayLike
-
-_STAGE_ITERATIONS = 7  # of Newton's method in an implicit stage
+from jaxnc.types import AnyArray, Array, ArrayLike, PyTree
 
 
 class Moving(Protocol):
     """A motion that can be integrated; coordinates are an array, or a tuple with one number for each."""
 
-    def impose(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+    def impose(self, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Put driven coordinates of a state where the drives have them."""
         ...
 
-    def solve_stage(self, stage: Any, t: Any, q: Any, v: Any) -> StageSolution:
+    def solve_stage(self, stage: AnyArray, t: AnyArray, q: AnyArray, v: AnyArray) -> StageSolution:
         """Solve for accelerations, or for changes that bring a pose or its rates back onto the constraints."""
         ...
 
@@ -41,10 +39,10 @@ class Moving(Protocol):
 class MotionState(NamedTuple):
     """A motion at one time."""
 
-    q: Any  # pose
-    v: Any  # rates
-    a: Any  # accelerations
-    multipliers: Any
+    q: AnyArray  # pose
+    v: AnyArray  # rates
+    a: AnyArray  # accelerations
+    multipliers: AnyArray
     gap: Array  # how far off the constraints the pose was found
     slip: Array  # how far off the rates
 
@@ -186,7 +184,7 @@ class Phase(NamedTuple):
 
 def step(
     moving: Moving, method: str, settled: bool, t: ArrayLike, h: Array, state: MotionState, known: tuple = ()
-) -> tuple[MotionState, tuple[Any, Any], Phase]:
+) -> tuple[MotionState, tuple[AnyArray, AnyArray], Phase]:
     """Step by a Runge-Kutta method; return the end, estimates of the errors of pose and rates, and all phases.
 
     `settled` says whether the step ends on the constraints. What is `known` of all phases the motion takes as further
@@ -233,7 +231,7 @@ def settle(moving: Moving, t: Array, state: MotionState) -> MotionState:
     return jax.lax.scan(phase, state, stages)[0]
 
 
-def _correct(stage: Array, q: object, v: Any, change: object) -> tuple[Any, Any]:
+def _correct(stage: Array, q: object, v: Array, change: object) -> tuple[Array, Array]:
     """Add a stage's change to the pose or to the rates."""
     return tuple(
         jax.tree.map(lambda a, b, k=kind: a + jnp.where(stage == k, b, 0.0), x, change)
@@ -260,7 +258,7 @@ def _implicit_stage(moving: Moving, part: Array, t: ArrayLike, state: MotionStat
             move = solve(there(at, q, v, a).change - a)
             return a + move, jnp.max(jnp.abs(move))
 
-        a, moves = jax.lax.scan(closer, near.change, None, length=_STAGE_ITERATIONS)
+        a, moves = jax.lax.scan(closer, near.change, None, length=7)  # of Newton's method in an implicit stage
         return near._replace(change=a), moves[-1]
 
     return iterate
@@ -272,26 +270,26 @@ class _ChainedStages:
     def __init__(self, method: Method, h: Array, start: MotionState):
         self.method, self.h, self.start = method, h, start
 
-    def begin(self) -> Any:
+    def begin(self) -> PyTree:
         """Return the memory before the first stage, whose accelerations are known."""
         _, v, a, *_ = self.start
         return (v, a), self._ahead(self.method.rows[-1, 0] * self.h, self.start, (v, a))
 
-    def point(self, memory: Any, row: Any) -> tuple[Any, Any]:
+    def point(self, memory: PyTree, row: PyTree) -> tuple[PyTree, PyTree]:
         """Return pose and rates of a stage, or of the end."""
         slopes, sums = memory
         ahead = self._ahead(row["time"] * self.h, self.start, slopes)
         return jax.tree.map(lambda x, y: jnp.where(row["last"], x, y), sums, ahead)
 
-    def add(self, memory: Any, row: Any, v: object, a: object) -> Any:
+    def add(self, memory: PyTree, row: PyTree, v: object, a: object) -> PyTree:
         """Return the memory with the solution of a stage."""
         return (v, a), self._ahead(row["share"] * self.h, memory[1], (v, a))
 
-    def errors(self, memory: Any, miss: Array) -> tuple[Array, Array]:
+    def errors(self, memory: PyTree, miss: Array) -> tuple[Array, Array]:
         """Estimate nothing."""
         return jnp.zeros(()), jnp.zeros(())
 
-    def _ahead(self, reach: Array, start: Any, slopes: Any) -> tuple[Any, Any]:
+    def _ahead(self, reach: Array, start: Sequence[Array], slopes: PyTree) -> tuple[Array, Array]:
         """Move pose and rates along their slopes."""
         q, v = (jax.tree.map(lambda x, dx: x + reach * dx, *pair) for pair in zip(start[:2], slopes, strict=True))
         return q, v
@@ -308,12 +306,12 @@ class _StoredStages:
         a = self.start.a
         return jnp.zeros((len(self.method.times), *a.shape), a.dtype).at[0].set(a)
 
-    def point(self, memory: Array, row: Any) -> tuple[Array, Array]:
+    def point(self, memory: Array, row: PyTree) -> tuple[Array, Array]:
         """Return pose and rates of a stage, or of the end."""
         h, (q, v, *_) = self.h, self.start
         return q + row["time"] * h * v + h * h * (row["place"] @ memory), v + h * (row["speed"] @ memory)
 
-    def add(self, memory: Array, row: Any, v: Array, a: Array) -> Array:
+    def add(self, memory: Array, row: PyTree, v: Array, a: Array) -> Array:
         """Return the memory with the solution of a stage."""
         return jnp.where(row["stage"] == ACCELERATION, memory.at[row["number"]].set(a), memory)
 

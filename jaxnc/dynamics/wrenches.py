@@ -16,8 +16,10 @@ ones on the body that carries their bearings. A single force at the pitch point 
 and does the same work. What it has more is held by the bearings, and passes through them to the carrier.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,17 +34,21 @@ from jaxnc.system.identity import GROUND, Owner, Thing
 from jaxnc.system.loads import FrictionIndex
 from jaxnc.system.system import System
 from jaxnc.system.topology import JointIndex, Segment, Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import AnyArray, Array, Numbers
+
+if TYPE_CHECKING:
+    from jaxnc.system.loads import ForceBlock
+    from jaxnc.system.topology import Block
 
 # -- vectors of poses -------------------------------------------------------------------------------------------------
 
 
-def array_library(*arrays: Any) -> Any:
+def array_library(*arrays: object) -> ModuleType:
     """Return NumPy where all is known, so that reading a wrench compiles nothing; else JAX."""
     return np if all(isinstance(a, np.ndarray) for a in arrays) else jnp
 
 
-def cross(a: Numbers, b: Numbers) -> Any:
+def cross(a: Numbers, b: Numbers) -> AnyArray:
     """Return the moment of a force b with the arm a: ``(...,)`` in the plane, ``(..., 3)`` in space."""
     if a.shape[-1] == 2:
         return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
@@ -50,14 +56,14 @@ def cross(a: Numbers, b: Numbers) -> Any:
     return array_library(*parts).stack(parts, -1)
 
 
-def magnitude(x: Numbers) -> Any:
+def magnitude(x: Numbers) -> AnyArray:
     """Return the length of vectors ``(..., dim)``; zero, with derivative zero, of none."""
     square = (x * x).sum(-1)
     where = array_library(square).where
     return where(square > 0, where(square > 0, square, 1.0) ** 0.5, 0.0)
 
 
-def _unit(x: Any) -> np.ndarray:
+def _unit(x: AnyArray) -> np.ndarray:
     return x / magnitude(x)[..., None]
 
 
@@ -94,7 +100,7 @@ def body_items(top: Topology, body: int) -> tuple[int, ...]:
     return (*found.points, *(~u for u in found.vectors))
 
 
-def instance_items(block: Any, i: int) -> tuple[int, ...]:
+def instance_items(block: "Block | ForceBlock", i: int) -> tuple[int, ...]:
     """List points and ~vectors of an instance of a constraint or force."""
     return (*block.points[i], *(~u for u in block.vectors[i]))
 
@@ -280,21 +286,21 @@ def friction_bodies(top: Topology, index: FrictionIndex) -> tuple[int, int]:
 class Parts(NamedTuple):
     """Parts of the wrenches of poses, everything with a leading axis of poses."""
 
-    q: Any  # poses, (P, N)
-    entries: Any  # derivatives of all rows
-    multipliers: Any  # of all rows, (P, rows)
-    inertia: Any  # per group of bodies of one form, M q̈ on their nodes, (P, bodies, width)
-    weight: Any  # the same of their weights
-    moments: Any  # per group, first moments (P, bodies, dim, width) and masses (P, bodies)
-    slips: Any  # forces of the rows on velocities on all coordinates, (P, rows, N)
-    loads: Any  # per block of forces, (P, forces, variables)
-    functions: Any  # per force that is a function, on all coordinates (P, N)
-    friction: Any  # per friction, what it puts on its two bodies, each (P, N)
-    constants: Any  # of the constraints of each block
-    pressure: Any  # pressure angles of the meshes, by joint
+    q: AnyArray  # poses, (P, N)
+    entries: AnyArray  # derivatives of all rows
+    multipliers: AnyArray  # of all rows, (P, rows)
+    inertia: tuple[Numbers, ...]  # per group of bodies of one form, M q̈ on their nodes, (P, bodies, width)
+    weight: tuple[Numbers, ...]  # the same of their weights
+    moments: AnyArray  # per group, first moments (P, bodies, dim, width) and masses (P, bodies)
+    slips: Numbers  # forces of the rows on velocities on all coordinates, (P, rows, N)
+    loads: tuple[Array, ...]  # per block of forces, (P, forces, variables)
+    functions: tuple[Array, ...]  # per force that is a function, on all coordinates (P, N)
+    friction: tuple[tuple[Array, Array], ...]  # per friction, what it puts on its two bodies, each (P, N)
+    constants: AnyArray  # of the constraints of each block
+    pressure: dict[int, Numbers]  # pressure angles of the meshes, by joint
 
 
-Masses = list[tuple[Any, Any, Any]]
+Masses = list[tuple[AnyArray, AnyArray, AnyArray]]
 """Per group of bodies of one form: mass matrices, first moments and masses."""
 
 
@@ -350,16 +356,16 @@ class Ledger:
         only: the body whose wrenches are wanted, if there are no meshes; all if not given.
     """
 
-    def __init__(self, top: Topology, found: Parts, efforts: dict[int, Any], only: int | None = None):
+    def __init__(self, top: Topology, found: Parts, efforts: dict[int, AnyArray], only: int | None = None):
         self.top, self.parts = top, found
         self.only = None if any(joint.type in MESHES for joint in top.joints) else only
         self.points, self.vectors = spread(top, found.q)
         # Per body, force (P, dim) and moment about the origin (P,) or (P, 3) by key.
-        self.wrenches: list[dict[Key, tuple[Any, Any]]] = [{} for _ in top.bodies]
-        self.taken: dict[tuple[int, int], Any] = {}
+        self.wrenches: list[dict[Key, tuple[AnyArray, AnyArray]]] = [{} for _ in top.bodies]
+        self.taken: dict[tuple[int, int], AnyArray] = {}
         # Per fixed point, forces that its coordinates hold by virtual power, but the ground holds elsewhere.
-        self.grounded: dict[int, Any] = {}
-        self.pressing: dict[tuple[int, int], list[tuple[Key, Any]]] = {}
+        self.grounded: dict[int, AnyArray] = {}
+        self.pressing: dict[tuple[int, int], list[tuple[Key, AnyArray]]] = {}
         # Joints whose rows say only together what passes; a cable pulls at each of its points.
         self.held_whole = {key_of(joint) for joint in top.joints if joint.drawn and joint.type != "cable"}
         self.first_scalar = len(top.coordinates) - len(top.scalars)
@@ -437,7 +443,7 @@ class Ledger:
         for (item, f), body in zip(self.split(self.top.blocks[b], i, force), slot_owners(self.top)[b][i], strict=True):
             self.put(int(body), key, item, f, there)
 
-    def split(self, block: Any, i: int, force: Numbers) -> list[tuple[int, Any]]:
+    def split(self, block: "Block | ForceBlock", i: int, force: Numbers) -> list[tuple[int, AnyArray]]:
         """Part forces on the variables of an instance ``(..., variables)`` by the items that they act on."""
         dim = self.top.dim
         return [(item, force[..., k * dim : (k + 1) * dim]) for k, item in enumerate(instance_items(block, i))]
@@ -462,7 +468,7 @@ class Ledger:
     def _own(self) -> None:
         """Find what each body's balance leaves to others, ``M q̈ + Φ_bᵀ λ``; put weights and point masses."""
         top, dim = self.top, self.top.dim
-        self.left: dict[tuple[int, int], Any] = {}
+        self.left: dict[tuple[int, int], AnyArray] = {}
         number = {body.name: b for b, body in enumerate(top.bodies)}
         for group, inertia, weight in zip(top.loads.inertias, self.parts.inertia, self.parts.weight, strict=True):
             for k, index in enumerate(group):
@@ -569,7 +575,7 @@ class Ledger:
                 self.put(b, key, item, force)
                 self.put(other, key, item, -force)
 
-    def press_on(self, b: int, owner: Owner) -> tuple[Any, Any]:
+    def press_on(self, b: int, owner: Owner) -> tuple[AnyArray, AnyArray]:
         """Return what a joint's own rows put on all that a body holds, also where others hold it too."""
         top = self.top
         force = self.points[..., 0, :] * 0.0
@@ -628,9 +634,6 @@ class Ledger:
 
 
 # -- meshes -----------------------------------------------------------------------------------------------------------
-
-_AT_APEX = 1e-9  # of the wheels' size: closer centres stand where the axes meet, which then point to the wheels
-_PARALLEL = 1e-12  # square of the sine below which axes count as parallel
 
 
 def _put_mesh(ledger: Ledger, j: int) -> None:
@@ -739,19 +742,22 @@ def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]
     return place, force
 
 
-def _pitch(xp: Any, centres: list[Any], axes: list[Any], constants: Any) -> tuple[Any, Any, Any, Any]:
+def _pitch(
+    xp: ModuleType, centres: Sequence[Numbers], axes: Sequence[Numbers], constants: Sequence[Numbers]
+) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """Return the pitch point in space, its arm from the first axis, the pitch line, and signed ratio of the radii."""
     (a, b), w = axes, centres[1] - centres[0]
     ab = (a * b).sum(-1)[..., None]
     wa, wb = (w * a).sum(-1)[..., None], (w * b).sum(-1)[..., None]
     square = 1.0 - ab * ab
-    parallel = square <= _PARALLEL
+    parallel = square <= 1e-12  # the square of a sine: axes count as parallel
     safe = xp.where(parallel, 1.0, square)
     t1, t2 = (wa - ab * wb) / safe, (ab * wa - wb) / safe
     apex = centres[0] + t1 * a
     ratio = constants[1] / constants[0] * constants[2]
     # Axes that meet: seen from there, each towards its wheel.
-    least = _AT_APEX * (magnitude(w)[..., None] + constants[0])
+    # closer centres stand where the axes meet, which then point to the wheels
+    least = 1e-9 * (magnitude(w)[..., None] + constants[0])
     side1, side2 = (xp.where(t > least, -1.0, 1.0) for t in (t1, t2))
     u1, u2, met = side1 * a, side2 * b, ratio * side1 * side2
     cosine = (u1 * u2).sum(-1)[..., None]
@@ -772,7 +778,7 @@ def _pitch(xp: Any, centres: list[Any], axes: list[Any], constants: Any) -> tupl
     return place, arm, xp.where(parallel, a, g), xp.where(parallel, side, met)
 
 
-def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Any, Any]:
+def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]:
     """Return pitch point and force on the pinion of a rack."""
     top, xp = ledger.top, array_library(ledger.points)
     (centre, *_), (start, *along) = top.joints[j].sides[:2]
@@ -787,7 +793,7 @@ def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Any, Any]:
     return place, force
 
 
-def _axis(ledger: Ledger, segment: Any) -> Any:
+def _axis(ledger: Ledger, segment: Sequence[int]) -> Numbers:
     if len(segment) == 1:
         return ledger.vectors[..., ~segment[0], :]
     return _unit(ledger.points[..., segment[1], :] - ledger.points[..., segment[0], :])

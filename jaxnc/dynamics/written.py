@@ -8,7 +8,7 @@ which is safe in every pose that is not singular.
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -27,11 +27,13 @@ from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.rows import Rows
 from jaxnc.system.structure import curvature, pattern, quadratic
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array
+from jaxnc.types import AnyArray, Array
 
-LARGEST = 16  # unknowns and rows that are written out: beyond, compiling takes too long
+if TYPE_CHECKING:
+    from jaxnc.system.equations import Equations
 
-Elements = Sequence[Any]
+
+Elements = Sequence[AnyArray]
 
 
 class WrittenRows:
@@ -50,7 +52,7 @@ class WrittenRows:
         # Places of the rows that are left.
         self.kept = tuple(r for r in range(len(view.rows)) if r not in {r for _, r in massless})
 
-    def rates(self, eq: Any, x: Elements, v: Elements) -> tuple[list[Any], list[Any], list[Any]]:
+    def rates(self, eq: "Equations", x: Elements, v: Elements) -> tuple[list[AnyArray], list[AnyArray], list[AnyArray]]:
         """Return Φ, dΦ/dt, and d²Φ/dt² without accelerations, row by row."""
 
         def first(*x):
@@ -60,8 +62,8 @@ class WrittenRows:
         return list(values), list(rates), list(bias)
 
     def correct(
-        self, eq: Any, inverse: Array, x: Elements, miss: Sequence[Array], push: dict[int, Array] | None
-    ) -> tuple[dict[int, Any], list[Any]]:
+        self, eq: "Equations", inverse: Array, x: Elements, miss: Sequence[Array], push: dict[int, Array] | None
+    ) -> tuple[dict[int, AnyArray], list[AnyArray]]:
         """Solve ``M δ + Jᵀ λ = push, J δ = -miss`` for changes of the unknowns and multipliers of the `kept` rows.
 
         The changes take the rows' `miss` away, as the rows change by their derivatives.
@@ -72,11 +74,11 @@ class WrittenRows:
         def row(r: int) -> dict[int, Array]:
             return {c: slopes[r, k] for c, k in self.place.items() if (r, k) in slopes}
 
-        follow: dict[int, tuple[dict[int, Any], Any]] = {}
+        follow: dict[int, tuple[dict[int, AnyArray], AnyArray]] = {}
 
         def reduce_row(r: int, skip: int = -1) -> tuple[dict[int, Array], Array]:
             """A row in the massed coordinates alone, and its miss."""
-            out: dict[int, Any] = {}
+            out: dict[int, AnyArray] = {}
             rest = miss[r]
             for c, e in row(r).items():
                 if c == skip:
@@ -114,18 +116,18 @@ class WrittenRows:
         square = [[sum(e * spread[j][local[c]] for c, e in rows[i][0].items()) for j in range(i + 1)] for i in range(m)]
         y = _solve(square, right)
         moved = [pushed[i] - sum(y[j] * spread[j][i] for j in range(m)) for i in range(n)]
-        out: dict[int, Any] = {c: moved[k] for c, k in local.items()}
+        out: dict[int, AnyArray] = {c: moved[k] for c, k in local.items()}
         for c, (terms, constant) in follow.items():
             out[c] = constant + sum(f * out[d] for d, f in terms.items())
         return out, y
 
 
-def _solve(a: list[list[Any]], b: list[Array]) -> list[Array]:
+def _solve(a: list[list[AnyArray]], b: list[Array]) -> list[Array]:
     """Solve with a symmetric positive definite matrix given by its lower half: L D Lᵀ."""
     m = len(b)
-    low: list[list[Any]] = [[None] * m for _ in range(m)]
-    inverse: list[Any] = []
-    scaled: list[list[Any]] = [[None] * m for _ in range(m)]
+    low: list[list[AnyArray]] = [[None] * m for _ in range(m)]
+    inverse: list[AnyArray] = []
+    scaled: list[list[AnyArray]] = [[None] * m for _ in range(m)]
     for i in range(m):
         for j in range(i):
             e = a[i][j]
@@ -158,7 +160,8 @@ def write_out(view: Plan, massed: tuple[int, ...], freedom: int) -> WrittenRows 
     """
     top = view.topology
     unknown = [int(c) for c in view.unknown]
-    if top.dim == 3 or len(unknown) + len(view.rows) > LARGEST or len(view.rows) != len(unknown) - freedom:
+    # more than 16 unknowns and rows are not written out: compiling would take too long
+    if top.dim == 3 or len(unknown) + len(view.rows) > 16 or len(view.rows) != len(unknown) - freedom:
         return None
     pairs = _eliminate_massless(top, view, [c for c in unknown if c not in massed])
     return None if pairs is None else WrittenRows(view, pairs)
@@ -229,11 +232,11 @@ class WrittenFlow:
         solve = dense.solver(flow.dyn.mass[at[:, None], at[None]])
         return cls(flow, jax.vmap(solve, out_axes=1)(jnp.eye(len(at))), form)
 
-    def impose(self, t: Array, q: object, v: object) -> tuple[Any, Any]:
+    def impose(self, t: Array, q: object, v: object) -> tuple[AnyArray, AnyArray]:
         """Return the state as it is: nothing is driven."""
         return q, v
 
-    def solve_stage(self, stage: Array, t: Array, q: Any, v: Any) -> StageSolution:
+    def solve_stage(self, stage: Array, t: Array, q: AnyArray, v: AnyArray) -> StageSolution:
         """Solve a stage as `Flow.solve_stage`; of arrays ``(N,)``, or of tuples of their elements."""
         if not isinstance(q, tuple):
             found = self.solve_stage(stage, t, tuple(q), tuple(v))
@@ -254,7 +257,7 @@ class WrittenFlow:
         values, rates, bias = form.rates(dyn.eq, x, v)
         push = force_elements(dyn, t, x, v, form.place)
         change, kept = form.correct(dyn.eq, self.inverse, x, bias, push)
-        lam: dict[int, Any] = dict(zip(form.kept, kept, strict=True))
+        lam: dict[int, AnyArray] = dict(zip(form.kept, kept, strict=True))
         slopes = form.rows.slopes(dyn.eq, x)
         for c, r in reversed(form.massless):
             k = form.place[c]
@@ -268,7 +271,7 @@ class WrittenFlow:
         return StageSolution(tuple(change.get(c, zero) for c in range(len(x))), multipliers, gap, slip)
 
 
-def force_elements(dyn: Dynamics, t: Array, x: Elements, v: Elements, wanted: dict[int, int]) -> dict[int, Any]:
+def force_elements(dyn: Dynamics, t: Array, x: Elements, v: Elements, wanted: dict[int, int]) -> dict[int, AnyArray]:
     """Evaluate generalised forces by coordinate; a coordinate without forces is left out."""
     top, out = dyn.topology, {}
     if top.loads.gravity:

@@ -7,7 +7,6 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -33,10 +32,6 @@ SPREADS = (0.03, 0.1, 0.3, 1.0)
 
 _STARTS = 256  # for each spread
 _STEPS = 30
-_REPEATS = 3
-_TURN = 0.3  # displacement of a driven angle, radians; of a distance, 0.05 of the mechanism's size
-_SHIFT = 0.05
-_NEAR = 1e-4  # of the mechanism's size: closer poses are the same assembly
 
 
 @dataclass
@@ -127,7 +122,7 @@ class Comparison:
         return json.dumps(whole, indent=2, ensure_ascii=False)
 
 
-def _show_cell(value: Any) -> str:
+def _show_cell(value: object) -> str:
     if value is None:
         return "-"
     if isinstance(value, tuple):
@@ -165,7 +160,8 @@ def compare(
         )
     home = solve_position(natural, {n: float(derive(natural).home[natural.topology.position[n]]) for n in names})
     size = float(derive(natural).length)
-    moved = {n: _TURN if natural.topology.is_angle(n) else _SHIFT * size for n in names}
+    # radians; distances are displaced by a part of the mechanism's size
+    moved = {n: 0.3 if natural.topology.is_angle(n) else 0.05 * size for n in names}
     starts = _starts(natural, np.asarray(home.q), seed)
     rows, made = [], {}
     for family in families:
@@ -237,7 +233,7 @@ def _solve_family(
     poses = poses.at[0].set(target[0])
     found = jax.block_until_ready(_attempt(view, eq, poses, _STEPS))
     spent = []
-    for _ in range(_REPEATS):
+    for _ in range(3):
         begin = time.perf_counter()
         jax.block_until_ready(_attempt(view, eq, poses, _STEPS))
         spent.append(time.perf_counter() - begin)
@@ -248,7 +244,8 @@ def _solve_family(
     natural = np.asarray(f.to_natural(end[1:][:, top.unknown]))
     spread = natural.shape[1] - len(f.natural.topology.scalars)
     size = float(derive(f.natural).length)
-    same = good & (np.abs(natural[:, :spread] - starts[0, :spread]).max(axis=1) < _NEAR * size)
+    # 1e-4 of the mechanism's size: closer poses are the same assembly
+    same = good & (np.abs(natural[:, :spread] - starts[0, :spread]).max(axis=1) < 1e-4 * size)
     row.basin = tuple(float(x) for x in same.reshape(len(SPREADS), -1).mean(axis=1))
     row.converged = tuple(float(x) for x in good.reshape(len(SPREADS), -1).mean(axis=1))
 

@@ -11,7 +11,6 @@ population parameters", Biometrika 40, 1953: species that were seen once tell of
 
 import copy
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -36,12 +35,11 @@ from jaxnc.records import record as recorded
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.status import Status
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 FAMILIES = ("independent", "relative", "reference", "natural", "mixed")
 
 _SAME = 1e-6  # of the mechanism's size: poses closer than this are one assembly
-_BLURRED = 1e-10  # of the size, over the conditioning: so far may Newton be off, and more apart are two assemblies
 _LANES = 512  # starts that are solved together
 _LEAST = 4 * _LANES  # starts before which no list is called stable
 _SEEN = 5  # times that every pose was found in a stable list: one that comes as often was missed once in 150
@@ -206,7 +204,7 @@ def _without_scalars(mechanism: Mechanism, keep: tuple[str, ...]) -> Mechanism:
 class Independent(Formulation):
     """A closed chain in independent coordinates."""
 
-    def to_natural(self, z: Any) -> Array:
+    def to_natural(self, z: ArrayLike) -> Array:
         """Natural coordinates from the independent ones, on the drawing's assembly; by solving the position problem."""
         z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
         self._check(z.shape, len(self.listed), "variables of the family")
@@ -285,7 +283,8 @@ class _Poses:
         kept, seen, places = [], [], np.zeros((0, self.spread))
         # Of one assembly the pose that is known best is kept.
         for i in good[np.argsort(residual[good] / np.maximum(conditioning[good], 1e-300), kind="stable")]:
-            same = self.size * min(1e-3, max(_SAME, _BLURRED / max(conditioning[i], 1e-300)))
+            # so far may Newton be off at this conditioning; what is more apart are two assemblies
+            same = self.size * min(1e-3, max(_SAME, 1e-10 / max(conditioning[i], 1e-300)))
             like = np.flatnonzero(np.abs(places - q[i, : self.spread]).max(axis=1) <= same)
             if len(like):
                 seen[like[0]] += often[i]

@@ -23,7 +23,7 @@ from jaxnc.system.equations import measured
 from jaxnc.system.frames import along, over
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import Array, ArrayLike, Numbers
 from jaxnc.validate import as_shape
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class Formulation:
 
     # -- maps ---------------------------------------------------------------------------------------------------
 
-    def to_natural(self, z: Any) -> Array:
+    def to_natural(self, z: ArrayLike) -> Array:
         """Natural coordinates from those of the family, exact and differentiable.
 
         Args:
@@ -181,7 +181,7 @@ class Formulation:
             out.append(block.kind.measure(p[np.array(block.points[i], int)], v[layout.vectors[i]], eq.constants[b][i]))
         return jnp.stack([jnp.asarray(x) for x in out])
 
-    def _numbers(self, x: Any, what: str) -> Array:
+    def _numbers(self, x: ArrayLike, what: str) -> Array:
         return jnp.asarray(as_shape(x, what, ..., None, dtype=self.natural.dtype))
 
     def _check(self, shape: tuple, size: int, what: str) -> None:

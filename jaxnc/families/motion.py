@@ -35,7 +35,7 @@ from jaxnc.validate import as_shape
 
 
 @public
-def mass_matrix(formulation: Formulation, z: Any) -> Array:
+def mass_matrix(formulation: Formulation, z: ArrayLike) -> Array:
     """The mass matrix of a family in a pose.
 
     Args:
@@ -53,7 +53,7 @@ def mass_matrix(formulation: Formulation, z: Any) -> Array:
 
 
 @public
-def accelerations(formulation: Formulation, z: Any, dz: Any, t: float = 0.0) -> Array:
+def accelerations(formulation: Formulation, z: ArrayLike, dz: ArrayLike, t: float = 0.0) -> Array:
     """Second time derivatives of the variables of a family, under the mechanism's forces.
 
     Args:

@@ -22,7 +22,7 @@ from jaxnc.families import shapes
 from jaxnc.families.bodies import Part
 from jaxnc.families.shapes import Between, Reading, Recipe, rotation_rows
 from jaxnc.pickling import factory, register_by_name
-from jaxnc.types import Array
+from jaxnc.types import Array, Components, Scalar
 
 Linear = tuple[tuple[float, str, int], ...]
 """A sum ``factor · what[index]``: ``"s"`` a variable, ``"c"`` a constant, ``"1"`` one, ``"x"``, ``"y"``, ``"z"`` a
@@ -84,9 +84,9 @@ def scale(value: Linear, factor: float) -> Linear:
 class Evaluator:
     """Evaluates pieces, with the numbers of one instance."""
 
-    def __init__(self, p: Any, v: Any, s: Any, c: Any):
+    def __init__(self, p: Components, v: Components, s: Components, c: Components):
         self.p, self.v, self.s, self.c = p, v, s, c
-        self.turns: dict[Turn, Any] = {}
+        self.turns: dict[Turn, tuple] = {}
 
     def linear(self, value: Linear) -> Any:
         """A linear form; None for an empty one."""
@@ -100,7 +100,7 @@ class Evaluator:
             out = term if out is None else out + term
         return out
 
-    def turn(self, turn: Turn) -> Any:
+    def turn(self, turn: Turn) -> tuple:
         """The rotation as rows of a matrix."""
         if turn not in self.turns:
             of = [self.linear(x) for x in turn.of]
@@ -116,7 +116,7 @@ class Evaluator:
             self.turns[turn] = found
         return self.turns[turn]
 
-    def arm(self, arm: "Arm | Vector") -> list[Any]:
+    def arm(self, arm: "Arm | Vector") -> list:
         """Components along the axes of the ground."""
         if isinstance(arm, Vector):
             return list(self.v[arm.index])
@@ -126,12 +126,12 @@ class Evaluator:
         rows = self.turn(arm.turn)
         return [_add_up(r[k] * x for k, x in enumerate(at) if x is not None) for r in rows]
 
-    def place(self, place: Place) -> list[Any]:
+    def place(self, place: Place) -> list:
         """Coordinates of a point."""
         parts = [self.arm(arm) for arm in place]
         return [_fill_zero(_add_up(x for x in column if x is not None), self) for column in zip(*parts, strict=True)]
 
-    def scalar(self, scalar: "Linear | Measured") -> Any:
+    def scalar(self, scalar: "Linear | Measured") -> Scalar:
         """A linear form, or a measure."""
         if not isinstance(scalar, Measured):
             return _fill_zero(self.linear(scalar), self)
@@ -139,11 +139,11 @@ class Evaluator:
         p, v = self.together([self.place(x) for x in scalar.places], [self.arm(d) for d in scalar.directions])
         return scalar.kind.measure(p, v, [self.linear(c) for c in scalar.constants])
 
-    def together(self, places: Sequence[list], directions: Sequence[list]) -> tuple[Any, Any]:
+    def together(self, places: Sequence[list], directions: Sequence[list]) -> tuple[Components, Components]:
         """Points and vectors in the form in which a kind takes them."""
         return self.gather(places), self.gather([[_fill_zero(x, self) for x in d] for d in directions])
 
-    def gather(self, values: Sequence[Any]) -> Any:
+    def gather(self, values: Sequence) -> Any:
         """Numbers, or rows of numbers, in the form in which a kind takes them."""
         nested = bool(values) and isinstance(values[0], list)
         first = values[0][0] if nested else values[0] if values else None
@@ -154,14 +154,14 @@ class Evaluator:
         return jnp.stack([self.gather(x) if nested else jnp.asarray(x) for x in values])
 
 
-def _add_up(values) -> Any:
+def _add_up(values) -> Scalar | None:
     out = None
     for x in values:
         out = x if out is None else out + x
     return out
 
 
-def _fill_zero(value: Any, numbers: Evaluator) -> Any:
+def _fill_zero(value: Scalar | None, numbers: Evaluator) -> Scalar:
     """Zero, of the type that is calculated with, for what has no pieces."""
     if value is not None:
         return value
@@ -169,7 +169,7 @@ def _fill_zero(value: Any, numbers: Evaluator) -> Any:
     return 0.0 * some
 
 
-def _in_pi(factor: float, s: Any) -> Any:
+def _in_pi(factor: float, s: Components) -> Scalar:
     """A fixed number; a multiple of π where symbols are written."""
     if len(s) and isinstance(s[0], Expression):
         from jaxnc.constraints.symbols import PI
@@ -195,7 +195,7 @@ class Program:
         """Where the kind's own constants begin."""
         return sum(r.count for r in self.recipes)
 
-    def arguments(self, p: Any, v: Any, s: Any, c: Any) -> tuple[Any, Any, Any]:
+    def arguments(self, p: Components, v: Components, s: Components, c: Components) -> tuple[Any, Any, Any]:
         """The kind's points, vectors and scalars."""
         numbers = Evaluator(p, v, s, c)
         points, vectors = numbers.together(
@@ -203,16 +203,16 @@ class Program:
         )
         return points, vectors, numbers.gather([numbers.scalar(x) for x in self.scalars])
 
-    def __call__(self, p: Any, v: Any, s: Any, c: Any) -> Any:
+    def __call__(self, p: Components, v: Components, s: Components, c: Components) -> Sequence[Scalar]:
         """The rows."""
         return self.kind.residual(*self.arguments(p, v, s, c), c[self.first :])
 
-    def guard(self, p: Any, v: Any, s: Any, c: Any) -> Any:
+    def guard(self, p: Components, v: Components, s: Components, c: Components) -> Sequence[Scalar]:
         """The kind's guard."""
         assert self.kind.guard is not None
         return self.kind.guard(*self.arguments(p, v, s, c), c[self.first :])
 
-    def drawn(self, p: Any, v: Any, s: Any, c: Any) -> Any:
+    def drawn(self, p: Components, v: Components, s: Components, c: Components) -> Any:
         """Constants of the places, then the kind's own."""
         constants = [x for r in self.recipes for x in shapes.values(r, p, v)]
         if self.kind.drawn is None or not self.kind.constants:
@@ -224,7 +224,7 @@ class Program:
         )
         return (*constants, *own)
 
-    def measure(self, p: Any, v: Any, c: Any) -> Array | None:
+    def measure(self, p: Components, v: Components, c: Components) -> Array | None:
         """The kind's measure of the drawing itself."""
         assert self.kind.measure is not None
         return self.kind.measure(p[jnp.array(self.own, int)], v[jnp.array(self.own_vectors, int)], c[self.first :])

@@ -29,7 +29,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
-from jaxnc.types import Array, Numbers
+from jaxnc.types import Array, ArrayLike, Numbers
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class Chain:
                 composite[before] = composite[before] + composite[k]
         return out
 
-    def accelerations(self, z: Any, dz: Any, tau: Any = 0.0) -> Array:
+    def accelerations(self, z: ArrayLike, dz: Any, tau: Any = 0.0) -> Array:
         """Accelerations ``(n,)`` under gravity and the efforts `tau` ``(n,)`` on the variables."""
         z = jnp.asarray(z, float)
         bias = self.efforts(z, dz, jnp.zeros_like(z))

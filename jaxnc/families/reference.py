@@ -18,8 +18,6 @@ from jaxnc.system.design import design, design_numbers
 from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
 
-_SAME = 1e-9  # of the mechanism's size: places that are one
-
 
 class Reference(Planner):
     """Variables and rows of reference-point coordinates.
@@ -161,7 +159,7 @@ class Reference(Planner):
 
     def origin(self, part: Part, at: np.ndarray, drawn: Mapping[int, np.ndarray]) -> Origin:
         """A place of a part as an origin."""
-        near = _SAME * self.a.size
+        near = 1e-9 * self.a.size  # 1e-9 of the mechanism's size: places that are one
         for p, spot in drawn.items():
             if np.linalg.norm(spot - at) <= near:
                 return Origin((p,))

@@ -19,6 +19,7 @@ from jaxnc.constraints.directions import about, unit
 from jaxnc.constraints.elementary import cos, ratio, sin
 from jaxnc.constraints.kind import cross, dot, norm
 from jaxnc.system.frames import body_axes, quaternions
+from jaxnc.types import AnyArray, Array, Components, Numbers, Scalar
 
 Segments = tuple[tuple[int, ...], ...]
 """Directions of a part in the numbers of an instance: two points each, or a vector (~k,)."""
@@ -44,7 +45,7 @@ class Recipe:
         return len(self.names)
 
 
-def values(recipe: Recipe, p: Any, v: Any) -> tuple[Any, ...]:
+def values(recipe: Recipe, p: Components, v: Components) -> tuple[Scalar, ...]:
     """Read a recipe, from points ``(points, dim)`` and vectors ``(vectors, 3)``."""
     return _HOW[recipe.how][0]([p[i] for i in recipe.points], [v[i] for i in recipe.vectors], recipe.extra)
 
@@ -283,7 +284,7 @@ def rotation_rows(how: str, of: list, axis: list) -> tuple[tuple, ...]:
     )
 
 
-def parameters(how: str, r: Any) -> tuple[Any, ...]:
+def parameters(how: str, r: Array) -> tuple[Array, ...]:
     """The parameters of a rotation matrix ``(3, 3)``; of Euler parameters those with a positive first one."""
     if how == "euler parameters":
         return tuple(quaternions(r))
@@ -311,7 +312,7 @@ class Reading:
     recipe: Recipe
     part: int = 0
 
-    def __call__(self, p: Any, v: Any, c: Any) -> Any:
+    def __call__(self, p: Components, v: Components, c: Components) -> Scalar:
         """The variable's value."""
         return values(self.recipe, p, v)[self.part]
 
@@ -335,14 +336,14 @@ class Between:
         """Its value in the drawing."""
         return HOME[self.how][self.part] if self.how in HOME else 0.0
 
-    def drawn(self, p: Any, v: Any) -> Any:
+    def drawn(self, p: Components, v: Any) -> Any:
         """Both frames, the axes and the distance, as drawn."""
         frames = [_frame(x, p, v).reshape(-1) for x in (self.parent, self.child)]
         axes = [_unit_along(x, p, v) for x in self.axes] or [jnp.zeros(3)] * 2
         shift = p[self.at[1]] - p[self.at[0]] if self.at else jnp.zeros(3)
         return tuple(jnp.concatenate([*frames, *axes, shift]))
 
-    def __call__(self, p: Any, v: Any, c: Any) -> Any:
+    def __call__(self, p: Components, v: Any, c: Any) -> Any:
         """The variable's value."""
         c = jnp.stack(list(c))
         parent, child = (
@@ -362,28 +363,28 @@ class Between:
         return _angle_about(rotation(a, -first) @ turn, b)
 
 
-def _frame(segments: Segments, p: Any, v: Any) -> Any:
+def _frame(segments: Segments, p: AnyArray, v: AnyArray) -> AnyArray:
     return body_axes(segments, p, v) if segments else jnp.eye(3)
 
 
-def _unit_along(line: tuple[int, ...], p: Any, v: Any) -> Any:
+def _unit_along(line: tuple[int, ...], p: Components, v: Components) -> Array:
     return unit(p[line[1]] - p[line[0]] if len(line) == 2 else v[~line[0]])
 
 
-def _angle_about(turn: Any, axis: Any) -> Any:
+def _angle_about(turn: Array, axis: AnyArray) -> AnyArray:
     """Angle of a rotation about a known axis."""
     axial = 0.5 * jnp.stack([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     return angle(0.5 * (jnp.trace(turn) - 1.0), jnp.dot(axial, axis))
 
 
-def skew_matrix(a: Any) -> Any:
+def skew_matrix(a: Numbers) -> Array:
     """The matrix ``(3, 3)`` of the vector product with a vector from the left."""
     x, y, z = a
     half = jnp.array([[0.0, 0.0, 0.0]] * 3).at[0, 1].set(-z).at[0, 2].set(y).at[1, 2].set(-x)
     return half - half.T
 
 
-def rotation(axis: Any, angle: Any) -> Any:
+def rotation(axis: AnyArray, angle: AnyArray) -> AnyArray:
     """The matrix ``(3, 3)`` of a rotation about a unit axis."""
     skew = skew_matrix(axis)
     return jnp.eye(3) + jnp.sin(angle) * skew + (1.0 - jnp.cos(angle)) * (skew @ skew)

@@ -44,8 +44,8 @@ class ForceKind(Remade):
     points: int = 0
     vectors: int = 0
     scalars: int = 0
-    potential: Callable[..., Any] | None = None
-    dissipation: Callable[..., Any] | None = None
+    potential: Callable | None = None
+    dissipation: Callable | None = None
     force: Callable[..., Any] | None = None
     drawn: Callable[..., Any] | None = None
     positive: tuple[str, ...] = ()

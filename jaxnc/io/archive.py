@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,8 +17,6 @@ from jaxnc.errors import InputError, ModelFileError
 from jaxnc.io.target import replacing, unwritable, write
 
 _INDEX = "index.json"
-_ALIGNED = 64  # bytes: where an array begins, so that it can be used where it lies
-_BLOCK = 1 << 20  # bytes copied at a time
 _LOCAL = struct.Struct("<26xHH")  # what stands before a member: 26 bytes, lengths of its name and of what is added
 
 
@@ -41,7 +38,7 @@ def write_archive(path: Path, contents: Mapping[str, np.ndarray | Column]) -> No
                 member.write(_npy_header(array.dtype, array.shape, file.tell()))
                 if isinstance(array, Column):
                     with array.file.open("rb") as column:
-                        shutil.copyfileobj(column, member, _BLOCK)
+                        shutil.copyfileobj(column, member, 1 << 20)  # a mebibyte at a time
                 else:
                     member.write(array.tobytes())
 
@@ -49,7 +46,8 @@ def write_archive(path: Path, contents: Mapping[str, np.ndarray | Column]) -> No
 def _npy_header(dtype: np.dtype, shape: tuple[int, ...], start: int) -> bytes:
     """Make the head of an npy file at byte `start` of another, filled up so that the numbers are aligned in that."""
     text = repr({"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape})
-    room = -(start + 10 + len(text) + 1) % _ALIGNED
+    # an array begins at a multiple of 64 bytes, so that it can be used where it lies
+    room = -(start + 10 + len(text) + 1) % 64
     return np.lib.format.magic(1, 0) + struct.pack("<H", len(text) + room + 1) + (text + " " * room + "\n").encode()
 
 
@@ -108,7 +106,7 @@ class PartialTable:
         OutputError: the folder cannot be written.
     """
 
-    def __init__(self, path: Path, question: Mapping[str, Any], go_on: bool = True):
+    def __init__(self, path: Path, question: Mapping[str, object], go_on: bool = True):
         self.path, self.folder = path, path.with_name(path.name + ".part")
         self.rows: int = 0
         self.inputs: dict[str, int] = {}

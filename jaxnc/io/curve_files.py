@@ -9,7 +9,6 @@ from jaxnc.errors import ModelFileError
 from jaxnc.io.svg import outline
 from jaxnc.io.target import file_name
 
-_ALONG = 400  # points of a path
 _SUFFIXES = (".svg", ".csv", ".txt", ".npy")
 
 
@@ -31,7 +30,7 @@ def load_curve(path: str | Path) -> tuple[np.ndarray, bool | None]:
     if suffix not in _SUFFIXES:
         raise ModelFileError(f"{path}: a curve is read from {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
     if suffix == ".svg":
-        found = outline(path, _ALONG)
+        found = outline(path, 400)  # points of a path
         return found.points, found.closed
     try:
         points = np.load(path) if suffix == ".npy" else _read_table(path)

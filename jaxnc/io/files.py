@@ -108,7 +108,7 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | Ra
     with source.blamed():
         m = Mechanism(model.name, model.dim, model.description, model.units.length, model.units.angle)
 
-    def call(method: Callable[..., Any]) -> Callable[[str, Any], Any]:
+    def call(method: Callable) -> Callable[[str, Any], Any]:
         """Make of a method of the builder one that takes a record, whose fields are its arguments."""
         return lambda name, entry: method(name, **msgspec.structs.asdict(entry))
 

@@ -2,6 +2,7 @@
 
 import importlib
 from collections.abc import Sequence
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -182,7 +183,7 @@ def _energies(motion: "Motion") -> dict[str, np.ndarray]:
     return {label: np.asarray(energy(motion), float) for label, energy in found.items()}
 
 
-def _package(name: str, what: str) -> Any:
+def _package(name: str, what: str) -> ModuleType:
     """Import a package that is installed only where it is wanted."""
     try:
         return importlib.import_module(name)

@@ -16,7 +16,6 @@ from jaxnc.errors import InputError, MechanismError, ModelFileError, nearest, wr
 from jaxnc.mechanism.model import Model
 
 SUFFIXES = (".toml", ".json")
-_DEEPEST = 50  # tables in tables; a model has five
 Place = tuple[str | int, ...]
 """Keys from the top of a file down to an entry."""
 T = TypeVar("T")
@@ -63,7 +62,7 @@ class Source:
 
     # -- what --------------------------------------------------------------------------------------------------
 
-    def _parse(self) -> Any:
+    def _parse(self) -> dict:
         try:
             return tomllib.loads(self.text) if self.suffix == ".toml" else self._parse_json()
         except (tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
@@ -80,7 +79,7 @@ class Source:
         left: list[tuple[Any, Place]] = [(data, ())]
         while left:
             value, place = left.pop()
-            if len(place) > _DEEPEST:
+            if len(place) > 50:  # a model has five tables in tables
                 raise self.fault("it is nested too deeply to be a model")
             if isinstance(value, dict):
                 left += [(key, place) for key in value]
@@ -90,7 +89,7 @@ class Source:
             elif isinstance(value, str) and not writable(value):
                 raise self.fault(f"{value!r} holds half of a character (a lone surrogate); type it anew", place)
 
-    def _parse_json(self) -> Any:
+    def _parse_json(self) -> dict:
         data = json.loads(self.text)
         seen = set()
         for place, line in _json_lines(self.text):
@@ -285,7 +284,7 @@ def _replace(data: Any, place: Place, value: Any) -> Any:
 
 
 @cache
-def inspect_record(record: type) -> Any:
+def inspect_record(record: type) -> msgspec.inspect.Type:
     """Return the fields of a record and their types, as msgspec has them."""
     return kinds_of.type_info(record)
 
@@ -295,7 +294,7 @@ def _alternatives(expected: object) -> tuple[Any, ...]:
     return tuple(t for t in types if not isinstance(t, kinds_of.NoneType))
 
 
-def _struct(expected: Any, value: object) -> Any:
+def _struct(expected: msgspec.inspect.Type, value: object) -> msgspec.inspect.StructType | None:
     """Find the record that a table is meant to be; among joints the one that its tag names."""
     structs = [t for t in _alternatives(expected) if isinstance(t, kinds_of.StructType)]
     tagged = [t for t in structs if isinstance(value, dict) and t.tag is not None and t.tag == value.get(t.tag_field)]
@@ -319,13 +318,13 @@ def _entry_type(expected: Any, key: str | int, value: object) -> Any:
     return kinds_of.AnyType()
 
 
-def _field_names(expected: Any, value: Any) -> list[str]:
+def _field_names(expected: msgspec.inspect.Type, value: object) -> list[str]:
     struct = _struct(expected, value)
     names = [f.encode_name for f in struct.fields] if struct is not None else []
     return [*names, struct.tag_field] if struct is not None and struct.tag_field else names
 
 
-def describe(expected: Any) -> str:
+def describe(expected: msgspec.inspect.Type) -> str:
     """Say what is expected, as a phrase."""
     phrases = []
     for t in _alternatives(expected):
@@ -352,11 +351,11 @@ def describe(expected: Any) -> str:
     return " or ".join(dict.fromkeys(phrases))
 
 
-def _plural(item: Any) -> str:
+def _plural(item: msgspec.inspect.Type) -> str:
     return "numbers" if isinstance(item, kinds_of.FloatType) else "names"
 
 
-def _describe_value(value: Any) -> str:
+def _describe_value(value: object) -> str:
     """Say what was found instead, as a phrase."""
     if isinstance(value, bool):
         return str(value).lower()

@@ -38,7 +38,7 @@ class ConditionEntry(_Record):
     points: list[str] = []
     other: list[str] = []
     value: float | None = None
-    about: list[Any] | None = None
+    about: list | None = None
     variable: str | None = None
     sizes: list[float] | None = None
     step: float = 1.0
@@ -84,7 +84,7 @@ class ProblemFile(_Record):
     input: str | None = None
     timing: list[float] | None = None
     values: list[float] | None = None
-    orientations: list[Any] | None = None
+    orientations: list | None = None
     start_timing: list[float] | None = None
     ordered: bool = True
     closed: bool | None = None
@@ -97,7 +97,7 @@ class ProblemFile(_Record):
     hold: list[str] = []
     travel: tuple[float, float] | None = None
     weights: list[float] | None = None
-    bounds: dict[str, list[Any]] = {}
+    bounds: dict[str, list] = {}
     conditions: list[ConditionEntry] = []
     search: SearchOptions = msgspec.field(default_factory=SearchOptions)
 

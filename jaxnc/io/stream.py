@@ -26,7 +26,7 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
-from jaxnc.types import Inputs
+from jaxnc.types import Inputs, Numbers
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -87,7 +87,7 @@ def stream(
     quantities: Sequence[str] | None = None,
     chunk: int = 65_536,
     hold: Sequence[str] = (),
-    start: Mapping[str, Any] | Motion | None = None,
+    start: Motion | Inputs | None = None,
     branch: Motion | None = None,
     devices: Devices = None,
     progress: bool | None = None,
@@ -215,7 +215,7 @@ def _write_block(
     bar.update(lanes)
 
 
-def _solve_block(system: System, block: Block, chunk: int, settings: Mapping[str, Any]) -> Motion:
+def _solve_block(system: System, block: Block, chunk: int, settings: Mapping[str, object]) -> Motion:
     """Find the poses of a block, which is filled up with its last lane: one shape is compiled."""
     lanes = np.minimum(np.arange(chunk), count_lanes(block) - 1)
     by_order = [{key[2:]: v[lanes] for key, v in block.items() if key[0] == k} for k in "012"]
@@ -246,7 +246,7 @@ def drawing_as_motion(system: System, driven: tuple[str, ...], held: tuple[str, 
     return Motion(system, driven, held, home, (), asked, good, None, None)
 
 
-def _digest(*things: Any) -> str:
+def _digest(*things: object) -> str:
     """Return a checksum of numbers and words, the same in every process."""
     found = hashlib.sha256()
     for leaf in jax.tree.leaves(things):
@@ -321,7 +321,7 @@ def _read_columns(
     return columns, total
 
 
-def _unread(value: Any, what: str) -> Any:
+def _unread(value: object, what: str) -> Numbers:
     """Return an array; one that lies in a file stays there, and its numbers are checked when they are read."""
     return value if isinstance(value, np.ndarray | jax.Array) else array(value, what)
 

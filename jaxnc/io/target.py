@@ -27,7 +27,6 @@ _REMEDIES = {
 
 
 _DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(?![^.])")  # are no files on Windows, whatever follows the dot
-_LONGEST = 120  # bytes of a name: with endings it stays below the 255 that file systems have
 
 
 def stem(name: str, fallback: str = "mechanism") -> str:
@@ -38,7 +37,8 @@ def stem(name: str, fallback: str = "mechanism") -> str:
     """
     name = unicodedata.normalize("NFC", name).lower().encode("utf-8", "replace").decode()
     name = re.sub(r"[^\w.-]+", "-", name).strip("-.") or fallback
-    name = name.encode()[:_LONGEST].decode("utf-8", "ignore").rstrip("-.")
+    # bytes: with endings it stays below the 255 that file systems have
+    name = name.encode()[:120].decode("utf-8", "ignore").rstrip("-.")
     return f"{fallback}-{name}" if _DEVICES.match(name) else name
 
 

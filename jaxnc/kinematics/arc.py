@@ -1,6 +1,6 @@
 """Following a motion by arc length, through dead points; limits of travel of an input."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +31,7 @@ from jaxnc.status import Status
 from jaxnc.system.host import from_jax
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
+from jaxnc.types import Inputs
 
 
 @public
@@ -115,9 +116,7 @@ class Travel(Shown):
 
 @public
 @widened
-def travel(
-    system: System, name: str, hold: Sequence[str] = (), start: Motion | Mapping[str, Any] | None = None
-) -> Travel:
+def travel(system: System, name: str, hold: Sequence[str] = (), start: Motion | Inputs | None = None) -> Travel:
     """Find the dead points and limits of travel of an input.
 
     The drawing's circuit is followed by arc length with nothing driven; where the input turns back, the dead point is
@@ -216,7 +215,7 @@ def circuit(
     between: tuple[float, float] | None = None,
     poses: int = 361,
     hold: Sequence[str] = (),
-    start: Motion | Mapping[str, Any] | None = None,
+    start: Motion | Inputs | None = None,
     unit: str | None = None,
 ) -> Motion:
     """Follow the circuit of a mechanism of one freedom through its dead points, by arc-length continuation.

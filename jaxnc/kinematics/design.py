@@ -8,7 +8,7 @@ function makes of the poses, and nothing else.
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -32,12 +32,9 @@ from jaxnc.system.on_lanes import carrying, columns_on_lanes, needed_inputs, on_
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
 from jaxnc.validate import call_user, function_name
 
-_FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
-_SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
-_CHUNK = 8192  # numbers at a time: poses times changes
 _GEOMETRY = "points", "vectors", "markers", "dimensions"
 
 
@@ -147,12 +144,12 @@ class PoseReading(NamedTuple):
     function: Callable[..., Array]
     fixed: tuple[Hashable, ...]  # all that decides what the function does
     inputs: tuple[str, ...] = ()
-    numbers: tuple[Any, ...] = ()  # of its own, which the design does not change
+    numbers: tuple[AnyArray, ...] = ()  # of its own, which the design does not change
     # Names of what it returns, and how many numbers each has: 0 for a single one. None: one array.
     names: tuple[tuple[str, int], ...] | None = None
     labels: Mapping[str, str] = {}  # what else points and vectors of the mechanism are called
 
-    def by_name(self, columns: Any, stack: Callable[[Any], Any]) -> dict[str, Any]:
+    def by_name(self, columns: Sequence[Numbers] | np.ndarray, stack: Callable) -> dict[str, AnyArray]:
         """Sort the numbers by name; `stack` puts those of one name into an array."""
         out, first = {}, 0
         for name, width in self.names or ():
@@ -170,14 +167,14 @@ def _pick_name(top: Topology, name: str, state: Array, home: Array, markers: Arr
     return Pose(top, markers, state)[name]
 
 
-def read_poses(motion: Motion, asked: PoseReading, by: str | None = None) -> dict[str, Any]:
+def read_poses(motion: Motion, asked: PoseReading, by: str | None = None) -> dict[str, Array]:
     """Read numbers by name ``(...,)``, or several of one name ``(..., k)``, in all poses of a motion.
 
     With an input in `by` their derivatives by it are read instead, the other inputs held. NumPy reads them, unless
     something is traced; then nothing is calculated that they do not need.
     """
     hosted_poses = on_host(np.zeros(()), motion, asked.numbers)
-    q: Any = np.asarray(motion.q) if hosted_poses else motion.q
+    q: AnyArray = np.asarray(motion.q) if hosted_poses else motion.q
     top, width, count = motion.system.topology, q.shape[-1], 1 + len(asked.inputs)
     fixed = (top, *asked.fixed)
     shapes = ((count * width,), (width,), motion.system.parameters.markers.shape, *map(np.shape, asked.numbers))
@@ -197,7 +194,7 @@ def read_poses(motion: Motion, asked: PoseReading, by: str | None = None) -> dic
     return asked.by_name(columns, functools.partial((np if hosted_poses else jnp).stack, axis=-1))
 
 
-def _mixed_slopes(motion: Motion, by: str, second: np.ndarray, name: str) -> Any:
+def _mixed_slopes(motion: Motion, by: str, second: np.ndarray, name: str) -> np.ndarray:
     """Second derivatives of all coordinates by two inputs, from those along the inputs and along their sum."""
     if name == by:
         return second
@@ -210,7 +207,7 @@ def plan_of(motion: Motion, system: System | None = None) -> Plan:
     return plan(system.topology, motion.driven, motion.held, system.degrees_of_freedom)
 
 
-def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> Any:
+def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> AnyArray:
     """Derivatives of all coordinates as inputs change at some paces, the others held; zero where a pose was not found.
 
     Returns:
@@ -273,10 +270,10 @@ class OutputSet:
 
     # Names of points, markers and coordinates, or functions of a motion, by label. A function without a label stands
     # alone, and what it returns is what the outputs are.
-    wanted: tuple[tuple[str, str | Callable[[Motion], Any]], ...]
+    wanted: tuple[tuple[str, str | Callable[[Motion], ArrayLike]], ...]
 
     @staticmethod
-    def of(what: str, given: Any) -> "OutputSet":
+    def of(what: str, given: "str | Callable | Sequence[str] | Mapping[str, str | Callable]") -> "OutputSet":
         """Sort out what a user asks for: a name, a function, or several; `what` is the caller, for messages."""
         if callable(given):
             return OutputSet((("", given),))
@@ -295,7 +292,7 @@ class OutputSet:
         return found.get("", found)
 
     @staticmethod
-    def _call(label: str, output: str | Callable[[Motion], Any], motion: Motion) -> Any:
+    def _call(label: str, output: str | Callable[[Motion], ArrayLike], motion: Motion) -> Array:
         if isinstance(output, str):
             return motion[output]
         what = f"output {label!r}" if label else "outputs="
@@ -344,7 +341,7 @@ class DesignDerivatives:
         self.q = poses.reshape(-1, poses.shape[-1])[self.good].T
 
     def _chunks(self) -> Iterator[np.ndarray]:
-        size = max(1, _CHUNK // (1 + self.count))
+        size = max(1, 8192 // (1 + self.count))  # 8192 numbers at a time: poses times changes
         for first in range(0, len(self.good), size):
             yield np.arange(first, min(first + size, len(self.good)))
 
@@ -356,8 +353,10 @@ class DesignDerivatives:
         exists = np.ones(self.count, bool)
         for lanes in self._chunks():
             size, rest = host.unabsorbed_changes(self.view, self.drawn, self.q[:, lanes])
-            least = _SMALL * np.max(size, axis=1, initial=0.0, keepdims=True)
-            exists &= (rest <= _FITS * np.maximum(size, least)).all(axis=0)
+            # 1e-6 of the largest change of the rows: below, there is nothing to take up
+            least = 1e-6 * np.max(size, axis=1, initial=0.0, keepdims=True)
+            # 1e-8 of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
+            exists &= (rest <= 1e-8 * np.maximum(size, least)).all(axis=0)
         return exists
 
     def of_readings(self, readings: Mapping[str, PoseReading]) -> dict[str, np.ndarray]:
@@ -394,7 +393,7 @@ class DesignDerivatives:
                 out[self.good[lanes], k] = value[..., 1:]
         return out.reshape(*lead, *shape, self.count)
 
-    def of_function(self, output: Callable[[Motion], Any]) -> tuple[dict[str, Array], dict[str, Array]]:
+    def of_function(self, output: Callable[[Motion], ArrayLike]) -> tuple[dict[str, Array], dict[str, Array]]:
         """Outputs and their Jacobian ``(..., variables)``, forward or in reverse, whichever has fewer passes.
 
         Compiled once for each `output` that is equal to another one.
@@ -426,7 +425,7 @@ class DesignDerivatives:
 
 
 def _outputs(
-    output: Callable[[Motion], Any], motion: Motion, at: Array, changes: Array, q: Array, rates: tuple[Array, ...]
+    output: Callable[[Motion], ArrayLike], motion: Motion, at: Array, changes: Array, q: Array, rates: tuple[Array, ...]
 ) -> dict[str, Array]:
     """Outputs of a changed design, with poses and rates that have changed with it."""
     changed = shift_geometry(motion.system, at, changes)
@@ -435,7 +434,7 @@ def _outputs(
 
 @functools.partial(jit, static_argnums=(0, 1))
 def _output_jacobian(
-    output: Callable[[Motion], Any],
+    output: Callable[[Motion], ArrayLike],
     back: bool,
     motion: Motion,
     at: Array,

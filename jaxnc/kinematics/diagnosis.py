@@ -32,7 +32,6 @@ from jaxnc.types import Inputs
 
 _PARTS = tuple((k + 1) / 24 for k in range(24))  # steps by which inputs go beyond their reach, and a gap is closed
 _LENGTHS = ("length", "radius")  # constants whose change is offered
-_NEWTON = 5  # iterations after each step
 _NOT_DRAWN = "  its drawing does not assemble either: diagnose without inputs says why"
 
 
@@ -342,7 +341,7 @@ def _fold(
         [np.repeat(q[None, at], count, axis=0), np.zeros((count, 1)), multiplier / pull[useful, None]], axis=1
     )
     for share in 1.0 - np.array(_PARTS):
-        for _ in range(_NEWTON):
+        for _ in range(5):  # iterations of Newton after each step
             dz = _newton_steps(*equations(z, share), 1e3)
             z = z - unit * dz
             if np.max(np.abs(dz[:, : n + 1])) <= 1e-13:

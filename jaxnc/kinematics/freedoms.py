@@ -9,7 +9,7 @@ be counted, and exchanged for others, one by one.
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,8 +22,10 @@ from jaxnc.system.precision import widened
 from jaxnc.system.system import System, unheld
 from jaxnc.system.topology import JointIndex, Topology
 
+if TYPE_CHECKING:
+    from jaxnc.system.topology import BodyIndex
+
 GROUND = -1
-_RANK = 1e-7  # of the largest singular value
 _STILL = 1e-6  # of the largest velocity
 _LISTED = 6  # names that a sentence gives
 _LOCKING = (Thing.BODY, Thing.JOINT, Thing.RELATION, Thing.CONSTRAINT)
@@ -127,7 +129,7 @@ def undriven_freedoms(system: System) -> list[str]:
     ]
 
 
-def _own_spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | None:
+def _own_spin(system: System, q: np.ndarray, body: "BodyIndex") -> tuple[np.ndarray, str] | None:
     """Find the velocity of all coordinates while one body turns about the line between the joints that hold it."""
     top = system.topology
     if top.dim != 3 or len(body.segments) < 2:
@@ -175,7 +177,7 @@ def matrix_rank(matrix: np.ndarray) -> int:
     if not matrix.size:
         return 0
     values = np.linalg.svd(matrix, compute_uv=False)
-    return int(np.sum(values > _RANK * max(values[0], 1e-300)))
+    return int(np.sum(values > 1e-7 * max(values[0], 1e-300)))  # 1e-7 of the largest singular value is none
 
 
 class Freedoms:

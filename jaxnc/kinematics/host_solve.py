@@ -21,19 +21,6 @@ from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import farthest
 from jaxnc.types import Numbers
 
-_SECONDS = 0.25  # of NumPy's time: what would take longer is worth compiling
-_LANE = 2e-6  # seconds for a pose of the smallest mechanism
-_ELEMENT = 1.5e-7  # and for each element of its Jacobian
-_BY_LU = 2e-5  # seconds for each unknown of a pose that is followed to by sparse LU
-_FOLLOWED = 10.0  # times as long takes a pose that is followed to
-_GUESSED = 50.0  # and one that is assembled from a guess
-_WORTH = 512  # poses that may be worth compiling
-_AGAIN = 0.2  # seconds of compiling that each batch of them is worth at least: who has asked twice will ask again
-_COMPILED = 0.1  # seconds of compiling for each unknown
-_FAR = 1e-2  # of the size: a longer step is none of the shortest, at which a branch ends
-_NEAR = 0.1  # of the size: a solution so near to a guess is the nearest
-
-
 _asked: weakref.WeakKeyDictionary[Plan, float] = weakref.WeakKeyDictionary()  # what batches were worth so far
 
 
@@ -54,15 +41,17 @@ def suits_host(view: Plan, method: str, *given: Any) -> bool:
     count = len(given[0])
     if not is_few(view, method, count):
         return False
-    if count < _WORTH or method == "guess" or is_only_hosts(view, method):
+    if count < 512 or method == "guess" or is_only_hosts(view, method):  # 512 poses may be worth compiling
         return True
-    _asked[view] = _asked.get(view, 0.0) + max(_seconds(view, method, count), _AGAIN)
-    return _asked[view] <= _COMPILED * len(view.unknown)
+    # each batch is worth 0.2 seconds of compiling at least: who has asked twice will ask again
+    _asked[view] = _asked.get(view, 0.0) + max(_seconds(view, method, count), 0.2)
+    return _asked[view] <= 0.1 * len(view.unknown)  # seconds of compiling for each unknown
 
 
 def is_few(view: Plan, method: str, count: int) -> bool:
     """Say whether so many poses are few for the host; see `suits_host`."""
-    return is_only_hosts(view, method) or _seconds(view, method, count) <= _SECONDS
+    # seconds of NumPy's time: what would take longer is worth compiling
+    return is_only_hosts(view, method) or _seconds(view, method, count) <= 0.25
 
 
 def is_only_hosts(view: Plan, method: str) -> bool:
@@ -76,11 +65,14 @@ def is_only_hosts(view: Plan, method: str) -> bool:
 
 def _seconds(view: Plan, method: str, count: int) -> float:
     """Estimate the time that NumPy takes for poses."""
-    lane = _LANE + _ELEMENT * len(view.rows) * len(view.unknown)
+    # seconds for a pose of the smallest mechanism, and for each element of its Jacobian
+    lane = 2e-6 + 1.5e-7 * len(view.rows) * len(view.unknown)
     if by_lu(view) and method != "guess":
-        return count * _BY_LU * len(view.unknown)
+        # 2e-5 seconds for each unknown of a pose that is followed to by sparse LU
+        return count * 2e-5 * len(view.unknown)
     if method == "guess" or (method == "lanes" and len(view.driven) > 1):
-        lane *= _GUESSED if method == "guess" else _FOLLOWED
+        # times as long takes a pose that is assembled from a guess, or followed to
+        lane *= 50.0 if method == "guess" else 10.0
     return count * lane
 
 
@@ -153,7 +145,8 @@ def solve_sequences(
             found.put((..., (again[:, None] * total + place).reshape(-1)), other)
         way = inner.weights[view.known] * np.diff(np.concatenate([turned[view.known][None], known]), axis=0)
         longest = np.abs(way).max(axis=1, initial=0.0).T * inner.least.smallest
-        found.exhausted[(longest > _FAR * np.reshape(inner.eq.length, (-1, 1))).reshape(-1)] = True
+        # 1e-2 of the size: a longer step is none of the shortest, at which a branch ends
+        found.exhausted[(longest > 1e-2 * np.reshape(inner.eq.length, (-1, 1))).reshape(-1)] = True
         status = _status(inner, begin, found, _lost_in_order(found, assembled, total), np.repeat(each[:, 0], total))
     back = (each * total + np.maximum(place - first[:, None], 0)).reshape(-1)
     told = PoseBatch(found.q.T, found.size, found.conditioning, status=status)
@@ -197,7 +190,8 @@ def solve_nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.n
         size, *upright, signs, conditioning = inner.diagnose(q)
         moved = inner.weights * (q - begin)
         good = (size <= inner.tolerance(q)) & upright[0]
-        good &= np.sqrt(np.einsum("nl,nl->l", moved, moved)) <= _NEAR * eq.length
+        # 0.1 of the size: a solution so near to a guess is the nearest
+        good &= np.sqrt(np.einsum("nl,nl->l", moved, moved)) <= 0.1 * eq.length
         if view.square:
             good &= (signs == inner.orientation(begin)).all(axis=0)
         if not good.all():

@@ -27,7 +27,6 @@ from jaxnc.validate import as_array
 
 _SMALL = 65_536  # numbers that are worth having on the host
 _COUNTED = 2**31 - 1  # poses, samples, steps: more are taken for a slip
-_FEW = 1000  # values that show how large steps are
 
 METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 """What the usual length units are in metres."""
@@ -45,7 +44,7 @@ def array(value: object, what: str) -> Any:
     return as_array(value, what, active())
 
 
-def finite(value: Any, what: str) -> None:
+def finite(value: ArrayLike, what: str) -> None:
     """Refuse NaN and infinity in values that are known."""
     if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
         bad = int(np.sum(~np.isfinite(value)))
@@ -83,7 +82,7 @@ def whole(value: float, what: str, least: int = 1, most: int = _COUNTED) -> int:
     return int(value)
 
 
-def check_system(system: Any, what: str) -> None:
+def check_system(system: object, what: str) -> None:
     """Refuse anything but a compiled system outside of traced code, before it fails further down."""
     if not isinstance(system, System):
         kind = type(system).__name__
@@ -184,7 +183,7 @@ def angle_unit(unit: str | None) -> str:
     return unit
 
 
-def in_radians(system: System, unit: str | None, *given: Any) -> tuple[Any, ...]:
+def in_radians(system: System, unit: str | None, *given: object) -> tuple[Any, ...]:
     """Mappings from names to values of inputs or their rates, those of angles in radians.
 
     Given are mappings to numbers, arrays, sequences of them, or functions of time; anything else is left alone. `unit`
@@ -221,7 +220,7 @@ class _InRadians:
         return self.function(t) * (math.pi / 180.0)
 
 
-def doubt_degrees(system: System, unit: str | None, *given: Any) -> None:
+def doubt_degrees(system: System, unit: str | None, *given: object) -> None:
     """Warn where angles that are taken in radians look like degrees; not where `unit` says what they are.
 
     Beyond a turn nobody writes radians in whole numbers, or steps over more than half a turn at a time, or through a
@@ -259,7 +258,8 @@ def _like_degrees(value: object) -> str:
         x = x.astype(float) if x.dtype.kind in "iuf" else np.zeros(0)
     except (TypeError, ValueError):
         return ""
-    if not x.size or not np.abs(x.flat[:: max(1, x.size // _FEW)]).max() > 2.0 * math.pi or not np.isfinite(x).all():
+    # 1000 values show how large steps are
+    if not x.size or not np.abs(x.flat[:: max(1, x.size // 1000)]).max() > 2.0 * math.pi or not np.isfinite(x).all():
         return ""
     if np.all(x == np.round(x)):
         return f"is {x.flat[0]:g}" if x.size == 1 else f"goes in whole numbers from {x.min():g} to {x.max():g}"

@@ -4,6 +4,7 @@ A body is seen from the ground or from another body. All is a function of positi
 lies at infinity, or is not defined because nothing moves, is said by flags, and every number is finite.
 """
 
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -15,15 +16,13 @@ from jaxnc.compiling import on_device
 from jaxnc.errors import InputError, nearest
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.topology import BodyIndex
-from jaxnc.types import Array, Numbers
+from jaxnc.types import AnyArray, Array, Numbers, PyTree
 
 if TYPE_CHECKING:
     from jaxnc.kinematics.motion import Motion
 
 GROUND = "ground"
 """What is no body, and no body may be called."""
-
-_NOISE = 2 / 3  # power of the rounding unit below which a relative rate is none
 
 
 @public
@@ -53,11 +52,11 @@ class InstantMotion(NamedTuple):
     rate: Array
     finite: Array
     moving: Array
-    angular_acceleration: Any = None
-    pole_velocity: Any = None
-    inflection: Any = None
-    acceleration_pole: Any = None
-    accelerating: Any = None
+    angular_acceleration: Array | None = None
+    pole_velocity: AnyArray = None
+    inflection: Array | None = None
+    acceleration_pole: Array | None = None
+    accelerating: AnyArray = None
 
 
 @public
@@ -131,33 +130,33 @@ class Axodes(NamedTuple):
 class BodyState(NamedTuple):
     """A body's reference point and its turning: positions and rates, and how large a rate is none."""
 
-    place: Any  # (..., dim)
-    velocity: Any  # (..., dim)
-    spin: Any  # angular velocity, (...,), in space (..., 3)
-    acceleration: Any  # (..., dim), or None
-    turning: Any  # angular acceleration, as `spin`, or None
-    speed: Any  # sum of the speeds that the velocity is a difference of, (...,)
-    pull: Any  # the same of accelerations, (...,)
-    size: Any  # of the mechanism, a length, by which angles are measured
+    place: AnyArray  # (..., dim)
+    velocity: AnyArray  # (..., dim)
+    spin: AnyArray  # angular velocity, (...,), in space (..., 3)
+    acceleration: AnyArray  # (..., dim), or None
+    turning: AnyArray  # angular acceleration, as `spin`, or None
+    speed: AnyArray  # sum of the speeds that the velocity is a difference of, (...,)
+    pull: AnyArray  # the same of accelerations, (...,)
+    size: AnyArray  # of the mechanism, a length, by which angles are measured
 
 
-def _library_of(*given: Any) -> Any:
+def _library_of(*given: object) -> ModuleType:
     return np if all(isinstance(x, np.ndarray | np.generic) for x in given if x is not None) else jnp
 
 
-def _vector_norm(x: Numbers) -> Any:
+def _vector_norm(x: Numbers) -> AnyArray:
     """Length of vectors, with a finite derivative at zero."""
     numeric, square = _library_of(x), (x * x).sum(axis=-1)
     return numeric.where(square > 0, numeric.sqrt(numeric.where(square > 0, square, 1.0)), 0.0)
 
 
-def _safe_ratio(a: Numbers, b: Numbers, sound: Numbers) -> Any:
+def _safe_ratio(a: Numbers, b: Numbers, sound: Numbers) -> AnyArray:
     """``a / b``, zero where not `sound`."""
     numeric = _library_of(a, b)
     return numeric.where(sound, a / numeric.where(sound, b, 1.0), 0.0)
 
 
-def quarter(x: Numbers) -> Any:
+def quarter(x: Numbers) -> AnyArray:
     """Vectors of the plane ``(..., 2)`` turned by a quarter, anticlockwise."""
     return _library_of(x).stack([-x[..., 1], x[..., 0]], axis=-1)
 
@@ -169,7 +168,7 @@ def cross_spin(spin: Numbers, arm: Numbers) -> Numbers:
 
 def _rounding_share(x: Numbers) -> float:
     """Which share of rates is rounding."""
-    return float(np.finfo(x.dtype).eps) ** _NOISE
+    return float(np.finfo(x.dtype).eps) ** (2 / 3)  # a relative rate below this power of the rounding unit is none
 
 
 def instant_of(state: BodyState) -> InstantMotion:
@@ -200,7 +199,7 @@ def instant_of(state: BodyState) -> InstantMotion:
     )
 
 
-def without_noise(state: BodyState) -> tuple[Any, Any, Any]:
+def without_noise(state: BodyState) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Place, velocity and angular velocity of a body in space, rates set to zero where they are only rounding."""
     numeric, tiny = _library_of(state.velocity, state.spin), _rounding_share(state.velocity)
     turns = (_vector_norm(state.spin) * state.size > tiny * state.speed)[..., None]
@@ -285,11 +284,11 @@ def state_of(motion: "Motion", body: str | None = None, point: str | None = None
     found = None if body is None else body_of(motion, body)
     name = point or top.points[found.points[0] if found else 0]
     second = len(motion.rates) > 1
-    given: list[Any] = [motion[name], motion.velocity(name), motion.acceleration(name) if second else None]
+    given: list[AnyArray] = [motion[name], motion.velocity(name), motion.acceleration(name) if second else None]
     turns = found is not None and (top.dim == 3 or bool(found.segments))  # or keeps the ground's orientation
     if turns and body:
         given += [motion.angular_velocity(body), motion.angular_acceleration(body) if second else None]
-    drawn: Any = motion.system.parameters.points
+    drawn: AnyArray = motion.system.parameters.points
     # Of a large batch, whose poses are JAX's arrays, nothing is compiled either, unless it is traced.
     if on_host(np.zeros(()), given, drawn):
         given, drawn = [None if x is None else np.asarray(x) for x in given], np.asarray(drawn)
@@ -304,20 +303,20 @@ def state_of(motion: "Motion", body: str | None = None, point: str | None = None
     whirl = abs(spin) if top.dim == 2 else _vector_norm(spin)
     speed, pull = _fastest(motion, 1) + whirl * size, None
     if second:
-        rise: Any = abs(turning) if top.dim == 2 else _vector_norm(turning)
+        rise: AnyArray = abs(turning) if top.dim == 2 else _vector_norm(turning)
         pull = _fastest(motion, 2) + (whirl * whirl + rise) * size
     return BodyState(place, velocity, spin, acceleration, turning, speed, pull, size)
 
 
-def _fastest(motion: "Motion", order: int) -> Any:
+def _fastest(motion: "Motion", order: int) -> Numbers:
     """The largest rate of any point, ``(...,)``, of which rounding in the others is a share."""
     top = motion.system.topology
-    rate: Any = motion.rates[order - 1]
+    rate: AnyArray = motion.rates[order - 1]
     rate = np.asarray(rate) if on_host(np.zeros(()), rate) else rate
     return _vector_norm(rate[..., : len(top.points) * top.dim].reshape(*rate.shape[:-1], -1, top.dim)).max(axis=-1)
 
 
-def as_jax(found: Any) -> Any:
+def as_jax(found: PyTree) -> PyTree:
     """Turn NumPy's arrays in a pytree into JAX's; nothing is compiled for them."""
     return jax.tree.map(lambda x: on_device(x) if isinstance(x, np.ndarray | np.generic) else x, found)
 
@@ -372,7 +371,7 @@ def instant_centres(motion: "Motion") -> dict[tuple[str, str], InstantMotion]:
     _require_plane(motion, "instant_centres()", "motion.screw_axis()")
     names = [b.name for b in motion.system.topology.bodies]
     states = {name: state_of(motion, name) for name in names}
-    found: dict[tuple[str, str], Any] = {(name, GROUND): instant_of(states[name]) for name in names}
+    found: dict[tuple[str, str], InstantMotion] = {(name, GROUND): instant_of(states[name]) for name in names}
     for k, other in enumerate(names):
         for name in names[k + 1 :]:
             found[name, other] = instant_of(seen_from(states[name], states[other]))
@@ -422,7 +421,7 @@ def path_curvature(motion: "Motion", point: str, relative_to: str = GROUND) -> P
     return as_jax(curvature_of(state))
 
 
-def _lay_places(motion: "Motion", body: str, places: Any, pose: int) -> Any:
+def _lay_places(motion: "Motion", body: str, places: AnyArray, pose: int) -> AnyArray:
     """Places ``(T, 2)`` that ride on a body, each in its own pose, as they lie in one pose."""
     found, points = body_of(motion, body), motion.system.topology.points
     a = _in_library_of(motion[points[found.points[0]]], places)
@@ -498,7 +497,7 @@ def axodes(motion: "Motion", body: str, relative_to: str = "ground", pose: int =
 
 def _lay_axes(motion: "Motion", body: str, axes: ScrewAxis, pose: int) -> ScrewAxis:
     """Axes that ride on a body, each in its own pose, as they lie in one pose."""
-    given: list[Any] = [motion.position(body), motion.orientation(body), axes.point, axes.direction]
+    given: list[AnyArray] = [motion.position(body), motion.orientation(body), axes.point, axes.direction]
     if on_host(np.zeros(()), given):
         given = [np.asarray(x) for x in given]
     place, turn, point, direction = given
@@ -530,7 +529,7 @@ def transmission_angle(motion: "Motion", start: str, joint: str, end: str) -> Ar
     Returns:
         Angle in 0 … π/2, radians, ``(...,)``.
     """
-    places: list[Any] = [motion[start], motion[joint], motion[end]]
+    places: list[AnyArray] = [motion[start], motion[joint], motion[end]]
     if on_host(motion.poses, places):
         places = [np.asarray(x) for x in places]
     a, b, c = places

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -23,13 +23,13 @@ from jaxnc.system.system import System, drivable, unheld
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
-_CLOSED = 1e-9  # of the size: a drawing with a larger gap does not assemble
-_POSES = 4  # assembled poses at which the rank is taken; the largest counts
+if TYPE_CHECKING:
+    from jaxnc.solvers.assembly import Sample
+
 IDLE = (
     "holds nothing to first order, since its points can move across it only, so that too many freedoms are counted: "
     "replace it by a relation of their coordinates"
 )
-_CHANGE = 0.02  # of the size: a general change of the drawing, to see which redundancies depend on its dimensions
 _PART = 1e-6  # of the largest share of a row in a dependency: less is rounding
 
 
@@ -153,7 +153,7 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
     eq = derive(system)
     if top.large and top.dim == 3:
         dense_only(top, "the mobility report of a spatial mechanism, which names joints,")
-    samples = sample_poses(system, _POSES)
+    samples = sample_poses(system, 4)  # 4 assembled poses at which the rank is taken; the largest counts
     best = max(samples, key=lambda sample: sample.rank)
     matrix, rank = best.jacobian, best.rank
     left = np.abs(np.asarray(evaluate(eq, samples[0].q)[0]))
@@ -240,7 +240,7 @@ def _join_counts(noun: str, numbers: list[int]) -> str:
     return f"{said} {noun}" + ("" if said == "1" else "s")
 
 
-def _slipping(system: System, eq: Equations, sample: Any) -> int:
+def _slipping(system: System, eq: Equations, sample: "Sample") -> int:
     """Count the freedoms that the rows on velocities take away in a pose."""
     top = system.topology
     if not top.rates:
@@ -268,11 +268,12 @@ def _special(system: System, rank: int, by_count: int) -> int:
     for name, scale in (("points", size), ("vectors", 1.0), ("markers", size), ("dimensions", None)):
         leaf = np.asarray(getattr(par, name))
         amount = np.abs(leaf) if scale is None else scale
-        changed[name] = on_device(leaf + _CHANGE * amount * rng.standard_normal(leaf.shape))
+        # 0.02 of the size, a general change of the drawing: which redundancies depend on its dimensions?
+        changed[name] = on_device(leaf + 0.02 * amount * rng.standard_normal(leaf.shape))
     other = replace(system, parameters=replace(par, **changed))
     samples = sample_poses(other, 2)
     general = max(sample.rank for sample in samples)
-    if samples[0].gap > _CLOSED * size:
+    if samples[0].gap > 1e-9 * size:  # 1e-9 of the size: a drawing with a larger gap does not assemble
         return max(1, general - rank, by_count)  # the changed drawing cannot even be assembled
     rigid = general == len(system.topology.unknown)
     return max(0, general - rank, by_count if rigid and general > rank else 0)
@@ -298,7 +299,7 @@ def grubler(topology: Topology) -> int:
     return int(count - sum(joint.freedoms_removed for joint in topology.joints))
 
 
-def _idle(matrix: Any) -> list[int]:
+def _idle(matrix: np.ndarray) -> list[int]:
     """Rows without a slope in a general pose."""
     if not isinstance(matrix, np.ndarray) or not matrix.size:
         return []
@@ -321,7 +322,7 @@ def _dependent_sparse(matrix: Any) -> tuple[list[int], list[int]]:
     return sorted(redundant), involved.tolist()
 
 
-def _dependent(matrix: Any) -> tuple[list[int], list[int]]:
+def _dependent(matrix: np.ndarray) -> tuple[list[int], list[int]]:
     """Find the rows that depend on earlier ones, and all rows that take part in a dependency."""
     if not isinstance(matrix, np.ndarray):
         return _dependent_sparse(matrix)

@@ -379,23 +379,23 @@ class Motion(Drawn):
 
     # -- looking ------------------------------------------------------------------------------------------------
 
-    def plot(self, *names: "str | Sequence[str]", **options: Any):
+    def plot(self, *names: "str | Sequence[str]", **options: object):
         """Plot quantities over the input, or the path of a point; see `jaxnc.viz.plot`."""
         return door("Motion.plot")(self, *names, **options)
 
-    def polygon(self, kind: str = "velocity", **options: Any):
+    def polygon(self, kind: str = "velocity", **options: object):
         """Draw the velocity or the ``"acceleration"`` polygon of a planar mechanism; see `jaxnc.viz.polygon`."""
         return door("Motion.polygon")(self, kind, **options)
 
-    def sheet(self, path: "str | Path | None" = None, **options: Any):
+    def sheet(self, path: "str | Path | None" = None, **options: object):
         """Put drawing, paths, tables and plots on one sheet, for a paper; see `jaxnc.viz.motion_sheet`."""
         return door("Motion.sheet")(self, path, **options)
 
-    def animate(self, path: "str | Path", **options: Any) -> "Path":
+    def animate(self, path: "str | Path", **options: object) -> "Path":
         """Write a GIF or MP4 of the motion; see `jaxnc.viz.animate`."""
         return door("Motion.animate")(self, path, **options)
 
-    def to_html(self, path: "str | Path", **options: Any) -> "Path":
+    def to_html(self, path: "str | Path", **options: object) -> "Path":
         """Write a self-contained page in which the mechanism is dragged and changed; see `jaxnc.viz.to_html`."""
         return door("Motion.to_html")(self, path, **options)
 
@@ -408,7 +408,7 @@ class Motion(Drawn):
         return door("Motion.to_npz")(self, path)
 
     def to_parts(
-        self, folder: "str | Path | None" = None, formats: Sequence[str] = ("dxf", "svg"), **sizes: Any
+        self, folder: "str | Path | None" = None, formats: Sequence[str] = ("dxf", "svg"), **sizes: object
     ) -> "Assembly":
         """Make a planar mechanism of plates, ``width=``, ``pin=``, ``thickness=`` in mm, in layers without collisions.
 

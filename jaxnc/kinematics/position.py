@@ -44,13 +44,10 @@ from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Float, Inputs, Numbers
+from jaxnc.types import AnyArray, Array, ArrayLike, Float, Inputs, Numbers
 from jaxnc.validate import as_real, call_user
 
-_SLIPS = 1e-6  # of the largest rate: below, a motion rolls
-_TRIES = 24  # places of the missing points that are begun from, the drawing's among them
 _ITERATIONS = 60
-_FEW = 64  # guesses that are completed on the host
 _FROM_DRAWING = 1e-4  # of assemblies equally near to what was given, the one nearest to the drawing counts
 
 
@@ -85,7 +82,7 @@ class _Question(NamedTuple):
         )
 
 
-def _with_lead(x: Numbers, shape: tuple[int, ...], own: int = 1) -> Any:
+def _with_lead(x: Numbers, shape: tuple[int, ...], own: int = 1) -> AnyArray:
     """Put an array's last axes, its own, behind other leading axes."""
     wanted = (*shape, *x.shape[x.ndim - own :])
     return x if x.shape == wanted else x.reshape(wanted)
@@ -96,7 +93,7 @@ def _with_lead(x: Numbers, shape: tuple[int, ...], own: int = 1) -> Any:
 def solve_position(
     system: System,
     inputs: Inputs,
-    start: Mapping[str, Any] | Motion | None = None,
+    start: Motion | Inputs | None = None,
     branch: Motion | None = None,
     hold: Sequence[str] = (),
     rates: Inputs | None = None,
@@ -140,7 +137,7 @@ def solve_position(
     question, start = _check_call(system, inputs, hold, rates, accelerations, start, unit)
     view, shape = question.view, question.shape
     eq = derive(system)
-    q0: Any = None  # an earlier pose needs no drawing
+    q0: AnyArray = None  # an earlier pose needs no drawing
     if not isinstance(start, Motion):
         q0 = settle(eq, np.zeros(len(system.topology.coordinates)), repair).q
     count, driven = math.prod(shape), len(view.driven)
@@ -175,7 +172,7 @@ def sweep(
     rates: Inputs | None = None,
     accelerations: Inputs | None = None,
     hold: Sequence[str] = (),
-    start: Motion | Mapping[str, Any] | None = None,
+    start: Motion | Inputs | None = None,
     jerk: bool = False,
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
@@ -225,8 +222,8 @@ def sweep(
 @as_its_system
 def motion(
     system: System,
-    inputs: Mapping[str, Callable | tuple | Any],
-    t: Any,
+    inputs: Mapping[str, Callable | tuple | ArrayLike],
+    t: AnyArray,
     hold: Sequence[str] = (),
     start: Motion | Mapping[str, Any] | None = None,
     jerk: bool = False,
@@ -294,7 +291,7 @@ def _check_call(
     return _Question(system, view, values, _rate_orders(names, shape, rates, accelerations, jerk)), start
 
 
-def _in_time(name: str, data: Any, t: np.ndarray, count: int) -> list[Array]:
+def _in_time(name: str, data: "Callable | tuple | ArrayLike", t: np.ndarray, count: int) -> list[Array]:
     if callable(data):
         what = f"input {name!r}"
         out: list[Array] = []
@@ -340,7 +337,7 @@ def _rate_orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array,
     return (first, second, 0.0 * first) if jerk else (first, second)
 
 
-def _follow_inputs(question: _Question, start: Motion | Mapping[str, Any] | None, repair: bool, throw: bool) -> Motion:
+def _follow_inputs(question: _Question, start: Motion | Inputs | None, repair: bool, throw: bool) -> Motion:
     """Follow a sequence of inputs along one branch."""
     view, eq = question.view, derive(question.system)
     q0 = start_of(question.system, eq, start, repair=repair)
@@ -363,7 +360,8 @@ def _check_rolling(motion: Motion) -> Motion:
     off = np.abs(np.asarray(jax.vmap(lambda q, v: slips(top, constants, q, v))(motion.q, motion.rates[0])))
     off = np.where(np.asarray(motion.status == 0)[:, None], off, 0.0)
     pose, row = np.unravel_index(int(off.argmax()), off.shape)
-    if off[pose, row] > _SLIPS * float(jnp.max(jnp.abs(motion.rates[0]))):
+    # below 1e-6 of the largest rate a motion rolls
+    if off[pose, row] > 1e-6 * float(jnp.max(jnp.abs(motion.rates[0]))):
         raise InputError(
             f"{top.name!r}: the prescribed velocities break {top.rate_rows[row]!r} by {off[pose, row]:.3g} in pose "
             f"{pose}. Positions do not see rows on velocities, so a sweep without rates goes anywhere; prescribe a "
@@ -377,10 +375,10 @@ def _find_poses(
     method: str,
     eq: Equations,
     q0: Array,
-    values: Any,
+    values: AnyArray,
     orders: tuple[Array, ...],
     repair: bool = True,
-    devices: tuple[Any, ...] | None = None,
+    devices: tuple | None = None,
 ) -> PoseBatch:
     """Solve for poses and their rates where they are found soonest; arguments and result as of `traced.analyse_traced`.
 
@@ -489,7 +487,7 @@ def held_as_drawn(
 def start_poses(
     top: Topology,
     eq: Equations,
-    q: Any,
+    q: AnyArray,
     guess: Mapping[str, Any] | Motion,
     known: Mapping[str, Array] | None = None,
     held: Sequence[str] = (),
@@ -524,7 +522,7 @@ def start_poses(
     else:
         q = jnp.broadcast_to(jnp.asarray(q), (*shape, len(top.coordinates)))
 
-    def assign(q: Any, columns: Any, value: Any) -> Any:
+    def assign(q: AnyArray, columns: AnyArray, value: AnyArray) -> AnyArray:
         if not few:
             return q.at[..., columns].set(value)
         q[..., columns] = value
@@ -564,7 +562,7 @@ def _guess_entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], w
 
 def _few_known(top: Topology, given: object, count: int) -> bool:
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
-    return outermost() and not traced and (top.large or count <= _FEW)
+    return outermost() and not traced and (top.large or count <= 64)  # 64 guesses are completed on the host
 
 
 class _Missing(NamedTuple):
@@ -584,7 +582,8 @@ def _missing(top: Topology, sure: tuple[int, ...], given: tuple[int, ...]) -> _M
     scalars = np.array([c for c in range(first, len(top.coordinates)) if c not in given], int)
     points = np.array([c for c in range(first) if not top.fixed[c] and c not in given], int)
     nearly = np.array([c for c in given if c not in sure], int)
-    moved = np.random.default_rng(11).uniform(-1.0, 1.0, (1 if top.large else _TRIES, len(points)))
+    # 24 places of the missing points are begun from, the drawing's among them
+    moved = np.random.default_rng(11).uniform(-1.0, 1.0, (1 if top.large else 24, len(points)))
     moved[0] = 0.0
     beside, whole = (plan(top, (), tuple(top.coordinates[c] for c in w if not top.fixed[c])) for w in (given, sure))
     return _Missing(scalars, points, nearly, moved, beside, whole)

@@ -27,7 +27,6 @@ Output = str | Callable[[Motion], Any]
 Outputs = Output | Sequence[str] | Mapping[str, Output]
 
 _MOST = 12  # rows of a printed table
-_NOTHING = 1e-12  # of the largest derivative: smaller ones are rounding
 
 
 @public
@@ -144,7 +143,8 @@ class Sensitivity(Shown):
             part = block[:, at] * factor + 0.0  # no negative zeros
             size = np.abs(part).max(axis=0)
             order = np.argsort(-size, kind="stable")
-            order = order[size[order] > _NOTHING * size.max()]
+            # 1e-12 of the largest derivative: smaller ones are rounding
+            order = order[size[order] > 1e-12 * size.max()]
             rest, order = order[most:] if most is not None else order[:0], order[:most]
             told = self._with_labels([self.variables[at[k]] for k in order])
             width = max([16, *map(len, told)])

@@ -6,7 +6,7 @@ batches on every device, and nothing is won.
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,10 @@ from jaxnc.errors import InputError, brief
 from jaxnc.remembered import by_identity
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
-from jaxnc.types import Array
+from jaxnc.types import Array, PyTree
+
+if TYPE_CHECKING:
+    from jaxnc.system.equations import Equations
 
 Device: TypeAlias = Any
 """A `jax.Device`, which type checkers do not know as a type."""
@@ -30,7 +33,6 @@ Devices: TypeAlias = str | int | Device | Sequence[Device] | None
 
 _FORMS = '"all", "global", a number, or jax devices such as jax.devices()[:2]'
 _AXIS = "lanes"
-_SMALL = 10_000  # numbers of an array whose copies on other devices are kept as long as it is there
 
 
 @public
@@ -87,7 +89,7 @@ def solve_on(
     devices: tuple[Device, ...],
     view: Plan,
     method: str,
-    eq: Any,
+    eq: "Equations",
     q0: Array,
     values: Array,
     orders: tuple[Array, ...],
@@ -186,7 +188,9 @@ def _batch_length(axes: Sequence[int | None], arguments: Sequence[object]) -> in
     return shapes[0][1][0]
 
 
-def _place_arguments(devices: Sequence[Device], axes: Sequence[int | None], arguments: Sequence[Any]) -> Sequence[Any]:
+def _place_arguments(
+    devices: Sequence[Device], axes: Sequence[int | None], arguments: Sequence[PyTree]
+) -> Sequence[PyTree]:
     """The arguments, where they are known, brought to their devices wherever they were before."""
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
         return arguments
@@ -210,7 +214,8 @@ def _place_arguments(devices: Sequence[Device], axes: Sequence[int | None], argu
 
 def _keeps(leaf: Array) -> bool:
     """Say whether copies of an array, such as the equations have, are kept for the next call: it cannot change."""
-    return isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) == 1 and leaf.size <= _SMALL
+    # copies of 10_000 numbers on other devices are kept as long as the array is there
+    return isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) == 1 and leaf.size <= 10_000
 
 
 @functools.lru_cache(maxsize=16)
@@ -219,7 +224,7 @@ def _everywhere(target: NamedSharding) -> Callable[[Array], Array]:
     return by_identity(lambda leaf: jax.device_put(leaf, target))
 
 
-def _of_all(leaf: Any, target: NamedSharding) -> Array:
+def _of_all(leaf: Array, target: NamedSharding) -> Array:
     """An array that every process has, on its place among the devices of all."""
     if isinstance(leaf, jax.Array) and not leaf.is_fully_addressable:
         return leaf

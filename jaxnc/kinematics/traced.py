@@ -33,16 +33,13 @@ from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import farthest, limits
-from jaxnc.types import Array, Coordinates, Float
+from jaxnc.types import Array, Coordinates, Float, PyTree
 
 _VERY_MANY = 20_000  # poses of a large batch: a faster kernel pays for a longer compilation
 _CHUNK = 64  # lanes at a time: of poses near guesses, and of rates by matrices
-_RATES_CHUNK = 2048  # lanes of rates at a time, by elements that are written out
 _AT_ONCE = 1_000_000  # numbers that are handed to the host together
 _TABLE = 48_000  # numbers of poses that are kept in one table
-_SMALL = 6  # unknowns of a block that is soon compiled
 _LADDER = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # times a power of ten: sizes of programs
-_SERVES = 1.5  # times as many poses as are wanted a program may solve for
 
 _sizes: weakref.WeakKeyDictionary[Plan, dict[str, set[int]]] = weakref.WeakKeyDictionary()  # of compiled programs
 
@@ -189,7 +186,8 @@ def _padded_size(view: Plan, method: str, count: int) -> int:
     programs.
     """
     sizes = _sizes.setdefault(view, {}).setdefault(method, set())
-    made = min((s for s in sizes if count <= s <= _SERVES * count), default=0)
+    # a program may solve for 1.5 times as many poses as are wanted
+    made = min((s for s in sizes if count <= s <= 1.5 * count), default=0)
     if made:
         return made
     digits = 10 ** (len(str(count)) - 1)
@@ -299,7 +297,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         return lax.while_loop(lambda state: ~state[0], repair_all, (everything, found))[1]
 
     def shapes(eq, q, begun, values):
-        def like(*more, dtype=values.dtype) -> Any:
+        def like(*more, dtype=values.dtype) -> jax.ShapeDtypeStruct:
             return jax.ShapeDtypeStruct((*values.shape[:2], *more), dtype)
 
         n = len(plan.unknown)
@@ -324,7 +322,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
 def _sooner_on_host(plan: Plan, method: str, count: int) -> bool:
     """Say whether the host finds all poses of one design: few, of blocks that XLA takes long to compile."""
     blocks = kernel(plan).blocks if writes_out(plan) else []
-    small = blocks and max(len(block.columns) for block in blocks) <= _SMALL
+    small = blocks and max(len(block.columns) for block in blocks) <= 6  # a block of 6 unknowns is soon compiled
     return not small and not _side_by_side(plan, method, count) and host_solve.is_few(plan, method, count)
 
 
@@ -448,7 +446,7 @@ def _repair(
     return jnp.ones((), bool), table[:, :, 0].T[None] if across else table
 
 
-def _to_table(found: PoseBatch, dtype: Any) -> Array:
+def _to_table(found: PoseBatch, dtype: np.dtype) -> Array:
     """Put poses and what became of them into one array, ``(S, columns, T)``."""
     rest = [*found.known, found.size, found.conditioning, found.status.astype(dtype)]
     if not isinstance(found.q, tuple):
@@ -487,14 +485,14 @@ def _ask(plan: Plan, method: str, eq: Equations, q: Array, last: Array | None, a
     )
 
 
-def _give_up(like: Any, *_: Any) -> np.ndarray:
+def _give_up(like: PyTree, *_: object) -> np.ndarray:
     """Answer `_ask` where the user has interrupted the host."""
     found = np.zeros(like.shape, like.dtype)
     found[:, -1] = int(Status.TOO_FAR)
     return found
 
 
-def _follow_lanes(plan: Plan, method: str, eq: Any, start: Any, last: Any, asked: Any, good: Any) -> np.ndarray:
+def _follow_lanes(plan: Plan, method: str, eq: Equations, start: Any, last: Any, asked: Any, good: Any) -> np.ndarray:
     """Answer `_ask` on the host, inside of compiled code: nothing here may call JAX."""
     places = [*plan.unknown, *plan.known]
     if last is not None:
@@ -583,7 +581,8 @@ def lane_rates(
     rates are this function differentiated along the motion.
     """
     if plan.square and writes_out(plan) and q.shape[0] >= fill.LEAST:
-        return in_chunks(functools.partial(_written_out, plan, eq), _RATES_CHUNK, q, tuple(known), ok)
+        # 2048 lanes of rates at a time, by elements that are written out
+        return in_chunks(functools.partial(_written_out, plan, eq), 2048, q, tuple(known), ok)
     one = jax.vmap(lambda *lane: tuple(pose_rates(plan, eq, *lane)))
     return in_chunks(one, _CHUNK, q, tuple(known), ok)
 

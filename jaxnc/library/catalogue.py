@@ -29,7 +29,7 @@ def offer(draw: _Draws) -> _Draws:
     signature = inspect.signature(draw)
 
     @functools.wraps(draw)
-    def draw_checked(*args: Any, **options: Any) -> Mechanism:
+    def draw_checked(*args: object, **options: object) -> Mechanism:
         given = signature.bind(*args, **options)
         given.apply_defaults()
         try:
@@ -44,7 +44,7 @@ def offer(draw: _Draws) -> _Draws:
     return offered
 
 
-def check_dimension(name: str, value: object, kind: object) -> Any:
+def check_dimension(name: str, value: object, kind: object) -> object:
     """Convert a dimension to what its annotation says; None is left where the annotation has it."""
     if type(None) in get_args(kind):
         (kind,) = (k for k in get_args(kind) if k is not type(None))

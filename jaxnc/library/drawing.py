@@ -167,7 +167,7 @@ def check_swing(pivot: Vector, axis: Vector, point: Vector, length: float, names
 
 
 def as_places(
-    given: Mapping[str, object] | None, drawn: Mapping[str, Any], dim: int, argument: str
+    given: Mapping[str, object] | None, drawn: Mapping[str, object], dim: int, argument: str
 ) -> dict[str, Vector]:
     """Convert places that the user moves; `argument` is what the user calls them."""
     out = {}
@@ -178,7 +178,7 @@ def as_places(
     return out
 
 
-def hardpoints(drawn: Places, places: Mapping[str, Any] | None) -> dict[str, Vector]:
+def hardpoints(drawn: Places, places: Mapping[str, object] | None) -> dict[str, Vector]:
     """The default hardpoints of a mechanism, some of them replaced by the user's; directions made unit."""
     out = {name: np.array(value, dtype=float) for name, value in drawn.items()}
     out |= as_places(places, drawn, len(next(iter(out.values()))), "places")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from jaxnc.constraints import Kind, RateKind
     from jaxnc.forces import ForceKind
     from jaxnc.kinematics.motion import Motion
+    from jaxnc.mechanism.model import Body
     from jaxnc.robots import Exported
     from jaxnc.system.system import System
 
@@ -42,7 +43,7 @@ class Acting(Remade):
 
     noun = "force"
     name: str
-    function: Callable[..., Any]
+    function: Callable
 
 
 class Fall(tuple):
@@ -50,7 +51,7 @@ class Fall(tuple):
 
     __slots__ = ()
 
-    def __call__(self, *given: Any, **named: Any) -> NoReturn:
+    def __call__(self, *given: object, **named: object) -> NoReturn:
         """Refuse, in words."""
         raise CallError(
             "gravity is set, not called: m.gravity = (0, -9.81), or (0, 0, -9.81) in space; its length unit is that of "
@@ -100,7 +101,7 @@ class Mechanism(Drawn):
         self.model = record.Model(name=name, dim=dim, description=description, units=units)
         self.kinds: "dict[str, Kind | RateKind]" = {}
         self.force_kinds: dict[str, ForceKind] = {}
-        self.functions: dict[str, tuple[Any, Any]] = {}
+        self.functions: dict[str, tuple[Acting, Any]] = {}
         self.members: dict[tuple[frozenset, frozenset], str] = {}
 
     @property
@@ -890,7 +891,7 @@ class Mechanism(Drawn):
         body: str,
         mass: float,
         com: Place | None = None,
-        inertia: Any = None,
+        inertia: object = None,
         shape: str | None = None,
         size: Sequence[float] = (),
     ) -> str:
@@ -1060,7 +1061,13 @@ class Mechanism(Drawn):
         return self._apply_named("stop", name, start, to, values, ("lower", "upper"))
 
     def _apply_named(
-        self, kind: str, name: str, start: str, to: str | None, values: Mapping[str, Any], optional: Sequence[str] = ()
+        self,
+        kind: str,
+        name: str,
+        start: str,
+        to: str | None,
+        values: Mapping[str, object],
+        optional: Sequence[str] = (),
     ) -> str:
         from jaxnc.forces import CATALOGUE
 
@@ -1069,7 +1076,7 @@ class Mechanism(Drawn):
             return self.apply(name, CATALOGUE[f"coordinate {kind}"], scalars=[start], parameters=given)
         return self.apply(name, CATALOGUE[kind], points=[start, to], parameters=given)
 
-    def force(self, name: str, point: str, value: Any, parameters: Any = None) -> str:
+    def force(self, name: str, point: str, value: object, parameters: object = None) -> str:
         """Add a force on a point.
 
         Args:
@@ -1089,7 +1096,7 @@ class Mechanism(Drawn):
         kind = FORCE if self.model.dim == 2 else FORCE_IN_SPACE
         return self.apply(name, kind, points=[point], parameters=dict(zip(self.axes, place, strict=True)))
 
-    def torque(self, name: str, coordinate: str, value: Any, parameters: Any = None) -> str:
+    def torque(self, name: str, coordinate: str, value: float | Callable, parameters: object = None) -> str:
         """Add an effort on a coordinate: a torque on an angle, a force along a distance (an actuator).
 
         Args:
@@ -1106,7 +1113,7 @@ class Mechanism(Drawn):
 
         return self.apply(name, EFFORT, scalars=[coordinate], parameters={"value": value})
 
-    def load(self, name: str, function: Callable[..., Any], parameters: Any = None) -> str:
+    def load(self, name: str, function: Callable, parameters: object = None) -> str:
         """Add a generalised force of one's own on all coordinates.
 
         Args:
@@ -1315,7 +1322,7 @@ class Mechanism(Drawn):
         return door("Mechanism.to_urdf")(self, path, at)
 
 
-def _as_pair(end: Any) -> Any:
+def _as_pair(end: object) -> Any:
     return tuple(end) if isinstance(end, (list, tuple)) else end
 
 
@@ -1324,7 +1331,7 @@ def _coincident(point: str | None, other: str | None) -> Any:
     return None if point is None and other is None else (point, other)
 
 
-def _body_points(body: Any) -> list[str]:
+def _body_points(body: "Body | list[str]") -> list[str]:
     return body.points if isinstance(body, record.Body) else body
 
 

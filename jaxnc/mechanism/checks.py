@@ -39,7 +39,7 @@ class Checks:
             hint = nearest(name, known) if known else "there are no vectors yet; add one with vector()"
             raise MechanismError(f"{what}: unknown vector {name!r}; {hint}")
 
-    def direction(self, spec: Any, what: str) -> record.Direction:
+    def direction(self, spec: object, what: str) -> record.Direction:
         """Check a direction: the name of a vector, or two different points."""
         if isinstance(spec, str):
             if spec in self.model.all_points:
@@ -51,7 +51,7 @@ class Checks:
             return spec
         return self.line(spec, what)
 
-    def directions(self, specs: Any, what: str) -> tuple[record.Direction, record.Direction]:
+    def directions(self, specs: object, what: str) -> tuple[record.Direction, record.Direction]:
         """Check two directions, one of each body."""
         if isinstance(specs, str) or not isinstance(specs, (tuple, list)) or len(specs) != 2:
             raise MechanismError(
@@ -59,7 +59,7 @@ class Checks:
             )
         return self.direction(specs[0], what), self.direction(specs[1], what)
 
-    def axis_line(self, line: Any, what: str) -> tuple[str, str]:
+    def axis_line(self, line: object, what: str) -> tuple[str, str]:
         """Check a line: two points, or in space a point and a vector."""
         if isinstance(line, str) or not isinstance(line, (tuple, list)) or len(line) != 2:
             raise MechanismError(f"{what}: a line is a point and a vector, or two points; got {brief(line)}")
@@ -183,7 +183,7 @@ class Checks:
             raise MechanismError(f"{what} must be a finite number, at most {LARGEST:g}, got {brief(value)}")
         return number
 
-    def positive(self, value: Any, what: str) -> float:
+    def positive(self, value: object, what: str) -> float:
         """Check a positive number."""
         number = self.finite(value, what)
         if number <= 0:
@@ -201,7 +201,7 @@ class Checks:
         if pair[0] == pair[1]:
             raise MechanismError(f"{what} needs two different points, got {pair[0]!r} twice")
 
-    def line(self, line: Any, what: str) -> tuple[str, str]:
+    def line(self, line: object, what: str) -> tuple[str, str]:
         """Check a line given by two points."""
         if not isinstance(line, (tuple, list)) or len(line) != 2:
             raise MechanismError(f"{what}: a line is given by two points, got {brief(line)}")
@@ -250,7 +250,7 @@ class Checks:
             )
         return number
 
-    def not_negative(self, value: Any, what: str) -> float:
+    def not_negative(self, value: object, what: str) -> float:
         """Check a number that may be zero."""
         number = self.finite(value, what)
         if number < 0:

@@ -11,6 +11,8 @@ import numpy as np
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
+    from jax.extend.core import JaxprEqn
+
     from jaxnc.reading.trace import Reader
 
 Nodes = np.ndarray
@@ -29,7 +31,7 @@ class OutOfRange(IndexError):
     """An index beyond an array, which JAX would move to the array's end in silence."""
 
 
-def evaluate_equation(eqn: Any, values: Sequence[np.ndarray]) -> list[Array]:
+def evaluate_equation(eqn: "JaxprEqn", values: Sequence[np.ndarray]) -> list[Array]:
     """Results of an equation whose arguments are known, as JAX has them."""
     with jax.ensure_compile_time_eval():
         out = eqn.primitive.bind(*values, **eqn.params)
@@ -45,7 +47,7 @@ def _integer_power(r: "Reader", x: Nodes, power: int) -> Nodes:
     return r.each("power", x, value=power)
 
 
-def _pow(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
+def _pow(r: "Reader", eqn: "JaxprEqn", x: Nodes, y: Nodes) -> Nodes:
     """A power; an exponent that is an integer must be known."""
     base, exponent = eqn.invars
     if r.type_of(exponent) == "f":
@@ -58,7 +60,7 @@ def _pow(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
     return np.array([int(_integer_power(r, i[None], n)[0]) for i, n in each], dtype=int).reshape(x.shape)
 
 
-def _round_number(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+def _round_number(r: "Reader", eqn: "JaxprEqn", x: Nodes) -> Nodes:
     if int(eqn.params["rounding_method"]) == 1:  # to the nearest even number
         return r.each("round", x)
     size = r.each("abs", x)
@@ -68,7 +70,7 @@ def _round_number(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
     return r.each("mul", r.each("sign", x), away)
 
 
-def _convert(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+def _convert(r: "Reader", eqn: "JaxprEqn", x: Nodes) -> Nodes:
     before, after = r.type_of(eqn.invars[0]), r.type_of(eqn.outvars[0])
     if before == "f" and after == "i":  # of any size, or none
         raise Unreadable("convert_element_type from a float to an integer")
@@ -77,7 +79,7 @@ def _convert(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
     return r.each("float", x) if before == "b" and after != "b" else x
 
 
-def _select(r: "Reader", eqn: Any, which: Nodes, *cases: Nodes) -> Nodes:
+def _select(r: "Reader", eqn: "JaxprEqn", which: Nodes, *cases: Nodes) -> Nodes:
     if r.type_of(eqn.invars[0]) == "b" and len(cases) > 1:
         return r.each("select", which, *cases[::-1])
     return _by_number(r, which, cases)
@@ -91,7 +93,7 @@ def _by_number(r: "Reader", which: Nodes, cases: Sequence[Nodes]) -> Nodes:
     return out
 
 
-def _branches(r: "Reader", eqn: Any, index: Nodes, *x: Nodes) -> list[Nodes]:
+def _branches(r: "Reader", eqn: "JaxprEqn", index: Nodes, *x: Nodes) -> list[Nodes]:
     """All branches, of which one is selected: they have no effects."""
     known, branches = r.known(index, eqn.invars[0]), eqn.params["branches"]
     if known is not None:
@@ -108,7 +110,7 @@ def _rows_along(x: Nodes, axes: Sequence[int]) -> tuple[list[list[int]], list[in
 
 
 def _reduction(op: str) -> Callable[..., Nodes]:
-    def read(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+    def read(r: "Reader", eqn: "JaxprEqn", x: Nodes) -> Nodes:
         if not x.size:
             raise Unreadable(f"{op} of nothing")
         rows, left = _rows_along(x, eqn.params["axes"])
@@ -118,7 +120,7 @@ def _reduction(op: str) -> Callable[..., Nodes]:
 
 
 def _cumulation(op: str) -> Callable[..., Nodes]:
-    def read(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+    def read(r: "Reader", eqn: "JaxprEqn", x: Nodes) -> Nodes:
         axis, back = eqn.params["axis"], slice(None, None, -1 if eqn.params["reverse"] else 1)
         out = np.moveaxis(np.array(x), axis, 0)[back]
         for k in range(1, len(out)):
@@ -131,7 +133,7 @@ def _cumulation(op: str) -> Callable[..., Nodes]:
 def _extreme(op: str) -> Callable[..., Nodes]:
     """The first place of the largest number, or of the smallest."""
 
-    def read(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+    def read(r: "Reader", eqn: "JaxprEqn", x: Nodes) -> Nodes:
         rows, left = _rows_along(x, eqn.params["axes"])
         out = []
         for best, *rest in rows:
@@ -145,7 +147,7 @@ def _extreme(op: str) -> Callable[..., Nodes]:
     return read
 
 
-def _sort(r: "Reader", eqn: Any, *x: Nodes) -> list[Nodes]:
+def _sort(r: "Reader", eqn: "JaxprEqn", *x: Nodes) -> list[Nodes]:
     """Exchange neighbours where the later one comes first; all arrays go with the keys, which are the first."""
     axis, keys = eqn.params["dimension"], eqn.params["num_keys"]
     out = [list(np.moveaxis(a, axis, 0)) for a in x]
@@ -160,7 +162,7 @@ def _sort(r: "Reader", eqn: Any, *x: Nodes) -> list[Nodes]:
     return [np.moveaxis(np.stack(a), 0, axis) if a else b for a, b in zip(out, x, strict=True)]
 
 
-def _dot_general(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
+def _dot_general(r: "Reader", eqn: "JaxprEqn", x: Nodes, y: Nodes) -> Nodes:
     (cx, cy), (bx, by) = eqn.params["dimension_numbers"]
     free_x = [k for k in range(x.ndim) if k not in (*cx, *bx)]
     free_y = [k for k in range(y.ndim) if k not in (*cy, *by)]
@@ -177,20 +179,22 @@ def _dot_general(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
     return np.array(out, dtype=int).reshape(shape)
 
 
-def _broadcast_array(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+def _broadcast_array(r: "Reader", eqn: "JaxprEqn", x: Nodes) -> Nodes:
     shape = [1] * len(eqn.params["shape"])
     for k, d in enumerate(eqn.params["broadcast_dimensions"]):
         shape[d] = x.shape[k]
     return np.broadcast_to(x.reshape(shape), eqn.params["shape"])
 
 
-def _slice(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+def _slice(r: "Reader", eqn: "JaxprEqn", x: Nodes) -> Nodes:
     p = eqn.params
     strides = p["strides"] or (1,) * x.ndim
     return x[tuple(slice(*s) for s in zip(p["start_indices"], p["limit_indices"], strides, strict=True))]
 
 
-def _windows(x: Nodes, indices: np.ndarray, sizes: Sequence[int], dims: Sequence[Any], clip: bool, fill: int) -> Nodes:
+def _windows(
+    x: Nodes, indices: np.ndarray, sizes: Sequence[int], dims: Sequence[Sequence[int]], clip: bool, fill: int
+) -> Nodes:
     """Parts of an array that begin at indices ``(..., index)``, as XLA gathers them; `fill` for one that leaves it.
 
     `dims` are the axes of an index's part in the result, those of the array that the result does not have, those that
@@ -220,7 +224,7 @@ def _dynamic_slice(x: Nodes, *start: np.ndarray, **params: Any) -> Nodes:
     return x[tuple(slice(int(s), int(s) + n) for s, n in zip(start, params["slice_sizes"], strict=True))]
 
 
-def _dynamic_update(x: Nodes, update: Nodes, *start: np.ndarray, **_: Any) -> Nodes:
+def _dynamic_update(x: Nodes, update: Nodes, *start: np.ndarray, **_: object) -> Nodes:
     begin = [int(np.clip(s, 0, n - m)) for s, n, m in zip(start, x.shape, update.shape, strict=True)]
     out = np.array(x)
     out[tuple(slice(s, s + m) for s, m in zip(begin, update.shape, strict=True))] = update
@@ -251,7 +255,7 @@ _MOVES: dict[str, Callable[..., Nodes]] = {
 def _movement(*arrays: int) -> Callable[..., Nodes]:
     """An operation that moves numbers of some arrays by indices, which are known: done to places of nodes."""
 
-    def read(r: "Reader", eqn: Any, *x: Nodes) -> Nodes:
+    def read(r: "Reader", eqn: "JaxprEqn", *x: Nodes) -> Nodes:
         given, params = [], eqn.params
         for k, (v, a) in enumerate(zip(eqn.invars, x, strict=True)):
             index = a.astype(np.int32) if k in arrays else r.known(a, v)
@@ -278,7 +282,7 @@ def _movement(*arrays: int) -> Callable[..., Nodes]:
     return read
 
 
-def _scatter_add(r: "Reader", eqn: Any, x: Nodes, indices: Nodes, updates: Nodes) -> Nodes:
+def _scatter_add(r: "Reader", eqn: "JaxprEqn", x: Nodes, indices: Nodes, updates: Nodes) -> Nodes:
     """Numbers added to places that are known, each to that which would be gathered for it."""
     at = r.known(indices, eqn.invars[1])
     if at is None or r.type_of(eqn.invars[0]) != "f":

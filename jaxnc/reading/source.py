@@ -7,11 +7,14 @@ and for Python's own numbers, with the functions of `math`.
 import math
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxnc.reading.program import Program
+
+if TYPE_CHECKING:
+    from jaxnc.solvers.rows import Numerics
 
 _BINARY = {
     "add": "+",
@@ -73,7 +76,7 @@ _OF_NUMBERS: dict[str, Callable] = {
 _OF_NUMBERS |= {name: getattr(math, name) for name in _CALLED if name not in _OF_NUMBERS}
 
 
-def function(program: Program, xp: Any = np) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+def function(program: Program, xp: "Numerics" = np) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
     """Compile the program to a function from a sequence of its inputs to a tuple of its outputs.
 
     `xp` is where its functions are found: NumPy, ``jax.numpy`` for a program that is traced, or `math` for numbers of

@@ -8,13 +8,16 @@ the operation depends on no input: then JAX evaluates it, with types of its own.
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 
 from jaxnc.reading.operations import CALLED, READINGS, RULED, WRITTEN_OUT, Nodes, Unreadable, evaluate_equation
 from jaxnc.reading.program import Builder, Program
+
+if TYPE_CHECKING:
+    from jax.extend.core import JaxprEqn
 
 _UNREAD = "unread"
 _EXACT = 2**53  # larger integers are no floats
@@ -107,7 +110,7 @@ class Reader:
             self.read(*_open_jaxpr(inner), [self._unread(why, v) for v in _open_jaxpr(inner)[0].invars])
         return [self._unread(why, v) for v in eqn.outvars]
 
-    def _known_inputs(self, eqn: Any, x: list[Nodes]) -> list[np.ndarray] | None:
+    def _known_inputs(self, eqn: "JaxprEqn", x: list[Nodes]) -> list[np.ndarray] | None:
         known: Any = [self.known(a, v) for a, v in zip(x, eqn.invars, strict=True)]
         return None if any(k is None for k in known) else known
 
@@ -155,7 +158,7 @@ class Reader:
         return found
 
 
-def _bounds_at_corners(f: Callable[[Any, Any], Any]) -> Callable[..., tuple[float, float]]:
+def _bounds_at_corners(f: Callable) -> Callable[..., tuple[float, float]]:
     def bounds(x: tuple[float, float], y: tuple[float, float]) -> tuple[float, float]:
         ends = [f(a, b) for a in x for b in y]
         return min(ends), max(ends)
@@ -178,7 +181,7 @@ _BOUNDS: dict[str, Callable[..., tuple[float, float]]] = {
 """Bounds of an operation's result from those of what it takes."""
 
 
-def _inner_jaxprs(values: Iterable[Any]) -> Iterator[Any]:
+def _inner_jaxprs(values: Iterable) -> Iterator:
     """Yield the jaxprs that an equation has among its parameters."""
     for value in values:
         if isinstance(value, tuple | list):
@@ -187,7 +190,7 @@ def _inner_jaxprs(values: Iterable[Any]) -> Iterator[Any]:
             yield value
 
 
-def _written_out(eqn: Any) -> str | None:
+def _written_out(eqn: "JaxprEqn") -> str | None:
     """Return the operation that an equation writes out for XLA, within its rule for derivatives or without."""
     name = eqn.primitive.name
     if name in RULED:

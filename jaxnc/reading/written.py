@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.reading.program import Builder, Program
+from jaxnc.types import Scalar
 
 _PLAIN = bool | int | float | np.bool_ | np.integer | np.floating
 
@@ -19,7 +20,7 @@ _LOGICAL = {"and", "or", "not"}
 _TRUTHS = {"lt", "le", "gt", "ge", "eq", "ne", "finite", *_LOGICAL}
 
 
-def _operator(op: str, turned: bool = False) -> Callable[[Any, Any], Any]:
+def _operator(op: str, turned: bool = False) -> Callable:
     return lambda number, other: number._with(op, other, turned)
 
 
@@ -43,7 +44,7 @@ class Number:
         """True if the node is a truth value, and no number."""
         return _truth(self._builder, self._at)
 
-    def apply(self, op: str, *others: Any, value: Any = None) -> "Number":
+    def apply(self, op: str, *others: object, value: Any = None) -> "Number":
         """Apply an operation to the number and others, by the name that programs have for it."""
         b = self._builder
         at = (self._at, *(_node_of(b, x) for x in others))
@@ -53,7 +54,7 @@ class Number:
             raise TypeError(f"{op} of numbers and truth values")
         return Number(b, b.op(op, *at, value=value))
 
-    def _with(self, op: str, other: Any, turned: bool = False) -> Any:
+    def _with(self, op: str, other: object, turned: bool = False) -> Any:
         if not isinstance(other, Number | _PLAIN):
             return NotImplemented
         if turned:
@@ -69,7 +70,7 @@ class Number:
     __and__ = __rand__ = _operator("and")
     __or__ = __ror__ = _operator("or")
 
-    def __pow__(self, power: int) -> Any:
+    def __pow__(self, power: int) -> Scalar:
         if isinstance(power, bool) or not isinstance(power, int):
             return self._with("pow", power)
         if power in (0, 1):
@@ -96,7 +97,7 @@ def _truth(builder: Builder, at: int) -> bool:
     return op in _TRUTHS or (op == "number" and isinstance(value[1], bool))
 
 
-def _node_of(builder: Builder, value: Any) -> int:
+def _node_of(builder: Builder, value: object) -> int:
     if isinstance(value, Number):
         return value._at
     if not isinstance(value, _PLAIN):
@@ -104,7 +105,7 @@ def _node_of(builder: Builder, value: Any) -> int:
     return builder.number(bool(value) if isinstance(value, bool | np.bool_) else float(value))
 
 
-def write(f: Callable[..., Any], count: int) -> Program:
+def write(f: Callable, count: int) -> Program:
     """Write the program of a function of plain numbers that gets by with arithmetic; a TypeError for what does not."""
     b = Builder(count)
     found = f(*(Number(b, at) for at in b.first))

@@ -21,8 +21,6 @@ from jaxnc.status import Status
 from jaxnc.system.identity import Thing
 from jaxnc.system.system import System, characteristic_length, drivable
 
-_FAR = 0.02  # of the mechanism's size: a drawing that is moved further to assemble is worth a warning
-
 
 def parts(mechanism: Mechanism) -> Iterator[str]:
     """List the parts of a mechanism, kind by kind."""
@@ -227,7 +225,8 @@ def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Fin
         yield Finding(code="unused", level="warning", text=text, names=ground)
     pose, home = np.asarray(settle(derive(system), np.zeros(len(top.coordinates))).q), np.asarray(derive(system).home)
     moved = np.abs(pose - home)[: len(top.points) * top.dim].reshape(-1, top.dim).max(axis=1)
-    if moved.max(initial=0.0) > _FAR * float(characteristic_length(system.parameters.points)):
+    # 0.02 of the mechanism's size: a drawing that is moved further to assemble is worth a warning
+    if moved.max(initial=0.0) > 0.02 * float(characteristic_length(system.parameters.points)):
         name = top.points[int(moved.argmax())]
         text = (
             f"the drawing does not fit its dimensions: to assemble, {name!r} is moved by {moved.max():.3g} "

@@ -15,8 +15,6 @@ from jaxnc.viz.svg import element, path_data
 _WIDTH, _HEIGHT = 460.0, 190.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 54.0, 10.0, 22.0, 34.0
 _DASHES = ("", "6 3", "2 2.5", "8 2 2 2")
-_TICKS = 6
-_POINTS = 400  # of a curve, at most
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ def chart(x: np.ndarray, name: str, unit: str, curves: Sequence[Curve], level: f
         parts.append(element("rect", class_="failed", x=at, y=_TOP, width=width, height=ground - _TOP))
     if level is not None:
         stroke("level", f"M{_LEFT} {place(x.min(), level)[1]:.1f}H{right}")
-    keep = np.unique(np.linspace(0, len(x) - 1, min(len(x), _POINTS)).astype(int))
+    keep = np.unique(np.linspace(0, len(x) - 1, min(len(x), 400)).astype(int))  # 400 points of a curve, at most
     at = _LEFT
     for k, curve in enumerate(curves):
         look = {"stroke": f"var(--body-{k % 10})", "stroke_dasharray": _DASHES[k % 4]}
@@ -100,7 +98,7 @@ def ticks(low: float, high: float, turns: bool = False) -> list[float]:
     ]
     if turns and span > 60:
         steps = [15.0, 30.0, 45.0, 60.0, 90.0, 180.0, 360.0, 720.0, 1440.0, *(s for s in steps if s > 1440)]
-    step = next((s for s in steps if span / s <= _TICKS + 0.01), steps[-1])
+    step = next((s for s in steps if span / s <= 6.01), steps[-1])
     first = math.ceil(low / step - 1e-9)
     return [k * step for k in range(first, math.floor(high / step + 1e-9) + 1)]
 

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 CROSSING = "Branches cross there: places are known to half of the digits, rates are not, and tables leave them blank."
 
 _RACK_TRAVEL, _RACK_POSES = 60e-3, 41  # how far the rack is moved either way, metres, and in how many poses
-_MOST = 6  # quantities that are reported where none is named
 
 
 def outputs_of(motion: Motion, named: Sequence[str] = ()) -> list[str]:
@@ -38,7 +37,7 @@ def outputs_of(motion: Motion, named: Sequence[str] = ()) -> list[str]:
     top, driven = motion.system.topology, motion.driven
     moving = [p for i, p in enumerate(top.points) if not all(top.fixed[i * top.dim : (i + 1) * top.dim])]
     chosen = [s for s in top.scalars if s not in driven] + [m.name for m in top.markers]
-    return (chosen or moving)[:_MOST]
+    return (chosen or moving)[:6]  # 6 quantities are reported where none is named
 
 
 def idle(q: Quantity, scale: float) -> bool:

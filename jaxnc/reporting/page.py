@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 _LINES = 4  # curves in one chart
 _LABEL = 36  # letters of what a chart has room for
 _WHEEL = ("steer", "toe", "camber", "caster", "half_track_change", "toe_out_in_turns", "scrub_radius")
-_DIGITS_OF = 3  # poses whose digits are listed
 _SAID = {"error": "wrong", "warning": "warning", "note": "note"}
 
 
@@ -414,7 +413,8 @@ def _digits(motion: Motion) -> list[list[str]]:
     good = np.flatnonzero(np.asarray(motion.converged).reshape(-1))
     if not len(good):
         return []
-    chosen = list(dict.fromkeys(good[[0, len(good) // 3, 2 * len(good) // 3, -1]].tolist()))[:_DIGITS_OF]
+    # the digits of 3 poses are listed
+    chosen = list(dict.fromkeys(good[[0, len(good) // 3, 2 * len(good) // 3, -1]].tolist()))[:3]
     q = np.asarray(motion.q).reshape(-1, len(top.coordinates))
     moving = [k >= len(top.fixed) or not top.fixed[k] for k in range(len(top.coordinates))]
     names = [n for n in (*top.scalars, *top.coordinates[: -len(top.scalars) or None]) if moving[top.position[n]]]

@@ -14,8 +14,6 @@ from jaxnc.system.topology import Topology
 ZERO = 1e-9
 """Of the largest number of its kind: what is smaller is rounding, and is shown as zero."""
 
-_PEAKS = 24  # peaks of forces that are listed
-
 
 @public
 @dataclass(frozen=True)
@@ -209,7 +207,7 @@ def forces(motion: Motion) -> Forces | None:
         values = np.where(good, np.asarray(found.power), np.nan)
         power = Quantity("power", "W", values, float(np.nanmax(np.abs(values))))
     peaks = sorted(_peaks(found.reactions.all(), good), key=lambda p: -p.force)
-    return Forces(motion, resting, tuple(efforts), power, tuple(peaks[:_PEAKS]))
+    return Forces(motion, resting, tuple(efforts), power, tuple(peaks[:24]))  # peaks of forces that are listed
 
 
 def _peaks(wrenches: dict, good: np.ndarray) -> Iterator[Peak]:

@@ -50,9 +50,6 @@ from jaxnc.system.system import System
 from jaxnc.vehicle.report import SuspensionReport
 from jaxnc.viz.draft import POSES, whole_range
 
-_LOOKED = 73  # poses at most at which derivatives are taken
-_MOST = 12  # derivatives of an output that are listed
-
 
 @public
 @dataclass(frozen=True)
@@ -181,7 +178,7 @@ def report(
     return made
 
 
-def _system(thing: Any) -> System:
+def _system(thing: object) -> System:
     system = thing.system if isinstance(thing, Motion) else thing
     if not isinstance(system, System):
         raise InputError(f"report() is of a Mechanism, a System or a Motion; got {type(thing).__name__}")
@@ -325,7 +322,8 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
     if motion.system.topology.large:
         return None
     good = np.flatnonzero(np.asarray(motion.converged))
-    chosen = good[np.unique(np.linspace(0, len(good) - 1, min(_LOOKED, len(good))).astype(int))]
+    # derivatives are taken at 73 poses at most
+    chosen = good[np.unique(np.linspace(0, len(good) - 1, min(73, len(good))).astype(int))]
     some = motion.pose(chosen)
     try:
         found = sensitivity(some, list(names), throw=False)
@@ -337,7 +335,8 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
         block = found[name].reshape(len(chosen), -1, len(found.variables))
         size = np.linalg.norm(block, axis=1) if block.shape[1] > 1 else np.abs(block[:, 0])
         most = size.max(axis=0)
-        for k in [int(k) for k in np.argsort(-most, kind="stable") if most[k] > ZERO * most.max()][:_MOST]:
+        # 12 derivatives of an output are listed
+        for k in [int(k) for k in np.argsort(-most, kind="stable") if most[k] > ZERO * most.max()][:12]:
             pose = int(size[:, k].argmax())
             below = found.variable_units[k]
             angle = below == "rad" and motion.system.topology.angle_unit == "deg"

@@ -296,7 +296,7 @@ class Verdict(_Record):
 
 
 @public
-def schema() -> dict[str, Any]:
+def schema() -> dict[str, object]:
     """Make the JSON Schema (draft 2020-12) of a verdict from the records above."""
     found = msgspec.json.schema(Verdict)
     for part in found.get("$defs", {}).values():
@@ -311,7 +311,7 @@ def number(value: Any) -> float | None:
     return None if value is None or not math.isfinite(float(value)) else float(value)
 
 
-def _finite(value: object) -> Any:
+def _finite(value: object) -> object:
     """Replace what is not finite by None, on all levels."""
     if isinstance(value, Mapping):
         return {k: _finite(v) for k, v in value.items()}

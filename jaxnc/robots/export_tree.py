@@ -28,8 +28,6 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.system.frames import marker_along
 from jaxnc.system.system import System
 
-_LIGHT = 1e-6  # of the mean mass: what links get that have none, where others do
-_FLAT = 1e-9  # of the largest moment: below this a link has no inertia about an axis
 _ROUND = 1e-10
 _SPIN = 1e-2  # of the largest moment: what a bar gets about its own line
 
@@ -288,7 +286,8 @@ class ExportTree:
                 what = f"links have that of their capsules, {self.density:.4g} kg a cubic unit of length"
                 notes.append(f"no body has a mass: {what}")
             return
-        light = _LIGHT * float(np.mean([i.mass for i in known]))
+        # 1e-6 of the mean mass get links that have none, where others do
+        light = 1e-6 * float(np.mean([i.mass for i in known]))
         for link in self.links[1:]:
             if link.inertia is None:
                 link.inertia = Inertia(light, link.origin, light * (0.1 * self.size) ** 2 * np.eye(3))
@@ -350,7 +349,7 @@ class ExportTree:
             inertia.tensor = inertia.mass * (1e-3 * self.size) ** 2 * np.eye(3)
             what = "is a point mass: it is given the inertia of a small ball, since no link may be without"
             self.description.notes.append(f"link {name!r} {what}")
-        elif values[0] < _FLAT * largest:
+        elif values[0] < 1e-9 * largest:  # the link has no inertia about an axis
             inertia.tensor = (axes * np.maximum(values, _SPIN * largest)) @ axes.T
             what = f"has no inertia about its own line: it is given {_SPIN:g} of that across it"
             self.description.notes.append(f"link {name!r} {what}")

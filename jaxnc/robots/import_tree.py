@@ -23,9 +23,7 @@ from jaxnc.robots.description import (
     perpendicular,
 )
 
-_PARALLEL = 1e-9  # sine of an angle below which axes are one direction
 _CLEAR = 0.2  # sine from which a direction is good to count an angle by
-_SAME = 1e-9  # of the robot's size: places that are one
 
 Direction = str | tuple[str, str]
 """A vector, or two points."""
@@ -173,7 +171,7 @@ class ImportTree:
         if joint.kind == "ball":
             child.hold(at)
             return at, "", at
-        parallel = (v for v in parent.vectors if self._sine(v, joint.axis) < _PARALLEL)
+        parallel = (v for v in parent.vectors if self._sine(v, joint.axis) < 1e-9)  # axes are one direction
         axis = next(parallel, None) or self._vector(f"{joint.name} axis", joint.axis, parent)
         child.hold(vector=axis)
         if joint.kind == "hinge":
@@ -192,7 +190,7 @@ class ImportTree:
         return 1.0 if self.directions[self.anchors[joint.name].axis] @ joint.axis > 0 else -1.0
 
     def _near(self, a: Vec, b: Vec) -> bool:
-        return bool(np.linalg.norm(a - b) <= _SAME * self.size)
+        return bool(np.linalg.norm(a - b) <= 1e-9 * self.size)  # 1e-9 of the robot's size: places that are one
 
     def _sine(self, vector: str, direction: Vec) -> float:
         return float(np.linalg.norm(np.cross(self.directions[vector], direction)))
@@ -264,7 +262,7 @@ class ImportTree:
         spans = [d for _, d in self._spans(rigid)]
         return max((float(np.linalg.norm(np.cross(a, b))) for a, b in combinations(spans, 2)), default=0.0) <= _CLEAR
 
-    def _angle(self, joint: ElementaryJoint) -> tuple[str, dict[str, Any]]:
+    def _angle(self, joint: ElementaryJoint) -> tuple[str, dict]:
         """Choose how a hinge's angle is measured, from a direction of its parent to one of its child."""
         anchor = self.anchors[joint.name]
         start, to = (self._zero(joint, self.rigids[k]) for k in (anchor.before, anchor.after))

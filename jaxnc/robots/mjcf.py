@@ -484,7 +484,7 @@ class MjcfWriter:
         """Make a spatial tendon through sites, if it is not there."""
         return self._tendon("spatial", name, "site", [{"site": point} for point in points])
 
-    def _tendon(self, kind: str, name: str, tag: str, pieces: list[dict[str, Any]]) -> ET.Element:
+    def _tendon(self, kind: str, name: str, tag: str, pieces: list[dict]) -> ET.Element:
         tendon = next((t for t in self.tendons if t.get("name") == xml_text(name)), None)
         if tendon is None:
             tendon = add_element(self.tendons, kind, name=name)
@@ -588,7 +588,7 @@ class MjcfWriter:
             element.set(key, xml_text((free - home) / factor))
 
 
-def add_element(parent: ET.Element, tag: str, **attributes: Any) -> ET.Element:
+def add_element(parent: ET.Element, tag: str, **attributes: object) -> ET.Element:
     """Add an element to another, its attributes texts or numbers."""
     return ET.SubElement(parent, tag, {key: xml_text(value) for key, value in attributes.items()})
 

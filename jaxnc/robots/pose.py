@@ -12,8 +12,6 @@ from jaxnc.system.frames import quaternions
 if TYPE_CHECKING:
     from jaxnc.robots.export_tree import TreeLink
 
-_SMALL = 1e-12
-
 
 class TreePose:
     """A pose of a mechanism in space: places of points, directions of vectors, rotations of parts from home.
@@ -65,7 +63,7 @@ class TreePose:
 def _least_turn(a: Vec, b: Vec) -> np.ndarray:
     """Return the smallest rotation that takes one unit vector to another."""
     c, v = float(a @ b), np.cross(a, b)
-    if c < -1.0 + _SMALL:  # half a turn, about anything across
+    if c < -1.0 + 1e-12:  # half a turn, about anything across
         u = perpendicular(a)
         return 2.0 * np.outer(u, u) - np.eye(3)
     x = cross_matrix(v)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
@@ -19,13 +20,11 @@ from jaxnc.solvers.assembly import derive, rank_of, sample_poses
 from jaxnc.system.frames import quaternions
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.system import System
-from jaxnc.types import Array, Float, Numbers
+from jaxnc.types import Array, ArrayLike, Float, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.robots.mjcf import MjcfFile
     from jaxnc.robots.urdf import UrdfFile
-
-_RISES = 1e-6  # of a null space: what a coordinate must still move to be taken for an input
 
 
 @public
@@ -81,14 +80,15 @@ class Robot:
             if len(chosen) == len(null):
                 break
             at = [top.position[c] for c in (*chosen, name)]
-            if np.linalg.svd(moves[:, at], compute_uv=False)[-1] > _RISES:
+            # 1e-6 of a null space must a coordinate still move to be taken for an input
+            if np.linalg.svd(moves[:, at], compute_uv=False)[-1] > 1e-6:
                 chosen.append(name)
         motors = set(driven) or set(own.values())
         return tuple(c for c in chosen if c in motors), tuple(c for c in chosen if c not in motors)
 
     # -- all joints from some -----------------------------------------------------------------------------------
 
-    def positions(self, values: Any, system: System | None = None, **options: Any) -> Float[Array, "... nq"]:
+    def positions(self, values: ArrayLike, system: System | None = None, **options: object) -> Float[Array, "... nq"]:
         """Values of all joints from those of the actuated ones, the loops closed.
 
         Args:
@@ -119,7 +119,7 @@ class Robot:
         inputs = {c: values[..., k] + away[c] for k, c in enumerate(self.actuated)}
         return solve_position(system, inputs, hold=self.held, **options)
 
-    def _away(self, system: System) -> dict[str, Any]:
+    def _away(self, system: System) -> dict[str, object]:
         """Return what to add to a joint's value to have its coordinate, as drawn."""
         home, top = derive(system).home, system.topology
         if not isinstance(home, Tracer):  # nothing to compile
@@ -223,7 +223,7 @@ def _named_places(system: System) -> dict[str, np.ndarray]:
     return out | {m.name: at for m, at in zip(top.markers, np.asarray(par.markers), strict=True)}
 
 
-def _array_library(motion: Motion) -> Any:
+def _array_library(motion: Motion) -> ModuleType:
     """Choose NumPy for poses that are known, which then need nothing compiled; else JAX's arrays."""
     return np if on_host(motion.poses, motion) else jnp
 

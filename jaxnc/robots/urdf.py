@@ -39,9 +39,6 @@ _KINDS = {
     "planar": "",
 }
 _READ = {"link", "joint", "loop_joint", "gazebo", "transmission", "material"}
-_CLOSED = 1e-6  # how far a fixed loop joint may be from closed at home
-_THIN = 0.008  # radius of cylinders, of the drawing's size
-_WIDE = 10.0  # limits of sliding joints, which there must be, of the drawing's size
 _TYPES = {"hinge": "continuous", "slide": "prismatic", "free": "floating"}
 _WORLD = "world"
 
@@ -267,7 +264,7 @@ class UrdfFile:
             d.loops.append(LoopClosure(f"{name} axis", "connect", one, other, far))
         elif kind == "fixed":
             apart = np.linalg.norm(at[0] - at[1]) + np.linalg.norm(a.turn @ turn - b.turn @ turn2)
-            if apart > _CLOSED:
+            if apart > 1e-6:  # so far may a fixed loop joint be from closed at home
                 raise self.fault(f"loop joint {name!r}: it fixes two links other than they are at home; "
                                  f"without={[name]!r} leaves it out")  # fmt: skip
             d.loops.append(LoopClosure(name, "weld", one, other, at))
@@ -479,7 +476,7 @@ class UrdfWriter:
         if axis is not None and kind != "floating":
             add_element(joint, "axis", xyz=axis)
         if kind == "prismatic":
-            far = xml_text(_WIDE * self.tree.size)
+            far = xml_text(10.0 * self.tree.size)  # 10 times the drawing's size: sliding joints must have limits
             add_element(joint, "limit", lower=f"-{far}", upper=far, effort="1e6", velocity="1e6")
         self.joints[name] = joint
 
@@ -499,7 +496,8 @@ class UrdfWriter:
                 visual = add_element(element, "visual")
                 add_element(visual, "origin", xyz=0.5 * (a + b) - link.origin, rpy=rpy)
                 shape = add_element(visual, "geometry")
-                add_element(shape, "cylinder", radius=_THIN * self.tree.size, length=length)
+                # 0.008 of the drawing's size
+                add_element(shape, "cylinder", radius=0.008 * self.tree.size, length=length)
         for site, place in link.sites.items():
             own = self._new_name(site)
             add_element(self.root, "link", name=own)

@@ -22,8 +22,6 @@ from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 
-_NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked for
-
 
 def free_plan(topology: Topology) -> Plan:
     """Make the plan with nothing driven: every coordinate that is not fixed may move."""
@@ -44,7 +42,7 @@ def to_host(eq: Equations) -> HostEquations:
     return from_jax(eq)
 
 
-def _is_traced(*trees: Any) -> bool:
+def _is_traced(*trees: object) -> bool:
     return any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
 
 
@@ -143,7 +141,8 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
         if out[-1].rank == n:
             break
         mix = np.random.default_rng(7 + step).uniform(0.5, 1.0, len(null))
-        far = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length)
+        # 0.03 of the mechanism's size is how far away the second pose is looked for
+        far = (1 - 2 * (step % 2)) * (step + 1) * 0.03 * float(eq.length)
         way = far * _free_direction(out[-1].jacobian, mix) if view.large else far * mix @ null
         nudge[view.unknown] = way / weight
     if not view.large and not meets(eq, out[0].q, out[0].gap):

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.precision import Limits, limits
-from jaxnc.types import Numbers
+from jaxnc.types import AnyArray, Numbers
 
 # A correction beside the step that it belongs to.
 SHARP = 0.2  # a correction may be this part of a step that was predicted along the tangent
@@ -105,12 +105,17 @@ def _is_short(step: TrialStep, least: Limits, length: float) -> np.ndarray:
     return (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
 
 
-def smooth(bend: Any, kink: Any, lengths: Any, slack: Any) -> np.ndarray:
+def smooth(bend: Numbers, kink: AnyArray, lengths: AnyArray, slack: AnyArray) -> np.ndarray:
     """Say whether the change of a tangent in a step is small and comes gradually; `lengths` is the step's by both."""
     return (bend <= SHARP * lengths + slack) & (kink <= KINK * lengths + slack)
 
 
-def steady(new: Sequence[Any] | Any, now: Sequence[Any] | Any, rise: Sequence[Any] | Any, share: Numbers) -> Any:
+def steady(
+    new: Sequence[AnyArray] | AnyArray,
+    now: Sequence[AnyArray] | AnyArray,
+    rise: Sequence[AnyArray] | AnyArray,
+    share: Numbers,
+) -> AnyArray:
     """Say whether determinants go on as they did, lane by lane.
 
     Where a branch ends and its mirror image begins again soon afterwards, no orientation changes between a pose before

@@ -16,7 +16,7 @@ import functools
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,16 +25,9 @@ from jaxnc.remembered import with_owner
 from jaxnc.system.equations import places
 from jaxnc.system.structure import host_kind, program
 from jaxnc.system.topology import Special, Topology
-from jaxnc.types import ArrayLike, Numbers
+from jaxnc.types import AnyArray, ArrayLike, Numbers
 
-_SMALL = 1e-3  # of the largest derivative of its row, in the drawing, where sweeps begin, or nearby
-_ENOUGH = 0.1  # of the largest row that is left: the first row that is as independent as this is taken
-_THRESHOLD = 0.1  # a pivot is at least this part of the largest element of its row
-_LOST = 1e-10  # of the largest element: smaller pivots where the matrix was looked at are not trusted
-_COMPARED = 150  # multiplications of a factorisation, at most, whose pivots are compared: it takes long to compile
-_USUAL = 100.0  # a row times more may be taken from another: beyond, elements grow
-
-Elements = Mapping[tuple[int, int], Any]
+Elements = Mapping[tuple[int, int], AnyArray]
 
 
 def with_special(top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, rank: int) -> Topology:
@@ -54,7 +47,8 @@ def with_special(top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, ra
     held = np.flatnonzero(where[:, top.unknown].any(axis=1))
     free = np.zeros(where.shape[1], bool)
     free[top.unknown] = True
-    small = where & free & (size <= _SMALL * size.max(axis=2, initial=0.0, keepdims=True)).any(axis=0)
+    # 1e-3 of the largest derivative of the row, in the drawing, where sweeps begin, or nearby
+    small = where & free & (size <= 1e-3 * size.max(axis=2, initial=0.0, keepdims=True)).any(axis=0)
     rows = None
     if rank < len(held):
         rows = tuple(int(held[k]) for k in _independent_rows(jacobians[-1][np.ix_(held, top.unknown)], rank))
@@ -96,7 +90,8 @@ def _independent_rows(matrix: np.ndarray, rank: int) -> list[int]:
     left, chosen = matrix.copy(), []
     for _ in range(rank):
         lengths = np.linalg.norm(left, axis=1)
-        k = int(np.argmax(lengths >= _ENOUGH * lengths.max()))
+        # the first row that is as independent as 0.1 of the largest that is left is taken
+        k = int(np.argmax(lengths >= 0.1 * lengths.max()))
         chosen.append(k)
         way = left[k] / lengths[k]
         left = left - np.outer(left @ way, way)
@@ -208,11 +203,13 @@ def plan_elimination(sample: np.ndarray) -> Elimination:
         for i in left_r:
             row = np.abs(a[i, left_c])
             top = row.max(initial=0.0)
-            if top <= _LOST * largest:
+            # 1e-10 of the largest element: smaller pivots where the matrix was looked at are not trusted
+            if top <= 1e-10 * largest:
                 continue
             inside = int(pattern[i, left_c].sum()) - 1
             for j in left_c:
-                if not pattern[i, j] or abs(a[i, j]) < _THRESHOLD * top:
+                # a pivot is at least 0.1 of the largest element of its row
+                if not pattern[i, j] or abs(a[i, j]) < 0.1 * top:
                     continue
                 fill = inside * (int(pattern[left_r, j].sum()) - 1)
                 key = (fill, -abs(a[i, j]) / top)
@@ -254,9 +251,9 @@ def _parity(order: Sequence[int]) -> int:
 class Pivots(NamedTuple):
     """The pivots of a matrix."""
 
-    least: Any  # the smallest of what each could have been, its column where it is eliminated; zero where singular
-    most: Any  # the largest, of rows that have grown what they were before
-    grown: Any  # the largest, with all growth: rounding is a part of it
+    least: AnyArray  # the smallest of what each could have been, its column where it is eliminated; zero where singular
+    most: AnyArray  # the largest, of rows that have grown what they were before
+    grown: AnyArray  # the largest, with all growth: rounding is a part of it
 
 
 @dataclass(frozen=True)
@@ -265,26 +262,26 @@ class EliminatedPair:
 
     rows: tuple[int, ...]
     columns: tuple[int, ...]
-    elements: tuple[Any, Any, Any, Any]
-    inverse: Any  # of the determinant
+    elements: tuple[Numbers, Numbers, Numbers, Numbers]
+    inverse: AnyArray  # of the determinant
     pivots: Pivots
-    determinant: Any
+    determinant: AnyArray
 
-    def solve(self, right: Sequence[Any]) -> list[Any]:
+    def solve(self, right: Sequence[Numbers]) -> list[AnyArray]:
         """Solve ``A x = b``; b is a sequence of elements by row, x by column."""
         p, q, r, s = self.elements
         b, d = (right[i] for i in self.rows)
         return _put_at(self.columns, ((s * b - q * d) * self.inverse, (p * d - r * b) * self.inverse))
 
-    def solve_transposed(self, right: Sequence[Any]) -> list[Any]:
+    def solve_transposed(self, right: Sequence[Numbers]) -> list[Numbers]:
         """Solve ``Aᵀ y = b``; b is by column, y by row."""
         p, q, r, s = self.elements
         b, d = (right[j] for j in self.columns)
         return _put_at(self.rows, ((s * b - r * d) * self.inverse, (p * d - q * b) * self.inverse))
 
 
-def _put_at(places: Sequence[int], values: Sequence[Any]) -> list[Any]:
-    out: list[Any] = [None] * len(places)
+def _put_at(places: Sequence[int], values: Sequence[Numbers]) -> list[Numbers]:
+    out: list[AnyArray] = [None] * len(places)
     for k, value in zip(places, values, strict=True):
         out[k] = value
     return out
@@ -293,9 +290,9 @@ def _put_at(places: Sequence[int], values: Sequence[Any]) -> list[Any]:
 class _Step(NamedTuple):
     row: int
     column: int
-    pivot: Any
-    below: tuple[tuple[int, Any], ...]  # rows further down and their elements in the pivot's column
-    right: tuple[tuple[int, Any], ...]  # columns not yet eliminated in the pivot row and their elements
+    pivot: Numbers
+    below: tuple[tuple[int, Numbers], ...]  # rows further down and their elements in the pivot's column
+    right: tuple[tuple[int, Numbers], ...]  # columns not yet eliminated in the pivot row and their elements
 
 
 @dataclass(frozen=True)
@@ -304,11 +301,11 @@ class Factors:
 
     steps: tuple[_Step, ...]
     pivots: Pivots
-    determinant: Any
+    determinant: AnyArray
 
-    def solve(self, right: Sequence[Numbers]) -> list[Any]:
+    def solve(self, right: Sequence[Numbers]) -> list[AnyArray]:
         """Solve ``A x = b``; b is a sequence of elements by row, x by column."""
-        x: list[Any] = [None] * len(right)
+        x: list[AnyArray] = [None] * len(right)
         b = list(right)
         # Quotients are what XLA computes once, however many use them.
         for step in self.steps:
@@ -325,7 +322,7 @@ class Factors:
     def solve_transposed(self, right: Sequence[Numbers]) -> list[Numbers]:
         """Solve ``Aᵀ y = b``; b is by column, y by row."""
         b, z = list(right), list(right)
-        y: list[Any] = [None] * len(right)
+        y: list[AnyArray] = [None] * len(right)
         for step in self.steps:
             z[step.row] = b[step.column]
             quotient = z[step.row] / step.pivot
@@ -367,7 +364,8 @@ def eliminate_block(
         first, second = largest / units[j], jnp.abs(determinant / largest) / units[m]
         pivots = Pivots(jnp.minimum(first, second), *(jnp.maximum(first, second),) * 2)
         return EliminatedPair(plan.rows, plan.columns, (p, q, r, s), inverse, pivots, determinant * plan.sign)
-    compared = plan.cost <= _COMPARED
+    # 150 multiplications of a factorisation whose pivots are compared: it takes long to compile
+    compared = plan.cost <= 150
     steps, left_r, left_c = [], list(plan.rows), list(plan.columns)
     sizes, natural, usual = [], [], None
     for i, j in zip(plan.rows, plan.columns, strict=True):
@@ -389,7 +387,7 @@ def eliminate_block(
         sizes.append(largest / units[j])
         natural.append(sizes[-1] if usual is None else jnp.where(usual, sizes[-1], 0.0))
         if below and right and compared:
-            now = largest <= _USUAL * jnp.abs(pivot)
+            now = largest <= 100.0 * jnp.abs(pivot)  # 100 times a row may be taken from another: beyond, elements grow
             usual = now if usual is None else usual & now
         steps.append(_Step(i, j, pivot, column, right))
     parts = (jnp.minimum, sizes), (jnp.maximum, natural), (jnp.maximum, sizes)

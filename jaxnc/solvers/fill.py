@@ -40,15 +40,9 @@ from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
 
 LEAST = 256  # lanes of one input from which a table pays
-_FEW = 16  # lanes of several inputs from which ways of their own do
-_LINE = 16  # inputs of a design from which it pays to follow a line of poses first
-_TOGETHER = 256  # lanes of other designs that go on together
 _CHUNKS = {40_000: 256, 300_000: 1024}  # lanes in one round, if there are no more than so many of them
-_CHUNK = 2048  # of more: they stay in the cache
 _POINTS = 129  # of the table
-_ROUNDS = 8  # from the start pose to the points of the table, at least
-_MORE = 4.0  # times as many if points were lost on their way, twice at most
-_DENSE = 0.1  # radians between two points of the table, at most
+_MORE = 4.0  # times as many rounds to the table if points were lost on their way, twice at most
 
 
 def can_fill(plan: Plan) -> bool:
@@ -58,7 +52,8 @@ def can_fill(plan: Plan) -> bool:
 
 def pays(plan: Plan, lanes: int) -> bool:
     """Say whether so many inputs of one design are solved here, where code is compiled anyway."""
-    return lanes >= (LEAST if len(plan.driven) == 1 else _FEW) and can_fill(plan)
+    # from 16 lanes of several inputs ways of their own pay
+    return lanes >= (LEAST if len(plan.driven) == 1 else 16) and can_fill(plan)
 
 
 def in_order(
@@ -77,7 +72,8 @@ def in_order(
         out = jax.tree.map(lambda a: a[None], from_table(plan, eq, q[0], values[0, :, :1], in_order=True))
     else:
         those = _equations_of(eq, shared)
-        out = in_chunks(lambda at: _together(plan, those(at), q[at], values[at]), _TOGETHER, jnp.arange(count))
+        # 256 lanes of other designs go on together
+        out = in_chunks(lambda at: _together(plan, those(at), q[at], values[at]), 256, jnp.arange(count))
     order = np.arange(total, dtype=np.int32)
     first = jnp.min(jnp.where(out.good, np.int32(total), order), axis=1, keepdims=True)
     return out._replace(good=order < first)
@@ -93,7 +89,8 @@ def one_by_one(
     """
     designs, each, known = values.shape
     near = unwind(values, turns)
-    if each >= _LINE and len(plan.driven) == 1 and kernel(plan).closed:
+    # from 16 inputs of a design it pays to follow a line of poses first
+    if each >= 16 and len(plan.driven) == 1 and kernel(plan).closed:
         return scattered_around(kernel(plan), _equations_of(eq, shared), q, near)
     if shared and designs == 1 and pays(plan, each):  # which counts turns by itself
         return jax.tree.map(lambda a: a[None], from_table(plan, eq, q[0], values[0, :, : len(plan.driven)]))
@@ -138,7 +135,8 @@ class _PoseTable(NamedTuple):
 
 def _at_once(lanes: int, least: int) -> int:
     """Lanes in one round. The fewer they are, the sooner the table is there; the more, the fewer rounds."""
-    return max(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), _CHUNK), least)
+    # 2048 of more lanes: they stay in the cache
+    return max(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), 2048), least)
 
 
 def from_table(
@@ -179,11 +177,12 @@ def from_table(
         return unwind(u, jnp.round((u - origin) / (2 * jnp.pi))) if turning else u
 
     low, high = _input_range(lanes, chunks, origin, width)
-    rounds, dense = jnp.asarray(float(_ROUNDS)), True
+    rounds, dense = jnp.asarray(8.0), True  # from the start pose to the points of the table, at least
     if 0 in plan.angles:
         turned = jnp.maximum(high - origin, origin - low)
         rounds = jnp.maximum(jnp.ceil(turned / STEP) + 1.0, rounds)
-        dense = (turned <= _DENSE * (points - 1)) if unfolded else True
+        # 0.1 radians between two points of the table, at most
+        dense = (turned <= 0.1 * (points - 1)) if unfolded else True
     scale = jnp.where(high > low, (points - 1) / jnp.where(high > low, high - low, 1.0), 0.0)
     goals = low + (high - low) * np.minimum(np.arange(width), points - 1) / (points - 1)
 

@@ -7,7 +7,7 @@ rows that are affine need one step; everything else takes Newton from a guess, b
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,26 +22,20 @@ from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, g
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
-from jaxnc.types import Array, ArrayLike
+from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
 
-_ITERATIONS = 6  # the most of Newton on a block
 LARGEST_WRITTEN = 120  # unknowns that are written out
-MOST_WRITTEN = 1000  # multiplications of their eliminations: a program of so many takes XLA half a minute
-_ROUNDING = 100.0  # times the last digit of the largest number met in an elimination
-_FEW = 2  # blocks that may be computed into each other
-_PASSES = 6  # of a refinement, at most
-_WEAK = 1e-4  # of the largest pivot: where the chosen rows are weaker, all rows are orthogonalised
 
 
 class SolvedLanes(NamedTuple):
     """Solved lanes and what is known of them."""
 
-    x: list[Any]  # all coordinates, each a number or lanes
-    determinants: tuple[Any, ...]  # of every block; its sign is the block's orientation
-    size: Any  # largest residual of all rows, a length
-    pivots: Any  # smallest over largest pivot, coordinates as lengths
-    upright: Any  # whether no row and no body is met by a mirror image
-    mirrored: Any  # whether a body is
+    x: list[AnyArray]  # all coordinates, each a number or lanes
+    determinants: tuple[AnyArray, ...]  # of every block; its sign is the block's orientation
+    size: AnyArray  # largest residual of all rows, a length
+    pivots: AnyArray  # smallest over largest pivot, coordinates as lengths
+    upright: AnyArray  # whether no row and no body is met by a mirror image
+    mirrored: Numbers | bool  # whether a body is
 
 
 class _Block:
@@ -72,7 +66,7 @@ class _Block:
         """Rows and columns of the pivots."""
         return set(zip(self.elimination.rows, self.elimination.columns, strict=True))
 
-    def solve(self, eq: Equations, slopes: dict[tuple[int, int], Array], right: Sequence[Array]) -> Sequence[Any]:
+    def solve(self, eq: Equations, slopes: dict[tuple[int, int], Array], right: Sequence[Array]) -> Sequence[AnyArray]:
         """Solve with the block's derivatives, which are lanes: exactly, and differentiable to any order.
 
         Few columns are solved by determinants. The order of an elimination's pivots is not that of each lane: it is
@@ -87,7 +81,7 @@ class _Block:
         known = lax.stop_gradient(slopes)
 
         def product(slopes: dict[tuple[int, int], Array], x: Sequence[Array], turned: bool) -> list[Array]:
-            out: list[Any] = [0.0] * n
+            out: list[AnyArray] = [0.0] * n
             for (r, c), slope in slopes.items():
                 row, column = (c, r) if turned else (r, c)
                 out[row] = out[row] + slope * x[column]
@@ -217,8 +211,10 @@ class _AllRows:
         # Where the rows of A are weak, each pass leaves more: it is gone on until nothing changes any more.
         start = jnp.zeros((), int), jnp.asarray(jnp.inf, zero.dtype), jax.tree.map(jnp.zeros_like, (b, c))
         fine = 100.0 * jnp.finfo(zero.dtype).eps
-        pair = lax.while_loop(lambda st: (st[0] < 2) | ((st[1] > fine) & (st[0] < _PASSES)), improve, start)[2]
-        weak = ~(smallest([f.pivots for f in factors]) > _WEAK)
+        # 6 passes of a refinement, at most
+        pair = lax.while_loop(lambda st: (st[0] < 2) | ((st[1] > fine) & (st[0] < 6)), improve, start)[2]
+        # 1e-4 of the largest pivot: where the chosen rows are weaker, all rows are orthogonalised
+        weak = ~(smallest([f.pivots for f in factors]) > 1e-4)
 
         def by_all(state: tuple[Array, tuple[tuple, tuple]]) -> tuple[Array, tuple[tuple, tuple]]:
             # They depend on the state, or XLA would do all this before the loop, whether it is entered or not.
@@ -295,7 +291,7 @@ class Kernel:
                 y = block.rows.run_solution(TRACED)([*block.rows.collect(x, eq), sign])
             else:
                 y, iterated[k] = self._iterate(block, eq, x)
-            if len(self.blocks) > _FEW and k not in iterated:
+            if len(self.blocks) > 2 and k not in iterated:  # 2 blocks may be computed into each other
                 y = fusion_barrier(opaque_true(eq, self.closed), lambda y: y, y)
             for c, v in zip(block.columns, y, strict=True):
                 x[c] = v
@@ -307,11 +303,13 @@ class Kernel:
         found = tuple(f.determinant for f in factors)
         return SolvedLanes(x, found, *self._diagnose(eq, x, factors))
 
-    def evaluate(self, eq: Equations, x: Lanes) -> tuple[Any, Any, Any, Any]:
+    def evaluate(self, eq: Equations, x: Lanes) -> tuple[Array, Array, Array, Array]:
         """Return the largest residual, the conditioning, and whether upright and mirrored, of poses found elsewhere."""
         return self._diagnose(eq, x, [block.factors(eq, x) for block in self.blocks])
 
-    def _diagnose(self, eq: Equations, x: Lanes, factors: Sequence[Eliminated]) -> tuple[Any, Any, Any, Any]:
+    def _diagnose(
+        self, eq: Equations, x: Lanes, factors: Sequence[Eliminated]
+    ) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
         pivots = [f.pivots for f in factors]
         size = _reduce(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
         rows, bodies = (guard.values(eq, x) for guard in self.guards)
@@ -345,7 +343,7 @@ class Kernel:
 
         start = tuple(jnp.broadcast_to(x[c], shape) for c in columns)
         state = (jnp.zeros((), int), start, Pivots(one, one, one), one, jnp.asarray(jnp.inf))
-        most = 1 if block.rows.form == "affine" else _ITERATIONS
+        most = 1 if block.rows.form == "affine" else 6  # 6 of Newton, at most
         fine = limits(eq.length).fine
         _, y, pivots, determinant, _ = lax.while_loop(lambda st: (st[0] < most) & (st[4] > fine), improve, state)
         return y, Factors((), pivots, determinant)
@@ -380,7 +378,7 @@ class Kernel:
                 # Scales multiply what vanishes: their changes change nothing.
                 return part.rows.values(replace_constants(eq, constants), at)
 
-            changes: list[Any] = [x_dot[c] for c in moving] + [constants_dot[at] for at in varied]
+            changes: list[AnyArray] = [x_dot[c] for c in moving] + [constants_dot[at] for at in varied]
             values = [x[c] for c in moving] + [entry(eq.constants[b], i, k) for b, i, k in varied]
             at = [jnp.broadcast_to(v, jnp.shape(d)) for v, d in zip(values, changes, strict=True)]
             _, r_dot = jax.jvp(rows, tuple(at), tuple(map(jnp.asarray, changes)))
@@ -396,7 +394,9 @@ class Kernel:
         return x_dot
 
 
-def on_branch(eq: Equations, found: SolvedLanes, signs: Sequence[Any] | Array, passing: ArrayLike = False) -> Array:
+def on_branch(
+    eq: Equations, found: SolvedLanes, signs: Sequence[AnyArray] | Array, passing: ArrayLike = False
+) -> Array:
     """Say which lanes are solved, regular, on the branch of the given orientation, and not met by a mirror image.
 
     Poses that are only passed on the way (`passing`) may be ones at which a planned elimination loses its digits: of
@@ -457,7 +457,8 @@ def smallest(pivots: Sequence[Pivots]) -> Array:
         return jnp.ones(())
     least = _reduce(jnp.minimum, [p.least for p in pivots])
     most, grown = (_reduce(jnp.maximum, parts) for parts in ([p.most for p in pivots], [p.grown for p in pivots]))
-    return jnp.maximum(least - _ROUNDING * jnp.finfo(grown.dtype).eps * grown, 0.0) / most
+    # 100 times the last digit of the largest number met in the elimination
+    return jnp.maximum(least - 100.0 * jnp.finfo(grown.dtype).eps * grown, 0.0) / most
 
 
 def _reduce(f, parts: Sequence[Array]) -> Array:
@@ -468,7 +469,8 @@ def writes_out(plan: Plan) -> bool:
     """Say whether a plan is small enough to be written out element by element: beyond, compiling takes too long."""
     if plan.large or not 0 < len(plan.unknown) <= LARGEST_WRITTEN:
         return False
-    return sum(block.elimination.cost for block in kernel(plan).blocks) <= MOST_WRITTEN
+    # a program of 1000 multiplications takes XLA half a minute
+    return sum(block.elimination.cost for block in kernel(plan).blocks) <= 1000
 
 
 @with_owner

@@ -25,10 +25,7 @@ from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Coordinates
 
-_DAMPING = 1e-11  # of the matrix of a start pose's derivative, whose rows may be redundant
-_BESIDE = 1e-8  # of the same where some coordinates stay, and not every row can be met
 _MANY = 1000  # lanes of redundant rows for which it pays to compile a program of their own
-_LANES = 2048  # whose derivatives are made together: they stay in the cache
 
 
 def largest(r: Array) -> Array:
@@ -234,9 +231,11 @@ def _start_change(static: tuple[Plan, tuple[int, ...]], q: Coordinates, args: tu
         jacobian = plan.linearise(eq, at)[1] / inner
         _, left = jax.jvp(plan.residual, (eq, at), (eq_dot, moved))
         if put.any():
-            step = _pseudoinverse(jnp.where(put, 0.0, jacobian), _BESIDE, 2) @ left
+            # 1e-8 of the matrix, as some coordinates stay and not every row can be met
+            step = _pseudoinverse(jnp.where(put, 0.0, jacobian), 1e-8, 2) @ left
             moved, left = plan.move(moved, -step / inner), left - jacobian @ step
-        return plan.move(moved, -(_pseudoinverse(jacobian, _DAMPING, 1) @ left) / inner)
+        # 1e-11 of the matrix, whose rows may be redundant
+        return plan.move(moved, -(_pseudoinverse(jacobian, 1e-11, 1) @ left) / inner)
 
 
 def _pseudoinverse(jacobian: Array, damping: float, times: int) -> Array:
@@ -286,7 +285,7 @@ def _lane_changes(plan: Plan, x: tuple[Array, ...], args: tuple, changes: tuple)
     eq_dot, known_dot, _ = changes
     with numbers(ok if not x else x[0]):
         change = functools.partial(_changes, plan, eq, eq_dot)
-        return in_chunks(jax.checkpoint(change), _LANES, x, known, known_dot, ok)
+        return in_chunks(jax.checkpoint(change), 2048, x, known, known_dot, ok)  # 2048 lanes, which stay in the cache
 
 
 def _changes(plan: Plan, eq: Equations, eq_dot: Equations, x, known, known_dot, ok: Array) -> tuple[Array, ...]:

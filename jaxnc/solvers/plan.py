@@ -186,7 +186,7 @@ class LargePlan(Plan):
         data, known = self.numbers.numbers(entries(eq, q))
         return self.residual(eq, q), data, known
 
-    def symmetric(self, data: Any, damping: Any = 0.0, other: Any = None) -> Any:
+    def symmetric(self, data: Numbers, damping: Any = 0.0, other: Any = None) -> Any:
         """The numbers of the augmented matrix, for JAX or for NumPy, with another Jacobian in place of the Jᵀ."""
         (m, n), numeric = self.numbers.shape, np if isinstance(data, np.ndarray) else jnp
         below = data if other is None else other

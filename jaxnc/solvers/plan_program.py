@@ -18,7 +18,6 @@ from jaxnc.system.host import HostEquations
 from jaxnc.system.structure import host_kind, readable
 from jaxnc.system.topology import Topology
 
-_LARGEST = 2  # rows of a block
 _UNKNOWNS = 40  # of a plan
 _WIDE = np.dtype(np.float64)
 
@@ -126,7 +125,7 @@ class PlanProgram:
         return [x[c] for c in range(len(self.plan.unknown))]
 
     @with_owner
-    def _function(self, parts: tuple[str, ...], numbers: bool) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+    def _function(self, parts: tuple[str, ...], numbers: bool) -> Callable[[Sequence], tuple]:
         return function(self._builder.program([k for part in parts for k in self.parts[part]]), math if numbers else np)
 
     def run(self, parts: tuple[str, ...], eq: HostEquations, q: np.ndarray, right: Any = ()) -> list[np.ndarray]:
@@ -192,7 +191,7 @@ def plan_program(plan: Plan) -> PlanProgram | None:
     top = plan.topology
     if plan.large or not plan.square or not plan.sequence or len(plan.unknown) > _UNKNOWNS:
         return None
-    if any(len(rows) > _LARGEST for rows, _ in plan.sequence):
+    if any(len(rows) > 2 for rows, _ in plan.sequence):  # rows of a block
         return None
     if not readable(top, ("residual", "guard")):
         return None

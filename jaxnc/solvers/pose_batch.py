@@ -1,12 +1,11 @@
 """The one record of solved poses: on the host, in traced code, and of whole analyses."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
-AnyArray: TypeAlias = Any
-"""An array of NumPy or of JAX, None, or a tuple of arrays."""
+from jaxnc.types import AnyArray
 
 
 class PoseBatch(NamedTuple):
@@ -48,7 +47,7 @@ class PoseBatch(NamedTuple):
         every = zip(self, *others, strict=True)
         return PoseBatch(*(f(*some) if isinstance(some[0], np.ndarray) else some[0] for some in every))
 
-    def put(self, index: Any, other: "PoseBatch") -> None:
+    def put(self, index: np.ndarray | tuple, other: "PoseBatch") -> None:
         """Write what is known of another batch in the place of some of these."""
         for mine, new in zip(self, other, strict=True):
             if isinstance(mine, np.ndarray):

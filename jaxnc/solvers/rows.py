@@ -6,7 +6,8 @@ arithmetic on long vectors. Nothing is gathered or scattered: the topology says 
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,9 +21,13 @@ from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import TURN
 from jaxnc.system.structure import arrays, pattern, program
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import AnyArray, Array, Numbers, Scalar
 
-Lanes = Sequence[Any] | np.ndarray
+if TYPE_CHECKING:
+    from jaxnc.system.equations import Equations
+    from jaxnc.system.host import HostEquations
+
+Lanes = Sequence[AnyArray] | np.ndarray
 """All coordinates of a mechanism, each a number or an array of lanes."""
 Instance = tuple[int, int]
 """An instance of a kind: its block in the topology, and its number there."""
@@ -41,13 +46,15 @@ class _TracedNumerics:
 
 
 TRACED = _TracedNumerics()
+Numerics = ModuleType | _TracedNumerics
+"""Functions of arrays by their names in NumPy."""
 
 
 class RowNumbers(NamedTuple):
     """The numbers of a design that rows need; `Equations` and `HostEquations` have these fields too."""
 
-    constants: Sequence[Any]  # of each block ``(instances, constants, *lanes)``
-    scales: Sequence[Any]  # of each block's rows ``(instances, rows, *lanes)``; they make rows lengths
+    constants: Sequence[AnyArray]  # of each block ``(instances, constants, *lanes)``
+    scales: Sequence[Numbers]  # of each block's rows ``(instances, rows, *lanes)``; they make rows lengths
 
 
 class Functions:
@@ -111,20 +118,22 @@ class Functions:
         """Constants that the functions depend on."""
         return [(b, i, k) for b, i in self._variables for k in range(len(self.top.blocks[b].kind.constants))]
 
-    def collect(self, x: Lanes, numbers: Any) -> list[Any]:
+    def collect(self, x: Lanes, numbers: "RowNumbers | Equations | HostEquations") -> list[AnyArray]:
         """Collect inputs of the program, from coordinates and `Numbers`."""
         constants = (entry(numbers.constants[b], i, k) for b, i, k in self.constants)
         scales = (entry(numbers.scales[b], i, k) for b, i, k in self.scales)
         return [*(x[c] for c in self.coordinates), *constants, *scales]
 
     @with_owner
-    def run(self, xp: Any) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+    def run(self, xp: Numerics) -> Callable[[Sequence], tuple]:
         """Return the program as a function of NumPy's or of JAX's lanes."""
         return function(self.program, xp)
 
-    def values(self, numbers: Any, x: Lanes, xp: Any = TRACED) -> list[Any]:
+    def values(
+        self, numbers: "RowNumbers | Equations | HostEquations", x: Lanes, xp: Numerics = TRACED
+    ) -> list[AnyArray]:
         """Evaluate the functions."""
-        out: list[Any] = [None] * self.count
+        out: list[AnyArray] = [None] * self.count
         for place, value in zip(self._places, self.run(xp)(self.collect(x, numbers)), strict=True):
             out[place] = value
         for at, outputs in self._foreign.items():
@@ -133,7 +142,9 @@ class Functions:
                 out[place] = found[k]
         return out
 
-    def _call_kind(self, at: Instance, numbers: Any, local: Sequence[Array]) -> tuple[Array, ...]:
+    def _call_kind(
+        self, at: Instance, numbers: "RowNumbers | Equations | HostEquations", local: Sequence[Array]
+    ) -> tuple[Array, ...]:
         """Evaluate the function of an instance that no program has."""
         (b, i), kind = at, self.top.blocks[at[0]].kind
         constants = [entry(numbers.constants[b], i, k) for k in range(len(kind.constants))]
@@ -162,7 +173,9 @@ class Rows(Functions):
                     wanted[b, i] = mine
         super().__init__(top, wanted, "residual", columns, scaled=True)
 
-    def slopes(self, numbers: Any, x: Lanes, xp: Any = TRACED) -> dict[tuple[int, int], Array]:
+    def slopes(
+        self, numbers: "RowNumbers | Equations | HostEquations", x: Lanes, xp: Numerics = TRACED
+    ) -> dict[tuple[int, int], Array]:
         """Differentiate by the columns: slopes that can differ from zero, by row and place of the column."""
         found = dict(zip(self.places, self.run_slopes(xp)(self.collect(x, numbers)), strict=True))
         column = {c: k for k, c in enumerate(self.columns)}
@@ -199,12 +212,12 @@ class Rows(Functions):
         return self._derived[1]
 
     @with_owner
-    def run_slopes(self, xp: Any) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+    def run_slopes(self, xp: Numerics) -> Callable[[Sequence], tuple]:
         """Return the derivatives at `places` as a function of the program's inputs."""
         return function(self.partials, xp)
 
     @functools.cached_property
-    def run_changes(self) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+    def run_changes(self) -> Callable[[Sequence], tuple]:
         """Changes of the rows, as a function of the inputs and of the changes of what is `moving`."""
         return function(rate(self.program, range(len(self.columns), self.program.inputs - len(self.scales)), 1))
 
@@ -262,7 +275,7 @@ class Rows(Functions):
         return made if affine and row.depends and 0 not in row.depends else None
 
     @with_owner
-    def run_solution(self, xp: Any) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+    def run_solution(self, xp: Numerics) -> Callable[[Sequence], tuple]:
         """Return the columns where all rows vanish, as a function of the inputs and of an orientation's sign.
 
         The sign is that of the determinant of the rows' derivatives. Angles are those nearest to where they begin.
@@ -285,18 +298,18 @@ class Rows(Functions):
         return b.program([_node(b, v) for v in found])
 
     @functools.cached_property
-    def run_step(self) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+    def run_step(self) -> Callable[[Sequence], tuple]:
         """Newton's step of few columns by Cramer's rule, as a function of NumPy's lanes."""
         b = Builder(self.program.inputs)
         rows, slopes = self._write_slopes(b)
         return function(b.program([_node(b, v) for v in cramer(slopes, rows)]))
 
-    def _write_slopes(self, b: Builder) -> tuple[list[Any], list[list[Any]]]:
+    def _write_slopes(self, b: Builder) -> tuple[list[Number], list[list[Number | float]]]:
         """Write the rows and all their derivatives, structural zeros as numbers."""
         at = b.append(self.program, b.first)
         rows = [Number(b, at[k]) for k in self.program.outputs]
         at = b.append(self.partials, b.first)
-        slopes: list[list[Any]] = [[0.0] * len(self.columns) for _ in rows]
+        slopes: list[list[Number | float]] = [[0.0] * len(self.columns) for _ in rows]
         for (r, c), k in zip(self.places, self.partials.outputs, strict=True):
             slopes[r][c] = Number(b, at[k])
         return rows, slopes
@@ -337,19 +350,19 @@ class Rows(Functions):
         """Write the second derivatives of the rows by the first column; None of a row that has none."""
         second, at = partials(self.partials, (0,))
         nodes = b.append(second, b.first)
-        found: list[Any] = [None] * self.count
+        found: list[Number | None] = [None] * self.count
         for k, (n, _) in enumerate(at):
             row, column = self.places[n]
             if column == 0:
                 found[row] = Number(b, nodes[second.outputs[k]])
         return found
 
-    def _write_angle(self, b: Builder, start: Any, sign: Any) -> Any:
+    def _write_angle(self, b: Builder, start: Number, sign: Number) -> Number:
         """Solve ``rest + x cos φ + y sin φ = 0``, its derivative of a sign, for the angle nearest to the start."""
         made = self._in_sines
         assert made is not None
 
-        def row(cosine: float, sine: float) -> Any:
+        def row(cosine: float, sine: float) -> Number:
             at = b.append(made, [*b.first[: self.program.inputs], b.number(cosine), b.number(sine)])
             return Number(b, at[made.outputs[0]])
 
@@ -370,22 +383,22 @@ def _is_round(squares: dict) -> bool:
     return all(m[0] == m[1] and c == first for m, c in squares.items())
 
 
-def _scalar_product(a: Sequence[Any], b: Sequence[Any]) -> Any:
+def _scalar_product(a: Sequence[Scalar], b: Sequence[Scalar]) -> Any:
     return functools.reduce(lambda x, y: x + y, [p * q for p, q in zip(a, b, strict=True)])
 
 
-def cramer(a: Sequence[Sequence[Any]], right: Sequence[Any]) -> list[Any]:
+def cramer(a: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:
     """Solve few linear equations by determinants; elements are lanes or numbers, and 0.0 where there is none."""
     n, whole = len(right), _determinant(a)
     each = ([[right[r] if k == c else a[r][k] for k in range(n)] for r in range(n)] for c in range(n))
     return [_determinant(m) / whole for m in each]
 
 
-def _determinant(a: Sequence[Sequence[Any]]) -> Any:
+def _determinant(a: Sequence[Sequence[Scalar]]) -> Scalar:
     """Expand a determinant by the first row."""
     if len(a) == 1:
         return a[0][0]
-    out: Any = 0.0
+    out: Scalar = 0.0
     for c, element in enumerate(a[0]):
         minor = _determinant([[*row[:c], *row[c + 1 :]] for row in a[1:]])
         if _is_zero(element) or _is_zero(minor):
@@ -395,11 +408,11 @@ def _determinant(a: Sequence[Sequence[Any]]) -> Any:
     return out
 
 
-def _is_zero(element: Any) -> bool:
+def _is_zero(element: object) -> bool:
     return isinstance(element, float) and element == 0.0
 
 
-def _free_line(flat: list[list[Any]]) -> list[Any]:
+def _free_line(flat: list[list[Scalar]]) -> list[Scalar]:
     """Write the direction that all rows leave free: its product with a further row is the determinant with it last."""
     n = len(flat) + 1
     if n == 1:
@@ -408,7 +421,7 @@ def _free_line(flat: list[list[Any]]) -> list[Any]:
     return [-m if (n - 1 - c) % 2 else m for c, m in enumerate(cofactors)]
 
 
-def _foot_step(flat: list[list[Any]], offsets: list[Any], along: list[Any], square: Any) -> list[Any]:
+def _foot_step(flat: list[list[Scalar]], offsets: list[Scalar], along: list[Scalar], square: Scalar) -> list[Scalar]:
     """Write the shortest step to where all affine rows vanish."""
     if not flat:
         return [0.0]
@@ -419,7 +432,7 @@ def _foot_step(flat: list[list[Any]], offsets: list[Any], along: list[Any], squa
     return [p * u + q * v for u, v in zip(first, second, strict=True)]
 
 
-def _cross_product(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+def _cross_product(a: Sequence[Scalar], b: Sequence[Scalar]) -> list[Scalar]:
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
@@ -446,7 +459,7 @@ def _guard_count(kind: Kind, dim: int) -> int:
     return len(jax.eval_shape(functools.partial(_evaluate_kind, kind, kind.guard, dim), *[number] * count))
 
 
-def replace_constants(numbers: Any, constants: Mapping[Place, Array]) -> RowNumbers:
+def replace_constants(numbers: "RowNumbers | Equations", constants: Mapping[Place, Array]) -> RowNumbers:
     """Put other constants in the places of some."""
     found = list(numbers.constants)
     for b in {b for b, _, _ in constants}:
@@ -458,7 +471,7 @@ def replace_constants(numbers: Any, constants: Mapping[Place, Array]) -> RowNumb
     return RowNumbers(found, numbers.scales)
 
 
-def entry(numbers: Numbers, *at: int) -> Any:
+def entry(numbers: Numbers, *at: int) -> AnyArray:
     """Take one number, or its lanes, out of an array; `lax.slice` is traced in a fraction of the time of an index."""
     if isinstance(numbers, np.ndarray):
         return numbers[at]

@@ -5,7 +5,7 @@ are on one branch is diagnose from them afterwards, by the same checks as in con
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,11 +17,12 @@ from jaxnc.solvers.kernel import Kernel, SolvedLanes, fusion_barrier, on_branch,
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import any_lane
-from jaxnc.types import Array
+from jaxnc.types import Array, PyTree
+
+if TYPE_CHECKING:
+    from jaxnc.system.equations import Equations
 
 _LANES = 2304  # poses at a time: they stay in the cache
-_DESIGNS = 128  # of so many designs, or more if each has few poses
-_WHOLE = 4608  # poses that are solved at once, in one block: fewer loops, and sooner compiled
 _LINE = 32  # steps to the farthest of scattered values, to either side: a tenth of a radian on half a turn
 
 
@@ -33,7 +34,7 @@ class _Trail(NamedTuple):
     alive: Array  # whether every pose so far is on the branch, (designs,)
 
 
-def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, values: Array) -> PoseBatch:
+def in_sequences(core: Kernel, equations: "Callable[[Array], Equations]", q: Array, values: Array) -> PoseBatch:
     """Poses ``(B, T)`` of sequences of inputs; where one is not right, it and those that follow it are not set.
 
     All blocks of the core have a closed form; `equations` makes those of some of the sequences, lanes last.
@@ -61,7 +62,7 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
     return _in_blocks(core, equations, q, values, len(parts) + 1, len(between), path, lambda trail: trail, judge)
 
 
-def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, near: Array) -> PoseBatch:
+def scattered_around(core: Kernel, equations: "Callable[[Array], Equations]", q: Array, near: Array) -> PoseBatch:
     """Poses ``(D, B)`` of many values of a single input of each design, one by one; not set where they are not right.
 
     A line of poses is followed from the start pose to the largest value, and one to the smallest. What lies between two
@@ -112,7 +113,7 @@ def _fill_up(home: Array, way: Array, span: int | None) -> Array:
 
 def _in_blocks(
     core: Kernel,
-    equations: Callable[[Array], Any],
+    equations: "Callable[[Array], Equations]",
     q: Array,
     goals: Array,
     first: int,
@@ -139,8 +140,9 @@ def _in_blocks(
             the goals are right.
     """
     count, total, _ = goals.shape
-    whole = (first + total * steps) * count <= _WHOLE
-    designs = min(count, max(_DESIGNS, _LANES // (total * steps)))
+    # 4608 poses are solved at once, in one block: fewer loops, and sooner compiled
+    whole = (first + total * steps) * count <= 4608
+    designs = min(count, max(128, _LANES // (total * steps)))  # 128 designs, or more if each has few poses
     designs = next((k for k in range(designs, designs // 2, -1) if count % k == 0), designs)
     rows = min(total, max(1, _LANES // (designs * steps)))
     rows = next((k for k in range(rows, rows // 2, -1) if total % k == 0), rows)
@@ -265,7 +267,7 @@ def _count_reached(plan: Plan, marks: Array, kept: Array) -> Array:
     return jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0)
 
 
-def _judge_block(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
+def _judge_block(plan: Plan, marks: tuple[Array, ...], kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
     """Say which steps of a block keep to the branch, none of a sequence after the first that does not.
 
     The `marks` are those after every step, each ``(steps, designs)``; `kept` says whether every pose is right by
@@ -285,13 +287,13 @@ def _judge_block(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Ar
     return good, _Trail(marks, last, good[-1])
 
 
-def _known_product(plan: Plan, a: Any, b: Any) -> Array:
+def _known_product(plan: Plan, a: Array, b: Array) -> Array:
     """Multiply two changes of marks, as far as they are known coordinates."""
     facing = len(a) - len(plan.known)
     return sum((v * w for v, w in zip(a[facing:], b[facing:], strict=True)), jnp.zeros(a[0].shape))
 
 
-def _last_change(plan: Plan, changes: Any, earlier: Any, first: Any) -> Any:
+def _last_change(plan: Plan, changes: Array, earlier: Array, first: PyTree) -> Any:
     """Return how marks changed in the last step that went anywhere, up to every step; others tell nothing.
 
     `changes` are those of the steps, each ``(steps, designs)``; `earlier` those before some or all of the last of them,

@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxnc.process import one_thread
 from jaxnc.records import record, static
-from jaxnc.types import Array, Float
+from jaxnc.types import Array, Float, PyTree
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -24,11 +24,8 @@ if TYPE_CHECKING:
 SMALL = 4  # columns of a diagonal block that are eliminated in the order in which the block has them
 RANK = 3e-7  # of the largest singular value, sparse or dense: at a double root poses are known to 1e-8 only
 _KEPT = 2  # factorisations
-_WIDE = 4.0  # times the non-zeros: so much padding is cheaper than adding up one by one
 _DOUBT = 10.0  # times smaller or larger than the threshold: too close to decide
 _SHIFTS = (1e-9, 1e-8, 1e-7)  # of the largest singular value, squared: the first that keeps the factorisation regular
-_ROUNDS = 8
-_MOST = 400  # directions that are looked at; a mechanism with so many freedoms is none of the large ones meant here
 
 
 @record
@@ -114,7 +111,8 @@ def sparse_pattern(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple
 def _by_rows(rows: np.ndarray, columns: np.ndarray, m: int) -> tuple[np.ndarray, np.ndarray] | None:
     lengths = np.bincount(rows, minlength=m)
     most = int(lengths.max(initial=0))
-    if not len(rows) or most * m > _WIDE * len(rows):
+    # padding to 4 times the non-zeros is cheaper than adding up one by one
+    if not len(rows) or most * m > 4.0 * len(rows):
         return None
     order = np.argsort(rows, kind="stable")
     slot = np.arange(len(rows)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
@@ -260,7 +258,7 @@ class Factoriser:
         like = tuple(jax.ShapeDtypeStruct(s, data.dtype) for s in ((self.size,), (self._block.count,)))
         return self._ask(like, lambda x: self.pivots(self._factorise_once(x)), data)
 
-    def _ask(self, like: Any, f: Callable[..., Any], *given: Array) -> Any:
+    def _ask(self, like: PyTree, f: Callable, *given: Array) -> PyTree:
         from jaxnc.solvers.traced import ask_host  # with what only traced code needs
 
         def nothing(*_: np.ndarray) -> Any:
@@ -327,7 +325,7 @@ def _nullity(matrix: "csc_matrix") -> Nullity:
     x = np.linalg.qr(rng.standard_normal((n, width)))[0]
     while True:
         values = np.zeros(0)
-        for _ in range(_ROUNDS):
+        for _ in range(8):
             y = factors.solve(np.concatenate([np.zeros((m, x.shape[1])), x]))[m:]  # (AᵀA + δ)⁻¹ x, but for a factor
             x = np.linalg.qr(y / np.maximum(np.abs(y).max(axis=0), 1e-300))[0]
             _, values, turn = np.linalg.svd(matrix @ x, full_matrices=False)
@@ -335,7 +333,8 @@ def _nullity(matrix: "csc_matrix") -> Nullity:
         smallest = np.zeros(width)  # with fewer rows than directions the rest is not stretched at all
         smallest[width - len(values) :] = values[::-1] / max(size, 1e-300)
         count = int(np.sum(smallest < RANK))
-        if count < width or width == n or width >= _MOST:
+        # a mechanism with 400 freedoms is none of the large ones meant here
+        if count < width or width == n or width >= 400:
             break
         grown = min(n, 4 * width)
         x = np.linalg.qr(np.concatenate([x, rng.standard_normal((n, grown - width))], axis=1))[0]

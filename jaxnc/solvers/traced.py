@@ -24,16 +24,14 @@ from jaxnc.system.equations import Equations
 from jaxnc.system.host import from_jax
 from jaxnc.system.precision import numbers
 from jaxnc.system.structure import program
-from jaxnc.types import Array
+from jaxnc.types import Array, PyTree
 
-_AFTERWARDS = 0.05  # seconds after which an interrupted program has returned
 PIECE = 12_000
 """Numbers that are handed over in one array, 96 KB.
 
 What is larger than 100 KB JAX copies in a thread of the pool that the call itself waits in: on a machine with one core
 it would wait for ever.
 """
-_PIECES = 32  # of one array, at most: each takes its time to compile
 
 
 class Mapped:
@@ -50,10 +48,10 @@ class Mapped:
             as their first axis, and of the arguments. Returns the result and which of its arrays have it.
     """
 
-    def __init__(self, function: Callable[..., Any], shapes: Callable[..., Any], rule: Callable[..., tuple[Any, Any]]):
+    def __init__(self, function: Callable, shapes: Callable, rule: Callable[..., tuple[Any, Any]]):
         self.function, self.shapes, self.rule = function, shapes, rule
 
-    def __call__(self, *args: Any) -> Any:
+    def __call__(self, *args: object) -> Any:
         """Call it with pytrees of arrays."""
         arrays, structure = jax.tree.flatten(args)
         result = jax.tree.structure(self.shapes(*args))
@@ -98,7 +96,7 @@ mlir.register_lowering(_MAPPED, mlir.lower_fun(functools.partial(_run_mapped, ca
 
 
 def in_lanes(
-    size: int, shared: bool, which: Sequence[Any], eq: Equations, *lanes: Array
+    size: int, shared: bool, which: Sequence, eq: Equations, *lanes: Array
 ) -> tuple[bool, Equations, tuple[Array, ...]]:
     """Put a batch of functions of a design and of lanes ``(L, ...)`` into lanes ``(size L, ...)`` of one function.
 
@@ -123,7 +121,7 @@ def in_lanes(
     return of_one, eq, tuple(a.reshape(size * count, *a.shape[2:]) for a in every)
 
 
-def in_chunks(f: Callable, chunk: int, *arguments: Any) -> Any:
+def in_chunks(f: Callable, chunk: int, *arguments: PyTree) -> PyTree:
     """Apply a function whose arguments and results have lanes as their first axis to a chunk of them at a time.
 
     What a chunk needs stays in the cache, and few lanes wait for the slowest. Up to twice as many as a `chunk` go at
@@ -145,12 +143,12 @@ def in_chunks(f: Callable, chunk: int, *arguments: Any) -> Any:
 
 def ask_host(
     doing: str,
-    like: Any,
-    f: Callable[..., Any],
-    *given: Any,
-    given_up: Callable[..., Any],
+    like: PyTree,
+    f: Callable,
+    *given: PyTree,
+    given_up: Callable,
     remedy: str = "; repair=False does without it",
-) -> Any:
+) -> PyTree:
     """Put a question to the host from traced code; mapped, questions go one by one.
 
     Args:
@@ -163,12 +161,13 @@ def ask_host(
         remedy: what else the user may do, for messages.
     """
     leaves, structure = jax.tree.flatten(given)
-    shapes, counts = [jnp.shape(a) for a in leaves], [min(-(-jnp.size(a) // PIECE), _PIECES) for a in leaves]
+    # 32 pieces of one array, at most: each takes its time to compile
+    shapes, counts = [jnp.shape(a) for a in leaves], [min(-(-jnp.size(a) // PIECE), 32) for a in leaves]
     pieces = []
     for leaf, count in zip(leaves, counts, strict=True):
         pieces += jnp.array_split(jnp.reshape(leaf, -1), count) if count > 1 else [leaf]
 
-    def answer(*pieces: Any) -> Any:
+    def answer(*pieces: PyTree) -> np.ndarray:
         rest, arrays = iter(pieces), []
         for shape, count in zip(shapes, counts, strict=True):
             parts = [np.asarray(next(rest)) for _ in range(max(count, 1))]
@@ -178,7 +177,8 @@ def ask_host(
             return f(*question)
         except KeyboardInterrupt:
             # Compiled code would make an error of its own of it. It is raised again when that has returned.
-            later = threading.Timer(_AFTERWARDS, _thread.interrupt_main)
+            # after so many seconds an interrupted program has returned
+            later = threading.Timer(0.05, _thread.interrupt_main)
             later.daemon = True
             later.start()
             return given_up(*question)

@@ -20,25 +20,17 @@ from jaxnc.solvers.plan import Plan, unwind
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
-from jaxnc.types import Array, ArrayLike, Coordinates, Float
+from jaxnc.types import Array, ArrayLike, Coordinates, Float, PyTree
 
 _SHORTEST = 1e-6  # of the way from the start pose to a lane: what is left of a branch that has ended
-_UNLIKELY = 0.02  # of the way from a point of a table: lanes with a fold so near rather go from the start pose
-_SHORTER = 0.25  # of a step that was refused is the next one, at least
 _EASY = 0.5  # of what a step may bend is aimed at
-_TOWARDS = 0.75  # of what is left before a fold is a step
-_BENT = 8.0  # steps before a fold the way is bent
 _FAR = 1e6  # times the way: no fold is foretold
 _NARROW = 128  # lanes at least that go together
 _KEPT = 8192  # numbers of their poses: they stay in the cache
 _FEW = 4096  # lanes: of so many, the last of which take a good part of the time, three times fewer go together
 _EVEN = 64  # lanes go together by multiples of so many: code without remainders is sooner compiled, and quicker
-_MOST = 8  # steps that lanes try before those that are not there yet are put together
 _TURNS = 18  # times that they are
-_SOON = 6  # of those of a table's points: lanes can do without the last of them
-_BLOCK = 8192  # lanes of a block: they stay in the cache
 _POINTS = {2: 17, 3: 9}  # of a table of poses, along each input
-_WORTH = 4  # times as many lanes as it has points, from which it pays
 
 
 class _Ways(NamedTuple):
@@ -65,7 +57,8 @@ class _Ways(NamedTuple):
         Of narrow numbers it is not told: rounding alone makes determinants fall.
         """
         told = jnp.finfo(self.at.dtype).eps < _SHORTEST**2
-        short = jnp.where(self.aside > 0.0, _UNLIKELY, _SHORTEST)
+        # lanes with a fold so near to a point of the table rather go from the start pose
+        short = jnp.where(self.aside > 0.0, 0.02, _SHORTEST)
         return told & (self.at > 0.0) & (self.left < short) & (self.at + 4.0 * self.left < 1.0)
 
     @property
@@ -134,12 +127,12 @@ class _Routes:
         turning = plan.periodic[:k]
         near = jnp.where(turning, jnp.round((values - self.origin) / (2 * jnp.pi)), 0.0) if turning.any() else None
         self.turns, self.goals = near, (values if near is None else unwind(values, near)).T
-        self.block = min(self.given, _BLOCK)
+        self.block = min(self.given, 8192)  # 8192 lanes stay in the cache
         width = max(_NARROW, (_KEPT if self.given > _FEW else _KEPT // 3) // len(self.unknown))
         self.width = min(self.block, _EVEN * -(-self.block // -(-self.block // width) // _EVEN))
         self.norm, self.least = length_of(plan, eq), limits(eq.length)
         self.points = _POINTS.get(k, self.given)
-        self.tabled = self.given >= _WORTH * self.points**k
+        self.tabled = self.given >= 4 * self.points**k  # a table pays from 4 times as many lanes as it has points
         self.low, self.high = jnp.min(self.goals, axis=1), jnp.max(self.goals, axis=1)
         n, blocks = len(self.unknown), len(self.outset)
         self.size = self.points**k if self.tabled else 0
@@ -159,7 +152,7 @@ class _Routes:
         state = jnp.zeros((n + 4, given)), jnp.zeros((n + len(self.outset) + 1, block if self.tabled else 0)), store
         return lax.fori_loop(0, -(-given // block) + self.tabled, walk, state)[0]
 
-    def full(self, these: Iterable[Any]) -> tuple[Array, ...]:
+    def full(self, these: Iterable[Array]) -> tuple[Array, ...]:
         """Make lanes of numbers."""
         return tuple(jnp.broadcast_to(v, (self.width,)) for v in these)
 
@@ -258,7 +251,7 @@ class _Routes:
         return i + 1, jax.tree.map(lambda a, b: jnp.where(good, a, b), new, old)
 
     def _judge(
-        self, ways: _Ways, trial: "_Trial", guess: Array, y: Sequence[Array], facing: Any, kept: Array
+        self, ways: _Ways, trial: "_Trial", guess: Array, y: Sequence[Array], facing: Array, kept: Array
     ) -> tuple[Array, ...]:
         """Say whether the step is made, how long the next one is after it and elsewhere, and what is left."""
         fresh, ahead = trial.fresh, trial.ahead
@@ -276,8 +269,10 @@ class _Routes:
         bend = _EASY / jnp.maximum(sharp, 0.1 * _EASY)  # times as long a step would bend as much as it may
         again = bend * (ahead + jnp.where(fresh, 0.0, trial.behind)) - ahead
         longer = jnp.where(fresh, ways.step, jnp.clip(again, 0.4 * ahead, 2.0 * ahead))
-        longer = jnp.minimum(jnp.minimum(longer, ways.longest), jnp.maximum(_TOWARDS * left, _SHORTEST))
-        shorter = jnp.clip(jnp.where(kept & ~fresh, bend, 0.0), _SHORTER, 0.5) * ways.step
+        # 0.75 of what is left before a fold is a step
+        longer = jnp.minimum(jnp.minimum(longer, ways.longest), jnp.maximum(0.75 * left, _SHORTEST))
+        # 0.25 of a step that was refused is the next one, at least
+        shorter = jnp.clip(jnp.where(kept & ~fresh, bend, 0.0), 0.25, 0.5) * ways.step
         return self.full((good, longer, shorter, left))
 
 
@@ -303,7 +298,7 @@ class _Trial(NamedTuple):
         ratio = jnp.where(fresh, 0.0, (at - ways.at) / behind)
         # Towards a fold poses change as the root of what is left.
         roots = [jnp.sqrt(jnp.maximum(ways.left + part, 0.0)) for part in (behind, 0.0, ways.at - at)]
-        bent = ways.left < _BENT * behind
+        bent = ways.left < 8.0 * behind  # 8 steps before a fold the way is bent
         change = jnp.where(bent, (roots[1] - roots[2]) / (roots[0] - roots[1]), ratio)
         return _Trial(fresh, ahead, at, behind, ratio, change)
 
@@ -323,7 +318,8 @@ class _Walk:
     def run(self, made: Array, rows: Array, store: Array) -> tuple[Array, Array, Array]:
         """Walk, and put what became of the lanes into their place; likewise of the points of the table, in `rows`."""
         routes, at_table, first = self.routes, self.at_table, self.first
-        turns = jnp.where(at_table, _SOON, _TURNS)
+        # 6 times those of a table's points: lanes can do without the last of them
+        turns = jnp.where(at_table, 6, _TURNS)
         none = jnp.zeros(routes.block, bool)
         turn, _, order, went, made, rows, _, store = lax.while_loop(
             lambda st: (st[0] < turns) & ((st[0] == 0) | jnp.any(st[-2])),
@@ -368,7 +364,7 @@ class _Walk:
             return lax.cond(at_table, routes.begin_table, routes.try_at_once, goal, at, self.table)
 
         ways = lax.cond(turn == 0, set_out, self._go_on, at, going, store)
-        most = jnp.where(turn == 0, 2, _MOST)
+        most = jnp.where(turn == 0, 2, 8)  # 8 steps are tried before lanes that are not there yet are put together
         _, ways = lax.while_loop(lambda st: (st[0] < most) & jnp.any(st[1].open), routes.advance, (0, ways))
         goes = ways.undecided & ((turn == 0) | lax.dynamic_slice_in_dim(going, at, routes.width))
         going = lax.dynamic_update_slice_in_dim(going, goes, at, 0)
@@ -404,7 +400,7 @@ def _unpack(packed: Array, counts: tuple[int | None, ...]) -> _Ways:
     return _Ways(*(part[0] if count is None else part for part, count in zip(parts, counts, strict=True)))
 
 
-def _once(go: Array, f: Callable[[Any], Any], x: Any) -> Any:
+def _once(go: Array, f: Callable, x: PyTree) -> PyTree:
     """Apply a function, or do nothing: a loop that is not entered leaves arrays in place, and a `cond` copies them."""
     return lax.while_loop(lambda state: state[0], lambda state: (jnp.zeros((), bool), f(state[1])), (go, x))[1]
 

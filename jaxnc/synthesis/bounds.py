@@ -20,10 +20,6 @@ from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.pytree import Leaves
 from jaxnc.types import Array
 
-_WIDE = 4.0  # sizes: a box that is wider is none to draw in
-_SWEEPS = 60  # over all lengths, at most, until they are met
-_MET = 1e-9  # of the size: what a length may miss
-
 
 class Boxes(NamedTuple):
     """Bounds of the joints and lengths of a problem."""
@@ -49,7 +45,8 @@ class Boxes(NamedTuple):
         some = [c for c in problem.conditions if isinstance(c, Length) and {c.start, c.end} <= {*top.points}]
         ends = np.array([[top.points.index(n) for n in (c.start, c.end)] for c in some], int).reshape(-1, 2)
         shortest, longest = np.array([max(c.low, 0.0) for c in some]), np.array([c.high for c in some])
-        return cls(low, high, high - low <= _WIDE * width, ends, shortest, longest, size, len(top.points))
+        # a box that is wider than 4 sizes is none to draw in
+        return cls(low, high, high - low <= 4.0 * width, ends, shortest, longest, size, len(top.points))
 
     def inside(self, flat: np.ndarray, free: np.ndarray, dim: int) -> np.ndarray:
         """Even out what lengths and boxes of drawings ``(B, n)`` miss over the parameters that are free, ``(n,)``."""
@@ -57,7 +54,7 @@ class Boxes(NamedTuple):
         if not len(self.ends):
             return flat
         along = np.arange(dim)
-        for _ in range(_SWEEPS):
+        for _ in range(60):  # 60 sweeps over all lengths, at most, until they are met
             far = 0.0
             for (a, b), low, high in zip(self.ends, self.shortest, self.longest, strict=True):
                 i, j = dim * a + along, dim * b + along
@@ -70,7 +67,7 @@ class Boxes(NamedTuple):
                 flat[:, i] -= share[0] / total * off
                 flat[:, j] += share[1] / total * off
             flat = np.where(self.narrow, np.clip(flat, self.low, self.high), flat)
-            if far <= _MET * self.size:
+            if far <= 1e-9 * self.size:  # 1e-9 of the size may a length miss
                 break
         return flat
 
@@ -134,9 +131,6 @@ def draw_designs(problem: Problem, rng: np.random.Generator, count: int, fit: Fi
     return flat[:, var.at]
 
 
-_PROJECTIONS = 24  # over all lengths: what is left after these is a condition's to mend
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Bounds(Leaves):
     """Bounds of the unknowns of a problem, in its scales."""
@@ -192,7 +186,7 @@ class Bounds(Leaves):
             z = lax.fori_loop(0, self.lengths, evened, (y * self.scale)[:n])
             return jnp.clip(y.at[:n].set(z / self.scale[:n]), self.low, self.high)
 
-        return lax.fori_loop(0, _PROJECTIONS, sweep, y)
+        return lax.fori_loop(0, 24, sweep, y)  # what is left after 24 sweeps over all lengths is a condition's to mend
 
     def distance_down(self, y: Array, slope: Array) -> Array:
         """Length of a step down the gradient that does not leave the bounds; 0 where they allow none."""

@@ -41,29 +41,18 @@ from jaxnc.synthesis.search.checkpoint import Course, interruptible
 from jaxnc.synthesis.search.screen import initial_guess, reseat_targets, screen
 from jaxnc.synthesis.search.sqp import End
 from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts
-from jaxnc.types import Array, ArrayLike
+from jaxnc.types import Array, ArrayLike, PyTree
 
 LARGE = 1e15  # the value of a design that does not assemble
 GOOD, LOST, NO_VALUE, NO_SLOPE = range(4)  # what became of a trial
 MEETS = 1e-7  # violation that is none
-_MARGIN = 1e-4  # by which inequalities are asked for more than they need
-_HEAVY = 10.0  # first weight of a violation
-_HEAVIEST = 1e6
 _HEAVIER = 4.0  # times, where a round has not made the violation so many times smaller
-_ROUND = 50  # steps between changes of multipliers, at most
-_LEVEL = 1e-2  # of the violation: a gradient so small is level enough to change them at once
-_SHORTER = 0.25  # times, after a step that is taken back
-_SHORTEST = 1e-9  # part of a step: below it none is possible
 
 _ROOM = 64  # steps that compiled code takes at once, at most
 _LASTING = 0.2  # seconds that they should last: so often is a descent looked at, and can be stopped
-_GAIN = 1e-3  # of the value: less in `patience` steps is no progress
 _AVERAGED = 20  # steps over which values that are samples are averaged, to be compared with `enough`
 _SAMPLES = 64  # of a value that is drawn anew at every step, to rank designs
 _LATER = 1 << 30  # number of the first of these samples
-_KEPT_EVERY = 1.0  # seconds between two savings
-_LOOKS = 50  # random designs that are looked at for each lane
-_LIKELY = 4  # times as many as there are lanes, of which those that assemble are taken
 
 _EXTRA = ("value", "grad", "value_fn")  # what optimisers that search along lines ask for
 _THEIRS = ("optax", "jax")  # packages whose functions are what their code and closures are
@@ -86,8 +75,8 @@ class Optimiser:
             raise InputError(
                 f"{what}: the optimiser must be an optax transformation, with init and update, got {name}{remedy}"
             )
-        self.init: Callable[..., Any] = given.init  # the memory of an optimiser at some unknowns
-        self.update: Callable[..., Any] = given.update
+        self.init: Callable = given.init  # the memory of an optimiser at some unknowns
+        self.update: Callable = given.update
         taken = inspect.signature(self.update).parameters.values()
         every = any(p.kind is p.VAR_KEYWORD for p in taken)
         self.extra = _EXTRA if every else tuple(p.name for p in taken if p.name in _EXTRA)
@@ -105,8 +94,8 @@ class Optimiser:
         return hashlib.sha256(repr(_lasting(self.key)).encode()).hexdigest()[:16]
 
     def updates(
-        self, slope: Array, memory: object, y: Array, value: Array, value_fn: Callable[[Any], Any]
-    ) -> tuple[Any, Any]:
+        self, slope: Array, memory: object, y: Array, value: Array, value_fn: Callable[[PyTree], PyTree]
+    ) -> tuple[PyTree, PyTree]:
         """Return what is added to the unknowns, and the memory afterwards."""
         known = {"value": value, "grad": slope, "value_fn": value_fn}
         return self.update(slope, memory, y, **{name: known[name] for name in self.extra})
@@ -125,7 +114,7 @@ class _Only:
         return id(self.thing)
 
 
-def _identity(thing: object, above: list[object]) -> Any:
+def _identity(thing: object, above: list[object]) -> object:
     """A key that things share if they do the same: numbers, code with what it encloses, else identity."""
     if isinstance(thing, int) and not isinstance(thing, bool) and abs(thing) < 1 << 53:
         return "float", float(thing)  # schedules make one of the other when they are first asked
@@ -155,7 +144,7 @@ def _identity(thing: object, above: list[object]) -> Any:
     return "only", _Only(thing)
 
 
-def _lasting(key: object) -> Any:
+def _lasting(key: object) -> object:
     """A key without what differs from process to process."""
     if isinstance(key, _Only):
         return getattr(key.thing, "__qualname__", type(key.thing).__name__)
@@ -211,8 +200,8 @@ class Lane:
     trial: Array
     slope: Array
     merit: Array
-    memory: Any
-    after: Any
+    memory: PyTree
+    after: PyTree
     share: Array
     multipliers: Array
     heavy: Array
@@ -341,7 +330,7 @@ class Descent(Shown, Leaves):
             after=memory,
             share=none + 1.0,
             multipliers=jnp.zeros(len(self.equal), y.dtype),
-            heavy=none + _HEAVY,
+            heavy=none + 10.0,  # first weight of a violation
             before=large,
         )
 
@@ -349,7 +338,7 @@ class Descent(Shown, Leaves):
         """Look at a design's trial and make the next one."""
         look, equal, random, bounds = self._look(lane, key), self.equal, self.random, self.bounds
 
-        def slope_of(y: Array) -> tuple[Array, Array, Any]:
+        def slope_of(y: Array) -> tuple[Array, Array, PyTree]:
             (merit, seen), slope = jax.value_and_grad(look, has_aux=True)(y)
             value, conditions, outcome = seen
             outcome = jnp.where((outcome == GOOD) & ~jnp.all(jnp.isfinite(slope)), NO_SLOPE, outcome)
@@ -372,13 +361,14 @@ class Descent(Shown, Leaves):
         memory = jax.tree.map(pick, lane.after, lane.memory)
         far = jnp.max(jnp.where(equal, jnp.abs(conditions), -conditions), initial=0.0)
         left = bounds.distance_down(y, slope)
-        share = jnp.where(lane.over, lane.share, pick(jnp.minimum(2.0 * lane.share, 1.0), _SHORTER * lane.share))
+        # a step that is taken back becomes 0.25 times as long
+        share = jnp.where(lane.over, lane.share, pick(jnp.minimum(2.0 * lane.share, 1.0), 0.25 * lane.share))
 
         meets = jnp.maximum(far, MEETS)
         better = good & (
             random | (meets < lane.best_violation) | ((meets == lane.best_violation) & (value < lane.best_value))
         )
-        over = lane.over | (share < _SHORTEST) | ((lane.steps == 0) & ~good)
+        over = lane.over | (share < 1e-9) | ((lane.steps == 0) & ~good)  # below 1e-9 of a step none is possible
         if not random:
             over = over | (good & (left <= self.tolerance) & (far <= MEETS))
 
@@ -389,11 +379,12 @@ class Descent(Shown, Leaves):
 
         multipliers, heavy, before = lane.multipliers, lane.heavy, lane.before
         if len(equal) and not random:
-            due = good & (((lane.steps + 1) % _ROUND == 0) | (left <= jnp.maximum(_LEVEL * far, self.tolerance)))
+            # 50 steps, or a gradient of 1e-2 of the violation, which is level enough to change multipliers at once
+            due = good & (((lane.steps + 1) % 50 == 0) | (left <= jnp.maximum(1e-2 * far, self.tolerance)))
             wanted = multipliers - heavy * self._with_margin(conditions)
             multipliers = jnp.where(due, jnp.where(equal, wanted, jnp.maximum(wanted, 0.0)), multipliers)
             more = due & (far > MEETS) & (_HEAVIER * far > before)
-            heavy = jnp.where(more, jnp.minimum(_HEAVIER * heavy, _HEAVIEST), heavy)
+            heavy = jnp.where(more, jnp.minimum(_HEAVIER * heavy, 1e6), heavy)
             before = jnp.where(due, far, before)
         return Lane(
             y=y,
@@ -417,7 +408,7 @@ class Descent(Shown, Leaves):
             before=before,
         )
 
-    def _look(self, lane: Lane, key: Array | None) -> Callable[[Array], tuple[Array, Any]]:
+    def _look(self, lane: Lane, key: Array | None) -> Callable[[Array], tuple[Array, PyTree]]:
         """Make the function of unknowns in their scales: value with conditions, large where a design is lost."""
         problem, targets, own = self.problem, None, key
         if self.batch is not None:
@@ -427,7 +418,7 @@ class Descent(Shown, Leaves):
             parts = jnp.arange(self.batch) + jax.random.uniform(first, (self.batch,))
             targets = jnp.minimum(parts * (problem.targets / self.batch), problem.targets - 1).astype(jnp.int32)
 
-        def look(y: Array) -> tuple[Array, Any]:
+        def look(y: Array) -> tuple[Array, PyTree]:
             value, conditions, found = problem.cost(y * self.bounds.scale, own if problem.random else None, targets)
             heavy, of = lane.heavy, lane.multipliers
             short = of - heavy * self._with_margin(conditions)
@@ -441,7 +432,7 @@ class Descent(Shown, Leaves):
 
     def _with_margin(self, conditions: Array) -> Array:
         """Conditions with a margin on those that are no equations."""
-        return conditions - jnp.where(self.equal, 0.0, _MARGIN)
+        return conditions - jnp.where(self.equal, 0.0, 1e-4)  # 1e-4 more than they need is asked of inequalities
 
 
 def _equalities(problem: Problem, batch: int | None) -> np.ndarray:
@@ -611,7 +602,8 @@ class DescentLanes:
         else:
             now, before = np.min(late, axis=0), np.min(early, axis=0)
         over = np.asarray(self.lanes.over)
-        tired = ~over & ~(now < before - _GAIN * np.abs(before))
+        # a gain of less than 1e-3 of the value in `patience` steps is no progress
+        tired = ~over & ~(now < before - 1e-3 * np.abs(before))
         self.idle |= tired
         self.lanes = _with_over(self.lanes, over | tired)
 
@@ -708,7 +700,7 @@ def descend(
         check_counts(what, starts=starts)
     own = {"optimiser": descent.optimiser.digest, "starts": starts if given is None else given.tolist()}
     course.set_terms(**own, batch=batch, gradient=gradient, patience=patience, key=seed)
-    looked = 0 if given is not None else _LOOKS * int(starts)
+    looked = 0 if given is not None else 50 * int(starts)  # 50 random designs are looked at for each lane
     try:
         with interruptible():
             x = given
@@ -732,7 +724,7 @@ def descend(
             stopped = course.out_of_time
             if not stopped and enough is not None and best <= enough:
                 stopped = f"stopped at enough={enough:g}"
-            course.save(run, every=_KEPT_EVERY)
+            course.save(run, every=1.0)  # seconds
     except KeyboardInterrupt:
         stopped = "interrupted"
     course.bar.close()
@@ -760,7 +752,8 @@ def descend(
 def starting_designs(problem: Problem, rng: np.random.Generator, lanes: int, looks: int) -> np.ndarray:
     """The idea, and the most promising random designs that assemble, ``(lanes or fewer, n)``."""
     own = initial_guess(problem, rng)
-    x = screen(problem, rng, looks, _LIKELY * lanes).x if lanes > 1 else own[:0]
+    # 4 times as many as there are lanes, of which those that assemble are taken
+    x = screen(problem, rng, looks, 4 * lanes).x if lanes > 1 else own[:0]
     every = np.clip(np.concatenate([own, x]), problem.low, problem.high)
     every = np.stack(reseat_targets(problem, list(every)))
     good = np.all(solve_poses(problem, every, 0).status == 0, axis=1)

@@ -21,7 +21,7 @@ from jaxnc.synthesis.loops import four_bar_loop, link_lengths
 from jaxnc.synthesis.problem import Problem
 from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.search.basins import Basin
@@ -31,7 +31,6 @@ _MEETS = 1e-8
 _CLOSE = 1e-3  # of the size: a condition that is met by less may hold a design back
 NAMED = 4  # conditions that are named in a sentence
 BLUNT = "has a transmission angle of"
-_ROUNDING = 4096  # units of rounding: no error that is smaller can be told from none
 
 
 def is_rounding(problem: Problem, error: float, dtype: np.dtype | type = np.float64) -> bool:
@@ -43,7 +42,8 @@ def is_rounding(problem: Problem, error: float, dtype: np.dtype | type = np.floa
     if target is None:
         return False
     size = max(problem.size, float(np.max(np.abs(target))), 1.0 if problem.unit == "rad" else 0.0)
-    return bool(error <= _ROUNDING * float(np.finfo(dtype).eps) * size)
+    # 4096 units of rounding: no error that is smaller can be told from none
+    return bool(error <= 4096 * float(np.finfo(dtype).eps) * size)
 
 
 @public
@@ -167,7 +167,7 @@ class _Numbers(NamedTuple):
     errors: Any
     misses: Any
     own: Any
-    conditions: Any
+    conditions: Sequence[Numbers]
 
 
 def _read_numbers(problem: Problem, one: MovedDesign) -> _Numbers:

@@ -34,17 +34,17 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
+    from jaxnc.solvers.plan import Plan
     from jaxnc.synthesis.search.goal import Goal
 
 _Item = TypeVar("_Item")
 _Out = TypeVar("_Out")
-_THREADS = 8  # threads
 
 
 def map_threads(work: Callable[[_Item], _Out], items: Sequence[_Item]) -> list[_Out]:
     """Apply a function to items in threads; the first by itself, since it prepares what the others share."""
     out, rest = [work(item) for item in items[:1]], items[1:]
-    count = min(_processors(), _THREADS, len(rest))
+    count = min(_processors(), 8, len(rest))  # 8 threads
     if count < 2:
         return out + [work(item) for item in rest]
     pool = ThreadPoolExecutor(count)
@@ -68,11 +68,7 @@ _compiled_sines = jit(loops.loop_sines)
 
 _WIDE = 512  # designs at once where only those are sought that go on
 _STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
-_FOLLOWED = 0.1  # the same where poses are followed to one after the other: longer ones are lost in space
-_MOST = 64  # poses between two targets, at most
-_SHORT = 1e-3  # of a step: a first one, that shows where poses and determinants are going
 _PARTS = 8  # into which a step is divided across which determinants change too much
-_CLOSER = 12  # times, at most: beside a dead point that is just missed steps become as short as it is near
 
 
 class DesignPoses(NamedTuple):
@@ -242,7 +238,8 @@ class _Designs:
         if self.problem.periodic:
             home = home + 2 * np.pi * np.round((values[:, 0] - home) / (2 * np.pi))
         turning = bool(self.view.angles) and self.view.angles[0] == 0
-        step = _STEP if self.steps.closed else _FOLLOWED
+        # poses that are followed to one after the other: longer steps are lost in space
+        step = _STEP if self.steps.closed else 0.1
         track, at = _make_track(home, values, step * (1.0 if turning else self.length))
         start = self.start.copy()
         start[self.view.known[0]] = home
@@ -262,7 +259,7 @@ class _Designs:
     ) -> None:
         """Look closer, in shorter steps, at designs that pass near a dead point; their poses are put into `q`."""
         lanes = np.arange(known.shape[2])
-        for _ in range(_CLOSER):
+        for _ in range(12):  # beside a dead point that is just missed steps become as short as it is near
             some = np.flatnonzero(doubted.any(axis=0))
             if not len(some):
                 return
@@ -286,7 +283,7 @@ class _Designs:
         return part._replace(changes=slopes, turn=found.turn and self.changing(found.turn, some))
 
 
-def _view(problem: Problem) -> Any:
+def _view(problem: Problem) -> "Plan":
     system = problem.system
     return plan(system.topology, (problem.driven,), problem.hold, system.degrees_of_freedom)
 
@@ -332,7 +329,8 @@ def _make_track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.n
     """Lay short steps from home through the values asked for: ``(steps, designs)``, and where these values are."""
     stops = np.concatenate([home[:, None], values], axis=1)
     apart = np.abs(np.diff(stops, axis=1))
-    counts = np.clip(np.ceil(np.where(np.isfinite(apart), apart, 0.0) / most), 1, _MOST).astype(int)
+    # 64 poses between two targets, at most
+    counts = np.clip(np.ceil(np.where(np.isfinite(apart), apart, 0.0) / most), 1, 64).astype(int)
     counts[:, :2] += 1  # the way begins at the drawing, or, where that is the first target, there
     ends = np.cumsum(counts, axis=1)
     steps = np.arange(ends.max() + 1)
@@ -342,7 +340,8 @@ def _make_track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.n
     along = np.minimum(steps - np.take_along_axis(ends - counts, way, axis=1), np.take_along_axis(counts, way, axis=1))
     first = way < 2
     part = (along - first) / (np.take_along_axis(counts, way, axis=1) - first)
-    part = np.where(first & (along <= 1), along * _SHORT / np.take_along_axis(counts, way, axis=1), part)
+    # 1e-3 of a step, to show where poses and determinants are going
+    part = np.where(first & (along <= 1), along * 1e-3 / np.take_along_axis(counts, way, axis=1), part)
     track = np.take_along_axis(stops, way, axis=1) * (1.0 - part) + np.take_along_axis(stops, way + 1, axis=1) * part
     return track.T, ends.T
 

@@ -27,7 +27,7 @@ def _read_attitude(motion: Motion, name: str) -> Array:
 
 
 @functools.cache
-def _attitude_reader(name: str) -> Callable[[Motion], Any]:
+def _attitude_reader(name: str) -> Callable[[Motion], Array]:
     """Return one function for each name, so that what is traced of it is found again."""
     return functools.partial(_read_attitude, name=name)
 
@@ -55,9 +55,9 @@ class FunctionGeneration(Problem):
     def __init__(
         self,
         mechanism: Mechanism | System,
-        output: str | Callable[[Motion], Any],
-        values: Any,
-        target: Any,
+        output: str | Callable[[Motion], ArrayLike],
+        values: ArrayLike,
+        target: ArrayLike,
         input: str | None = None,
         free: Sequence[str] | None = None,
         bounds: Mapping[str, Sequence[float | None]] | None = None,

@@ -98,9 +98,6 @@ def ground_points(system: System) -> set[int]:
     return {i for i in range(len(top.points)) if fixed[i * top.dim : (i + 1) * top.dim].all()}
 
 
-_SMALL = 3  # points of a body of which every pair is told
-
-
 def link_lengths(motion: Motion) -> dict[str, float]:
     """Distances between points of each body, and between fixed pivots that follow each other, by ``"B-C"``.
 
@@ -120,6 +117,7 @@ def links(system: System) -> list[tuple[int, int]]:
         used.update(some)
         for k, i in enumerate(some):
             for j in some[k + 1 :]:
-                if (len(some) <= _SMALL or k < 2) and not (i in fixed and j in fixed):
+                # of 3 points of a body every pair is told
+                if (len(some) <= 3 or k < 2) and not (i in fixed and j in fixed):
                     out[i, j] = None
     return [*out, *itertools.pairwise(sorted(fixed & used))]

@@ -46,7 +46,7 @@ class Objective(Problem):
     def __init__(
         self,
         mechanism: Mechanism | System,
-        residuals: Callable[[Motion], Any] | Sequence[Callable[[Motion], Any]],
+        residuals: Callable[[Motion], ArrayLike] | Sequence[Callable[[Motion], ArrayLike]],
         values: ArrayLike,
         weights: Sequence[float] | None = None,
         input: str | None = None,
@@ -120,7 +120,7 @@ class Objective(Problem):
         return [_residual_numbers(f, motion) * jnp.sqrt(w) for f, w in zip(self.residuals, self.weights, strict=True)]
 
 
-def _residual_numbers(residual: Callable[[Motion], Any], motion: Motion) -> Array:
+def _residual_numbers(residual: Callable[[Motion], ArrayLike], motion: Motion) -> Array:
     return jnp.ravel(call_on_motion(residual, f"Objective: residual {function_name(residual)}", motion))
 
 
@@ -147,7 +147,7 @@ class Loss(Problem):
     def __init__(
         self,
         mechanism: Mechanism | System,
-        function: Callable[..., Any],
+        function: Callable,
         input: str | None = None,
         free: Sequence[str] | None = None,
         bounds: Mapping[str, Sequence[float | None]] | None = None,
@@ -249,7 +249,7 @@ class Loss(Problem):
         return value, jnp.concatenate([*self.condition_values(motion, turn)]), jnp.all(motion.converged)
 
 
-def _argument_count(function: Callable[..., Any]) -> int:
+def _argument_count(function: Callable) -> int:
     """How many arguments a function must be given, one or two."""
     try:
         taken = inspect.signature(function).parameters.values()

@@ -9,7 +9,8 @@ import copy
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeVar
+from types import ModuleType
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -27,10 +28,9 @@ from jaxnc.solvers.assembly import derive, settle
 from jaxnc.synthesis.conditions import Condition, Seen
 from jaxnc.synthesis.pytree import Leaves, shapes
 from jaxnc.system.system import System
-from jaxnc.types import Array, Numbers
+from jaxnc.types import AnyArray, Array, Numbers
 
 _P = TypeVar("_P", bound="Problem")
-_RANGE = 48  # poses at which conditions look at the range of the input
 POSES = 181  # at which what comes out is judged
 
 
@@ -120,7 +120,7 @@ class Problem(Remade, Leaves):
     minimax: bool
     dense: bool
     mechanism: Mechanism | None
-    weights: Any
+    weights: AnyArray
 
     def __copy__(self) -> "Problem":
         return from_fields(type(self), vars(self))
@@ -154,7 +154,7 @@ class Problem(Remade, Leaves):
 
     # -- to be given by each kind of problem -----------------------------------------------------------------------
 
-    def inputs(self, extra: Any) -> Any:
+    def inputs(self, extra: Numbers) -> AnyArray:
         """Values of the input at the targets, ``(T,)``, see `affine`; NumPy arrays from NumPy arrays."""
         raise NotImplementedError
 
@@ -216,7 +216,7 @@ class Problem(Remade, Leaves):
 
     # -- derived ---------------------------------------------------------------------------------------------------
 
-    def split(self, x: Any) -> tuple[Array, Array]:
+    def split(self, x: AnyArray) -> tuple[Array, Array]:
         """Design variables and the problem's own unknowns."""
         n = len(self.variables.names)
         return x[:n], x[n:]
@@ -243,7 +243,7 @@ class Problem(Remade, Leaves):
         """A design's motion through values of the input."""
         return sweep(system, {self.driven: values}, hold=self.hold, repair=repair)
 
-    def span(self, home: Numbers, extra: Numbers) -> tuple[Any, Any]:
+    def span(self, home: Numbers, extra: Numbers) -> tuple[AnyArray, AnyArray]:
         """Range of the input over which conditions are looked at: from the drawing once round, or as given.
 
         Args:
@@ -327,7 +327,8 @@ class Problem(Remade, Leaves):
     @property
     def poses(self) -> int:
         """Number of poses over the range that a search looks at."""
-        return _RANGE if any(c.over_range for c in self.conditions) else 0
+        # 48 poses at which conditions look at the range of the input
+        return 48 if any(c.over_range for c in self.conditions) else 0
 
     @property
     def targets(self) -> int:
@@ -389,12 +390,12 @@ class Problem(Remade, Leaves):
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
 
 
-def with_fields(problem: _P, **fields: Any) -> _P:
+def with_fields(problem: _P, **fields: object) -> _P:
     """Copy a problem with other values of some fields; nothing is checked again."""
     return from_fields(type(problem), vars(problem) | fields)
 
 
-def array_module(*values: Any) -> Any:
+def array_module(*values: object) -> ModuleType:
     """The module for arithmetic with arrays: NumPy, which compiles nothing, unless one of them is JAX's."""
     return jnp if any(isinstance(v, (jax.Array, Tracer)) for v in values) else np
 
@@ -402,19 +403,26 @@ def array_module(*values: Any) -> Any:
 def repeat_drawing(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
     """A motion whose poses are all the drawing."""
     home = np.asarray(derive(system).home)
-    poses: Any = np.broadcast_to(home, (count, len(home)))
+    poses: AnyArray = np.broadcast_to(home, (count, len(home)))
     zero, none, asked = (np.zeros(shape, kind) for shape, kind in ((count, float), (count, int), ((count, 1), float)))
     return make_motion(system, driven, hold, poses, none, asked[:, 0], zero, zero)
 
 
 def make_motion(
-    system: System, driven: str, hold: Sequence[str], q: Any, status: Any, values: Any, residual: Any, conditioning: Any
+    system: System,
+    driven: str,
+    hold: Sequence[str],
+    q: AnyArray,
+    status: AnyArray,
+    values: AnyArray,
+    residual: AnyArray,
+    conditioning: AnyArray,
 ) -> Motion:
     """Make a motion from poses ``(T, N)`` with their status, inputs, residuals and conditioning, each ``(T,)``."""
     return Motion(system, (driven,), tuple(hold), q, (), values[:, None], status, residual, conditioning)
 
 
-def home_value(system: System, driven: str) -> Any:
+def home_value(system: System, driven: str) -> AnyArray:
     """Value of a coordinate in the assembled drawing; it is not differentiated."""
     q = settle(derive(system), np.zeros(len(system.topology.coordinates)), repair=False).q  # of traced code by itself
     place = system.topology.position[driven]

@@ -7,7 +7,7 @@ to the structure. So does an infinite bound, which stands for no bound.
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -16,7 +16,7 @@ from jax.core import Tracer
 
 from jaxnc.pickling import from_fields
 from jaxnc.system.system import System
-from jaxnc.types import Numbers
+from jaxnc.types import Numbers, PyTree
 
 _LEAF = object()
 
@@ -26,7 +26,7 @@ class Leaves:
 
     apart: tuple[str, ...] = ()  # fields that no program looks at; they are None where a program sees the record
 
-    def __init_subclass__(cls, **options: Any) -> None:
+    def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)
         jax.tree_util.register_pytree_node(cls, _flatten, _unflatten)
 
@@ -34,7 +34,7 @@ class Leaves:
 class _Same:
     """A value that is equal to itself only, for what cannot be compared."""
 
-    def __init__(self, value: Any):
+    def __init__(self, value: object):
         self.value = value
 
     def __eq__(self, other: object) -> bool:
@@ -44,27 +44,27 @@ class _Same:
         return id(self.value)
 
 
-def _flatten(record: object) -> tuple[list[Any], Any]:
-    leaves: list[Any] = []
+def _flatten(record: object) -> tuple[list, tuple]:
+    leaves: list = []
     return leaves, _flatten_record(record, leaves)
 
 
-def _unflatten(structure: Any, leaves: Any) -> Any:
+def _unflatten(structure: tuple, leaves: Sequence) -> PyTree:
     return structure[0](structure, iter(leaves))
 
 
-def _flatten_record(record: Any, leaves: list[Numbers]) -> Any:
+def _flatten_record(record: Any, leaves: list[Numbers]) -> tuple:
     fields = tuple(field.name for field in dataclasses.fields(record))
     parts = (None if name in record.apart else getattr(record, name) for name in fields)
     return _rebuild_record, type(record), fields, tuple(_take_leaves(part, leaves) for part in parts)
 
 
-def _rebuild_record(structure: Any, leaves: Iterator[Any]) -> Any:
+def _rebuild_record(structure: tuple, leaves: Iterator) -> PyTree:
     _, kind, names, parts = structure
     return from_fields(kind, {name: _place_leaves(part, leaves) for name, part in zip(names, parts, strict=True)})
 
 
-def _take_leaves(value: Any, leaves: list[Any]) -> Any:
+def _take_leaves(value: object, leaves: list) -> Any:
     """Take the structure of a value, and add its leaves to the others."""
     if isinstance(value, float) and math.isfinite(value):
         leaves.append(float(value))
@@ -89,37 +89,37 @@ def _take_leaves(value: Any, leaves: list[Any]) -> Any:
     return _rebuild_plain, value
 
 
-def _place_leaves(structure: Any, leaves: Iterator[Any]) -> Any:
+def _place_leaves(structure: tuple, leaves: Iterator) -> PyTree:
     return next(leaves) if structure is _LEAF else structure[0](structure, leaves)
 
 
-def _rebuild_array(structure: Any, leaves: Iterator[Any]) -> np.ndarray:
+def _rebuild_array(structure: tuple, leaves: Iterator) -> np.ndarray:
     _, shape, dtype, data = structure
     return np.frombuffer(data, dtype).reshape(shape)
 
 
-def _rebuild_tree(structure: Any, leaves: Iterator[Any]) -> System:
+def _rebuild_tree(structure: tuple, leaves: Iterator) -> System:
     return jax.tree.unflatten(structure[1], [next(leaves) for _ in range(structure[2])])
 
 
-def _rebuild_tuple(structure: Any, leaves: Iterator[Any]) -> Any:
+def _rebuild_tuple(structure: tuple, leaves: Iterator) -> PyTree:
     parts = [_place_leaves(part, leaves) for part in structure[2]]
     make: Callable = structure[1]._make if hasattr(structure[1], "_make") else structure[1]
     return make(parts)
 
 
-def _rebuild_plain(structure: Any, leaves: Iterator[Any]) -> Any:
+def _rebuild_plain(structure: tuple, leaves: Iterator) -> PyTree:
     value = structure[1]
     return value.value if isinstance(value, _Same) else value
 
 
-def shapes(f: Callable[..., Any], *given: Any) -> Any:
+def shapes(f: Callable, *given: object) -> PyTree:
     """Shapes of what a pure function of pytrees returns; it is traced once for their structure."""
     leaves, structure = jax.tree.flatten(given)
     return _cached_shapes(f, structure, tuple((np.shape(x), getattr(x, "dtype", np.dtype(float))) for x in leaves))
 
 
 @functools.lru_cache(maxsize=1024)
-def _cached_shapes(f: Callable[..., Any], structure: Any, kinds: tuple[tuple[tuple[int, ...], np.dtype], ...]) -> Any:
+def _cached_shapes(f: Callable, structure: Any, kinds: tuple[tuple[tuple[int, ...], np.dtype], ...]) -> PyTree:
     leaves = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
     return jax.eval_shape(lambda *x: f(*jax.tree.unflatten(structure, x)), *leaves)

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-_FAR = 0.01  # of the target's extent: a larger error is no fit
 _LENGTHS = 12  # of links that a table shows
 _CONTINUUM = (
     "the best found of a continuum of exact designs, which is listed once: it can change in {} and still meet the "
@@ -107,7 +106,7 @@ class Result(Shown):
 
     problem: Problem
     designs: tuple[Design, ...]
-    history: tuple[Any, ...]
+    history: tuple[Progress, ...]
     refined: int
     screened: int
     broken: int
@@ -183,7 +182,8 @@ class Result(Shown):
     def _describe_miss(self, best: Design) -> str:
         """Of a target that is not met: by how much, and what may stand in the way."""
         size = self.problem.size
-        if not hasattr(self.problem, "target") or best.rms <= _FAR * size:
+        # an error of more than 0.01 of the target's extent is no fit
+        if not hasattr(self.problem, "target") or best.rms <= 0.01 * size:
             return ""
         words = f"; the targets are not met, by up to {100 * best.largest / size:.3g} % of their extent: "
         if best.binding:

@@ -1,7 +1,7 @@
 """The part of a problem's statement that all kinds share: names, bounds and conditions, checked and completed."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +19,7 @@ from jaxnc.synthesis.problem import Problem, Variables, home_value
 from jaxnc.synthesis.validate import as_interval, as_names, check_radians
 from jaxnc.system.system import System, characteristic_length, drivable
 
-_NUDGE = 0.05  # radians, or parts of the size, by which an input is moved to see which distances stay
 _TURNS = 40 * np.pi  # an input that travels further is doubted to be in radians
-_STIFF = 1e-7  # of a distance: less is no change
 
 
 class Statement(NamedTuple):
@@ -84,13 +82,13 @@ def check_spans(what: str, system: System, driven: str, hold: Sequence[str], con
             if any(a in names and b in names for names in bodies.values()):
                 continue
             if motion is None:
-                step = _NUDGE * (
+                step = 0.05 * (  # radians, or parts of the size: an input is moved to see which distances stay
                     1.0 if driven in top.scalars else float(characteristic_length(system.parameters.points))
                 )
                 home = float(home_value(system, driven))
                 motion = sweep(system, {driven: home + step * np.linspace(0.0, 1.0, 3)}, hold=hold, repair=False)
             far = np.linalg.norm(np.asarray(motion[a]) - np.asarray(motion[b]), axis=1)[np.asarray(motion.converged)]
-            if np.ptp(far) > _STIFF * np.max(far) if len(far) else False:
+            if np.ptp(far) > 1e-7 * np.max(far) if len(far) else False:  # 1e-7 of a distance: less is no change
                 shown = ", ".join(f"{name} {'-'.join(names)}" for name, names in bodies.items() if len(names) > 1)
                 raise InputError(
                     f"{what}: {c.name}: {a} and {b} are not on one body, and their distance is no length of the design "
@@ -114,7 +112,7 @@ def turn_of(stated: Statement, beyond: bool) -> float:
     return max(2 * np.pi, high - low) if beyond else 4 * np.pi
 
 
-def complete(problem: Problem, stated: Statement, **fields: Any) -> None:
+def complete(problem: Problem, stated: Statement, **fields: object) -> None:
     """Give a problem its fields; refuse conditions of the user's own that are not finite for the starting idea."""
     vars(problem).update(stated._asdict() | fields)
     if not problem.at_rest:
@@ -171,7 +169,10 @@ _compiled_met = jit(Problem.condition_values)
 
 
 def choose_variables(
-    system: System, free: Sequence[str] | None = None, bounds: Mapping[str, Any] | None = None, what: str = "problem"
+    system: System,
+    free: Sequence[str] | None = None,
+    bounds: Mapping[str, Sequence] | None = None,
+    what: str = "problem",
 ) -> Variables:
     """Choose design variables.
 

@@ -1,7 +1,7 @@
 """Numbers that a problem is stated and searched with, checked; an error names what is at fault and what to try."""
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -11,7 +11,8 @@ from jaxnc.kinematics.inputs import whole
 from jaxnc.types import Array
 from jaxnc.validate import as_real, call_user
 
-_SAME = 1e-9  # of the target's extent: points that are so near to each other are one
+if TYPE_CHECKING:
+    from jaxnc.kinematics.motion import Motion
 
 
 def as_points(target: object, dim: int, what: str, least: int = 3, closed: bool = False) -> np.ndarray:
@@ -29,7 +30,8 @@ def as_points(target: object, dim: int, what: str, least: int = 3, closed: bool 
         raise InputError(f"{what}: target point {bad[0] + 1} is not finite: {out[bad[0]].tolist()}")
     if len(out) < least:
         raise InputError(f"{what}: {len(out)} target points; give at least {least}")
-    if closed and np.max(np.abs(out[-1] - out[0])) <= _SAME * np.max(np.ptp(out, axis=0)):
+    # 1e-9 of the target's extent: points that are so near to each other are one
+    if closed and np.max(np.abs(out[-1] - out[0])) <= 1e-9 * np.max(np.ptp(out, axis=0)):
         raise InputError(
             f"{what}: target point {len(out)} repeats the first one, and a closed path goes on from its last point to "
             f"the first by itself; leave it out: target[:-1] (and of timing and weights what belongs to it)"
@@ -97,14 +99,14 @@ def check_radians(values: np.ndarray, what: str, turn: float, remedy: str) -> No
         )
 
 
-def call_on_motion(function: Callable[[Any], Any], what: str, motion: Any) -> Array:
+def call_on_motion(function: Callable, what: str, motion: "Motion | None") -> Array:
     """Call a user's function with a motion; the numbers that it returns, as an array."""
     return as_real(
         call_user(function, what, "motion", motion), what, "a number or an array of numbers, built by jax.numpy"
     )
 
 
-def as_names(values: Any, what: str) -> list[str]:
+def as_names(values: object, what: str) -> list[str]:
     """Check that names are some."""
     if isinstance(values, str):
         return [values]

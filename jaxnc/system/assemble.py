@@ -38,13 +38,11 @@ if TYPE_CHECKING:
 
 _LENGTH_NAMES = re.compile(r"(length|radius)\d*")  # constants of kinds that are lengths
 COINCIDENT = 1e-9  # of the drawing's size: closer points have no direction
-_PARALLEL = 1e-6  # sine of an angle below which a direction has no projection across an axis
 _ACROSS = 1e-6  # cosine up to which two directions count as perpendicular
 _IN_LINE = 1e-9  # sine of an angle below which directions are parallel
 _NEARLY = 2e-3  # below which they are suspiciously nearly so, where a vector was typed in
 _NEARLY_POINTS = 1e-5  # the same where all are points
 _GOOD = 0.2  # from which a base counts as well conditioned
-_NEARLY_FLAT = 1e-3  # volume of a base of three segments below which the text's form is badly conditioned
 
 
 def compile_mechanism(mechanism: "Mechanism", sparse: bool | None, dtype: str | None) -> System:
@@ -998,7 +996,7 @@ class SpatialAssembler(Assembler):
             volume = np.abs(np.einsum("ia,jka->ijk", units, np.cross(units[:, None], units[None])))
             volume = volume * np.einsum("i,j,k->ijk", sizes, sizes, sizes)
             if volume.max() > _IN_LINE:
-                if volume.max() < _NEARLY_FLAT:
+                if volume.max() < 1e-3:  # a smaller volume makes the text's form badly conditioned
                     raise MechanismError(
                         f"body {name!r}: its points and vectors are drawn nearly in one plane, where the base of three "
                         f"segments of form='text' is badly conditioned; draw them in the plane, or use form='exact'"
@@ -1050,7 +1048,7 @@ class SpatialAssembler(Assembler):
 
     def refuse_along(self, axis: Segment, direction: Segment, what: str) -> None:
         """Refuse a direction along an axis, about which it shows no angle."""
-        if self.sine(axis, direction) < _PARALLEL:
+        if self.sine(axis, direction) < 1e-6:  # such a direction has no projection across the axis
             raise MechanismError(
                 f"{what}: the {self.called(direction)} is drawn along the axis, the {self.called(axis)}, so it shows "
                 f"no rotation about it; choose a direction across the axis"

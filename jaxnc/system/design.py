@@ -8,7 +8,7 @@ behind. The readings are NumPy (with changes along the last axis, if wanted), JA
 import functools
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +22,10 @@ from jaxnc.system.frames import carried
 from jaxnc.system.structure import Formula, formula
 from jaxnc.system.system import Parameters
 from jaxnc.system.topology import INDEX, Block, BlockLayout, Segment, Topology
-from jaxnc.types import Array, Float, Numbers
+from jaxnc.types import AnyArray, Array, Components, Float, Numbers
+
+if TYPE_CHECKING:
+    from jaxnc.system.topology import Shape
 
 Places = np.ndarray
 """Where numbers stand in the row of a design."""
@@ -126,7 +129,7 @@ class _DesignWriter:
             np.concatenate([np.zeros(1, INDEX), *misfit]),
         )
 
-    def _shape(self, shape: Any) -> Places:
+    def _shape(self, shape: "Shape") -> Places:
         """Redraw bodies with explicit dimensions."""
         members = np.array(shape.members, int)
         wanted = np.array(shape.dimensions, int).reshape(len(members), -1)
@@ -204,7 +207,7 @@ def _distance_formula(dim: int) -> Formula:
 def recipe_formula(recipe: tuple, count: int, dim: int, values: int) -> Formula:
     """A body's points as its recipe places them, from those drawn ``(count, dim)`` and its explicit dimensions."""
 
-    def place(*x: Any) -> Any:
+    def place(*x: object) -> AnyArray:
         home: Any = Small(Small(x[k * dim : (k + 1) * dim]) for k in range(count))
         return redraw(recipe, home, cast(Any, Small(x[count * dim :])))
 
@@ -221,7 +224,7 @@ def _marker_formula(dim: int, forms: str, direction: bool) -> Formula:
     wide = [dim * (2 if form == "p" else 1) for form in (*forms, "v" if direction else "p")]
     ends = np.cumsum([0, *wide])
 
-    def coefficients(*x: Any) -> Any:
+    def coefficients(*x: object) -> Components:
         parts = [x[a:b] for a, b in itertools.pairwise(ends.tolist())]
         *spans, drawn, arm = [Small(p) if len(p) == dim else Small(p[dim:]) - Small(p[:dim]) for p in parts]
         return carried(cast(Any, spans), cast(Any, arm), cast(Any, drawn), direction)
@@ -322,7 +325,7 @@ def _two_distances(a, ra, b, rb, side):
 
 def run_steps(
     found: Design, x: Numbers, run: Callable[[Step, Any], Sequence[Any]], join: Callable, levels: int = 6
-) -> Any:
+) -> AnyArray:
     """The row of a design's numbers ``(numbers, ...)`` after so many levels, from those that are given.
 
     `run` says what the results of a step are, one after the other ``(instances, ...)``, from what it takes.
@@ -333,7 +336,7 @@ def run_steps(
     return x
 
 
-def design_numbers(top: Topology, parameters: Parameters, levels: int = 6) -> Any:
+def design_numbers(top: Topology, parameters: Parameters, levels: int = 6) -> AnyArray:
     """The row of a design's numbers: NumPy's of NumPy arrays, otherwise JAX's.
 
     The first level knows points of redrawn bodies and unit vectors.
@@ -343,7 +346,7 @@ def design_numbers(top: Topology, parameters: Parameters, levels: int = 6) -> An
     dtype = parameters.points.dtype
     x = xp.concatenate([xp.zeros(1, dtype), *(a.reshape(-1) for a in par)])
 
-    def run(step: Step, given: Numbers) -> list[Any]:
+    def run(step: Step, given: Numbers) -> list[AnyArray]:
         values = (step.formula.on_lanes if xp is np else step.formula.traced)(list(given))
         return [xp.broadcast_to(xp.asarray(v, dtype), given.shape[1:]) for v in values]
 

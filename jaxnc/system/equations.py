@@ -27,7 +27,7 @@ from jaxnc.system.precision import numbers
 from jaxnc.system.structure import Formula, pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
-from jaxnc.types import Array, Coordinates, Float, Inputs, Numbers
+from jaxnc.types import AnyArray, Array, Coordinates, Float, Inputs, Numbers
 from jaxnc.validate import as_scalars, as_shape, call_user
 
 
@@ -71,7 +71,7 @@ def equations(system: System, differentiate_scales: bool = False) -> Equations:
     stop: Any = (lambda x: x) if host else jax.lax.stop_gradient
     still: Any = (lambda x: x) if differentiate_scales else stop
     found, x = design(top), design_numbers(top, par)
-    length: Any
+    length: AnyArray
     length = _bar_length(top, still(x[found.drawing])) if top.large else characteristic_length(still(par.points))
     length = np.asarray(length, x.dtype) if host else length
     constants = tuple(x[places] for places in found.constants)
@@ -101,7 +101,7 @@ def renumbered(eq: Equations, constants: Sequence[Numbers], scales: Sequence[Num
 
     NumPy's constants may carry changes along a last axis; then the coefficients do too.
     """
-    found: list[list[Any]] = [[], []]
+    found: list[list[AnyArray]] = [[], []]
     for block, c, scale in zip(eq.topology.blocks, constants, scales, strict=True):
         for order, out in enumerate(found, start=1):
             if quadratic(block.kind, eq.topology.dim):
@@ -152,14 +152,14 @@ def _at_origin(kind: Kind, dim: int, order: int) -> tuple[Formula, np.ndarray, n
     return Formula(b.program([*open_.values()])), same, where
 
 
-def row_coefficients(block: Block, dim: int, constants: Any, order: int) -> Any:
+def row_coefficients(block: Block, dim: int, constants: AnyArray, order: int) -> AnyArray:
     """First or second derivatives of a quadratic block's rows at the origin, ``(instances, rows, variables, …)``.
 
     Constants are ``(instances, constants)``. NumPy's may carry changes along a last axis; then the derivatives do too.
     """
     run, same, where = _at_origin(block.kind, dim, order)
     host, tail = isinstance(constants, np.ndarray), constants.shape[2:]
-    wide: Any = np.zeros((same.size, *tail))
+    wide: AnyArray = np.zeros((same.size, *tail))
     wide[..., *(0,) * len(tail)] = same.reshape(-1)
     xp: Any = np if host else jnp
     wide = xp.broadcast_to(xp.asarray(wide, constants.dtype), (block.count, *wide.shape))
@@ -188,7 +188,7 @@ def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float
 
 def _scales(
     top: Topology, block: Block, layout: BlockLayout, linear: Numbers | None, length: Numbers, constants: Numbers
-) -> Any:
+) -> Numbers:
     """Factors that turn rows into lengths, ``(instances, rows)``."""
     xp: Any = np if isinstance(constants, np.ndarray) else jnp
     if not block.kind.rows:
@@ -205,14 +205,14 @@ def _scales(
     return xp.stack(columns, axis=-1).astype(constants.dtype)
 
 
-def _bar_length(top: Topology, drawing: Numbers) -> Any:
+def _bar_length(top: Topology, drawing: Numbers) -> Numbers:
     """Median extent of the constraints that tie points together: what a large mechanism is measured by.
 
     A tolerance relative to the whole drawing would let every bar of a chain of thousands be wrong by thousands of
     times as much. It is 1 where no constraint ties two points at different places.
     """
     xp: Any = np if isinstance(drawing, np.ndarray) else jnp
-    extents: list[Any] = [np.zeros(0)]
+    extents: list[AnyArray] = [np.zeros(0)]
     for layout in top.layout:
         if layout.drawn.shape[1] > 1:
             spread = drawing[layout.drawn[:, 1:]] - drawing[layout.drawn[:, :1]]

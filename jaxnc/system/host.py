@@ -8,7 +8,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from jaxnc.constraints import Kind
 from jaxnc.system.equations import places, pure_numbers
 from jaxnc.system.structure import Function, HostKind, formula, host_kind, row_derivatives, size
 from jaxnc.system.topology import Topology
+
+if TYPE_CHECKING:
+    from jaxnc.system.equations import Equations
 
 Slot = tuple[int, int, int] | int  # a constant (block, instance, constant), or a coordinate of the ground
 
@@ -193,7 +196,7 @@ class HostEquations:
         return np.moveaxis(out, 2, 0)
 
 
-def from_jax(eq: Any) -> HostEquations:
+def from_jax(eq: "Equations") -> HostEquations:
     """The equations on the host, from those for JAX (not traced), or from a record with the same fields.
 
     Numbers may have a leading axis of designs, those that the designs share need not.

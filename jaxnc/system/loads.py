@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 Index = tuple[int, ...]
 
 _FLAT = 0.02  # volume of three unit segments below which they are no base: the body gets a hidden third one
-_AXIAL = 1e-9  # of the largest moment: axial inertia that a bar may be given
 
 
 @dataclass(frozen=True)
@@ -262,7 +261,8 @@ class LoadAssembler:
         if isinstance(spec.inertia, tuple):
             xx, yy, zz, xy, xz, yz = spec.inertia
             tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            if np.linalg.norm(tensor @ e) > _AXIAL * max(np.abs(tensor).max(), 1e-300):
+            # 1e-9 of the largest moment may be the axial inertia of a bar
+            if np.linalg.norm(tensor @ e) > 1e-9 * max(np.abs(tensor).max(), 1e-300):
                 raise MechanismError(
                     f"{what} is a bar of five freedoms, which does not know its rotation about its own line, but it is "
                     f"given the inertia {float(e @ tensor @ e):.6g} about it; {remedy}"

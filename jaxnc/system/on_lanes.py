@@ -13,10 +13,10 @@ from jaxnc.compiling import jit
 from jaxnc.internals import outermost
 from jaxnc.reading import Program, function, rate, trace
 from jaxnc.system.precision import WIDE, numbers
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 
-def on_host(*given: Any) -> bool:
+def on_host(*given: object) -> bool:
     """Tell whether poses, given first, were found on the host, and nothing is traced, which makes arrays of JAX's."""
     traced = not outermost() or any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
     return isinstance(given[0], np.ndarray) and not traced
@@ -27,7 +27,7 @@ def reading(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, .
     """The program of a function of arrays, and the shape of what it returns."""
     shape: list[tuple[int, ...]] = []
 
-    def called(*arrays: Any) -> tuple[Any]:
+    def called(*arrays: object) -> tuple[Array]:
         out = f(*fixed, *arrays)
         shape.append(out.shape)
         return (out,)
@@ -49,7 +49,11 @@ def _function(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple, order: in
 
 
 def on_lanes(
-    f: Callable, fixed: tuple[Hashable, ...], q: np.ndarray, rates: Sequence[Any] = (), constants: Sequence[Array] = ()
+    f: Callable,
+    fixed: tuple[Hashable, ...],
+    q: np.ndarray,
+    rates: Sequence[Numbers] = (),
+    constants: Sequence[Array] = (),
 ) -> np.ndarray:
     """The k-th time derivative of a function of one pose, ``(..., *shape)``, along poses with their first k.
 
@@ -87,7 +91,7 @@ def columns_on_lanes(
 
 
 @functools.partial(jit, static_argnums=0)
-def _columns_in_jax(run: Callable, q: tuple, rates: tuple, constants: tuple) -> list[Any]:
+def _columns_in_jax(run: Callable, q: tuple, rates: tuple, constants: tuple) -> list[Numbers]:
     def columns(part: Array) -> list[Array]:
         return [part[..., k] for k in range(part.shape[-1])]
 

@@ -110,7 +110,7 @@ def _is_wide() -> bool:
     return bool(jax.config.read("jax_enable_x64"))
 
 
-def chosen(dtype: Any) -> np.dtype:
+def chosen(dtype: str | type | np.dtype | None) -> np.dtype:
     """The type of numbers that a user asks for, 64 bits wide unless said otherwise."""
     try:
         found = WIDE if dtype is None else np.dtype(dtype)

@@ -36,7 +36,7 @@ from jaxnc.reading import (
 from jaxnc.system.on_lanes import carrying
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import Array, Components, Numbers, Scalar
 from jaxnc.validate import as_scalars, call_user
 
 Pairs = tuple[tuple[int, int], ...]
@@ -86,7 +86,7 @@ def _read_program(kind: Kind, which: str, dim: int) -> Program | None:
     single, what = which in ("measure", "misfit"), f"kind {kind.name!r}: {which}="
     many = {"residual": len(kind.rows), "drawn": len(kind.constants)}.get(which)
 
-    def called(p: Any, v: Any, s: Any, c: Any) -> Sequence[Any]:
+    def called(p: Components, v: Components, s: Components, c: Components) -> Sequence[Scalar]:
         if single:
             return as_scalars((call_user(f, what, "p, v, c", p, v, c),), what)
         rows = as_scalars(call_user(f, what, "p, v, s, c", p, v, s, c), what, many)
@@ -119,7 +119,7 @@ def _read_program(kind: Kind, which: str, dim: int) -> Program | None:
             return None
 
 
-def _true_or_false(row: Any) -> bool:
+def _true_or_false(row: Scalar) -> bool:
     return (
         isinstance(row, bool)
         or (isinstance(row, Number) and row.truth)
@@ -127,7 +127,7 @@ def _true_or_false(row: Any) -> bool:
     )
 
 
-def _as_small(kind: Kind, dim: int, x: Sequence[Any]) -> tuple[Small, Small, Small, Small]:
+def _as_small(kind: Kind, dim: int, x: Sequence[Scalar]) -> tuple[Small, Small, Small, Small]:
     ends = kind.points, kind.points + kind.vectors
     spread = [Small(x[k * dim : (k + 1) * dim]) for k in range(ends[1])]
     first = ends[1] * dim
@@ -232,7 +232,7 @@ class Formula:
     """A function of a few numbers, with its readings; each is made when somebody asks for it."""
 
     program: Program | None  # None where it cannot be read
-    call: Callable[[Any], Any] | None = None  # then the function itself, from an array to an array
+    call: Callable | None = None  # then the function itself, from an array to an array
     kind: Any = None  # whose function that is: a `Kind`, or a kind of force
 
     @functools.cached_property
@@ -292,7 +292,7 @@ def formula(kind: Kind, which: str, dim: int, order: int = 0) -> Formula:
     return Formula(rate(found, range(size(kind, dim)), order) if order else found)
 
 
-def jax_function(kind: Kind, which: str, dim: int, order: int = 0) -> Callable[[Any], Any]:
+def jax_function(kind: Kind, which: str, dim: int, order: int = 0) -> Callable:
     """Make a function of arrays of one of a kind's functions, or of the time derivative of some order of its rows."""
     f, single = getattr(kind, which), which in ("measure", "misfit")
     count = size(kind, dim)
@@ -318,7 +318,7 @@ def jax_function(kind: Kind, which: str, dim: int, order: int = 0) -> Callable[[
     return along if order else one
 
 
-def by_jax(f: Callable[[Any], Any], kind: Any) -> Function:
+def by_jax(f: Callable, kind: Kind) -> Function:
     """A function of a kind, from an array to an array, on lanes: evaluated by JAX because it cannot be read."""
     mapped = jax.jit(jax.vmap(f))
 
@@ -373,7 +373,7 @@ def row_derivatives(kind: Kind, dim: int, asked: tuple[int, ...], order: int) ->
         for _ in range(order):
             f = jax.jacfwd(f)
 
-        def pick(x: Array) -> Any:
+        def pick(x: Array) -> Array:
             every = f(x)
             for axis in range(1, order + 1):
                 every = jnp.take(every, at, axis=axis)

@@ -19,7 +19,7 @@ from jaxnc.records import record, static
 from jaxnc.system.identity import Quantity
 from jaxnc.system.precision import NARROW, chosen, converted, numbers
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, ArrayLike, Float
+from jaxnc.types import Array, ArrayLike, Float, Numbers, PyTree
 
 
 @record
@@ -161,7 +161,7 @@ class System(Drawn):
                     leaves[leaf] = on_device(new)
         return dataclasses.replace(self, parameters=Parameters(**leaves, own=tuple(own)))
 
-    def named(self) -> dict[str, Any]:
+    def named(self) -> dict[str, object]:
         """Take all design variables by name: what a recipe of optax or equinox takes by name.
 
         A plain dict, so JAX takes it apart and puts it together, with names as its keys: a place ``(dim,)`` of each
@@ -320,7 +320,7 @@ def _names(names: Iterable[str], most: int = 14) -> str:
     return ", ".join(names[:most]) + (f", … ({len(names)} in all)" if len(names) > most else "")
 
 
-def characteristic_length(points: Float[Array, "points dim"]) -> Any:
+def characteristic_length(points: Float[Array, "points dim"]) -> Numbers:
     """Size of the drawing: twice the largest distance from its centre, 1 if all points coincide."""
     if not isinstance(points, Tracer):  # nothing to compile; a NumPy number does for an array
         drawing = np.asarray(points)  # NumPy's mean of a JAX array is JAX's, and traced where anything is
@@ -331,7 +331,7 @@ def characteristic_length(points: Float[Array, "points dim"]) -> Any:
     return jnp.where(square > 0, 2.0 * jnp.sqrt(jnp.where(square > 0, square, 1.0)), 1.0)
 
 
-def floats(tree: object, name: str) -> Any:
+def floats(tree: object, name: str) -> PyTree:
     """The parameters of a user's own force as float arrays."""
     try:
         return jax.tree.map(lambda x: jnp.asarray(x, float), tree)
@@ -339,7 +339,7 @@ def floats(tree: object, name: str) -> Any:
         raise InputError(f"force {name!r}: its parameters must be numbers, arrays or a pytree of them") from None
 
 
-def _alike(old: Any, new: Any, name: str) -> Any:
+def _alike(old: PyTree, new: PyTree, name: str) -> PyTree:
     new = floats(new, name)
     if jax.tree.structure(old) != jax.tree.structure(new):
         raise InputError(f"parameters of {name!r} have the structure {jax.tree.structure(old)}; keep it")

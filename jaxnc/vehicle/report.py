@@ -175,7 +175,7 @@ class SuspensionReport:
 
         return write(path, (json.dumps(self.data(), ensure_ascii=False, indent=1) + "\n").encode())
 
-    def plot(self, path: "str | Path | None" = None, names: Sequence[str] = (), **options: Any) -> "Figure":
+    def plot(self, path: "str | Path | None" = None, names: Sequence[str] = (), **options: object) -> "Figure":
         """Draw each number over wheel travel or steering in axes of its own, the static value marked.
 
         Args:

@@ -27,7 +27,6 @@ from jaxnc.vehicle.hardpoints import Line, Names, names_in, trade_names, usual
 if TYPE_CHECKING:
     from pathlib import Path
 
-_ROWS = 13  # of a printed table
 SIZES = (0.04, 8.0)
 """How wide a suspension may be, metres: of model cars to haul trucks."""
 _ANGLES = ("camber", "toe", "steer", "caster", "kingpin_inclination", "brake_support_angle", "drive_support_angle")
@@ -182,7 +181,7 @@ class Suspension(Shown):
             return repr(self)
         failed = int(np.sum(~np.asarray(self.converged)))
         note = f"\n{failed} of {self.converged.size} poses were not found" if failed else ""
-        return self.table(_ROWS) + note
+        return self.table(13) + note
 
 
 class _TracedSuspension(Suspension):

@@ -23,7 +23,6 @@ from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mix
 
 _MOST = 120  # frames, unless asked for more
 _MOST_IN_TIME = 240  # the same of a motion in time
-_LONG = 50  # frames: more of them show their progress
 
 
 @public
@@ -170,7 +169,7 @@ class Film:
 
     def frames(self, chosen: list[int], path: Path) -> Iterator[np.ndarray]:
         """Draw all frames, with a progress bar if there are many and someone watches."""
-        shown = None if len(chosen) > _LONG else False
+        shown = None if len(chosen) > 50 else False  # more than 50 frames show their progress
         with bar(len(chosen), path.name, "frame", shown, leave=False) as seen:
             for k in chosen:
                 yield self.frame(k)

@@ -16,7 +16,6 @@ LONGEST = 0.2
 
 _USUAL, _BEYOND = 90.0, 1.6  # percentile of the poses, and how much more than in these is still drawn to scale
 _SMALL = 0.2  # of the largest force: kinds that are smaller have a scale of their own
-_SHAFT = 0.2  # half width of an arrow, units
 _DISC, _RING = 1.05, 1.6  # radius of the symbol of a centre of mass, and of one that is seen around a joint, units
 _NOUNS = ("velocity", "acceleration")
 
@@ -147,7 +146,7 @@ class Shafts(NamedTuple):
 def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> Shafts | None:
     """Collect all arrows in some poses; None if there are none."""
     ends = [np.stack([a.places, a.places + a.vectors], axis=2)[sampled] for a in drawn]
-    widths = [np.full(a.places.shape[1], _SHAFT) for a in drawn]
+    widths = [np.full(a.places.shape[1], 0.2) for a in drawn]  # half width of an arrow, units
     for a in drawn:
         if a.discs:
             ends.append(np.stack([a.places, a.places], axis=2)[sampled])

@@ -14,8 +14,6 @@ from jaxnc.viz.picture import finish
 if TYPE_CHECKING:
     from jaxnc.kinematics.circuits import Circuits
 
-_PANELS = 6  # assemblies beside the curves
-
 
 @public
 def draw_circuits(
@@ -48,7 +46,7 @@ def draw_circuits(
     if over is None:
         spread = [np.ptp(np.concatenate([np.asarray(b.poses.q) for b in circuits.branches]), axis=0)]
         over = top.coordinates[int(np.argmax(spread[0][: len(top.coordinates) - len(top.scalars)]))]
-    shown = circuits.branches[:_PANELS]
+    shown = circuits.branches[:6]  # 6 assemblies beside the curves
     figure = Figure(figsize=size, layout="constrained")
     rows = max(1, (len(shown) + 1) // 2)
     grid = figure.add_gridspec(rows, 4)

@@ -17,7 +17,6 @@ from jaxnc.types import Inputs
 
 _NAMED = 4  # names, at most, of what may be driven
 POSES = 181  # of a motion whose number of poses is not given
-_SPARE = 1e-3  # of a range, left before dead points
 
 
 def draft(thing: Mechanism | System | Motion) -> Motion:
@@ -95,6 +94,6 @@ def _reachable(system: System, name: str, home: float) -> np.ndarray:
 def whole_range(system: System, name: str, home: float, lower: float, upper: float) -> np.ndarray | None:
     """Choose the values of an input from one dead point to the other; without them a turn of an angle, or None."""
     if np.isfinite([lower, upper]).all():
-        spare = _SPARE * (upper - lower)
+        spare = 1e-3 * (upper - lower)  # a thousandth of the range is left before dead points
         return np.linspace(lower + spare, upper - spare, POSES)
     return home + np.linspace(0.0, 2 * np.pi, POSES) if system.topology.is_angle(name) else None

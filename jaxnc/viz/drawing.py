@@ -41,7 +41,6 @@ _MARGIN = 6.2  # around the mechanism, units
 _EDGE = 4.0  # of the paper, points
 _LEAST = np.array([160.0, 90.0])  # width and height of a drawing, points
 _BODIES = ("bar", "plate", "disc", "rod", "slotted bar", "channel")
-_KEYS = 96  # poses along a motion at which names give way
 
 
 @public
@@ -340,7 +339,7 @@ class PlaneView(View):
 
     def _let_names_give_way(self) -> None:
         """Let names give way to what comes near them over the motion."""
-        keys = evenly(self.data.extent_poses, _KEYS)
+        keys = evenly(self.data.extent_poses, 96)  # names give way at 96 poses along a motion
         if len(keys) > 1 and self.scene.labels and self.data.good.any():
             ways = track_labels(
                 self.scene, self.columns[keys], self.unit, self.data.closed, shafts(self.arrow_sets, keys)

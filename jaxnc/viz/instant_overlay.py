@@ -19,6 +19,7 @@ from jaxnc.kinematics.instant import (
     instant_motion,
     path_curvature,
 )
+from jaxnc.types import Numbers
 from jaxnc.viz.bodies import Bodies
 from jaxnc.viz.legend import Legend
 from jaxnc.viz.poses import Poses, evenly
@@ -30,13 +31,8 @@ Wish = str | tuple[str, ...]
 
 _FAR = 1.2  # diagonals of the mechanism from its middle: what lies farther is listed, not drawn
 _CURVE = 0.55  # the same for how far curves decide the extents
-_FEW = 4  # bodies, the ground among them, between whose centres lines are drawn
 _RUN = 0.16  # of the diagonal: arrow to what is not in the picture
-_ARC = 0.5  # radians on either side of a point, of its circle of curvature
 _SUB = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-_REACH = 0.62  # diagonals of the mechanism from its middle: how far lines are drawn
-_RULINGS = 72  # lines of a ruled surface at most
-_RULING = 0.24  # of the diagonal: half of such a line
 
 
 class Overlay:
@@ -98,7 +94,7 @@ class Overlay:
         k = ... if self.data.single else self.pose
         return type(found)(*(None if x is None else np.asarray(x)[k] for x in found))
 
-    def add_items(self, *items: Any) -> None:
+    def add_items(self, *items: object) -> None:
         """Add items to the view's scene."""
         self.view.scene = dataclasses.replace(self.view.scene, items=(*self.view.scene.items, *items))
 
@@ -128,7 +124,8 @@ class Overlay:
 
     def arc_angles(self, radius: float) -> np.ndarray:
         """Choose angles on either side of a point at which its circle of curvature is drawn."""
-        return np.linspace(-1, 1, 61) * min(_ARC, 0.25 * self.size / radius)
+        # 0.5 radians on either side of a point, of its circle of curvature
+        return np.linspace(-1, 1, 61) * min(0.5, 0.25 * self.size / radius)
 
     def paint(self) -> None:
         """Draw curves and texts, once the view is open."""
@@ -231,7 +228,7 @@ class PlaneOverlay(Overlay):
                 self._note_far_centre(text, pair, x)
         for centre, texts in spots.values():
             self._point(centre, ", ".join(texts))
-        if len(moving) <= _FEW and not names:
+        if len(moving) <= 4 and not names:  # lines are drawn between the centres of 4 bodies, the ground among them
             self._add_kennedy_lines(moving, found)
 
     def _note_far_centre(self, text: str, pair: tuple[str, str], x: InstantMotion) -> None:
@@ -377,10 +374,11 @@ class SpaceOverlay(Overlay):
         self.add_label(column, text)
         self.inside.append(place)
 
-    def _chord(self, point: Any, direction: Any) -> np.ndarray:
+    def _chord(self, point: Numbers, direction: Numbers) -> np.ndarray:
         """Cut a line to what is within reach, ``(2, 3)``; NaN if it passes far away."""
         foot = point + (self.middle - point) @ direction * direction
-        half = (_REACH * self.size) ** 2 - float(((foot - self.middle) ** 2).sum())
+        # lines are drawn so many diagonals of the mechanism from its middle
+        half = (0.62 * self.size) ** 2 - float(((foot - self.middle) ** 2).sum())
         if half <= 0 or not direction.any():
             return np.full((2, 3), np.nan)
         return foot + np.sqrt(half) * np.array([[-1.0], [1.0]]) * direction
@@ -409,7 +407,7 @@ class SpaceOverlay(Overlay):
 
     def _add_axodes(self, body: str, other: str = GROUND) -> None:
         found = axodes(self.motion, body, other, self.pose)
-        good = evenly(np.flatnonzero(self.data.good), _RULINGS)
+        good = evenly(np.flatnonzero(self.data.good), 72)  # 72 lines of a ruled surface at most
         on = "the ground" if other == GROUND else other
         for surface, colour, text in (
             (found.fixed, self.colour(other), f"fixed axode, on {on}"),
@@ -439,7 +437,7 @@ class SpaceOverlay(Overlay):
             between = (point[other] - p) @ (d - cosine * e) / max(1.0 - cosine * cosine, 1e-12)
             low, high = ((end - p) @ d for end in chord)
             middle = np.clip(between, low, high)
-            half = _RULING * self.size
+            half = 0.24 * self.size  # half of a ruled surface's line, of the diagonal
             out[k] = p + np.clip([[middle - half], [middle + half]], low, high) * d
         return out
 

@@ -33,14 +33,11 @@ _BETWEEN = np.array(
     [1.1, 0.45]
 )  # between names side by side, which must not read as one, and one above the other, units
 _SIGNS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-_THROUGH = 0.4  # how much worse it is to be crossed by a segment than to touch it, units
 _STEPS = 9  # places along the arrow of an angle
 _DIRECTIONS = 24
 _RINGS = (0.0, 0.8, 1.7, 2.9, 4.4)  # extra distance from the point, units
 _NEXT = 1.75  # from a point to the edge of its name, units
 _NEAR = (0.0, 1.2, 2.9)  # as `_RINGS`, of names that give way
-_STIR = 0.05  # what it costs to go on by one direction, or by a unit
-_TURNS = 3
 _CLEAR = 0.55  # wanted distance to lines, units
 _STRAIGHT = ("bar", "edge", "rod", "cable", "distance", "velocity", "acceleration", "weight", "applied", "reaction")
 _SPRING_RINGS = (0.15, 0.38, 0.62, 0.85)  # of a spring, kept clear
@@ -65,7 +62,7 @@ def track_labels(
     apart = np.abs(turned[:, None] - turned)
     apart = np.tile(np.minimum(apart, _DIRECTIONS - apart), (len(_NEAR), len(_NEAR)))
     rings = np.repeat(np.array(_NEAR), _DIRECTIONS)
-    price = _STIR * (apart**2.0 + (rings[:, None] - rings) ** 2)
+    price = 0.05 * (apart**2.0 + (rings[:, None] - rings) ** 2)  # what it costs to go on by one direction, or by a unit
     taken = [
         (np.array([arc.spot(x, unit) for x in places]) / unit, half_size(arc.text))
         for arc in scene.items
@@ -184,7 +181,7 @@ def place_labels(
         for foot, (a, b, width) in zip(at, obstacles, strict=True):
             cost += (crowding(foot + steps, half, a, b, width) + _outside(foot + steps, half, edges)) / len(places)
         options.append((steps, cost + _overlaps(at, steps, half, taken).mean(axis=0)))
-    for turn in range(_TURNS):  # each in turn keeps clear of the others, first of those before it
+    for turn in range(3):  # each in turn keeps clear of the others, first of those before it
         moved = False
         for k, (steps, own) in enumerate(options):
             others = [i for i in range(len(labels) if turn else k) if i != k]
@@ -258,7 +255,8 @@ def crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray,
     gap = np.sqrt(np.minimum.reduce([_squares(c[:1], c[1:], p, q) for c in _SIGNS * half] + list(ends)))
     beside = (np.minimum(p, q) > half) | (np.maximum(p, q) < -half)
     apart = beside.any(axis=1) | (np.abs(p[:, 0] * d[:, 1] - p[:, 1] * d[:, 0]) > np.abs(d[:, ::-1]) @ half)
-    gap = np.where(apart, gap, -_THROUGH) - width[segment]
+    # 0.4 units worse is it to be crossed by a segment than to touch it
+    gap = np.where(apart, gap, -0.4) - width[segment]
     return np.bincount(box, np.maximum(_CLEAR - gap, 0.0) ** 2, len(centre)) * 4.0
 
 

@@ -9,8 +9,6 @@ from matplotlib.offsetbox import AnnotationBbox, HPacker, TextArea, VPacker
 from jaxnc.viz.style import LIGHT, NUMBERS, wide, wrap
 
 _GAP = "    "  # between entries
-_ROW = 1.5  # height of a row, in letters
-_AXIS = 3.4  # numbers and name of the axis above them, in letters
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class Legend:
 
     def height(self, room: float) -> float:
         """Measure the height of the rows in a width, points."""
-        return _ROW * NUMBERS * len(self.rows(room))
+        return 1.5 * NUMBERS * len(self.rows(room))  # a row is 1.5 letters high
 
     def paint(self, ax: Axes, room: float) -> None:
         """Write the legend under axes of a width, points."""
@@ -51,7 +49,8 @@ class Legend:
         ]
         if rows:
             box = VPacker(children=rows, pad=0, sep=0.3 * NUMBERS)
-            below = -(_AXIS * NUMBERS + 6.0) if ax.axison else -2.0
+            # 3.4 letters for numbers and name of the axis above them
+            below = -(3.4 * NUMBERS + 6.0) if ax.axison else -2.0
             ax.add_artist(
                 AnnotationBbox(
                     box, (0.0, 0.0), (0.0, below), xycoords="axes fraction", boxcoords="offset points",

@@ -28,11 +28,9 @@ _GAP = 0.32
 _ROW = 0.172  # of a table
 _HEAD = 0.62  # title and the line under it
 _PANEL = (1.45, 2.0, 2.9)  # height of a plot: least, wanted, most
-_TIGHT = 1.1  # the least that a name beside it fits in
 _UNDER = 0.42  # a plot's numbers and name of its axis
 _BESIDE = 0.66  # and those at its left
 _DRAWING = (2.2, 5.2)  # height of a drawing: least and most
-_WIDE = 0.62  # share of the width of a drawing that has the tables beside it
 _NOTES = 0.55  # texts under the drawing
 _ENTRIES = 16  # dimensions in the table, at most
 
@@ -48,7 +46,7 @@ def motion_sheet(
     against: str | None = None,
     title: str | None = None,
     dpi: float = 200.0,
-    **options: Any,
+    **options: object,
 ) -> Figure:
     """Put a motion on one sheet for a paper or a report: drawing, paths, dimensions, extremes and plots.
 
@@ -134,7 +132,7 @@ class _SheetPlan:
         rows = [_ROW * (len(table) + 0.6) for table in tables]
         tall = span[1] / span[0]
         beside = tall > 0.62 and wide > 5.0
-        share = _WIDE * wide if beside else wide
+        share = 0.62 * wide if beside else wide  # share of a drawing's width, the tables beside it
         room = high - _HEAD if high else math.inf
         least = max(_DRAWING[0], rows[0] + 0.1) if beside else _DRAWING[0]
         drawing = float(np.clip(share * tall + 0.55, least, _DRAWING[1]))
@@ -153,7 +151,7 @@ class _SheetPlan:
         elif high and each < _PANEL[0]:
             drawing -= min((_PANEL[0] - each) * lines, max(drawing - _DRAWING[0], 0.0))
             each = (room - drawing - below) / lines - _UNDER - _GAP
-            if each < _TIGHT:
+            if each < 1.1:  # the least that a name beside it fits in
                 remedy = "ask for fewer, or give paper= as a width in inches"
                 raise InputError(f"{count} plots do not fit on the sheet; {remedy}")
         self.drawing = (0.0, _HEAD, share, drawing)

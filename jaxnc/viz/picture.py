@@ -19,8 +19,6 @@ Size = float | tuple[float, float]
 PICTURES = (".png", ".svg", ".pdf", ".jpg")
 """Files that a figure can be written to."""
 
-_UNIT = 4.6  # radius of a joint on paper, points, in a figure of its own
-
 
 class Picture(Figure):
     """A figure that notebooks show, without the global state of pyplot."""
@@ -37,7 +35,8 @@ class Picture(Figure):
 
 def unit_on(paper: np.ndarray) -> float:
     """Choose the size of a unit on paper of some width and height ``(2,)``, points: smaller on small paper."""
-    return _UNIT * float(np.clip(paper.min() / 230.0, 0.3, 1.0))
+    # 4.6 points is the radius of a joint on paper, in a figure of its own
+    return 4.6 * float(np.clip(paper.min() / 230.0, 0.3, 1.0))
 
 
 def inches(size: Size, height: Callable[[float], float] = lambda width: width / 1.28) -> tuple[float, float]:

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 
 _LARGE = (7.2, 6.4)  # the most that the plan takes, inches
 _EDGE = 0.62  # at the left and below, for numbers and names of axes
-_LAYER = 0.2  # height of a layer from the side, inches
 _SMALL = 7.0  # points: names of pins
-_APART = 0.03  # between a pin and its name, inches
 _ARC = 16  # stretches that an arc is drawn by
 _GROUND = 0  # number of the ground plate
 
@@ -53,7 +51,7 @@ def draw_plates(assembly: "Assembly", path: str | Path | None = None, pose: int 
     low = np.array([z.real.min(), z.imag.min()]) - 1.6 * half
     span = np.array([z.real.max(), z.imag.max()]) + 1.6 * half - low
     scale = float(np.min(np.array(_LARGE) / span))  # inches per mm
-    plan, side = span * scale, _LAYER * (assembly.layers + 1.6)
+    plan, side = span * scale, 0.2 * (assembly.layers + 1.6)  # inches for a layer from the side
     room = max(plan[0], 3.2)
     size = np.array([room + _EDGE + 0.15, plan[1] + side + 2 * _EDGE + 0.75])
     figure = Picture(figsize=tuple(size))
@@ -161,7 +159,7 @@ def _names(ax, assembly: "Assembly", corners: list[np.ndarray], pins: list[compl
     for pin, z in zip(assembly.pins, pins, strict=True):
         half = 0.5 * np.array([wide(pin.name, _SMALL), 1.2 * _SMALL]) / 72 / scale
         turns = np.exp(0.25j * np.pi * np.array([1, 3, 5, 7, 0, 2, 4, 6]))
-        ways = _plane(turns) * (disc + _APART / scale + half)
+        ways = _plane(turns) * (disc + 0.03 / scale + half)  # 0.03 inches between a pin and its name
         spots = [np.clip(np.array([z.real, z.imag]) + way, low + half, high - half) for way in ways]
         at = _freest(spots, half, taken)
         taken.append((at, half))

@@ -18,9 +18,7 @@ from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa, default_plots, quantity
 from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, axis_name, crown, furnish
 
-_CROWN = 18.0  # points above axes, for a heading or a legend of one row
 _FLAT, _REST = 0.1, 1e-4  # of what axes show: curves that vary by less look flat, and those that stand still
-_FAR = 2.5  # times what varies: what axes show at most for the sake of curves that stand still
 
 
 @public
@@ -85,7 +83,7 @@ def plot(
     heading = data.topology.name if title is None else title
     more = 0.0
     for ax in planes + axes:
-        more += max(0.0, crown(ax, heading) - _CROWN)
+        more += max(0.0, crown(ax, heading) - 18.0)  # 18 points above axes, for a heading or a legend of one row
         heading = ""
     if np.size(size) == 1:  # legends of many rows do not take it from the curves
         figure.set_figheight(figure.get_figheight() + more / 72.0)
@@ -145,7 +143,8 @@ def _fit(group: list[Quantity], further: Quantity) -> bool:
     if not varies.any():
         return True
     moving = ends[varies]
-    return bool(span[varies].min() >= _FLAT * whole and whole <= _FAR * float(np.ptp(moving)))
+    # for curves that stand still axes show at most 2.5 times what varies
+    return bool(span[varies].min() >= _FLAT * whole and whole <= 2.5 * float(np.ptp(moving)))
 
 
 def _ends(q: Quantity) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,8 +20,6 @@ from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Circle, Item, Label, Line, Scene
 from jaxnc.viz.style import INK, LIGHT, colour_of, symbol
 
-_SAME = 1e-6  # of the longest vector: images closer than this are one
-_ROOM = 0.07  # of its extents, for names
 _SHORT = 1e-3  # of it: parts shorter than this are not drawn
 KINDS = ("velocity", "acceleration")
 
@@ -57,7 +54,7 @@ class _Polygon:
     def image(self, vector: np.ndarray, name: str) -> int:
         """Number of the place that is the image of a point."""
         for k, other in enumerate(self.places):
-            if np.linalg.norm(vector - other) <= _SAME * self.longest:
+            if np.linalg.norm(vector - other) <= 1e-6 * self.longest:  # images that are closer are one
                 self.names[k].append(name)
                 return k
         self.places.append(np.asarray(vector, float))
@@ -163,7 +160,7 @@ class _PolygonView(PlaneView):
 
     def __init__(self, data: Poses, scene: Scene, where: np.ndarray, notes: list[str]):
         self.data, self.scene, self.shown, self.columns = data, scene, [0], where[None]
-        room = _ROOM * float(np.ptp(where, axis=0).max()) * np.array([1.0, 0.4])
+        room = 0.07 * float(np.ptp(where, axis=0).max()) * np.array([1.0, 0.4])  # 0.07 of its extents, for names
         self.lower, self.upper = where.min(axis=0) - room, where.max(axis=0) + room
         self.arrow_sets, self.legend = [], Legend(tuple(((text, LIGHT["ink"]),) for text in notes))
 
@@ -251,7 +248,7 @@ def _arrows(view: _PolygonView, plan: _Polygon, kind: str) -> None:
 
 
 def _arrow(
-    ax: Axes, a: np.ndarray, b: np.ndarray, colour: str, width: float, dash: Any, points: float, name: str
+    ax: Axes, a: np.ndarray, b: np.ndarray, colour: str, width: float, dash: object, points: float, name: str
 ) -> None:
     look = {"arrowstyle": "-|>", "color": colour, "lw": width, "linestyle": dash, "mutation_scale": 2.4 * points}
     note = ax.annotate(

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 _CHORD, _BEND, _BETWEEN = 0.02, 0.08, 8  # of a path's extent, radians: chords that are drawn as so many
 _LEAP = 1.0  # of the largest speed: how much more it changes within a step than accelerations account for, at an impact
-_LEAST = 0.1  # of the drawing: paths that are smaller count as so large
 _SAMPLE = 9  # poses that names are placed to suit
 _NOUNS = ("position", "velocity", "acceleration", "jerk")
 
@@ -286,7 +285,8 @@ def chords(x: np.ndarray, size: float) -> np.ndarray:
     with np.errstate(all="ignore"):
         cosine = np.sum(way[1:] * way[:-1], axis=1) / np.maximum(step[1:] * step[:-1], 1e-300)
     bends = np.concatenate([[False], cosine < np.cos(_BEND), [False]])
-    extent = max(float(np.linalg.norm(np.ptp(x[right], axis=0))), _LEAST * size)
+    # paths that are smaller than 0.1 of the drawing count as so large
+    extent = max(float(np.linalg.norm(np.ptp(x[right], axis=0))), 0.1 * size)
     return (step > _CHORD * extent) & (bends[1:] | bends[:-1])
 
 

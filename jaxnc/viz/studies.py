@@ -23,10 +23,8 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.tolerance.spread import Tolerance
     from jaxnc.vehicle.report import SuspensionReport, SuspensionRow
 
-_BARS = 8  # dimensions shown
 _LETTERS = 8.5  # points, of a suspension's numbers
 _COLUMNS = 3  # of them side by side
-_HEIGHT = 1.8  # of one pair of axes, inches
 _ABOVE, _BELOW, _LEFT = 0.55, 0.5, 0.5  # what is around them
 _TRAVEL = (
     "toe", "camber", "caster", "kingpin_inclination", "half_track_change", "wheelbase_change", "roll_centre_height",
@@ -217,7 +215,7 @@ def band(
     if unit == "deg" and np.ptp(x) >= 180.0:
         left.xaxis.set_major_locator(MultipleLocator(60.0))
     figure.legend(frameon=False, fontsize=NUMBERS, loc="outside lower left", ncols=3, handlelength=1.8)
-    order = np.argsort(-found.shares, kind="stable")[:_BARS]
+    order = np.argsort(-found.shares, kind="stable")[:8]  # 8 dimensions are shown
     order = order[found.shares[order] > 5e-4][::-1]
     right.barh(np.arange(len(order)), 100.0 * found.shares[order], color=BODIES[1], height=0.62)
     right.set_yticks(np.arange(len(order)), [tolerance.variables[k] for k in order])
@@ -238,7 +236,7 @@ def plot_suspension(
             raise InputError(f"suspension plot: no number {name!r}; {nearest(name, report.curves)}")
     shown = [report[name] for name in wanted if name in report.curves]
     count = -(-len(shown) // _COLUMNS)
-    width, height = inches(size, lambda _: _HEIGHT * count + _ABOVE + _BELOW)
+    width, height = inches(size, lambda _: 1.8 * count + _ABOVE + _BELOW)  # 1.8 inches for a pair of axes
     figure = Picture(figsize=(width, height))  # margins are given: fitting them takes longer than all the rest
     grid = figure.subplots(count, _COLUMNS, sharex=True, squeeze=False).reshape(-1)
     figure.subplots_adjust(

@@ -11,7 +11,6 @@ if TYPE_CHECKING:
 HEADING, TEXT, NUMBERS = 10.0, 9.0, 8.0
 """Sizes of letters in figures, points: of headings, of the names of axes, of numbers and legends."""
 
-_FITTED = 1.04  # of a width: what letters take that are fitted to pixels
 
 GRID = "#e3e6ea"
 """Colour of the lines of a grid."""
@@ -218,7 +217,8 @@ def wide(text: str, size: float) -> float:
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextToPath
 
-    return _FITTED * float(TextToPath().get_text_width_height_descent(text, FontProperties(size=size), False)[0])
+    # letters that are fitted to pixels take 1.04 of their width
+    return 1.04 * float(TextToPath().get_text_width_height_descent(text, FontProperties(size=size), False)[0])
 
 
 def wrap(text: str, size: float, room: float) -> list[str]:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _WIDTH, _NARROW = 640.0, 480.0  # pixels, in pages and in notebooks
 _UNIT = 5.5  # pixels
-_TRACE = 300  # points of a path, or a few more
 _LARGEST = 400_000, 40_000  # letters of a drawing in pages and in notebooks; larger ones are pixels
 _SIZE, _DPI = (6.4, 4.8), 150.0  # inches and dots per inch of a drawing in a page
 _SMALL, _COARSE, _SHADES = (4.8, 3.6), 100.0, 96  # those in a notebook, and its colours
@@ -115,7 +114,7 @@ class _Still:
         return path_data(self.at(points), closed)
 
     def trace(self, points: np.ndarray, body: int) -> str:
-        points = points[:: max(1, len(points) // _TRACE)]
+        points = points[:: max(1, len(points) // 300)]  # 300 points of a path, or a few more
         return element(
             "path", d=self.path(points), fill="none", stroke=self.paint("body", body), stroke_opacity="0.6",
             stroke_linejoin="round", stroke_width=f"{0.3 * _UNIT:.2f}",

@@ -31,16 +31,10 @@ if TYPE_CHECKING:
 
 _CELL = 3.2  # inches wide
 _TITLE, _KEY = 0.42, 0.26  # inches: of a heading, of what the marks mean
-_TABLE = 1.75  # inches: of the plot below a design that generates a function
 _LINE, _LETTERS = 0.14, 54  # of the lengths of links: inches high, letters wide
-_LINES = 4  # of them
-_MANY = 40  # targets that are drawn as a line
-_FRONT_HIGH = 3.4  # inches
 _FRONT_PLOT, _FRONT_DESIGN = 4.3, 2.7  # inches wide
 _HEADING = 36  # letters above a design
 _NOTHING = 1e-7  # of the largest value: what is smaller is met, and no matter of decades
-_SPREAD = 30.0  # from the least value to the largest, from where an axis is logarithmic
-_FRAME = 2.6  # half width of the picture, in half widths of the poses and poles
 
 
 def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> Figure:
@@ -63,7 +57,7 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
     table = result.problem if isinstance(result.problem, FunctionGeneration) else None
     words = [lengths(design) for design in designs]
     lines_high = _LINE * max(text.count("\n") + 1 if text else 0 for text in words) + 0.08
-    below = _TABLE if table else 0.0
+    below = 1.75 if table else 0.0  # inches of the plot below a design that generates a function
     drawn = _CELL * tallness(designs)
     tall = _TITLE + drawn + lines_high + below
     key = _KEY if _targets_of(result.problem) is not None else 0.0
@@ -154,7 +148,7 @@ def lengths(design: "Design") -> str:
     unit = design.system.topology.length_unit
     each = [f"{name} {value:.4g}".replace(" ", "\N{NO-BREAK SPACE}") for name, value in design.lengths.items()]
     text = f"{', '.join(each)}{f' {unit}' if unit else ''}" if each else ""
-    lines = textwrap.wrap(text, _LETTERS, max_lines=_LINES, placeholder=" …", break_on_hyphens=False)
+    lines = textwrap.wrap(text, _LETTERS, max_lines=4, placeholder=" …", break_on_hyphens=False)
     return "\n".join(lines)
 
 
@@ -200,7 +194,7 @@ def function(problem: "FunctionGeneration", design: "Design", ax: Axes) -> None:
     factors = [180.0 / np.pi if u == "rad" else 1.0 for u in units]
     x, y = problem.values * factors[0], problem.target * factors[1]
     found = y + design.errors.reshape(-1) / np.sqrt(problem.weights) * factors[1]
-    dense = len(x) > _MANY
+    dense = len(x) > 40  # more than 40 targets are drawn as a line
     name = problem.output if isinstance(problem.output, str) else "output"
     if name in top.position:  # what it does between the targets too
         turn, motion = design.turn, design.motion
@@ -310,7 +304,7 @@ def front(found: "Front", path: str | Path | None = None) -> Figure:
     rows = 1 if len(pairs) == 1 else 2  # the designs beside one plot, below several
     wide = [_FRONT_PLOT * len(pairs), _FRONT_DESIGN * len(shown)]
     width = sum(wide) if rows == 1 else max(wide)
-    figure = Picture(figsize=(width, rows * _FRONT_HIGH))
+    figure = Picture(figsize=(width, rows * 3.4))
     for n, (i, j) in enumerate(pairs):
         left, low = _FRONT_PLOT * n + 0.8, rows - 1 + 0.17
         _plot_pair(
@@ -352,7 +346,8 @@ def _plot_pair(front: "Front", ax: Axes, i: int, j: int, shown: list[int]) -> No
     ax.set_ylabel(_axis_name(front, j))
     ax.margins(0.09)
     for name, values in (("x", x), ("y", y)):
-        if values.min() > _NOTHING * values.max() and values.max() > _SPREAD * values.min():
+        # an axis is logarithmic if the largest value is 30 times the least
+        if values.min() > _NOTHING * values.max() and values.max() > 30.0 * values.min():
             ax.set(**{f"{name}scale": "log"})
         elif np.ptp(values) > 0:
             ax.ticklabel_format(axis="x" if name == "x" else "y", style="sci", scilimits=(-3, 4))
@@ -389,7 +384,8 @@ def burmester(
     frames = np.zeros((0, 3)) if poses is None else np.asarray(poses, float)
     known = frames[:, :2] if len(frames) else poles
     middle = 0.5 * (known.min(axis=0) + known.max(axis=0))
-    half = _FRAME * max(float(np.ptp(known, axis=0).max()) / 2.0, 1e-300)
+    # half width of the picture, in half widths of the poses and poles
+    half = 2.6 * max(float(np.ptp(known, axis=0).max()) / 2.0, 1e-300)
     for k, (x, y, angle) in enumerate(frames):
         for turn, shade in ((0.0, 1.0), (0.5 * np.pi, 0.5)):
             tip = 0.22 * half * np.array([np.cos(angle + turn), np.sin(angle + turn)]) * shade

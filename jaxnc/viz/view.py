@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -15,7 +15,8 @@ from jaxnc.viz.arrows import Arrows, arrows, nice
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import HEADING, LIGHT, NUMBERS
 
-_BAR = 0.28  # of the width: a bar that shows the scale
+if TYPE_CHECKING:
+    from matplotlib.transforms import Transform
 
 
 class View:
@@ -91,7 +92,7 @@ class View:
 
     def round_length(self, width: float) -> float:
         """Choose the length of a bar that shows the scale, for paper of a width, lengths."""
-        return nice(_BAR * min(width, 2.0 * self.size))
+        return nice(0.28 * min(width, 2.0 * self.size))  # 0.28 of the width for a bar that shows the scale
 
     def add_scale_bar(self, left: float, low: float, unit: float, length: float, wide: float, **look: Any) -> None:
         """Draw a bar with its length in place of axes; `wide` is that length in the coordinates of the transform."""
@@ -103,11 +104,11 @@ class View:
             fontsize=self.text_size - 0.5, color=LIGHT["soft"], ha="center", va="bottom", gid="scale", **look,
         )  # fmt: skip
 
-    def write(self, x: float, y: float, text: str, **look: Any) -> Text:
+    def write(self, x: float, y: float, text: str, **look: object) -> Text:
         """Write a text in the plane of the picture."""
         return Axes.text(self.ax, x, y, text, **{"parse_math": False, **look})
 
-    def add_banner(self, height: float, transform: Any) -> None:
+    def add_banner(self, height: float, transform: "Transform") -> None:
         """Make room for what became of a pose that is not right."""
         self.banner = self.write(
             0.5, height, "", transform=transform, color=LIGHT["failure"], fontsize=self.text_size, ha="center",

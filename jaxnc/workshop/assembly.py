@@ -24,12 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FORMATS = ("dxf", "svg")
-_MILLIMETRES = 4  # $INSUNITS
 _COLOURS = (7, 3, 4, 6, 2, 30)  # of outlines by their level, in AutoCAD's index
 _HOLES, _NAMES = 1, 8
 _MARGIN = 5.0  # mm
-_STROKE = 0.1
-_WIDE = 0.62  # of a letter, heights
 
 
 @public
@@ -350,7 +347,7 @@ class PartDrawing(NamedTuple):
                 'DXF needs ezdxf: pip install "jaxnc[dxf]" (or pip install ezdxf); formats="svg" does without, as does '
                 "--format svg on the command line"
             ) from None
-        document = ezdxf.new("R2010", units=_MILLIMETRES)
+        document = ezdxf.new("R2010", units=4)  # $INSUNITS of millimetres
         document.header["$MEASUREMENT"] = 1
         document.header.custom_vars.append("title", one_line(self.title).encode("ascii", "replace").decode())
         space: Any = document.modelspace()
@@ -387,7 +384,7 @@ class PartDrawing(NamedTuple):
             at, height, text = _place_label(assembly, placed)
             lines = [element("title", escape(text)), *map(_svg_path, contours)]
             if self.labelled:
-                words = max(words, at.real + _WIDE * height * len(text))
+                words = max(words, at.real + 0.62 * height * len(text))  # a letter is 0.62 of its height wide
                 place = {"x": _n(at.real), "y": _n(0.35 * height - at.imag), "font_size": _n(height)}
                 look = {"font_family": "sans-serif", "fill": "blue", "stroke": "none"}
                 lines.append(element("text", escape(text), class_="name", **place, **look))
@@ -400,7 +397,7 @@ class PartDrawing(NamedTuple):
         drawing = element(
             "svg", "\n", element("title", escape(one_line(self.title))), "\n", "\n".join(groups), "\n",
             xmlns="http://www.w3.org/2000/svg", width=f"{_n(wide)}mm", height=f"{_n(high)}mm",
-            viewBox=f"{_n(left)} {_n(top)} {_n(wide)} {_n(high)}", fill="none", stroke="black", stroke_width=_STROKE,
+            viewBox=f"{_n(left)} {_n(top)} {_n(wide)} {_n(high)}", fill="none", stroke="black", stroke_width=0.1,
         )  # fmt: skip
         return f"{drawing}\n".encode("utf-8", "replace")
 

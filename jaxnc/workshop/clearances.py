@@ -9,10 +9,8 @@ from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.assembly import derive
 
-_GROWN = 2.0  # accelerations between two poses are at most so many times those at them
 _SAME = 1e-6  # of the size: a pose that was found again
 _ROUNDS = 24
-_FINE = 0.02  # of the clearance: ways that are not looked at more finely
 _SURE = 0.02  # of the clearance: how well the least distance is known in the end,
 _PART = 0.005  # and of itself
 
@@ -52,7 +50,8 @@ class PartCourse:
     @property
     def sags(self) -> np.ndarray:
         """Bounds of how far each place leaves the straight line between both ends of a stretch, mm, ``(K, places)``."""
-        return _GROWN / 8 * (self.s[1] - self.s[0])[:, None] ** 2 * np.abs(self.a).max(axis=0)
+        # accelerations between two poses are at most 2 times those at them
+        return 2.0 / 8 * (self.s[1] - self.s[0])[:, None] ** 2 * np.abs(self.a).max(axis=0)
 
     def solve(self, s: np.ndarray, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Solve for places and second derivatives at numbers of poses ``(..., L)``, each in a stretch of the motion."""
@@ -162,7 +161,8 @@ class Gaps:
         for _ in range(_ROUNDS):
             near = self.ends.min(axis=(0, 1), initial=np.inf) < clearance
             open_ = (self.low < clearance) & ~near
-            fine = self.ends.min(axis=0) - self.low < _FINE * clearance
+            # ways shorter than 0.02 of the clearance are not looked at more finely
+            fine = self.ends.min(axis=0) - self.low < 0.02 * clearance
             which = (open_ & ~fine).any(axis=1)
             if not which.any():
                 return near | open_.any(axis=0)

@@ -10,8 +10,6 @@ from jaxnc.errors import InputError
 MILLIMETRES = {"m": 1e3, "dm": 1e2, "cm": 10.0, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "in": 25.4, "ft": 304.8}
 """Of one unit of length, by its label."""
 
-_WALL = 0.25  # of the pin's diameter: what is left between two holes, and around them, at least
-_LIGHTEST = 20.0  # kg/m³: foam; what is less was meant in g/cm³
 _MAY_BE_ZERO = ("clearance", "play", "washer")
 
 
@@ -93,7 +91,8 @@ class Shop:
             if not _is_finite(value) or value < 0 or (value == 0 and not may_be_zero):
                 what = "a number, 0 or more" if may_be_zero else "a positive number"
                 raise InputError(f"to_parts(): {item.name}={value!r} must be {what}, in mm")
-        if density is not None and not (_is_finite(density) and density >= _LIGHTEST):
+        # 20 kg/m³ is foam; what is less was meant in g/cm³
+        if density is not None and not (_is_finite(density) and density >= 20.0):
             raise InputError(f"to_parts(): density={density!r}; give it in kg/m³: 7850 for steel, 2700 for aluminium")
         least = found.hole + 2 * found.wall
         if found.width < least:
@@ -116,7 +115,7 @@ class Shop:
     @property
     def wall(self) -> float:
         """The least that is left beside a hole."""
-        return _WALL * self.pin
+        return 0.25 * self.pin  # 0.25 of the pin's diameter is left between two holes, and around them, at least
 
     @property
     def pitch(self) -> float:

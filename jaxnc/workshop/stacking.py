@@ -18,9 +18,7 @@ from jaxnc.workshop.shop import SIZES, Shop
 from jaxnc.workshop.stock import PartStock, Pin
 
 _NAMED = 6  # reasons that a message gives
-_NODES = 30_000  # looked at for a shorter stack of pins, once there is one with the fewest layers
 _MOST = 1_500_000  # looked at before the search is given up
-_CORE = 60_000  # looked at to tell whether a rule can be left out of an explanation
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,8 @@ class LayerSearch:
             found = next(self.stacks(layers, self.rules), None)
             if found is None:
                 continue
-            self.left, self.longest = _NODES, self.length(found)
+            # 30_000 are looked at for a shorter stack of pins, once there is one with the fewest layers
+            self.left, self.longest = 30_000, self.length(found)
             try:
                 for other in self.stacks(layers, self.rules):
                     found, self.longest = other, self.length(other)
@@ -89,7 +88,7 @@ class LayerSearch:
         kept = list(self.rules)
         for rule in self.rules:
             without = [r for r in kept if r is not rule]
-            self.left = _CORE
+            self.left = 60_000  # 60_000 are looked at to tell whether a rule can be left out of an explanation
             try:
                 if next(self.stacks(most, without), None) is None:
                     kept = without

@@ -19,7 +19,6 @@ GROUND = 0
 """Number of the ground plate."""
 
 _MADE = ("revolute", "prismatic", "slot", "weld")
-_APART = 1.5  # widths: between the two pins that keep a slider from turning
 _SAME = 1e-6  # mm
 
 
@@ -373,7 +372,8 @@ class PartStock:
         """Keep a slider from turning by a pin in the same line as that of its point."""
         frame = self.parts[slider].frame
         axis = guide.along * self.parts[guide.carrier].frame.direction(self.z)[0] / frame.direction(self.z)[0]
-        at = frame.local(self.z, self.z[:, p])[0] + _APART * self.shop.width * axis
+        # 1.5 widths between the two pins that keep a slider from turning
+        at = frame.local(self.z, self.z[:, p])[0] + 1.5 * self.shop.width * axis
         self.ways.append((len(self.pins), guide))
         self.pins.append(Pin(f"{self.parts[slider].name} guide", slider, complex(at), [slider]))
 

@@ -163,6 +163,17 @@ def test_drawn_constants_satisfy_the_rows(name):
     np.testing.assert_allclose(rows, 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize(("name", "sign"), [("external gear", 1.0), ("internal gear", -1.0)])
+def test_radii_of_gears_are_read_off_the_drawing_unless_given(name, sign):
+    """Rows are met by wheels of any radius, as their constant adapts; the radii are from centre to pitch point."""
+    kind = CATALOGUE[name]
+    p, v, s, c = draw(kind)
+    first, second = np.hypot(*(p[1] - p[0])), np.hypot(*(p[3] - p[2]))
+    for given, radii in (([0.0, 0.0], (first, second)), ([c[0], 0.0], (c[0], second)), ([0.0, c[1]], (first, c[1]))):
+        found = np.array([float(x) for x in kind.drawn(p, v, s, np.array([*given, 0.0]))])
+        np.testing.assert_allclose(found, [*radii, radii[0] * s[0] + sign * radii[1] * s[1]], rtol=1e-12)
+
+
 @pytest.mark.parametrize("name", [n for n in sorted(HAND) if CATALOGUE[n].measure])
 def test_measured_coordinates_satisfy_their_rows(name):
     kind = CATALOGUE[name]

@@ -55,6 +55,18 @@ def test_an_exact_assembly_needs_neither_crank_pin_nor_angles(phi):
         assert float(found["diagonal"]) == pytest.approx(np.hypot(*want), abs=1e-12)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_angles_that_a_guess_leaves_out_are_counted_as_in_the_drawing(side):
+    """The rocker is drawn at about two radians; on the other branch it is beyond π, not below zero."""
+    system, want = measured_four_bar(), other_pin(0.9, side)
+    drawn = float(nc.solve_position(system, {"phi": 0.7})["psi"])
+    each = nc.solve_position(system, {"phi": 0.9}, start={"B": want})["psi"]
+    traced = jax.jit(lambda B: nc.solve_position(system, {"phi": 0.9}, start={"B": B})["psi"])(jnp.asarray(want))
+    psi = np.arctan2(want[1], want[0] - SIZES[3])
+    psi += 2 * np.pi * np.round((drawn - psi) / (2 * np.pi))
+    np.testing.assert_allclose([each, traced], [psi, psi], atol=1e-12)
+
+
 def test_a_guess_may_be_values_of_coordinates_alone():
     want = other_pin(2.0, -1.0)
     psi = np.arctan2(want[1], want[0] - SIZES[3])

@@ -15,7 +15,6 @@ from jaxnc.solvers.host.view import HostView
 from jaxnc.solvers.plan_program import slope_program
 
 LONGEST = 60.0  # sizes of the mechanism: a longer curve is taken for unbounded
-_MOST = 20000  # steps
 _NEWTON = 8  # corrections of a step
 _TURNING = 10  # iterations towards a turning point
 
@@ -160,7 +159,7 @@ def trace_curve(
     limit = float(view.tolerance(q[:, None])[0]) * 10
     curve = TracedCurve([q], [t], [0.0])
     leaving = False
-    for _ in range(_MOST):
+    for _ in range(20000):  # steps
         x, new, r, moved = _single_step(view, q, t, h)
         if not (r <= limit and moved <= 0.2 * h and t @ new > 0.97):
             h *= 0.5

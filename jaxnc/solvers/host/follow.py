@@ -15,15 +15,7 @@ from jaxnc.solvers.host.newton import SLOW, correct_poses, pose_rates
 from jaxnc.solvers.host.view import HostView, PoseEvaluation, largest_of_lanes
 from jaxnc.system.precision import farthest
 
-_BEFORE = 1e-3  # of the mechanism's size: how far from a crossing its pose is read off the branch
-_CORRECTIONS = 6  # of Newton, before a step is given up
 _SQUARED = 1e-4  # of the size: a shorter correction may be the last, if the one before says so
-_LEAVING = 1e-3  # of the smallest step: so short a one may lead away from a limit that was touched
-_LONGER = 100.0  # times the way before: on such a one nothing is known of it
-_FARTHER = 4.0  # times the last step: beyond, its cubic is not trusted
-_PER_POSE = 250  # evaluations, per target
-_MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
-_TRIED = 60.0  # radians of a way that is too far: so far it is followed, as its branch may end there
 
 
 class Followed(NamedTuple):
@@ -131,7 +123,8 @@ def _find_corners(origin: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, n
     before, ahead = ways[:-1], ways[1:]
     square, along = np.sum(before * before, axis=1), np.sum(before * ahead, axis=1)
     aside = along * along < 0.99 * square * np.sum(ahead * ahead, axis=1)
-    aside |= square * _LONGER**2 < np.sum(ahead * ahead, axis=1)
+    # of a way 100 times as long as the one before nothing is known
+    aside |= square * 100.0**2 < np.sum(ahead * ahead, axis=1)
     return along / np.where(square > 0.0, square, 1.0), aside
 
 
@@ -159,7 +152,9 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
         np.array(start),
         np.zeros(count, bool),
     )
-    most, counts = _PER_POSE * total + _MOST, np.full(count, total) if counts is None else counts
+    # 250 evaluations for each target, besides those for the way between them
+    # and 50_000 for the way between them: about 25 for each radian that something turns
+    most, counts = 250 * total + 50_000, np.full(count, total) if counts is None else counts
     values, counts, asked = _cut_off(view, start, values, counts, most)
     lanes = _Lanes(view, start, values, counts)
     for _ in range(most):
@@ -198,7 +193,8 @@ def _cut_off(
     if not len(lanes):
         return values, counts, counts
     values, asked, at = values.copy(), counts.copy(), np.argmax(far[:, lanes], axis=0)
-    part = np.minimum(1.0, _TRIED / (steps[at, lanes] * branch.TURN))
+    # 60 radians of a way that is too far: so far it is followed, as its branch may end there
+    part = np.minimum(1.0, 60.0 / (steps[at, lanes] * branch.TURN))
     values[at, :, lanes] += ((part - 1.0) * ways[at, :, lanes].T).T
     asked[lanes] = at
     counts = np.where(asked < counts, asked + 1, counts)
@@ -221,7 +217,8 @@ def _evaluate_step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     converged = finite & (met | squared)
     moved = np.array(st.q)
     moved[view.plan.unknown] -= np.where(finite, seen.step, 0.0)
-    hopeless = (st.corrections >= _CORRECTIONS) | ((st.corrections > 0) & (correction > SLOW * st.corrected))
+    # 6 corrections of Newton, before a step is given up
+    hopeless = (st.corrections >= 6) | ((st.corrections > 0) & (correction > SLOW * st.corrected))
     stopped = converged | ~finite | hopeless
     st.corrections, st.corrected = st.corrections + 1, correction
     if not stopped.any():
@@ -256,7 +253,8 @@ def _evaluate_step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     leaving = (st.s == 0.0) & (st.target > 0)
     # Just before a fold steps are short as parts of the way, not as lengths: a target that lies there is gone on to.
     near = (1.0 - st.s < least.touch) & (st.h > least.whole) & (st.h * speed > least.crossing * length)
-    ended = bad & ~leap & (fresh | (~near & (st.h < least.smallest * np.where(leaving, _LEAVING, 1.0))))
+    # 1e-3 of the smallest step: so short a one may lead away from a limit that was touched
+    ended = bad & ~leap & (fresh | (~near & (st.h < least.smallest * np.where(leaving, 1e-3, 1.0))))
     if good.any():
         chosen = _chooser(good)
         rise = (ratio - 1.0) / ratio / part
@@ -313,7 +311,7 @@ def _predict(view: HostView, st: _Lanes) -> np.ndarray:
     """Predict poses where the trials are, by the cubic behind, or by a parabola where the last step was far shorter."""
     known = np.where(st.reach == 1.0, st.way_end, st.origin + st.reach * st.way)
     a = st.reach - st.s
-    cubic = a <= _FARTHER * st.back
+    cubic = a <= 4.0 * st.back  # beyond 4 times the last step its cubic is not trusted
     curve, twist = np.where(cubic, st.curve, st.curve - 1.5 * st.back * st.twist), np.where(cubic, st.twist, 0.0)
     predicted = st.base + a * (st.slope + a * (curve + a * twist))
     return view.join(predicted[view.plan.unknown], known, st.base)
@@ -342,7 +340,8 @@ def _arrive(
     # Towards the end of a branch the pose changes ever faster; where branches cross it does not.
     crossed = touched & (speed <= branch.FAST * st.usual)
     if crossed.any():
-        before = (_BEFORE * length / speed)[crossed]
+        # 1e-3 of the mechanism's size: so far from a crossing is its pose read off the branch
+        before = (1e-3 * length / speed)[crossed]
         at = st.base[:, crossed], st.slopes[:, :, crossed], way[:, crossed], (1.0 - st.s)[crossed]
         st.base[:, crossed] = _crossing_poses(view.select(crossed), *at, before, aim[:, crossed])
     at_end, following = st.target >= st.final, np.minimum(st.target + 1, st.final)

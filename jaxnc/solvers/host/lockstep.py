@@ -7,7 +7,7 @@ are the poses behind it. Coordinates are ``(N, steps, designs)``.
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +22,9 @@ from jaxnc.system.equations import pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import ArrayLike
 
-_ITERATIONS = 12  # the most of Newton
-_ASSEMBLY = 60  # and of Levenberg and Marquardt on a drawing that does not fit its dimensions
-_AT_ONCE = 20_000  # poses on the ways of sequences; of more, following costs little
+if TYPE_CHECKING:
+    from jaxnc.system.host import HostEquations
+
 
 Scales = Sequence[np.ndarray]
 
@@ -145,7 +145,7 @@ class Lockstep:
                 guess = before + share[s - 1, live] * (before - q[columns, s - 2][:, live])
             given = [*guess, *(q[c, s, live] for c in block.coordinates[len(columns) :]), *rest]
             far = np.full(len(live), np.inf)
-            for _ in range(_ITERATIONS):
+            for _ in range(12):  # of Newton, at most
                 step = _block_step(block, given, live.shape)
                 given[: len(columns)] = [x - d for x, d in zip(given, step, strict=False)]
                 far = functools.reduce(np.maximum, (np.abs(d) * w for d, w in zip(step, weight, strict=True)))
@@ -175,7 +175,7 @@ class Lockstep:
         damping, cost = np.full(q.shape[1], 1e-2), np.full(q.shape[1], np.inf)
         trial, slopes, r = q.copy(), np.zeros((q.shape[1], part.count, n)), np.zeros((q.shape[1], part.count))
         with np.errstate(all="ignore"):
-            for turn in range(_ASSEMBLY):
+            for turn in range(60):  # of Levenberg and Marquardt, on a drawing that does not fit its dimensions
                 given = part.collect(trial, numbers)
                 rows = [np.broadcast_to(row, q.shape[1:]) for row in part.run(np)(given)]
                 new = np.stack(rows or [np.zeros(q.shape[1])])
@@ -258,7 +258,7 @@ def steady_steps(value: np.ndarray, share: np.ndarray) -> np.ndarray:
     return branch.steady([value[1:]], [value[:-1]], [rise], share)
 
 
-def _solve_closed(block: Rows, numbers: Any, q: np.ndarray) -> None:
+def _solve_closed(block: Rows, numbers: "RowNumbers | HostEquations", q: np.ndarray) -> None:
     """Solve a block with a closed form, in all poses, on the side that its first pose has."""
     columns, lanes = list(block.columns), q.shape[1:]
     given = block.collect(q, numbers)
@@ -304,7 +304,8 @@ def solve_at_once(
         return none
     core = lockstep(view.plan)
     track, every = _track(start[view.plan.known], values)
-    if not core.closed or track.shape[1] * many > _AT_ONCE:
+    # 20_000 poses on the ways of sequences; of more, following costs little
+    if not core.closed or track.shape[1] * many > 20_000:
         return none
     q = np.repeat(start[:, None], track.shape[1], axis=1)
     q[view.plan.known] = track

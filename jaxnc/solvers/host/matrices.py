@@ -13,9 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_APART = 0.15  # sizes of the mechanism: so far all coordinates together go from one lane that is known to the next
 _LANES = (4, 24)  # the fewest for which that pays, and the most
-_ROUGH = 1e-3  # off by more, relative, an interpolated inverse is not refined
 _HALF = 10.0  # times the root of the last digit: off by no more, one refinement makes it good
 _FOUR = np.arange(4)
 
@@ -54,7 +52,8 @@ def near(q: np.ndarray, length: float, matrices: Callable[[np.ndarray], np.ndarr
     """
     lanes, step = q.shape[1], np.diff(q, axis=1)
     way = np.concatenate([[0.0], np.cumsum(np.sqrt(np.einsum("nl,nl->l", step, step)))])
-    apart = min(_APART * length * lanes / way[-1], _LANES[1], lanes // 4) if way[-1] > 0.0 else 0
+    # 0.15 sizes of the mechanism: so far go all coordinates together from one known lane to the next
+    apart = min(0.15 * length * lanes / way[-1], _LANES[1], lanes // 4) if way[-1] > 0.0 else 0
     if not apart >= _LANES[0]:
         return None
     apart = int(apart)
@@ -84,7 +83,7 @@ class Inverses:
             return
         self._inverse = close.interpolated
         off = _error_of(matrix, self._inverse)
-        poor = ~(off <= _ROUGH)
+        poor = ~(off <= 1e-3)  # off by more, an interpolated inverse is not refined
         if poor.any():
             self._inverse = np.array(self._inverse)
             self._inverse[poor], off[poor] = inverse_of(matrix[poor]), _HALF * eps**0.5

@@ -14,7 +14,6 @@ from jaxnc.system.design import Drawn
 
 ITERATIONS = 8  # of Newton from a predicted pose, of which two are usual
 SLOW = 0.5  # of a correction: so short the next one of Newton's must be, or it leads nowhere
-_SHORT = 1e-3  # of the size: after such a correction, its matrices do for the next
 
 
 class Closest(NamedTuple):
@@ -126,7 +125,7 @@ def _newton(view: HostView, q: np.ndarray) -> np.ndarray:
         if not on.any():
             break
         before = size
-        if solve is None or size.max() > _SHORT:
+        if solve is None or size.max() > 1e-3:  # after a correction of 1e-3 of the size, its matrices do for the next
             view, going, at, before, solve = view.select(on), going[on], at[:, on], size[on], None
     return out
 

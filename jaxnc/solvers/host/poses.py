@@ -16,10 +16,7 @@ from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.system.precision import farthest
 
 _EACH = 8  # poses that are followed to one by one
-_LARGE = 100_000  # numbers of matrices, whose memory is asked for again and again
-_SPACING = 0.4  # radians or lengths of the mechanism that inputs change by between anchors
 _TURN = 2.0 * np.pi
-_SKIPPED = 2.0  # turns in one step: of more, whole ones are left out
 
 
 def solve_sequences(
@@ -110,7 +107,8 @@ def _skip_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Windi
         return None
     angle = values[:, 0]
     steps = np.diff(angle, axis=0, prepend=start[[plan.driven[0]]]) / _TURN
-    many = (np.abs(steps) > _SKIPPED) & (np.abs(angle) <= farthest(start))
+    # of more than 2 turns in one step whole ones are left out
+    many = (np.abs(steps) > 2.0) & (np.abs(angle) <= farthest(start))
     lanes = np.flatnonzero(many.any(axis=0))
     if not len(lanes):
         return None
@@ -164,7 +162,8 @@ class _Found:
         self.first, self.owner = np.arange(many) * self.total, np.repeat(np.arange(many), self.total)
         self.values = values.transpose(1, 2, 0).reshape(known, many * self.total)
         lanes = many * self.total
-        if view.program is None and lanes * math.prod(view.shape) >= _LARGE:
+        # the memory of 100_000 numbers of matrices is asked for again and again
+        if view.program is None and lanes * math.prod(view.shape) >= 100_000:
             process.keep_memory()
         self.q = np.repeat(start, self.total, axis=1)
         self.slopes = np.zeros((n, driven, lanes), start.dtype)
@@ -362,7 +361,8 @@ def _choose_anchors(view: HostView, values: np.ndarray, counts: np.ndarray) -> n
     square = np.sum(steps * steps, axis=1)
     length = np.concatenate([np.zeros((1, many)), np.cumsum(np.sqrt(square), axis=0)])
     whole = np.where(length[-1] > 0.0, length[-1], 1.0)
-    part = np.floor(length * (np.ceil(length[-1] / _SPACING) / whole))
+    # 0.4 radians, or lengths of the mechanism, between anchors
+    part = np.floor(length * (np.ceil(length[-1] / 0.4) / whole))
     product = np.sum(steps[:-1] * steps[1:], axis=1)
     bends = (product < 0.0) | (product * product < 0.999 * square[:-1] * square[1:])
     corners = np.zeros((total, many), bool)

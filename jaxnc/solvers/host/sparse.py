@@ -15,10 +15,6 @@ from jaxnc.system.host import HostEquations
 if TYPE_CHECKING:
     from scipy.sparse.linalg import SuperLU
 
-_NUMBERS = 1_000_000  # that the constraints of lanes which are solved together have
-_FACTORISED = 250  # unknowns in whose time a matrix without any is factorised
-_LEVEL = 150  # and in whose time all lanes go through one level
-
 
 class Level(NamedTuple):
     """Blocks of one or two that are solved together in all lanes: none needs another's solution."""
@@ -116,7 +112,8 @@ class SparseView(HostView):
     def __init__(self, plan: LargePlan, eq: HostEquations):
         super().__init__(plan, eq)
         entries = sum(layout.rows.size * layout.variables.shape[1] for layout in plan.topology.layout)
-        self.shape, self.at_once = (plan.numbers.count,), max(_NUMBERS // max(entries, 1), 1)
+        # the constraints of lanes which are solved together have a million numbers
+        self.shape, self.at_once = (plan.numbers.count,), max(1_000_000 // max(entries, 1), 1)
         self._pairs = blocks_of_two(plan)
 
     def norm(self, weight: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -193,7 +190,8 @@ class SparseView(HostView):
         """Say whether all lanes level by level take less time than one after the other by LU."""
         if self._pairs is None:
             return False
-        return lanes * (_FACTORISED + len(self.plan.unknown)) > _LEVEL * len(levels(self.plan))
+        # a matrix without unknowns is factorised in the time of 250, and lanes go through a level in that of 150
+        return lanes * (250 + len(self.plan.unknown)) > 150 * len(levels(self.plan))
 
     def factorise(self, matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `HostView.factorise`; in a large system, sizes of determinants of small blocks only, others are one."""

@@ -17,7 +17,6 @@ from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import limits
 
 _AT_ONCE = 512  # lanes whose columns are made orthogonal together: as many matrices as stay in the cache
-_REGULAR = 1e-3  # of the largest pivot: where all are larger, normal equations lose no digit that anybody is told
 
 
 class PoseEvaluation(NamedTuple):
@@ -215,7 +214,7 @@ class HostView:
         if scaled.dtype == np.float64:
             with contextlib.suppress(np.linalg.LinAlgError):  # one of them is singular
                 found = self._ratio(np.diagonal(np.linalg.cholesky(normal), axis1=1, axis2=2))
-        sound = found >= _REGULAR
+        sound = found >= 1e-3  # 1e-3 of the largest pivot: above, normal equations lose no digit that anybody is told
         if not sound.all():
             triangle = np.linalg.qr(scaled[~sound], mode="r")
             found[~sound] = self._ratio(np.abs(np.diagonal(triangle, axis1=1, axis2=2)))

@@ -56,8 +56,6 @@ def common_points(p: Float[np.ndarray, "3 3"], q: Float[np.ndarray, "3 3"]) -> l
 
 # -- the circle-point curve --------------------------------------------------------------------------------------------
 
-_DIRECTIONS = 4001
-
 
 def _centre_matrix(forms: np.ndarray, b: np.ndarray | complex) -> np.ndarray:
     x, y = np.real(b), np.imag(b)
@@ -108,7 +106,7 @@ def trace_cubic(forms: np.ndarray, start: complex, points: int, extent: float) -
     A piece has about so many points; the curve, of three bilinear equations ``(3, 3, 3)``, is followed as far as
     `extent` from the origin.
     """
-    angles = np.linspace(0.0, np.pi, _DIRECTIONS)
+    angles = np.linspace(0.0, np.pi, 4001)
 
     def inside(angle: np.ndarray) -> np.ndarray:
         c3, c2, c1 = _crossings(forms, start, angle)
@@ -154,9 +152,6 @@ def trace_cubic(forms: np.ndarray, start: complex, points: int, extent: float) -
 
 EXACT = 1e-12
 """Residual of a dyad, beside the size of the poses, that counts as exact."""
-
-_FAR = 1e6  # of the size of the poses: a pivot beyond is at infinity, its bar a slider
-_REAL = 1e-7  # imaginary part, beside the root's size, of a root that counts as real
 
 
 @public
@@ -438,12 +433,14 @@ class Guidance:
         real, others, infinite, worst = [], 0, 0, 0.0
         for w in common_points(*conics):
             scale = w @ s
-            if abs(scale) * _FAR < np.abs(w @ basis).max():
+            # beyond 1e6 times the size of the poses a pivot is at infinity, its bar a slider
+            if abs(scale) * 1e6 < np.abs(w @ basis).max():
                 infinite += 1
                 continue
             x = np.array([w @ np.real(u), w @ np.imag(u), w @ np.real(a), w @ np.imag(a)]) / scale
             x, rest = _polish_pair(forms, x)
-            if np.abs(np.imag(x)).max() <= _REAL * max(1.0, np.abs(x).max()):
+            # an imaginary part, beside the root's size, of a root that counts as real
+            if np.abs(np.imag(x)).max() <= 1e-7 * max(1.0, np.abs(x).max()):
                 x, rest = _polish_pair(forms, np.real(x))
                 real.append(self._dyad(complex(x[0], x[1]), complex(x[2], x[3])))
                 rest = real[-1].residual

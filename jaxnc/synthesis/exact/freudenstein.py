@@ -20,8 +20,6 @@ from jaxnc.validate import as_shape, call_user
 POSES = 121
 """Poses of the range at which the structural error is looked at."""
 
-_MET = 1e-9  # radians: a precision point further off than this, after really moving there, is a defect
-_REAL = 1e-7  # imaginary part, beside the root's size, of a root that counts as real
 _NOTHING = 1e-9  # of the largest: a coefficient that stands for a bar at infinity
 
 
@@ -147,7 +145,7 @@ def precision_four_bars(
     output_offset: float | None = 0.0,
     ground: float = 1.0,
     over: tuple[float, float] | None = None,
-    function: Callable[[np.ndarray], Any] | None = None,
+    function: Callable[[np.ndarray], ArrayLike] | None = None,
 ) -> FunctionDesigns:
     """All four-bars whose rocker stands at given angles when the crank does, at 3, 4 or 5 precision points.
 
@@ -209,7 +207,7 @@ def precision_four_bars(
 
 @public
 def function_four_bars(
-    function: Callable[[np.ndarray], Any],
+    function: Callable[[np.ndarray], ArrayLike],
     over: tuple[float, float],
     input_range: float,
     output_range: float,
@@ -341,7 +339,8 @@ def _solve_five(x: np.ndarray, y: np.ndarray) -> list:
     monomials = np.stack([s**3, s * s * t, s * t * t, t**3], axis=1)
     cubic = np.linalg.solve(monomials, form(np.stack([s, t], axis=1)))
     roots = [complex(root) for root in np.roots(cubic)]
-    directions = [(root.real, 1.0) for root in roots if abs(root.imag) <= _REAL * max(1.0, abs(root))]
+    # an imaginary part, beside the root's size, of a root that counts as real
+    directions = [(root.real, 1.0) for root in roots if abs(root.imag) <= 1e-7 * max(1.0, abs(root))]
     if abs(cubic[0]) < 1e-14 * np.abs(cubic).max():
         directions.append((1.0, 0.0))
     found = []
@@ -402,7 +401,7 @@ def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
     defects = []
     if not math.isfinite(error):
         defects.append("dead point")
-    elif error > _MET:
+    elif error > 1e-9:  # radians: a precision point further off, after really moving there, is a defect
         defects.append("branch")
     found, ranged, _ = _sweep_scale(linkage, bars, grid)
     wanted = _call_function(function, grid, "precision_four_bars") if function is not None else None

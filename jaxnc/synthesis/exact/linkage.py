@@ -315,7 +315,6 @@ def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[Slider
 
 
 _STEPS = 48  # between first and last pose: one shape for 2 to 5 poses, so that it is compiled once
-_MET = 1e-8  # of the size: a pose further off than this, after really moving there, is not reached
 
 
 @public
@@ -370,7 +369,7 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad") -> GuidedFo
                 continue  # more than one turn: the poses are passed in another order
             inputs = angles[0] + np.concatenate([[0.0], np.cumsum(steps)])
             error, transmission = _move_through(linkage, inputs, poses)
-            if error <= _MET * _pose_size(poses):
+            if error <= 1e-8 * _pose_size(poses):  # a pose further off, after really moving there, is not reached
                 found = GuidedFourBar(linkage, inputs, error, transmission, ())
                 if best is None or found.transmission > best.transmission:
                     best = found

@@ -49,7 +49,7 @@ class Task:
         return tuple(part[..., None] for part in (self.d, self.e, self.matrix, self.right))
 
 
-def coupler_turns(z: np.ndarray, d: Any, e: Any) -> np.ndarray:
+def coupler_turns(z: np.ndarray, d: ArrayLike, e: ArrayLike) -> np.ndarray:
     """γ and γ' of every point but the first, ``(2, points - 1, lanes)``, from both bars."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     (u, v), (uu, vv) = x * (aa - e), xx * (a - d)
@@ -101,7 +101,9 @@ class _Linearised:
         return out
 
 
-def _residuals(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray, right: np.ndarray) -> tuple:
+def _residuals(
+    z: np.ndarray, g: np.ndarray, d: np.ndarray, e: np.ndarray, matrix: np.ndarray, right: np.ndarray
+) -> tuple:
     """Residuals of the equations of bars, turns and base."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     bars = x * (aa - e) * g[0] + xx * (a - d) * g[1] + d * (e - aa - xx) - e * (a + x)
@@ -215,11 +217,8 @@ def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL) -> P
 # -- linkages through points -------------------------------------------------------------------------------------------
 
 _SINGULAR = 1e-7  # last step of Newton's, beside the solution: above, the end is singular
-_NOTHING = 1e-8  # of the size: a bar that is no longer has no length
 _SAME = 1e-6  # relative difference of two ends that are one solution
 _REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
-_BLOCK = 384  # lanes followed together
-_ROUTES = 3
 _PACES = Pace(1e-4, 0.01, 1e-6), Pace(2e-6)
 _OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
 
@@ -313,7 +312,7 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     task = _make_task(places, given[::-1] if exchanged else given, size)
     name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
     expected, ends, overlaps = _expected_count(name, given), np.zeros((8, 0), complex), []
-    for route in range(_ROUTES):
+    for route in range(3):
         found = _route(name, task, 1.0 + 2.4 * route)
         known, ends = ends, distinct_solutions(np.concatenate([ends, found], axis=1), len(places))
         overlaps.append((known.shape[1], found.shape[1], known.shape[1] + found.shape[1] - ends.shape[1]))
@@ -416,7 +415,7 @@ def _route(name: str, task: Task, angle: float) -> np.ndarray:
     ends, good = np.array(z), np.zeros(z.shape[1], bool)
     for pace in _PACES:
         rest = np.flatnonzero(~good)
-        blocks = np.array_split(rest, max(1, len(rest) // _BLOCK))
+        blocks = np.array_split(rest, max(1, len(rest) // 384))  # 384 lanes are followed together
         work = functools.partial(_follow_block, z, start, spun, pace)
         for lanes, out in zip(blocks, map_threads(work, blocks), strict=True):
             ends[:, lanes], good[lanes] = out.w, out.arrived
@@ -437,7 +436,8 @@ def _degenerate(z: np.ndarray) -> np.ndarray:
     """Where a bar has no length, or the point lies on a joint of the coupler."""
     x, y, xx, yy, a, b, aa, bb = z
     pairs = ((x, xx), (y, yy), (x - y, xx - yy), (x + a, xx + aa), (y + b, yy + bb), (a - b, aa - bb))
-    return np.min([np.maximum(np.abs(p), np.abs(q)) for p, q in pairs], axis=0) < _NOTHING
+    # a bar of 1e-8 of the size has no length
+    return np.min([np.maximum(np.abs(p), np.abs(q)) for p, q in pairs], axis=0) < 1e-8
 
 
 def _solution_keys(z: np.ndarray, count: int) -> np.ndarray:

@@ -24,11 +24,6 @@ from jaxnc.synthesis.search.sqp import LANES, MEETS, End, Sqp
 
 _LOOK = 192  # of the designs that were refined, the best that are looked at
 _LIKE = 1e-4  # of the size: designs whose points are so near to each other are one
-_LEVEL = 1e-6  # of the error: so are ends whose errors are, and whose points are within
-_FLAT = 1e-2  # of the size of each other, since a basin may be flat
-_SLOPE = 1e-2  # of the error: so much above an end, and as near, a design that has not ended is on the way there
-_ENOUGH = 4  # targets from which on the points that move tell of those that do not
-_NOUGHT = 1e-20  # a square that is none
 _STAGES = ((4, 1.0, 1), (10, 1.0, 1), (40, 0.5, 3), (120, 0.0, 3), (0, 0.0, 1))
 """Until which iteration (0: as many as asked for) which part of the designs goes on, and at least how many of them."""
 
@@ -107,11 +102,12 @@ def _in_one_basin(problem: Problem, better: End, end: End, apart: float, extent:
     above = end.square - better.square
     if apart <= _LIKE * problem.length:
         return True
-    if max(end.square, better.square) <= _NOUGHT:
+    if max(end.square, better.square) <= 1e-20:  # a square that is none
         return apart <= _LIKE * extent  # exact ones farther apart: see `jaxnc.synthesis.search.basins`
-    if apart > _FLAT * extent:
+    if apart > 1e-2 * extent:  # 1e-2 of the size: a basin may be flat
         return False
-    return above <= (_LEVEL if end.converged else _SLOPE) * better.square
+    # ends whose errors differ by 1e-6 are one, and what has not ended, 1e-2 above, is on the way there
+    return above <= (1e-6 if end.converged else 1e-2) * better.square
 
 
 def _group_designs(problem: Problem, moves: Iterable[MovedDesign], most: int) -> list[tuple[int, int]]:
@@ -144,7 +140,7 @@ def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
     top = problem.system.topology
     q = q[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
     moving = ~np.array(top.fixed, bool)[: len(top.points) * top.dim].reshape(-1, top.dim).all(axis=1)
-    if len(q) >= _ENOUGH and moving.any():
+    if len(q) >= 4 and moving.any():  # of 4 targets and more the points that move tell of those that do not
         q = q[:, moving]
         q = np.concatenate([q, np.broadcast_to(q.mean(axis=0), q.shape)], axis=1)
     apart = np.linalg.norm(q[:, :, None] - q[:, None], axis=-1).reshape(-1)
@@ -154,16 +150,8 @@ def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
 # -- continua of exact designs -----------------------------------------------------------------------------------------
 
 _NULL = 1e-9  # of the largest singular value: a direction that changes the errors by less does not change them
-_SEEN = 1e-6  # of the largest change of the points by an unknown: what moves them by less redraws the same mechanism
-_FEEL = 1e-6  # of the points' coordinates: the step of a difference
-_WALK = 100  # at most, from one design to another
-_REACH = 0.3  # of the size: the longest way of a point in the first step
-_ON = 1e-3  # of the size: errors that are allowed on the way
 _THERE = 1e-6  # of the distance at the beginning: so near, the other design is reached
-_SLOW = 0.9  # of the distance: what has not come nearer by that in `_PATIENCE` steps does not arrive
 _PATIENCE = 10
-_ROUNDS = 2  # of looking for ways between groups of designs, without one being found
-_WAYS = 2  # for which a group looks in each round
 
 
 class _Look(NamedTuple):
@@ -211,14 +199,15 @@ def _group_continua(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int
     eye, rows, idle = _Continua(problem), np.stack(xs), 0
     q = eye.look(rows).q
     far = np.linalg.norm(q[:, None] - q, axis=2)
-    while len(groups) > 1 and idle < _ROUNDS:
+    # 2 rounds of looking for ways between groups of designs, without one being found
+    while len(groups) > 1 and idle < 2:
         # Each group looks for ways to the nearest design of another one, and to those of the largest other one.
         for group in groups:
             far[np.ix_(group, group)] = np.inf
         pairs = set()
         for group in groups:
             most = max((other for other in groups if other is not group), key=len)
-            for others, count in ((list(range(len(xs))), 1), (most, _WAYS)):
+            for others, count in ((list(range(len(xs))), 1), (most, 2)):  # each group looks for 2 ways in each round
                 part = far[np.ix_(group, others)]
                 nearest = np.argsort(part, axis=None, kind="stable")[:count]
                 ways = zip(*np.unravel_index(nearest, part.shape), strict=True)
@@ -277,12 +266,13 @@ class _Continua:
         top = self.problem.system.topology
         free = _null_space(look.slopes[0])
         moves = look.changes[0] @ free
-        largest, least = np.max(np.abs(moves), initial=0.0), _SEEN * np.max(np.abs(look.changes[0]))
+        # 1e-6 of the largest change of the points by an unknown: what moves them by less redraws the mechanism
+        largest, least = np.max(np.abs(moves), initial=0.0), 1e-6 * np.max(np.abs(look.changes[0]))
         if not largest > least:
             return 0
         size = self.problem.length
         shape = (-1, len(top.points) * top.dim)
-        q, h = look.q[0] * size, _FEEL * size / largest
+        q, h = look.q[0] * size, 1e-6 * size / largest  # a difference is taken over 1e-6 of the points' coordinates
         steps = [h * size * move for move in moves.T]
         marks = [mark_of(self.problem, (q + way * s).reshape(shape)) for s in steps for way in (1, -1)]
         slopes = np.stack(
@@ -295,10 +285,11 @@ class _Continua:
         """Find out for each of many exact designs whether it can be changed into its goal with all targets met."""
         goal, now = self.look(goals), self.look(x)
         far = np.linalg.norm(goal.q - now.q, axis=1)
-        begun, reach = far.copy(), np.full(len(x), _REACH)
+        # 0.3 of the size is the longest way of a point in the first step
+        begun, reach = far.copy(), np.full(len(x), 0.3)
         there = now.good & goal.good & (far <= _THERE)
         live, history = now.good & goal.good & ~there, [far.copy()]
-        for step in range(_WALK):
+        for step in range(100):  # steps at most, from one design to another
             lanes = np.flatnonzero(live)
             if not len(lanes):
                 break
@@ -306,7 +297,8 @@ class _Continua:
             new = self.look(now.x[lanes] + moves * self.scale)
             left = np.linalg.norm(goal.q[lanes] - new.q, axis=1)
             off, was = (np.sqrt(np.mean(part**2, axis=1)) for part in (new.errors, now.errors[lanes]))
-            fine = new.good & (off <= np.maximum(_ON, 0.5 * was)) & ((left < far[lanes]) | (off < 0.5 * was))
+            # 1e-3 of the size are errors that are allowed on the way
+            fine = new.good & (off <= np.maximum(1e-3, 0.5 * was)) & ((left < far[lanes]) | (off < 0.5 * was))
             took = lanes[fine]
             for part, fresh in zip(now, new, strict=True):
                 part[took] = fresh[fine]
@@ -316,7 +308,8 @@ class _Continua:
             history.append(far.copy())
             live &= ~there & (reach > 1e-9)
             if step >= _PATIENCE:
-                live &= far <= _SLOW * history[-1 - _PATIENCE]
+                # of the distance: what has not come nearer by that in `_PATIENCE` steps does not arrive
+                live &= far <= 0.9 * history[-1 - _PATIENCE]
         return there
 
 

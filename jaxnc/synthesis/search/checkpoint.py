@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Any, Protocol
 
 import jax
@@ -46,7 +47,7 @@ class Course:
         self.begun = self.kept = time.perf_counter()
         self.terms: dict[str, Any] = {}
 
-    def set_terms(self, **settings: Any) -> None:
+    def set_terms(self, **settings: object) -> None:
         """Note what this search and one that resumes it must have in common, and see that its file can be written."""
         from jaxnc.io import target
 
@@ -151,7 +152,7 @@ def interruptible() -> Iterator[None]:
         return
     seen = traced = False
 
-    def handle(number: int, frame: Any) -> None:
+    def handle(number: int, frame: FrameType | None) -> None:
         nonlocal seen, traced
         seen, traced = True, traced or _in_jax(frame)
         before(number, frame)

@@ -9,7 +9,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,14 +29,11 @@ from jaxnc.synthesis.search.refine import Refinement
 from jaxnc.synthesis.search.solve import starting_rows
 from jaxnc.synthesis.search.sqp import MEETS, End, Sqp
 from jaxnc.synthesis.validate import as_seed, check_counts
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_ALSO = 1e-8  # weight of the objectives that do not count, so that among equals the better one is taken
-_FEW = 4  # random designs from which each point of the front is also started
-_ROUNDS = 2  # times that the points of the front are started from each other's designs
 _POINT = 1e-6  # a front that is narrower than this part of its values is one point
 
 
@@ -129,7 +126,7 @@ class Front(Shown):
 @public
 def pareto(
     problem: Problem,
-    others: Mapping[str, Callable[[Motion], Any]] | None = None,
+    others: Mapping[str, Callable[[Motion], ArrayLike]] | None = None,
     points: int = 16,
     starts: int = 2000,
     refine: int = 48,
@@ -183,7 +180,8 @@ def pareto(
         with interruptible():
             rng = np.random.default_rng(seed)
             begun = starting_rows(problem, Refinement(goal, iterations), starts, refine, rng)
-            ends = [(np.where(np.arange(k) == i, 1.0, _ALSO), np.full(k, OPEN)) for i in range(k)]
+            # objectives that do not count weigh 1e-8, so that among equals the better one is taken
+            ends = [(np.where(np.arange(k) == i, 1.0, 1e-8), np.full(k, OPEN)) for i in range(k)]
             search.refine([(x, *end) for end in ends for x in begun])
             search.settle()
             if all(e in search for e in ends):
@@ -281,8 +279,9 @@ class _Search:
         steps = [low[j] + (high[j] - low[j]) * np.arange(1, each + 1) / (each + 1) for j in range(1, k)]
         places = [(ends[0][0], np.array([OPEN, *np.square(b)])) for b in itertools.product(*steps)]
         corners = [self.best[self.key(e)][1] for e in ends]
-        self.refine([(x, *place) for place in places for x in [*corners, *begun[:_FEW]]])
-        for _ in range(_ROUNDS):
+        # 4 random designs from which each point of the front is also started
+        self.refine([(x, *place) for place in places for x in [*corners, *begun[:4]]])
+        for _ in range(2):  # the points of the front are started from each other's designs
             starts = []
             for place in places:
                 apart = [float(np.abs(np.sqrt(p[1][1:]) - np.sqrt(place[1][1:])).sum()) for p in places]

@@ -23,7 +23,7 @@ from jaxnc.synthesis.problem import Evaluation, Problem
 from jaxnc.synthesis.pytree import Leaves, shapes
 from jaxnc.synthesis.search.stock import Sizes, Stock, with_measures
 from jaxnc.synthesis.validate import call_on_motion
-from jaxnc.types import Array
+from jaxnc.types import Array, ArrayLike
 
 OPEN = 1e30  # a bound of an objective that is none
 
@@ -40,7 +40,7 @@ class Goal(Leaves):
     # Numbers that make up one error (coordinates of a point) where the largest error is made small, else 0; unknown:
     # the height; argument: whether its square is made small, or the sum of squares, from which such a search begins.
     parts: int = 0
-    others: tuple[Callable[[Motion], Any], ...] = ()  # further objectives
+    others: tuple[Callable[[Motion], ArrayLike], ...] = ()  # further objectives
     # How many errors each of several objectives has; arguments: weights and bounds of their squares.
     objectives: tuple[int, ...] = ()
 
@@ -58,7 +58,7 @@ class Goal(Leaves):
         return cls(problem, stocks, margins, math.prod(problem.error_shape[1:]) if problem.minimax else 0)
 
     @classmethod
-    def several(cls, problem: Problem, others: Sequence[Callable[[Motion], Any]]) -> "Goal":
+    def several(cls, problem: Problem, others: Sequence[Callable[[Motion], ArrayLike]]) -> "Goal":
         """Make the goal of a search for a front: the problem's objectives and functions of its motion."""
         goal = cls(problem, others=tuple(others))
         pieces = shapes(_objectives, goal, problem.still[0], problem.extras.home)

@@ -15,11 +15,8 @@ from jaxnc.kinematics.design import geometry_components, geometry_vector, with_g
 from jaxnc.synthesis.bounds import Boxes
 from jaxnc.synthesis.evaluate import marker_places
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration
-from jaxnc.types import ArrayLike
+from jaxnc.types import AnyArray, ArrayLike
 
-_ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
-_POSES = 37  # at which that is tried
-_PULL = 1e3  # times as heavy as errors is what bounds miss, before it is cut off
 _PULLS = 6  # times that what is out of bounds is looked for
 
 
@@ -113,7 +110,8 @@ def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
     flat = np.asarray(geometry_vector(problem.system), dtype=float)
     n = 2 * (len(top.points) + len(top.markers))
     z = flat[:n:2] + 1j * flat[1:n:2]
-    ways = [(0.0, 1.0), (0.1 * size, 1.0), (0.1j * size, 1.0), (0.0, 1.1), (0.0, np.exp(1j * _ANGLE))]
+    # 0.37 radians, to try whether a mechanism turns as a whole
+    ways = [(0.0, 1.0), (0.1 * size, 1.0), (0.1j * size, 1.0), (0.0, 1.1), (0.0, np.exp(1j * 0.37))]
     drawn = [move_whole(problem, found, flat, z0, w, z0 + w * z[found.tracer]) for z0, w in ways]
     a, b = (z[i] for i in found.base)
     drawn.append(move_whole(problem, found, flat, 0.0, 1.0, z[found.tracer] + 0.2 * (b - a)))
@@ -140,7 +138,7 @@ def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
 
 def _point_paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Move a drawing over the range of the input: places of points, and which poses are found."""
-    motion = problem.sweep(with_geometry(problem.system, flat), np.linspace(*problem.travel, _POSES))
+    motion = problem.sweep(with_geometry(problem.system, flat), np.linspace(*problem.travel, 37))
     return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
 
 
@@ -193,9 +191,9 @@ def fit_linear(
     rest = target if found.scale else target - base
     count = base.shape[-1]
     heavy = np.broadcast_to(weights, (count,))
-    some: list[Any] = [np.ones(count), base, direction, rest]
+    some: list[AnyArray] = [np.ones(count), base, direction, rest]
     light = [np.conj(v) * heavy for v in some]
-    inner: dict[tuple[int, int], Any] = {}
+    inner: dict[tuple[int, int], AnyArray] = {}
     used = [*dict.fromkeys(k for k, _ in spots)]
     for n, i in enumerate(used):
         for j in [*used[n:], 3]:
@@ -215,7 +213,8 @@ def fit_linear(
     y = _solve_finite(normal, side)
     missed = 0.0
     if limits is not None:
-        missed = _pull_inside(found, limits, normal, side, sizes, y, _PULL * float(weights.sum()))
+        # what bounds miss is 1e3 times as heavy as errors, before it is cut off
+        missed = _pull_inside(found, limits, normal, side, sizes, y, 1e3 * float(weights.sum()))
     left = total + np.sum(y * (normal @ y - 2.0 * side), axis=(-2, -1))
     left = np.where(left > 0.0, left, 0.0 * left) + missed
     parts = list(np.moveaxis(y[..., 0] / sizes, -1, 0))
@@ -227,7 +226,7 @@ def fit_linear(
     return z0, w, k, left
 
 
-def _sum_products(a: np.ndarray, b: np.ndarray) -> Any:
+def _sum_products(a: np.ndarray, b: np.ndarray) -> AnyArray:
     """Sum products over the last axis."""
     if a.ndim == 1 or b.ndim == 1:
         return b @ a if a.ndim == 1 else a @ b
@@ -236,7 +235,7 @@ def _sum_products(a: np.ndarray, b: np.ndarray) -> Any:
 
 def _solve_finite(normal: np.ndarray, side: np.ndarray) -> np.ndarray:
     """Solve linear systems; NaN where one is not finite."""
-    good: Any = np.isfinite(normal).all(axis=(-2, -1))
+    good: AnyArray = np.isfinite(normal).all(axis=(-2, -1))
     solved = np.linalg.solve(np.where(good[..., None, None], normal, np.eye(normal.shape[-1])), side)
     return np.where(good[..., None, None], solved, np.nan)
 
@@ -258,19 +257,19 @@ def _pull_inside(
     first = sum(found.axes)
     grown = slice(first, first + (1 + found.turn if found.scale else 0))
     missed = np.zeros(len(flat_y))
-    lanes: Any = np.arange(len(flat_y))
+    lanes: AnyArray = np.arange(len(flat_y))
     for turn in range(_PULLS + 1):
-        own: Any = design[lanes]
+        own: AnyArray = design[lanes]
         real = flat_y[lanes] / sizes[lanes]
         place = np.einsum("lbc,lc->lb", limits.rows[own], real) + limits.fixed[own]
-        goal: Any = np.clip(place, limits.low, limits.high)
-        off: Any = goal - place
-        w: Any = real[:, grown]
-        long: Any = np.maximum(np.linalg.norm(w, axis=1), 1e-300) if found.scale else np.ones(len(lanes))
-        factor: Any = np.clip(long, limits.least[own], limits.most[own]) / long
-        far: Any = np.abs(factor - 1.0) * long * limits.extent[own] if found.scale else np.zeros(len(lanes))
+        goal: AnyArray = np.clip(place, limits.low, limits.high)
+        off: AnyArray = goal - place
+        w: AnyArray = real[:, grown]
+        long: AnyArray = np.maximum(np.linalg.norm(w, axis=1), 1e-300) if found.scale else np.ones(len(lanes))
+        factor: AnyArray = np.clip(long, limits.least[own], limits.most[own]) / long
+        far: AnyArray = np.abs(factor - 1.0) * long * limits.extent[own] if found.scale else np.zeros(len(lanes))
         missed[lanes] = weight * (np.sum(off**2, axis=1) + far**2)
-        out: Any = (off != 0.0).any(axis=1) | (far > 1e-9 * long * limits.extent[own])
+        out: AnyArray = (off != 0.0).any(axis=1) | (far > 1e-9 * long * limits.extent[own])
         if turn == _PULLS or not out.any():
             break
         lanes, own, off, goal, w, factor, far = (v[out] for v in (lanes, own, off, goal, w, factor, far))
@@ -318,7 +317,7 @@ class PlanarFit:
     """
 
     own = 0  # unknowns of the problem that say how a frame is turned
-    wanted: Any = None
+    wanted: AnyArray = None
 
     def __init__(self, problem: PathGeneration, found: Linear):
         self.problem, self.free, self.target = problem, found, problem.target @ np.array([1.0, 1j])
@@ -371,7 +370,9 @@ class PlanarFit:
             flat[:, at] = goal[:, at]
         return flat
 
-    def fit(self, rows: tuple[np.ndarray, ...], limits: LinearLimits | None, some: Any = slice(None)) -> Any:
+    def fit(
+        self, rows: tuple[np.ndarray, ...], limits: LinearLimits | None, some: slice | np.ndarray = slice(None)
+    ) -> Any:
         """Fit place, similarity, tracer and turn of designs ``(B, …)`` to some targets; the squares left."""
         base, along, seen = rows
         z0, w, k, left = fit_linear(self.free, base, along, self.target[some], self.problem.weights[some], limits)
@@ -384,7 +385,7 @@ class PlanarFit:
             left = left + (off.real**2 + off.imag**2) @ heavy
         return (z0, w, k, by), left
 
-    def curves(self, rows: tuple[np.ndarray, ...], parts: Any, some: np.ndarray) -> Pairs:
+    def curves(self, rows: tuple[np.ndarray, ...], parts: tuple[np.ndarray, ...], some: np.ndarray) -> Pairs:
         """Whole curves of designs as they were fitted, from ``rows`` ``(B, poses)``, and what targets want."""
         base, along, seen = (row[:, None] for row in rows)
         z0, w, k, by = (part[..., None] for part in parts)
@@ -393,11 +394,13 @@ class PlanarFit:
             out.append((by * seen, self.wanted[some], self.reach**2))
         return out
 
-    def place_mechanisms(self, z: np.ndarray, parts: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def place_mechanisms(
+        self, z: np.ndarray, parts: tuple[np.ndarray, ...]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Move mechanisms to where they were fitted: parameters ``(B, n)``, turns of the frame, growth ``(B,)``."""
         z0, w, k, by = parts
         flat = all_parameters(self.problem, z)
-        place: Any = 0.0
+        place: AnyArray = 0.0
         if self.free.free:
             a, b = (flat[:, 2 * i] + 1j * flat[:, 2 * i + 1] for i in self.free.base)
             place = z0 + w * a + k * (b - a)

@@ -7,7 +7,7 @@ like one that is worse, so that nothing is ever not a number. Multipliers follow
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,10 +19,6 @@ from jaxnc.types import ArrayLike
 # -- least squares in lanes --------------------------------------------------------------------------------------------
 
 _GENTLE = 1e-3  # damping to begin with, of the largest diagonal element
-_LEAST = 1e-17  # damping; below, it is lost in rounding
-_STUCK = 1e10  # damping at which no step is possible any more
-_EVERY = 12  # iterations between updates of the multipliers
-_UNSEEN = 1e6  # an error that is worse than any
 _SMALL = 1e-11  # violation of a condition that counts as none
 
 
@@ -56,7 +52,7 @@ def waiting(x: np.ndarray, errors: int, conditions: int) -> LaneState:
     one = np.ones(count)
     return LaneState(
         x,
-        np.full((count, errors), _UNSEEN),
+        np.full((count, errors), 1e6),  # an error that is worse than any
         np.zeros((count, conditions)),
         np.zeros((count, errors + conditions, n)),
         np.zeros((count, conditions)),
@@ -134,7 +130,8 @@ def _decide(now: LaneState, x: np.ndarray, expected: np.ndarray, evaluated: Eval
     gain = np.where(expected > 0.0, (merit - better) / np.where(expected > 0.0, expected, 1.0), -1.0)
     take = ok & (better < merit) & ~now.settled
     less = np.where(expected > 0.0, np.maximum(0.1, 1.0 - (2.0 * gain - 1.0) ** 3), 1.0)
-    damping = np.where(take, np.maximum(now.damping * less, _LEAST), now.damping * now.growth)
+    # below 1e-17 damping is lost in rounding
+    damping = np.where(take, np.maximum(now.damping * less, 1e-17), now.damping * now.growth)
     growth = np.where(take, 2.0, 2.0 * now.growth)
 
     def pick(a, b):
@@ -145,9 +142,10 @@ def _decide(now: LaneState, x: np.ndarray, expected: np.ndarray, evaluated: Eval
     )
     # Multipliers: when no step is left, or every so often.
     small = np.max(np.abs(moved), axis=1) <= 1e-13 * (1.0 + np.max(np.abs(now.x), axis=1))
-    still = (damping > _STUCK) | (take & (merit - better <= 1e-14 * merit)) | (small & ~take)
+    # at a damping of 1e10 no step is possible any more
+    still = (damping > 1e10) | (take & (merit - better <= 1e-14 * merit)) | (small & ~take)
     since = now.since + 1
-    update = still | (since >= _EVERY)
+    update = still | (since >= 12)  # 12 iterations between updates of the multipliers
     share = now.multipliers - now.penalty[:, None] * conditions
     share = np.where(equal, share, np.maximum(share, 0.0))
     changed = np.max(np.abs(share - now.multipliers), axis=1, initial=0.0)
@@ -189,15 +187,9 @@ def _solve_lanes(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 # -- starts and lanes --------------------------------------------------------------------------------------------------
 
 _ROUND = 20  # iterations between looks at them
-_SUITING = 20  # iterations in which an idea gets what suits it
-_HEAVY = 10.0  # weight of a condition's violation against an error
-_IDLE = 1e-12  # derivatives that are nothing
-_HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
-_LOST = 10  # rounds of it after which one that is behind, or does not meet its conditions, is given up
 _STILL = 1e-8  # of the merit: a lane that has won less in a round stands still
 ROUGH = 1e-2  # the same where designs are only sought, to be brought to their ends afterwards
 LEVEL = 1e-6  # and where the largest error is made small, which goes on by ever less
-_QUIET = 2  # rounds of standing still after which a lane that meets its conditions is done
 
 
 class Refinement:
@@ -255,8 +247,10 @@ class Refinement:
             moved.append(np.concatenate([np.where(good[:, None], new, unknowns), self.given], axis=1))
             square = np.sum(errors**2, axis=1)
             self.reached = self.reached or bool(good.any())
-            self.moving |= np.any(np.abs(lanes.slopes[good][:, self.telling]) > _IDLE, axis=(0, 1))
-            out.append(np.where(good, square + _HEAVY * far**2, np.inf))
+            # derivatives that are nothing
+            self.moving |= np.any(np.abs(lanes.slopes[good][:, self.telling]) > 1e-12, axis=(0, 1))
+            # a condition's violation weighs 10 times an error
+            out.append(np.where(good, square + 10.0 * far**2, np.inf))
         self.lanes = None
         return np.concatenate(moved)[: len(x)], np.concatenate(out)[: len(x)]
 
@@ -268,7 +262,8 @@ class Refinement:
         low, high = (np.repeat((v / self.scale)[None], len(at), axis=0) for v in (self.goal.low, self.goal.high))
         low[:, :held] = high[:, :held] = start[:, :held]
         begin = waiting(start, *self.shape)._replace(settled=np.arange(len(at)) >= len(some))
-        self.lanes = lanes = self._advance(begin, _SUITING if held < n else 1, (low, high))
+        # 20 iterations in which an idea gets what suits it
+        self.lanes = lanes = self._advance(begin, 20 if held < n else 1, (low, high))
         square, far = self._state()
         rows = np.concatenate([lanes.x * self.scale, self.given], axis=1)[: len(some)]
         rows[:, :held] = some[:, :held]
@@ -328,10 +323,13 @@ class Refinement:
         still = (far <= MEETS) & (np.abs(merit - self.last) <= self.still * merit)
         self.quiet = np.where(still, self.quiet + 1, 0)
         self.last = np.minimum(self.last, merit)
-        over = lanes.settled | (self.spent >= self.most) | (self.quiet >= _QUIET)
-        over = over | (self.poor >= _LOST) & ((merit > 2.0 * min(best, self.best)) | (far > MEETS))
+        # 2 rounds of standing still: a lane that meets its conditions is done
+        over = lanes.settled | (self.spent >= self.most) | (self.quiet >= 2)
+        # 10 rounds without getting anywhere: a lane that is behind, or does not meet its conditions, is given up
+        over = over | (self.poor >= 10) & ((merit > 2.0 * min(best, self.best)) | (far > MEETS))
         if self.queue:
-            over = over | (self.poor >= _HOPELESS) & (merit > 2.0 * best)
+            # 4 rounds without getting anywhere: the lane is given to another start
+            over = over | (self.poor >= 4) & (merit > 2.0 * best)
         self._take_out(self.live & over)
 
     def stop(self) -> None:
@@ -370,7 +368,7 @@ class Refinement:
 
     # -- inside ----------------------------------------------------------------------------------------------------
 
-    def _advance(self, lanes: LaneState, count: int, bounds: Any = None) -> LaneState:
+    def _advance(self, lanes: LaneState, count: int, bounds: tuple[np.ndarray, np.ndarray] | None = None) -> LaneState:
         """Take iterations; `bounds` are in the unknowns' scales, those of the goal if not given."""
         goal, scale = self.goal, self.scale
 

@@ -18,12 +18,11 @@ from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_vect
 from jaxnc.synthesis.problem import Problem, make_motion
 from jaxnc.synthesis.search.planar import Pairs, PlanarFit
 from jaxnc.synthesis.search.spatial import Spatial, nearest_rotation
+from jaxnc.types import AnyArray
 
 # -- the idea ----------------------------------------------------------------------------------------------------------
 
 _IDEA_POSES = 144  # of the idea's curve
-_TURNS = 24  # of the frame of a planar body that are tried
-_IDEA_GUESSES = 40  # of unknowns of which no more is known
 _MOST = 7  # that are kept
 
 
@@ -41,7 +40,8 @@ def initial_guess(problem: Problem, rng: np.random.Generator) -> np.ndarray:
             seen = np.asarray(motion.orientation(problem.body))
             rows = [np.concatenate([problem.extras.home[: -problem.own_turns], _best_turn(problem, seen)])]
     else:
-        rows = [x for x in problem.guesses(rng, _IDEA_GUESSES) if (x != problem.extras.home).any()]
+        # 40 guesses of unknowns of which no more is known
+        rows = [x for x in problem.guesses(rng, 40) if (x != problem.extras.home).any()]
     extra = np.stack([problem.extras.home, *rows])
     return np.concatenate([np.repeat(problem.variables.home[None], len(extra), axis=0), extra], axis=1)
 
@@ -58,7 +58,7 @@ def _idea_timings(problem: PathGeneration) -> list[tuple[float, np.ndarray]]:
         seen = np.asarray(motion.orientation(problem.body))
         if seen.ndim == 1:
             heavy, tried = problem.reach**2, []
-            for turn in np.linspace(0.0, 2 * np.pi, _TURNS, endpoint=False):
+            for turn in np.linspace(0.0, 2 * np.pi, 24, endpoint=False):  # 24 turns of the frame of a planar body
                 off = 4.0 * np.sin(0.5 * (seen - turn - problem.turns[:, None])) ** 2
                 tried.append((cost + heavy * off, np.array([turn])))
     found = []
@@ -135,15 +135,6 @@ def order_targets(cost: np.ndarray, around: bool) -> tuple[float, np.ndarray]:
 
 _SCREENED = 256  # designs at once: what is worked on fits into the processor's memory
 _TABLE = 96  # poses of a design's whole curve
-_GUESSES = 12  # timings tried for each shape
-_FEWER = 5  # the same where each target has a direction too
-_ANYWHERE = 4  # of them where the points have no order
-_POINTS = 12  # targets that the first look takes, of more
-_COARSE = 2  # poses of the table from one to the next that it takes
-_SHARE = 0.25  # of the shapes that are looked at again, with all
-_TIMINGS = 2  # of each of them
-_AGAIN = 2  # times that their timings are taken anew from the curve fitted to them
-_NEAR = 10  # poses of the table to both sides in which a nearer one is looked for
 
 
 class Screened(NamedTuple):
@@ -169,7 +160,8 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     each = 1 if timed else _guess_count(problem)
     guesses = problem.guesses(rng, count * each).reshape(count, each, len(problem.extras.names))
     some = range(0, count, _SCREENED)
-    screened = _fit_timed if timed else _Timings(problem, fit, max(_SHARE, 2.0 * most / count)).best
+    # 0.25 of the shapes are looked at again, with all
+    screened = _fit_timed if timed else _Timings(problem, fit, max(0.25, 2.0 * most / count)).best
 
     def part(k: int) -> tuple[np.ndarray, np.ndarray, int]:
         with np.errstate(all="ignore"):
@@ -184,8 +176,8 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
 def _guess_count(problem: PathGeneration) -> int:
     """Number of timings that are tried for each shape."""
     if isinstance(problem, MotionGeneration):
-        return _FEWER
-    return _GUESSES if problem.ordered else _ANYWHERE
+        return 5  # timings for each shape, where each target has a direction too
+    return 12 if problem.ordered else 4  # timings are tried for each shape; fewer where the points have no order
 
 
 def choose_fit(problem: Problem) -> PlanarFit | Spatial | None:
@@ -200,7 +192,7 @@ def _fit_timed(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Fit designs whose timings are known: unknowns, errors that are left, and how many do not move."""
     seen = solve_poses(problem, np.concatenate([z, guesses[:, 0]], axis=1), 0)
-    limits: Any = fit.limits(z)
+    limits: AnyArray = fit.limits(z)
     parts, left = fit.fit(fit.rows(z, seen.q), limits)
     good = np.all(seen.status == 0, axis=1)
     return *_place_designs(problem, fit, z, parts, np.zeros((len(z), 0)), left, good), int(np.sum(~good))
@@ -211,7 +203,7 @@ class _Curves(NamedTuple):
 
     rows: tuple[np.ndarray, ...]
     begin: np.ndarray
-    limits: Any
+    limits: AnyArray
 
     def of(self, at: np.ndarray) -> "_Curves":
         """Select some shapes."""
@@ -228,7 +220,8 @@ class _Timings:
         self.step = (self.high - self.low) / _TABLE
         count = len(problem.target)
         self.every = np.arange(count)
-        self.few = np.unique(np.rint(np.linspace(0, count - 1, min(count, _POINTS))).astype(int))
+        # 12 targets that the first look takes, of more
+        self.few = np.unique(np.rint(np.linspace(0, count - 1, min(count, 12))).astype(int))
         # What lies between those that were looked at is moved in proportion.
         self.spread = np.stack([np.interp(self.every, self.few, row) for row in np.eye(len(self.few))])
 
@@ -246,7 +239,7 @@ class _Timings:
         else:
             u = np.cumsum(guesses, axis=2)  # which are steps
             z, good, table, u = self._likely(z, good, table, u)
-            for _ in range(_AGAIN):
+            for _ in range(2):  # timings are taken anew from the curve fitted to them
                 u = self._move_timings(table, u, self.every)
         parts, left = self._fit(table, u, self.every)
         extra = guesses
@@ -255,14 +248,14 @@ class _Timings:
         at = np.arange(len(z)), np.argmin(np.where(np.isfinite(left), left, np.inf), axis=1)
         return *_place_designs(problem, fit, z, tuple(part[at] for part in parts), extra[at], left[at], good), unfit
 
-    def _likely(self, z: np.ndarray, good: np.ndarray, table: _Curves, u: np.ndarray) -> Any:
+    def _likely(self, z: np.ndarray, good: np.ndarray, table: _Curves, u: np.ndarray) -> AnyArray:
         """Select shapes and timings for a closer look, by a quick one at a part of the targets."""
         first = u[..., self.few]
-        new = self._move_timings(table, first, self.few, _COARSE)
+        new = self._move_timings(table, first, self.few, 2)  # every second pose of the table
         u = u + (new - first) @ self.spread
         left = self._fit(table, new, self.few)[1]
         left = np.where(good[:, None] & np.isfinite(left), left, np.inf)
-        order = np.argsort(left, axis=1, kind="stable")[:, :_TIMINGS]
+        order = np.argsort(left, axis=1, kind="stable")[:, :2]  # 2 timings of each of the shapes
         least = left[np.arange(len(z)), order[:, 0]]
         at = np.sort(np.argsort(least, kind="stable")[: max(1, math.ceil(self.share * len(z)))])
         return z[at], good[at], table.of(at), np.take_along_axis(u[at], order[at][..., None], axis=1)
@@ -274,7 +267,7 @@ class _Timings:
         i = np.clip(s.astype(int), 0, count - 1)
         return i, s - i
 
-    def _fit(self, table: _Curves, u: np.ndarray, some: np.ndarray) -> Any:
+    def _fit(self, table: _Curves, u: np.ndarray, some: np.ndarray) -> AnyArray:
         i, part = self._where(table, u)
         lanes = np.arange(len(u))[:, None, None]
 
@@ -295,7 +288,7 @@ class _Timings:
         new = np.empty_like(u)
         for m in range(u.shape[-1]):
             off = [(curve - wanted[m], heavy) for curve, wanted, heavy in pairs]
-            square: Any = sum(heavy * (one.real**2 + one.imag**2) for one, heavy in off)
+            square: AnyArray = sum(heavy * (one.real**2 + one.imag**2) for one, heavy in off)
             near = np.argmin(np.where(np.isfinite(square), square, np.inf), axis=-1)
             new[..., m] = table.begin[:, None] + stride * self.step * near
         if self.problem.whole:  # within half a turn of the first one
@@ -304,23 +297,23 @@ class _Timings:
 
     def _nearer(self, table: _Curves, pairs: Pairs, u: np.ndarray, stride: int) -> np.ndarray:
         """Find timings at which curves are nearer to the targets, in the same order."""
-        count, far = _TABLE // stride, _NEAR // stride
+        count, far = _TABLE // stride, 10 // stride  # a nearer pose of the table is looked for in 10 to both sides
         i, _ = self._where(table, u, count)
         near = np.arange(-far, count + far + 2)
         near = np.mod(near, count) if self.problem.whole else np.clip(near, 0, count)
         lanes = np.arange(len(u))[:, None, None], np.arange(u.shape[1])[None, :, None]
-        seen: list[tuple[Any, float]] = []
+        seen: list[tuple[AnyArray, float]] = []
         for curve, wanted, heavy in pairs:
-            window: Any = sliding_window_view(curve[..., near], 2 * far + 2, axis=-1)[(*lanes, i)]
+            window: AnyArray = sliding_window_view(curve[..., near], 2 * far + 2, axis=-1)[(*lanes, i)]
             seen.append((window - wanted[:, None], heavy))
-        square: Any = sum(heavy * (off.real**2 + off.imag**2) for off, heavy in seen)
+        square: AnyArray = sum(heavy * (off.real**2 + off.imag**2) for off, heavy in seen)
         best = np.clip(np.argmin(square, axis=-1), 1, 2 * far)[..., None]
         # The foot of the perpendicular on the chord about the nearest pose.
         along, long = 0.0, 1e-300
-        here: Any
+        here: AnyArray
         for off, heavy in seen:
             before, here, after = (np.take_along_axis(off, best + n, axis=-1)[..., 0] for n in (-1, 0, 1))
-            way: Any = 0.5 * (after - before)
+            way: AnyArray = 0.5 * (after - before)
             along = along - heavy * (way.real * here.real + way.imag * here.imag)
             long = long + heavy * (way.real**2 + way.imag**2)
         part = np.clip(along / long, -1.0, 1.0)
@@ -358,8 +351,6 @@ def _place_designs(
 
 _CURVE_POSES = 361  # of the curve
 _SEATED = 64  # designs at once
-_NEARER = 1 - 1e-6  # of a distance: a place is another one only if it is nearer by that
-_APART = 2.0  # steps of the curve: what is nearer to a place is that place
 
 
 def reseat_targets(problem: Problem, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -393,7 +384,9 @@ def _reseat_chunk(problem: PathGeneration, rows: np.ndarray) -> np.ndarray:
         if problem.whole:
             apart -= 2 * np.pi * np.round(apart / (2 * np.pi))
         here = _target_squares(problem, x, curve, begin, step, now)
-        stay = (np.abs(apart) <= _APART * step) | ~(square < _NEARER * here)
+        # a place is another one only if it is nearer by 1e-6 of the distance
+        # what is nearer to a place than 2 steps of the curve is that place
+        stay = (np.abs(apart) <= 2.0 * step) | ~(square < (1 - 1e-6) * here)
     new = np.where(stay & np.isfinite(apart), new + apart, new)
     out = rows.copy()
     fresh = ~stay.all(axis=1) & np.isfinite(new).all(axis=1)
@@ -431,7 +424,7 @@ def _tracer_places(problem: PathGeneration, x: np.ndarray, q: np.ndarray) -> np.
         return q[..., k * top.dim : (k + 1) * top.dim]
     if top.dim == 2:
         number = [m.name for m in top.markers].index(problem.point)
-        place: Any = marker_places(problem, x[:, : len(problem.variables.names)], q, number)
+        place: AnyArray = marker_places(problem, x[:, : len(problem.variables.names)], q, number)
         return np.stack([place.real, place.imag], axis=-1)
     none, zero = np.zeros(q.shape[1], int), np.zeros(q.shape[1])
     ways = [

@@ -23,16 +23,8 @@ from jaxnc.synthesis.search.stock import best_sizes, relax
 from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts, check_enough
 from jaxnc.types import Array
 
-_SOUGHT = 100  # iterations by which a start has come near an end, if it ever does
 _ENDED = 2  # times as many as are kept are brought to their ends
-_EXACT = 1e-18  # mean square of the divided errors: what is left is rounding, or that of the targets
-_MANY = 48  # starts with such errors after which no others are refined
 _INTERRUPTED = "interrupted"
-_RESEATED = 4  # times that designs are brought to their ends, at most
-_ROUNDS = 3  # of refining again with margins
-_AMPLE = 1.02  # times what was missed: the gap between two poses changes with the design
-_LEAST = 1e-9  # more, so that what is refined to 1e-8 is met
-_SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
 
 
 @public
@@ -88,7 +80,8 @@ def solve(
             seed = as_seed("solve", key)  # which compiles
             course.set_terms(starts=starts, refine=refine, iterations=iterations, key=seed)
             goal, free = Goal.of(problem), relax(problem)
-            run = Refinement(goal, min(iterations, _SOUGHT), refine, ROUGH)
+            # by 100 iterations a start has come near an end, if it ever does
+            run = Refinement(goal, min(iterations, 100), refine, ROUGH)
             if resume is None:
                 run.queue = starting_rows(free, run, starts, refine, np.random.default_rng(seed))
             else:
@@ -97,7 +90,8 @@ def solve(
                 course.save(run)
     except KeyboardInterrupt:
         return Result(problem, (), (), 0, 0, 0, None, f"{_INTERRUPTED} before the first designs were refined")
-    exactly = _EXACT * run.shape[0]
+    # mean square of the divided errors: what is left is rounding, or that of the targets
+    exactly = 1e-18 * run.shape[0]
     total = run.done + int(run.live.sum()) + len(run.queue)
     best, stopped = run.best, ""
     course.show(total, "design", progress, run.done)
@@ -112,7 +106,8 @@ def solve(
                 if not stopped and error <= enough:
                     stopped = f"stopped at enough={enough:g}" if run.busy else ""
                 exact = sum(square <= exactly for square, _ in run.found)
-                if not stopped and run.busy and exact >= max(_MANY, _ENDED * keep):
+                # after 48 starts with such errors no others are refined
+                if not stopped and run.busy and exact >= max(48, _ENDED * keep):
                     stopped = f"stopped when {exact} starts had led to errors of 1e-9 of the size and less,"
                 if stopped:
                     break
@@ -190,7 +185,8 @@ def starting_rows(
     rng: np.random.Generator,
 ) -> list[np.ndarray]:
     """Screen random starts for the most promising; the idea itself comes first if it reaches its targets."""
-    x, run.unfit = screen(problem, rng, starts, _SHORTLIST * refine)
+    # 4 times as many as are refined are looked at with their conditions
+    x, run.unfit = screen(problem, rng, starts, 4 * refine)
     own = initial_guess(problem, rng)
     bounded = np.clip(np.concatenate([own, x]), problem.low, problem.high)
     bounded = np.stack(reseat_targets(problem, list(bounded)))
@@ -223,7 +219,7 @@ def starting_rows(
 def _end_seated(problem: Problem, goal: Goal, rows: list[np.ndarray], end: Callable[..., list[Basin]]) -> list[Basin]:
     """Bring designs to their ends, again where a target without order has come nearer to another part of the curve."""
     basins: list[Basin] = []
-    for _ in range(_RESEATED):
+    for _ in range(4):  # designs are brought to their ends 4 times, at most
         basins = end(problem, goal, rows)
         old = [basin.end.row for basin in basins]
         rows = reseat_targets(problem, old)
@@ -242,7 +238,7 @@ def _tighten_margins(
     """
     names = [goal.problem.conditions[i].name for i, *_ in goal.margins]
     left, done = list(best), []
-    for _ in range(_ROUNDS if names else 0):
+    for _ in range(3 if names else 0):  # rounds of refining again with margins
         short = []
         for basin in left:
             far = shortfalls(problem, basin.one)
@@ -250,7 +246,8 @@ def _tighten_margins(
                 done.append(basin)
                 continue
             new = basin.end.row.copy()
-            new[goal.margin_places] += [_AMPLE * far[n] + _LEAST if n in far else 0.0 for n in names]
+            # 1.02 times what was missed, as the gap between two poses changes with the design, and 1e-9 to be met
+            new[goal.margin_places] += [1.02 * far[n] + 1e-9 if n in far else 0.0 for n in names]
             short.append((basin, new))
         if not short:
             return done

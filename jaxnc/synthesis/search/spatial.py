@@ -19,9 +19,6 @@ from jaxnc.synthesis.search.planar import Pairs, all_parameters, length_dimensio
 from jaxnc.system.topology import Segment
 
 _RIDGE = 1e-10  # of each unknown's own weight: what nothing depends on stays as it is
-_HELD = 1e8  # the same for a size at its bound
-_SQUARED = 5  # times that a matrix is squared, until its largest eigenvalue is alone
-_ROUNDS = 4  # times that the turn and the rest are fitted in turn
 
 
 class Sums(NamedTuple):
@@ -119,7 +116,7 @@ def _choose(good: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def fit_sums(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.ndarray) -> tuple[Fit, np.ndarray]:
     """Fit designs within bounds of their growth, from where the fit begins; the squares left."""
-    for _ in range(_ROUNDS if free.turn else 1):
+    for _ in range(4 if free.turn else 1):  # the turn and the rest are fitted in turn
         if free.frame:
             fit = fit._replace(frame=nearest_rotation(np.einsum("nijkl,nik->nlj", sums.turns, fit.turn)))
         fit, _ = _fit_rest(free, sums, fit, least, most)
@@ -178,7 +175,8 @@ def _fit_rest(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.n
         )
     again = (held != y[:, 3]) | (not free.scale)
     if again.any():
-        y[np.ix_(again, use)] = _solve_linear(sums.normal[again], side[again], use, held[again], _HELD)
+        # a size at its bound is held
+        y[np.ix_(again, use)] = _solve_linear(sums.normal[again], side[again], use, held[again], 1e8)
         y[again, 3] = held[again]
     left = sums.square + np.einsum("ni,ni->n", y, (sums.normal @ y[:, :, None])[..., 0] - 2.0 * side)
     place = (r @ y[:, :3, None])[..., 0] if all(free.axes) else y[:, :3]
@@ -204,7 +202,7 @@ def _common_turn(turns: np.ndarray) -> np.ndarray:
     """Find turns R that nearly suit R F Q = T for some Q: the first singular vector of Σ T F, made a rotation."""
     matrix = np.nan_to_num(turns.transpose(0, 1, 3, 4, 2).reshape(-1, 9, 9), posinf=0.0, neginf=0.0)
     square = matrix @ np.swapaxes(matrix, 1, 2)
-    for _ in range(_SQUARED):
+    for _ in range(5):  # a matrix is squared until its largest eigenvalue is alone
         square = square / np.maximum(np.trace(square, axis1=1, axis2=2), 1e-300)[:, None, None]
         square = square @ square
     largest = np.argmax(np.diagonal(square, axis1=1, axis2=2), axis=1)
@@ -214,7 +212,6 @@ def _common_turn(turns: np.ndarray) -> np.ndarray:
 
 _POSES = 37  # at which it is tried whether a mechanism moves, turns and grows as a whole
 _TURN = np.array([0.2, -0.3, 0.25])  # for trying that
-_PULL = 1e3  # times as heavy as targets is what bounds miss
 _PULLS = 6  # times that what is out of bounds is looked for
 _SMALLEST = 1e-3  # times as large as drawn: what is fitted does not vanish
 
@@ -348,7 +345,8 @@ class Spatial:
         first = begin_fit(self.free, sums, room.tracer[own])
         fit, left = fit_sums(self.free, sums, first, room.least[own], room.most[own])
         if len(room.rides):
-            fit, left = self._pull_in(sums, fit, left, room.of(own), _PULL * float(np.sum(weights)))
+            # what bounds miss is 1e3 times as heavy as targets
+            fit, left = self._pull_in(sums, fit, left, room.of(own), 1e3 * float(np.sum(weights)))
         return Fit(*(part.reshape(*lead, *part.shape[1:]) for part in fit)), left.reshape(lead)
 
     def curves(self, rows: tuple[np.ndarray, ...], fit: Fit, some: np.ndarray) -> Pairs:

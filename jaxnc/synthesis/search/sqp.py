@@ -20,8 +20,6 @@ from jaxnc.synthesis.search.goal import Goal
 
 # -- quadratic programs by nonnegative least squares -------------------------------------------------------------------
 
-_NONE = 1e-13  # of the right side: what is left of a program that no point is feasible for
-
 
 def nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
     """Find the x ≥ 0 with the least ``‖matrix x − right‖``; None where it was not found.
@@ -61,7 +59,7 @@ def least(
     if u is None:
         return None
     left = 1.0 - float(level @ u) / far
-    if left <= _NONE:
+    if left <= 1e-13:  # 1e-13 of the right side is left of a program that no point is feasible for
         return None
     u = u * (far / left)
     return np.linalg.solve(factor, across.T @ u - errors), u / sizes
@@ -72,10 +70,7 @@ def least(
 _EVEN = (1e-10, 1e-6, 1e-3)
 """Of the largest column of the Jacobian: rows added to it, so that no direction is free. The larger ones are for where
 too few digits are left of the conditions, as where the only error depends on one unknown (the least largest error)."""
-_MISSED = 1e3  # times as heavy as errors is what conditions miss that cannot be met in the trust region
-_DEPENDENT = 1e-10  # of the largest singular value: conditions that follow from others
 _FLAT = 1e-12  # of the largest second derivative: directions that nothing depends on
-_BLOCKED = 8  # times that what stands in the way of a step is joined to what is active
 
 
 @dataclasses.dataclass
@@ -112,7 +107,8 @@ class LocalModel:
         if found is None:  # in the trust region not all conditions can be met: each is to miss as little as the worst
             k = len(c) + int(equal.sum())
             wide = np.zeros((n + 1, n + 1))
-            wide[:n, :n], wide[n, n] = factor, _MISSED * top
+            # 1e3 times as heavy as errors is what conditions miss that cannot be met in the trust region
+            wide[:n, :n], wide[n, n] = factor, 1e3 * top
             every = np.concatenate([every, (np.arange(len(every)) < k)[:, None].astype(float)], axis=1)
             every = np.concatenate([every, np.eye(n + 1)[n:]])
             found = least(wide, np.append(errors, 0.0), every, np.append(right, 0.0))
@@ -130,7 +126,7 @@ class LocalModel:
         """
         active, down, up = active.copy(), down.copy(), up.copy()
         step, part = None, 1.0
-        for _ in range(_BLOCKED):
+        for _ in range(8):  # what stands in the way of a step is joined to what is active
             step = self.newton_on(active, down, up, reach)
             if step is None:
                 return None
@@ -155,7 +151,8 @@ class LocalModel:
             return step
         right = -c - rows @ step
         left, sizes, across = np.linalg.svd(rows[:, free], full_matrices=True)
-        rank = int(np.sum(sizes > _DEPENDENT * max(float(sizes.max(initial=0.0)), 1e-300)))
+        # 1e-10 of the largest singular value: conditions that follow from others
+        rank = int(np.sum(sizes > 1e-10 * max(float(sizes.max(initial=0.0)), 1e-300)))
         toward = across[:rank].T @ ((left.T @ right)[:rank] / sizes[:rank]) if rank else np.zeros(int(free.sum()))
         far = float(np.max(np.abs(toward), initial=0.0))
         if far > 0.8 * reach:
@@ -220,14 +217,8 @@ _FEEL = 1e-7  # of the unknowns' scales: the step of differences of gradients
 _NEAR = 1e-7  # a condition that is met by less is active
 _PROMISE = 1e-10  # of the square: a point is an end if a step of second order promises no more
 _EXACT = 1e-26  # mean square of the errors that is none
-_ROUNDING = 1e-14  # of the size: errors change by so much from one evaluation to the next
-_NOTHING = 1e-13  # of the trust region: smaller steps are none
-_PENALTY = 1.5  # times the largest multiplier
 _LIGHT = 1e-2  # weight of errors beside conditions in a correction
-_STIFF = 1e-6  # singular values, of the largest, along which a correction goes
 _STALE = 3  # steps after which second derivatives are formed anew; between them they are updated
-_BACK = 2  # times that a step is corrected
-_ROOM = 1e-10  # that a condition is left which makes sure that the input turns: at its limit nothing moves any more
 
 
 @dataclasses.dataclass(frozen=True)
@@ -307,7 +298,8 @@ class Sqp:
         self.equal, self.count = goal.equalities, goal.count
         self.room = np.zeros(len(self.equal))
         turning = np.repeat([c.turning for c in goal.problem.conditions], goal.problem.counts)
-        self.room[: len(turning)] = _ROOM * turning
+        # room for conditions that make sure that the input turns: at their limit nothing moves any more
+        self.room[: len(turning)] = 1e-10 * turning
         self.evaluations, self.errors = 0, goal.shape[0]
 
     def run(self, rows: Sequence[np.ndarray], most: int) -> list[End]:
@@ -387,7 +379,7 @@ class Sqp:
             return
         self._try_steps(tries)
         last = tries
-        for _ in range(_BACK):
+        for _ in range(2):  # a step is corrected twice
             last = [(lane, new) for lane, one in last if (new := self._correct(lane, one)) is not None]
             if not last:
                 break
@@ -426,7 +418,8 @@ class Sqp:
         if not len(matrix):
             return None
         matrix = matrix * ~((one.y <= self.low) | (one.y >= self.high))
-        change = np.linalg.lstsq(matrix, right, rcond=_STIFF)[0]
+        # a correction goes along singular values of 1e-6 of the largest and more
+        change = np.linalg.lstsq(matrix, right, rcond=1e-6)[0]
         if not 0.0 < np.linalg.norm(change) <= 0.75 * np.linalg.norm(one.step):
             return None
         return dataclasses.replace(one, step=one.step + change)
@@ -453,7 +446,8 @@ class Sqp:
             lane.multipliers[near] = u[:count]
             lane.multipliers[near & self.equal] -= u[count : count + int((near & self.equal).sum())]
         lane.optimality = float(np.max(np.abs(left), initial=0.0)) / max(np.sqrt(lane.square), 1e-300)
-        lane.penalty = max(lane.penalty, _PENALTY * float(np.max(np.abs(lane.multipliers), initial=0.0)))
+        # 1.5 times the largest multiplier
+        lane.penalty = max(lane.penalty, 1.5 * float(np.max(np.abs(lane.multipliers), initial=0.0)))
 
     def _sizes(self, lane: SqpLane) -> np.ndarray:
         """Sizes of the errors' derivatives by each unknown; of the conditions' where no error depends on it."""
@@ -494,12 +488,13 @@ class Sqp:
         end = far <= MEETS and (exact or lane.promised <= _PROMISE)
         # At an end it goes on to rounding as long as that is quick.
         done = exact or lane.promised <= 1e-3 * _PROMISE or lane.lost
-        lane.over = (end and done) or max(lane.reach, lane.wide) < _NOTHING
+        lane.over = (end and done) or max(lane.reach, lane.wide) < 1e-13  # smaller steps are none
         return lane.over
 
     def _least(self, square: float) -> float:
         """Part of a square that can be told from rounding; where no step is possible, less is none."""
-        return max(_PROMISE, _ROUNDING * np.sqrt(self.errors / max(square, 1e-300)))
+        # errors change by 1e-14 of the size from one evaluation to the next
+        return max(_PROMISE, 1e-14 * np.sqrt(self.errors / max(square, 1e-300)))
 
     def _far(self, lane: SqpLane) -> float:
         return float(np.max(violation(lane.conditions, self.equal), initial=0.0))

@@ -26,10 +26,6 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.search.goal import Goal
     from jaxnc.synthesis.search.refine import Refinement
 
-_SEEDS = 6  # relaxed designs that are rounded
-_CORNERS = 64  # ways to round one of them, the nearest first
-_BEAM = 4  # combinations whose neighbours are looked at
-_STEPS = 60  # rounds of looking around, at most
 
 Sizes = tuple[int, ...]
 """The number of the size of each dimension."""
@@ -232,10 +228,11 @@ def best_sizes(
             if sizes not in found or error < found[sizes][0]:
                 found[sizes] = error, x
 
-    first = [(sizes, x) for x in rows[:_SEEDS] for sizes in _rounded_sizes(goal.stocks, goal.measure(x))]
+    # 6 relaxed designs are rounded
+    first = [(sizes, x) for x in rows[:6] for sizes in _rounded_sizes(goal.stocks, goal.measure(x))]
     refine(first)
-    for _ in range(_STEPS):
-        best = sorted(found, key=lambda s: found[s][0])[:_BEAM]
+    for _ in range(60):  # rounds of looking around, at most
+        best = sorted(found, key=lambda s: found[s][0])[:4]  # the neighbours of 4 combinations are looked at
         moves = []
         for base in best:
             for sizes in _next_sizes(goal.stocks, base):
@@ -259,7 +256,7 @@ def _rounded_sizes(stocks: tuple[Stock, ...], values: np.ndarray) -> list[Sizes]
     for sizes in itertools.islice(itertools.product(*ways), 4096):
         gap = sum((s.size(n) - v) ** 2 for s, n, v in zip(stocks, sizes, values, strict=True))
         out.append((gap, sizes))
-    return [sizes for _, sizes in sorted(out)[:_CORNERS]]
+    return [sizes for _, sizes in sorted(out)[:64]]  # 64 ways to round it, the nearest first
 
 
 def _next_sizes(stocks: tuple[Stock, ...], sizes: Sizes) -> list[Sizes]:

@@ -18,8 +18,6 @@ from jaxnc.types import Inputs
 RULES = ("root sum square", "worst case")
 
 _GAP = 1e-13  # of the cost: what remains of the conditions of optimality when they are called met
-_STEPS = 200
-_NOTHING = 1e-12  # of the largest influence: smaller ones are rounding
 
 
 @public
@@ -161,7 +159,8 @@ def allocate_tolerances(
     right = allowed**power
     low, high = _bounds(costs, bounds or {})
     low, high = low**power, high**power
-    matrix = np.where(matrix > (_NOTHING**power) * matrix.max(initial=0.0), matrix, 0.0)
+    # 1e-12 of the largest influence is rounding
+    matrix = np.where(matrix > (1e-12**power) * matrix.max(initial=0.0), matrix, 0.0)
     exponents = np.array([c.power for c in costs.values()]) / power
     weights = np.array([c.b for c in costs.values()])
     matters = (matrix > 0).any(axis=0)
@@ -281,7 +280,7 @@ def _minimise_cost(matrix, right, weights, exponents, low, high) -> tuple[np.nda
     y = 1.0 / s
     y /= (s @ y) / max(1.0, float(w @ x**-exponents))
     best, since = (math.inf, x, y), 0
-    for _ in range(_STEPS):
+    for _ in range(200):
         slope = -w * exponents * x ** (-exponents - 1.0)
         curve = w * exponents * (exponents + 1.0) * x ** (-exponents - 2.0)
         gap = float(s @ y)

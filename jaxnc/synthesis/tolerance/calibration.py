@@ -19,8 +19,6 @@ from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs, Numbers
 
 _RANK = 1e-8  # of the largest singular value: combinations of dimensions below it are not determined
-_NAMED = 1e-2  # part of a dimension that lies in undetermined combinations, from which it is named
-_DONE = 1e-13  # of the mechanism's size: a step this small ends the iteration
 
 
 @public
@@ -211,7 +209,7 @@ def calibrate(
             damping = max(0.1 * damping, 1e-12) if damping > 1e-12 else 0.0
         else:
             damping = max(10.0 * damping, 1e-6)
-        if np.abs(step).max() < _DONE or damping > 1e6:
+        if np.abs(step).max() < 1e-13 or damping > 1e6:  # a step of 1e-13 of the mechanism's size ends the iteration
             converged = damping <= 1e6
             break
     _, s, vt = np.linalg.svd(slopes, full_matrices=True)
@@ -225,7 +223,7 @@ def calibrate(
     inverse = (vt[kept].T / s[kept] ** 2) @ vt[kept]
     covariance = inverse * np.outer(scales, scales) * (1.0 if sigma is not None else noise**2)
     part = np.sqrt((lost**2).sum(axis=0))
-    unknown = part > _NAMED
+    unknown = part > 1e-2  # a dimension is named if 1e-2 of it lies in undetermined combinations
     residuals, rms, offset = {}, {}, 0
     for name in sorted(measured):
         w = weights[name]

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -81,7 +80,7 @@ class Robust:
 def robust(
     system: System,
     inputs: Inputs,
-    output: str | Callable[[Motion], Any],
+    output: str | Callable[[Motion], ArrayLike],
     tolerances: Mapping[str, ArrayLike],
     samples: int = 64,
     key: Array | None = None,

@@ -103,7 +103,7 @@ def variable_components(what: str, system: System, name: str) -> tuple[tuple[str
         raise InputError(str(error).replace("sensitivity:", f"{what}:")) from None
 
 
-def _width(what: str, name: str, value: Any, count: int) -> np.ndarray:
+def _width(what: str, name: str, value: object, count: int) -> np.ndarray:
     try:
         width = np.asarray(value, float)
     except (TypeError, ValueError, OverflowError):
@@ -132,9 +132,6 @@ def _covariance(what: str, covariance: ArrayLike, names: list[str], distribution
     if least < -1e-12 * size:
         raise InputError(f"{what}: covariance has the negative eigenvalue {least:.3g}; no deviations vary like that")
     return matrix
-
-
-_LANES = 2**21  # poses solved together
 
 
 @dataclasses.dataclass(frozen=True)
@@ -203,7 +200,7 @@ def sample_outputs(
     """Outputs of every changed design, ``(samples, …)`` by name, and which poses converged, ``(samples, *poses)``."""
     count = len(changes)
     poses = int(np.prod(values[0].shape, dtype=int)) if values else 1
-    chunk = min(count, max(1, _LANES // poses))
+    chunk = min(count, max(1, 2**21 // poses))  # 2**21 poses are solved together
     found: list[Any] = []
     for start in range(0, count, chunk):
         # The last chunk overlaps the one before: one shape, compiled once.

@@ -35,9 +35,6 @@ _CLEAR = 5.2  # the same where there is no box
 _BORDER = 33.0  # for numbers and names of the axes, points
 _EDGE = 5.0  # of the paper, points
 _SPARE = 3.4  # of a name, beyond the extents, units
-_SMALLEST = 2.7  # points of a unit, unless there is hardly any paper
-_SHARE = 0.52  # of the room that is the mechanism's at least
-_FINER = 0.84  # units are smaller than in the plane: there is more to see
 _BODIES = ("bar", "plate", "edge", "wheel", "block")
 _ARROW = reach(0.2, 0.62)
 _ACROSS_X, _ACROSS_Y = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))
@@ -238,8 +235,9 @@ class SpaceView(View):
 
     def _measure(self, paper: np.ndarray) -> None:
         """Choose the scale, points per length, and the size of a unit for a piece of paper, points."""
-        most = _FINER * unit_on(paper)
-        self.points = min(most, max(_SMALLEST, most * float(paper.min()) / 300.0))
+        most = 0.84 * unit_on(paper)  # units are smaller than in the plane: there is more to see
+        # 2.7 points of a unit, unless there is hardly any paper
+        self.points = min(most, max(2.7, most * float(paper.min()) / 300.0))
         room = paper if self.tight else np.maximum(paper - 2 * _BORDER, 0.3 * paper)
         sides = np.abs(self.camera.axes[:2]).sum(axis=1)  # of the floor, which is wider by as much on each
         pad = 2 * self.points * self._pad * (1.0 if self.tight else np.maximum(sides * (1.0, 0.75), 1.0))
@@ -249,7 +247,8 @@ class SpaceView(View):
             scale = np.maximum(room - pad, 0.3 * room) / np.maximum(span, 1e-9 * self.size)
             self.scale = float(scale.min()) if span.any() else float(room.min())
             if bare.any():  # names do not take more of the room than the mechanism
-                self.scale = max(self.scale, _SHARE * float((room / np.maximum(bare, 1e-9 * self.size)).min()))
+                # 0.52 of the room is the mechanism's at least
+                self.scale = max(self.scale, 0.52 * float((room / np.maximum(bare, 1e-9 * self.size)).min()))
             self.unit = self.points / self.scale
             self._take_tips(self.unit)
 

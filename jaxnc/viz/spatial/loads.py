@@ -11,7 +11,6 @@ from jaxnc.viz.spatial.mesh import PARTS, Mesh, Plain, Ring, Vertex, coil, dashe
 from jaxnc.viz.spatial.scene import Solid, SpaceFrame, SpaceItem, Way
 from jaxnc.viz.style import symbol
 
-_STRAIGHT = 1e-6  # of a distance: how near to its direction two points lie that a line along it joins
 _HALF = 0.55  # of a telescope, covered by its barrel
 _FINE = 12  # the same of a barrel or a rod with a spring around it
 _LIFT = 2.6  # from the middle of a hinge to what turns about its axis, units
@@ -184,7 +183,8 @@ class Loads:
         d = self.joints.x[:, b] - self.joints.x[:, a]
         e = np.stack([rows.ways[0].vector(x) for x in self.joints.x])
         size = np.linalg.norm(d, axis=1) * np.linalg.norm(e, axis=1)
-        return bool((np.linalg.norm(np.cross(d, e), axis=1) <= _STRAIGHT * size).all())
+        # so near to its direction, of a distance, lie two points that a line along it joins
+        return bool((np.linalg.norm(np.cross(d, e), axis=1) <= 1e-6 * size).all())
 
     def _on_strut(self, a: int, b: int) -> bool:
         """Tell whether a distance is the length of a telescope that a joint has drawn."""

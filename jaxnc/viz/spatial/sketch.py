@@ -27,11 +27,8 @@ _CROSS = join(
 _THREAD = line(6)
 _ALONG, _ACROSS = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))
 _UP, _DOWN = Way(), Way(fixed=(0.0, 0.0, -1.0))
-_TYRE_WIDTH = 0.62  # of the loaded radius: 195/65 R 15 has 195 mm on 310 mm
 _TYRE_PROFILE = ((0.84, 0.63), (0.98, 0.74), (1.0, 0.85), (0.86, 0.97), (0.5, 1.0))  # shares of half width and radius
-_TYRE_SIDES = 40
 _PAD, _PATCH = (0.75, 0.55), (0.2, 0.24)  # half lengths and widths of the road and of the tyre's print, in radii
-_HANGING = -0.5  # cosine from the vertical, of what hangs from the ground
 
 
 def sketch_space(poses: Poses) -> SpaceScene:
@@ -115,7 +112,8 @@ class _SpaceSketch:
         """Tell whether everything at a point of the ground hangs down from it, in every pose."""
         others = {b if a == p else a for a, b in self.links if p in (a, b)}
         d = self.x[:, sorted(others)] - self.x[:, p, None]
-        return bool(others) and bool((d[..., 2] < _HANGING * np.linalg.norm(d, axis=-1)).all())
+        # cosine from the vertical, of what hangs from the ground
+        return bool(others) and bool((d[..., 2] < -0.5 * np.linalg.norm(d, axis=-1)).all())
 
     # -- points and vectors -------------------------------------------------------------------------------------
 
@@ -195,7 +193,7 @@ class _SpaceSketch:
         if not radius > 0:
             return
         line = (names.spin_axis,) if isinstance(names.spin_axis, str) else names.spin_axis
-        half = 0.5 * _TYRE_WIDTH * radius
+        half = 0.5 * 0.62 * radius  # 0.62 of the loaded radius: 195/65 R 15 has 195 mm on 310 mm
         side = [(-half * along, radius * out) for along, out in _TYRE_PROFILE]
         profile = (*side, *((-along, out) for along, out in reversed(side)))
         around = ((1, 1), (-1, 1), (-1, -1), (1, -1))
@@ -204,7 +202,7 @@ class _SpaceSketch:
             for length, width in (_PAD, _PATCH)
         )
         spin = Way(tuple(columns[name] for name in line))
-        self.items.append(Solid("tyre", SpaceFrame(centre, spin), shell(profile, _TYRE_SIDES)))
+        self.items.append(Solid("tyre", SpaceFrame(centre, spin), shell(profile, 40)))
         self.items.append(Solid("road", SpaceFrame(contact, _UP, _ALONG), join(*plates)))
 
     def scene(self) -> SpaceScene:
