@@ -33,7 +33,7 @@ from jaxnc.types import Inputs
 _TURN = 1e-9  # radians: a range that is a whole number of turns long
 _SAME = 1e-5  # of the mechanism's size: poses that are one
 _BATCH = 2_000_000  # numbers of coefficients that are held at once
-_REFINED = (1e-3, 1e-5)  # of the step: intervals in which a dead point is found anew, by and by
+_REFINED = (0.1, 3e-3, 1e-5)  # of the step: intervals in which a dead point is found anew; each errs by its square
 
 
 @public
