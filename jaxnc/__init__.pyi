@@ -54,4 +54,5 @@ from jaxnc.viz.pages.widget import widget as widget
 
 __version__: str
 from jaxnc.kinematics.circuits import circuits as circuits
+from jaxnc.kinematics.flip import flip_margin as flip_margin
 from jaxnc.kinematics.modes import modes as modes

@@ -7,6 +7,7 @@ from jaxnc.kinematics.closure import ClosedEquations as ClosedEquations
 from jaxnc.kinematics.diagnosis import Diagnosis as Diagnosis
 from jaxnc.kinematics.diagnosis import Remedy as Remedy
 from jaxnc.kinematics.diagnosis import Violation as Violation
+from jaxnc.kinematics.flip import FlipMargin as FlipMargin
 from jaxnc.kinematics.instant import Axodes as Axodes
 from jaxnc.kinematics.instant import Centrodes as Centrodes
 from jaxnc.kinematics.instant import InstantMotion as InstantMotion
