@@ -215,6 +215,8 @@ def own() -> dict[str, dict[str, Any] | None]:
             "points": 5,
         },
         "synthesis.integer": {"what": ("A", "B")},
+        "synthesis.no_flip": {"distance": 0.1},
+        "synthesis.only_circuit": {"stops": {"C.y": (0.0, None)}},
         "synthesis.load": None,  # of what a search has saved
         "synthesis.local": {"along": ("B", "C"), "x": (0.0, 0.1)},
         "synthesis.direction": {"value": 0.3},

@@ -49,6 +49,7 @@ GUIDES = {
     "linearise": "docs/dynamics.md",
     "load": "docs/modelling.md",
     "mobility": "docs/modelling.md",
+    "flip_margin": "docs/modes.md",
     "modes": "docs/modes.md",
     "motion": "docs/modelling.md",
     "reactions": "docs/dynamics.md",

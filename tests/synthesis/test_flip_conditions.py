@@ -7,7 +7,7 @@ import pytest
 import jaxnc as nc
 from jaxnc import synthesis as S
 
-QUICK = {"starts": 64, "refine": 6, "iterations": 40, "key": jax.random.key(3), "progress": False}
+QUICK = {"starts": 24, "refine": 4, "iterations": 60, "key": jax.random.key(3), "progress": False}
 
 
 @pytest.fixture(autouse=True)
@@ -18,9 +18,15 @@ def cached(tmp_path, monkeypatch):
 
 def problem(*conditions, phi=(0.6, 1.0, 1.4, 1.8)):
     """The rocker of a four-bar is to follow a function of its crank, over a part of the crank's turn."""
-    m = nc.library.four_bar()
+    m = nc.Mechanism("four-bar")
+    m.ground("A", (0, 0)), m.ground("D", (4, 0)), m.point("B", (0.8, 0.6)), m.point("C", (3.3, 2.9))
+    for name, ends in {"crank": "AB", "coupler": "BC", "rocker": "CD"}.items():
+        m.body(name, list(ends))
+    m.angle("phi", at="A", to="B")
+    m.angle("psi", at="D", to="C")
     phi = np.array(phi)
-    return S.FunctionGeneration(m, "psi", "phi", phi, 1.2 + 0.3 * (phi - 0.6) ** 2, subject_to=list(conditions))
+    table = 1.75 + 0.25 * (phi - 0.6) ** 2
+    return S.FunctionGeneration(m, "psi", phi, table, "phi", free=["B", "C"], subject_to=list(conditions))
 
 
 def least(design):
@@ -36,8 +42,19 @@ def least(design):
 
 def test_a_search_keeps_away_from_other_assemblies():
     free = S.solve(problem(), **QUICK)
-    asked = 1.3 * least(free.best)
+    asked = 1.1 * least(free.designs[0])
     kept = S.solve(problem(S.no_flip(distance=asked)), **QUICK)
-    assert kept.found and not kept.best.defects
-    assert least(kept.best) > asked * (1.0 - 1e-6)
-    assert "no flip" in problem(S.no_flip(input=0.1)).conditions[-1].name
+    assert kept.found and not kept.designs[0].defects
+    assert least(kept.designs[0]) > asked - 1e-6
+
+
+def test_stops_tell_which_circuit_can_be_assembled():
+    settings = QUICK | {"starts": 8, "refine": 1, "iterations": 10}
+    both = S.solve(problem(S.only_circuit()), **settings)
+    assert not both.found and "another circuit, at phi" in both.designs[0].defects[0]
+    above = S.solve(problem(S.only_circuit(stops={"C.y": (0.0, None)})), **settings)
+    assert above.found and not above.designs[0].defects
+    with pytest.raises(nc.InputError, match="no coordinate 'C.z' with a stop"):
+        problem(S.only_circuit(stops={"C.z": (0.0, None)}))
+    with pytest.raises(nc.InputError, match="give distance"):
+        S.no_flip()
