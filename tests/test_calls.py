@@ -252,6 +252,7 @@ def own() -> dict[str, dict[str, Any] | None]:
         "families.accelerations": {"formulation": nc.formulate(loaded(), "relative")},
         "kinematics.axodes": None,  # in space, as the error says
         "viz.draw_modes": None,  # tests/test_modes.py
+        "viz.draw_modes_map": None,
         "viz.draw_circuits": None,
         "viz.animate": None,  # a second for each call
         "viz.burmester": None,  # of curves that only `Guidance.curves` makes

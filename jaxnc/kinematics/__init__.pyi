@@ -23,6 +23,7 @@ from jaxnc.kinematics.mobility import Mobility as Mobility
 from jaxnc.kinematics.mobility import grashof_type as grashof_type
 from jaxnc.kinematics.modes import Certificate as Certificate
 from jaxnc.kinematics.modes import Modes as Modes
+from jaxnc.kinematics.modes import ModesMap as ModesMap
 from jaxnc.kinematics.motion import Columns as Columns
 from jaxnc.kinematics.motion import Motion as Motion
 from jaxnc.kinematics.sensitivity import Sensitivity as Sensitivity

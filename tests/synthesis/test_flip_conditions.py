@@ -54,7 +54,7 @@ def test_stops_tell_which_circuit_can_be_assembled():
     assert not both.found and "another circuit, at phi" in both.designs[0].defects[0]
     above = S.solve(problem(S.only_circuit(stops={"C.y": (0.0, None)})), **settings)
     assert above.found and not above.designs[0].defects
-    with pytest.raises(nc.InputError, match="no coordinate 'C.z' with a stop"):
+    with pytest.raises(nc.InputError, match=r"no coordinate 'C.z' with a stop"):
         problem(S.only_circuit(stops={"C.z": (0.0, None)}))
     with pytest.raises(nc.InputError, match="give distance"):
         S.no_flip()
