@@ -31,6 +31,7 @@ GUIDES = {
     "circuits": "docs/modes.md",
     "circuit": "docs/modelling.md",
     "constraints": "docs/dynamics.md",
+    "dexterity": "docs/modes.md",
     "diagnose": "docs/modelling.md",
     "dynamics": "docs/dynamics.md",
     "equilibrium": "docs/dynamics.md",

@@ -4,6 +4,7 @@ from jaxnc.kinematics.arc import Travel as Travel
 from jaxnc.kinematics.circuits import Branch as Branch
 from jaxnc.kinematics.circuits import Circuits as Circuits
 from jaxnc.kinematics.closure import ClosedEquations as ClosedEquations
+from jaxnc.kinematics.dexterity import Dexterity as Dexterity
 from jaxnc.kinematics.diagnosis import Diagnosis as Diagnosis
 from jaxnc.kinematics.diagnosis import Remedy as Remedy
 from jaxnc.kinematics.diagnosis import Violation as Violation

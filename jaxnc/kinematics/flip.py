@@ -6,6 +6,7 @@ with the other sign, and those that hang on it after it.
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -42,9 +43,10 @@ class FlipMargin:
         distance: how far the farthest of all points moves from the pose to the nearest assembly into which it flips
             with its inputs held, ``(...,)``, a length.
         input: how far the input can go until the nearest dead point, forwards or backwards, ``(...,)``, in radians or
-            lengths; right to third order near a dead point. Infinite for several inputs, and where it would be farther
-            than half a turn, or the mechanism's size.
-        dead_point: value of the input there, ``(...,)``.
+            lengths; right to third order near a dead point. Of several inputs, all angles or all lengths, the root of
+            the sum of squares of their changes on the shortest way to a singular position, right to second order.
+            Infinite where it would be farther than half a turn, or the mechanism's size, and for inputs of both kinds.
+        dead_point: value of the only input there, ``(...,)``; infinite for several.
         other: all coordinates of the assembly into which it flips, ``(..., N)``; those of the pose if there is none.
     """
 
@@ -113,18 +115,19 @@ def _measure(view: Plan, motion: Motion) -> FlipMargin:
         other[int(c)] = jnp.where(there, v, x[int(c)])
     far = _movement(view, eq, x, other)
     distance = jnp.where(there, jnp.sqrt(jnp.where(there, far, 1.0)), jnp.where(good, jnp.inf, 0.0))
+    unlimited = jnp.full(good.shape, jnp.inf)
+    reach, dead_point = unlimited, unlimited
     if len(view.driven) == 1:
         ahead = _way_to_dead_point(view, core, eq, x, known, good)
-        reach = jnp.where(good, jnp.abs(ahead), 0.0)
-        dead_point = known[0] + ahead
-    else:
-        reach = jnp.where(good, jnp.inf, 0.0)
-        dead_point = jnp.full(good.shape, jnp.inf)
+        reach, dead_point = jnp.abs(ahead), known[0] + ahead
+    elif len({k in view.angles for k in range(len(view.driven))}) == 1:
+        reach = _way_to_singularity(view, core, eq, x, known, good)
+    reach = jnp.where(good, reach, 0.0)
     several = jnp.stack(other, axis=-1).reshape(*shape, len(other))
     return FlipMargin(distance.reshape(shape), reach.reshape(shape), dead_point.reshape(shape), several)
 
 
-def _movement(view: Plan, eq: Equations, x: Lanes, other: Lanes) -> Array:
+def _movement(view: Plan, eq: Equations, x: Lanes, other: Lanes) -> Any:
     """Square of the largest movement of a point; of unit vectors, times the size, where no point moves."""
     top = view.topology
     squares = [
@@ -238,6 +241,45 @@ def _across(block: Any, eq: Equations, x: Lanes) -> list[Array]:
 # -- the dead point ----------------------------------------------------------------------------------------------------
 
 
+def _determinants(
+    view: Plan, core: Kernel, eq: Equations, x: Lanes, known: tuple[Array, ...], good: Array
+) -> Callable[..., tuple[Array, ...]]:
+    """The determinants of the blocks that can flip, as a function of steps of the driven coordinates."""
+    unknown = tuple(lax.stop_gradient(x[int(c)]) for c in view.unknown)
+
+    def found(*steps: Array) -> tuple[Array, ...]:
+        moved = (*(k + step for k, step in zip(known, steps, strict=False)), *known[len(steps) :])
+        at = list(x)
+        for c, v in zip(view.unknown, attach_lanes(view, unknown, eq, moved, good), strict=True):
+            at[int(c)] = v
+        for c, v in zip(view.known, moved, strict=True):
+            at[int(c)] = v
+        every = zip(core.determinants(eq, at), core.blocks, strict=True)
+        bent = [d for d, block in every if block.rows.form not in ("affine", "angle")]
+        return tuple(jnp.broadcast_to(d, good.shape) for d in bent)
+
+    return found
+
+
+def _way_to_singularity(
+    view: Plan, core: Kernel, eq: Equations, x: Lanes, known: tuple[Array, ...], good: Array
+) -> Array:
+    """The shortest way of several inputs to a singular position, by the gradient of a determinant's square."""
+    determinants = _determinants(view, core, eq, x, known, good)
+    steps = tuple(jnp.zeros(good.shape) for _ in view.driven)
+    every = [
+        tuple(jnp.ones_like(s) if j == k else jnp.zeros_like(s) for j, s in enumerate(steps)) for k in range(len(steps))
+    ]
+    slopes = [jax.jvp(determinants, steps, one)[1] for one in every]
+    nearest, most = jnp.full(good.shape, jnp.inf), jnp.pi if view.angles else eq.length
+    for k, d in enumerate(determinants(*steps)):
+        square = sum(slope[k] ** 2 for slope in slopes)
+        moves = good & (square > 0.0)
+        way = jnp.where(moves, 0.5 * jnp.abs(d) / jnp.sqrt(jnp.where(moves, square, 1.0)), jnp.inf)
+        nearest = jnp.where(way < jnp.minimum(nearest, most), way, nearest)
+    return nearest
+
+
 def _way_to_dead_point(
     view: Plan, core: Kernel, eq: Equations, x: Lanes, known: tuple[Array, ...], good: Array
 ) -> Array:
@@ -246,18 +288,7 @@ def _way_to_dead_point(
     At a fold the square of a block's determinant is smooth in the input and vanishes: it is continued by its first and
     second derivative along the motion.
     """
-    unknown = tuple(lax.stop_gradient(x[int(c)]) for c in view.unknown)
-
-    def determinants(step: Array) -> tuple[Array, ...]:
-        moved = (known[0] + step, *known[1:])
-        at = list(x)
-        for c, v in zip(view.unknown, attach_lanes(view, unknown, eq, moved, good), strict=True):
-            at[int(c)] = v
-        for c, v in zip(view.known, moved, strict=True):
-            at[int(c)] = v
-        found = core.determinants(eq, at)
-        bent = [d for d, block in zip(found, core.blocks, strict=True) if block.rows.form not in ("affine", "angle")]
-        return tuple(jnp.broadcast_to(d, step.shape) for d in bent)
+    determinants = _determinants(view, core, eq, x, known, good)
 
     def rates(step: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         return jax.jvp(determinants, (step,), (jnp.ones_like(step),))

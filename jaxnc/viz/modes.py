@@ -6,17 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, nearest
 from jaxnc.viz.drawing import draw
 from jaxnc.viz.picture import Picture, Size, finish, inches
-from jaxnc.viz.style import FOUND, LIGHT, NUMBERS, axis_name, crown, furnish, mix, symbol
+from jaxnc.viz.style import FOUND, LIGHT, NUMBERS, TEXT, axis_name, crown, furnish, mix, symbol
 
 if TYPE_CHECKING:
+    from jaxnc.kinematics.dexterity import Dexterity
     from jaxnc.kinematics.modes import Modes, ModesMap
     from jaxnc.system.topology import Topology
 
@@ -99,6 +100,64 @@ def draw_modes_map(
         handles=handles, loc="outside right upper", frameon=False, fontsize=NUMBERS, title="assemblies"
     )
     legend.get_title().set_fontsize(NUMBERS)
+    crown(ax, top.name if title is None else title)
+    return finish(figure, path, dpi)
+
+
+MEASURES = ("dexterity", "manipulability")
+"""What `draw_dexterity` draws."""
+
+
+@public
+def draw_dexterity(
+    found: "Dexterity",
+    path: str | Path | None = None,
+    measure: str = "dexterity",
+    title: str | None = None,
+    size: Size = (5.9, 5.0),
+    dpi: float = 200.0,
+) -> Figure:
+    """Draw a measure of dexterity over two inputs, with the singularity loci of both kinds.
+
+    Args:
+        found: the measures on a grid of two inputs, ``(m, n)``, one input along each axis.
+        path: file to write as well: PNG, SVG, PDF or JPG.
+        measure: ``"dexterity"`` or ``"manipulability"``.
+        title: heading; the mechanism's name if not given, none if ``""``.
+        size: width and height, inches.
+        dpi: dots per inch of a file.
+
+    Returns:
+        The figure. Places that are not reached are white. Of a hand that has as many directions as there are actuators
+        a full line is where it is not held, a dashed one where it loses a direction.
+
+    Raises:
+        InputError: the inputs are no such grid, or another measure.
+        OutputError: a file that cannot be written.
+    """
+    if measure not in MEASURES:
+        raise InputError(f"draw_dexterity(): no measure {measure!r}; {nearest(str(measure), MEASURES)}")
+    top = found.motion.system.topology
+    figure = Picture(figsize=inches(size), layout="constrained")
+    ax = figure.add_subplot()
+    x, y, across = map_axes(ax, {n: np.asarray(v) for n, v in found.motion.inputs.items()}, top)
+    values, held = (a.T if across else a for a in (getattr(found, measure), found.held))
+    shade = LinearSegmentedColormap.from_list("jaxnc", [mix(FOUND, LIGHT["paper"], 0.08), FOUND])
+    finite = np.where(np.isfinite(values), values, np.nan)
+    mesh = ax.pcolormesh(x, y, finite, cmap=shade, vmin=0.0, vmax=1.0 if measure == "dexterity" else None)
+    bar = figure.colorbar(mesh, ax=ax, shrink=0.9)
+    bar.set_label(measure, fontsize=TEXT)
+    bar.ax.tick_params(labelsize=NUMBERS)
+    rows, columns = found.jacobian.shape[-2:]
+    loci = [(held, "-", "not held")]
+    if rows == columns:
+        with np.errstate(invalid="ignore"):
+            lost = np.linalg.det(np.where(np.isfinite(found.jacobian), found.jacobian, np.nan)) * found.held
+        loci.append((lost.T if across else lost, "--", "loses a direction"))
+    for locus, line, label in loci:
+        if np.nanmin(locus, initial=1.0) < 0.0 < np.nanmax(locus, initial=-1.0):
+            ax.contour(x, y, locus, levels=[0.0], colors=LIGHT["failure"], linewidths=1.3, linestyles=line)
+            ax.plot([], [], color=LIGHT["failure"], linestyle=line, linewidth=1.3, label=label)
     crown(ax, top.name if title is None else title)
     return finish(figure, path, dpi)
 
