@@ -253,6 +253,7 @@ def own() -> dict[str, dict[str, Any] | None]:
         "kinematics.axodes": None,  # in space, as the error says
         "viz.draw_modes": None,  # tests/test_modes.py
         "viz.draw_modes_map": None,
+        "viz.draw_dexterity": None,  # tests/kinematics/test_dexterity.py
         "viz.draw_circuits": None,
         "viz.animate": None,  # a second for each call
         "viz.burmester": None,  # of curves that only `Guidance.curves` makes

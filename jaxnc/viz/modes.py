@@ -144,7 +144,7 @@ def draw_dexterity(
     values, held = (a.T if across else a for a in (getattr(found, measure), found.held))
     shade = LinearSegmentedColormap.from_list("jaxnc", [mix(FOUND, LIGHT["paper"], 0.08), FOUND])
     finite = np.where(np.isfinite(values), values, np.nan)
-    mesh = ax.pcolormesh(x, y, finite, cmap=shade, vmin=0.0, vmax=1.0 if measure == "dexterity" else None)
+    mesh = ax.pcolormesh(x, y, finite, cmap=shade, vmin=0.0)
     bar = figure.colorbar(mesh, ax=ax, shrink=0.9)
     bar.set_label(measure, fontsize=TEXT)
     bar.ax.tick_params(labelsize=NUMBERS)
