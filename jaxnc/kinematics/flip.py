@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jaxnc.calls import public
@@ -146,43 +147,47 @@ def _movement(view: Plan, eq: Equations, x: Lanes, other: Lanes) -> Any:
 
 
 def _flip(core: Kernel, view: Plan, eq: Equations, x: Lanes) -> tuple[Lanes, Array]:
-    """The nearest of the assemblies that differ in one block and what hangs on it, and whether there is one."""
-    signs = core.signs(eq, x)
-    best, least = list(x), jnp.full(x[0].shape, jnp.inf)
+    """The nearest of the assemblies that differ in one block and what hangs on it, and whether there is one.
 
-    def attempt(k: int, start: Lanes) -> tuple[list[Array], Array]:
-        """The assembly found from a start, and the square of its distance."""
-        turned = [-s if j == k else s for j, s in enumerate(signs)]
-        found = core.solve(eq, start, turned)
-        if not core.blocks[k].closed:  # one that is told by its place, and has either orientation
-            turned[k] = jnp.sign(found.determinants[k])
-        far = _movement(view, eq, x, found.x)
-        other = on_branch(eq, found, turned) & (far > (_APART * eq.length) ** 2)
-        return [jnp.broadcast_to(v, far.shape) for v in found.x], jnp.where(other, far, jnp.inf)
-
+    All of them are sought side by side, which compiles the solution of a pose once.
+    """
+    signs, lanes = core.signs(eq, x), x[0].shape
+    starts, turned = [], []  # of each attempt: all coordinates, and the block that is to turn
     for k, block in enumerate(core.blocks):
         if block.rows.form in ("affine", "angle"):
             continue
-        if block.closed:
-            places, far = jax.tree.map(lambda v: v[None], attempt(k, x))
-        else:
-            places, far = jax.vmap(lambda part, kept, k=k: attempt(k, _seek(core.blocks[k], eq, x, part, kept)))(
-                *jnp.array(_STARTS).T
-            )
-        for some, one in zip(zip(*places, strict=True), far, strict=True):
-            best = [jnp.where(one < least, a, b) for a, b in zip(some, best, strict=True)]
-            least = jnp.minimum(one, least)
-    return best, jnp.isfinite(least)
+        several = [x] if block.closed else _seek(block, eq, x)
+        starts += several
+        turned += [k] * len(several)
+    if not starts:
+        return x, jnp.zeros(lanes, bool)
+    begin = [jnp.stack([jnp.broadcast_to(start[c], lanes) for start in starts]) for c in range(len(x))]
+    wanted: list[Array] = []
+    for k, sign in enumerate(signs):
+        turns = np.array([k == other for other in turned])
+        wanted.append(jnp.where(turns[:, None], -sign, jnp.broadcast_to(sign, (len(turns), *lanes))))
+    found = core.solve(eq, begin, wanted)
+    for k, block in enumerate(core.blocks):
+        if not block.closed:  # one that is told by its place, and has either orientation
+            free = np.array([k == other for other in turned])
+            wanted[k] = jnp.where(free[:, None], jnp.sign(found.determinants[k]), wanted[k])
+    far = _movement(view, eq, x, found.x)
+    far = jnp.where(on_branch(eq, found, wanted) & (far > (_APART * eq.length) ** 2), far, jnp.inf)
+    best = jnp.argmin(far, axis=0)[None]
+
+    def nearest(values: Array) -> Array:
+        return jnp.take_along_axis(jnp.broadcast_to(values, far.shape), best, axis=0)[0]
+
+    return [nearest(v) for v in found.x], jnp.isfinite(nearest(far))
 
 
-def _seek(block: Any, eq: Equations, x: Lanes, part: Array, kept: Array) -> Lanes:
-    """A place near another solution of a block, from a `part` of the way across its nearest singular position.
-
-    Newton's steps are `kept` from the pose, 1, or go where they go, 0.
+def _seek(block: Any, eq: Equations, x: Lanes) -> list[Lanes]:
+    """Places near other solutions of a block, from parts of the way across its nearest singular position.
 
     Source: P. E. Farrell, A. Birkisson and S. W. Funke, Deflation techniques for finding distinct solutions of
     nonlinear partial differential equations, SIAM J. Sci. Comput. 37 (2015) A2026-A2045.
     """
+    part, kept = jnp.array(_STARTS).T[:, :, None]
     across, unit = _across(block, eq, x), eq.length**2
     long = jnp.sqrt(sum(d * d for d in across) / unit)
     short = jnp.where(kept > 0.0, jnp.minimum(1.0, _LONGEST / jnp.maximum(long, limits(eq.length).tiny)), 1.0)
@@ -204,7 +209,8 @@ def _seek(block: Any, eq: Equations, x: Lanes, part: Array, kept: Array) -> Lane
         scale = scale / jnp.maximum(1.0, size / _LONGEST)
         return tuple(d - scale * e for d, e in zip(change, step, strict=True))
 
-    return place(lax.fori_loop(0, _STEPS, improve, tuple(d * (part * short) for d in across)))
+    at = place(lax.fori_loop(0, _STEPS, improve, tuple(d * (part * short) for d in across)))
+    return [[v[k] if v.ndim > 1 else v for v in at] for k in range(len(_STARTS))]
 
 
 def _across(block: Any, eq: Equations, x: Lanes) -> list[Array]:
