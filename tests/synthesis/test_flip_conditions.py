@@ -1,5 +1,7 @@
 """Searches whose designs stay away from flipping, and such as cannot be assembled wrongly."""
 
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import pytest
 import jaxnc as nc
 from jaxnc import synthesis as S
 
-QUICK = {"starts": 24, "refine": 4, "iterations": 60, "key": jax.random.key(3), "progress": False}
+QUICK: dict[str, Any] = {"starts": 24, "refine": 4, "iterations": 60, "key": jax.random.key(3), "progress": False}
 
 
 @pytest.fixture(autouse=True)
