@@ -31,6 +31,7 @@ from jaxnc.io.files import load as load
 from jaxnc.io.stream import stream as stream
 from jaxnc.kinematics.arc import circuit as circuit
 from jaxnc.kinematics.arc import travel as travel
+from jaxnc.kinematics.dexterity import dexterity as dexterity
 from jaxnc.kinematics.diagnosis import diagnose as diagnose
 from jaxnc.kinematics.instant import instant_centre as instant_centre
 from jaxnc.kinematics.instant import transmission_angle as transmission_angle
@@ -54,4 +55,5 @@ from jaxnc.viz.pages.widget import widget as widget
 
 __version__: str
 from jaxnc.kinematics.circuits import circuits as circuits
+from jaxnc.kinematics.flip import flip_margin as flip_margin
 from jaxnc.kinematics.modes import modes as modes

@@ -14,6 +14,8 @@ DOORS = {
     "Mechanism.to_mjcf": "jaxnc.robots:to_mjcf",
     "Mechanism.to_urdf": "jaxnc.robots:to_urdf",
     "Circuits.draw": "jaxnc.viz.circuits:draw_circuits",
+    "Dexterity.draw": "jaxnc.viz.modes:draw_dexterity",
+    "ModesMap.draw": "jaxnc.viz.modes:draw_modes_map",
     "Modes.draw": "jaxnc.viz.modes:draw_modes",
     "Motion.plot": "jaxnc.viz.plots:plot",
     "Motion.polygon": "jaxnc.viz.polygons:polygon",

@@ -215,6 +215,8 @@ def own() -> dict[str, dict[str, Any] | None]:
             "points": 5,
         },
         "synthesis.integer": {"what": ("A", "B")},
+        "synthesis.no_flip": {"distance": 0.1},
+        "synthesis.only_circuit": {"stops": {"C.y": (0.0, None)}},
         "synthesis.load": None,  # of what a search has saved
         "synthesis.local": {"along": ("B", "C"), "x": (0.0, 0.1)},
         "synthesis.direction": {"value": 0.3},
@@ -250,6 +252,8 @@ def own() -> dict[str, dict[str, Any] | None]:
         "families.accelerations": {"formulation": nc.formulate(loaded(), "relative")},
         "kinematics.axodes": None,  # in space, as the error says
         "viz.draw_modes": None,  # tests/test_modes.py
+        "viz.draw_modes_map": None,
+        "viz.draw_dexterity": None,  # tests/kinematics/test_dexterity.py
         "viz.draw_circuits": None,
         "viz.animate": None,  # a second for each call
         "viz.burmester": None,  # of curves that only `Guidance.curves` makes

@@ -30,6 +30,7 @@ COMMANDS = {
     "simulate": ("read_model", "simulate"),
     "synthesise": ("read_problem", "commands"),
     "trace": ("read_curve", "commands"),
+    "modes": ("read_modes", "modes"),
     "compare": ("read_model", "commands"),
     "export": ("read_model", "commands"),
     "report": ("read_report", "commands"),
@@ -47,6 +48,7 @@ examples:
   jaxnc simulate pendulum.toml --duration 5 --out swing
   jaxnc synthesise path.toml --out designs
   jaxnc trace curve.svg --seconds 60 --out linkages
+  jaxnc modes four_bar.toml --map phi=0:360    every assembly, and which can be reached from which
   jaxnc parts four_bar.toml --width 16 --pin 5 --thickness 3 --out plates
   jaxnc compare four_bar.toml          the same in every family of coordinates: counts, equations, cost
   jaxnc export four_bar.toml --to mjcf     a file for MuJoCo, or --to urdf
@@ -309,6 +311,17 @@ def command_parser() -> argparse.ArgumentParser:
     trace.add_argument("--transmission", type=float, metavar="DEG", help="smallest transmission angle, degrees (8)")
     trace.add_argument("--out", metavar="DIR", help="write the linkages as model files, and a picture, into DIR")
     trace.add_argument("--no-pictures", action="store_true", help="write models only")
+    modes = commands.add_parser("modes", help="list every assembly of a model, or over the range of an input")
+    modes.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
+    said = "where an input stands (phi=60, phi=1.2rad), instead of where the file begins; may be repeated"
+    _add_repeatable(modes, "--input", "NAME=VALUE", said)
+    said = "go over a range of this input, and join the assemblies up into branches and circuits (181 values)"
+    modes.add_argument("--map", metavar="NAME=FROM:TO[:VALUES]", help=said)
+    _add_repeatable(modes, "--hold", "NAME[,NAME]", "coordinates that stay put")
+    _add_repeatable(modes, "--output", "NAME[,NAME]", "points and coordinates to list instead of those of the file")
+    modes.add_argument("--seed", type=int, default=0, metavar="N", help="another number takes other ways (0)")
+    modes.add_argument("--out", metavar="DIR", help="write a table and a picture into DIR")
+    modes.add_argument("--no-pictures", action="store_true", help="write the table only")
     compare = commands.add_parser("compare", help="look at a model in every family of coordinates, side by side")
     compare.add_argument(
         "--families", metavar="NAME[,NAME]", help="which: independent, relative, reference, natural, mixed (all)"

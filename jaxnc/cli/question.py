@@ -22,6 +22,7 @@ from jaxnc.reporting.verdict import Entry
 PAGES = ".html", ".htm"
 _MOST_POSES = 1_000_000  # more are taken for a slip
 _POSES = 361
+_MAPPED = 181  # values of an input over whose range assemblies are joined
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,33 @@ def read_problem(options: argparse.Namespace) -> Question:
     return replace(_question(mechanism, mechanism.model.run, options), title=title)
 
 
+def read_modes(options: argparse.Namespace) -> Question:
+    """Read a model file, its inputs where they are to stand, or one over a range: the run section of the question.
+
+    Inputs stand where the file's begin. Where one is named that the file does not drive, the file's are not driven.
+    """
+    question = read_model(options)
+    mechanism, own = question.mechanism, question.mechanism.model.run
+    form = "NAME=VALUE, for instance phi=60; a range is given as --map NAME=FROM:TO"
+    at = dict(_read_drive(mechanism, text, "--input", form, most=1) for text in options.input)
+    if len(at) < len(options.input):
+        raise InputError("--input: a coordinate is given twice; give each once")
+    if options.map is not None:
+        form = "NAME=FROM:TO or NAME=FROM:TO:VALUES, for instance phi=0:360:181"
+        name, drive = _read_drive(mechanism, options.map, "--map", form, poses=_MAPPED)
+        if name in at:
+            raise InputError(f"--map {options.map}: {name!r} is given by --input too; leave one of the two out")
+        if drive.poses < 2 or not drive.start < drive.end:
+            raise InputError(f"--map {options.map}: write {form}, from the smaller to the larger, 2 values at least")
+        at[name] = msgspec.structs.replace(drive, rate=None)
+    if all(name in own.inputs for name in at):
+        at = {name: record.Drive(drive.start, drive.start, 1) for name, drive in own.inputs.items()} | at
+    outputs = split_names(options.output) or own.outputs
+    run = record.Run(at, split_names(options.hold) or own.hold, outputs=outputs)
+    check_run(mechanism, msgspec.structs.replace(run, inputs={}))
+    return replace(question, run=run)
+
+
 def read_curve(options: argparse.Namespace) -> Question:
     """Read the curve that is to be traced; the mechanism is an empty one that bears its name."""
     from jaxnc.io.curve_files import load_curve
@@ -207,19 +235,26 @@ def run_settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Ru
     return changed
 
 
-def _read_drive(mechanism: Mechanism, text: str) -> tuple[str, record.Drive]:
-    form = "NAME=FROM:TO or NAME=FROM:TO:POSES, for instance phi=0:360:361"
-    name, rest = read_pair(text, "--input", form)
-    check_driven(mechanism, name, f"--input {text}")
+def _read_drive(
+    mechanism: Mechanism,
+    text: str,
+    option: str = "--input",
+    form: str = "NAME=FROM:TO or NAME=FROM:TO:POSES, for instance phi=0:360:361",
+    most: int = 3,
+    poses: int | None = None,
+) -> tuple[str, record.Drive]:
+    """Name and drive of an option: at most so many numbers; so many `poses` where none are said, or as in the file."""
+    name, rest = read_pair(text, option, form)
+    check_driven(mechanism, name, f"{option} {text}")
     parts = rest.split(":")
-    if len(parts) > 3 or not all(parts):
-        raise InputError(f"--input {text}: write {form}")
-    numbers = [read_number(mechanism, name, part, f"--input {text}") for part in parts[:2]]
+    if len(parts) > most or not all(parts):
+        raise InputError(f"{option} {text}: write {form}")
+    numbers = [read_number(mechanism, name, part, f"{option} {text}") for part in parts[:2]]
     old = mechanism.model.run.inputs.get(name)
-    poses = (old.poses if old else _POSES) if len(parts) == 2 else 1
+    poses = (poses or (old.poses if old else _POSES)) if len(parts) == 2 else 1
     if len(parts) == 3:
         if not parts[2].isdecimal():
-            raise InputError(f"--input {text}: the number of poses is a whole number, got {parts[2]!r}")
+            raise InputError(f"{option} {text}: the number of poses is a whole number, got {parts[2]!r}")
         poses = int(parts[2])
     rate = old.rate if old else None
     if rate is not None and numbers[-1] != numbers[0]:

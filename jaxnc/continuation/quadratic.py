@@ -13,6 +13,7 @@ import numpy as np
 from jaxnc.continuation.tracker import Pace, PathEnds, follow
 
 _ORDER = 5  # of the power series
+_DENSE = 0.8  # of all places: where more are filled, all are multiplied
 FIT = 1e-12  # of the largest coefficient: a power of the path's parameter that counts less is none
 
 
@@ -42,7 +43,10 @@ class QuadraticPaths:
         stacked = np.moveaxis(powers, 3, 2).reshape(targets, self.degree * wide, rows * wide)
         some = np.flatnonzero(stacked.any(axis=(0, 2)))  # powers and unknowns that any coefficient goes with
         self.power, self.place = some // wide, some % wide
-        self.stacked, self.rows = np.ascontiguousarray(stacked[:, some]), rows
+        self.filled = np.flatnonzero(stacked.any(axis=(0, 1)))  # rows and unknowns that any coefficient stands at
+        if len(self.filled) > _DENSE * stacked.shape[2]:
+            self.filled = np.arange(stacked.shape[2])
+        self.stacked, self.rows = np.ascontiguousarray(stacked[:, some][:, :, self.filled]), rows
         self.targets, self.each = targets, each
         rng = np.random.default_rng(self.n)
         self.patch = np.exp(2j * np.pi * rng.random(wide)) / np.sqrt(wide)
@@ -62,6 +66,10 @@ class QuadraticPaths:
             padded = np.zeros((len(targets), self.each, flat.shape[1]), complex)
             padded[at, beside] = flat
             out = np.matmul(padded, self.stacked[targets])[at, beside]
+        if len(self.filled) < self.rows * (self.n + 1):
+            every = np.zeros((len(flat), self.rows * (self.n + 1)), complex)
+            every[:, self.filled] = out
+            out = every
         return out.reshape(len(flat), self.rows, self.n + 1)
 
     def _weights(self, at: np.ndarray, order: int) -> list[np.ndarray]:

@@ -4,9 +4,11 @@ from jaxnc.kinematics.arc import Travel as Travel
 from jaxnc.kinematics.circuits import Branch as Branch
 from jaxnc.kinematics.circuits import Circuits as Circuits
 from jaxnc.kinematics.closure import ClosedEquations as ClosedEquations
+from jaxnc.kinematics.dexterity import Dexterity as Dexterity
 from jaxnc.kinematics.diagnosis import Diagnosis as Diagnosis
 from jaxnc.kinematics.diagnosis import Remedy as Remedy
 from jaxnc.kinematics.diagnosis import Violation as Violation
+from jaxnc.kinematics.flip import FlipMargin as FlipMargin
 from jaxnc.kinematics.instant import Axodes as Axodes
 from jaxnc.kinematics.instant import Centrodes as Centrodes
 from jaxnc.kinematics.instant import InstantMotion as InstantMotion
@@ -22,6 +24,7 @@ from jaxnc.kinematics.mobility import Mobility as Mobility
 from jaxnc.kinematics.mobility import grashof_type as grashof_type
 from jaxnc.kinematics.modes import Certificate as Certificate
 from jaxnc.kinematics.modes import Modes as Modes
+from jaxnc.kinematics.modes import ModesMap as ModesMap
 from jaxnc.kinematics.motion import Columns as Columns
 from jaxnc.kinematics.motion import Motion as Motion
 from jaxnc.kinematics.sensitivity import Sensitivity as Sensitivity

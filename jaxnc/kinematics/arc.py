@@ -21,6 +21,7 @@ from jaxnc.kinematics.inputs import (
     whole,
 )
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, meets
@@ -109,6 +110,8 @@ class Travel(Shown):
                 lines.append(f"    {k}: {self.name} from {one.lower:.12g} to {one.upper:.12g}{drawn}")
         if not self.closed:
             lines.append(f"  the circuit was not followed to its end (it is longer than {LONGEST:g} sizes)")
+        if self.system is not None and (hint := circuits_hint(self.system, [self.name])):
+            lines.append(f"  {hint}")
         return "\n".join(lines)
 
     __repr__ = __str__

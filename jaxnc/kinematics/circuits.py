@@ -13,27 +13,22 @@ from typing import Any
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.continuation.certificate import certify
-from jaxnc.continuation.monodromy import is_new
-from jaxnc.continuation.tracker import BOLD, CAREFUL
+from jaxnc.continuation.tracker import CAREFUL
 from jaxnc.doors import door
 from jaxnc.errors import AssemblyError, InputError, counted
 from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
-from jaxnc.kinematics.modes import Design, Family, judge, place_poses, prepare, select_real, solve_all, to_motion
+from jaxnc.kinematics.modes import Design, Family, Targets, prepare, to_motion
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.kinematics.reduction import Placed
 from jaxnc.notebooks import Shown
 from jaxnc.process import one_thread
-from jaxnc.status import Status
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
 _TURN = 1e-9  # radians: a range that is a whole number of turns long
 _SAME = 1e-5  # of the mechanism's size: poses that are one
-_BATCH = 2_000_000  # numbers of coefficients that are held at once
-_REFINED = (1e-3, 1e-5)  # of the step: intervals in which a dead point is found anew, by and by
+_REFINED = (0.1, 3e-3, 1e-5)  # of the step: intervals in which a dead point is found anew; each errs by its square
 
 
 @public
@@ -139,17 +134,6 @@ class Circuits(Shown):
         return door("Circuits.draw")(self, path, **options)
 
 
-@dataclasses.dataclass
-class _Place:
-    """Real assemblies at one value of the input."""
-
-    w: np.ndarray  # in the unknowns that stay, (n, assemblies)
-    q: np.ndarray  # all coordinates, (N, assemblies)
-    gap: np.ndarray
-    condition: np.ndarray
-    doubtful: bool
-
-
 @public
 @widened
 def circuits(
@@ -200,71 +184,12 @@ def circuits(
     return _report(system, range_, found, motion, moving[0], inputs, hold, angle)
 
 
-class _Range:
-    """A mechanism over the values of an input."""
+class _Range(Targets):
+    """A mechanism over the values of an input, the k-th one."""
 
     def __init__(self, design: Design, family: Family, order: tuple[int, ...], values: np.ndarray, k: int, seed: int):
-        self.design, self.family, self.order, self.values, self.k = design, family, order, values, k
-        self.member, self.x = design.at(values.T, order)
-        self.reduction, self.begin, self.end = family.reduction(self.member)
-        self.seed = seed
-        self.places = self._solve()
-
-    @functools.cached_property
-    def near(self) -> tuple[Placed, np.ndarray]:
-        """All solutions at a complex value of the input in the middle, from where the ways to all values are short."""
-        middle = 0.5 * (self.values[0] + self.values[-1]).astype(complex)
-        reach = 0.5 * (self.values[-1, self.k] - self.values[0, self.k])
-        middle[self.k] += 0.7j * min(reach, 1.0)
-        member, _ = self.design.at(middle[:, None], self.order)
-        there = self.reduction.place(member)
-        ends = self.reduction.paths(self.begin, there).follow(self.reduction.shorten(self.family.starts.x), CAREFUL)
-        w = ends.w[:, ends.arrived]
-        return there, w[:, is_new(np.zeros((len(w), 0)), w)]
-
-    def _solve(self) -> list[_Place]:
-        """Real assemblies at all values."""
-        there, start = self.near
-        n, each, count = self.reduction.n, start.shape[1], len(self.values)
-        out: list[_Place] = []
-        block = max(1, int(_BATCH / max(1, 4 * n**3 + n * each)))
-        for first in range(0, count, block):
-            which = np.arange(first, min(first + block, count))
-            some = self.end.choose(which)
-            t = self._coefficients(some)
-            if n and each:
-                ends = self.reduction.paths(there, some, each).follow(np.tile(start, (1, len(which))), BOLD)
-                w, arrived, far = ends.w, ends.arrived, ends.at_infinity
-            else:
-                w, arrived, far = np.zeros((n, len(which))), np.ones(len(which), bool), np.zeros(len(which), bool)
-                each = 1
-            balls = certify(np.repeat(t, each, axis=0), w)
-            for j, value in enumerate(which):
-                own = np.arange(j * each, (j + 1) * each)
-                good = own[arrived[own] & balls.proved[own]]
-                new = good[is_new(np.zeros((n, 0)), w[:, good])]
-                whole = len(new) + int(far[own].sum()) == len(self.family.starts)
-                out.append(self._place(int(value), t[j], w[:, new], whole))
-        return out
-
-    def _coefficients(self, placed: Placed) -> np.ndarray:
-        t = np.real(np.tensordot(placed.restricted, self.reduction.mix, ([1], [1]))).transpose(0, 3, 1, 2)
-        return t / np.abs(t).max(axis=(2, 3), keepdims=True, initial=1e-300)
-
-    def _place(self, value: int, t: np.ndarray, w: np.ndarray, whole: bool) -> _Place:
-        """The assemblies at a value, from the solutions that one way has found; all ways again if that lacks some."""
-        doubtful = False
-        if not whole:
-            member, _ = self.design.at(self.values[value][:, None], self.order)
-            ends = solve_all(self.family, member, self.seed, (self.reduction, self.begin, self.end.choose([value])))
-            w, doubtful = ends.w, bool(ends.lost + ends.singular)
-        balls = certify(t, w)
-        real = select_real(w, balls)
-        w, condition = np.real(w[:, real]), balls.condition[real]
-        q = np.real(place_poses(self.design, self.x[:, value], self.end.maps[value], w))
-        q, status, gap = judge(self.design, q)
-        good = status == int(Status.CONVERGED)
-        return _Place(w[:, good], q[:, good], gap[good], condition[good], doubtful)
+        super().__init__([design], family, order, values, seed)
+        self.design, self.k = design, k
 
     def connect(self) -> list[np.ndarray]:
         """For every value but the last: which assembly at the next each one becomes, -1 for none."""

@@ -18,6 +18,7 @@ from jaxnc.kinematics.inputs import (
     outside,
     stack,
 )
+from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.kinematics.position import solve_position
 from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, free_plan, meets, settle
@@ -103,9 +104,11 @@ class Diagnosis(Shown):
         if self.assembles and self.reachable:
             return f"{self.name} assembles at {at}"
         if self.assembles:
+            hint = "" if self.system is None else circuits_hint(self.system, [*self.inputs])
             return (
                 f"{self.name} assembles at {at}, but that pose is not reached from the drawing: along its branch the "
                 f"motion ends at {got} (a dead point lies between). Draw it on the other side, or give start="
+                f"{hint and f'; {hint}'}"
             )
         lines = [f"{self.name} does not assemble at {at}; the closest pose leaves a gap of {self.gap:.3g}"]
         if self.inputs:

@@ -6,9 +6,11 @@ member's are found once for a structure, by monodromy and total degree, and kept
 
 import dataclasses
 import functools
+import math
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 from jaxnc.calls import public
@@ -50,6 +52,8 @@ _ROUTES = ((True, BOLD), (False, BOLD), (True, CAREFUL), (False, CAREFUL), (Fals
 _SINGULAR = 1e-12  # reciprocal condition number of a solution that is not regular
 _INFINITY = 1e4  # of unknowns of size one: an end beyond is at infinity
 _REAL = 1e-8  # imaginary part of a real solution that has no certificate
+_BATCH = 2_000_000  # numbers of coefficients that are held at once
+_BESIDE = 0.85 + 0.35j  # of the way from the generic member to a design: a neighbour of designs
 _RESIDUAL = 1e-9  # of the mechanism's size: a pose that meets all rows
 
 
@@ -317,10 +321,15 @@ def solve_all(
 
 def _detour(reduction: Reduction, begin: Placed, end: Placed, rng: np.random.Generator) -> list[QuadraticPaths]:
     """Two legs by way of a member beside the straight line, in a random complex direction."""
-    part = np.array([0.5 + 0.7j * rng.choice([-1, 1]) * (0.5 + rng.random())])
-    straight = tuple(a + (b - a) * part for a, b in zip(begin.straight, end.straight, strict=True))
-    middle = reduction.place(begin.member.mix(end.member, part), straight)
+    middle = _between(reduction, begin, end, 0.5 + 0.7j * rng.choice([-1, 1]) * (0.5 + rng.random()))
     return [reduction.paths(begin, middle), reduction.paths(middle, end)]
+
+
+def _between(reduction: Reduction, begin: Placed, end: Placed, part: complex) -> Placed:
+    """The member some part of the way from one to another."""
+    at = np.array([part])
+    straight = tuple(a + (b - a) * at for a, b in zip(begin.straight, end.straight, strict=True))
+    return reduction.place(begin.member.mix(end.member, at), straight)
 
 
 def _polish(t: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -335,21 +344,225 @@ def _polish(t: np.ndarray, w: np.ndarray) -> np.ndarray:
     return w
 
 
+# -- many sets of inputs, or designs -----------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass
+class Place:
+    """Real assemblies at one set of inputs."""
+
+    w: np.ndarray  # in the unknowns that stay, (n, assemblies)
+    q: np.ndarray  # all coordinates, (N, assemblies)
+    gap: np.ndarray
+    condition: np.ndarray
+    doubtful: bool
+
+
+class Targets:
+    """Sets of inputs ``(targets, inputs)`` of one design, or of one each, solved from the solutions of a neighbour."""
+
+    def __init__(
+        self, designs: Sequence[Design], family: Family, order: tuple[int, ...], values: np.ndarray, seed: int
+    ):
+        self.designs, self.family, self.order, self.values, self.seed = designs, family, order, values, seed
+        if len(designs) == 1:
+            self.member, self.x = designs[0].at(values.T, order)
+        else:
+            members, poses = zip(*(d.at(v[:, None], order) for d, v in zip(designs, values, strict=True)), strict=True)
+            self.member, self.x = join_members(members), np.concatenate(poses, axis=1)
+        self.reduction, self.begin, self.end = family.reduction(self.member)
+        self.places = self._solve()
+
+    def design_of(self, target: int) -> Design:
+        """The design of a target."""
+        return self.designs[target if len(self.designs) > 1 else 0]
+
+    @functools.cached_property
+    def near(self) -> tuple[Placed, np.ndarray]:
+        """All solutions of a member amid the targets, at complex inputs, from where the ways to all are short."""
+        if len(self.designs) == 1:
+            middle, reach = (0.5 * (self.values.max(axis=0) + s * self.values.min(axis=0)) for s in (1.0, -1.0))
+            away = 0.7j * np.minimum(reach, self.designs[0].unit[list(self.order)])
+            member, _ = self.designs[0].at((middle + away)[:, None], self.order)
+            there = self.reduction.place(member)
+        else:
+            there = _between(self.reduction, self.begin, self.end.choose([0]), _BESIDE)
+        ends = self.reduction.paths(self.begin, there).follow(self.reduction.shorten(self.family.starts.x), CAREFUL)
+        w = ends.w[:, ends.arrived]
+        return there, w[:, is_new(np.zeros((len(w), 0)), w)]
+
+    def _solve(self) -> list[Place]:
+        """Real assemblies at all values."""
+        there, start = self.near
+        n, each, count = self.reduction.n, start.shape[1], len(self.values)
+        out: list[Place] = []
+        block = max(1, int(_BATCH / max(1, 4 * n**3 + n * each)))
+        for first in range(0, count, block):
+            which = np.arange(first, min(first + block, count))
+            some = self.end.choose(which)
+            t = self._coefficients(some)
+            if n and each:
+                ends = self.reduction.paths(there, some, each).follow(np.tile(start, (1, len(which))), BOLD)
+                w, arrived, far = ends.w, ends.arrived, ends.at_infinity
+            else:
+                w, arrived, far = np.zeros((n, len(which))), np.ones(len(which), bool), np.zeros(len(which), bool)
+                each = 1
+            balls = certify(np.repeat(t, each, axis=0), w)
+            for j, value in enumerate(which):
+                own = np.arange(j * each, (j + 1) * each)
+                good = own[arrived[own] & balls.proved[own]]
+                new = good[is_new(np.zeros((n, 0)), w[:, good])]
+                whole = len(new) + int(far[own].sum()) == len(self.family.starts)
+                out.append(self._place(int(value), t[j], w[:, new], whole))
+        return out
+
+    def _coefficients(self, placed: Placed) -> np.ndarray:
+        t = np.real(np.tensordot(placed.restricted, self.reduction.mix, ([1], [1]))).transpose(0, 3, 1, 2)
+        return t / np.abs(t).max(axis=(2, 3), keepdims=True, initial=1e-300)
+
+    def _place(self, value: int, t: np.ndarray, w: np.ndarray, whole: bool) -> Place:
+        """The assemblies at a value, from the solutions that one way has found; all ways again if that lacks some."""
+        doubtful, design = False, self.design_of(value)
+        if not whole:
+            end = self.end.choose([value])
+            ends = solve_all(self.family, end.member, self.seed, (self.reduction, self.begin, end))
+            w, doubtful = ends.w, bool(ends.lost + ends.singular)
+        balls = certify(t, w)
+        real = select_real(w, balls)
+        w, condition = np.real(w[:, real]), balls.condition[real]
+        q = np.real(place_poses(design, self.x[:, value], self.end.maps[value], w))
+        q, status, gap = judge(design, q)
+        good = status == int(Status.CONVERGED)
+        return Place(w[:, good], q[:, good], gap[good], condition[good], doubtful)
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class ModesMap(Shown):
+    """All real assemblies for many sets of inputs, or of many designs; `print` says how many there are where.
+
+    Attributes:
+        inputs: the values of each input, by name, ``(...,)``.
+        count: number of assemblies of each, ``(...,)``.
+        poses: the assemblies, ``(..., most)``, those nearest to the drawing first; where there are fewer than `most`
+            the status says so.
+        doubtful: where paths were lost or solutions are not isolated, so that others may be missing, ``(...,)``.
+        expected: how many solutions a generic mechanism of this structure has, complex ones included.
+        proved: whether `expected` is proved by total degree; else it is what loops have found.
+    """
+
+    inputs: dict[str, np.ndarray]
+    count: np.ndarray
+    poses: Motion
+    doubtful: np.ndarray
+    expected: int
+    proved: bool
+
+    @property
+    def complete(self) -> bool:
+        """True if no path was lost anywhere."""
+        return not self.doubtful.any()
+
+    @property
+    def statement(self) -> str:
+        """How many assemblies there are where, and what may be missing."""
+        found = ", ".join(
+            f"{n} at {k}" for n, k in zip(*(a.tolist() for a in np.unique(self.count, return_counts=True)), strict=True)
+        )
+        how = "proved by total degree" if self.proved else "observed"
+        text = (
+            f"A generic mechanism of this structure has {counted(self.expected, 'solution')} ({how}). "
+            f"Of {self.count.size} places these have so many assemblies: {found}."
+        )
+        if not self.complete:
+            text += f" At {int(self.doubtful.sum())} of them paths were lost or solutions are not isolated."
+        return text
+
+    def __str__(self) -> str:
+        return f"{self.poses.system.topology.name}: {self.statement}"
+
+    __repr__ = __str__
+
+    def draw(self, path: Any = None, **options: Any):
+        """Draw the number of assemblies over two inputs, with the loci where it changes; see `jaxnc.viz`."""
+        return door("ModesMap.draw")(self, path, **options)
+
+
+def join_members(members: Sequence[Member]) -> Member:
+    """Put members side by side, as samples of one."""
+    constants = tuple(np.concatenate(c, axis=-1) for c in zip(*(m.constants for m in members), strict=True))
+    rest = (np.concatenate([getattr(m, name) for m in members], axis=-1) for name in ("known", "turns", "sizes"))
+    return Member(constants, *rest)
+
+
+def _solve_map(system: System, view: Plan, names: Sequence[str], values: np.ndarray, seed: int) -> ModesMap:
+    """All real assemblies for inputs ``(..., inputs)``, of one design or of as many."""
+    lead, top = system.parameters.points.ndim - 2, system.topology
+    order, held = tuple(top.position[n] for n in names), tuple(map(int, view.held))
+    shape = values.shape[:-1]
+    if lead:
+        shape = np.broadcast_shapes(system.parameters.points.shape[:lead], shape)
+        flat = jax.tree.map(lambda v: np.asarray(v).reshape(math.prod(v.shape[:lead]), *v.shape[lead:]), system)
+        several = [jax.tree.map(lambda v, k=k: v[k], flat) for k in range(flat.parameters.points.shape[0])]
+        values = np.broadcast_to(values, (*shape, values.shape[-1]))
+        if len(several) != math.prod(shape):
+            raise InputError(f"modes(): designs of shape {system.parameters.points.shape[:lead]} and inputs {shape}")
+    else:
+        several = [system]
+    values = np.asarray(values, float).reshape(-1, values.shape[-1])
+    first = max(several, key=_nonzero) if lead else system
+    own, family = prepare(first, order, held, seed)
+    designs = [own] if not lead else [describe(one, family.reading) for one in several]
+    found = Targets(designs, family, order, values, seed)
+    count = np.array([p.w.shape[1] for p in found.places])
+    most = max(int(count.max(initial=0)), 1)
+    q = np.empty((len(values), most, len(top.coordinates)))
+    status = np.full((len(values), most), int(Status.DID_NOT_ASSEMBLE))
+    gap, condition = np.full((2, len(values), most), np.nan)
+    for k, place in enumerate(found.places):
+        design = found.design_of(k)
+        away = np.abs((place.q.T / design.unit - design.x)[:, : design.reading.first]).sum(axis=1)
+        at, n = np.argsort(away, kind="stable"), len(away)
+        q[k], status[k, :n] = design.x * design.unit, int(Status.CONVERGED)
+        q[k, :n], gap[k, :n], condition[k, :n] = place.q.T[at], place.gap[at], place.condition[at]
+    asked = np.broadcast_to(values[:, None], (len(values), most, values.shape[1]))
+    poses, asked, status, gap, condition = on_device(
+        tuple(a.reshape(*shape, *a.shape[1:]) for a in (q, asked, status, gap, condition))
+    )
+    motion = Motion(system, top.named(view.driven), top.named(view.held), poses, (), asked, status, gap, condition)
+    return ModesMap(
+        {n: values[:, k].reshape(shape) for k, n in enumerate(names)},
+        count.reshape(shape),
+        motion,
+        np.array([p.doubtful for p in found.places]).reshape(shape),
+        len(family.starts),
+        family.starts.proved,
+    )
+
+
+def _nonzero(system: System) -> int:
+    """How many constants of a design are not zero."""
+    return sum(int((np.abs(c) > _ZERO).sum()) for c in to_host(derive(system)).constants)
+
+
 @public
 @widened
-def modes(system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0) -> Modes:
-    """Find every assembly of a mechanism for one set of inputs, with certificates and a statement of completeness.
+def modes(
+    system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0
+) -> Modes | ModesMap:
+    """Find every assembly of a mechanism for its inputs, with certificates and a statement of completeness.
 
     Args:
-        system: the system.
+        system: the system; several designs, as `jax.vmap` stacks them, give their assemblies as arrays.
         inputs: one value of each driven coordinate, by name; radians and lengths. Empty for a mechanism without
-            freedom.
+            freedom. Arrays zip, and give the assemblies at each of their places as arrays.
         hold: free coordinates that keep the value they have in the drawing.
         unit: what angles are given in, ``"rad"`` or ``"deg"``.
         seed: another number takes other ways, and another generic mechanism to begin from.
 
     Returns:
-        The assemblies; failures are counted there, never raised.
+        The assemblies, a `Modes` for one set of inputs, a `ModesMap` for many; failures are counted there, never
+        raised.
 
     Raises:
         InputError: inputs that are too many or too few, or not finite; rows that are no polynomials of second degree
@@ -361,15 +574,16 @@ def modes(system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | 
     (inputs,) = in_radians(system, unit, inputs)
     view = make_plan(system, named(inputs), hold)
     names, values, shape = stack(inputs)
-    if shape:
-        raise InputError(
-            f"modes() is of one set of inputs, and these have the shape {shape}; for a range see circuits()"
-        )
     check_parameters(system)
+    values = np.asarray(values, float)
+    if shape or system.parameters.points.ndim > 2:
+        if not math.prod(shape):
+            raise InputError(f"modes(): inputs of the shape {shape} hold no value")
+        return _solve_map(system, view, names, values, seed)
     order = tuple(system.topology.position[n] for n in names)
     design, family = prepare(system, order, tuple(map(int, view.held)), seed)
-    member, x = design.at(np.asarray(values, float)[:, None], order)
-    return _report(system, view, design, family, x[:, 0], np.asarray(values), solve_all(family, member, seed))
+    member, x = design.at(values[:, None], order)
+    return _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
 
 
 def prepare(system: System, driven: tuple[int, ...], held: tuple[int, ...], seed: int) -> tuple[Design, Family]:

@@ -13,6 +13,7 @@ from jaxnc.doors import door
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
 from jaxnc.kinematics.inputs import dense_only, outside
 from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, relative_screw
+from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
@@ -359,8 +360,11 @@ class Motion(Drawn):
             got = float(np.asarray(self[name]).reshape(-1)[bad[0]])
             inputs.append(f"{name} = {value:.6g} (the motion got to {got:.6g})")
         where = f"; the first is pose {bad[0]}, {', '.join(inputs)}" if inputs else ""
+        ended = bool({int(Status.SINGULAR), int(Status.DID_NOT_ASSEMBLE)} & {*status[bad].tolist()})
+        hint = circuits_hint(self.system, self.driven) if ended and not self._designs else ""
         raise AssemblyError(
-            f"{self.system.name!r}: {len(bad)} of {len(status)} poses failed{where}. " + " ".join(kinds)
+            f"{self.system.name!r}: {len(bad)} of {len(status)} poses failed{where}. {' '.join(kinds)}"
+            f"{hint and f' {hint}.'}"
         )
 
     def singular_values(self) -> Float[Array, "... n"]:

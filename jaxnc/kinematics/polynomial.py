@@ -493,3 +493,15 @@ class Reading:
 def read_polynomials(top: Topology, inputs: tuple[int, ...]) -> Reading:
     """Read a structure with its inputs (driven and held); remembered with it."""
     return Reading(top, inputs)
+
+
+def circuits_hint(system: Any, names: Sequence[str]) -> str:
+    """A sentence that points to `jaxnc.circuits`, for a system of one freedom and its input, where that reads it."""
+    top = system.topology
+    if len(names) != 1 or system.degrees_of_freedom != 1 or names[0] not in top.position:
+        return ""
+    try:
+        read_polynomials(top.structure, (top.position[names[0]],))
+    except NotPolynomial:
+        return ""
+    return f"jaxnc.circuits(system, {{{names[0]!r}: values}}) lists all circuits and where their branches meet"

@@ -194,6 +194,26 @@ class Family(_Record):
     note: str
 
 
+class Branch(_Record):
+    """A branch of a circuit, in the unit of its input: its ends, and which of them are dead points."""
+
+    circuit: int
+    lower: float
+    upper: float
+    dead: list[bool]
+    turns: bool
+
+
+class Assemblies(_Record):
+    """All assemblies: their number at the inputs, or at each of the values of an input, and the branches over them."""
+
+    statement: str
+    complete: bool
+    count: list[int]
+    values: list[float]
+    branches: list[Branch]
+
+
 class File(_Record):
     """A file that was written."""
 
@@ -242,6 +262,7 @@ class Verdict(_Record):
     simulation: Simulated | None = None
     search: Search | None = None
     families: list[Family] = []
+    assemblies: Assemblies | None = None
     files: list[File] = []
     library: list[Entry] = []
     origin: dict[str, str] = {}

@@ -5,7 +5,9 @@ from jaxnc.synthesis.conditions import direction as direction
 from jaxnc.synthesis.conditions import equal as equal
 from jaxnc.synthesis.conditions import length as length
 from jaxnc.synthesis.conditions import local as local
+from jaxnc.synthesis.conditions import no_flip as no_flip
 from jaxnc.synthesis.conditions import on_circuit as on_circuit
+from jaxnc.synthesis.conditions import only_circuit as only_circuit
 from jaxnc.synthesis.conditions import size as size
 from jaxnc.synthesis.conditions import symmetric as symmetric
 from jaxnc.synthesis.conditions import transmission_angle as transmission_angle

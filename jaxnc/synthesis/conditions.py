@@ -6,7 +6,7 @@ Its finite numbers are traced when `values` is called (see `jaxnc.synthesis.pytr
 nothing anew.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -15,6 +15,8 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.circuits import circuits
+from jaxnc.kinematics.flip import flip_margin
 from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.instant import transmission_angle as angle_at
 from jaxnc.kinematics.motion import Motion
@@ -309,6 +311,69 @@ class TransmissionAngle(Condition):
 
 
 @dataclass(frozen=True)
+class NoFlip(Condition):
+    """Every pose over the whole range of the input stays away from other assemblies, and from dead points."""
+
+    distance: float | None = None
+    input: float | None = None
+    over_range = True
+
+    @property
+    def name(self) -> str:
+        return "no flip"
+
+    def values(self, seen: Seen) -> Array:
+        assert seen.turn is not None
+        found, good, rows = flip_margin(seen.turn), seen.turn.converged, []
+        for value, least, size in ((found.distance, self.distance, seen.size), (found.input, self.input, 1.0)):
+            if least is not None:
+                near = jnp.isfinite(value)
+                margin = jnp.where(near, (jnp.where(near, value, 0.0) - least) / size, 1.0)
+                rows.append(jnp.where(good, margin, _LOST))
+        return jnp.concatenate(rows)
+
+
+@dataclass(frozen=True)
+class OnlyCircuit(Condition):
+    """Nothing but the design's circuit can be assembled over its range; a check of found designs, without a slope."""
+
+    stops: tuple[tuple[str, tuple[float, float]], ...] = ()
+    over_range = True
+
+    @property
+    def name(self) -> str:
+        return "only circuit"
+
+    def prepare(self, system: System, driven: str) -> "Condition":
+        every = system.topology.coordinates
+        for name, _ in self.stops:
+            if name not in every:
+                raise InputError(
+                    f"only_circuit: {system.name!r} has no coordinate {name!r} with a stop; {nearest(name, every)}"
+                )
+        return self
+
+    def values(self, seen: Seen) -> Array:
+        return jnp.zeros(0)
+
+    def defect(self, turn: Motion) -> str:
+        """What can be assembled instead of a design that moves through its range; empty if nothing."""
+        (name,) = turn.driven
+        values = np.unique(np.asarray(turn.asked)[:, 0])
+        found = circuits(turn.system, {name: values}, hold=turn.held, unit="rad")
+        if found.doubtful:
+            return "has circuits that cannot be told apart over its range"
+        for branch in found.branches:
+            inside = np.ones(len(branch.poses.status), bool)
+            for what, (low, high) in self.stops:
+                inside &= (np.asarray(branch.poses[what]) >= low) & (np.asarray(branch.poses[what]) <= high)
+            if branch.circuit != found.drawn and inside.any():
+                at = np.asarray(branch.poses.inputs[name])[np.argmax(inside)]
+                return f"can be assembled on another circuit, at {name} = {at:.4g}"
+        return ""
+
+
+@dataclass(frozen=True)
 class AnyTransmission(Condition):
     """Any transmission angle will do: it asks for nothing, and none is a defect."""
 
@@ -372,6 +437,42 @@ def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) ->
     if not min < np.pi / 2:
         raise InputError(f"transmission_angle: min must be between 0 and pi/2 radians, got {min!r}")
     return TransmissionAngle(float(min), joint)
+
+
+@public
+def no_flip(distance: float | None = None, input: float | None = None) -> Condition:
+    """The mechanism does not flip into another assembly: it stays away from where two meet, over the whole range.
+
+    Judged, as a transmission angle is, in the poses over the range that a search looks at; see `jaxnc.flip_margin`.
+
+    Args:
+        distance: how far a point would have to move at least to the nearest other assembly, a length.
+        input: how far a dead point has to be from every pose at least, in radians or lengths of the input.
+    """
+    for value, what in ((distance, "distance"), (input, "input")):
+        if value is not None:
+            positive(value, f"no_flip: {what}")
+    if distance is None and input is None:
+        raise InputError("no_flip: give distance=, a length, or input=, how far dead points have to be, or both")
+    return NoFlip(*(None if v is None else float(v) for v in (distance, input)))
+
+
+@public
+def only_circuit(stops: Mapping[str, tuple[float | None, float | None]] | None = None) -> Condition:
+    """Over its range the mechanism closes on one circuit only, so that it cannot be assembled wrongly.
+
+    This is no slope that a search could follow, but a check of the designs that it finds: one with another circuit has
+    a defect, and is listed after all those without one. A four-bar that turns has two circuits in any case; stops tell
+    which of them can be assembled.
+
+    Args:
+        stops: least and largest value of coordinates (``"psi"``, ``"C.y"``) by name, between which a pose has to be for
+            it to be assembled; None is no bound.
+    """
+    found = dict(stops or {})
+    if not all(isinstance(name, str) for name in found):
+        raise InputError(f"only_circuit: stops={stops!r} must be bounds by name, such as {{'C.y': (0.0, None)}}")
+    return OnlyCircuit(tuple((n, as_interval(b, f"only_circuit: the stop of {n!r}")) for n, b in found.items()))
 
 
 @public

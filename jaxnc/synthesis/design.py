@@ -15,7 +15,7 @@ from jaxnc.kinematics.mobility import grashof_type
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, TransmissionAngle
+from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, OnlyCircuit, TransmissionAngle
 from jaxnc.synthesis.evaluate import MovedDesign, follow_again, meeting_sines, move_designs
 from jaxnc.synthesis.loops import four_bar_loop, link_lengths
 from jaxnc.synthesis.problem import Problem
@@ -201,6 +201,8 @@ def _judge_one(problem: Problem, one: MovedDesign, end: "End", starts: int) -> D
         far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
         if (far > 10 * _MEETS).any() and not (c.over_range and not good.all() and defects):
             defects.append(f"misses {c.name} by {far.max():.2g}")
+        if isinstance(c, OnlyCircuit) and good.all() and (wrong := c.defect(one.turn)):
+            defects.append(wrong)
     top, loop, sharp, kind = problem.system.topology, four_bar_loop(problem.system, problem.driven), np.nan, ""
     spots = (*top.points, *(m.name for m in top.markers if not m.direction))
     seen = good if good.any() else np.arange(len(good)) < 1

@@ -1,7 +1,9 @@
 from jaxnc.viz.animation import animate as animate
 from jaxnc.viz.circuits import draw_circuits as draw_circuits
 from jaxnc.viz.drawing import draw as draw
+from jaxnc.viz.modes import draw_dexterity as draw_dexterity
 from jaxnc.viz.modes import draw_modes as draw_modes
+from jaxnc.viz.modes import draw_modes_map as draw_modes_map
 from jaxnc.viz.pages.page import to_html as to_html
 from jaxnc.viz.pages.widget import Widget as Widget
 from jaxnc.viz.paper import motion_sheet as motion_sheet

@@ -1,18 +1,25 @@
-"""All assemblies of a mechanism side by side."""
+"""All assemblies of a mechanism side by side, and their number as a map over two inputs."""
 
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, nearest
 from jaxnc.viz.drawing import draw
-from jaxnc.viz.picture import finish
+from jaxnc.viz.picture import Picture, Size, finish, inches
+from jaxnc.viz.style import FOUND, LIGHT, NUMBERS, TEXT, axis_name, crown, furnish, mix, symbol
 
 if TYPE_CHECKING:
-    from jaxnc.kinematics.modes import Modes
+    from jaxnc.kinematics.dexterity import Dexterity
+    from jaxnc.kinematics.modes import Modes, ModesMap
+    from jaxnc.system.topology import Topology
 
 _MOST = 40  # panels in a picture
 _PANEL = 2.6  # inches
@@ -48,3 +55,129 @@ def draw_modes(modes: "Modes", path: str | Path | None = None, columns: int = 4,
         ax = figure.add_subplot(rows, columns, k + 1, projection="3d" if space else None)
         draw(modes.poses, k, ax=ax, title=str(k), labels=count <= 8, frame=False)
     return finish(figure, path, dpi)
+
+
+@public
+def draw_modes_map(
+    modes: "ModesMap",
+    path: str | Path | None = None,
+    title: str | None = None,
+    size: Size = (5.6, 5.0),
+    dpi: float = 200.0,
+) -> Figure:
+    """Draw the number of assemblies over two inputs, and the singularity loci, where two of them meet.
+
+    Args:
+        modes: the assemblies on a grid of two inputs, ``(m, n)``, one input along each axis.
+        path: file to write as well: PNG, SVG, PDF or JPG.
+        title: heading; the mechanism's name if not given, none if ``""``.
+        size: width and height, inches.
+        dpi: dots per inch of a file.
+
+    Returns:
+        The figure. Places at which assemblies may be missing are crossed out.
+
+    Raises:
+        InputError: the inputs are no such grid.
+        OutputError: a file that cannot be written.
+    """
+    top = modes.poses.system.topology
+    figure = Picture(figsize=inches(size), layout="constrained")
+    ax = figure.add_subplot()
+    x, y, across = map_axes(ax, modes.inputs, top)
+    count, doubtful = (a if across else a.T for a in (modes.count, modes.doubtful))
+    numbers = np.unique(count)
+    shade = {int(n): mix(FOUND, LIGHT["paper"], 0.85 * k / max(1, len(numbers) - 1)) for k, n in enumerate(numbers)}
+    which = np.searchsorted(numbers, count)
+    ax.pcolormesh(x, y, which.T, cmap=ListedColormap([*shade.values()]), vmin=-0.5, vmax=len(numbers) - 0.5)
+    if len(numbers) > 1:
+        levels = np.arange(0.5, len(numbers) - 1)
+        ax.contour(x, y, which.T, levels=levels, colors=LIGHT["ink"], linewidths=1.0)
+    at = np.argwhere(doubtful)
+    ax.plot(x[at[:, 0]], y[at[:, 1]], "x", color=LIGHT["failure"], ms=3)
+    handles = [Patch(facecolor=c, edgecolor=LIGHT["soft"], label=str(n), linewidth=0.5) for n, c in shade.items()]
+    legend = figure.legend(
+        handles=handles, loc="outside right upper", frameon=False, fontsize=NUMBERS, title="assemblies"
+    )
+    legend.get_title().set_fontsize(NUMBERS)
+    crown(ax, top.name if title is None else title)
+    return finish(figure, path, dpi)
+
+
+MEASURES = ("dexterity", "manipulability")
+"""What `draw_dexterity` draws."""
+
+
+@public
+def draw_dexterity(
+    found: "Dexterity",
+    path: str | Path | None = None,
+    measure: str = "dexterity",
+    title: str | None = None,
+    size: Size = (5.9, 5.0),
+    dpi: float = 200.0,
+) -> Figure:
+    """Draw a measure of dexterity over two inputs, with the singularity loci of both kinds.
+
+    Args:
+        found: the measures on a grid of two inputs, ``(m, n)``, one input along each axis.
+        path: file to write as well: PNG, SVG, PDF or JPG.
+        measure: ``"dexterity"`` or ``"manipulability"``.
+        title: heading; the mechanism's name if not given, none if ``""``.
+        size: width and height, inches.
+        dpi: dots per inch of a file.
+
+    Returns:
+        The figure. Places that are not reached are white. Of a hand that has as many directions as there are actuators
+        a full line is where it is not held, a dashed one where it loses a direction.
+
+    Raises:
+        InputError: the inputs are no such grid, or another measure.
+        OutputError: a file that cannot be written.
+    """
+    if measure not in MEASURES:
+        raise InputError(f"draw_dexterity(): no measure {measure!r}; {nearest(str(measure), MEASURES)}")
+    top = found.motion.system.topology
+    figure = Picture(figsize=inches(size), layout="constrained")
+    ax = figure.add_subplot()
+    x, y, across = map_axes(ax, {n: np.asarray(v) for n, v in found.motion.inputs.items()}, top)
+    values, held = (a.T if across else a for a in (getattr(found, measure), found.held))
+    shade = LinearSegmentedColormap.from_list("jaxnc", [mix(FOUND, LIGHT["paper"], 0.08), FOUND])
+    finite = np.where(np.isfinite(values), values, np.nan)
+    mesh = ax.pcolormesh(x, y, finite, cmap=shade, vmin=0.0)
+    bar = figure.colorbar(mesh, ax=ax, shrink=0.9)
+    bar.set_label(measure, fontsize=TEXT)
+    bar.ax.tick_params(labelsize=NUMBERS)
+    rows, columns = found.jacobian.shape[-2:]
+    loci = [(held, "-", "not held")]
+    if rows == columns:
+        with np.errstate(invalid="ignore"):
+            lost = np.linalg.det(np.where(np.isfinite(found.jacobian), found.jacobian, np.nan)) * found.held
+        loci.append((lost.T if across else lost, "--", "loses a direction"))
+    for locus, line, label in loci:
+        if np.nanmin(locus, initial=1.0) < 0.0 < np.nanmax(locus, initial=-1.0):
+            ax.contour(x, y, locus, levels=[0.0], colors=LIGHT["failure"], linewidths=1.3, linestyles=line)
+            ax.plot([], [], color=LIGHT["failure"], linestyle=line, linewidth=1.3, label=label)
+    crown(ax, top.name if title is None else title)
+    return finish(figure, path, dpi)
+
+
+def map_axes(ax: Axes, inputs: dict[str, np.ndarray], top: "Topology") -> tuple[np.ndarray, np.ndarray, bool]:
+    """Name the axes of a map over two inputs; their values, and whether the first of them runs along the first axis."""
+    moving = {n: v for n, v in inputs.items() if np.ptp(v) > 0.0}
+    grid = len(moving) == 2 and all(v.ndim == 2 for v in moving.values())
+    first, second = moving.values() if grid else (np.zeros((1, 1)),) * 2
+    across = grid and bool((first == first[:, :1]).all() and (second == second[:1]).all())
+    if not across and not (grid and (first == first[:1]).all() and (second == second[:, :1]).all()):
+        shapes = ", ".join(f"{n}: {v.shape}" for n, v in inputs.items())
+        raise InputError(
+            f"a map of {top.name!r} is over two inputs on a grid, such as np.meshgrid(x, y, indexing='ij') gives; got "
+            f"{shapes}, of which {len(moving)} vary"
+        )
+    furnish(ax, grid="")
+    values = []
+    for name, v, axis in zip(moving, (first, second), (ax.xaxis, ax.yaxis), strict=True):
+        turn = np.degrees(1.0) if top.is_angle(name) else 1.0
+        values.append(np.unique(v) * turn)
+        axis.set_label_text(axis_name(symbol(name), "°" if top.is_angle(name) else top.unit(name)))
+    return values[0], values[1], across

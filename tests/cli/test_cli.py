@@ -1,6 +1,7 @@
 """The command line: what it prints, what it writes, how it ends, and one line for every mistake."""
 
 import gc
+import json
 import os
 import re
 import signal
@@ -19,7 +20,7 @@ from jaxnc.cli import main
 from jaxnc.cli.main import command_process
 from jaxnc.errors import JaxncError
 from jaxnc.io.files import load
-from jaxnc.io.tables import load_npz
+from jaxnc.io.tables import load_csv, load_npz
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reporting.quantity import Quantity, extreme, extreme_of
 
@@ -371,6 +372,7 @@ main(sys.argv[1:])
         (("run", FOUR_BAR), "four-bar: "),
         (("check", FOUR_BAR), "four-bar: "),
         (("compare", FOUR_BAR), "four-bar: "),
+        (("modes", FOUR_BAR), "four-bar: "),
         (("export", FOUR_BAR, "--to", "urdf"), "four-bar: "),
         (("simulate", str(EXAMPLES / "swinging_four_bar.toml")), "swinging four-bar: "),  # with a spring
         (("synthesise", str(EXAMPLES / "problems" / "path.toml")), "path.toml: path of P, four-bar"),
@@ -388,6 +390,64 @@ def test_a_reader_who_leaves_early(tmp_path):
     command = f'"{sys.executable}" -m jaxnc demo --list | head -1; exit ${{PIPESTATUS[0]}}'
     told = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=300)
     assert told.stderr == "" and told.stdout.count("\n") == 1
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# modes
+
+
+def test_modes_lists_all_assemblies(capsys, tmp_path):
+    out = said(capsys, "modes", FOUR_BAR, "--input", "phi=60", "--output", "C", "--out", str(tmp_path))
+    assert "2 assemblies at phi = 60 deg" in out and "(proved by total degree" in out
+    rows = [line.split() for line in out.splitlines() if re.match(r" +[01] ", line)]
+    crank, far = np.array([0.5, np.sqrt(0.75)]), np.array([4.0, 0.0])
+    coupler = np.hypot(3.3, 1.9)  # as drawn
+    for row in rows:
+        c = np.array(row[1:3], float)
+        assert np.linalg.norm(c - crank) == pytest.approx(coupler, rel=1e-5)
+        assert np.linalg.norm(c - far) == pytest.approx(3.0, rel=1e-5)
+    assert len(rows) == 2 and rows[0][1:3] != rows[1][1:3]
+    table = load_csv(tmp_path / "four-bar-modes.csv")
+    np.testing.assert_allclose(table["C"], np.array([row[1:3] for row in rows], float), rtol=1e-5)
+    assert (tmp_path / "four-bar-modes.png").stat().st_size > 1000
+
+
+def test_modes_maps_a_range(capsys, tmp_path):
+    """A rocker-rocker: its crank turns between two dead points, which the law of cosines gives."""
+    path = edited(tmp_path, ("C-D = 3", "C-D = 1"))
+    out = said(capsys, "modes", path, "--map", "phi=-180deg:180:61", "--out", str(tmp_path), "--no-pictures")
+    stretched = np.hypot(3.3, 1.9) + 1.0  # coupler and rocker in line
+    dead = np.degrees(np.arccos((1 + 16 - stretched**2) / 8))
+    ends = [float(x) for x in re.findall(r"(-?[\d.]+)  dead point", out)]
+    np.testing.assert_allclose(sorted(ends), [-dead, -dead, dead, dead], atol=1e-3)
+    assert "1 circuit; the drawing's has 2 branches" in out
+    text = (tmp_path / "four-bar-circuits.csv").read_text().splitlines()
+    assert text[0].startswith("branch,circuit,phi [deg],") and len(text) > 61
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_modes_for_machines(capsys):
+    verdict = json.loads(said(capsys, "modes", FOUR_BAR, "--map", "phi=0:360:13", "--json"))
+    found = verdict["assemblies"]
+    assert found["count"] == [2] * 13 and found["values"][1] == pytest.approx(30) and verdict["good"]
+    assert [(b["circuit"], b["turns"]) for b in found["branches"]] == [(0, True), (1, True)]
+    none = json.loads(said(capsys, "modes", FOUR_BAR, "--input", "psi=9", "--json", code=1))
+    assert none["assemblies"]["count"] == [0] and none["findings"][0]["code"] == "does-not-assemble"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--map", "phi=360:0"), "--map phi=360:0: write NAME=FROM:TO"),
+        (("--map", "pi=0:360"), "no coordinate 'pi' to drive; did you mean"),
+        (("--input", "phi=0:360"), "--input phi=0:360: write NAME=VALUE"),
+        (("--input", "phi=1", "--map", "phi=0:9"), "'phi' is given by --input too"),
+        (("--input", "psi=1", "--map", "phi=0:9"), "too many inputs"),
+        (("--hold", "ps"), "no coordinate 'ps' to hold"),
+    ],
+)
+def test_modes_refuses(capsys, options, says):
+    assert says in complaint(capsys, "modes", FOUR_BAR, *options)
 
 
 # ---------------------------------------------------------------------------------------------------------------

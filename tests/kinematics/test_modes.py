@@ -2,6 +2,8 @@
 
 import dataclasses
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from mechanisms import reference
@@ -298,6 +300,41 @@ def test_a_crank_turns_on_both_circuits_of_a_four_bar():
     assert str(found).startswith("2 circuits; the drawing's has 1 branch, phi turns fully")
 
 
+def platforms() -> nc.System:
+    """A planar platform on three legs that has up to six assemblies."""
+    ground, points = dict(a=(0, 0), b=(15.9, 0), c=(0, 10)), dict(A=(3, 4), B=(16, 5), C=(6, 20))
+    return planar("3-RPR", ground, points, ["ABC"], distances=[("La", "a", "A"), ("Lb", "b", "B"), ("Lc", "c", "C")]
+                  ).compile()  # fmt: skip
+
+
+def test_grids_have_at_each_place_what_it_has_alone(tmp_path):
+    system, lengths = platforms(), np.linspace(9.0, 23.0, 8)
+    first, second = np.meshgrid(lengths, lengths, indexing="ij")
+    found = nc.modes(system, {"La": first, "Lb": second, "Lc": 14.0})
+    assert found.complete and {*np.unique(found.count)} >= {2, 4, 6} and "Of 64 places" in found.statement
+    for i, j in ((0, 0), (1, 3), (6, 6), (7, 0), (3, 7)):
+        one = nc.modes(system, {"La": first[i, j], "Lb": second[i, j], "Lc": 14.0})
+        assert len(one) == found.count[i, j] == found.poses.converged[i, j].sum()
+        np.testing.assert_allclose(found.poses.q[i, j, : len(one)], one.poses.q, atol=1e-9)
+    assert np.isfinite(found.poses.q).all()
+    found.draw(tmp_path / "map.png")
+    assert (tmp_path / "map.png").stat().st_size > 1000
+    with pytest.raises(nc.InputError, match="two inputs on a grid"):
+        nc.modes(system, {"La": lengths, "Lb": 12.0, "Lc": 14.0}).draw()
+
+
+def test_stacks_of_designs_have_each_what_it_has_alone():
+    system, rng = stephenson().compile(), np.random.default_rng(5)
+    places = np.asarray(system["C"]) + 0.3 * rng.normal(size=(12, 2))
+    several = jax.vmap(lambda c: system.replace({"C": c}))(jnp.asarray(places))
+    found = nc.modes(several, {"phi": 2.72})
+    assert found.complete and len({*found.count.tolist()}) > 1
+    for k in (0, 4, 11):
+        one = nc.modes(system.replace({"C": places[k]}), {"phi": 2.72})
+        assert len(one) == found.count[k]
+        np.testing.assert_allclose(found.poses["E"][k, : len(one)], one.poses["E"], atol=1e-9)
+
+
 def test_pictures(tmp_path):
     found = nc.modes(stephenson().compile(), {"phi": 2.72})
     assert len(found.draw(tmp_path / "modes.png").axes) == len(found)
@@ -337,8 +374,8 @@ def test_what_is_refused():
         nc.modes(nc.library.parallelogram().compile(), {"phi": 0.4})
     with pytest.raises(nc.InputError, match=r"geared five bar.*angle that is neither.*formulate"):
         nc.modes(nc.library.geared_five_bar().compile(), {"phi": 0.4})
-    with pytest.raises(nc.InputError, match=r"circuits\(\)"):
-        nc.modes(nc.library.four_bar().compile(), {"phi": CIRCLES})
+    with pytest.raises(nc.InputError, match="hold no value"):
+        nc.modes(nc.library.four_bar().compile(), {"phi": CIRCLES[:0]})
     with pytest.raises(nc.InputError, match="too few inputs"):
         nc.modes(nc.library.four_bar().compile(), {})
     with pytest.raises(nc.InputError, match="one input over its values"):

@@ -1,0 +1,169 @@
+"""`dexterity`: how well a mechanism of several inputs moves its hand: manipulability and conditioning."""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.compiling import jit
+from jaxnc.doors import door
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import outside, positive
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.traced import pose_rates
+from jaxnc.notebooks import Shown
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.equations import Equations
+from jaxnc.system.system import characteristic_length
+from jaxnc.types import Array
+
+
+@public
+@dataclasses.dataclass(frozen=True)
+class Dexterity(Shown):
+    """How a hand moves with its actuators, pose by pose.
+
+    All of it is dimensionless: velocities are divided by the characteristic length, and so are the rates of actuators
+    that are lengths.
+
+    Attributes:
+        motion: the poses.
+        actuators: names of the actuators.
+        length: the characteristic length.
+        jacobian: rates of the hand by those of the actuators: of its place, then its turn, ``(..., rows, actuators)``.
+            Not finite where the actuators do not hold the hand.
+        singular_values: of it, largest first, ``(..., k)``: the hand's speed in its easiest and hardest direction.
+        manipulability: their product, ``(...,)`` (Yoshikawa); 0 where the hand loses a direction, infinite where it is
+            not held.
+        dexterity: the smallest over the largest, 0 … 1, ``(...,)``: 1 where all directions are alike, 0 at a singular
+            position of either kind.
+        held: determinant of the actuators' rates by those of the motion's inputs, ``(...,)``: it changes its sign where
+            the actuators do not hold the hand. 1 where the inputs are the actuators.
+    """
+
+    motion: Motion
+    actuators: tuple[str, ...]
+    length: float
+    jacobian: np.ndarray
+    singular_values: np.ndarray
+    manipulability: np.ndarray
+    dexterity: np.ndarray
+    held: np.ndarray
+
+    def __str__(self) -> str:
+        good = np.asarray(self.motion.converged)
+        name, some = self.motion.system.topology.name, self.dexterity[good]
+        if not some.size:
+            return f"{name}: no pose was found"
+        least, most = float(some.min()), float(some.max())
+        return f"{name}: {some.size} of {good.size} poses, dexterity {least:.3g} … {most:.3g}, length {self.length:.4g}"
+
+    __repr__ = __str__
+
+    def draw(self, path: Any = None, **options: Any):
+        """Draw a measure over two inputs, with the singularity loci; see `jaxnc.viz.draw_dexterity`."""
+        return door("Dexterity.draw")(self, path, **options)
+
+
+@public
+def dexterity(
+    motion: Motion,
+    point: str,
+    body: str | None = None,
+    actuators: Sequence[str] | None = None,
+    length: float | None = None,
+) -> Dexterity:
+    """Measure how well a mechanism moves a point, or a body, in each pose of a motion.
+
+    Args:
+        motion: poses of one design, such as a sweep over a grid. What is driven there may be the actuators, or the
+            place of the hand.
+        point: the point whose velocity counts: the hand's.
+        body: the body whose angular velocity counts as well; none of an arm that only places a point.
+        actuators: names of the coordinates that are actuated, as many as inputs; the inputs if not given.
+        length: the characteristic length that makes velocities and angular velocities comparable; the root of the mean
+            square of the distances of the body's points from `point` in the drawing if not given, or, without a body,
+            the mechanism's size.
+
+    Returns:
+        The measures. Of poses that were not found they are NaN.
+
+    Raises:
+        InputError: an unknown name, as many actuators as there are not inputs, or a motion of several designs.
+
+    Source: T. Yoshikawa, Manipulability of robotic mechanisms, Int. J. Robotics Research 4(2) (1985) 3-9; C. Gosselin
+    and J. Angeles, Singularity analysis of closed-loop kinematic chains, IEEE Trans. Robotics Automation 6(3) (1990)
+    281-290, for both kinds of singular positions.
+    """
+    outside(motion, "dexterity()")
+    system, top = motion.system, motion.system.topology
+    names = tuple(motion.driven if actuators is None else actuators)
+    if motion._designs or not motion.driven:
+        raise InputError("dexterity() is of poses of one design whose inputs are driven, as sweep() gives them")
+    for name in names:
+        if name not in top.position:
+            raise InputError(f"dexterity(): {top.name!r} has no actuator {name!r}; {nearest(name, top.coordinates)}")
+    if len(names) != len(motion.driven):
+        raise InputError(
+            f"dexterity(): {len(names)} actuators ({', '.join(names)}) for {len(motion.driven)} inputs "
+            f"({', '.join(motion.driven)}); there must be as many"
+        )
+    view = plan(top, motion.driven, motion.held, system.degrees_of_freedom)
+    shape, good = motion.status.shape, np.asarray(motion.converged).reshape(-1)
+    rates = _rates_by_inputs(view, derive(system), jnp.asarray(motion.q).reshape(good.size, -1), jnp.asarray(good))
+    parts: list[tuple[np.ndarray, np.ndarray]] = []
+    if length is None:
+        length = _length(motion, point, body)
+    positive(length, "dexterity(): length")
+    for k in range(len(view.driven)):
+        one = dataclasses.replace(motion, rates=(rates[k].reshape(*shape, -1),))
+        place = np.asarray(one.velocity(point)).reshape(good.size, -1) / length
+        turn = [] if body is None else [np.asarray(one.angular_velocity(body)).reshape(good.size, -1)]
+        acts = [np.asarray(one.velocity(n)).reshape(-1) / (1.0 if top.is_angle(n) else length) for n in names]
+        parts.append((np.concatenate([place, *turn], axis=1), np.stack(acts, axis=1)))
+    hand, acts = (np.stack(p, axis=2) for p in zip(*parts, strict=True))
+    with np.errstate(all="ignore"):
+        held = np.where(good, np.linalg.det(acts), np.nan)
+        regular = good & (np.abs(held) > 0.0)
+        inverse = np.linalg.inv(np.where(regular[:, None, None], acts, np.eye(len(names))))
+        jacobian = np.where(regular[:, None, None], hand @ inverse, np.where(good, np.inf, np.nan)[:, None, None])
+        values = np.linalg.svd(np.where(regular[:, None, None], jacobian, 0.0), compute_uv=False)
+        values = np.where(regular[:, None], values, np.where(good, np.inf, np.nan)[:, None])
+        even = np.where(regular, values[:, -1] / values[:, 0], np.where(good, 0.0, np.nan))
+    return Dexterity(
+        motion,
+        names,
+        float(length),
+        jacobian.reshape(*shape, *jacobian.shape[1:]),
+        values.reshape(*shape, -1),
+        values.prod(axis=1).reshape(shape),
+        even.reshape(shape),
+        held.reshape(shape),
+    )
+
+
+@functools.partial(jit, static_argnums=0)
+def _rates_by_inputs(view: Plan, eq: Equations, q: Array, good: Array) -> Array:
+    """Derivatives of all coordinates by each of the inputs, ``(inputs, poses, N)``."""
+    every = jnp.eye(len(view.known))[: len(view.driven)]
+    lane = jax.vmap(lambda q, ok: jnp.stack([pose_rates(view, eq, q, (one,), ok)[0] for one in every]))
+    return jnp.moveaxis(lane(q, good), 1, 0)
+
+
+def _length(motion: Motion, point: str, body: str | None) -> float:
+    top, drawn = motion.system.topology, motion.system.parameters.points
+    if body is None:
+        return float(characteristic_length(drawn))
+    known = next((b for b in top.bodies if b.name == body), None)
+    if known is None:
+        raise InputError(f"dexterity(): no body {body!r}; {nearest(body, [b.name for b in top.bodies])}")
+    places = np.asarray(drawn)[list(known.points)]
+    away = places - np.asarray(motion.system[point])
+    return math.sqrt(float((away**2).sum(axis=1).mean()))
