@@ -203,6 +203,8 @@ def own() -> dict[str, dict[str, Any] | None]:
             "variables": ["C"],
         },
         "synthesis.chebyshev_points": {"count": 3},
+        "synthesis.clear_of": {"region": [(0, 0), (1, 1)]},
+        "synthesis.clear_links": {"layers": ["crank", "rocker"]},
         "synthesis.condition": {"function": lambda motion: motion["C"][..., 0]},
         "synthesis.crank_turns": {},
         "synthesis.descend": {"optimiser": __import__("optax").sgd(1e-3), "steps": 2, "starts": 2, "progress": False},
