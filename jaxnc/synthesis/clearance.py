@@ -66,15 +66,15 @@ def signed_distance(one: Array, other: Array, edges: Pairs, other_edges: Pairs) 
         size = jnp.sqrt(jnp.where(real, square, 1.0))
         x, y = -ways[:, 1] / size, ways[:, 0] / size
         first, second = (shape[:, None, 0] * x + shape[:, None, 1] * y for shape in (one, other))
-        gaps = jnp.stack([_least(second) - _most(first), _least(first) - _most(second)])
+        gaps = jnp.stack([least(second) - _most(first), least(first) - _most(second)])
         deep = _most(jnp.where(real, _most(gaps), -jnp.inf))
     apart = (deep > 0.0) | ~jnp.isfinite(deep)  # single points have no edges
-    square = _least(jnp.stack([_least_square(one, *ends[1], other), _least_square(other, *ends[0], one)]))
+    square = least(jnp.stack([_least_square(one, *ends[1], other), _least_square(other, *ends[0], one)]))
     far = jnp.sqrt(jnp.where(apart & (square > 0.0), square, 1.0))
     return jnp.where(apart, jnp.where(square > 0.0, far, 0.0), jnp.where(jnp.isfinite(deep), deep, 0.0))
 
 
-def _least(x: Array) -> Array:
+def least(x: Array) -> Array:
     """Least along the first axis, by selections.
 
     JAX finds what a minimum depends on by comparing again, and where XLA has rounded otherwise then, it finds nothing.
@@ -87,7 +87,7 @@ def _least(x: Array) -> Array:
 
 
 def _most(x: Array) -> Array:
-    return -_least(-x)
+    return -least(-x)
 
 
 def _ends(shape: Array, pairs: Pairs) -> tuple[Array, Array]:
@@ -101,7 +101,7 @@ def _least_square(points: Array, start: Array, end: Array, corners: Array) -> Ar
     square = way[:, 0] ** 2 + way[:, 1] ** 2
     x, y = (points[:, None, k] - start[:, k] for k in range(2))
     share = jnp.clip((x * way[:, 0] + y * way[:, 1]) / jnp.where(square > 0.0, square, 1.0), 0.0, 1.0)
-    return _least(_least((x - share * way[:, 0]) ** 2 + (y - share * way[:, 1]) ** 2))
+    return least(least((x - share * way[:, 0]) ** 2 + (y - share * way[:, 1]) ** 2))
 
 
 def swept_distance(one: Array, other: Array, edges: Pairs, other_edges: Pairs) -> Array:
@@ -116,8 +116,8 @@ def swept_distance(one: Array, other: Array, edges: Pairs, other_edges: Pairs) -
     Returns:
         Bounds, ``(…, T - 1)``.
     """
-    least = _least_between(one[..., :-1], one[..., 1:], other[..., :-1], other[..., 1:], edges, other_edges)
-    return least - _sag(one) - _sag(other)
+    gap = _least_between(one[..., :-1], one[..., 1:], other[..., :-1], other[..., 1:], edges, other_edges)
+    return gap - _sag(one) - _sag(other)
 
 
 def _least_straight(a: Array, b: Array, c: Array, d: Array, edges: Pairs, other_edges: Pairs) -> Array:
@@ -131,7 +131,7 @@ def _least_straight(a: Array, b: Array, c: Array, d: Array, edges: Pairs, other_
     last, coming = jax.jvp(apart, (b, d), step)
     dips = (leaving < 0.0) & (coming > 0.0)
     share = jnp.clip((last - first - coming) / jnp.where(dips, leaving - coming, 1.0), 0.0, 1.0)
-    return _least(jnp.stack([first, last, jnp.where(dips, first + share * leaving, first)]))
+    return least(jnp.stack([first, last, jnp.where(dips, first + share * leaving, first)]))
 
 
 _least_between = jax.custom_jvp(_least_straight, nondiff_argnums=(4, 5))
@@ -142,9 +142,10 @@ def _pull_back(
     edges: Pairs, other_edges: Pairs, at: tuple[Array, ...], change: tuple[Array, ...]
 ) -> tuple[Array, Array]:
     # Searches ask for changes in some thirty directions at once: one reverse sweep serves all of them.
-    least, pull = jax.vjp(lambda *places: _least_straight(*places, edges, other_edges), *at)
-    slopes = pull(jnp.ones_like(least))
-    return least, sum((jnp.sum(s * w, axis=(0, 1)) for s, w in zip(slopes, change, strict=True)), jnp.zeros(()))
+    a, b, c, d = at
+    gap, pull = jax.vjp(lambda a, b, c, d: _least_straight(a, b, c, d, edges, other_edges), a, b, c, d)
+    slopes = pull(jnp.ones_like(gap))
+    return gap, sum((jnp.sum(s * w, axis=(0, 1)) for s, w in zip(slopes, change, strict=True)), jnp.zeros(()))
 
 
 def _sag(corners: Array) -> Array:
@@ -312,6 +313,13 @@ class ClearOf(Condition):
     points: tuple[tuple[str, ...], ...] = ()  # of each link
     over_range = True
 
+    @classmethod
+    def of(cls, region: Any, width: float, margin: float = 0.0, links: tuple[str, ...] | None = None) -> "ClearOf":
+        """Check a region and lengths; see `clear_of`."""
+        corners = as_region(region, "clear_of")
+        sizes = _as_size(width, "clear_of: width"), _as_size(margin, "clear_of: margin")
+        return cls(corners, pad_pieces(convex_pieces(corners)), *sizes, links)
+
     @property
     def name(self) -> str:
         low, high = np.min(self.corners, axis=0), np.max(self.corners, axis=0)
@@ -399,10 +407,7 @@ def clear_of(region: Any, links: Sequence[str] | None = None, width: float = 0.0
     Raises:
         InputError: a polygon that crosses itself or has no area, lengths that are negative.
     """
-    corners = as_region(region, "clear_of")
-    names = None if links is None else _as_links(links, "clear_of: links=")
-    sizes = _as_size(width, "clear_of: width"), _as_size(margin, "clear_of: margin")
-    return ClearOf(corners, pad_pieces(convex_pieces(corners)), *sizes, names)
+    return ClearOf.of(region, width, margin, None if links is None else _as_links(links, "clear_of: links="))
 
 
 @public
@@ -432,11 +437,12 @@ def clear_links(layers: Mapping[str, int] | Sequence[str], width: float = 0.0, m
 def refuse_enclosed(what: str, conditions: Sequence[Condition], point: str | None, target: np.ndarray) -> None:
     """Refuse regions that hold all targets of a point of a link that is to keep clear of them."""
     for c in conditions:
-        carries = isinstance(c, ClearOf) and (point is None or any(point in names for names in c.points))
-        if carries and len(target) and inside(target, c.corners).all():
+        if not isinstance(c, ClearOf) or not (point is None or any(point in names for names in c.points)):
+            continue
+        if len(target) and inside(target, c.corners).all():
             raise InputError(
-                f"{what}: all {len(target)} targets lie inside of what the link of {point or 'the tracing point'} is to "
-                f"keep {c.name}; take the region away, or name in links= those that are to stay out of it"
+                f"{what}: all {len(target)} targets lie inside of what the link of {point or 'the tracer'} is to keep "
+                f"{c.name}; take the region away, or name in links= those that are to stay out of it"
             )
 
 
