@@ -257,6 +257,7 @@ def own() -> dict[str, dict[str, Any] | None]:
         "viz.burmester": None,  # of curves that only `Guidance.curves` makes
         "viz.plot": {"names": "C"},
         "viz.plot_families": None,  # of what `families.compare` makes
+        "viz.trace_page": None,  # of a large atlas: tests/viz/test_trace_page.py
         "viz.to_html": {"path": "page.html"},
     }
 

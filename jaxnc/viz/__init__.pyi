@@ -3,6 +3,7 @@ from jaxnc.viz.circuits import draw_circuits as draw_circuits
 from jaxnc.viz.drawing import draw as draw
 from jaxnc.viz.modes import draw_modes as draw_modes
 from jaxnc.viz.pages.page import to_html as to_html
+from jaxnc.viz.pages.trace_page import trace_page as trace_page
 from jaxnc.viz.pages.widget import Widget as Widget
 from jaxnc.viz.paper import motion_sheet as motion_sheet
 from jaxnc.viz.plots import plot as plot
