@@ -185,23 +185,23 @@ def _look(
         return jnp.where(closed, angle, jnp.clip(angle, low, high))
 
     # Poses all round first, then those in which the point is nearest to the target's: one program for both.
-    def place_poses(k: Any, now: tuple[Array, ...]) -> tuple[Array, ...]:
+    def place_poses(k: Any, now: tuple[Any, ...]) -> tuple[Any, ...]:
         angle, *_ = now
 
-        def at(angle: Array) -> tuple[Array, Array]:
+        def at(angle: Array) -> tuple[Array, Traced]:
             traced = move(chain, sign, row[:-6], angle, go)
-            return _put(row, traced.point), traced.sine
+            return _put(row, traced.point), traced if target.walls else traced._replace(joints=None)
 
-        (place, sine), (speed, _) = jax.jvp(at, (angle,), (jnp.ones_like(angle),))
+        place, speed, traced = jax.jvp(at, (angle,), (jnp.ones_like(angle),), has_aux=True)
 
-        def seek(_: Any) -> tuple[Array, ...]:
+        def seek(_: Any) -> tuple[Any, ...]:
             here = place.T
             at, part, *_ = _nearest(goal, here, closed)
             angle = angles[0] + (at + part) * span / pieces
             angle = jnp.where(timed, row[-2] + target.timing, limit(angle))
-            return angle, angle, place, sine, place, speed
+            return angle, angle, place, traced, place, speed
 
-        def approach(_: Any) -> tuple[Array, ...]:
+        def approach(_: Any) -> tuple[Any, ...]:
             gap = place - goal.T
             nearer = angle - jnp.sum(gap * speed, axis=0) / jnp.maximum(jnp.sum(speed**2, axis=0), 1e-12)
             # Near a cusp a step may be a long one; the foot is between the neighbours of the nearest pose.
@@ -211,8 +211,9 @@ def _look(
         return jax.lax.cond(k == 0, seek, approach, None)
 
     nothing = jnp.zeros((2, COUNT))
-    begun = (angles, angles, nothing, jnp.zeros((dyads, COUNT)), nothing, nothing)
-    angle, _, here, sine, gap, speed = jax.lax.fori_loop(0, feet + 1, place_poses, begun)
+    seen = Traced(nothing, jnp.zeros((dyads, COUNT)), jnp.zeros((dyads, 3, 2, COUNT)) if target.walls else None)
+    begun = (angles, angles, nothing, seen, nothing, nothing)
+    angle, _, here, seen, gap, speed = jax.lax.fori_loop(0, feet + 1, place_poses, begun)
     here = here.T
     at_end = ~closed & ((angle <= low) | (angle >= high))
     along = jnp.abs(jnp.sum(gap * speed, axis=0))
@@ -229,9 +230,9 @@ def _look(
     length = length / jnp.maximum(jnp.sum(length), 1e-12)
 
     # Rows: distances of the feet, distances of the poses, the worst pose of each dyad, and of each link near a wall.
-    worst = jnp.argmin(sine, axis=1)
+    worst = jnp.argmin(seen.sine, axis=1)
     if target.walls:
-        links = _links(chain, row, move(chain, sign, row[:-6], angles, go))
+        links = _links(chain, row, seen)
         worst = jnp.concatenate([worst, *(jnp.argmin(gaps(links, wall), axis=1) for wall in target.walls)])
     more, bodies = len(worst), 1 + 2 * dyads
     # Where timings are given, the two distances of a point are those along x and along y.
