@@ -4,7 +4,8 @@ Targets: letters and digits as outlines of a free font (DejaVu Sans, which comes
 of our own, open ones open; curves of random linkages that the atlas has not seen; feet of walking legs. Distances are
 in units of the target's root mean square distance from its centre: CD, the mean distance from points to the other
 polyline, both ways added, 2,000 points by arc length; points, the same from point to point, which no curve brings to
-zero; OD, the root mean square distance at the best cyclic shift.
+zero; OD, the root mean square distance at the best cyclic shift; clear, how far all links stay from a floor a quarter
+of the size below the target, negative where they run into it.
 """
 
 import argparse
@@ -79,6 +80,13 @@ def distances(found: np.ndarray, goal: np.ndarray, closed: bool, size: float) ->
     return curve_distance(found, goal) / size, float(points) / size, od / size
 
 
+def floor_below(points: np.ndarray, size: float) -> np.ndarray:
+    """A box below a curve: what it stands on."""
+    (left, low), (right, _) = points.min(axis=0), points.max(axis=0)
+    middle = 0.5 * (left + right)
+    return np.array([[middle - 20 * size, low - 10.25 * size], [middle + 20 * size, low - 0.25 * size]])
+
+
 def main() -> None:
     """Trace the targets and write what came out."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.trace", description=__doc__)
@@ -86,6 +94,7 @@ def main() -> None:
     parser.add_argument("--most", type=int, default=100, metavar="N", help="targets of a kind")
     parser.add_argument("--kinds", nargs="+", metavar="KIND", help="outline, stroke, 4-bar, 6-bar, 8-bar, foot")
     parser.add_argument("--least-transmission", type=float, metavar="DEG", help="smallest transmission angle asked for")
+    parser.add_argument("--floor", action="store_true", help="ask that all links keep clear of the floor")
     options = parser.parse_args()
     import jax
 
@@ -102,15 +111,18 @@ def main() -> None:
     for kind, name, points, closed, more in targets(options.most):
         if options.kinds and kind not in options.kinds:
             continue
-        begun = time.perf_counter()
+        curve = Curve.of(points, closed)
+        floor, begun = floor_below(curve.given, curve.size), time.perf_counter()
+        wanted = [*asked, nc.synthesis.clear_of(floor)] if options.floor else asked
         found = nc.synthesis.trace(
-            points, closed, seconds=options.seconds, subject_to=asked, source=atlas, progress=False, **more
+            points, closed, seconds=options.seconds, subject_to=wanted, source=atlas, progress=False, **more
         )
-        best, curve = found.best, Curve.of(points, closed)
+        best = found.best
         cd, pointwise, od = distances(best.line, curve.line, closed, curve.size)
         row = {
             "kind": kind, "name": name, "cd": cd, "points": pointwise, "od": od, "bars": best.bars, "exact": best.exact,
             "linkage": best.name, "transmission": float(np.degrees(best.transmission)), "turns": best.turns,
+            "clear": best.clearance(floor) / curve.size,
             "seconds": time.perf_counter() - begun,
         }  # fmt: skip
         rows.append(row)
@@ -132,24 +144,26 @@ def table(rows: list[dict[str, Any]], seconds: float) -> str:
         f"Written by `python -m benchmarks.trace`, {seconds:g} s for each target; what the columns mean is said in "
         "[trace.py](trace.py).",
         "",
-        "| kind | targets | mean CD | median CD | largest CD | exact | median s |",
-        "|:--|--:|--:|--:|--:|--:|--:|",
+        "| kind | targets | mean CD | median CD | largest CD | exact | clear | median s |",
+        "|:--|--:|--:|--:|--:|--:|--:|--:|",
     ]
     for kind in dict.fromkeys(row["kind"] for row in rows):
         own = [row for row in rows if row["kind"] == kind]
         cds, times = [row["cd"] for row in own], [row["seconds"] for row in own]
         lines.append(
             f"| {kind} | {len(own)} | {statistics.mean(cds):.4f} | {statistics.median(cds):.4f} | {max(cds):.4f} | "
-            f"{sum(row['exact'] for row in own)} | {statistics.median(times):.0f} |"
+            f"{sum(row['exact'] for row in own)} | {sum(row['clear'] >= 0.0 for row in own)} | "
+            f"{statistics.median(times):.0f} |"
         )
     lines += [
         "",
-        "| target | CD | from point to point | OD | bars | transmission | linkage |",
-        "|:--|--:|--:|--:|--:|--:|:--|",
+        "| target | CD | from point to point | OD | bars | transmission | clear | linkage |",
+        "|:--|--:|--:|--:|--:|--:|--:|:--|",
     ]
     lines += [
         f"| {row['kind']} {row['name']} | {row['cd']:.4f}{' =' if row['exact'] else ''} | {row['points']:.4f} | "
-        f"{row['od']:.4f} | {row['bars']} | {row['transmission']:.0f}° | {row['linkage']} |"
+        f"{row['od']:.4f} | {row['bars']} | {row['transmission']:.0f}° | "
+        f"{row['clear']:.2f} | {row['linkage']} |"
         for row in rows
     ]
     return "\n".join([*lines, "", "= meets all points that were given.", ""])

@@ -203,6 +203,8 @@ def own() -> dict[str, dict[str, Any] | None]:
             "variables": ["C"],
         },
         "synthesis.chebyshev_points": {"count": 3},
+        "synthesis.clear_of": {"region": [(0, 0), (1, 1)]},
+        "synthesis.clear_links": {"layers": ["crank", "rocker"]},
         "synthesis.condition": {"function": lambda motion: motion["C"][..., 0]},
         "synthesis.crank_turns": {},
         "synthesis.descend": {"optimiser": __import__("optax").sgd(1e-3), "steps": 2, "starts": 2, "progress": False},
@@ -259,6 +261,7 @@ def own() -> dict[str, dict[str, Any] | None]:
         "viz.burmester": None,  # of curves that only `Guidance.curves` makes
         "viz.plot": {"names": "C"},
         "viz.plot_families": None,  # of what `families.compare` makes
+        "viz.trace_page": None,  # of a large atlas: tests/viz/test_trace_page.py
         "viz.to_html": {"path": "page.html"},
     }
 

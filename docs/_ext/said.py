@@ -314,7 +314,7 @@ KEYS = {
     "ProblemFile.search": "how long to search, below",
     "ConditionEntry.type": "which condition: [guide](../synthesis.md#conditions)",
     "ConditionEntry.kind": "crank turns: which of the two",
-    "ConditionEntry.margin": "crank turns: by how much, in parts of the size",
+    "ConditionEntry.margin": "crank turns: by how much, in parts of the size; clear of, clear links: a length",
     "ConditionEntry.min": "transmission angle, length, direction: at least",
     "ConditionEntry.max": "length, size, direction: at most",
     "ConditionEntry.joint": "transmission angle, circuit: three points, the joint in the middle",
@@ -329,4 +329,8 @@ KEYS = {
     "ConditionEntry.point": "within, local: the point",
     "ConditionEntry.x": "within: from, to; local: the value",
     "ConditionEntry.y": "within: from, to; local: the value",
+    "ConditionEntry.region": "clear of: corners of a polygon, or two opposite ones of a box",
+    "ConditionEntry.links": "clear of: names of bodies; all that move if not given",
+    "ConditionEntry.layers": "clear links: the layer of each body, or bodies of one layer",
+    "ConditionEntry.width": "clear of, clear links: of the links",
 }

@@ -193,7 +193,8 @@ def do_trace(question: Question, options: argparse.Namespace, importing: float) 
     """Find linkages that trace a curve; 1 if none meets the conditions."""
     from jaxnc import synthesis as S
 
-    assert question.curve is not None
+    if question.curve is None:
+        return _show_trace_page(options)
     points, closed = question.curve
     more = {}
     if options.bars is not None:
@@ -225,6 +226,23 @@ def do_trace(question: Question, options: argparse.Namespace, importing: float) 
     if not options.no_pictures:
         tasks.append(("-linkages.png", "the best linkages", result.plot))
     print(list_files(write_files(place, question.mechanism.name, tasks), verdict))
+    return 0
+
+
+def _show_trace_page(options: argparse.Namespace) -> int:
+    """Write the page on which a curve is drawn, or serve it until it is interrupted."""
+    from jaxnc.viz.pages.trace_page import TraceServer, trace_page
+
+    if options.page:
+        path = trace_page(options.page)
+        print(f"  {path}  a page that needs no Python ({path.stat().st_size / 1000:.0f} kB)")
+        return 0
+    with TraceServer(options.port) as server:
+        print(f"  {server.url}  draw there; Ctrl-C ends it", flush=True)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            print("  ended")
     return 0
 
 

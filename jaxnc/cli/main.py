@@ -300,7 +300,13 @@ def command_parser() -> argparse.ArgumentParser:
     synthesise.add_argument("--out", metavar="DIR", help="write the designs as model files, and pictures, into DIR")
     synthesise.add_argument("--no-pictures", action="store_true", help="write tables and models only")
     trace = commands.add_parser("trace", help="find four-, six- and eight-bars that trace a curve")
-    trace.add_argument("file", metavar="FILE", help="the curve: an SVG path, or x and y in a .csv, .txt or .npy file")
+    trace.add_argument(
+        "file", metavar="FILE", nargs="?", help="the curve: an SVG path, or x and y in a .csv, .txt or .npy file"
+    )
+    trace.add_argument(
+        "--page", metavar="HTML", nargs="?", const="", help="draw the curve on a page; with a name, one without Python"
+    )
+    trace.add_argument("--port", type=int, default=0, metavar="N", help="of the page (any that is free)")
     trace.add_argument("--bars", metavar="N[,N]", help="numbers of links: 4, 6, 8 (all)")
     trace.add_argument("--seconds", type=float, default=60.0, metavar="S", help="time for the search (60)")
     trace.add_argument("--key", type=int, default=0, metavar="N", help="another number gives other random designs")

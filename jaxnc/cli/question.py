@@ -171,6 +171,10 @@ def read_modes(options: argparse.Namespace) -> Question:
 
 def read_curve(options: argparse.Namespace) -> Question:
     """Read the curve that is to be traced; the mechanism is an empty one that bears its name."""
+    if options.page is not None and options.file is None:
+        return replace(_question(Mechanism("trace"), record.Run(), options), title="a page to draw a curve on")
+    if options.file is None or options.page is not None:
+        raise InputError("trace: give the FILE of a curve, or --page to draw one")
     from jaxnc.io.curve_files import load_curve
 
     points, closed = load_curve(options.file)

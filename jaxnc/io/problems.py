@@ -14,6 +14,7 @@ from jaxnc.io.statement import ConditionEntry, ProblemFile, SearchOptions, SvgTa
 from jaxnc.io.svg import outline
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import conditions as kinds
+from jaxnc.synthesis.clearance import clear_links, clear_of
 from jaxnc.synthesis.conditions import direction, on_circuit
 from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix
@@ -114,6 +115,10 @@ def _condition(c: ConditionEntry, angle: float, k: int, source: Source) -> kinds
             return integer(what, c.step) if c.type == "integer" else stock(what, require("sizes", c.sizes))
         if c.type == "within":
             return kinds.within(require("point", c.point), c.x, c.y)
+        if c.type == "clear of":
+            return clear_of(require("region", c.region), c.links, c.width, c.margin)
+        if c.type == "clear links":
+            return clear_links(require("layers", c.layers), c.width, c.margin)
         if c.type == "circuit":
             return on_circuit(require("side", c.side), c.joint)
         start, end = require("points", c.points, 2)

@@ -29,6 +29,8 @@ class ConditionEntry(_Record):
         "integer",
         "direction",
         "circuit",
+        "clear of",
+        "clear links",
     ]
     kind: Literal["crank-rocker", "double-crank"] | None = None
     margin: float = 0.0
@@ -46,6 +48,10 @@ class ConditionEntry(_Record):
     point: str | None = None
     x: tuple[float | None, float | None] | None = None
     y: tuple[float | None, float | None] | None = None
+    region: list[tuple[float, float]] | None = None
+    links: list[str] | None = None
+    layers: dict[str, int] | list[str] | None = None
+    width: float = 0.0
 
 
 class SvgTarget(_Record):

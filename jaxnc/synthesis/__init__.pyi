@@ -1,3 +1,5 @@
+from jaxnc.synthesis.clearance import clear_links as clear_links
+from jaxnc.synthesis.clearance import clear_of as clear_of
 from jaxnc.synthesis.conditions import Condition as Condition
 from jaxnc.synthesis.conditions import condition as condition
 from jaxnc.synthesis.conditions import crank_turns as crank_turns

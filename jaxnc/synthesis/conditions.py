@@ -30,7 +30,7 @@ from jaxnc.types import Array, ArrayLike
 LARGE = 20.0  # sizes of a problem: a link is not longer, and a mechanism not wider, unless that is asked for
 LEAST_TRANSMISSION = float(np.radians(5.0))  # below it a mechanism hardly moves what it drives: that is a defect
 _BARS = 3  # of a four-bar, beside the ground
-_LOST = -1.0  # in place of a margin where there is no pose
+NO_POSE = -1.0  # in place of a margin where there is no pose
 
 
 class Seen(NamedTuple):
@@ -162,7 +162,7 @@ class Symmetric(Condition):
         return tuple(n for n in (self.first, self.second, *self.about) if isinstance(n, str))
 
     def prepare(self, system: System, driven: str) -> "Condition":
-        _check_planar(system, "symmetric")
+        check_planar(system, "symmetric")
         return super().prepare(system, driven)
 
     def values(self, seen: Seen) -> Array:
@@ -266,7 +266,7 @@ class CrankTurns(Condition):
         if self.over_range:
             assert seen.turn is not None
             found, good = loop_sines(seen.turn), seen.turn.converged[:, None]
-            rows.append(jnp.where(good, found - jnp.maximum(self.margin, 1e-3), _LOST).reshape(-1))
+            rows.append(jnp.where(good, found - jnp.maximum(self.margin, 1e-3), NO_POSE).reshape(-1))
         return jnp.concatenate(rows)
 
     def _grashof(self, loop: Loop, seen: Seen) -> Array:
@@ -304,10 +304,10 @@ class TransmissionAngle(Condition):
         assert seen.turn is not None
         if self.joint is None:
             found = loop_sines(seen.turn) - jnp.sin(self.least)
-            return jnp.where(seen.turn.converged[:, None], found, _LOST).reshape(-1)
+            return jnp.where(seen.turn.converged[:, None], found, NO_POSE).reshape(-1)
         # The angle itself has a corner at 90 degrees, where nothing is in danger.
         found = jnp.sin(angle_at(seen.turn, *self.joint)) - jnp.sin(self.least)
-        return jnp.where(seen.turn.converged, found, _LOST)
+        return jnp.where(seen.turn.converged, found, NO_POSE)
 
 
 @dataclass(frozen=True)
@@ -609,7 +609,7 @@ class Direction(Condition):
         return self.start, self.end
 
     def prepare(self, system: System, driven: str) -> "Condition":
-        _check_planar(system, "direction")
+        check_planar(system, "direction")
         return super().prepare(system, driven)
 
     def values(self, seen: Seen) -> Array:
@@ -635,7 +635,7 @@ class Circuit(Condition):
         return f"circuit {'left' if self.side > 0.0 else 'right'}"
 
     def prepare(self, system: System, driven: str) -> "Condition":
-        _check_planar(system, "on_circuit")
+        check_planar(system, "on_circuit")
         if self.joint is None:
             loop = four_bar_loop(system, driven)
             if loop is None:
@@ -699,7 +699,8 @@ def on_circuit(side: str, joint: tuple[str, str, str] | None = None) -> Conditio
     return Circuit(_SIDES[side], joint)
 
 
-def _check_planar(system: System, what: str) -> None:
+def check_planar(system: System, what: str) -> None:
+    """Refuse spatial mechanisms."""
     if system.topology.dim != 2:
         raise InputError(f"{what}: {system.name!r} is spatial; this condition is of the plane")
 

@@ -13,6 +13,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis.clearance import refuse_enclosed
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.problem import Extras, Problem, array_module
 from jaxnc.synthesis.statement import compile_idea, complete, set_up, turn_of
@@ -108,6 +109,7 @@ class PathGeneration(Problem):
         size = float(np.max(np.ptp(goal, axis=0)))
         if not size > 0:
             raise InputError(f"{what}: all target points are the same")
+        refuse_enclosed(what, stated.conditions, point, goal)
         asked = None
         if timing is not None:
             asked = as_timing(timing, len(goal), f"{what}: timing", turn_of(stated, True))

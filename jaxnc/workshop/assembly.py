@@ -106,6 +106,12 @@ class Assembly:
         return max(self.levels)
 
     @property
+    def layer_of(self) -> dict[str, int]:
+        """Layer of each link by its name, as `jaxnc.synthesis.clear_links` takes them."""
+        parts = zip(self.parts[1:], self.levels[1:], strict=True)
+        return {name: level for part, level in parts for name in part.name.split(" + ")}
+
+    @property
     def clearance(self) -> float:
         """What stays between all that passes in one layer at least, mm; infinite if nothing does."""
         return min((p.clearance for p in self.passing), default=np.inf)

@@ -387,6 +387,10 @@ about = [[2, 0], [2, 1]]
 type = "equal"
 points = ["B", "C"]
 value = 3
+[[conditions]]
+type = "clear of"
+region = [[10, 10], [11, 12]]
+width = 0.1
 """
     (tmp_path / "svg.toml").write_text(text[:start] + target + text[end:] + more)
     round_ = load_problem(tmp_path / "svg.toml")[0]
@@ -394,6 +398,7 @@ value = 3
     np.testing.assert_allclose(np.linalg.norm(round_.target - [1, 0], axis=1), 2.0, atol=1e-9)
     names = {c.name for c in round_.conditions}
     assert {"A-B in stock", "D.x a multiple of 0.5", "A and D symmetric", "B-C = 3"} <= names
+    assert "clear of the region within (10, 10) and (11, 12)" in names
     for old, new, words in (
         (text[start:end], 'target = "circle.svg"\n', 'target = { svg = "circle.svg", points = 60 }'),
         ('kind = "path"', 'kind = "paths"', "line 4: kind: 'paths'"),

@@ -8,6 +8,7 @@ import pytest
 import jaxnc as nc
 from jaxnc.cli.main import main
 from jaxnc.synthesis import conditions as S
+from jaxnc.synthesis.clearance import clear_of
 from jaxnc.synthesis.tracing import atlas as making
 from jaxnc.synthesis.tracing import fit
 from jaxnc.synthesis.tracing.chains import Chain, Hung, dyadic_chains
@@ -141,6 +142,30 @@ def test_conditions_are_met(small):
     assert [d.distance for d in result.designs] == sorted(d.distance for d in result.designs)
 
 
+def test_links_keep_clear_of_a_floor(small):
+    """Of what is found without a floor links run into it; with it none does, by the robust solver in 2,000 poses."""
+    low, width = heart()[:, 1].min() - 0.03, 0.02
+    floor = [(2.0, low - 1.0), (4.0, low)]
+    how = {"bars": (4,), "seconds": 1.5, "source": small, "sliders": False}
+    before = nc.synthesis.trace(heart(), True, **how)
+    after = nc.synthesis.trace(heart(), True, subject_to=[clear_of(floor, width=width)], **how)
+    told = {}
+    for result in (before, after):
+        for design in result.designs[:4]:
+            motion, least = design.move(2001), np.inf
+            for body in design.mechanism.model.bodies.values():
+                places = np.stack([np.asarray(motion[name]) for name in body.points])
+                # Convex, and the floor is wide: its nearest point is a corner, if it is above the floor.
+                inside = np.abs(places[..., 0] - 3.0) < 1.0
+                least = min(least, places[..., 1][inside].min(initial=np.inf) - low - 0.5 * width)
+            told.setdefault(result is after, []).append((least, design.clearance(floor, width)))
+    assert min(least for least, _ in told[False]) < 0.0
+    assert after.designs and min(least for least, _ in told[True]) >= 0.0
+    for least, known in told[True]:
+        assert 0.0 <= known <= least + 1e-9
+        assert least > 0.05 or known == pytest.approx(least, abs=2e-3)
+
+
 def test_distances_are_of_polylines_both_ways():
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], float)
     assert curve_distance(square, square + np.array([0.1, 0.0])) == pytest.approx(0.1, rel=0.06)
@@ -208,6 +233,8 @@ def test_an_atlas_is_written_for_others(small, tmp_path):
         ({"only": np.array(["Watt I"])}, "only"),
         ({"source": 3}, "source.*atlas"),
         ({"subject_to": [S.size(3.0)]}, "PathGeneration"),
+        ({"subject_to": [clear_of([(-9, -9), (9, 9)])]}, "all 200 targets lie inside"),
+        ({"subject_to": [clear_of([(8, 8), (9, 9)], links="rocker")]}, "has 'rocker'; known names: crank, link 2"),
     ],
 )
 def test_what_is_no_curve_is_told(given, said):

@@ -34,6 +34,7 @@ class Traced(NamedTuple):
 
     point: Array  # of the tracing point, (2, T)
     sine: Array  # square of the sine of the transmission angle, below zero where a dyad does not close, (dyads, T)
+    joints: Any = None  # places of the outer joints of each dyad and of its inner one, (dyads, 3, 2, T)
 
 
 def times(a: Pair, b: Pair) -> Pair:
@@ -170,19 +171,20 @@ def move(chain: ChainArrays, sign: Any, x: Any, theta: Array, go: Any) -> Traced
         theta: angles, ``(T,)``, radians.
         go: true, in a way that the compiler cannot know: dyads are then compiled one by one.
     """
-    frames, sines = begin(theta), []
+    frames, sines, joints = begin(theta), [], []
     for d in range(chain.kind.shape[-1]):
         row = x[EACH * d : EACH * (d + 1)]
         one, two = frame_of(frames, chain.first[d]), frame_of(frames, chain.second[d])
         p, q = one.at((row[0], row[1])), two.at((row[2], row[3]))
         dyad = (chain.kind[d], sign[d], p, q, one.along, two.along, row[4], row[5])
-        sine, _, links = fusion_barrier(
+        sine, inner, links = fusion_barrier(
             go, jax.checkpoint(close), *dyad
         )  # backwards it is cheaper made again than kept
         frames += links
         sines.append(sine)
+        joints.append(jnp.stack([jnp.stack(jnp.broadcast_arrays(*place)) for place in (p, q, inner)]))
     point = frame_of(frames[-2:], chain.tracer - (len(frames) - 2)).at((x[-2], x[-1]))
-    return Traced(jnp.stack(point), jnp.stack(sines))
+    return Traced(jnp.stack(point), jnp.stack(sines), jnp.stack(joints))
 
 
 def sample(chain: ChainArrays, u: Array, theta: Array) -> tuple[Array, Array, Traced]:

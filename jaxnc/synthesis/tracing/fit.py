@@ -19,7 +19,8 @@ import numpy as np
 from jaxnc.compiling import jit
 from jaxnc.solvers.dense import cholesky_solve
 from jaxnc.synthesis.tracing.chains import GROUND, KINDS, ChainArrays
-from jaxnc.synthesis.tracing.curves import EACH, move
+from jaxnc.synthesis.tracing.curves import EACH, Traced, move
+from jaxnc.synthesis.tracing.plates import Walls, gaps, link_corners
 from jaxnc.types import Array
 
 _RRR, _PRP = KINDS.index("RRR"), KINDS.index("PRP")
@@ -47,6 +48,7 @@ class Target(NamedTuple):
     timing: Array  # of the crank at the points, counted from its begin, (COUNT,)
     timed: Array  # whether that is asked for: 1 or 0
     ground: Array  # a box in which the pivots of the ground shall be: lower and upper corner, (2, 2)
+    walls: tuple[Walls, ...] = ()  # what links shall keep clear of
 
 
 class Lanes(NamedTuple):
@@ -91,10 +93,35 @@ def trace_curves(lanes: Lanes, count: int, closed: Array) -> tuple[Array, Array]
     return jax.vmap(one)(*lanes)
 
 
+@functools.partial(jit, static_argnums=(1,))
+def least_gaps(lanes: Lanes, count: int, closed: Array, walls: Walls) -> Array:
+    """The least distance of each design's links from a region beyond the room that they need, ``(N,)``.
+
+    Args:
+        lanes: the designs.
+        count: poses over the range of the crank; between them distances are bounded.
+        closed: 1 where the crank turns all round, else 0.
+        walls: the region.
+    """
+
+    def one(lane: tuple[Any, ...]) -> Array:
+        chain, sign, row = lane
+        span = jnp.where(closed > 0, 2.0 * jnp.pi, row[-1])
+        angle = row[-2] + span * jnp.linspace(0.0, 1.0, count)
+        traced = move(chain, sign, row[:-6], angle, jnp.all(jnp.isfinite(row)))
+        return jnp.min(gaps(_links(chain, row, traced), walls, True))
+
+    return jax.lax.map(one, tuple(lanes), batch_size=4)
+
+
 def _put(row: Array, point: Array) -> Array:
     """Move a point of the linkage to its place, ``(2, …)``."""
     x, y, a, b = (row[k] for k in range(-6, -2))
     return jnp.stack([x + a * point[0] - b * point[1], y + b * point[0] + a * point[1]])
+
+
+def _links(chain: ChainArrays, row: Array, traced: Traced) -> Array:
+    return jnp.moveaxis(_put(row, jnp.moveaxis(link_corners(chain, traced), 1, 0)), 0, 1)
 
 
 @jit
@@ -158,23 +185,23 @@ def _look(
         return jnp.where(closed, angle, jnp.clip(angle, low, high))
 
     # Poses all round first, then those in which the point is nearest to the target's: one program for both.
-    def place_poses(k: Any, now: tuple[Array, ...]) -> tuple[Array, ...]:
+    def place_poses(k: Any, now: tuple[Any, ...]) -> tuple[Any, ...]:
         angle, *_ = now
 
-        def at(angle: Array) -> tuple[Array, Array]:
+        def at(angle: Array) -> tuple[Array, Traced]:
             traced = move(chain, sign, row[:-6], angle, go)
-            return _put(row, traced.point), traced.sine
+            return _put(row, traced.point), traced if target.walls else traced._replace(joints=None)
 
-        (place, sine), (speed, _) = jax.jvp(at, (angle,), (jnp.ones_like(angle),))
+        place, speed, traced = jax.jvp(at, (angle,), (jnp.ones_like(angle),), has_aux=True)
 
-        def seek(_: Any) -> tuple[Array, ...]:
+        def seek(_: Any) -> tuple[Any, ...]:
             here = place.T
             at, part, *_ = _nearest(goal, here, closed)
             angle = angles[0] + (at + part) * span / pieces
             angle = jnp.where(timed, row[-2] + target.timing, limit(angle))
-            return angle, angle, place, sine, place, speed
+            return angle, angle, place, traced, place, speed
 
-        def approach(_: Any) -> tuple[Array, ...]:
+        def approach(_: Any) -> tuple[Any, ...]:
             gap = place - goal.T
             nearer = angle - jnp.sum(gap * speed, axis=0) / jnp.maximum(jnp.sum(speed**2, axis=0), 1e-12)
             # Near a cusp a step may be a long one; the foot is between the neighbours of the nearest pose.
@@ -184,8 +211,9 @@ def _look(
         return jax.lax.cond(k == 0, seek, approach, None)
 
     nothing = jnp.zeros((2, COUNT))
-    begun = (angles, angles, nothing, jnp.zeros((dyads, COUNT)), nothing, nothing)
-    angle, _, here, sine, gap, speed = jax.lax.fori_loop(0, feet + 1, place_poses, begun)
+    seen = Traced(nothing, jnp.zeros((dyads, COUNT)), jnp.zeros((dyads, 3, 2, COUNT)) if target.walls else None)
+    begun = (angles, angles, nothing, seen, nothing, nothing)
+    angle, _, here, seen, gap, speed = jax.lax.fori_loop(0, feet + 1, place_poses, begun)
     here = here.T
     at_end = ~closed & ((angle <= low) | (angle >= high))
     along = jnp.abs(jnp.sum(gap * speed, axis=0))
@@ -201,24 +229,28 @@ def _look(
     length = 0.5 * (length + jnp.roll(length, 1))
     length = length / jnp.maximum(jnp.sum(length), 1e-12)
 
-    # Rows: distances of the feet, distances of the poses, and the worst pose of each dyad.
-    worst = jnp.argmin(sine, axis=1)
+    # Rows: distances of the feet, distances of the poses, the worst pose of each dyad, and of each link near a wall.
+    worst = jnp.argmin(seen.sine, axis=1)
+    if target.walls:
+        links = _links(chain, row, seen)
+        worst = jnp.concatenate([worst, *(jnp.argmin(gaps(links, wall), axis=1) for wall in target.walls)])
+    more, bodies = len(worst), 1 + 2 * dyads
     # Where timings are given, the two distances of a point are those along x and along y.
     x, y = jnp.eye(2)[:, :, None] * jnp.ones(COUNT)
     normal, other = jnp.where(timed, x, normal), jnp.where(timed, y, other)
     foot = jnp.where(timed, goal, foot)
     own_weight = jnp.sqrt(target.weight)
     other_weight = jnp.where(timed, own_weight, jnp.sqrt(target.both * length))
-    wanted = jnp.concatenate([goal, foot, jnp.zeros((dyads, 2))]).T
-    normals = jnp.concatenate([normal, other, jnp.zeros((2, dyads))], axis=1)
-    weights = jnp.concatenate([own_weight, other_weight, jnp.full(dyads, _CLOSING)])
+    wanted = jnp.concatenate([goal, foot, jnp.zeros((more, 2))]).T
+    normals = jnp.concatenate([normal, other, jnp.zeros((2, more))], axis=1)
+    weights = jnp.concatenate([own_weight, other_weight, jnp.full(more, _CLOSING)])
     # Ends of an open piece move with its range; feet within it do not.
     shares = jnp.concatenate([(angle - angles[0]) / jnp.where(span == 0, 1.0, span), share, share[worst]])
-    fixed = jnp.concatenate([~at_end, jnp.zeros(COUNT, bool), jnp.zeros(dyads, bool)])
+    fixed = jnp.concatenate([~at_end, jnp.zeros(COUNT, bool), jnp.zeros(more, bool)])
     every = jnp.concatenate([angle, angles, angles[worst]])
-    given = jnp.concatenate([target.timing, target.timing, jnp.zeros(dyads)])
+    given = jnp.concatenate([target.timing, target.timing, jnp.zeros(more)])
     by_time = timed & (jnp.arange(len(every)) < 2 * COUNT)
-    own = jnp.arange(dyads)[:, None] == jnp.arange(2 * COUNT + dyads) - 2 * COUNT
+    own = jnp.arange(dyads)[:, None] == jnp.arange(2 * COUNT + more) - 2 * COUNT
 
     def rows(spread: Array) -> tuple[Array, Array]:
         crank = jnp.where(fixed | closed, every, spread[-2] + spread[-1] * shares)
@@ -226,6 +258,11 @@ def _look(
         traced = move(chain, sign, spread[:-6], crank, go)
         miss = _put(spread, traced.point) - wanted
         short = jnp.sum(jnp.where(own, jnp.maximum(target.sine - traced.sine, 0.0), 0.0), axis=0)
+        for k, wall in enumerate(target.walls):
+            first = 2 * COUNT + dyads + k * bodies
+            last = jax.tree.map(lambda a, first=first: a[..., first : first + bodies], (spread, traced))
+            links = jnp.diagonal(_links(chain, *last), axis1=2, axis2=3)[..., None]
+            short = short.at[first : first + bodies].add(jnp.maximum(-gaps(links, wall)[:, 0], 0.0))
         out = weights * (jnp.sum(normals * miss, axis=0) + short)
         return jnp.sum(out), out
 

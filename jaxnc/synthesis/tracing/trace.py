@@ -16,11 +16,13 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.progress import bar
+from jaxnc.synthesis.clearance import ClearOf, refuse_enclosed
 from jaxnc.synthesis.conditions import Condition, CrankTurns, TransmissionAngle, Within
 from jaxnc.synthesis.tracing.atlas import BARS, Atlas, Candidates, atlas, chain_arrays, check_bars
-from jaxnc.synthesis.tracing.chains import GROUND, Chain, dyadic_chains
-from jaxnc.synthesis.tracing.fit import COUNT, Lanes, Target, begin_timed, refine, start_lanes, trace_curves
+from jaxnc.synthesis.tracing.chains import GROUND, Chain, ChainArrays, dyadic_chains
+from jaxnc.synthesis.tracing.fit import COUNT, Lanes, Target, begin_timed, least_gaps, refine, start_lanes, trace_curves
 from jaxnc.synthesis.tracing.linkage import INPUT, ChainDesign, to_mechanism
+from jaxnc.synthesis.tracing.plates import Walls, to_walls
 from jaxnc.synthesis.validate import as_seed, as_time_limit, as_timing
 from jaxnc.system.system import System
 from jaxnc.types import Array
@@ -39,6 +41,7 @@ _EXACT = 1e-7  # of the target's size: the points are met
 _LARGE = 20.0  # sizes of the target: no link is longer
 _LEAST = float(np.radians(8.0))  # of the transmission angle
 _POSES = 720  # at which a design is judged
+_SPARE = 0.01  # of the target's size: by so much more links shall be clear in the poses that a search looks at
 _TURNS = (4, 6, 8, 8, 6, 8)  # the order in which linkages with so many bars are looked at
 _LONGEST = 86_400  # seconds
 _ALONG = 2000  # points by arc length, of a distance between curves
@@ -101,7 +104,15 @@ class Curve(NamedTuple):
         when = None if when is None else when[thin] - when[0]
         return cls(given, bool(closed), centre, size, (even - centre) / size, own, when)
 
-    def target(self, both: bool, sine: float, ground: np.ndarray, longest: float, mean: bool = False) -> Target:
+    def target(
+        self,
+        both: bool,
+        sine: float,
+        ground: np.ndarray,
+        longest: float,
+        mean: bool = False,
+        walls: tuple[Walls, ...] = (),
+    ) -> Target:
         """The curve as `fit.refine` takes it: both ways evenly, or only the points as they were given."""
         points, weight = self.even, np.full(COUNT, 1.0 / COUNT)
         if not both:
@@ -121,7 +132,8 @@ class Curve(NamedTuple):
             float(self.timing is not None),
             ground,
         )
-        return Target(jnp.asarray(points), jnp.asarray(weight), *map(jnp.asarray, numbers))
+        some: Any = map(jnp.asarray, (points, weight, *numbers))
+        return Target(*some)._replace(walls=walls)
 
 
 def space_evenly(corners: np.ndarray, count: int) -> np.ndarray:
@@ -227,6 +239,19 @@ class TracedDesign:
         self.mechanism.model.run = record.Run(inputs={INPUT: record.Drive(low, high, 181)}, outputs=["P"])
         return self.mechanism.save(path)
 
+    def clearance(self, region: Any, width: float = 0.0) -> float:
+        """Distance that its links keep from a region over the travel, between poses too; below zero where they meet it.
+
+        Args:
+            region: as of `clear_of`, in the target's unit.
+            width: of the links, in the same unit.
+        """
+        drawn, walls = self.numbers, to_walls(ClearOf.of(region, width=width), (self.bars,))
+        whole = [drawn.place.real, drawn.place.imag, drawn.factor.real, drawn.factor.imag, drawn.begin, drawn.span]
+        row = np.concatenate([drawn.design, whole])
+        lane = Lanes(ChainArrays.of((self.chain,)), np.asarray(drawn.sign, float)[None], row[None])
+        return float(least_gaps(lane, _POSES, 0.0, walls)[0])
+
     @property
     def rank(self) -> tuple[float, int]:
         """Key by which designs are ordered: by their distance, of exact ones by their bars."""
@@ -309,10 +334,12 @@ class _Terms(NamedTuple):
     least: float  # transmission angle
     turning: bool
     ground: np.ndarray  # a box, (2, 2)
+    walls: tuple[Walls, ...]  # what links keep clear of
 
     @classmethod
-    def of(cls, conditions: Sequence[Condition]) -> "_Terms":
+    def of(cls, conditions: Sequence[Condition], bars: Sequence[int]) -> "_Terms":
         least, turning, box = _LEAST, False, np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+        walls = []
         if isinstance(conditions, Condition) or not isinstance(conditions, Sequence):
             raise InputError("trace: subject_to= takes a list of conditions, such as [S.transmission_angle(0.35)]")
         for one in conditions:
@@ -322,14 +349,16 @@ class _Terms(NamedTuple):
                 turning = True
             elif isinstance(one, Within) and one.point == "ground":
                 box = np.asarray(one.box, float).T
+            elif isinstance(one, ClearOf):
+                walls.append(to_walls(one, bars))
             else:
                 told = one.name if isinstance(one, Condition) else repr(one)
                 raise InputError(
                     f"trace: subject_to has {told!r}; what is known before there is a linkage are "
-                    f"transmission_angle(min), crank_turns() and within('ground', x=…, y=…). State the others in a "
-                    f"PathGeneration that begins at a design's mechanism"
+                    f"transmission_angle(min), crank_turns(), within('ground', x=…, y=…) and clear_of(region). State "
+                    f"the others in a PathGeneration that begins at a design's mechanism"
                 )
-        return cls(least, turning, box)
+        return cls(least, turning, box, tuple(walls))
 
 
 @public
@@ -358,7 +387,8 @@ def trace(
         closed: the last point is joined to the first; if not given, where they are as near as neighbours are.
         timing: angles of the crank at the points, radians, from wherever it begins; free if not given.
         bars: numbers of links that are looked for, of 4, 6 and 8.
-        subject_to: `transmission_angle`, `crank_turns`, `within` for ``"ground"``, all pivots of the ground.
+        subject_to: `transmission_angle`, `crank_turns`, `within` for ``"ground"``, all pivots of the ground, and
+            `clear_of`; links are called ``"crank"``, ``"link 2"`` and so on, all that move if none are named.
         seconds: time for the search, without that for an atlas that has to be made.
         key: of the random numbers, ``jax.random.key(0)`` if not given.
         keep: designs in the result.
@@ -374,8 +404,9 @@ def trace(
         InputError: points that are no curve, conditions that need names, no time.
     """
     refuse_fork()
-    target, terms = Curve.of(points, closed, timing), _Terms.of(subject_to)
     wanted, limit = check_bars("trace", bars), as_time_limit("trace", seconds)
+    target, terms = Curve.of(points, closed, timing), _Terms.of(subject_to, wanted)
+    refuse_enclosed("trace", subject_to, None, target.given)
     if limit > _LONGEST:
         raise InputError(f"trace: seconds={seconds!r}; a search that goes on for good needs an end: at most {_LONGEST}")
     rng = np.random.default_rng(as_seed("trace", key))
@@ -428,9 +459,11 @@ class _Search:
         # A little more than asked for, so that what is found meets it between the poses too.
         sine = float(np.sin(min(terms.least * 1.01 + 0.001, np.pi / 2)) ** 2)
         ground = (terms.ground - target.centre) / target.size
-        self.goal = target.target(target.timing is None, sine, ground, _LARGE)
-        self.points = target.target(False, sine, ground, _LARGE)
-        self.means = target.target(True, sine, ground, _LARGE, True)
+        walls = [wall.scaled(target.centre, target.size) for wall in terms.walls]
+        walls = tuple(wall._replace(room=wall.room + _SPARE) for wall in walls)
+        self.goal = target.target(target.timing is None, sine, ground, _LARGE, walls=walls)
+        self.points = target.target(False, sine, ground, _LARGE, walls=walls)
+        self.means = target.target(True, sine, ground, _LARGE, True, walls)
         self.taken = self.refined = self.rounds = 0
         self.pool: Lanes | None = None
         self.cost = np.zeros(0)
@@ -592,10 +625,16 @@ def _look_closely(target: Curve, terms: _Terms, lanes: Lanes, bars: int, exact: 
         row = np.array(full.row)
         row[:, -1] = 2.0 * np.pi
         turning = np.asarray(trace_curves(full._replace(row=row), _POSES, 1.0)[1])[:count]
+    clear = np.full(count, np.inf)
+    for wall in terms.walls:
+        gap = least_gaps(full, _POSES, closed, wall.scaled(target.centre, target.size))
+        clear = np.minimum(clear, np.asarray(gap)[:count])
     found = []
     for k, row in enumerate(np.asarray(lanes.row)):
         turns = bool(turning[k] > 0.5 * np.sin(_LEAST) ** 2)
         if not sines[k] >= 0.999 * np.sin(terms.least) ** 2 or (terms.turning and not turns):
+            continue
+        if not clear[k] >= 0.0:
             continue
         factor, place = complex(*row[-4:-2]) * target.size, complex(*(target.centre + target.size * row[-6:-4]))
         if not _within(lanes, k, place, factor, terms.ground):

@@ -1,0 +1,161 @@
+"""Links that keep clear of regions and of each other: against directions one by one, differences and many poses."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.synthesis.clearance import all_pairs, convex_pieces, inside, ring, signed_distance, swept_distance
+from jaxnc.synthesis.conditions import Seen
+
+S = nc.synthesis
+WAYS = np.exp(1j * np.linspace(0.0, 2 * np.pi, 20_001))
+WAYS = np.stack([WAYS.real, WAYS.imag])  # (2, directions)
+TURN = np.linspace(0.0, 2 * np.pi, 24, endpoint=False) + 1.0
+HOOK = np.array([[0, 0], [3, 0], [3, 3], [2, 3], [2, 1], [0, 1]], float)  # an L
+
+
+def widest_gap(one, other):
+    """The signed distance of convex shapes by its definition: the widest gap that a strip of some direction has."""
+    return float(np.max(np.min(other @ WAYS, axis=0) - np.max(one @ WAYS, axis=0)))
+
+
+def four_bar():
+    return nc.library.four_bar(coupler_point=(0.06, 0.03), explicit=False)
+
+
+def seen(system, poses):
+    turn = nc.sweep(system, {"phi": 1.0 + np.linspace(0.0, 2 * np.pi, poses)})
+    return Seen(system, turn, turn, 0.1)
+
+
+@pytest.mark.parametrize(("count", "corners"), [(1, 4), (2, 4), (3, 5), (4, 2), (2, 2)])
+def test_distances_are_those_of_the_widest_strip(count, corners):
+    rng = np.random.default_rng(count)
+    turn = np.sort(rng.uniform(0.0, 2 * np.pi, (40, corners)))
+    other = np.stack([np.cos(turn), np.sin(turn)], axis=2) * [1.0, 0.7]
+    one = rng.normal(size=(40, count, 2)) + rng.normal(size=(40, 1, 2))
+    edges = all_pairs(count), ring(corners)
+    found = signed_distance(jnp.asarray(one).transpose(1, 2, 0), jnp.asarray(other).transpose(1, 2, 0), *edges)
+    wanted = [widest_gap(a, b) for a, b in zip(one, other, strict=True)]
+    assert min(wanted) < -0.02 or count == 1 or corners == count == 2
+    over = np.asarray(found) - wanted
+    assert over.min() > -1e-12 and over.max() < 2e-3  # no direction between those that were tried is missed by more
+
+
+def test_regions_are_cut_into_convex_pieces():
+    pieces = convex_pieces(HOOK)
+    assert 1 < len(pieces) <= 3
+    at = np.random.default_rng(0).uniform(-1.0, 4.0, (500, 2))
+    np.testing.assert_array_equal(inside(at, HOOK), np.any([inside(at, p) for p in pieces], axis=0))
+    assert inside(np.array([[1.0, 0.5], [1.0, 2.0]]), HOOK).tolist() == [True, False]
+
+
+def test_slopes_are_those_of_the_numbers():
+    """Against differences of the whole problem, by rows and back, regions overlapped and not."""
+    conditions = [
+        S.clear_of([(0.09, 0.05), (0.12, 0.08)], width=0.008, margin=0.001),
+        S.clear_of(0.03 * HOOK + [0.03, 0.05], links=["coupler"]),
+        S.clear_links(["crank", "rocker"], width=0.01),
+    ]
+    target = np.asarray(nc.sweep(four_bar().compile(), {"phi": TURN})["P"])
+    # A part of the turn: a whole one begins where the drawing is, and that is not differentiated.
+    problem = S.PathGeneration(four_bar(), "P", target, timing=TURN, subject_to=conditions, travel=(1.0, 6.0))
+
+    @jax.jit
+    def look(x):
+        found, back = jax.vjp(lambda x: problem.evaluate(x).conditions, x)
+        return found, jax.vmap(lambda row: back(row)[0])(jnp.eye(len(found)))
+
+    x = np.asarray(problem.start) + 1e-3 * np.random.default_rng(3).normal(size=problem.count)
+    numbers, slopes = (np.asarray(a) for a in look(x))
+    assert (numbers < 0.0).any() and (numbers > 0.0).any()
+    ways = np.random.default_rng(4).normal(size=(4, problem.count))
+    for way in ways:
+        ahead, behind = (np.asarray(look(x + h * way)[0]) for h in (1e-7, -1e-7))
+        apart = np.abs(slopes @ way - (ahead - behind) / 2e-7)
+        assert np.sort(apart)[-4] < 1e-5 * np.abs(slopes).max()  # a nearest corner may change within the step
+
+
+def test_what_is_told_holds_between_the_poses():
+    """A bound, and no looser than it needs to be: against 20 times as many poses."""
+    system, poses = four_bar().compile(), 49
+    few, many = seen(system, poses), seen(system, 20 * (poses - 1) + 1)
+    places = np.random.default_rng(5).uniform(-0.13, 0.13, (6, 2))
+    ready = [S.clear_of([tuple(at), tuple(at + 0.02)], width=0.004).prepare(system, "phi") for at in places]
+    look = jax.jit(lambda ready, seen: ready.values(seen))
+    for one in ready:
+        told = np.asarray(look(one, few)).reshape(3, poses - 1)
+        fine = np.asarray(look(one, many)).reshape(3, poses - 1, 20).min(axis=2)
+        assert (told < fine + 1e-12).all() and (fine - told).max() < 0.03
+
+
+def test_a_link_cannot_jump_over_what_stands_between_two_poses():
+    wall = jnp.array([[0.9, 0.0], [1.1, 0.0], [1.1, 0.02], [0.9, 0.02]])[..., None] * jnp.ones(9)
+    angle = jnp.linspace(-0.45, 0.55, 9)  # the wall lies between the fourth pose and the fifth
+    link = jnp.stack([jnp.zeros((2, 9)), jnp.stack([jnp.cos(angle), jnp.sin(angle)])])
+    ends = jnp.stack([signed_distance(link, wall, all_pairs(2), ring(4))])
+    assert float(ends.min()) > 0.02
+    assert float(swept_distance(link, wall, all_pairs(2), ring(4)).min()) < 0.0
+
+
+def clearance_by_points(motion, region, names, width):
+    """The least distance of a link's plate from a box, by points all over the hull of its corners."""
+    rng = np.random.default_rng(0)
+    share = rng.dirichlet(np.full(len(names), 0.4), 400)
+    low, high = np.min(region, axis=0), np.max(region, axis=0)
+    places = np.einsum("sk,ktd->tsd", share, np.stack([np.asarray(motion[n]) for n in names]))
+    return float(np.linalg.norm(np.maximum(np.maximum(low - places, places - high), 0.0), axis=2).min()) - 0.5 * width
+
+
+def test_a_search_goes_round_a_box():
+    """The four-bar of a curve runs through it; of what is found with the condition no link does, in 2,000 poses."""
+    drawn, links = four_bar().compile(), (("A", "B"), ("B", "C", "P"), ("C", "D"))
+    target = np.asarray(nc.sweep(drawn, {"phi": TURN})["P"])
+    box, width = np.array([[0.09, 0.05], [0.12, 0.08]]), 0.008
+    asked = [S.crank_turns(), S.clear_of(box, width=width, margin=0.001)]
+    problem = S.PathGeneration(four_bar(), "P", target, closed=True, subject_to=asked, free=["A", "B", "C", "D"])
+    result = S.solve(problem, starts=8, refine=1, iterations=8, keep=1, key=jax.random.key(1), progress=False)
+    assert result.found and "clear of the region" in str(problem)
+    least = []
+    for system in (drawn, result.best):
+        motion = nc.sweep(system, {"phi": np.linspace(0.0, 2 * np.pi, 2001)})
+        least.append(min(clearance_by_points(motion, box, names, width) for names in links))
+    assert least[0] < 0.0 and least[1] > 0.00095
+
+
+def test_links_of_one_layer_pass_each_other():
+    """Layers from the workshop: its plates are apart where the condition says so."""
+    system = four_bar().compile()
+    motion = nc.sweep(system, {"phi": 1.0 + np.linspace(0.0, 2 * np.pi, 91)})
+    plates = motion.to_parts(width=8, pin=3, thickness=3)
+    assert set(plates.layer_of) == {"crank", "coupler", "rocker"}
+    same = plates.layer_of["crank"] == plates.layer_of["rocker"]
+    ready = S.clear_links(plates.layer_of if same else ["crank", "rocker"], width=0.008).prepare(system, "phi")
+    passing = [p.clearance for p in plates.passing if {p.one, p.other} == {"crank", "rocker"}]
+    least = 100.0 * float(np.min(ready.values(seen(system, 2001))))  # mm: numbers are divided by 0.1 m
+    assert same and passing
+    np.testing.assert_allclose(least, passing[0], rtol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: S.clear_of([[0, 0], [1, 1], [1, 0], [0, 1]]), "edges behind corners 1 and 3 cross"),
+        (lambda: S.clear_of([(0, 0), (0, 1)]), "box.*no area"),
+        (lambda: S.clear_of([(0, 0), (1, 1), (2, 2)]), "one line"),
+        (lambda: S.clear_of([(0, 0), (1, np.nan), (2, 2)]), "corner 2 is not finite"),
+        (lambda: S.clear_of(3.0), r"polygon.*or a box"),
+        (lambda: S.clear_of([(0, 0), (1, 1)], width=-1), "width must be a length"),
+        (lambda: S.clear_of([(0, 0), (1, 1)], links=[3]), "names of links"),
+        (lambda: S.clear_of([(0, 0), (1, 1)], links="couple"), "no link 'couple'.*did you mean 'coupler'"),
+        (lambda: S.clear_of([(-1, -1), (1, 1)]), "all 24 targets lie inside.*links="),
+        (lambda: S.clear_links({"crank": 1, "rocker": 2}), "no two links lie in one layer"),
+        (lambda: S.clear_links(["crank", "coupler"]), "crank and coupler are joined at B"),
+    ],
+)
+def test_what_cannot_be_kept_clear_is_told(make, said):
+    target = np.asarray(nc.sweep(four_bar().compile(), {"phi": TURN})["P"])
+    with pytest.raises(nc.InputError, match=said):
+        S.PathGeneration(four_bar(), "P", target, closed=True, subject_to=[make()])
