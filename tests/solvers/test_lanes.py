@@ -17,6 +17,7 @@ from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.solvers.elimination import eliminate_block, plan_elimination
 from jaxnc.solvers.kernel import kernel, smallest
 from jaxnc.solvers.plan import plan
+from jaxnc.solvers.rows import Rows
 from jaxnc.system.equations import jacobian, residual
 from jaxnc.system.precision import limits
 
@@ -99,6 +100,24 @@ def test_rows_written_out_are_the_residual(name):
         for (i, c), value in block.rows.slopes(eq, list(x)).items():
             wanted = j[block.rows.rows[i], block.columns[c]]
             np.testing.assert_allclose(value, wanted, atol=1e-13 * max(1.0, abs(wanted)))
+
+
+def test_rows_that_only_jax_can_carry_out_are_differentiated_by_each_of_their_variables():
+    """Of a user's own kind over two points, whose loop no program has."""
+    loop = nc.constraints.Kind(
+        "twisted",
+        lambda p, v, s, c: (p[0][1] * p[1][0] - jax.lax.fori_loop(0, 2, lambda _, x: x * p[0][0], 1.0) * p[1][1],),
+        rows=("twisted",),
+        points=2,
+        source="a user's own",
+    )
+    m = nc.Mechanism("two points")
+    m.constrain("twisted", loop, points=[m.point("P", (0.5, 0.5)), m.point("Q", (0.3, 0.6))])
+    eq = derive(m.compile())
+    rows, x = Rows(eq.topology, [0], range(4)), np.array([0.7, -0.4, 1.3, 0.9])
+    assert not rows.readable
+    found = rows.slopes(eq, list(x))
+    np.testing.assert_allclose([found[0, c] for c in range(4)], np.asarray(jacobian(eq, x))[0], atol=1e-14)
 
 
 WIDE = {
