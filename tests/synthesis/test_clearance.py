@@ -8,6 +8,8 @@ import pytest
 import jaxnc as nc
 from jaxnc.synthesis.clearance import all_pairs, convex_pieces, inside, ring, signed_distance, swept_distance
 from jaxnc.synthesis.conditions import Seen
+from jaxnc.synthesis.evaluate import Evaluator
+from jaxnc.synthesis.search.goal import Goal
 
 S = nc.synthesis
 WAYS = np.exp(1j * np.linspace(0.0, 2 * np.pi, 20_001))
@@ -52,30 +54,33 @@ def test_regions_are_cut_into_convex_pieces():
     assert inside(np.array([[1.0, 0.5], [1.0, 2.0]]), HOOK).tolist() == [True, False]
 
 
-def test_slopes_are_those_of_the_numbers():
-    """Against differences of the whole problem, by rows and back, regions overlapped and not."""
-    conditions = [
-        S.clear_of([(0.09, 0.05), (0.12, 0.08)], width=0.008, margin=0.001),
-        S.clear_of(0.03 * HOOK + [0.03, 0.05], links=["coupler"]),
-        S.clear_links(["crank", "rocker"], width=0.01),
-    ]
+WIDTH = 0.008
+BOX = np.array([[0.09, 0.05], [0.12, 0.08]])  # the four-bar runs through it
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """A four-bar's own curve, with a region in its way; all tests of whole problems share what is compiled."""
     target = np.asarray(nc.sweep(four_bar().compile(), {"phi": TURN})["P"])
-    # A part of the turn: a whole one begins where the drawing is, and that is not differentiated.
-    problem = S.PathGeneration(four_bar(), "P", target, timing=TURN, subject_to=conditions, travel=(1.0, 6.0))
+    asked = [S.crank_turns(), S.clear_of(BOX, width=WIDTH, margin=0.001)]
+    # Not the whole turn, but for a little: that begins where the drawing is, and where is not differentiated.
+    how = {"subject_to": asked, "free": ["A", "B", "C", "D"], "travel": (1.0, 7.27)}
+    return S.PathGeneration(four_bar(), "P", target, closed=True, **how)
 
-    @jax.jit
-    def look(x):
-        found, back = jax.vjp(lambda x: problem.evaluate(x).conditions, x)
-        return found, jax.vmap(lambda row: back(row)[0])(jnp.eye(len(found)))
 
-    x = np.asarray(problem.start) + 1e-3 * np.random.default_rng(3).normal(size=problem.count)
-    numbers, slopes = (np.asarray(a) for a in look(x))
-    assert (numbers < 0.0).any() and (numbers > 0.0).any()
-    ways = np.random.default_rng(4).normal(size=(4, problem.count))
-    for way in ways:
-        ahead, behind = (np.asarray(look(x + h * way)[0]) for h in (1e-7, -1e-7))
-        apart = np.abs(slopes @ way - (ahead - behind) / 2e-7)
-        assert np.sort(apart)[-4] < 1e-5 * np.abs(slopes).max()  # a nearest corner may change within the step
+def test_slopes_are_those_of_the_numbers(problem):
+    """Against differences, with the region overlapped and not."""
+    look, goal = Evaluator(Goal.of(problem)), Goal.of(problem)
+    rng = np.random.default_rng(3)
+    x = goal.start + 1e-3 * goal.scale * rng.normal(size=goal.count)
+    way = rng.normal(size=(4, goal.count))
+    every = np.stack([x, *(x + h * w * goal.scale for w in way for h in (1e-6, -1e-6))])
+    _, numbers, slopes, good = look(every, np.tile(goal.arguments, (len(every), 1)))
+    assert good.all() and (numbers[0] < 0.0).any() and (numbers[0] > 0.0).any()
+    own = slopes[0][-numbers.shape[1] :]
+    for k, w in enumerate(way):
+        apart = np.abs(own @ w - (numbers[1 + 2 * k] - numbers[2 + 2 * k]) / 2e-6)
+        assert np.sort(apart)[-4] < 1e-5 * np.abs(own).max()  # a nearest corner may change within the step
 
 
 def test_what_is_told_holds_between_the_poses():
@@ -95,33 +100,39 @@ def test_a_link_cannot_jump_over_what_stands_between_two_poses():
     wall = jnp.array([[0.9, 0.0], [1.1, 0.0], [1.1, 0.02], [0.9, 0.02]])[..., None] * jnp.ones(9)
     angle = jnp.linspace(-0.45, 0.55, 9)  # the wall lies between the fourth pose and the fifth
     link = jnp.stack([jnp.zeros((2, 9)), jnp.stack([jnp.cos(angle), jnp.sin(angle)])])
-    ends = jnp.stack([signed_distance(link, wall, all_pairs(2), ring(4))])
-    assert float(ends.min()) > 0.02
-    assert float(swept_distance(link, wall, all_pairs(2), ring(4)).min()) < 0.0
+    assert float(signed_distance(link, wall, all_pairs(2), ring(4)).min()) > 0.02
+
+    @jax.jit
+    def look(link, way):
+        def f(link):
+            return swept_distance(link, wall, all_pairs(2), ring(4))
+
+        return *jax.jvp(f, (link,), (way,)), jax.grad(lambda link: jnp.sum(f(link)))(link)
+
+    way = jnp.asarray(np.random.default_rng(0).normal(size=link.shape))
+    found, slope, back = look(link, way)
+    assert float(found.min()) < 0.0
+    np.testing.assert_allclose(jnp.sum(back * way), jnp.sum(slope), rtol=1e-9)
 
 
-def clearance_by_points(motion, region, names, width):
+def clearance_by_points(motion, box, names):
     """The least distance of a link's plate from a box, by points all over the hull of its corners."""
-    rng = np.random.default_rng(0)
-    share = rng.dirichlet(np.full(len(names), 0.4), 400)
-    low, high = np.min(region, axis=0), np.max(region, axis=0)
+    share = np.random.default_rng(0).dirichlet(np.full(len(names), 0.4), 400)
+    low, high = np.min(box, axis=0), np.max(box, axis=0)
     places = np.einsum("sk,ktd->tsd", share, np.stack([np.asarray(motion[n]) for n in names]))
-    return float(np.linalg.norm(np.maximum(np.maximum(low - places, places - high), 0.0), axis=2).min()) - 0.5 * width
+    far = np.maximum(np.maximum(low - places, places - high), 0.0)
+    return float(np.linalg.norm(far, axis=2).min()) - 0.5 * WIDTH
 
 
-def test_a_search_goes_round_a_box():
+def test_a_search_goes_round_a_region(problem):
     """The four-bar of a curve runs through it; of what is found with the condition no link does, in 2,000 poses."""
-    drawn, links = four_bar().compile(), (("A", "B"), ("B", "C", "P"), ("C", "D"))
-    target = np.asarray(nc.sweep(drawn, {"phi": TURN})["P"])
-    box, width = np.array([[0.09, 0.05], [0.12, 0.08]]), 0.008
-    asked = [S.crank_turns(), S.clear_of(box, width=width, margin=0.001)]
-    problem = S.PathGeneration(four_bar(), "P", target, closed=True, subject_to=asked, free=["A", "B", "C", "D"])
-    result = S.solve(problem, starts=8, refine=1, iterations=8, keep=1, key=jax.random.key(1), progress=False)
+    result = S.solve(problem, starts=48, refine=6, iterations=20, keep=1, key=jax.random.key(0), progress=False)
     assert result.found and "clear of the region" in str(problem)
     least = []
-    for system in (drawn, result.best):
-        motion = nc.sweep(system, {"phi": np.linspace(0.0, 2 * np.pi, 2001)})
-        least.append(min(clearance_by_points(motion, box, names, width) for names in links))
+    for system in (problem.system, result.best):
+        motion = nc.sweep(system, {"phi": np.linspace(1.0, 7.27, 2001)})
+        links = ("A", "B"), ("B", "C", "P"), ("C", "D")
+        least.append(min(clearance_by_points(motion, BOX, names) for names in links))
     assert least[0] < 0.0 and least[1] > 0.00095
 
 
