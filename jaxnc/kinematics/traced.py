@@ -591,7 +591,8 @@ _batch_rates = jit(lane_rates, static_argnums=0)
 
 
 def _written_out(plan: Plan, eq: Equations, q: Array, known: Sequence[Array], ok: Array) -> tuple[Array, ...]:
-    core, lanes, go = kernel(plan), ok.shape, opaque_true(eq, core.closed)
+    core, lanes = kernel(plan), ok.shape
+    go = opaque_true(eq, core.closed)
     q = jax.vmap(functools.partial(masked_pose, eq))(q, ok)
     x = tuple(q[:, c] for c in range(q.shape[1]))
     inputs = [tuple(jnp.where(ok, o[:, k], 0.0) for k in range(len(plan.known))) for o in known]

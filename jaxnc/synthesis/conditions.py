@@ -329,7 +329,7 @@ class NoFlip(Condition):
             if least is not None:
                 near = jnp.isfinite(value)
                 margin = jnp.where(near, (jnp.where(near, value, 0.0) - least) / size, 1.0)
-                rows.append(jnp.where(good, margin, _LOST))
+                rows.append(jnp.where(good, margin, NO_POSE))
         return jnp.concatenate(rows)
 
 
