@@ -78,7 +78,8 @@ _CLASSES = """## Every class of mechanism
 The whole library, and robots that are read from files, each over a part of its range: beside eight Newton steps from
 the drawing on the library's own residual, with `jacfwd` and `solve` under `vmap`. Those that gain least come first.
 `gradient` is value and gradient by the design over the value alone; an overconstrained mechanism has none, since it
-does not close where its points are moved. The last column says what of the naive steps' poses is right.
+does not close where its points are moved, and of more than 60 unknowns it is left out: its program is compiled for
+minutes. The last column says what of the naive steps' poses is right.
 """
 
 
