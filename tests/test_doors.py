@@ -93,9 +93,9 @@ HOST = {
     "stream": lambda s: nc.stream(s, {"phi": np.zeros(3)}, "never.npz"),
 }
 OTHERS = (  # of a motion, a mechanism, a file, a function
-    "axodes cache centrodes energy_balance formulate from_mjcf from_urdf grashof_type instant_centre "
-    "instant_centres instant_motion jit load load_csv load_npz outline path_curvature reactions robust shard "
-    "suspension suspension_report transmission_angle widget"
+    "axodes cache centrodes dexterity energy_balance flip_margin formulate from_mjcf from_urdf "
+    "grashof_type instant_centre instant_centres instant_motion jit load load_csv load_npz outline "
+    "path_curvature reactions robust shard suspension suspension_report transmission_angle widget"
 )
 
 

@@ -688,8 +688,9 @@ def test_the_program_of_a_page_parses(turning, tmp_path):
 def test_importing_is_cheap_and_leaves_matplotlib_alone(turning, tmp_path):
     code = "import sys, jaxnc.viz; print({'jax', 'matplotlib', 'PIL'} & set(sys.modules), dir(jaxnc.viz))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    names = ["Widget", "animate", "band", "burmester", "draw", "draw_circuits", "draw_modes", "motion_sheet", "plot"]
-    names += ["plot_energy", "plot_families", "polygon", "to_html"]
+    names = ["Widget", "animate", "band", "burmester", "draw", "draw_circuits", "draw_dexterity", "draw_modes"]
+    names += ["draw_modes_map", "motion_sheet", "plot", "plot_energy", "plot_families", "polygon", "to_html"]
+    names += ["trace_page"]
     assert done.stdout.strip() == f"set() {names}"
     before = dict(matplotlib.rcParams)
     loaded = "matplotlib.pyplot" in sys.modules
