@@ -42,8 +42,8 @@ from jaxnc.dynamics.runs import (
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.start import (
     Rates,
-    assemble_pose,
     attach_drawing,
+    begin_pose,
     determines_pose,
     rates_on_host,
     start_rates,
@@ -223,7 +223,7 @@ def run_known(spec: SimulationSpec, numbers: RunNumbers, flow: Flow | None = Non
     count = len(t)
     found = spec.strip(_flow(spec, numbers) if flow is None else flow)
     found = dataclasses.replace(found, drive_args=numbers.drive_args)
-    pose = np.asarray(assemble_pose(spec.system(numbers.parameters), numbers.state, throw=False))
+    pose = np.asarray(begin_pose(spec.system(numbers.parameters), numbers.state, _driven(found, t[0]), throw=False))
     start = _start(spec, found, lift(top, pose), numbers.rates, t, _compiled_rates)
     form = choose_form(found, spec)
     steps = spec.steps if flow is None and keeps_trail(form, spec, count) else 0
@@ -248,8 +248,9 @@ def run_known(spec: SimulationSpec, numbers: RunNumbers, flow: Flow | None = Non
 def _run_traced(spec: SimulationSpec, numbers: RunNumbers) -> Run:
     """Make a run of numbers that are not known."""
     flow, top = _flow(spec, numbers), spec.topology
-    drawn = _is_drawn(numbers.state)
-    pose = assemble_pose(spec.system(numbers.parameters), numbers.state) if drawn else numbers.state
+    system, pose = spec.system(numbers.parameters), numbers.state
+    if _is_drawn(pose):
+        pose = begin_pose(system, pose, _driven(flow, numbers.t[0]))
     start = _start(spec, flow, lift(top, pose), numbers.rates, numbers.t, _named_rates)
     form = choose_form(flow, spec)
     if spec.steps:
@@ -260,6 +261,11 @@ def _run_traced(spec: SimulationSpec, numbers: RunNumbers) -> Run:
 
 def _flow(spec: SimulationSpec, numbers: RunNumbers) -> Flow:
     return dataclasses.replace(spec.flow(spec.system(numbers.parameters)), drive_args=numbers.drive_args)
+
+
+def _driven(flow: Flow, t: Array) -> dict[str, Array]:
+    """Return the values of the driven coordinates at a time."""
+    return {name: value for (name, _), value in zip(flow.drives, flow.drive_values(t)[0], strict=True)}
 
 
 def _is_drawn(state: object) -> bool:

@@ -18,7 +18,7 @@ from jaxnc.dynamics.simulate import hoist_drives
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.dynamics.start import (
     Rates,
-    assemble_pose,
+    begin_pose,
     check_count,
     check_inertia,
     check_inputs,
@@ -29,7 +29,6 @@ from jaxnc.dynamics.start import (
 from jaxnc.errors import InputError, brief, nearest
 from jaxnc.kinematics.inputs import doubt_degrees, in_radians, positive, worst_rows
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import solve_position
 from jaxnc.records import record, static
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
@@ -136,13 +135,9 @@ class VectorField:
         state, rates = in_radians(system, unit, state, rates)
         given = check_start(system, state)
         wanted = check_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
-        q = assemble_pose(system, given)
+        values = flow.drive_values(jnp.asarray(t, float))[0]
+        q = begin_pose(system, given, {name: value for (name, _), value in zip(flow.drives, values, strict=True)})
         single = is_concrete(system, q, t, flow.drive_args)
-        if single and given is None and flow.drives and len(flow.drives) == system.degrees_of_freedom:
-            values = flow.drive_values(jnp.asarray(t, float))[0]
-            ends = {name: value for (name, _), value in zip(flow.drives, values, strict=True)}
-            found = solve_position(system, ends, throw=False)  # along the drawing's branch, if it leads there
-            q = q if int(found.status) else found.q
         if single:
             lifted = lift(system.topology, np.asarray(q))
             check_inputs(flow, lifted)

@@ -20,13 +20,12 @@ from jaxnc.dynamics.integrate import Control
 from jaxnc.dynamics.model import State, blame_force, check_loads, check_mass
 from jaxnc.dynamics.runs import RunNumbers, SimulationSpec, run_in_parts
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.dynamics.start import assemble_pose, check_count, check_inertia, check_inputs, check_rates, check_start
+from jaxnc.dynamics.start import begin_pose, check_count, check_inertia, check_inputs, check_rates, check_start
 from jaxnc.dynamics.steps import count_steps
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
 from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside, positive, whole
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import solve_position
 from jaxnc.status import Status
 from jaxnc.system.equations import refuse_rates
 from jaxnc.system.system import System
@@ -138,7 +137,8 @@ def simulate(
     if known:
         _check_drives(drives, t)
         flow = spec.flow(system)
-        numbers = numbers._replace(state=_known_start(system, given, drives, t))
+        driven = {name: np.asarray(f(jnp.asarray(t[0]))) for name, f in drives}
+        numbers = numbers._replace(state=begin_pose(system, given, driven))
         begin = lift(system.topology, np.asarray(numbers.state))
         check_inputs(flow, begin)
         check_inertia(flow, begin)
@@ -158,15 +158,6 @@ def simulate(
 def _plain_float(x: float) -> float:
     """Make a number a float of Python's, unless it is traced."""
     return x if isinstance(x, Tracer) else float(x)
-
-
-def _known_start(system: System, given: Any, drives: tuple[tuple[str, Callable], ...], t: Numbers) -> Array:
-    """Find the start of known numbers; where all freedoms are driven, follow the drawing's branch to the drives."""
-    begin = assemble_pose(system, given)
-    if given is not None or not drives or len(drives) != system.degrees_of_freedom:
-        return begin
-    found = solve_position(system, {name: np.asarray(f(jnp.asarray(t[0]))) for name, f in drives}, throw=False)
-    return begin if int(found.status) else found.q
 
 
 def _check_fixed(system: System, method: str, event: Callable | None, t: Numbers, step: float | None) -> None:

@@ -98,6 +98,18 @@ def assemble_pose(system: System, state: PyTree, throw: bool = True) -> Array:
     return q if is_concrete(system, q) else attach_drawing(system, q, state)
 
 
+def begin_pose(system: System, state: PyTree, driven: Mapping[str, Array], throw: bool = True) -> Array:
+    """Find the start of a motion from what `check_start` returns and values of what is `driven`.
+
+    Where all freedoms are, the drawing's branch is followed to these values, if it leads there.
+    """
+    begin = assemble_pose(system, state, throw)
+    if state is not None or not driven or len(driven) != system.degrees_of_freedom:
+        return begin
+    found = solve_position(system, driven, throw=False)
+    return jnp.where(found.converged, found.q, begin)
+
+
 def determines_pose(system: "System | SimulationSpec", state: Mapping[str, Numbers]) -> bool:
     """Tell whether values by name determine the pose of a system, or of its topology and count of freedoms."""
     return len(state) == system.degrees_of_freedom and all(n in system.topology.position for n in state)

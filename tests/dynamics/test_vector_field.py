@@ -129,13 +129,34 @@ def test_adjoints_give_the_derivatives_of_simulate():
 
 
 @pytest.mark.slow
-def test_adjoints_go_through_inputs_that_close_over_what_is_differentiated():
-    def end(speed):
-        field = nc.dynamics.vector_field(pendulum(), {"phi": lambda t: -0.4 + speed * t})
+def test_adjoints_go_through_checkpoints_by_the_design_and_what_inputs_close_over():
+    system = pendulum()
+
+    def end(system, speed):
+        field = nc.dynamics.vector_field(system, {"phi": lambda t: -0.4 + speed * t})
         q, _ = run(field, field.start(), T[[0, -1]]).ys
         return field.state(1.0, (q[-1], q[-1]))["B"][0]
 
-    assert float(nc.jit(jax.grad(end))(0.5)) == pytest.approx(-np.sin(0.1), abs=1e-5)  # steps are chosen for the motion
+    design, speed = nc.jit(jax.grad(end, argnums=(0, 1)))(system, 0.5)
+    assert float(speed) == pytest.approx(-np.sin(0.1), abs=1e-5)  # steps are chosen for the motion
+    along = np.cos(0.1) * np.array([0.6, -0.8])  # the rod is as long as it is drawn
+    places = dict(zip(system.topology.points, np.asarray(design.parameters.points), strict=True))
+    np.testing.assert_allclose(places["B"], along, atol=1e-5)
+    np.testing.assert_allclose(places["A"], np.array([1.0, 0.0]) - along, atol=1e-5)
+
+
+def test_a_driven_motion_begins_where_its_inputs_say_in_traced_code_too():
+    """Half a radian from the drawing: too far for a few of Newton's steps."""
+    system = pendulum()
+    start = np.array([np.cos(-0.4), np.sin(-0.4)])
+
+    def first(angle):
+        inputs = {"phi": lambda t: angle + t}
+        run = nc.simulate(system, T[:2], inputs=inputs, method="rk4")
+        return jnp.stack([run["B"][0], nc.dynamics.vector_field(system, inputs).start()[0][2:4]])
+
+    np.testing.assert_allclose(jax.jit(first)(-0.4), [start, start], atol=1e-12)
+    np.testing.assert_allclose(jax.jacfwd(first)(-0.4), [[-start[1], start[0]]] * 2, atol=1e-9)
 
 
 def test_an_event_ends_the_motion_where_the_state_says():
