@@ -223,7 +223,9 @@ def run_known(spec: SimulationSpec, numbers: RunNumbers, flow: Flow | None = Non
     count = len(t)
     found = spec.strip(_flow(spec, numbers) if flow is None else flow)
     found = dataclasses.replace(found, drive_args=numbers.drive_args)
-    pose = np.asarray(begin_pose(spec.system(numbers.parameters), numbers.state, _driven(found, t[0]), throw=False))
+    pose = np.asarray(
+        begin_pose(spec.system(numbers.parameters), numbers.state, _driven(found, jnp.asarray(t[0])), throw=False)
+    )
     start = _start(spec, found, lift(top, pose), numbers.rates, t, _compiled_rates)
     form = choose_form(found, spec)
     steps = spec.steps if flow is None and keeps_trail(form, spec, count) else 0

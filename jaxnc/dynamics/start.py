@@ -98,7 +98,7 @@ def assemble_pose(system: System, state: PyTree, throw: bool = True) -> Array:
     return q if is_concrete(system, q) else attach_drawing(system, q, state)
 
 
-def begin_pose(system: System, state: PyTree, driven: Mapping[str, Array], throw: bool = True) -> Array:
+def begin_pose(system: System, state: PyTree, driven: Mapping[str, Numbers], throw: bool = True) -> Array:
     """Find the start of a motion from what `check_start` returns and values of what is `driven`.
 
     Where all freedoms are, the drawing's branch is followed to these values, if it leads there.
