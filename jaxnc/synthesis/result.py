@@ -106,7 +106,7 @@ class Result(Shown):
 
     problem: Problem
     designs: tuple[Design, ...]
-    history: tuple[Progress, ...]
+    history: tuple[tuple[float, int, float], ...]
     refined: int
     screened: int
     broken: int
