@@ -23,7 +23,7 @@ from jaxnc.progress import step_bar
 from jaxnc.reporting.checked import drives
 from jaxnc.reporting.outcome import outputs_of
 from jaxnc.reporting.quantity import quantities, shown_in, unit_of
-from jaxnc.reporting.verdict import Assemblies, Branch
+from jaxnc.reporting.verdict import Assemblies, BranchEnds
 from jaxnc.vehicle.report import align_columns
 
 _first = operator.itemgetter(0)
@@ -103,7 +103,9 @@ def _list_circuits(found: Circuits, system: nc.System, options: argparse.Namespa
         count=[int(n) for n in found.count],
         values=[float(v) for v in values],
         branches=[
-            Branch(circuit=b.circuit, lower=b.lower * factor, upper=b.upper * factor, dead=list(b.dead), turns=b.turns)
+            BranchEnds(
+                circuit=b.circuit, lower=b.lower * factor, upper=b.upper * factor, dead=list(b.dead), turns=b.turns
+            )
             for b in found.branches
         ],
     )

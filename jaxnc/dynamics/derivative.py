@@ -66,7 +66,7 @@ _WHOLE = ("violation", "correction", "steps", "end")
 
 
 class StageMiss(NamedTuple):
-    """What the equations of a stage, ``M c + Jᵀ λ = f, J c = g``, are off by; or changes of that, the adjoint."""
+    """Misses of the equations of a stage, ``M c + Jᵀ λ = f, J c = g``; or changes of them, the adjoint."""
 
     forces: Array  # of the unknown coordinates (n,)
     rows: Array  # (m,)
@@ -224,7 +224,9 @@ def run_known(spec: SimulationSpec, numbers: RunNumbers, flow: Flow | None = Non
     found = spec.strip(_flow(spec, numbers) if flow is None else flow)
     found = dataclasses.replace(found, drive_args=numbers.drive_args)
     pose = np.asarray(
-        begin_pose(spec.system(numbers.parameters), numbers.state, _driven(found, jnp.asarray(t[0])), throw=False)
+        begin_pose(
+            spec.system(numbers.parameters), numbers.state, _evaluate_drives(found, jnp.asarray(t[0])), throw=False
+        )
     )
     start = _start(spec, found, lift(top, pose), numbers.rates, t, _compiled_rates)
     form = choose_form(found, spec)
@@ -252,7 +254,7 @@ def _run_traced(spec: SimulationSpec, numbers: RunNumbers) -> Run:
     flow, top = _flow(spec, numbers), spec.topology
     system, pose = spec.system(numbers.parameters), numbers.state
     if _is_drawn(pose):
-        pose = begin_pose(system, pose, _driven(flow, numbers.t[0]))
+        pose = begin_pose(system, pose, _evaluate_drives(flow, numbers.t[0]))
     start = _start(spec, flow, lift(top, pose), numbers.rates, numbers.t, _named_rates)
     form = choose_form(flow, spec)
     if spec.steps:
@@ -265,7 +267,7 @@ def _flow(spec: SimulationSpec, numbers: RunNumbers) -> Flow:
     return dataclasses.replace(spec.flow(spec.system(numbers.parameters)), drive_args=numbers.drive_args)
 
 
-def _driven(flow: Flow, t: Array) -> dict[str, Array]:
+def _evaluate_drives(flow: Flow, t: Array) -> dict[str, Array]:
     """Return the values of the driven coordinates at a time."""
     return {name: value for (name, _), value in zip(flow.drives, flow.drive_values(t)[0], strict=True)}
 

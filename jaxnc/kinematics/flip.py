@@ -61,11 +61,10 @@ class FlipMargin:
 def flip_margin(motion: Motion) -> FlipMargin:
     """Measure how far the poses of a motion are from flipping into another assembly.
 
-    Both measures are exact functions of pose and design, with exact derivatives: in `jax.jit`, `jax.vmap` and
-    `jax.grad`. Where a block of
-    the constraints has a closed form (a dyad), it is found in any case. Of others it is sought by Newton's steps from
-    where second derivatives say that it is: near a singular position it is found, far from any one another assembly
-    may be found or none, and `jaxnc.modes` lists all.
+    Both measures are exact functions of pose and design, with exact derivatives, in `jax.jit`, `jax.vmap` and
+    `jax.grad`. Where a block of the constraints has a closed form (a dyad), the other assembly is found in any case.
+    Elsewhere it is sought by Newton's steps from where second derivatives say that it is: near a singular position it
+    is found; far from any, one that is farther away may be found, or none. `jaxnc.modes` lists all.
 
     Args:
         motion: any poses of one design, or of a batch of designs.
@@ -92,14 +91,14 @@ def flip_margin(motion: Motion) -> FlipMargin:
             f"flip_margin(): {system.topology.name!r} has {len(view.unknown)} unknowns, too many to be written out; "
             f"jaxnc.modes lists its assemblies"
         )
-    inner = functools.partial(_measure, view)
+    inner = functools.partial(_measure_margins, view)
     for _ in range(motion._designs):
         inner = jax.vmap(inner)
     return inner(motion)
 
 
 @functools.partial(jit, static_argnums=0)
-def _measure(view: Plan, motion: Motion) -> FlipMargin:
+def _measure_margins(view: Plan, motion: Motion) -> FlipMargin:
     core, eq = kernel(view), derive(motion.system)
     shape = motion.status.shape
     good = motion.converged.reshape(-1)
@@ -114,7 +113,7 @@ def _measure(view: Plan, motion: Motion) -> FlipMargin:
     other = list(x)
     for c, v in zip(view.unknown, unknown, strict=True):
         other[int(c)] = jnp.where(there, v, x[int(c)])
-    far = _movement(view, eq, x, other)
+    far = _square_of_movement(view, eq, x, other)
     distance = jnp.where(there, jnp.sqrt(jnp.where(there, far, 1.0)), jnp.where(good, jnp.inf, 0.0))
     unlimited = jnp.full(good.shape, jnp.inf)
     reach, dead_point = unlimited, unlimited
@@ -128,7 +127,7 @@ def _measure(view: Plan, motion: Motion) -> FlipMargin:
     return FlipMargin(distance.reshape(shape), reach.reshape(shape), dead_point.reshape(shape), several)
 
 
-def _movement(view: Plan, eq: Equations, x: Lanes, other: Lanes) -> Any:
+def _square_of_movement(view: Plan, eq: Equations, x: Lanes, other: Lanes) -> Any:
     """Square of the largest movement of a point; of unit vectors, times the size, where no point moves."""
     top = view.topology
     squares = [
@@ -171,7 +170,7 @@ def _flip(core: Kernel, view: Plan, eq: Equations, x: Lanes) -> tuple[Lanes, Arr
         if not block.closed:  # one that is told by its place, and has either orientation
             free = np.array([k == other for other in turned])
             wanted[k] = jnp.where(free[:, None], jnp.sign(found.determinants[k]), wanted[k])
-    far = _movement(view, eq, x, found.x)
+    far = _square_of_movement(view, eq, x, found.x)
     far = jnp.where(on_branch(eq, found, wanted) & (far > (_APART * eq.length) ** 2), far, jnp.inf)
     best = jnp.argmin(far, axis=0)[None]
 
@@ -188,7 +187,7 @@ def _seek(block: Any, eq: Equations, x: Lanes) -> list[Lanes]:
     nonlinear partial differential equations, SIAM J. Sci. Comput. 37 (2015) A2026-A2045.
     """
     part, kept = jnp.array(_STARTS).T[:, :, None]
-    across, unit = _across(block, eq, x), eq.length**2
+    across, unit = _aim_across(block, eq, x), eq.length**2
     long = jnp.sqrt(sum(d * d for d in across) / unit)
     short = jnp.where(kept > 0.0, jnp.minimum(1.0, _LONGEST / jnp.maximum(long, limits(eq.length).tiny)), 1.0)
 
@@ -213,7 +212,7 @@ def _seek(block: Any, eq: Equations, x: Lanes) -> list[Lanes]:
     return [[v[k] if v.ndim > 1 else v for v in at] for k in range(len(_STARTS))]
 
 
-def _across(block: Any, eq: Equations, x: Lanes) -> list[Array]:
+def _aim_across(block: Any, eq: Equations, x: Lanes) -> list[Array]:
     """Changes of a block's coordinates that lead across its nearest singular position.
 
     Of rows F of second degree the change d has ``J d + H d d / 2 = 0``. Along the direction r in which J is weakest it
@@ -253,7 +252,7 @@ def _determinants(
     """The determinants of the blocks that can flip, as a function of steps of the driven coordinates."""
     unknown = tuple(lax.stop_gradient(x[int(c)]) for c in view.unknown)
 
-    def found(*steps: Array) -> tuple[Array, ...]:
+    def evaluate(*steps: Array) -> tuple[Array, ...]:
         moved = (*(k + step for k, step in zip(known, steps, strict=False)), *known[len(steps) :])
         at = list(x)
         for c, v in zip(view.unknown, attach_lanes(view, unknown, eq, moved, good), strict=True):
@@ -264,7 +263,7 @@ def _determinants(
         bent = [d for d, block in every if block.rows.form not in ("affine", "angle")]
         return tuple(jnp.broadcast_to(d, good.shape) for d in bent)
 
-    return found
+    return evaluate
 
 
 def _way_to_singularity(

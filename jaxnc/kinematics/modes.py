@@ -321,11 +321,11 @@ def solve_all(
 
 def _detour(reduction: Reduction, begin: Placed, end: Placed, rng: np.random.Generator) -> list[QuadraticPaths]:
     """Two legs by way of a member beside the straight line, in a random complex direction."""
-    middle = _between(reduction, begin, end, 0.5 + 0.7j * rng.choice([-1, 1]) * (0.5 + rng.random()))
+    middle = _place_between(reduction, begin, end, 0.5 + 0.7j * rng.choice([-1, 1]) * (0.5 + rng.random()))
     return [reduction.paths(begin, middle), reduction.paths(middle, end)]
 
 
-def _between(reduction: Reduction, begin: Placed, end: Placed, part: complex) -> Placed:
+def _place_between(reduction: Reduction, begin: Placed, end: Placed, part: complex) -> Placed:
     """The member some part of the way from one to another."""
     at = np.array([part])
     straight = tuple(a + (b - a) * at for a, b in zip(begin.straight, end.straight, strict=True))
@@ -386,7 +386,7 @@ class Targets:
             member, _ = self.designs[0].at((middle + away)[:, None], self.order)
             there = self.reduction.place(member)
         else:
-            there = _between(self.reduction, self.begin, self.end.choose([0]), _BESIDE)
+            there = _place_between(self.reduction, self.begin, self.end.choose([0]), _BESIDE)
         ends = self.reduction.paths(self.begin, there).follow(self.reduction.shorten(self.family.starts.x), CAREFUL)
         w = ends.w[:, ends.arrived]
         return there, w[:, is_new(np.zeros((len(w), 0)), w)]

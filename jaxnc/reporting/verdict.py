@@ -194,7 +194,7 @@ class Family(_Record):
     note: str
 
 
-class Branch(_Record):
+class BranchEnds(_Record):
     """A branch of a circuit, in the unit of its input: its ends, and which of them are dead points."""
 
     circuit: int
@@ -211,7 +211,7 @@ class Assemblies(_Record):
     complete: bool
     count: list[int]
     values: list[float]
-    branches: list[Branch]
+    branches: list[BranchEnds]
 
 
 class File(_Record):

@@ -57,7 +57,7 @@ def signed_distance(one: Array, other: Array, edges: Pairs, other_edges: Pairs) 
     Returns:
         Distances, ``(…)``.
     """
-    ends = [_ends(one, edges), _ends(other, other_edges)]
+    ends = [_edge_ends(one, edges), _edge_ends(other, other_edges)]
     deep = jnp.full(one.shape[2:], -jnp.inf)
     ways = jnp.concatenate([b - a for a, b in ends])
     if len(ways):
@@ -66,15 +66,15 @@ def signed_distance(one: Array, other: Array, edges: Pairs, other_edges: Pairs) 
         size = jnp.sqrt(jnp.where(real, square, 1.0))
         x, y = -ways[:, 1] / size, ways[:, 0] / size
         first, second = (shape[:, None, 0] * x + shape[:, None, 1] * y for shape in (one, other))
-        gaps = jnp.stack([least(second) - _most(first), least(first) - _most(second)])
+        gaps = jnp.stack([select_least(second) - _most(first), select_least(first) - _most(second)])
         deep = _most(jnp.where(real, _most(gaps), -jnp.inf))
     apart = (deep > 0.0) | ~jnp.isfinite(deep)  # single points have no edges
-    square = least(jnp.stack([_least_square(one, *ends[1], other), _least_square(other, *ends[0], one)]))
+    square = select_least(jnp.stack([_least_square(one, *ends[1], other), _least_square(other, *ends[0], one)]))
     far = jnp.sqrt(jnp.where(apart & (square > 0.0), square, 1.0))
     return jnp.where(apart, jnp.where(square > 0.0, far, 0.0), jnp.where(jnp.isfinite(deep), deep, 0.0))
 
 
-def least(x: Array) -> Array:
+def select_least(x: Array) -> Array:
     """Least along the first axis, by selections.
 
     JAX finds what a minimum depends on by comparing again, and where XLA has rounded otherwise then, it finds nothing.
@@ -87,10 +87,10 @@ def least(x: Array) -> Array:
 
 
 def _most(x: Array) -> Array:
-    return -least(-x)
+    return -select_least(-x)
 
 
-def _ends(shape: Array, pairs: Pairs) -> tuple[Array, Array]:
+def _edge_ends(shape: Array, pairs: Pairs) -> tuple[Array, Array]:
     first, second = (np.array([pair[k] for pair in pairs], int) for k in range(2))
     return shape[first], shape[second]
 
@@ -101,7 +101,7 @@ def _least_square(points: Array, start: Array, end: Array, corners: Array) -> Ar
     square = way[:, 0] ** 2 + way[:, 1] ** 2
     x, y = (points[:, None, k] - start[:, k] for k in range(2))
     share = jnp.clip((x * way[:, 0] + y * way[:, 1]) / jnp.where(square > 0.0, square, 1.0), 0.0, 1.0)
-    return least(least((x - share * way[:, 0]) ** 2 + (y - share * way[:, 1]) ** 2))
+    return select_least(select_least((x - share * way[:, 0]) ** 2 + (y - share * way[:, 1]) ** 2))
 
 
 def swept_distance(one: Array, other: Array, edges: Pairs, other_edges: Pairs) -> Array:
@@ -131,7 +131,7 @@ def _least_straight(a: Array, b: Array, c: Array, d: Array, edges: Pairs, other_
     last, coming = jax.jvp(apart, (b, d), step)
     dips = (leaving < 0.0) & (coming > 0.0)
     share = jnp.clip((last - first - coming) / jnp.where(dips, leaving - coming, 1.0), 0.0, 1.0)
-    return least(jnp.stack([first, last, jnp.where(dips, first + share * leaving, first)]))
+    return select_least(jnp.stack([first, last, jnp.where(dips, first + share * leaving, first)]))
 
 
 _least_between = jax.custom_jvp(_least_straight, nondiff_argnums=(4, 5))
@@ -200,14 +200,14 @@ def _area(corners: np.ndarray) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+def _signed_area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
     return float((b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]))
 
 
 def _cross(corners: np.ndarray, i: int, j: int) -> bool:
     """Tell whether the edges behind two corners meet."""
     a, b, c, d = (corners[k % len(corners)] for k in (i, i + 1, j, j + 1))
-    one, two, three, four = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)
+    one, two, three, four = _signed_area(a, b, c), _signed_area(a, b, d), _signed_area(c, d, a), _signed_area(c, d, b)
     if one == two == 0.0:  # on one line
         way = b - a
         low, high = sorted(((c - a) @ way, (d - a) @ way))
@@ -220,7 +220,7 @@ def convex_pieces(corners: np.ndarray) -> tuple[np.ndarray, ...]:
 
     def convex(piece: list[int]) -> bool:
         some = corners[piece]
-        return all(_turn(*some[np.arange(k, k + 3) % len(piece)]) >= 0.0 for k in range(len(piece)))
+        return all(_signed_area(*some[np.arange(k, k + 3) % len(piece)]) >= 0.0 for k in range(len(piece)))
 
     rest, pieces = list(range(len(corners))), []
     while len(rest) > 3 and not convex(rest):
@@ -232,7 +232,7 @@ def convex_pieces(corners: np.ndarray) -> tuple[np.ndarray, ...]:
     while joined:
         joined = False
         for one, other in itertools.combinations(pieces, 2):
-            whole = _join(one, other)
+            whole = _join_pieces(one, other)
             if whole is not None and convex(whole):
                 pieces = [p for p in pieces if p is not one and p is not other] + [whole]
                 joined = True
@@ -242,13 +242,13 @@ def convex_pieces(corners: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def _is_ear(corners: np.ndarray, rest: list[int], k: int) -> bool:
     a, b, c = corners[[rest[k - 1], rest[k], rest[(k + 1) % len(rest)]]]
-    if _turn(a, b, c) <= 0.0:
+    if _signed_area(a, b, c) <= 0.0:
         return False
     others = corners[[i for i in rest if i not in (rest[k - 1], rest[k], rest[(k + 1) % len(rest)])]]
-    return not any(min(_turn(a, b, p), _turn(b, c, p), _turn(c, a, p)) >= 0.0 for p in others)
+    return not any(min(_signed_area(a, b, p), _signed_area(b, c, p), _signed_area(c, a, p)) >= 0.0 for p in others)
 
 
-def _join(one: list[int], other: list[int]) -> list[int] | None:
+def _join_pieces(one: list[int], other: list[int]) -> list[int] | None:
     """Join two pieces along an edge that they share."""
     for k, a in enumerate(one):
         b = one[(k + 1) % len(one)]

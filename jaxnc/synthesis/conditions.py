@@ -357,7 +357,7 @@ class OnlyCircuit(Condition):
         return jnp.zeros(0)
 
     def defect(self, turn: Motion) -> str:
-        """What can be assembled instead of a design that moves through its range; empty if nothing."""
+        """Tell what can be assembled instead of a design that moves through its range; empty if nothing."""
         (name,) = turn.driven
         values = np.unique(np.asarray(turn.asked)[:, 0])
         found = circuits(turn.system, {name: values}, hold=turn.held, unit="rad")

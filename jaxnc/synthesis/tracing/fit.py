@@ -109,7 +109,7 @@ def least_gaps(lanes: Lanes, count: int, closed: Array, walls: Walls) -> Array:
         span = jnp.where(closed > 0, 2.0 * jnp.pi, row[-1])
         angle = row[-2] + span * jnp.linspace(0.0, 1.0, count)
         traced = move(chain, sign, row[:-6], angle, jnp.all(jnp.isfinite(row)))
-        return jnp.min(gaps(_links(chain, row, traced), walls, True))
+        return jnp.min(gaps(_link_corners(chain, row, traced), walls, True))
 
     return jax.lax.map(one, tuple(lanes), batch_size=4)
 
@@ -120,7 +120,7 @@ def _put(row: Array, point: Array) -> Array:
     return jnp.stack([x + a * point[0] - b * point[1], y + b * point[0] + a * point[1]])
 
 
-def _links(chain: ChainArrays, row: Array, traced: Traced) -> Array:
+def _link_corners(chain: ChainArrays, row: Array, traced: Traced) -> Array:
     return jnp.moveaxis(_put(row, jnp.moveaxis(link_corners(chain, traced), 1, 0)), 0, 1)
 
 
@@ -232,7 +232,7 @@ def _look(
     # Rows: distances of the feet, distances of the poses, the worst pose of each dyad, and of each link near a wall.
     worst = jnp.argmin(seen.sine, axis=1)
     if target.walls:
-        links = _links(chain, row, seen)
+        links = _link_corners(chain, row, seen)
         worst = jnp.concatenate([worst, *(jnp.argmin(gaps(links, wall), axis=1) for wall in target.walls)])
     more, bodies = len(worst), 1 + 2 * dyads
     # Where timings are given, the two distances of a point are those along x and along y.
@@ -261,7 +261,7 @@ def _look(
         for k, wall in enumerate(target.walls):
             first = 2 * COUNT + dyads + k * bodies
             last = jax.tree.map(lambda a, first=first: a[..., first : first + bodies], (spread, traced))
-            links = jnp.diagonal(_links(chain, *last), axis1=2, axis2=3)[..., None]
+            links = jnp.diagonal(_link_corners(chain, *last), axis1=2, axis2=3)[..., None]
             short = short.at[first : first + bodies].add(jnp.maximum(-gaps(links, wall)[:, 0], 0.0))
         out = weights * (jnp.sum(normals * miss, axis=0) + short)
         return jnp.sum(out), out

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
-from jaxnc.synthesis.clearance import ClearOf, all_pairs, least, ring, signed_distance, swept_distance
+from jaxnc.synthesis.clearance import ClearOf, all_pairs, ring, select_least, signed_distance, swept_distance
 from jaxnc.synthesis.tracing.chains import CRANK, KINDS, ChainArrays, dyadic_chains
 from jaxnc.synthesis.tracing.curves import Traced
 from jaxnc.types import Array
@@ -25,7 +25,7 @@ class Walls(NamedTuple):
     room: Any  # distance of the lines between a link's joints
     which: Any  # whether each body has to keep clear, (bodies,)
 
-    def scaled(self, centre: np.ndarray, size: float) -> "Walls":
+    def in_units(self, centre: np.ndarray, size: float) -> "Walls":
         """Write the region in units of a size about a centre."""
         return Walls((self.pieces - centre[:, None]) / size, self.room / size, self.which)
 
@@ -92,5 +92,5 @@ def gaps(links: Array, walls: Walls, swept: bool = False) -> Array:
     shape = pieces.shape[2], *links.shape[2:]
     links, pieces = (jnp.broadcast_to(a, (*a.shape[:2], *shape)) for a in (links[:, :, None], pieces))
     measure = swept_distance if swept else signed_distance
-    found = least(measure(links, pieces, all_pairs(len(links)), ring(len(pieces)))) - walls.room
+    found = select_least(measure(links, pieces, all_pairs(len(links)), ring(len(pieces)))) - walls.room
     return jnp.where(jnp.asarray(walls.which)[CRANK : CRANK + found.shape[0], None], found, _FREE)

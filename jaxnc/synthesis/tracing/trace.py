@@ -459,7 +459,7 @@ class _Search:
         # A little more than asked for, so that what is found meets it between the poses too.
         sine = float(np.sin(min(terms.least * 1.01 + 0.001, np.pi / 2)) ** 2)
         ground = (terms.ground - target.centre) / target.size
-        walls = [wall.scaled(target.centre, target.size) for wall in terms.walls]
+        walls = [wall.in_units(target.centre, target.size) for wall in terms.walls]
         walls = tuple(wall._replace(room=wall.room + _SPARE) for wall in walls)
         self.goal = target.target(target.timing is None, sine, ground, _LARGE, walls=walls)
         self.points = target.target(False, sine, ground, _LARGE, walls=walls)
@@ -627,7 +627,7 @@ def _look_closely(target: Curve, terms: _Terms, lanes: Lanes, bars: int, exact: 
         turning = np.asarray(trace_curves(full._replace(row=row), _POSES, 1.0)[1])[:count]
     clear = np.full(count, np.inf)
     for wall in terms.walls:
-        gap = least_gaps(full, _POSES, closed, wall.scaled(target.centre, target.size))
+        gap = least_gaps(full, _POSES, closed, wall.in_units(target.centre, target.size))
         clear = np.minimum(clear, np.asarray(gap)[:count])
     found = []
     for k, row in enumerate(np.asarray(lanes.row)):
