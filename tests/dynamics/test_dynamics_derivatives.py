@@ -289,7 +289,7 @@ def test_steps_that_were_kept_are_gone_back_through_as_steps_made_again(step, mo
     for most in (runs._KEPT, 0):
         monkeypatch.setattr(runs, "_KEPT", most)
         slope = jax.grad(far, argnums=tuple(range(len(given))))
-        gradients += [slope(*given), nc.jit(slope)(*given)]
+        gradients += [slope(*given), *([nc.jit(slope)(*given)] if most else [])]
         assert bool(kept) == (most > 0)
         kept.clear()
     for other in gradients[1:]:
