@@ -45,6 +45,7 @@ from jaxnc.synthesis.path import MotionGeneration as MotionGeneration
 from jaxnc.synthesis.path import PathGeneration as PathGeneration
 from jaxnc.synthesis.problem import Evaluation as Evaluation
 from jaxnc.synthesis.problem import Problem as Problem
+from jaxnc.synthesis.result import Progress as Progress
 from jaxnc.synthesis.result import Result as Result
 from jaxnc.synthesis.result import Steps as Steps
 from jaxnc.synthesis.result import load as load

@@ -30,6 +30,7 @@ _CONTINUUM = (
 )
 
 
+@public
 class Progress(NamedTuple):
     """A line of the history: seconds, designs looked at, best error so far."""
 
@@ -106,7 +107,7 @@ class Result(Shown):
 
     problem: Problem
     designs: tuple[Design, ...]
-    history: tuple[tuple[float, int, float], ...]
+    history: tuple[Progress, ...]
     refined: int
     screened: int
     broken: int
