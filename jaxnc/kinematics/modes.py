@@ -387,6 +387,8 @@ class Targets:
             there = self.reduction.place(member)
         else:
             there = _place_between(self.reduction, self.begin, self.end.choose([0]), _BESIDE)
+        if not self.reduction.n:
+            return there, np.zeros((0, 1))
         ends = self.reduction.paths(self.begin, there).follow(self.reduction.shorten(self.family.starts.x), CAREFUL)
         w = ends.w[:, ends.arrived]
         return there, w[:, is_new(np.zeros((len(w), 0)), w)]

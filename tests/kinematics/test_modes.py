@@ -335,6 +335,17 @@ def test_stacks_of_designs_have_each_what_it_has_alone():
         np.testing.assert_allclose(found.poses["E"][k, : len(one)], one.poses["E"], atol=1e-9)
 
 
+def test_a_crank_alone_has_one_assembly_everywhere():
+    """Nothing is left to be solved when linear rows are."""
+    crank = planar("crank", dict(A=(0, 0)), dict(B=(0, 2)), ["AB"], "AB").compile()
+    found = nc.modes(crank, {"phi": CIRCLES})
+    np.testing.assert_allclose(
+        found.poses["B"][:, 0], 2.0 * np.stack([np.cos(CIRCLES), np.sin(CIRCLES)], 1), atol=ROUNDING
+    )
+    assert found.count.tolist() == [1, 1, 1]
+    assert nc.circuits(crank, {"phi": np.linspace(0.0, 2 * np.pi, 9)}).branches[0].turns
+
+
 def test_pictures(tmp_path):
     found = nc.modes(stephenson().compile(), {"phi": 2.72})
     assert len(found.draw(tmp_path / "modes.png").axes) == len(found)

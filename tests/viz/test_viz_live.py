@@ -803,7 +803,7 @@ def written(text: str, equations: str) -> int:
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("timed", [False, True])
 def test_the_program_of_a_page_with_forces_is_small_too(tmp_path, monkeypatch, dim, timed):
-    """With everything that a page may have: forces that it finds, time, arrows, traces, centres of mass."""
+    """With everything that a page may have: forces that it finds, time, arrows, traces, centres of mass, assemblies."""
     m, made = loaded(dim), []
     parts = page.page_parts
     monkeypatch.setattr(page, "page_parts", lambda *args, **more: made.append(parts(*args, **more)) or made[-1])
@@ -811,7 +811,7 @@ def test_the_program_of_a_page_with_forces_is_small_too(tmp_path, monkeypatch, d
         motion = nc.motion(m.compile(), {"phi": lambda t: 20.0 * t + 0.3}, np.linspace(0.0, 0.3, 20))
     else:
         motion = nc.sweep(m.compile(), {"phi": TURNS}, rates={"phi": 20.0})
-    text = motion.to_html(tmp_path / "a.html", trace="B", velocities="B", forces=True, model=m).read_text()
+    text = motion.to_html(tmp_path / "a.html", trace="B", velocities="B", forces=True, modes=True, model=m).read_text()
     (found,) = made
     without = {"MORE", *(("CLOCK",) if not timed else ()), ("CENTRES" if dim == 3 else "BACK")}
     assert {name for name, part in found.items() if not part} == without | ({"STILL"} if dim == 3 else set())
