@@ -122,7 +122,7 @@ def test_the_motion_goes_on_in_the_assembly_that_was_chosen(browser, motion, pag
     for _ in range(2):
         browser.run("document.getElementById('undo').click()")
         settled(browser)
-    np.testing.assert_allclose(shown(browser)[1], np.asarray(motion.q[AT + 2]), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(shown(browser)[1], np.asarray(motion.q[AT]), rtol=0, atol=1e-9)
     assert browser.said == []
 
 
