@@ -29,6 +29,7 @@ from jaxnc.kinematics.starts import (
     NoMember,
     PositiveDimension,
     StartSet,
+    TooMany,
     draw_generic,
     find_starts,
     load_starts,
@@ -45,6 +46,9 @@ from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
+
+MOST = 1000
+"""Solutions of a generic mechanism that are looked for without being asked to."""
 
 _ZERO = 1e-10  # of the mechanism's size: a constant of a design below is zero by its structure
 _WIDE = 1e5  # beside 1: maps of an elimination that divides by next to nothing
@@ -245,8 +249,8 @@ def _place(reduction: Reduction, design: Member) -> Placed | None:
     return placed if np.abs(placed.maps).max() < _WIDE else None
 
 
-def family_of(design: Design, inputs: Sequence[int], seed: int = 0) -> Family:
-    """The family of a design: made once for a structure, or read from the user's cache."""
+def family_of(design: Design, inputs: Sequence[int], seed: int = 0, most: float = np.inf) -> Family:
+    """The family of a design: made once for a structure, of `most` solutions, or read from the user's cache."""
     base, zeros = design.reading, tuple((np.abs(c) <= _ZERO).tobytes() for c in design.constants)
     known = base.families
     if (zeros, seed) not in known:
@@ -261,7 +265,7 @@ def family_of(design: Design, inputs: Sequence[int], seed: int = 0) -> Family:
         if starts is None:
             own = dataclasses.replace(design, reading=reading)
             member, _ = own.at((design.x * design.unit)[list(inputs), None], inputs)
-            starts = find_starts(reading, design.x, design.constants, member, rng)
+            starts = find_starts(reading, design.x, design.constants, member, rng, key, most)
             save_starts(starts, key)
         known[zeros, seed] = Family(reading, starts)
     return known[zeros, seed]
@@ -497,7 +501,7 @@ def join_members(members: Sequence[Member]) -> Member:
     return Member(constants, *rest)
 
 
-def _solve_map(system: System, view: Plan, names: Sequence[str], values: np.ndarray, seed: int) -> ModesMap:
+def _solve_map(system: System, view: Plan, names: Sequence[str], values: np.ndarray, seed: int, most: int) -> ModesMap:
     """All real assemblies for inputs ``(..., inputs)``, of one design or of as many."""
     lead, top = system.parameters.points.ndim - 2, system.topology
     order, held = tuple(top.position[n] for n in names), tuple(map(int, view.held))
@@ -513,7 +517,7 @@ def _solve_map(system: System, view: Plan, names: Sequence[str], values: np.ndar
         several = [system]
     values = np.asarray(values, float).reshape(-1, values.shape[-1])
     first = max(several, key=_nonzero) if lead else system
-    own, family = prepare(first, order, held, seed)
+    own, family = prepare(first, order, held, seed, most)
     designs = [own] if not lead else [describe(one, family.reading) for one in several]
     found = Targets(designs, family, order, values, seed)
     count = np.array([p.w.shape[1] for p in found.places])
@@ -550,7 +554,12 @@ def _nonzero(system: System) -> int:
 @public
 @widened
 def modes(
-    system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0
+    system: System,
+    inputs: Inputs,
+    hold: Sequence[str] = (),
+    unit: str | None = None,
+    seed: int = 0,
+    most: int = MOST,
 ) -> Modes | ModesMap:
     """Find every assembly of a mechanism for its inputs, with certificates and a statement of completeness.
 
@@ -561,6 +570,9 @@ def modes(
         hold: free coordinates that keep the value they have in the drawing.
         unit: what angles are given in, ``"rad"`` or ``"deg"``.
         seed: another number takes other ways, and another generic mechanism to begin from.
+        most: how many solutions of a generic mechanism of this structure may be looked for, complex ones included. If
+            there turn out to be more, the error says how many there may be and how long they take, and what is known is
+            kept: with a larger number the next call goes on from there. So it does after Ctrl-C.
 
     Returns:
         The assemblies, a `Modes` for one set of inputs, a `ModesMap` for many; failures are counted there, never
@@ -568,7 +580,8 @@ def modes(
 
     Raises:
         InputError: inputs that are too many or too few, or not finite; rows that are no polynomials of second degree
-            (gears, rolling, screws, own kinds); a mechanism that moves with its inputs held.
+            (gears, rolling, screws, own kinds); a mechanism that moves with its inputs held; more than `most`
+            solutions.
     """
     one_thread("numpy")
     check_system(system, "modes()")
@@ -581,20 +594,22 @@ def modes(
     if shape or system.parameters.points.ndim > 2:
         if not math.prod(shape):
             raise InputError(f"modes(): inputs of the shape {shape} hold no value")
-        return _solve_map(system, view, names, values, seed)
+        return _solve_map(system, view, names, values, seed, most)
     order = tuple(system.topology.position[n] for n in names)
-    design, family = prepare(system, order, tuple(map(int, view.held)), seed)
+    design, family = prepare(system, order, tuple(map(int, view.held)), seed, most)
     member, x = design.at(values[:, None], order)
     return _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
 
 
-def prepare(system: System, driven: tuple[int, ...], held: tuple[int, ...], seed: int) -> tuple[Design, Family]:
+def prepare(
+    system: System, driven: tuple[int, ...], held: tuple[int, ...], seed: int, most: int
+) -> tuple[Design, Family]:
     """The design of a system and its family; what cannot be read as polynomials is refused."""
     top = system.topology
     try:
         reading = read_polynomials(top.structure, (*driven, *held))
         design = describe(system, reading)
-        family = family_of(design, (*driven, *held), seed)
+        family = family_of(design, (*driven, *held), seed, most)
     except NotPolynomial as error:
         block, instance, why = error.args
         owner = top.called(*top.blocks[block].owners[instance])
@@ -607,12 +622,29 @@ def prepare(system: System, driven: tuple[int, ...], held: tuple[int, ...], seed
             f"modes(): with these inputs {top.name!r} still has {counted(error.args[0], 'freedom')}: hold a coordinate "
             f"of what moves (a rod's spin), hold=[…], or drive it; jaxnc.mobility(system) names the free motions"
         ) from None
+    except TooMany as error:
+        known, expected, seconds, kept = error.args
+        raise InputError(
+            f"modes(): a generic mechanism of the structure of {top.name!r} has more than {most:,} solutions: "
+            f"{known:,} are known{' and kept' * kept}, about {expected:,} are expected, which take about "
+            f"{_last(seconds)}; jaxnc.modes(…, most={_round_up(2 * expected)}) looks for them"
+        ) from None
     except NoMember:
         raise InputError(
             f"modes(): {top.name!r} is overconstrained: it moves for special dimensions only, and has no family of "
             f"mechanisms to begin from; leave out what is redundant (jaxnc.mobility(system) names it)"
         ) from None
     return dataclasses.replace(design, reading=family.reading), family
+
+
+def _last(seconds: float) -> str:
+    return f"{seconds / 60:.0f} min" if seconds > 90 else f"{max(1.0, seconds):.0f} s"
+
+
+def _round_up(count: float) -> int:
+    """Round up to one digit."""
+    power = 10 ** int(math.log10(max(1.0, count)))
+    return math.ceil(count / power) * power
 
 
 def _report(system, view, design: Design, family: Family, x: np.ndarray, values: np.ndarray, ends: Ends) -> Modes:

@@ -13,8 +13,10 @@ from test_assemblies import SMALL, USUAL, turns_of_the_plate
 
 import jaxnc as nc
 from jaxnc.continuation.certificate import certify
-from jaxnc.continuation.monodromy import solve_by_degree
+from jaxnc.continuation.monodromy import run_loops, solve_by_degree
+from jaxnc.continuation.tracker import PathEnds
 from jaxnc.kinematics import modes as module
+from jaxnc.kinematics import starts
 from jaxnc.kinematics.polynomial import read_polynomials
 
 ROUNDING = 1e-11  # poses of size one
@@ -218,6 +220,63 @@ def test_a_start_set_is_found_once(cached, monkeypatch):
     file.unlink()
     check(nc.modes(fresh(), {"phi": 0.4}), 2, 2)
     assert not list(cached.iterdir())
+
+
+class Swaps:
+    """A leg that permutes numbered solutions: among those of each half, and every other time both halves."""
+
+    def __init__(self, count: int, rng: np.random.Generator):
+        half = [rng.permutation(count // 2), count // 2 + rng.permutation(count // 2)]
+        self.ends = np.concatenate(half[:: rng.choice([-1, 1])])
+
+    def follow(self, w, pace):
+        there, lanes = np.ones(w.shape[1], bool), np.zeros(w.shape[1])
+        return PathEnds(1.0 * self.ends[w.real.astype(int)], there, lanes, lanes, lanes)
+
+
+@pytest.mark.parametrize("count", [8, 40])
+def test_loops_find_a_half_that_only_every_other_loop_reaches(count):
+    """With 2^-16 they do not: half of a suspension's 320 solutions once stayed away for four loops."""
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        found = run_loops(np.zeros((1, 1), complex), lambda rng=rng: [Swaps(count, rng)])
+        assert found.w.shape[1] == count and found.quiet == 16
+
+
+def test_a_search_goes_on_where_it_was_stopped(cached, monkeypatch):
+    """By Ctrl-C, or because there are more solutions than were asked for; what is known is kept."""
+    system = nc.library.stewart_platform().compile()
+    legs = {f"s{k}": float(np.linalg.norm(system[f"A{k}"] - system[f"B{k}"])) for k in range(1, 7)}
+    reading = read_polynomials(system.topology.structure, tuple(system.topology.position[n] for n in legs))
+    reading.families.clear()
+    with pytest.raises(nc.InputError, match=r"more than 10 solutions: \d+ are known and kept, about \d+.*most=\d+"):
+        nc.modes(system, legs, most=10)
+    (part,) = cached.iterdir()
+    assert part.stem.endswith("-part")
+    known, loops, make = np.load(part)["x"].shape[1], [], starts._make_loop
+
+    def interrupted(*args):
+        loops.append(None)
+        if len(loops) == 2:
+            raise KeyboardInterrupt
+        return make(*args)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(starts, "_make_loop", interrupted)
+        with pytest.raises(KeyboardInterrupt, match=r"after \d+ loops are kept; the same call goes on"):
+            nc.modes(system, legs)
+    more = np.load(part)
+    assert more["x"].shape[1] >= known > 10
+    found = nc.modes(system, legs)
+    check(found, 40)
+    assert found.loops > more["history"][0] and [file.stem for file in cached.iterdir()] == [
+        part.stem.removesuffix("-part")
+    ]
+    # Without a cache nothing can be kept, and nothing is said of it.
+    monkeypatch.setenv("JAXNC_CACHE", "off")
+    reading.families.clear()
+    with pytest.raises(nc.InputError, match=r"solutions: \d+ are known, about"):
+        nc.modes(system, legs, most=10)
 
 
 def test_a_kind_of_ones_own():
