@@ -96,7 +96,7 @@ def _run_to_exit_code(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except KeyboardInterrupt as error:
-        print(f"jaxnc: interrupted{error.args and '; '}{error}", file=sys.stderr)
+        print("; ".join(["jaxnc: interrupted", *map(str, error.args)]), file=sys.stderr)
         return 130
     except (JaxncError, OSError) as error:
         said, failed = " ".join(str(error).split()), isinstance(error, AssemblyError)
@@ -327,6 +327,7 @@ def command_parser() -> argparse.ArgumentParser:
     _add_repeatable(modes, "--output", "NAME[,NAME]", "points and coordinates to list instead of those of the file")
     modes.add_argument("--seed", type=int, default=0, metavar="N", help="another number takes other ways (0)")
     modes.add_argument("--most", type=int, default=1000, metavar="N", help="solutions to look for at most (1000)")
+    modes.add_argument("--prove", action="store_true", help="prove by the trace test that no solution is missing")
     modes.add_argument("--out", metavar="DIR", help="write a table and a picture into DIR")
     modes.add_argument("--no-pictures", action="store_true", help="write the table only")
     compare = commands.add_parser("compare", help="look at a model in every family of coordinates, side by side")

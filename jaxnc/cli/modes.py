@@ -49,7 +49,7 @@ def do_modes(question: Question, options: argparse.Namespace, importing: float) 
     with step_bar(1) as step:
         step("looking for all assemblies")
         if options.map is None:
-            found = nc.modes(system, inputs, **common)
+            found = nc.modes(system, inputs, **common, prove=options.prove)
             tasks = _list_modes(found, question, options)
         else:
             found = nc.circuits(system, inputs, **common)

@@ -33,6 +33,7 @@ from jaxnc.kinematics.starts import (
     draw_generic,
     find_starts,
     load_starts,
+    prove_starts,
     save_starts,
     structure_key,
 )
@@ -97,7 +98,8 @@ class Modes(Shown):
         at_infinity: how many of them this mechanism has at infinity.
         singular: how many end where solutions meet or are not isolated.
         lost: how many paths were lost, after all attempts.
-        proved: whether `expected` is proved by total degree; else it is what loops have found.
+        proof: what shows that there are not more than `expected`, ``"total degree"`` or ``"trace test"``; empty where
+            it is what loops have found.
         loops: loops of monodromy that the structure took.
         quiet: how many of them, at the end, brought no new solution.
         disjoint: whether all certified solutions, complex ones too, are proved to be different.
@@ -111,13 +113,18 @@ class Modes(Shown):
     at_infinity: int
     singular: int
     lost: int
-    proved: bool
+    proof: str
     loops: int
     quiet: int
     disjoint: bool
 
     def __len__(self) -> int:
         return len(self.certificates)
+
+    @property
+    def proved(self) -> bool:
+        """True if `expected` is proved, not only observed."""
+        return bool(self.proof)
 
     @property
     def complete(self) -> bool:
@@ -127,10 +134,12 @@ class Modes(Shown):
     @property
     def statement(self) -> str:
         """What is proved and what was observed, in sentences."""
-        how = (
-            "proved by total degree: every path ends in a solution or at infinity"
-            if self.proved
-            else f"observed: {counted(self.loops, 'loop')} of monodromy, the last {self.quiet} without a new one"
+        how = {
+            "total degree": "proved by total degree: every path ends in a solution or at infinity",
+            "trace test": "proved but for rounding by the trace test: a sum over all that hang together is linear",
+        }.get(
+            self.proof,
+            f"observed: {counted(self.loops, 'loop')} of monodromy, the last {self.quiet} without a new one",
         )
         ends = [f"{counted(len(self), 'assembly', 'assemblies')}"]
         real = self.mirrored.status.shape[0]
@@ -249,7 +258,7 @@ def _place(reduction: Reduction, design: Member) -> Placed | None:
     return placed if np.abs(placed.maps).max() < _WIDE else None
 
 
-def family_of(design: Design, inputs: Sequence[int], seed: int = 0, most: float = np.inf) -> Family:
+def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, prove: bool) -> Family:
     """The family of a design: made once for a structure, of `most` solutions, or read from the user's cache."""
     base, zeros = design.reading, tuple((np.abs(c) <= _ZERO).tobytes() for c in design.constants)
     known = base.families
@@ -268,7 +277,13 @@ def family_of(design: Design, inputs: Sequence[int], seed: int = 0, most: float 
             starts = find_starts(reading, design.x, design.constants, member, rng, key, most)
             save_starts(starts, key)
         known[zeros, seed] = Family(reading, starts)
-    return known[zeros, seed]
+    family = known[zeros, seed]
+    if prove and not family.starts.proof:
+        rng, own = np.random.default_rng([seed, 34]), dataclasses.replace(design, reading=family.reading)
+        member, _ = own.at((design.x * design.unit)[list(inputs), None], inputs)
+        family.starts = prove_starts(family.reading, design.x, design.constants, member, family.starts, rng)
+        save_starts(family.starts, structure_key(family.reading, design.constants, _ZERO) + f"-{seed}")
+    return family
 
 
 # -- all solutions -----------------------------------------------------------------------------------------------------
@@ -454,7 +469,7 @@ class ModesMap(Shown):
             the status says so.
         doubtful: where paths were lost or solutions are not isolated, so that others may be missing, ``(...,)``.
         expected: how many solutions a generic mechanism of this structure has, complex ones included.
-        proved: whether `expected` is proved by total degree; else it is what loops have found.
+        proof: as of `Modes`.
     """
 
     inputs: dict[str, np.ndarray]
@@ -462,7 +477,7 @@ class ModesMap(Shown):
     poses: Motion
     doubtful: np.ndarray
     expected: int
-    proved: bool
+    proof: str
 
     @property
     def complete(self) -> bool:
@@ -475,7 +490,7 @@ class ModesMap(Shown):
         found = ", ".join(
             f"{n} at {k}" for n, k in zip(*(a.tolist() for a in np.unique(self.count, return_counts=True)), strict=True)
         )
-        how = "proved by total degree" if self.proved else "observed"
+        how = f"proved by {self.proof}" if self.proof else "observed"
         text = (
             f"A generic mechanism of this structure has {counted(self.expected, 'solution')} ({how}). "
             f"Of {self.count.size} places these have so many assemblies: {found}."
@@ -501,7 +516,9 @@ def join_members(members: Sequence[Member]) -> Member:
     return Member(constants, *rest)
 
 
-def _solve_map(system: System, view: Plan, names: Sequence[str], values: np.ndarray, seed: int, most: int) -> ModesMap:
+def _solve_map(
+    system: System, view: Plan, names: Sequence[str], values: np.ndarray, seed: int, most: int, prove: bool
+) -> ModesMap:
     """All real assemblies for inputs ``(..., inputs)``, of one design or of as many."""
     lead, top = system.parameters.points.ndim - 2, system.topology
     order, held = tuple(top.position[n] for n in names), tuple(map(int, view.held))
@@ -517,7 +534,7 @@ def _solve_map(system: System, view: Plan, names: Sequence[str], values: np.ndar
         several = [system]
     values = np.asarray(values, float).reshape(-1, values.shape[-1])
     first = max(several, key=_nonzero) if lead else system
-    own, family = prepare(first, order, held, seed, most)
+    own, family = prepare(first, order, held, seed, most, prove)
     designs = [own] if not lead else [describe(one, family.reading) for one in several]
     found = Targets(designs, family, order, values, seed)
     count = np.array([p.w.shape[1] for p in found.places])
@@ -542,7 +559,7 @@ def _solve_map(system: System, view: Plan, names: Sequence[str], values: np.ndar
         motion,
         np.array([p.doubtful for p in found.places]).reshape(shape),
         len(family.starts),
-        family.starts.proved,
+        family.starts.proof,
     )
 
 
@@ -560,6 +577,7 @@ def modes(
     unit: str | None = None,
     seed: int = 0,
     most: int = MOST,
+    prove: bool = False,
 ) -> Modes | ModesMap:
     """Find every assembly of a mechanism for its inputs, with certificates and a statement of completeness.
 
@@ -573,6 +591,9 @@ def modes(
         most: how many solutions of a generic mechanism of this structure may be looked for, complex ones included. If
             there turn out to be more, the error says how many there may be and how long they take, and what is known is
             kept: with a larger number the next call goes on from there. So it does after Ctrl-C.
+        prove: whether a number of solutions that was only observed is to be proved by the trace test, once for a
+            structure: some seconds for eight solutions, twenty for forty. Where the test comes to no end the number
+            stays observed.
 
     Returns:
         The assemblies, a `Modes` for one set of inputs, a `ModesMap` for many; failures are counted there, never
@@ -594,22 +615,22 @@ def modes(
     if shape or system.parameters.points.ndim > 2:
         if not math.prod(shape):
             raise InputError(f"modes(): inputs of the shape {shape} hold no value")
-        return _solve_map(system, view, names, values, seed, most)
+        return _solve_map(system, view, names, values, seed, most, prove)
     order = tuple(system.topology.position[n] for n in names)
-    design, family = prepare(system, order, tuple(map(int, view.held)), seed, most)
+    design, family = prepare(system, order, tuple(map(int, view.held)), seed, most, prove)
     member, x = design.at(values[:, None], order)
     return _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
 
 
 def prepare(
-    system: System, driven: tuple[int, ...], held: tuple[int, ...], seed: int, most: int
+    system: System, driven: tuple[int, ...], held: tuple[int, ...], seed: int, most: int, prove: bool = False
 ) -> tuple[Design, Family]:
     """The design of a system and its family; what cannot be read as polynomials is refused."""
     top = system.topology
     try:
         reading = read_polynomials(top.structure, (*driven, *held))
         design = describe(system, reading)
-        family = family_of(design, (*driven, *held), seed, most)
+        family = family_of(design, (*driven, *held), seed, most, prove)
     except NotPolynomial as error:
         block, instance, why = error.args
         owner = top.called(*top.blocks[block].owners[instance])
@@ -678,7 +699,7 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
         ends.at_infinity,
         ends.singular,
         ends.lost,
-        family.starts.proved,
+        family.starts.proof,
         family.starts.loops,
         family.starts.quiet,
         are_disjoint(ends.w, balls),

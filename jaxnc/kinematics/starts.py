@@ -17,6 +17,7 @@ import numpy as np
 
 from jaxnc.continuation.monodromy import Found, is_new, run_loops, solve_by_degree
 from jaxnc.continuation.quadratic import QuadraticPaths
+from jaxnc.continuation.trace import trace_solutions
 from jaxnc.errors import counted
 from jaxnc.kinematics.polynomial import Member, Reading
 from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
@@ -28,6 +29,7 @@ _BY_DEGREE = 6  # unknowns up to which the total degree is tried, 64 paths
 _DRAWS = 20
 _SOLVES = 1e-8  # largest residual of a row that is met by a solution of combinations of rows
 _EVERY = 2.0  # seconds after which what is known so far is written into the cache
+_BY_PATHS, _BY_TRACE = "total degree", "trace test"
 _PART = "-part"  # of the key of a start set that is not complete
 _LEGS = 15  # ways through all solutions that a search takes, five loops: for estimates of time
 
@@ -41,7 +43,7 @@ class StartSet:
     way: str  # of the elimination
     loops: int  # of monodromy
     quiet: int  # of them, at the end, without a new solution
-    proved: bool  # whether all paths of the total degree are accounted for
+    proof: str  # that there are no others, "total degree" or "trace test"; empty if that was observed only
 
     def __len__(self) -> int:
         return self.x.shape[1]
@@ -78,7 +80,7 @@ def find_starts(
     begun = load_starts(reading, key + _PART)
     if begun is None:
         own, pose = draw_generic(reading, x, constants, rng)
-        begun = StartSet(reading.member_of(pose, own), pose[reading.unknown], WAYS[0], 0, 0, False)
+        begun = StartSet(reading.member_of(pose, own), pose[reading.unknown], WAYS[0], 0, 0, "")
     else:
         rng = np.random.default_rng([*key.encode(), begun.loops])  # other loops than those that were run
     for way in WAYS[WAYS.index(begun.way) :]:
@@ -89,7 +91,7 @@ def find_starts(
             raise PositiveDimension(freedoms)
         w, proved = reduction.shorten(begun.x), False
         if reduction.n == 0:
-            return StartSet(begun.member, begun.x, way, 0, 0, True)
+            return StartSet(begun.member, begun.x, way, 0, 0, _BY_PATHS)
         t = np.tensordot(reduction.mix, placed.restricted[0], 1)
         if reduction.n <= _BY_DEGREE:
             every, proved = solve_by_degree(t, rng)
@@ -105,7 +107,8 @@ def find_starts(
         if not found.quiet and not last:
             continue  # the elimination leads out of the family
         remove_starts(key + _PART)
-        return dataclasses.replace(search.state(found), proved=proved and found.w.shape[1] == w.shape[1])
+        proof = _BY_PATHS if proved and found.w.shape[1] == w.shape[1] else ""
+        return dataclasses.replace(search.state(found), proof=proof)
     raise AssertionError("the last way ends")
 
 
@@ -121,7 +124,7 @@ class _Search:
         """Write what is known as a start set."""
         known = found.w[:, _meets_all(self.placed, found.w)]
         one = np.concatenate([np.ones((1, known.shape[1])), known])
-        return StartSet(self.placed.member, (self.placed.maps[0] @ one)[1:], self.way, found.loops, found.quiet, False)
+        return StartSet(self.placed.member, (self.placed.maps[0] @ one)[1:], self.way, found.loops, found.quiet, "")
 
     def run(self, loops: Callable[..., Found]) -> Found:
         """Run loops, and keep what they have found if they are interrupted."""
@@ -145,6 +148,29 @@ class _Search:
         if now - self.written > _EVERY:
             save_starts(self.state(found), self.key)
             self.written = now
+
+
+def prove_starts(
+    reading: Reading,
+    x: np.ndarray,
+    constants: Sequence[np.ndarray],
+    design: Member,
+    starts: StartSet,
+    rng: np.random.Generator,
+) -> StartSet:
+    """Show by the trace test that a start set has all that hangs together with it; what it lacks is added.
+
+    It comes back as it is where the test comes to no end.
+    """
+    reduction = Reduction(reading, starts.member, design, starts.way)
+    placed = reduction.place(starts.member)
+    reduction.square_rows(placed, starts.x[:, 0], rng)
+    own, pose = draw_generic(reading, x, constants, rng)
+    line = reduction.paths(placed, reduction.place(reading.member_of(pose, own)))
+    w, shown = trace_solutions(line, reduction.shorten(starts.x), rng)
+    w = w[:, _meets_all(placed, w)]
+    every = (placed.maps[0] @ np.concatenate([np.ones((1, w.shape[1])), w]))[1:]
+    return dataclasses.replace(starts, x=every, proof=_BY_TRACE) if shown else starts
 
 
 def draw_generic(reading: Reading, x: np.ndarray, constants: Sequence[np.ndarray], rng: np.random.Generator):
@@ -199,8 +225,8 @@ def load_starts(reading: Reading, key: str) -> StartSet | None:
         with np.load(folder / f"{key}.npz") as file:
             blocks = [file[f"constants {b}"] for b in range(len(reading.top.blocks))]
             member = Member(tuple(blocks), file["known"], file["turns"], file["sizes"])
-            loops, quiet, proved = (int(v) for v in file["history"])
-            return StartSet(member, file["x"], str(file["way"]), loops, quiet, bool(proved))
+            loops, quiet = (int(v) for v in file["history"])
+            return StartSet(member, file["x"], str(file["way"]), loops, quiet, str(file["proof"]))
     except (OSError, ValueError, KeyError, EOFError):
         return None  # not there, or damaged: it is made anew
 
@@ -212,8 +238,8 @@ def save_starts(starts: StartSet, key: str) -> bool:
         return False
     arrays: dict[str, Any] = {f"constants {b}": c for b, c in enumerate(starts.member.constants)}
     arrays |= {"known": starts.member.known, "turns": starts.member.turns, "sizes": starts.member.sizes}
-    arrays |= {"x": starts.x, "way": starts.way}
-    arrays["history"] = np.array([starts.loops, starts.quiet, starts.proved])
+    arrays |= {"x": starts.x, "way": starts.way, "proof": starts.proof}
+    arrays["history"] = np.array([starts.loops, starts.quiet])
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder, suffix=".part", delete=False) as file:

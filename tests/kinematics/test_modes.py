@@ -12,8 +12,11 @@ from scipy.spatial.transform import Rotation
 from test_assemblies import SMALL, USUAL, turns_of_the_plate
 
 import jaxnc as nc
+from jaxnc.continuation import trace
 from jaxnc.continuation.certificate import certify
 from jaxnc.continuation.monodromy import run_loops, solve_by_degree
+from jaxnc.continuation.quadratic import QuadraticPaths
+from jaxnc.continuation.trace import trace_solutions
 from jaxnc.continuation.tracker import PathEnds
 from jaxnc.kinematics import modes as module
 from jaxnc.kinematics import starts
@@ -277,6 +280,42 @@ def test_a_search_goes_on_where_it_was_stopped(cached, monkeypatch):
     reading.families.clear()
     with pytest.raises(nc.InputError, match=r"solutions: \d+ are known, about"):
         nc.modes(system, legs, most=10)
+
+
+def line_of(*powers: tuple[float, float]) -> QuadraticPaths:
+    """The curve x² = Σ (a + b s…), coefficients of the powers of s."""
+    rows = np.zeros((1, len(powers), 1, 2, 2), complex)
+    rows[0, 0, 0, 1, 1] = 1.0
+    rows[0, :, 0, 0, 0] = -np.array(powers)
+    return QuadraticPaths(rows)
+
+
+def test_the_trace_test_finds_what_hangs_together_and_nothing_else():
+    one, rng = np.array([[1.0 + 0j]]), np.random.default_rng(2)
+    every, shown = trace_solutions(line_of(1.0, 1.0), one, rng)  # x² = 1 + s
+    assert shown and np.sort(every.real).tolist() == [[pytest.approx(-1.0), pytest.approx(1.0)]]
+    every, shown = trace_solutions(line_of(1.0, 2.0, 1.0), one, rng)  # x = ±(1 + s): two curves
+    assert shown and every.shape == (1, 1)
+
+
+def test_a_number_that_was_observed_is_proved_by_trace(cached, monkeypatch):
+    """Of Klann's leg, whose total degree has singular ends; a solution that is missing is found on the way."""
+    system, phi = nc.library.klann_leg().compile(), {"phi": 1.0}
+    read_polynomials(system.topology.structure, (system.topology.position["phi"],)).families.clear()
+    seen = nc.modes(system, phi)
+    check(seen, 4)
+    assert not seen.proved and "observed" in seen.statement
+    (file,) = cached.iterdir()
+    arrays = dict(np.load(file))
+    np.savez(file, **(arrays | {"x": arrays["x"][:, :3]}))
+    read_polynomials(system.topology.structure, (system.topology.position["phi"],)).families.clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(trace, "_LOOPS", 1)
+        assert not nc.modes(system, phi, prove=True).proved
+    found = nc.modes(system, phi, prove=True)
+    check(found, 4)
+    assert found.proof == "trace test" and "by the trace test" in found.statement
+    assert str(np.load(file)["proof"]) == "trace test"
 
 
 def test_a_kind_of_ones_own():
