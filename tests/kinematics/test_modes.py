@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from test_assemblies import SMALL, USUAL, turns_of_the_plate
 
 import jaxnc as nc
+from benchmarks import modes as peer
 from jaxnc.continuation import trace
 from jaxnc.continuation.certificate import certify
 from jaxnc.continuation.monodromy import run_loops, solve_by_degree
@@ -150,6 +151,15 @@ def test_counts_in_the_plane():
         check(found, 2, 2)
     np.testing.assert_allclose(found.poses["C"], [(1, 2), (1, -2)], atol=ROUNDING)
     assert found.proved and "proved by total degree" in found.statement
+
+
+@pytest.mark.skipif(peer.PHC is None, reason="no PHCpack to compare with: apt-get install phcpack")
+@pytest.mark.parametrize("name", peer.CASES)
+def test_the_same_sets_as_another_solver(name):
+    for seed in range(100, 103):
+        case = peer.CASES[name](np.random.default_rng(seed))
+        theirs, ours = peer.solve_by_phc(case), peer.solve_by_modes(case, case.mechanism.compile())
+        assert len(theirs) == len(ours) == peer.count_same(ours, theirs) >= 2
 
 
 @pytest.mark.parametrize("places", [SMALL, USUAL], ids=["small", "usual"])
