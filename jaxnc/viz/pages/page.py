@@ -2,6 +2,7 @@
 
 import html
 from collections.abc import Iterable
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -146,12 +147,14 @@ def page_parts(
     """Make what a page is filled with, by name; see `to_html`. Where scripts run for certain it needs no still."""
     if model is not None and not isinstance(model, Mechanism):
         raise InputError(f"model= takes the Mechanism that was compiled, got {type(model).__name__}")
+    if not isinstance(fps, Real) or not 0 < fps <= 1000:
+        raise InputError(f"fps={fps!r}: poses per second must be a positive number, at most 1000")
     data = poses(motion, unit)
     heading = data.topology.name if title is None else title
     with_forces = forces is not False and forces is not None
     data = data.with_reactions(forces) if with_forces and forces is not True else data
     camera, plane = read_view(data, view), data.dim == 2
-    content, drawn = page_content(data, heading, fps, trace, velocities, accelerations, camera, plots, with_forces)
+    content, drawn = page_content(data, heading, float(fps), trace, velocities, accelerations, camera, plots, with_forces)
     plotted = force_names(content["series"])
     drawing, hint = (_SVG, _STEPPING) if plane else (_CANVAS, _TURNING)
     try:
