@@ -16,8 +16,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -28,7 +29,7 @@ PHC = shutil.which("phc")
 NEAR = 1e-8  # of the mechanism's size: two solutions that are one
 
 _NUMBER = re.compile(r"^\s*(\w+) = (\S+) ([+-]) (\S+)\*I,", re.MULTILINE)
-Places = dict[str, tuple[float, float]]
+Places = Mapping[str, Any]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -292,8 +292,8 @@ def test_a_search_goes_on_where_it_was_stopped(cached, monkeypatch):
         nc.modes(system, legs, most=10)
 
 
-def line_of(*powers: tuple[float, float]) -> QuadraticPaths:
-    """The curve x² = Σ (a + b s…), coefficients of the powers of s."""
+def line_of(*powers: float) -> QuadraticPaths:
+    """The curve on which x² is a polynomial in s, by the coefficients of its powers."""
     rows = np.zeros((1, len(powers), 1, 2, 2), complex)
     rows[0, 0, 0, 1, 1] = 1.0
     rows[0, :, 0, 0, 0] = -np.array(powers)

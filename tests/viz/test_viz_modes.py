@@ -1,5 +1,6 @@
 """Pages that lead from one assembly to the next, in a browser: each that `modes` finds, and the motion from there."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from pages import CHROMIUM, Browser
@@ -113,7 +114,9 @@ def test_the_motion_goes_on_in_the_assembly_that_was_chosen(browser, motion, pag
     left = "document.getElementById('drawing').getBoundingClientRect().x"
     grips = "[...document.querySelectorAll('#drawing .grip')].map(x => x.getBoundingClientRect().x)"
     assert browser.run(f"Math.min(...{grips}) - {left}") > 0.0  # the view takes it in
-    start = nc.Motion(motion.system, motion.driven, (), q, (), motion.asked[AT], motion.status[AT], None, None)
+    start = nc.Motion(
+        motion.system, motion.driven, (), jnp.asarray(q), (), motion.asked[AT], motion.status[AT], None, None
+    )
     there = nc.sweep(motion.system, {"phi": PHI[[AT, AT + 1, AT + 2]]}, start=start)
     for k in (1, 2):
         browser.key("ArrowRight")

@@ -149,12 +149,12 @@ def page_parts(
         raise InputError(f"model= takes the Mechanism that was compiled, got {type(model).__name__}")
     if not isinstance(fps, Real) or not 0 < fps <= 1000:
         raise InputError(f"fps={fps!r}: poses per second must be a positive number, at most 1000")
-    data = poses(motion, unit)
+    data, fps = poses(motion, unit), float(fps)
     heading = data.topology.name if title is None else title
     with_forces = forces is not False and forces is not None
     data = data.with_reactions(forces) if with_forces and forces is not True else data
     camera, plane = read_view(data, view), data.dim == 2
-    content, drawn = page_content(data, heading, float(fps), trace, velocities, accelerations, camera, plots, with_forces)
+    content, drawn = page_content(data, heading, fps, trace, velocities, accelerations, camera, plots, with_forces)
     plotted = force_names(content["series"])
     drawing, hint = (_SVG, _STEPPING) if plane else (_CANVAS, _TURNING)
     try:
