@@ -260,7 +260,7 @@ def _special(system: System, rank: int, by_count: int) -> int:
 
     Where that leaves no motion at all the rank cannot show them all; the count of joints then says how many there are.
     """
-    general, assembles = general_rank(system)
+    general, assembles = general_rank(system, 2)
     if not assembles:
         return max(1, general - rank, by_count)
     rigid = general == len(system.topology.unknown)
