@@ -2,19 +2,18 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.compiling import on_device
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.freedoms import Freedoms, explain_lock, loose_motions
 from jaxnc.kinematics.inputs import check_system, dense_only
 from jaxnc.notebooks import Shown
-from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, sample_poses, settle
+from jaxnc.solvers.assembly import derive, evaluate, free_plan, general_rank, meets, rank_of, sample_poses, settle
 from jaxnc.solvers.kernel import LARGEST_WRITTEN, kernel, writes_out
 from jaxnc.solvers.plan import Plan, by_lu, plan
 from jaxnc.system.equations import Equations, coefficients, rate_constants
@@ -261,20 +260,9 @@ def _special(system: System, rank: int, by_count: int) -> int:
 
     Where that leaves no motion at all the rank cannot show them all; the count of joints then says how many there are.
     """
-    par = system.parameters
-    size = float(np.ptp(np.asarray(par.points), axis=0).max())
-    rng = np.random.default_rng(3)
-    changed = {}
-    for name, scale in (("points", size), ("vectors", 1.0), ("markers", size), ("dimensions", None)):
-        leaf = np.asarray(getattr(par, name))
-        amount = np.abs(leaf) if scale is None else scale
-        # 0.02 of the size, a general change of the drawing: which redundancies depend on its dimensions?
-        changed[name] = on_device(leaf + 0.02 * amount * rng.standard_normal(leaf.shape))
-    other = replace(system, parameters=replace(par, **changed))
-    samples = sample_poses(other, 2)
-    general = max(sample.rank for sample in samples)
-    if samples[0].gap > 1e-9 * size:  # 1e-9 of the size: a drawing with a larger gap does not assemble
-        return max(1, general - rank, by_count)  # the changed drawing cannot even be assembled
+    general, assembles = general_rank(system, 2)
+    if not assembles:
+        return max(1, general - rank, by_count)
     rigid = general == len(system.topology.unknown)
     return max(0, general - rank, by_count if rigid and general > rank else 0)
 

@@ -1,5 +1,6 @@
 """The start pose: the drawing, moved as little as it takes to meet the constraints."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -241,4 +242,20 @@ def with_degrees_of_freedom(system: System) -> System:
     liked = np.concatenate([np.flatnonzero(scalars), np.flatnonzero(~scalars)])
     independent = independent_coordinates(samples[-1].jacobian, freedom, liked)
     names = tuple(top.coordinates[view.unknown[k]] for k in independent)
-    return System(with_special(top, jacobians, rank), system.parameters, freedom, names)
+    implied = rank < len(view.rows) and general_rank(system, 1) == (rank, True)
+    return System(with_special(top, jacobians, rank, implied), system.parameters, freedom, names)
+
+
+def general_rank(system: System, poses: int) -> tuple[int, bool]:
+    """Take the rank of the rows, in some poses, after a general change of the drawing; say whether that assembles."""
+    par, rng = system.parameters, np.random.default_rng(3)
+    size = float(np.ptp(np.asarray(par.points), axis=0).max())
+    changed = {}
+    for name, scale in (("points", size), ("vectors", 1.0), ("markers", size), ("dimensions", None)):
+        leaf = np.asarray(getattr(par, name))
+        amount = np.abs(leaf) if scale is None else scale
+        # 0.02 of the size, a general change of the drawing: which redundancies depend on its dimensions?
+        changed[name] = on_device(leaf + 0.02 * amount * rng.standard_normal(leaf.shape))
+    samples = sample_poses(replace(system, parameters=replace(par, **changed)), poses)
+    # 1e-9 of the size: a drawing with a larger gap does not assemble
+    return max(sample.rank for sample in samples), samples[0].gap <= 1e-9 * size

@@ -30,7 +30,9 @@ from jaxnc.types import AnyArray, ArrayLike, Numbers
 Elements = Mapping[tuple[int, int], AnyArray]
 
 
-def with_special(top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, rank: int) -> Topology:
+def with_special(
+    top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, rank: int, implied: bool = False
+) -> Topology:
     """Return the topology with what is special about a design: rows that are redundant in it, slopes that hardly are.
 
     Rows and pivots are chosen by the structure alone, at a pose and with constants that are made up, and by these two
@@ -41,6 +43,7 @@ def with_special(top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, ra
         jacobians: derivatives of all rows by all coordinates in poses of the design, every coordinate a length,
             ``(poses, rows, N)``; the last pose has the largest rank.
         rank: that rank.
+        implied: whether rows that are redundant are so whatever the dimensions.
     """
     size = np.abs(jacobians)
     where = structural_slopes(top)
@@ -52,7 +55,9 @@ def with_special(top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, ra
     rows = None
     if rank < len(held):
         rows = tuple(int(held[k]) for k in _independent_rows(jacobians[-1][np.ix_(held, top.unknown)], rank))
-    return dataclasses.replace(top, special=Special(rows, tuple((int(r), int(c)) for r, c in np.argwhere(small))))
+    return dataclasses.replace(
+        top, special=Special(rows, implied, tuple((int(r), int(c)) for r, c in np.argwhere(small)))
+    )
 
 
 def structural_slopes(top: Topology) -> np.ndarray:

@@ -70,40 +70,57 @@ class _Block:
         """Solve with the block's derivatives, which are lanes: exactly, and differentiable to any order.
 
         Few columns are solved by determinants. The order of an elimination's pivots is not that of each lane: it is
-        refined once, by the same program.
+        refined once, by the same program. Rows beyond the block's own follow from it: they are needed in those lanes
+        only in which its own are weak.
         """
-        n = len(self.columns)
-        if n <= FEW:
+        n, rows = len(self.columns), len(right)
+        if n == rows <= FEW:
             matrix = [[slopes.get((r, c), 0.0) for c in range(n)] for r in range(n)]
             # Quotients are what XLA computes once, however many use them; so in reverse.
             one = jnp.where(opaque_true(eq, closed=True), 1.0, 2.0)
             return cramer(matrix, [b / one for b in right])
         known = lax.stop_gradient(slopes)
+        own = {(r, c): slope for (r, c), slope in known.items() if r < n}
 
         def product(slopes: dict[tuple[int, int], Array], x: Sequence[Array], turned: bool) -> list[Array]:
-            out: list[AnyArray] = [0.0] * n
+            out: list[AnyArray] = [jnp.zeros_like(v) for v in x]
             for (r, c), slope in slopes.items():
                 row, column = (c, r) if turned else (r, c)
                 out[row] = out[row] + slope * x[column]
             return out
 
         def refined(right: Sequence[Array], turned: bool) -> tuple[Array, ...]:
-            def improve(_: Array, x: tuple[Array, ...]) -> tuple[Array, ...]:
+            zero, one = jnp.zeros_like(right[0]), jnp.ones_like(right[0])
+
+            def improve(_: Array, state: tuple) -> tuple:
+                x = state[0]
                 rest = [b - d for b, d in zip(right, product(known, x, turned), strict=True)]
-                factors = self.eliminate_slopes(eq, known)
-                change = factors.solve_transposed(rest) if turned else factors.solve(rest)
-                return tuple(v + d for v, d in zip(x, change, strict=True))
+                factors = self.eliminate_slopes(eq, own)
+                change = factors.solve_transposed(rest[:n]) if turned else factors.solve(rest[:n])
+                x = tuple(v + d for v, d in zip(x, change, strict=False)) + (zero,) * (rows - n)
+                return (x, Pivots(*(p * one for p in factors.pivots))) if rows > n else (x,)
 
-            return lax.fori_loop(0, 2, improve, tuple(jnp.zeros_like(b) for b in right))
+            begin = (zero,) * rows, Pivots(one, one, one)
+            x, *pivots = lax.fori_loop(0, 2, improve, begin if rows > n else begin[:1])
+            if rows == n:
+                return x
+            # A pivot that vanished was moved: what it did not solve is left.
+            left = [b - d for b, d in zip(right, product(known, x, turned), strict=True)]
+            size, missed = (_reduce(jnp.maximum, [jnp.abs(v) for v in those]) for those in (right, left))
+            weak = ~_is_strong(pivots) | ~(missed <= 1e-9 * size)  # of the right-hand side
+            given = ((zero,) * rows, tuple(right[:n])) if turned else (tuple(right), (zero,) * n)
+            found = _orthogonalise(known, *given, weak, (x, x[:n]))
+            return found[0] if turned else (*found[1], *x[n:])
 
-        # Transposition asks that every part of the right side depends on what is differentiated.
+        # Transposition asks that every part of the right side depends on what is differentiated. Rows beyond the
+        # block's own have a column of zeros each.
         none = 0.0 * functools.reduce(jnp.add, right)
         return lax.custom_linear_solve(
             lambda x: tuple(product(slopes, x, False)),
             tuple(b + none for b in right),
             lambda _, b: refined(b, False),
             transpose_solve=lambda _, b: refined(b, True),
-        )
+        )[:n]
 
     def eliminate_slopes(self, eq: Equations, slopes: dict[tuple[int, int], Array]) -> Eliminated:
         """Eliminate the block's derivatives. Coordinates that are no lengths count times the size."""
@@ -213,20 +230,43 @@ class _AllRows:
         fine = 100.0 * jnp.finfo(zero.dtype).eps
         # 6 passes of a refinement, at most
         pair = lax.while_loop(lambda st: (st[0] < 2) | ((st[1] > fine) & (st[0] < 6)), improve, start)[2]
-        # 1e-4 of the largest pivot: where the chosen rows are weaker, all rows are orthogonalised
-        weak = ~(smallest([f.pivots for f in factors]) > 1e-4)
+        return _orthogonalise(slopes, b, c, ~_is_strong([f.pivots for f in factors]), pair)
 
-        def by_all(state: tuple[Array, tuple[tuple, tuple]]) -> tuple[Array, tuple[tuple, tuple]]:
-            # They depend on the state, or XLA would do all this before the loop, whether it is entered or not.
-            at = {place: jnp.where(state[0], slope, 0.0) for place, slope in slopes.items()}
-            whole = [[at.get((r, k), zero) for k in range(len(c))] for r in range(len(b))]
-            jacobian = jnp.stack([jnp.stack(row, axis=-1) for row in whole], axis=-2).reshape(-1, len(b), len(c))
-            given = (jnp.stack(v, axis=-1).reshape(-1, len(v)) for v in (b, c))
-            y, x = jax.vmap(lambda j, b, c: dense.least_squares(j)(b, c))(jacobian, *given)
-            found = tuple(tuple(v.T.reshape(len(v.T), *lanes)) for v in (y, x))
-            return jnp.zeros((), bool), jax.tree.map(lambda new, old: jnp.where(weak, new, old), found, state[1])
 
-        return lax.while_loop(lambda state: state[0], by_all, (jnp.any(weak), pair))[1]
+def _is_strong(pivots: Sequence[Pivots]) -> Array:
+    """Say in which lanes chosen rows are far from depending on each other."""
+    return smallest(pivots) > 1e-4  # of the largest pivot
+
+
+def _orthogonalise(
+    slopes: dict[tuple[int, int], Array], b: tuple, c: tuple, weak: Array, pair: tuple[tuple, tuple]
+) -> tuple[tuple, tuple]:
+    """Return the pair that solves ``y + J x = b, Jᵀ y = c``, by all rows in lanes in which the chosen ones are weak."""
+    zero = jnp.zeros_like(b[0])
+
+    def by_all(state: tuple[Array, tuple[tuple, tuple]]) -> tuple[Array, tuple[tuple, tuple]]:
+        # They depend on the state, or XLA would do all this before the loop, whether it is entered or not.
+        at = {place: jnp.where(state[0], slope, 0.0) for place, slope in slopes.items()}
+        whole = [[at.get((r, k), zero) for k in range(len(c))] for r in range(len(b))]
+        jacobian = jnp.stack([jnp.stack(row, axis=-1) for row in whole], axis=-2).reshape(-1, len(b), len(c))
+        given = (jnp.stack(v, axis=-1).reshape(-1, len(v)) for v in (b, c))
+        y, x = jax.vmap(lambda j, b, c: dense.least_squares(j)(b, c))(jacobian, *given)
+        found = tuple(tuple(v.T.reshape(len(v.T), *zero.shape)) for v in (y, x))
+        return jnp.zeros((), bool), jax.tree.map(lambda new, old: jnp.where(weak, new, old), found, state[1])
+
+    return lax.while_loop(lambda state: state[0], by_all, (jnp.any(weak), pair))[1]
+
+
+class _ImpliedRows:
+    """A block and rows that follow from it and the blocks before, whatever the dimensions.
+
+    The block's own rows give all derivatives, but for lanes in which they are weak: of the three rows that align two
+    vectors any two lose their rank in some direction.
+    """
+
+    def __init__(self, plan: Plan, block: _Block, spare: Sequence[int]):
+        self.pivots, self.solve = block.pivots, block.solve
+        self.rows = Rows(plan.topology, [*block.rows.rows, *(int(plan.rows[r]) for r in spare)], block.columns)
 
 
 def _augmented(slopes: dict[tuple[int, int], Array], y: Sequence[Array], x: Sequence[Array]) -> tuple[tuple, tuple]:
@@ -245,8 +285,8 @@ class Kernel:
         self.plan = plan
         top = plan.topology
         chosen = square_rows(plan)
-        self.all_rows = None if plan.square else _AllRows(plan, chosen)
         self.blocks = [_Block(plan, rows, columns, chosen.sample) for rows, columns in chosen.sequence]
+        self.differentiated = self._choose_rows(chosen)
         self.everything = Rows(top, range(len(top.rows)))
         self.guards = [guard_functions(top, bodies) for bodies in (False, True)]
         # What has no finite derivative with respect to an input is met, and yet no pose to go on from.
@@ -254,6 +294,19 @@ class Kernel:
         rows = [r for block, layout in pairs if steep(block.kind, top.dim) for r in layout.rows.flat]
         self.steep = Rows(top, rows, [int(c) for c in plan.known])
         self.jumps = jumps_anywhere(plan)  # so that every step is looked at by its tangents
+
+    def _choose_rows(self, chosen: Square) -> Sequence[_Block | _ImpliedRows | _AllRows]:
+        """Choose the rows that are differentiated, and in which parts."""
+        if self.plan.square:
+            return self.blocks
+        if not self.plan.implied:
+            return [_AllRows(self.plan, chosen)]
+        spare: list[list[int]] = [[] for _ in self.blocks]
+        for r in sorted({*range(len(self.plan.rows))} - {int(r) for rows, _ in chosen.sequence for r in rows}):
+            meets = [bool(chosen.sample[r, columns].any()) for _, columns in chosen.sequence]
+            spare[max(np.flatnonzero(meets), default=0)].append(r)
+        pairs = zip(self.blocks, spare, strict=True)
+        return [_ImpliedRows(self.plan, block, rows) if rows else block for block, rows in pairs]
 
     @property
     def guessed(self) -> list[int]:
@@ -364,7 +417,7 @@ class Kernel:
         x_dot, constants_dot = list(x_dot), constants_dot or {}
         for c in self.plan.unknown:
             x_dot[c] = None
-        for part in self.blocks if self.all_rows is None else (self.all_rows,):
+        for part in self.differentiated:
             moving = [c for c in sorted(part.rows.needed) if x_dot[c] is not None]
             varied = [at for at in part.rows.constant_places if at in constants_dot]
             if not moving and not varied:

@@ -59,6 +59,14 @@ class Plan:
         return len(self.rows) == len(self.unknown)
 
     @property
+    def implied(self) -> bool:
+        """True if some rows give all derivatives, because the others follow from them in every design."""
+        special = self.topology.special
+        if self.independent or special is None or special.rows is None or not special.implied:
+            return False
+        return int(np.isin(self.rows, special.rows).sum()) == len(self.unknown)
+
+    @property
     def angles(self) -> list[int]:
         """Which of the known coordinates are angles."""
         top, first = self.topology, len(self.topology.coordinates) - len(self.topology.scalars)

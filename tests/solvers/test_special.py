@@ -1,10 +1,15 @@
 """What is chosen for a design: by its structure and by what is special about it, never by what was compiled before."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+import pytest
 from mechanisms import four_bar_mechanism
 
 import jaxnc as nc
+from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.elimination import plan_elimination
+from jaxnc.solvers.kernel import kernel
 from jaxnc.solvers.plan import plan, square_rows
 
 
@@ -68,3 +73,30 @@ def test_a_derivative_that_vanishes_for_one_design_only_is_no_pivot_of_it():
     assert special is not None and special.rows is None and special.small
     assert {top.coordinates[c] for _, c in special.small} == {"B.x"}
     assert steep.topology.special is not None and not steep.topology.special.small
+
+
+@pytest.mark.parametrize("name", ["rscr", "bennett"])
+def test_what_is_redundant_whatever_the_dimensions_is_told_from_what_is_so_by_them(name):
+    special = nc.library.CATALOGUE[name]().compile().topology.special
+    assert special.rows is not None and special.implied == (name == "rscr")
+
+
+def test_rows_that_follow_from_a_block_take_over_where_its_own_are_weak():
+    """In the second of three lanes two rows of the block are the same, and one that follows is not."""
+    system = nc.library.rscr().compile()
+    core, eq = kernel(plan(system.topology, ("1.y",), ())), derive(system)
+    part = core.differentiated[-1]
+    n, rng = len(part.rows.columns), np.random.default_rng(1)
+    assert part.rows.count == n + 1
+    matrix, x = rng.normal(size=(3, n + 1, n)), rng.normal(size=(n, 3))
+    matrix[:, n] = matrix[:, 0] + 2.0 * matrix[:, 1]
+    matrix[1, n], matrix[1, 0] = matrix[1, 0], matrix[1, 1]
+    slopes = {(r, c): jnp.asarray(matrix[:, r, c]) for r in range(n + 1) for c in range(n)}
+    right = np.einsum("lrc,cl->rl", matrix, x)
+    found, pull = jax.vjp(lambda b: jnp.stack(part.solve(eq, slopes, list(b))), jnp.asarray(right))
+    np.testing.assert_allclose(found, x, rtol=1e-11)
+    weights = rng.normal(size=(n, 3))
+    back = np.asarray(pull(jnp.asarray(weights))[0])
+    np.testing.assert_allclose(np.einsum("lrc,rl->cl", matrix, back), weights, rtol=1e-11)
+    change = jax.jvp(lambda b: jnp.stack(part.solve(eq, slopes, list(b))), (right,), (2.0 * right,))[1]
+    np.testing.assert_allclose(change, 2.0 * x, rtol=1e-11)
