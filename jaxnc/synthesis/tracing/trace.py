@@ -322,6 +322,16 @@ class TraceResult:
         return self.designs[0]
 
     @property
+    def found(self) -> bool:
+        """Whether there is a linkage that meets the conditions."""
+        return bool(self.designs)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the search was interrupted, by Ctrl-C."""
+        return self.stopped.startswith("interrupted")
+
+    @property
     def front(self) -> tuple[TracedDesign, ...]:
         """For each number of bars the nearest design, as far as it is nearer than those with fewer."""
         out: list[TracedDesign] = []
@@ -659,7 +669,7 @@ class _Search:
         if self.pool is not None:
             best = _some(self.pool, slice(_WIDTH))
             out.append(best)
-            if self.target.timing is None and self.exact is None:
+            if self.target.timing is None and self.exact is None and self.rounds:
                 out.append(self._refine(best, _STEPS[1], self.means)[0])
         return out
 
