@@ -180,8 +180,9 @@ def curve_distance(one: np.ndarray, other: np.ndarray, count: int = _ALONG) -> f
 
 
 def _mean_distance(points: np.ndarray, line: np.ndarray) -> float:
-    square = np.sum(points**2, axis=1)[:, None] - 2.0 * points @ line.T + np.sum(line**2, axis=1)
-    near = square.argmin(axis=1)
+    from scipy.spatial import cKDTree
+
+    near = np.asarray(cKDTree(line).query(points)[1])
     best = np.full(len(points), np.inf)
     for start in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):  # the two pieces at the nearest corner
         piece = line[start + 1] - line[start]
@@ -535,7 +536,7 @@ class _Search:
         self.queue = known.find(target.even, target.closed, bars, _MANY, allowed)
         if len(self.queue.misfit):
             lanes = self._start(slice(_MANY if walls else _WIDTH))
-            misfit = self.queue.misfit[: len(lanes.row)]
+            misfit = np.maximum(self.queue.misfit[: len(lanes.row)], 0.0)
             for wall in walls:  # what keeps clear from the start comes first
                 gap = np.asarray(least_gaps(lanes, COUNT, float(target.closed), wall))
                 misfit = misfit + np.minimum(gap, 0.0) ** 2
