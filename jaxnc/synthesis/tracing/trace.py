@@ -180,9 +180,9 @@ def curve_distance(one: np.ndarray, other: np.ndarray, count: int = _ALONG) -> f
 
 
 def _mean_distance(points: np.ndarray, line: np.ndarray) -> float:
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    near = np.asarray(cKDTree(line).query(points)[1])
+    near = np.asarray(KDTree(line).query(points)[1])
     best = np.full(len(points), np.inf)
     for start in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):  # the two pieces at the nearest corner
         piece = line[start + 1] - line[start]
@@ -535,15 +535,7 @@ class _Search:
         self.exact: Lanes | None = None
         self.queue = known.find(target.even, target.closed, bars, _MANY, allowed)
         if len(self.queue.misfit):
-            lanes = self._start(slice(_MANY if walls else _WIDTH))
-            misfit = np.maximum(self.queue.misfit[: len(lanes.row)], 0.0)
-            for wall in walls:  # what keeps clear from the start comes first
-                gap = np.asarray(least_gaps(lanes, COUNT, float(target.closed), wall))
-                misfit = misfit + np.minimum(gap, 0.0) ** 2
-            order = np.argsort(misfit, kind="stable")
-            if walls:
-                self.queue = Candidates(self.queue.shelf.at(order), *(array[order] for array in self.queue[1:]))
-            self._keep(_some(lanes, order[:_WIDTH]), misfit[order[:_WIDTH]])
+            self._keep(self._start(slice(_WIDTH)), np.maximum(self.queue.misfit[:_WIDTH], 0.0))
 
     @property
     def best(self) -> float:
