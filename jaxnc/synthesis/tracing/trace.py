@@ -547,9 +547,9 @@ class _Search:
         self.rounds += 1
         if self.taken < len(self.queue.misfit) and (self.rounds < 4 or self.rounds % 4 == 0):
             lanes = self._next()
-        elif self.pool is not None:
+        elif len(self.cost):
             lanes = self._vary()
-        else:
+        else:  # nothing was found that moves
             return
         lanes, cost = self._refine(lanes, _STEPS[0])
         self.refined += len(cost)
@@ -557,7 +557,7 @@ class _Search:
         if self.rounds == 1:  # what was looked up is measured in another way
             self.pool, self.cost = None, np.zeros(0)
         self._keep(*found)
-        if self.rounds in (1, 3) or self.rounds % 6 == 0:
+        if len(self.cost) and (self.rounds in (1, 3) or self.rounds % 6 == 0):
             self._polish()
 
     def to_arrays(self) -> dict[str, np.ndarray]:
@@ -622,7 +622,7 @@ class _Search:
         When the target is passed is known of a good design; with that the rest is linear, and many dyads are tried
         in the time of one refinement.
         """
-        if source.pool is None:
+        if source.pool is None or not len(source.cost):
             return None
         dyads = (self.bars - 2) // 2
         parents = _some(source.pool, _choose(self.rng, _DRAWN_FOR, len(source.cost)))
@@ -659,7 +659,7 @@ class _Search:
     def finish(self) -> list[Lanes]:
         """The best designs: those that meet all points, those of least squares, and the same of least distances."""
         out = [self.exact] if self.exact is not None else []
-        if self.pool is not None:
+        if self.pool is not None and len(self.cost):
             best = _some(self.pool, slice(_WIDTH))
             out.append(best)
             if self.target.timing is None and self.exact is None and self.rounds:
@@ -669,10 +669,10 @@ class _Search:
     def _polish(self) -> None:
         """Refine the best to the end, unless they were, and see whether one meets the points as they were given."""
         assert self.pool is not None
-        if self.polished == (mark := float(self.cost[:_TOGETHER].sum())):
+        if self.polished == float(self.cost[:_TOGETHER].sum()):
             return
         self._keep(*self._refine(_some(self.pool, slice(_TOGETHER)), _STEPS[2]))
-        self.polished = float(self.cost[:_TOGETHER].sum()) if len(self.cost) else mark
+        self.polished = float(self.cost[:_TOGETHER].sum())
         if self.best < _SMOOTH and len(self.target.own) > self.pool.row.shape[1]:
             own, error = self._refine(_some(self.pool, slice(_WIDTH)), _STEPS[2], self.points, 6)
             good = np.flatnonzero(error < _EXACT**2)
