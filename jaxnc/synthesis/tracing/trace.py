@@ -481,7 +481,7 @@ def trace(
             stopped = _search(run, course, progress)
     except KeyboardInterrupt:
         stopped = f"interrupted after {course.seconds:.3g} s{course.hint}"
-    found = _judge(target, terms, searches, keep)
+    found = _judge(target, terms, searches, keep, stopped.startswith("interrupted"))
     refined = sum(search.refined for search in searches)
     return TraceResult(target.given, target.closed, found, refined, course.seconds, stopped)
 
@@ -656,13 +656,13 @@ class _Search:
                 chosen.append(k)
         return _some(lanes, np.array(chosen[:_DRAWN_KEPT], int)) if chosen else None
 
-    def finish(self) -> list[Lanes]:
-        """The best designs: those that meet all points, those of least squares, and the same of least distances."""
+    def finish(self, at_once: bool) -> list[Lanes]:
+        """The best designs: that meet all points, of least squares, and unless `at_once` of least distances."""
         out = [self.exact] if self.exact is not None else []
         if self.pool is not None and len(self.cost):
             best = _some(self.pool, slice(_WIDTH))
             out.append(best)
-            if self.target.timing is None and self.exact is None and self.rounds:
+            if self.target.timing is None and self.exact is None and self.rounds and not at_once:
                 out.append(self._refine(best, _STEPS[1], self.means)[0])
         return out
 
@@ -762,12 +762,12 @@ def _search(run: _Run, course: SavedSearch, progress: bool | None) -> str:
             course.save(run)
 
 
-def _judge(target: Curve, terms: _Terms, searches: list[_Search], keep: int) -> tuple[TracedDesign, ...]:
+def _judge(target: Curve, terms: _Terms, searches: list[_Search], keep: int, at_once: bool) -> tuple[TracedDesign, ...]:
     """Look closely at the best designs: at many poses, by the distance of curves, each curve once."""
     out: list[TracedDesign] = []
     for search in searches:
         own = []
-        for k, lanes in enumerate(search.finish()):
+        for k, lanes in enumerate(search.finish(at_once)):
             own += _look_closely(target, terms, lanes, search.bars, k == 0 and search.exact is not None)
         kept: list[TracedDesign] = []
         for design in sorted(own, key=lambda design: design.rank):
