@@ -314,6 +314,8 @@ def command_parser() -> argparse.ArgumentParser:
     ends.add_argument("--closed", action="store_true", default=None, help="the last point is joined to the first")
     ends.add_argument("--open", action="store_false", dest="closed", help="it is not; without either, where they meet")
     trace.add_argument("--no-sliders", action="store_true", help="turning joints only")
+    trace.add_argument("--checkpoint", metavar="FILE", help="keep the search in FILE while it runs")
+    trace.add_argument("--resume", metavar="FILE", help="go on with the search that was kept in FILE, and keep it")
     trace.add_argument("--transmission", type=float, metavar="DEG", help="smallest transmission angle, degrees (8)")
     trace.add_argument("--out", metavar="DIR", help="write the linkages as model files, and a picture, into DIR")
     trace.add_argument("--no-pictures", action="store_true", help="write models only")

@@ -166,6 +166,66 @@ def test_links_keep_clear_of_a_floor(small):
         assert least > 0.05 or known == pytest.approx(least, abs=2e-3)
 
 
+def test_a_search_goes_on_where_it_was_stopped(small, tmp_path, monkeypatch):
+    """Interrupted in its second round and gone on with it comes to the designs of a search that never stopped."""
+    from jaxnc.synthesis.tracing.trace import _Search
+
+    whole, file = _Search.round, tmp_path / "search.npz"
+
+    def stopping(at):
+        def round(search):
+            if search.rounds == at:
+                raise KeyboardInterrupt
+            whole(search)
+
+        return round
+
+    how = {"bars": (4,), "seconds": 60, "source": small, "sliders": False}
+    monkeypatch.setattr(_Search, "round", stopping(5))
+    straight = nc.synthesis.trace(heart(), True, **how)
+    monkeypatch.setattr(_Search, "round", stopping(0))
+    first = nc.synthesis.trace(heart(), True, **how)
+    assert first.interrupted and first.refined == 0 and first.found  # what the atlas has
+    assert straight.best.distance < 0.8 * first.best.distance
+    monkeypatch.setattr(_Search, "round", stopping(2))
+    part = nc.synthesis.trace(heart(), True, **how, checkpoint=file)
+    assert part.interrupted and f"resume from {file}" in part.stopped and part.refined < straight.refined
+    monkeypatch.setattr(_Search, "round", stopping(5))
+    after = nc.synthesis.trace(heart(), True, **how, resume=file)
+    assert (after.refined, after.best.distance) == (straight.refined, straight.best.distance)
+    np.testing.assert_array_equal(after.best.curve, straight.best.curve)
+    for other, said in (({"points": heart()[::2]}, "other targets"), ({"key": jax.random.key(3)}, "begun with key")):
+        with pytest.raises(nc.InputError, match=said):
+            nc.synthesis.trace(**{"points": heart(), "closed": True, **how, **other}, resume=file)
+
+
+def test_last_dyads_are_put_where_they_fit_best(small):
+    """By linear least squares: no other place, turn, size and tracing point comes nearer, and the dyads close."""
+    shelf = small.shelves[6].at(slice(40))
+    arrays = making.chain_arrays(6).at(shelf.chain)
+    row = np.concatenate([shelf.design, np.tile([0.0, 0.0, 1.0, 0.0, 0.3, 2.0 * np.pi], (40, 1))], axis=1)
+    theta = np.tile(np.linspace(0.3, 6.5, 50), (40, 1))
+    goal = np.exp(1j * theta) + 0.3 * np.exp(-2j * theta)
+    u = np.random.default_rng(0).uniform(size=(40, 8))
+    lanes, left = fit.redraw_last(fit.Lanes(arrays, shelf.sign, row), theta, goal, u)
+    good = np.flatnonzero(np.isfinite(left))
+    assert len(good) > 20
+    for k in good[:8]:
+        x, chain = lanes.row[k], shelf.chains[shelf.chain[k]]
+        np.testing.assert_array_equal(x[:6], shelf.design[k, :6])
+
+        def miss(change, x=x, k=k, chain=chain):
+            new = x + np.concatenate([np.zeros(12), change, np.zeros(2)])
+            place, factor = complex(*new[-6:-4]), complex(*new[-4:-2])
+            drawn = ChainDesign(chain, lanes.sign[k], new[:-6], place, factor, 0.0, 1.0)
+            return np.mean(np.abs(drawn.trace(theta[k]) - goal[k]) ** 2)
+
+        assert miss(np.zeros(6)) == pytest.approx(left[k], rel=1e-3, abs=1e-6)
+        for side in np.eye(6) * 3e-3:
+            assert miss(side) + miss(-side) > 2.0 * miss(np.zeros(6))
+            assert abs(miss(side) - miss(-side)) < 0.05 * (miss(side) + miss(-side) - 2.0 * miss(np.zeros(6))) + 1e-6
+
+
 def test_distances_are_of_polylines_both_ways():
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], float)
     assert curve_distance(square, square + np.array([0.1, 0.0])) == pytest.approx(0.1, rel=0.06)
@@ -242,6 +302,10 @@ def test_what_is_no_curve_is_told(given, said):
         nc.synthesis.trace(**{"points": heart(), "seconds": 1, **given})
 
 
+def interrupt(search):
+    raise KeyboardInterrupt
+
+
 def test_the_command_reads_files_and_writes_models(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(making, "_PART", 3000)
     monkeypatch.setattr("jaxnc.synthesis.tracing.trace._ATLAS", 1)
@@ -249,8 +313,12 @@ def test_the_command_reads_files_and_writes_models(tmp_path, monkeypatch, capsys
     file = tmp_path / "heart.csv"
     file.write_text("x,y\n" + "\n".join(f"{x},{y}" for x, y in heart(80)))
     arguments = ["trace", str(file), "--bars", "4", "--seconds", "1", "--closed", "--no-cache", "--no-pictures"]
-    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    kept = str(tmp_path / "search.npz")
+    assert main([*arguments, "--out", str(tmp_path / "out"), "--checkpoint", kept]) == 0
     assert "a curve of 80 points" in capsys.readouterr().out
+    assert main([*arguments, "--resume", kept]) == 0 and f"resume from {kept}" in capsys.readouterr().out
+    monkeypatch.setattr("jaxnc.synthesis.tracing.trace._Search.round", interrupt)
+    assert main([*arguments, "--resume", kept]) == 130 and f"--resume {kept}" in capsys.readouterr().err
     model = nc.load(tmp_path / "out" / "heart-1.toml")
     assert "P" in model.all_points and main(["run", str(tmp_path / "out" / "heart-1.toml"), "--no-cache"]) == 0
     file.write_text("x,y\n1,2\nthree,4\n")
