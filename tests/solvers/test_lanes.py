@@ -272,8 +272,8 @@ def test_wide_gaps_are_not_jumped_either():
 
 def test_gaps_however_narrow_are_not_jumped():
     system = four_bar(explicit=False)
-    designs = list(nearly_flat(60, np.random.default_rng(5)))
-    assert sum(np.isfinite(low) and high - low > 2 * np.pi - 0.05 for *_, low, high in designs) > 5
+    designs = list(nearly_flat(30, np.random.default_rng(5)))
+    assert sum(np.isfinite(low) and high - low > 2 * np.pi - 0.05 for *_, low, high in designs) > 2
 
     def move(p, u):
         s = dataclasses.replace(system, parameters=dataclasses.replace(system.parameters, points=p))
