@@ -14,8 +14,8 @@ from jaxnc.kinematics.freedoms import Freedoms, explain_lock, loose_motions
 from jaxnc.kinematics.inputs import check_system, dense_only
 from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, general_rank, meets, rank_of, sample_poses, settle
-from jaxnc.solvers.kernel import LARGEST_WRITTEN, kernel, writes_out
-from jaxnc.solvers.plan import Plan, by_lu, plan
+from jaxnc.solvers.kernel import kernel, writes_out
+from jaxnc.solvers.plan import LARGEST_WRITTEN, Plan, by_lu, plan
 from jaxnc.system.equations import Equations, coefficients, rate_constants
 from jaxnc.system.precision import on_host, widened
 from jaxnc.system.system import System, drivable, unheld

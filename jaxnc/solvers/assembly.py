@@ -14,7 +14,7 @@ from jaxnc.process import one_thread
 from jaxnc.remembered import by_identity
 from jaxnc.solvers import host
 from jaxnc.solvers.elimination import independent_coordinates, with_special
-from jaxnc.solvers.plan import LargePlan, Plan, plan
+from jaxnc.solvers.plan import LARGEST_WRITTEN, LargePlan, Plan, plan
 from jaxnc.solvers.sparse_matrix import RANK, Nullity, matrix_of, null_directions, null_part, shape_of
 from jaxnc.system.equations import Equations, derived, jacobian, places, pure_numbers, residual
 from jaxnc.system.host import HostEquations, from_jax
@@ -242,7 +242,8 @@ def with_degrees_of_freedom(system: System) -> System:
     liked = np.concatenate([np.flatnonzero(scalars), np.flatnonzero(~scalars)])
     independent = independent_coordinates(samples[-1].jacobian, freedom, liked)
     names = tuple(top.coordinates[view.unknown[k]] for k in independent)
-    implied = rank < len(view.rows) and general_rank(system, 1) == (rank, True)
+    written = len(view.unknown) - freedom <= LARGEST_WRITTEN  # elsewhere nobody asks
+    implied = written and rank < len(view.rows) and general_rank(system, 1) == (rank, True)
     return System(with_special(top, jacobians, rank, implied), system.parameters, freedom, names)
 
 

@@ -17,14 +17,12 @@ from jax import lax
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import Eliminated, Factors, Pivots, eliminate_block, plan_elimination
-from jaxnc.solvers.plan import Plan, Square, square_rows
+from jaxnc.solvers.plan import LARGEST_WRITTEN, Plan, Square, square_rows
 from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, guard_functions, replace_constants
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
 from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
-
-LARGEST_WRITTEN = 120  # unknowns that are written out
 
 
 class SolvedLanes(NamedTuple):

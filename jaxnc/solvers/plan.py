@@ -24,6 +24,7 @@ from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import Array, Coordinates, Float, Numbers
 
 LU = 48  # unknowns of a dense plan beyond which the host solves it by sparse LU: about as many as are written out
+LARGEST_WRITTEN = 120  # unknowns that are written out element by element under XLA
 TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
 
 
