@@ -11,6 +11,7 @@ from jaxnc.synthesis import conditions as S
 from jaxnc.synthesis.clearance import clear_of
 from jaxnc.synthesis.tracing import atlas as making
 from jaxnc.synthesis.tracing import fit
+from jaxnc.synthesis.tracing import trace as searching
 from jaxnc.synthesis.tracing.chains import Chain, Hung, dyadic_chains
 from jaxnc.synthesis.tracing.descriptors import closed_coefficients, lay_closed, normalise
 from jaxnc.synthesis.tracing.linkage import ChainDesign, to_mechanism
@@ -24,6 +25,13 @@ def small(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "_PART", 3000)
         yield nc.synthesis.atlas(1, folder=tmp_path_factory.mktemp("atlas"))
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Rounds of a search that are shorter: fewer candidates, and fewer steps for each."""
+    monkeypatch.setattr(searching, "_GROUPS", 1)
+    monkeypatch.setattr(searching, "_STEPS", (4, 10, 20))
 
 
 def unseen(bars, count, seed=1):
@@ -129,10 +137,10 @@ def test_given_timings_are_met(small):
     assert np.abs(np.asarray(motion["P"]) @ [1, 1j] - z).max() < 1e-9 * np.ptp(z.real)
 
 
-def test_conditions_are_met(small):
+def test_conditions_are_met(small, brief):
     box = (2.5, 3.5), (0.3, 1.5)
     asked = [S.transmission_angle(0.5), S.within("ground", *box)]
-    result = nc.synthesis.trace(heart(), True, bars=(4,), subject_to=asked, seconds=2, source=small, sliders=False)
+    result = nc.synthesis.trace(heart(), True, bars=(4,), subject_to=asked, seconds=0.5, source=small, sliders=False)
     assert result.designs and result.refined > 0
     for design in result.designs:
         assert design.transmission >= 0.499 and design.turns and design.bars == 4 and not design.chain.sliders
@@ -142,11 +150,11 @@ def test_conditions_are_met(small):
     assert [d.distance for d in result.designs] == sorted(d.distance for d in result.designs)
 
 
-def test_links_keep_clear_of_a_floor(small):
+def test_links_keep_clear_of_a_floor(small, brief):
     """Of what is found without a floor links run into it; with it none does, by the robust solver in 2,000 poses."""
     low, width = heart()[:, 1].min() - 0.03, 0.02
     floor = [(2.0, low - 1.0), (4.0, low)]
-    how = {"bars": (4,), "seconds": 1.5, "source": small, "sliders": False}
+    how = {"bars": (4,), "seconds": 0.5, "source": small, "sliders": False}
     before = nc.synthesis.trace(heart(), True, **how)
     after = nc.synthesis.trace(heart(), True, subject_to=[clear_of(floor, width=width)], **how)
     told = {}
@@ -166,11 +174,9 @@ def test_links_keep_clear_of_a_floor(small):
         assert least > 0.05 or known == pytest.approx(least, abs=2e-3)
 
 
-def test_a_search_goes_on_where_it_was_stopped(small, tmp_path, monkeypatch):
+def test_a_search_goes_on_where_it_was_stopped(small, brief, tmp_path, monkeypatch):
     """Interrupted in its second round and gone on with it comes to the designs of a search that never stopped."""
-    from jaxnc.synthesis.tracing.trace import _Search
-
-    whole, file = _Search.round, tmp_path / "search.npz"
+    whole, file = searching._Search.round, tmp_path / "search.npz"
 
     def stopping(at):
         def round(search):
@@ -181,16 +187,16 @@ def test_a_search_goes_on_where_it_was_stopped(small, tmp_path, monkeypatch):
         return round
 
     how = {"bars": (4,), "seconds": 60, "source": small, "sliders": False}
-    monkeypatch.setattr(_Search, "round", stopping(3))
+    monkeypatch.setattr(searching._Search, "round", stopping(3))
     straight = nc.synthesis.trace(heart(), True, **how)
-    monkeypatch.setattr(_Search, "round", stopping(0))
+    monkeypatch.setattr(searching._Search, "round", stopping(0))
     first = nc.synthesis.trace(heart(), True, **how)
     assert first.interrupted and first.refined == 0 and first.found  # what the atlas has
     assert straight.best.distance < 0.8 * first.best.distance
-    monkeypatch.setattr(_Search, "round", stopping(2))
+    monkeypatch.setattr(searching._Search, "round", stopping(2))
     part = nc.synthesis.trace(heart(), True, **how, checkpoint=file)
     assert part.interrupted and f"resume from {file}" in part.stopped and part.refined < straight.refined
-    monkeypatch.setattr(_Search, "round", stopping(3))
+    monkeypatch.setattr(searching._Search, "round", stopping(3))
     after = nc.synthesis.trace(heart(), True, **how, resume=file)
     assert (after.refined, after.best.distance) == (straight.refined, straight.best.distance)
     np.testing.assert_array_equal(after.best.curve, straight.best.curve)
@@ -306,18 +312,18 @@ def interrupt(search):
     raise KeyboardInterrupt
 
 
-def test_the_command_reads_files_and_writes_models(tmp_path, monkeypatch, capsys):
+def test_the_command_reads_files_and_writes_models(brief, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(making, "_PART", 3000)
-    monkeypatch.setattr("jaxnc.synthesis.tracing.trace._ATLAS", 1)
+    monkeypatch.setattr(searching, "_ATLAS", 1)
     monkeypatch.setenv("JAXNC_CACHE", str(tmp_path / "kept"))
     file = tmp_path / "heart.csv"
     file.write_text("x,y\n" + "\n".join(f"{x},{y}" for x, y in heart(80)))
-    arguments = ["trace", str(file), "--bars", "4", "--seconds", "1", "--closed", "--no-cache", "--no-pictures"]
+    arguments = ["trace", str(file), "--bars", "4", "--seconds", "0.5", "--closed", "--no-cache", "--no-pictures"]
     kept = str(tmp_path / "search.npz")
     assert main([*arguments, "--out", str(tmp_path / "out"), "--checkpoint", kept]) == 0
     assert "a curve of 80 points" in capsys.readouterr().out
     assert main([*arguments, "--resume", kept]) == 0 and f"resume from {kept}" in capsys.readouterr().out
-    monkeypatch.setattr("jaxnc.synthesis.tracing.trace._Search.round", interrupt)
+    monkeypatch.setattr(searching._Search, "round", interrupt)
     assert main([*arguments, "--resume", kept]) == 130 and f"--resume {kept}" in capsys.readouterr().err
     model = nc.load(tmp_path / "out" / "heart-1.toml")
     assert "P" in model.all_points and main(["run", str(tmp_path / "out" / "heart-1.toml"), "--no-cache"]) == 0

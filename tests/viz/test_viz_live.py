@@ -4,6 +4,7 @@ Without Chromium what needs a browser is skipped.
 """
 
 import dataclasses
+import functools
 import json
 import time
 from importlib.resources import files
@@ -59,6 +60,13 @@ def browser(tmp_path_factory):
     started = Browser(tmp_path_factory.mktemp("chromium"))
     yield started
     started.close()
+
+
+@functools.cache
+def swept(name: str) -> tuple[nc.Mechanism, nc.Motion]:
+    """A mechanism of the library and the motion that is shown of it."""
+    m = CATALOGUE[name]()
+    return m, nc.sweep(m.compile(), **sweep_arguments(m), throw=False)
 
 
 def text(browser: Browser, name: str) -> str:
@@ -132,12 +140,10 @@ def test_every_operation_of_a_program_is_the_same_in_javascript(browser):
 @driven
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_the_solver_of_a_page_finds_the_poses_that_the_library_finds(browser, tmp_path, name):
-    m = CATALOGUE[name]()
-    given = sweep_arguments(m)
-    given["inputs"] = {k: v[::24] for k, v in given["inputs"].items()}
-    motion = nc.sweep(m.compile(), **given, throw=False)
+    m, motion = swept(name)
     browser.open(viz.to_html(motion, tmp_path / "a.html", model=m))
-    q, good = np.asarray(motion.q), np.flatnonzero(np.asarray(motion.converged))
+    q, some = np.asarray(motion.q), np.arange(0, len(motion.status), 24)
+    good = some[np.asarray(motion.converged)[some]]
     assert len(good) >= 5
     for k in good:
         found = browser.run(f"window.jaxnc.solve({np.asarray(motion.asked)[k].tolist()})")
@@ -783,8 +789,7 @@ PROGRAM = {2: 60_000, 3: 64_000}  # bytes of its script as it stands in the page
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_a_page_is_small_and_its_program_too(tmp_path, name):
-    m = CATALOGUE[name]()
-    motion = nc.sweep(m.compile(), **sweep_arguments(m), throw=False)
+    m, motion = swept(name)
     assert len(motion.status) == 361
     text = viz.to_html(motion, tmp_path / "a.html", model=m).read_text()
     assert len(text.encode()) < SMALL
