@@ -173,7 +173,7 @@ def _derivatives(f):
 
 
 @settings(
-    max_examples=9,
+    max_examples=15,
     derandomize=True,
     deadline=None,
     database=None,

@@ -291,9 +291,10 @@ def texts_of(figure: Figure) -> list:
 def test_names_of_the_whole_library_are_apart_and_on_the_paper(width):
     """Names neither lie on each other nor, side by side, read as one: B beside φ is not Bφ."""
     wrong = {}
-    # On the narrow paper all: there the same names have less room.
-    for name, make in list(nc.library.CATALOGUE.items())[:: 1 if width == NARROW else 4]:
+    for name, make in nc.library.CATALOGUE.items():
         m = make()
+        if m.model.dim == 3 and width == USUAL:
+            continue  # there are more names in less room on the narrow paper
         figure = viz.draw(m, size=(width, 0.78 * width), title=name.replace("-", " "))
         texts = texts_of(figure)
         found = boxes(figure, texts)
