@@ -123,7 +123,7 @@ def _condition(c: ConditionEntry, mechanism: Mechanism, driven: float, k: int, s
         if c.type == "no flip":
             return kinds.no_flip(c.distance, None if c.input is None else c.input * driven)
         if c.type == "only circuit":
-            return kinds.only_circuit({n: _scaled(b, unit_of(mechanism, n)) for n, b in (c.stops or {}).items()})
+            return kinds.only_circuit({n: _scale_bounds(b, unit_of(mechanism, n)) for n, b in (c.stops or {}).items()})
         if c.type == "circuit":
             return on_circuit(require("side", c.side), c.joint)
         start, end = require("points", c.points, 2)
@@ -141,7 +141,7 @@ def _condition(c: ConditionEntry, mechanism: Mechanism, driven: float, k: int, s
         return kinds.equal((start, end), (first, second))
 
 
-def _scaled(bounds: tuple[float | None, float | None], unit: float) -> tuple[float | None, float | None]:
+def _scale_bounds(bounds: tuple[float | None, float | None], unit: float) -> tuple[float | None, float | None]:
     low, high = (None if bound is None else bound * unit for bound in bounds)
     return low, high
 

@@ -20,8 +20,17 @@ from jaxnc.continuation.monodromy import SAME, is_new
 from jaxnc.continuation.quadratic import QuadraticPaths, inverses
 from jaxnc.continuation.tracker import BOLD, CAREFUL
 from jaxnc.doors import door
-from jaxnc.errors import InputError, counted
-from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
+from jaxnc.errors import InputError, brief, counted
+from jaxnc.kinematics.inputs import (
+    check_parameters,
+    check_system,
+    doubt_degrees,
+    in_radians,
+    make_plan,
+    named,
+    stack,
+    whole,
+)
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.polynomial import Member, NotPolynomial, Reading, read_polynomials
 from jaxnc.kinematics.reduction import Placed, Reduction
@@ -627,6 +636,9 @@ def prepare(
 ) -> tuple[Design, Family]:
     """The design of a system and its family; what cannot be read as polynomials is refused."""
     top = system.topology
+    seed, most = whole(seed, "modes(): seed", 0), whole(most, "modes(): most")
+    if not isinstance(prove, bool | np.bool_):
+        raise InputError(f"modes(): prove must be True or False, got {brief(prove)}")
     try:
         reading = read_polynomials(top.structure, (*driven, *held))
         design = describe(system, reading)
@@ -648,7 +660,7 @@ def prepare(
         raise InputError(
             f"modes(): a generic mechanism of the structure of {top.name!r} has more than {most:,} solutions: "
             f"{known:,} are known{' and kept' * kept}, about {expected:,} are expected, which take about "
-            f"{_last(seconds)}; jaxnc.modes(…, most={_round_up(2 * expected)}) looks for them"
+            f"{_write_time(seconds)}; jaxnc.modes(…, most={_round_up(2 * expected)}) looks for them"
         ) from None
     except NoMember:
         raise InputError(
@@ -658,7 +670,7 @@ def prepare(
     return dataclasses.replace(design, reading=family.reading), family
 
 
-def _last(seconds: float) -> str:
+def _write_time(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds > 90 else f"{max(1.0, seconds):.0f} s"
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from jaxnc.continuation.monodromy import Found, is_new, run_loops, solve_by_degree
 from jaxnc.continuation.quadratic import QuadraticPaths
-from jaxnc.continuation.trace import trace_solutions
+from jaxnc.continuation.sections import trace_solutions
 from jaxnc.errors import counted
 from jaxnc.kinematics.polynomial import Member, Reading
 from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
@@ -101,7 +101,7 @@ def find_starts(
         draw = functools.partial(draw_generic, reading, x, constants, rng)
         loop = functools.partial(_make_loop, reduction, placed, draw)
         last = way == WAYS[-1]
-        search = _Search(placed, way, key + _PART, most)
+        search = _KeptLoops(placed, way, key + _PART, most)
         before = (begun.loops, begun.quiet) if way == begun.way else (0, 0)
         found = search.run(functools.partial(run_loops, w, loop, None if last else _PATIENCE, proved, before))
         if not found.quiet and not last:
@@ -112,7 +112,7 @@ def find_starts(
     raise AssertionError("the last way ends")
 
 
-class _Search:
+class _KeptLoops:
     """A search for all solutions of a member, which is written into the cache while it goes on."""
 
     def __init__(self, placed: Placed, way: str, key: str, most: float):

@@ -243,12 +243,19 @@ def with_degrees_of_freedom(system: System) -> System:
     independent = independent_coordinates(samples[-1].jacobian, freedom, liked)
     names = tuple(top.coordinates[view.unknown[k]] for k in independent)
     written = len(view.unknown) - freedom <= LARGEST_WRITTEN  # elsewhere nobody asks
-    implied = written and rank < len(view.rows) and general_rank(system, 1) == (rank, True)
-    return System(with_special(top, jacobians, rank, implied), system.parameters, freedom, names)
+    sufficient = False
+    if written and rank < len(view.rows):
+        general, assembles = general_sample(system, 1)
+        sufficient = assembles and general.rank == rank
+    return System(with_special(top, jacobians, rank, sufficient), system.parameters, freedom, names)
 
 
-def general_rank(system: System, poses: int) -> tuple[int, bool]:
-    """Take the rank of the rows, in some poses, after a general change of the drawing; say whether that assembles."""
+def general_sample(system: System, poses: int) -> tuple[Sample, bool]:
+    """Take the rows after a general change of the drawing, in that of some poses in which their rank is largest.
+
+    Returns:
+        The pose, and whether the changed drawing assembles.
+    """
     par, rng = system.parameters, np.random.default_rng(3)
     size = float(np.ptp(np.asarray(par.points), axis=0).max())
     changed = {}
@@ -259,4 +266,4 @@ def general_rank(system: System, poses: int) -> tuple[int, bool]:
         changed[name] = on_device(leaf + 0.02 * amount * rng.standard_normal(leaf.shape))
     samples = sample_poses(replace(system, parameters=replace(par, **changed)), poses)
     # 1e-9 of the size: a drawing with a larger gap does not assemble
-    return max(sample.rank for sample in samples), samples[0].gap <= 1e-9 * size
+    return max(samples, key=lambda sample: sample.rank), samples[0].gap <= 1e-9 * size

@@ -60,10 +60,12 @@ class Plan:
         return len(self.rows) == len(self.unknown)
 
     @property
-    def implied(self) -> bool:
-        """True if some rows give all derivatives, because the others follow from them in every design."""
+    def chosen_rows_suffice(self) -> bool:
+        """True if the rows that are solved with give all derivatives: the others follow from them in every design."""
         special = self.topology.special
-        if self.independent or special is None or special.rows is None or not special.implied:
+        if self.square:
+            return True
+        if self.independent or special is None or special.rows is None or not special.sufficient:
             return False
         return int(np.isin(self.rows, special.rows).sum()) == len(self.unknown)
 

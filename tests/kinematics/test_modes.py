@@ -13,11 +13,11 @@ from test_assemblies import SMALL, USUAL, turns_of_the_plate
 
 import jaxnc as nc
 from benchmarks import modes as peer
-from jaxnc.continuation import trace
+from jaxnc.continuation import sections
 from jaxnc.continuation.certificate import certify
 from jaxnc.continuation.monodromy import run_loops, solve_by_degree
 from jaxnc.continuation.quadratic import QuadraticPaths
-from jaxnc.continuation.trace import trace_solutions
+from jaxnc.continuation.sections import trace_solutions
 from jaxnc.continuation.tracker import PathEnds
 from jaxnc.kinematics import modes as module
 from jaxnc.kinematics import starts
@@ -320,7 +320,7 @@ def test_a_number_that_was_observed_is_proved_by_trace(cached, monkeypatch):
     np.savez(file, **(arrays | {"x": arrays["x"][:, :3]}))
     read_polynomials(system.topology.structure, (system.topology.position["phi"],)).families.clear()
     with monkeypatch.context() as patch:
-        patch.setattr(trace, "_LOOPS", 1)
+        patch.setattr(sections, "_LOOPS", 1)
         assert not nc.modes(system, phi, prove=True).proved
     found = nc.modes(system, phi, prove=True)
     check(found, 4)
@@ -501,3 +501,7 @@ def test_what_is_refused():
         nc.circuits(nc.library.four_bar().compile(), {"phi": 0.3})
     with pytest.raises(nc.InputError, match="must ascend"):
         nc.circuits(nc.library.four_bar().compile(), {"phi": [0.3, 0.2]})
+    for wrong in ({"most": 0}, {"most": "few"}, {"seed": -1}, {"prove": 3}):
+        (name,) = wrong
+        with pytest.raises(nc.InputError, match=rf"{name} must be"):
+            nc.modes(nc.library.four_bar().compile(), {"phi": 0.3}, **wrong)

@@ -324,12 +324,12 @@ class TraceResult:
 
     @property
     def found(self) -> bool:
-        """Whether there is a linkage that meets the conditions."""
+        """True if a linkage meets the conditions."""
         return bool(self.designs)
 
     @property
     def interrupted(self) -> bool:
-        """Whether the search was interrupted, by Ctrl-C."""
+        """True if Ctrl-C ended the search."""
         return self.stopped.startswith("interrupted")
 
     @property
