@@ -12,6 +12,7 @@ Method: K. Levenberg (1944), D. Marquardt (1963); variable projection as G. Golu
 """
 
 import functools
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -207,23 +208,25 @@ def refine(lanes: Lanes, target: Target, steps: Any, feet: Any) -> tuple[Array, 
     """
     go = jnp.all(jnp.isfinite(lanes.row[0]))
 
-    def one(chain: ChainArrays, sign: Array, row: Array) -> tuple[Array, Array, Array]:
-        look = functools.partial(_look, chain, sign, target, go, feet)
-        cost, matrix, slope, error = look(row)
-        start = Course(row, cost, matrix, slope, jnp.asarray(_FIRST, row.dtype), error)
+    def one(chain: ChainArrays, sign: Array, now: Course) -> Course:
+        new = now.best - _solve(now.matrix, now.slope, now.damping)
+        cost, matrix, slope, error = _look(chain, sign, target, go, feet, new)
+        better = cost < now.cost  # false where it is not finite
+        grown = jnp.clip(now.damping * jnp.where(better, _SHRINK, _GROW), _LEAST_DAMPING, _MOST_DAMPING)
+        chosen = Course(new, cost, matrix, slope, grown, error)
+        return jax.tree.map(lambda a, b: jnp.where(better, a, b), chosen, now._replace(damping=grown))
 
-        def step(_: int, now: Course) -> Course:
-            new = now.best - _solve(now.matrix, now.slope, now.damping)
-            cost, matrix, slope, error = look(new)
-            better = cost < now.cost  # false where it is not finite
-            grown = jnp.clip(now.damping * jnp.where(better, _SHRINK, _GROW), _LEAST_DAMPING, _MOST_DAMPING)
-            chosen = Course(new, cost, matrix, slope, grown, error)
-            return jax.tree.map(lambda a, b: jnp.where(better, a, b), chosen, now._replace(damping=grown))
-
-        end = jax.lax.fori_loop(0, steps, step, start)
+    def together(few: tuple[Any, ...]) -> tuple[Array, Array, Array]:
+        chain, sign, row = few
+        # The first step stays where it is, so that there is one program for it and all others.
+        far, flat = jnp.full(row.shape[:1], jnp.inf, row.dtype), jnp.zeros((*row.shape, row.shape[1]), row.dtype)
+        start = Course(row, far, flat, jnp.zeros_like(row), jnp.full_like(far, _FIRST / _SHRINK), far)
+        end = jax.lax.fori_loop(0, steps + 1, lambda _, now: jax.vmap(one)(chain, sign, now), start)
         return end.best, end.error, end.cost
 
-    return jax.lax.map(lambda lane: one(*lane), tuple(lanes), batch_size=_TOGETHER)
+    count = math.gcd(len(lanes.row), _TOGETHER)
+    parts = jax.tree.map(lambda a: a.reshape(-1, count, *a.shape[1:]), tuple(lanes))
+    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), jax.lax.map(together, parts))
 
 
 def _solve(matrix: Array, slope: Array, damping: Array) -> Array:
