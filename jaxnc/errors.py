@@ -4,8 +4,6 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
-_SHOWN = 80  # characters of a value that a message repeats
-
 
 class JaxncError(Exception):
     """Base class of every error that jaxnc raises on purpose."""
@@ -96,7 +94,8 @@ def brief(value: Any) -> str:
         text = repr(value)
     except Exception:  # of what holds such a number, or of a class of the user's own
         return f"a {type(value).__name__}"
-    return text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…"
+    most = 80  # characters that a message repeats
+    return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

@@ -34,7 +34,6 @@ _WAYS = {
     "solve_position": "every pose on its own",
     "circuit": "by arc length along the circuit, through dead points",
 }
-_MOST_GROUPS = 6  # of failed poses
 
 
 @dataclass(frozen=True)
@@ -168,12 +167,13 @@ def _failures(analysis: Analysis, failed: np.ndarray) -> list[str]:
     lines += [f"  {crossed} of {many} at change points"] if crossed else []
     edges = [0, *(np.flatnonzero(np.diff(status) | np.diff(failed)) + 1).tolist(), len(status)]
     groups = [(a, b) for a, b in itertools.pairwise(edges) if status[a]]
-    for a, b in groups[:_MOST_GROUPS]:
+    most = 6  # of failed poses
+    for a, b in groups[:most]:
         lines.append(
             f"    {_inputs_between(analysis, a, b - 1)}: {Status(int(status[a])).sentence if failed[a] else CROSSING}"
         )
-    if len(groups) > _MOST_GROUPS:
-        lines.append(f"    … and {len(groups) - _MOST_GROUPS} more groups of poses")
+    if len(groups) > most:
+        lines.append(f"    … and {len(groups) - most} more groups of poses")
     return lines
 
 

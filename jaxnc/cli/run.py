@@ -26,8 +26,6 @@ from jaxnc.system.system import System
 from jaxnc.vehicle.report import SuspensionReport
 from jaxnc.workshop.shop import SIZES
 
-_LONG = 30.0  # seconds: a first call that takes longer is not repeated only to be timed
-
 
 def do_demo(question: Question, options: argparse.Namespace, importing: float) -> int:
     """Analyse a ready mechanism as its library function drives it, and say what to try next; the exit code."""
@@ -99,7 +97,7 @@ def analyse(question: Question, expect: Sequence[str] = ()) -> Analysis:
             step("compiling its motion")
             motion = _move_mechanism(system, question.run.analysis, arguments)
             first = time.perf_counter()
-            if first - begin < _LONG:
+            if first - begin < 30.0:  # one that takes longer is not repeated only to be timed
                 step("moving it")
                 motion = _move_mechanism(system, question.run.analysis, arguments)
                 running = time.perf_counter() - first

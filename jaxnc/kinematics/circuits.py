@@ -26,7 +26,6 @@ from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
-_TURN = 1e-9  # radians: a range that is a whole number of turns long
 _SAME = 1e-5  # of the mechanism's size: poses that are one
 _REFINED = (0.1, 3e-3, 1e-5)  # of the step: intervals in which a dead point is found anew; each errs by its square
 
@@ -184,7 +183,7 @@ def circuits(
     range_ = _Range(design, family, order, values, k, seed)
     angle = system.topology.is_angle(moving[0])
     turn = (values[-1, k] - values[0, k]) / (2.0 * math.pi)
-    closes = angle and turn > 0.5 and abs(turn - round(turn)) < _TURN
+    closes = angle and turn > 0.5 and abs(turn - round(turn)) < 1e-9  # a whole number of turns long
     found = _join(range_, closes)
     motion = functools.partial(to_motion, system, view)
     return _report(system, range_, found, motion, moving[0], inputs, hold, angle)

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 Output = str | Callable[[Motion], Any]
 Outputs = Output | Sequence[str] | Mapping[str, Output]
 
-_MOST = 12  # rows of a printed table
-
 
 @public
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +84,7 @@ class Sensitivity(Shown):
             raise InputError(f"sensitivity: no design variable {variable!r}; {nearest(variable, self.variables)}")
         return found[..., at]
 
-    def table(self, output: str | None = None, unit: str | None = None, most: int | None = _MOST) -> str:
+    def table(self, output: str | None = None, unit: str | None = None, most: int | None = 12) -> str:
         """The derivatives of largest magnitude as text, sorted, lengths first and directions after them.
 
         Args:

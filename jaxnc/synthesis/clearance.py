@@ -25,8 +25,6 @@ from jaxnc.synthesis.loops import ground_points
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
-_CORNERS = 200  # corners of a region
-_SAG = 2.0 / 8.0  # of a second difference: twice how far a parabola leaves its chord
 _FLAT = 1e-12  # of the size: corners that are one, and regions without an area
 
 Pairs = tuple[tuple[int, int], ...]
@@ -154,7 +152,8 @@ def _sag(corners: Array) -> Array:
     square = _most(bend[:, 0] ** 2 + bend[:, 1] ** 2)
     bend = jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
     bend = jnp.concatenate([bend[..., :1], bend, bend[..., -1:]], axis=-1)
-    return _SAG * _most(jnp.stack([bend[..., :-1], bend[..., 1:]]))
+    # Twice how far a parabola leaves its chord, which is an eighth of the second difference.
+    return (2.0 / 8.0) * _most(jnp.stack([bend[..., :-1], bend[..., 1:]]))
 
 
 # -- regions -----------------------------------------------------------------------------------------------------------
@@ -181,8 +180,9 @@ def as_region(region: Any, what: str) -> np.ndarray:
             raise InputError(f"{what}: the box from {corners[0].tolist()} to {corners[1].tolist()} has no area")
         return np.array([[a, b], [c, b], [c, d], [a, d]])
     corners = corners[np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > _FLAT * size]
-    if len(corners) > _CORNERS:
-        raise InputError(f"{what}: {len(corners)} corners; draw the region with at most {_CORNERS}")
+    most = 200
+    if len(corners) > most:
+        raise InputError(f"{what}: {len(corners)} corners; draw the region with at most {most}")
     for i, j in itertools.combinations(range(len(corners)), 2):
         if j - i > 1 and (i > 0 or j < len(corners) - 1) and _cross(corners, i, j):
             raise InputError(

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-_LENGTHS = 12  # of links that a table shows
 _CONTINUUM = (
     "the best found of a continuum of exact designs, which is listed once: it can change in {} and still meet the "
     "targets; more targets, conditions or bounds narrow it down"
@@ -246,7 +245,8 @@ class Result(Shown):
         names = list(self.designs[0].lengths) if self.designs else []
         if not names:
             return align_columns(rows)
-        shown, more = names[:_LENGTHS], f" (the first {_LENGTHS} of {len(names)})" if len(names) > _LENGTHS else ""
+        most = 12  # lengths that a table shows
+        shown, more = names[:most], f" (the first {most} of {len(names)})" if len(names) > most else ""
         sides = [("", *shown)]
         sides += [(str(k + 1), *(f"{d.lengths[n]:.5g}" for n in shown)) for k, d in enumerate(self.designs)]
         return (

@@ -31,8 +31,6 @@ _PANEL = (1.45, 2.0, 2.9)  # height of a plot: least, wanted, most
 _UNDER = 0.42  # a plot's numbers and name of its axis
 _BESIDE = 0.66  # and those at its left
 _DRAWING = (2.2, 5.2)  # height of a drawing: least and most
-_NOTES = 0.55  # texts under the drawing
-_ENTRIES = 16  # dimensions in the table, at most
 
 
 @public
@@ -84,7 +82,8 @@ def motion_sheet(
     tables = [_dimension_table(data), _extreme_table(data, x, panels)]
     high = size[1] - 2 * _MARGIN if size[1] else None
     noted = bool(options.get("show")) and data.dim == 2
-    plan = _SheetPlan(data, points, wide, high, len(panels), tables, options.get("view"), _NOTES if noted else 0.0)
+    notes = 0.55 if noted else 0.0  # inches of texts under the drawing
+    plan = _SheetPlan(data, points, wide, high, len(panels), tables, options.get("view"), notes)
     height = size[1] or plan.height + 0.3
     figure = Picture(figsize=(size[0], height))
     left, top = (size[0] - wide) / 2, height - (_MARGIN if size[1] else 0.15)
@@ -210,8 +209,9 @@ def _dimension_table(data: Poses) -> list[tuple[str, ...]]:
         for a, b in pairs:
             rows.append((name, f"{top.points[a]}–{top.points[b]}", _number(float(np.linalg.norm(x[b] - x[a])))))
             name = ""
-    if len(rows) > _ENTRIES:
-        rows = [*rows[: _ENTRIES - 1], ("…", "", "")]
+    most = 16  # dimensions in the table
+    if len(rows) > most:
+        rows = [*rows[: most - 1], ("…", "", "")]
     return [("link", "length", f"[{top.length_unit}]" if top.length_unit else ""), *rows]
 
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 _FORMATS = ("dxf", "svg")
 _COLOURS = (7, 3, 4, 6, 2, 30)  # of outlines by their level, in AutoCAD's index
 _HOLES, _NAMES = 1, 8
-_MARGIN = 5.0  # mm
 
 
 @public
@@ -396,10 +395,11 @@ class PartDrawing(NamedTuple):
                 lines.append(element("text", escape(text), class_="name", **place, **look))
             data = {"data_layer": assembly.level(placed.part), "data_part": one_line(placed.part.name)}
             groups.append(element("g", "\n", "\n".join(lines), "\n", **data))
-        z, edge = np.concatenate(corners), 0.5 * assembly.shop.width + _MARGIN
+        margin = 5.0  # mm
+        z, edge = np.concatenate(corners), 0.5 * assembly.shop.width + margin
         x, y = np.real(z), -np.imag(z)
         left, top = x.min() - edge, y.min() - edge
-        wide, high = max(float(np.ptp(x)) + 2 * edge, words + _MARGIN - left), float(np.ptp(y)) + 2 * edge
+        wide, high = max(float(np.ptp(x)) + 2 * edge, words + margin - left), float(np.ptp(y)) + 2 * edge
         drawing = element(
             "svg", "\n", element("title", escape(one_line(self.title))), "\n", "\n".join(groups), "\n",
             xmlns="http://www.w3.org/2000/svg", width=f"{_n(wide)}mm", height=f"{_n(high)}mm",

@@ -18,8 +18,6 @@ from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
 from jaxnc.validate import as_array
 
-_MOST = 5  # dimensions named for each output
-
 
 @public
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +103,7 @@ class Tolerance:
         s = self[name]
         return np.where(s.first_order > 0, s.std / np.where(s.first_order > 0, s.first_order, 1.0), 1.0)
 
-    def table(self, most: int = _MOST) -> str:
+    def table(self, most: int = 5) -> str:
         """The statistics as text: for each output the pose where it strays most, and who is to blame.
 
         Args:

@@ -19,11 +19,6 @@ from jaxnc.viz.spatial.mesh import Coil, Mesh, Piece, Shell, Turned
 from jaxnc.viz.spatial.scene import SOLIDS, Solid, SpaceFrame, Way
 from jaxnc.viz.style import ROLES, symbol
 
-_ROUND = 0.4  # units: wider lines have round ends
-_CORNERS = 400  # places that a page in space fits its first view to
-_DIRECTION = 1e-6  # what components of directions are rounded to
-_ANGLE = 1e-7  # what angles are rounded to, radians
-
 
 def page_content(
     data: Poses,
@@ -78,7 +73,7 @@ def _timeline(data: Poses, heading: str, fps: float) -> dict[str, Any]:
             "unit": "" if angle else top.length_unit,
             "angle": bool(angle),
             "driven": name in data.motion.driven,
-            "values": pack(data.scalars[:, k], _ANGLE if angle else quantum),
+            "values": pack(data.scalars[:, k], 1e-7 if angle else quantum),  # radians
         }
         for k, (name, angle) in enumerate(zip(top.scalars, top.angles, strict=True))
     ]
@@ -213,7 +208,7 @@ def _spatial(
     )
     content = _common(data, scene, view.traces, drawn) | {
         "directions": [
-            {"name": name, "moves": True, **pack_places(data.axes[:, k], _DIRECTION)}
+            {"name": name, "moves": True, **pack_places(data.axes[:, k], 1e-6)}
             for k, name in enumerate(data.directions)
         ],
         "box": round_numbers(np.stack([view.lower, view.upper])),
@@ -282,7 +277,7 @@ def _css(role: str) -> dict[str, Any]:
     look = f"fill:{fill};fill-opacity:{style.opacity:g};stroke:{stroke};stroke-width:calc({style.width:g}*var(--u))"
     if style.dash:
         look += ";stroke-dasharray:" + " ".join(f"calc({d:g}*var(--u))" for d in style.dash)
-    elif style.width > _ROUND and role != "casing":
+    elif style.width > 0.4 and role != "casing":  # wider lines have round ends
         look += ";stroke-linecap:round"
     return {"css": look, "fixed": style.fixed}
 
@@ -316,9 +311,10 @@ def _fields(item: Any) -> dict[str, Any]:
 
 def _outermost(x: np.ndarray) -> np.ndarray:
     """Pick some of the places, those that lie furthest out in many directions among them; there may be a million."""
-    if len(x) <= _CORNERS:
+    corners = 400  # places that a page in space fits its first view to
+    if len(x) <= corners:
         return x if len(x) else np.zeros((1, 3))
-    ways = np.random.default_rng(0).normal(size=(_CORNERS, 3))
+    ways = np.random.default_rng(0).normal(size=(corners, 3))
     return x[np.unique([int(np.argmax(x @ way)) for way in ways])]
 
 

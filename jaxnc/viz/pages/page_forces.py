@@ -31,9 +31,6 @@ from jaxnc.viz.arrows import Arrows
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.quantities import force_values
 
-LONGEST_PROGRAM = 60_000
-"""Characters of the programs that a page still carries."""
-
 _NAMES = ("q", "m", "d", "c", "v", "a", "t", "l")
 
 
@@ -154,7 +151,7 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
         )
         for name, (to, nodes) in programs.items()
     }
-    if sum(map(len, out.values())) > LONGEST_PROGRAM:
+    if sum(map(len, out.values())) > 60_000:  # characters of the programs that a page still carries
         raise Unreadable("the mechanism has too many bodies")
     return ForcePrograms(out, len(rest) - count, None if whole is top else _inner(dyn, view))
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 _PYTHON = "python"  # sender of a message; a page has a name of its own
 _NUMBERS = ("c", "k", "d")  # of equations, markers, explicit dimensions
-_TARGETS = 24  # points that a drawn curve becomes
-_CLOSED = 0.12  # of its extent: a drawn curve whose ends are as near as this is closed
 
 
 @public
@@ -367,7 +365,8 @@ class Widget:
         drawn = change["new"]
         if drawn and drawn.get("by") != _PYTHON:
             points = np.array(drawn["points"], float)
-            closed = bool(np.hypot(*(points[-1] - points[0])) < _CLOSED * np.max(np.ptp(points, axis=0)))
+            # A drawn curve whose ends are near each other, beside its extent, is closed.
+            closed = bool(np.hypot(*(points[-1] - points[0])) < 0.12 * np.max(np.ptp(points, axis=0)))
             self.target = _resample(points, closed)
             self._closed = closed
             self._show_target()
@@ -462,5 +461,6 @@ def _resample(points: np.ndarray, closed: bool) -> np.ndarray:
     """Put as many points as a target has evenly along a drawn curve."""
     line = np.concatenate([points, points[:1]]) if closed else points
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    at = np.linspace(0.0, along[-1], _TARGETS + closed)[:_TARGETS]
+    count = 24  # points that a drawn curve becomes
+    at = np.linspace(0.0, along[-1], count + closed)[:count]
     return np.stack([np.interp(at, along, axis) for axis in line.T], axis=1)
