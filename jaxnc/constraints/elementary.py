@@ -140,7 +140,7 @@ def ratio(a: Scalar, b: Scalar) -> Any:
     return where(nonzero, a / where(nonzero, b, 1.0), 0.0)
 
 
-def angle(sine: Scalar, cosine: Any) -> Any:
+def angle(sine: Scalar, cosine: Scalar) -> Any:
     """The angle of a direction from its two parts, zero where there is none."""
     safe = (cosine != 0) | (sine != 0)
     y, x = where(safe, sine, 0.0), where(safe, cosine, 1.0)

@@ -128,7 +128,7 @@ class Circuits(Shown):
 
     __repr__ = __str__
 
-    def draw(self, path: Any = None, **options: Any):
+    def draw(self, path: object = None, **options: Any):
         """Draw the branches over the input; see `jaxnc.viz.draw_circuits`."""
         return door("Circuits.draw")(self, path, **options)
 

@@ -196,7 +196,7 @@ def in_radians(system: System, unit: str | None, *given: object) -> tuple[Any, .
     top = system.topology
     angles = {name for name, angle in zip(top.scalars, top.angles, strict=True) if angle}
 
-    def one(mapping: Any) -> Any:
+    def one(mapping: object) -> Any:
         if not isinstance(mapping, Mapping):
             return mapping
         return {n: _to_radians(n, x) if n in angles else x for n, x in mapping.items()}

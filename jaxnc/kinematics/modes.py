@@ -55,7 +55,7 @@ from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
-from jaxnc.types import Inputs
+from jaxnc.types import Inputs, Numbers
 
 MOST = 1000
 """Solutions of a generic mechanism that are looked for without being asked to."""
@@ -180,7 +180,7 @@ class Modes(Shown):
 
     __repr__ = __str__
 
-    def draw(self, path: Any = None, **options: Any):
+    def draw(self, path: object = None, **options: Any):
         """Draw all assemblies side by side; see `jaxnc.viz.draw_modes`."""
         return door("Modes.draw")(self, path, **options)
 
@@ -510,7 +510,7 @@ class ModesMap(Shown):
 
     __repr__ = __str__
 
-    def draw(self, path: Any = None, **options: Any):
+    def draw(self, path: object = None, **options: Any):
         """Draw the number of assemblies over two inputs, with the loci where it changes; see `jaxnc.viz`."""
         return door("ModesMap.draw")(self, path, **options)
 
@@ -746,7 +746,13 @@ def judge(design: Design, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def to_motion(
-    system: System, view: Plan, values: np.ndarray, q: np.ndarray, status: Any, residual: Any, conditioning: Any
+    system: System,
+    view: Plan,
+    values: np.ndarray,
+    q: np.ndarray,
+    status: Numbers,
+    residual: Numbers,
+    conditioning: Numbers,
 ) -> Motion:
     """Poses ``(N, lanes)`` as a motion, at one set of inputs or a set ``(lanes, inputs)`` each."""
     named, count = system.topology.named, q.shape[1]

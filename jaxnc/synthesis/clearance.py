@@ -159,7 +159,7 @@ def _sag(corners: Array) -> Array:
 # -- regions -----------------------------------------------------------------------------------------------------------
 
 
-def as_region(region: Any, what: str) -> np.ndarray:
+def as_region(region: object, what: str) -> np.ndarray:
     """Check a region: corners of a polygon, or two opposite ones of a box; return its corners anticlockwise."""
     try:
         corners: np.ndarray = np.asarray(region, dtype=float)
@@ -314,7 +314,7 @@ class ClearOf(Condition):
     over_range = True
 
     @classmethod
-    def of(cls, region: Any, width: float, margin: float = 0.0, links: tuple[str, ...] | None = None) -> "ClearOf":
+    def of(cls, region: object, width: float, margin: float = 0.0, links: tuple[str, ...] | None = None) -> "ClearOf":
         """Check a region and lengths; see `clear_of`."""
         corners = as_region(region, "clear_of")
         sizes = _as_size(width, "clear_of: width"), _as_size(margin, "clear_of: margin")
@@ -393,7 +393,7 @@ class ClearLinks(Condition):
 
 
 @public
-def clear_of(region: Any, links: Sequence[str] | None = None, width: float = 0.0, margin: float = 0.0) -> Condition:
+def clear_of(region: object, links: Sequence[str] | None = None, width: float = 0.0, margin: float = 0.0) -> Condition:
     """Links keep clear of a region over the whole range of the input, between its poses too.
 
     A link is a plate: the convex hull of its points and markers, rounded by half of its width.
@@ -446,7 +446,7 @@ def refuse_enclosed(what: str, conditions: Sequence[Condition], point: str | Non
             )
 
 
-def _as_links(names: Any, what: str) -> tuple[str, ...]:
+def _as_links(names: object, what: str) -> tuple[str, ...]:
     given = (names,) if isinstance(names, str) else names
     if not isinstance(given, Sequence) or not given or not all(isinstance(name, str) for name in given):
         raise InputError(f"{what} takes names of links, such as ['coupler', 'rocker'], got {names!r}")

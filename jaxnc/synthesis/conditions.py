@@ -515,7 +515,7 @@ def symmetric(first: str, second: str, about: Sequence[str | Sequence[float]] = 
 
 
 @public
-def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Condition:
+def within(point: str, x: object = None, y: object = None, z: object = None) -> Condition:
     """A point (a fixed pivot, a joint, a tracer) stays between bounds in every pose."""
     axes = (x, y) if z is None else (x, y, z)
     box = tuple(as_interval((None, None) if b is None else b, f"within({point!r})") for b in axes)
@@ -525,7 +525,7 @@ def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Condition
 
 
 @public
-def local(point: str, along: tuple[str, str], x: Any = None, y: Any = None) -> Condition:
+def local(point: str, along: tuple[str, str], x: object = None, y: object = None) -> Condition:
     """Coordinates of a point in a body's frame, from the first point of `along` towards the second, lie in bounds."""
     box = tuple(as_interval((None, None) if b is None else b, f"local({point!r})") for b in (x, y))
     if not np.isfinite(box).any():

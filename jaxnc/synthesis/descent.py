@@ -100,7 +100,7 @@ class Optimiser:
 class _Only:
     """A thing that is equal to itself only."""
 
-    def __init__(self, thing: Any):
+    def __init__(self, thing: object):
         self.thing = thing
 
     def __eq__(self, other: object) -> bool:
@@ -219,7 +219,7 @@ class Descent(Shown, Leaves):
     bounds: Bounds
     equal: np.ndarray  # which of the conditions' numbers must be zero, (k,)
 
-    def __init__(self, problem: Problem, optimiser: Any, batch: int | None = None, gradient: float = 1e-8):
+    def __init__(self, problem: Problem, optimiser: object, batch: int | None = None, gradient: float = 1e-8):
         """Put them together.
 
         Args:
@@ -761,7 +761,7 @@ def starting_designs(problem: Problem, rng: np.random.Generator, lanes: int, loo
     return np.concatenate([own[:1], x])[:lanes]
 
 
-def _unknowns(problem: Problem, starts: Any) -> np.ndarray:
+def _unknowns(problem: Problem, starts: object) -> np.ndarray:
     """Starts that were given."""
     try:
         x = np.asarray([getattr(one, "x", one) for one in starts] if isinstance(starts, Sequence) else starts, float)

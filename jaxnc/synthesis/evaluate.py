@@ -440,7 +440,7 @@ class Evaluator:
 
 @functools.partial(jit, static_argnums=0)
 def _compiled_evaluate(
-    structure: Any, leaves: list[Array], x: Array, given: Array, scale: Array, found: DesignPoses
+    structure: object, leaves: list[Array], x: Array, given: Array, scale: Array, found: DesignPoses
 ) -> tuple[Array, Array, Array, Array]:
     goal: Goal = jax.tree.unflatten(structure, leaves)
 

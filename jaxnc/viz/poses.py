@@ -79,7 +79,7 @@ class Poses:
         y = np.median(self.places[self.extent_poses, self.names.index(names.wheel_centre), 1])
         return suspension(self.motion, side="left" if y > 0 else "right")
 
-    def with_reactions(self, found: Any) -> "Poses":
+    def with_reactions(self, found: object) -> "Poses":
         """Add reactions that were found already."""
         from jaxnc.dynamics.inverse import InverseDynamics
         from jaxnc.dynamics.reactions import Reactions

@@ -24,7 +24,7 @@ def fill_template(text: str, parts: dict[str, str]) -> str:
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda name: parts[name[1]], text)
 
 
-def embed_json(content: Any) -> str:
+def embed_json(content: object) -> str:
     """Write JSON that is safe inside a script element, whatever names it carries."""
     text = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     for character in "<>&\u2028\u2029":  # they only occur inside strings
@@ -71,7 +71,7 @@ def pack(values: np.ndarray, quantum: float) -> Any:
     return {"quantum": quantum, "order": order, "steps": text}
 
 
-def pack_places(x: np.ndarray, quantum: float) -> dict[str, Any]:
+def pack_places(x: np.ndarray, quantum: float) -> dict[str, object]:
     """Write places over the poses of a motion ``(T, dim)`` in short, axis by axis."""
     return {axis: pack(row, quantum) for axis, row in zip("xyz", x.T, strict=False)}
 

@@ -74,7 +74,7 @@ class ForcePrograms(NamedTuple):
     functions: dict[str, str]
     count: int  # how many numbers `forces` are
     # the view of the dynamics, with the weights of its unknowns, where it has other coordinates
-    inner: dict[str, Any] | None
+    inner: dict[str, object] | None
 
 
 def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[str]) -> ForcePrograms:
@@ -156,7 +156,7 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
     return ForcePrograms(out, len(rest) - count, None if whole is top else _inner(dyn, view))
 
 
-def _inner(dyn: Dynamics, view: Plan) -> dict[str, Any]:
+def _inner(dyn: Dynamics, view: Plan) -> dict[str, object]:
     """Collect what a page's solver reads of the coordinates of the dynamics; nothing is driven there."""
     return {
         "unknown": view.unknown.tolist(), "rows": len(view.rows), "driven": [], "guards": 0,

@@ -1,7 +1,5 @@
 """Start poses of a page: all assemblies at some inputs, from which the page finds those at any."""
 
-from typing import Any
-
 import numpy as np
 
 from jaxnc.errors import InputError
@@ -12,7 +10,7 @@ from jaxnc.viz.pages.packing import round_numbers
 from jaxnc.viz.poses import evenly
 
 
-def page_modes(motion: Motion, view: Plan, given: "bool | Modes | ModesMap") -> list[dict[str, Any]]:
+def page_modes(motion: Motion, view: Plan, given: "bool | Modes | ModesMap") -> list[dict[str, object]]:
     """List inputs, and the unknowns of every assembly there; those of a motion's inputs where True is given."""
     found = given
     if given is True:

@@ -72,7 +72,7 @@ def _chain(chain: Chain) -> list[Any]:
     return [chain.name, chain.tracer, [[KINDS.index(dyad.kind), dyad.first, dyad.second] for dyad in chain.dyads]]
 
 
-def _machine(design: TracedDesign, links: list[list[str]]) -> dict[str, Any]:
+def _machine(design: TracedDesign, links: list[list[str]]) -> dict[str, object]:
     """Write a design as the page has them."""
     drawn = design.numbers
     name, tracer, dyads = _chain(design.chain)
@@ -103,7 +103,7 @@ class TraceServer(ThreadingHTTPServer):
         """Address of the page."""
         return f"http://127.0.0.1:{self.server_port}/"
 
-    def search(self, asked: dict[str, Any]) -> dict[str, Any]:
+    def search(self, asked: dict[str, object]) -> dict[str, object]:
         """Search for machines for a curve that was drawn."""
         points, closed, seconds = (asked.get(name) for name in ("points", "closed", "seconds"))
         with self.busy:  # one after the other: each takes all processors

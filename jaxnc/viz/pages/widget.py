@@ -69,7 +69,7 @@ def widget(
     if np.ndim(motion.status) > 1:
         raise InputError(f"widget: {motion.system.name!r} has a batch of motions; index one")
     trace = (trace,) if isinstance(trace, str) else tuple(trace)
-    look: dict[str, Any] = {"velocities": (), "accelerations": (), "fps": 25.0, "view": None, "unit": None}
+    look: dict[str, object] = {"velocities": (), "accelerations": (), "fps": 25.0, "view": None, "unit": None}
     unknown = [name for name in options if name not in look]
     if unknown:
         raise InputError(f"widget: no option {unknown[0]!r}; there are {', '.join([*look, 'rates', 'hold'])}")
@@ -92,8 +92,8 @@ class Widget:
     system: System
     inputs: dict[str, float]
     target: Any
-    _now: dict[str, Any]
-    _target: dict[str, Any]
+    _now: dict[str, object]
+    _target: dict[str, object]
     hold_trait_notifications: Callable[[], Any]
 
     def __init__(
@@ -140,7 +140,7 @@ class Widget:
             return found
 
     @property
-    def values(self) -> dict[str, Any]:
+    def values(self) -> dict[str, object]:
         """Values of what is watched, exact at the pose that is shown: numbers, and places ``(dim,)``, by name."""
         pose = self.pose
         found = {name: np.asarray(pose[name]) for name in self._watch}
@@ -219,7 +219,7 @@ class Widget:
 
     # -- what Python assigns, and what the page tells ------------------------------------------------------------------
 
-    def _pulled_to(self, point: str, place: Sequence[float], inputs: Any, **more: Any) -> System:
+    def _pulled_to(self, point: str, place: Sequence[float], inputs: object, **more: Any) -> System:
         if not self._live:
             raise InputError(f"pull: {self._first.name!r} is shown as it is; below it says why")
         inputs = self._check_inputs(self.inputs if inputs is None else inputs)
@@ -275,7 +275,7 @@ class Widget:
         self._known = value, inputs, pose
         return value
 
-    def _check_inputs(self, value: Any) -> dict[str, float]:
+    def _check_inputs(self, value: object) -> dict[str, float]:
         """Check inputs that are assigned."""
         if not isinstance(value, Mapping) or set(value) != set(self._motion.driven):
             raise InputError(f"widget: inputs are the values of {', '.join(self._motion.driven)}, got {value!r}")
@@ -381,7 +381,7 @@ class Widget:
         self._closed = len(points) > 3 and bool(np.all(points[0] == points[-1]))
         return points[:-1] if self._closed else points
 
-    def _show_target(self, change: Any = None) -> None:
+    def _show_target(self, change: object = None) -> None:
         points = [] if self.target is None else self.target.tolist()
         self._target = {"by": _PYTHON, "points": points, "closed": self._closed}
 
