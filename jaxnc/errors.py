@@ -1,7 +1,7 @@
 """Errors a user can meet. Each message names what is wrong and what to do about it."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 
@@ -82,6 +82,11 @@ def drawn_with_numbers(value: object) -> str:
 def counted(number: int, noun: str, plural: str = "") -> str:
     """Write a number with its noun, such as "1 row" or "2 rows"."""
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
+
+
+def list_first(names: Sequence[str], most: int, between: str = ", ") -> str:
+    """Join the first of some names, and say how many there are."""
+    return between.join(names[:most]) + (f"{between}… ({len(names)} in all)" if len(names) > most else "")
 
 
 def brief(value: Any) -> str:

@@ -210,13 +210,6 @@ class Freedoms:
         """Freedoms by Grübler's count: velocities of the bodies less the conditions of each joint by itself."""
         return self.count - sum(matrix_rank(joint.rows) for joint in self.joints)
 
-    @property
-    def excess(self) -> int:
-        """How many conditions the joints put more than once."""
-        return sum(matrix_rank(joint.rows) for joint in self.joints) - matrix_rank(
-            np.vstack([j.rows for j in self.joints])
-        )
-
     # -- velocities ---------------------------------------------------------------------------------------------
 
     def velocity(self, item: int, body: int | None) -> np.ndarray:

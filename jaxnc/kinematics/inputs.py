@@ -138,10 +138,10 @@ def _notes(system: System, asked: tuple[str, ...]) -> list[str]:
     return notes
 
 
-def worst_rows(system: System, eq: Equations, q: np.ndarray, most: int = 3) -> str:
+def worst_rows(system: System, eq: Equations, q: np.ndarray) -> str:
     """The constraints that a pose violates most, by name, with how much."""
     r = np.abs(np.asarray(evaluate(eq, jnp.asarray(q))[0]))
-    order = [int(i) for i in np.argsort(-r)[:most] if r[i] > limits(eq.length).close * float(eq.length)]
+    order = [int(i) for i in np.argsort(-r)[:3] if r[i] > limits(eq.length).close * float(eq.length)]
     return ", ".join(f"{system.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"
 
 

@@ -79,7 +79,7 @@ def motion_sheet(
     x, panels = abscissa(data, against), group_quantities(data, names)
     size = _size(paper)
     wide = size[0] - 2 * _MARGIN if isinstance(paper, str) else size[0] - 0.3
-    tables = [_dimension_table(data), _extreme_table(data, x, panels)]
+    tables = [_dimension_table(data), _extreme_table(x, panels)]
     high = size[1] - 2 * _MARGIN if size[1] else None
     noted = bool(options.get("show")) and data.dim == 2
     notes = 0.55 if noted else 0.0  # inches of texts under the drawing
@@ -93,7 +93,7 @@ def motion_sheet(
         a, b, w, h = part
         return (left + a) / size[0], (top - b - h) / height, w / size[0], h / height
 
-    _write_heading(figure, data, x, box((0.0, 0.0, wide, _HEAD)), title)
+    _write_heading(figure, data, box((0.0, 0.0, wide, _HEAD)), title)
     ax = figure.add_axes(box(plan.drawing), projection="3d" if data.dim == 3 else None)
     k = int(data.extent_poses[len(data.extent_poses) // 3]) if pose is None else pose
     draw(motion, pose=k, ax=ax, trace=points, **{"frame": "scale", "title": "", **options})
@@ -215,7 +215,7 @@ def _dimension_table(data: Poses) -> list[tuple[str, ...]]:
     return [("link", "length", f"[{top.length_unit}]" if top.length_unit else ""), *rows]
 
 
-def _extreme_table(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ...]]:
+def _extreme_table(x: Quantity, panels: list) -> list[tuple[str, ...]]:
     """List the least and the greatest value of what is plotted, and where."""
     unit = f" [{x.unit}]" if x.unit else ""
     rows: list[tuple[str, ...]] = [
@@ -236,7 +236,7 @@ def _extreme_table(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ..
 # -- putting it on paper ----------------------------------------------------------------------------------------------
 
 
-def _write_heading(figure: Figure, data: Poses, x: Quantity, box, title: str | None) -> None:
+def _write_heading(figure: Figure, data: Poses, box, title: str | None) -> None:
     left, bottom, _, high = box
     name = data.topology.name if title is None else title
     freedoms = data.motion.system.degrees_of_freedom

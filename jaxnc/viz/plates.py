@@ -23,14 +23,13 @@ _ARC = 16  # stretches that an arc is drawn by
 _GROUND = 0  # number of the ground plate
 
 
-def draw_plates(assembly: "Assembly", path: str | Path | None = None, pose: int = 0, dpi: float = 200.0) -> Figure:
+def draw_plates(assembly: "Assembly", path: str | Path | None = None, pose: int = 0) -> Figure:
     """Draw the plates of a mechanism in one pose, from above and from the side.
 
     Args:
         assembly: what `Motion.to_parts` returned.
         path: file to write as well: PNG, SVG, PDF or JPG.
         pose: which pose of the motion, counted from the end if negative.
-        dpi: dots per inch of a file.
 
     Returns:
         The figure: in the plan at scale, from the side with heights of their own scale.
@@ -92,7 +91,7 @@ def draw_plates(assembly: "Assembly", path: str | Path | None = None, pose: int 
         look: dict[str, Any] = {"fontsize": letters, "color": LIGHT[colour], "va": "top", "parse_math": False}
         figure.text(0.12 / size[0], 1 - down / size[1], line, **look)
         down += 1.45 * letters / 72
-    return finish(figure, path, dpi)
+    return finish(figure, path)
 
 
 def _colours(k: int) -> tuple[str, str]:

@@ -32,7 +32,6 @@ class Spread:
         std: standard deviation of the samples.
         percentiles: of the samples, ``(percentiles, *poses)``.
         shares: part of each dimension in the first-order variance, over all poses, ``(variables,)``; they add up to 1.
-        shares_by_pose: the same pose by pose, ``(*poses, variables)``.
         unit: the length unit, ``"rad"``, or ``""``.
     """
 
@@ -43,7 +42,6 @@ class Spread:
     std: np.ndarray
     percentiles: np.ndarray
     shares: np.ndarray
-    shares_by_pose: np.ndarray
     unit: str
 
 
@@ -259,7 +257,6 @@ def _spread_of(nominal, slopes, sample, half, covariance, levels, unit) -> Sprea
         std=sample.std(axis=0, ddof=1),
         percentiles=np.percentile(sample, levels, axis=0),
         shares=flat / total if total > 0 else np.zeros_like(flat),
-        shares_by_pose=parts / np.where(variance > 0, variance, 1.0)[..., None],
         unit=unit,
     )
 
