@@ -2,8 +2,10 @@
 
 Distances count both ways: from target points to the curve, and from the curve to the polyline of the target. Where the
 crank is when the point passes a target is no unknown: it is the foot of a perpendicular, and to first order a distance
-does not change with it. So each distance has one row of derivatives, and one reverse sweep over the dyads of its pose
-gives the whole row. Place, turn and size of the linkage are four columns beside it.
+does not change with it. A cubic through four poses stands for the curve there, so that the poses of one turn give all
+distances, and one reverse sweep over the dyads gives all derivatives; they are exact, or steps would end short of the
+minimum. Place, turn and size of the linkage are four columns beside it. Points that shall be met but for rounding have
+poses of their own.
 
 Method: K. Levenberg (1944), D. Marquardt (1963); variable projection as G. Golub and V. Pereyra, SIAM J. Numer. Anal.
 10 (1973).
@@ -29,6 +31,8 @@ _GROW, _SHRINK = 4.0, 0.3  # of the damping
 _FIRST, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-14, 1e8
 _CLOSING = 3.0  # weight of a dyad that does not close, against a distance of the target's size
 COUNT = 64  # corners of a target, and poses of the crank at which a design is looked at
+_FEET = 4  # Newton steps to the foot of a perpendicular on a cubic
+_LAGRANGE = np.array([[6, 0, 0, 0], [-11, 18, -9, 2], [6, -15, 12, -3], [-1, 3, -3, 1]]) / 6  # by power, then by corner
 _NEAR = 1e-3  # sizes of the target: distances below count by their squares all the same
 _BEGINS = 64  # places of the crank that are tried as the begin of given timings
 _TOGETHER = 16  # designs that are calculated side by side: their numbers stay in the processor's cache
@@ -236,114 +240,152 @@ def _look(
     chain: ChainArrays, sign: Array, target: Target, go: Array, feet: Any, row: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Look at one design: its cost, its normal equations and its mean square of distances."""
-    goal, dyads = target.points, chain.kind.shape[-1]
-    closed = target.closed > 0
+    goal, dyads = target.points.T, chain.kind.shape[-1]
+    closed, timed = target.closed > 0, target.timed > 0
+    even = target.both > 0  # both ways, in even poses; else corners alone, each in a pose of its own
     span = jnp.where(closed, 2.0 * jnp.pi, row[-1])
     pieces = jnp.where(closed, COUNT, COUNT - 1.0)
     share = jnp.arange(COUNT) / pieces
     angles = row[-2] + span * share
-    timed = target.timed > 0
     low, high = jnp.minimum(angles[0], angles[0] + span), jnp.maximum(angles[0], angles[0] + span)
+    seen = move(chain, sign, row[:-6], angles, go)
+    here = _put(row, seen.point)
 
-    def limit(angle: Array) -> Array:
-        return jnp.where(closed, angle, jnp.clip(angle, low, high))
+    # Feet of the corners on the curve, for which a cubic through four poses stands.
+    at, part, *_ = _nearest(target.points, here.T, closed)
+    first = jnp.where(closed, at - 1, jnp.clip(at - 1, 0, COUNT - 4))
+    index = (first[:, None] + jnp.arange(4)) % COUNT
+    along, at_limit = _find_feet(here[:, index], goal, at - first, part, closed)
+    angle = jnp.where(timed, row[-2] + target.timing, angles[0] + (first + along) * span / pieces)
 
-    # Poses all round first, then those in which the point is nearest to the target's: one program for both.
-    def place_poses(k: Any, now: tuple[Any, ...]) -> tuple[Any, ...]:
-        angle, *_ = now
+    def approach(_: Any, now: tuple[Array, Array]) -> tuple[Array, Array]:
+        def put(angle: Array) -> Array:
+            return _put(row, move(chain, sign, row[:-6], angle, go).point)
 
-        def at(angle: Array) -> tuple[Array, Traced]:
-            traced = move(chain, sign, row[:-6], angle, go)
-            return _put(row, traced.point), traced if target.walls else traced._replace(joints=None)
+        place, speed = jax.jvp(put, now[:1], (jnp.ones(COUNT),))
+        nearer = now[0] - jnp.sum((place - goal) * speed, axis=0) / jnp.maximum(jnp.sum(speed**2, axis=0), 1e-12)
+        # Near a cusp a step may be a long one; the foot is between the neighbours of the nearest pose.
+        nearer = jnp.clip(nearer, angle - jnp.abs(span) / pieces, angle + jnp.abs(span) / pieces)
+        return jnp.where(closed, nearer, jnp.clip(nearer, low, high)), speed
 
-        place, speed, traced = jax.jvp(at, (angle,), (jnp.ones_like(angle),), has_aux=True)
+    foot_angle, speed = jax.lax.fori_loop(0, feet, approach, (angle, jnp.zeros((2, COUNT))))
+    foot_angle = jnp.where(timed, angle, foot_angle)
+    at_limit = jnp.where(even, at_limit, ~closed & ((foot_angle <= low) | (foot_angle >= high)))
 
-        def seek(_: Any) -> tuple[Any, ...]:
-            here = place.T
-            at, part, *_ = _nearest(goal, here, closed)
-            angle = angles[0] + (at + part) * span / pieces
-            angle = jnp.where(timed, row[-2] + target.timing, limit(angle))
-            return angle, angle, place, traced, place, speed
-
-        def approach(_: Any) -> tuple[Any, ...]:
-            gap = place - goal.T
-            nearer = angle - jnp.sum(gap * speed, axis=0) / jnp.maximum(jnp.sum(speed**2, axis=0), 1e-12)
-            # Near a cusp a step may be a long one; the foot is between the neighbours of the nearest pose.
-            nearer = jnp.clip(nearer, now[1] - jnp.abs(span) / pieces, now[1] + jnp.abs(span) / pieces)
-            return jnp.where(timed, angle, limit(nearer)), *now[1:4], gap, speed
-
-        return jax.lax.cond(k == 0, seek, approach, None)
-
-    nothing = jnp.zeros((2, COUNT))
-    seen = Traced(nothing, jnp.zeros((dyads, COUNT)), jnp.zeros((dyads, 3, 2, COUNT)) if target.walls else None)
-    begun = (angles, angles, nothing, seen, nothing, nothing)
-    angle, _, here, seen, gap, speed = jax.lax.fori_loop(0, feet + 1, place_poses, begun)
-    here = here.T
-    at_end = ~closed & ((angle <= low) | (angle >= high))
-    along = jnp.abs(jnp.sum(gap * speed, axis=0))
-    across = jnp.abs(gap[0] * speed[1] - gap[1] * speed[0])
-    normal = _across(speed, gap, at_end | (along > across))  # at a cusp there is no perpendicular
-
-    # Feet of the curve's poses on the polyline of the target.
-    _, _, foot, tangent, _ = _nearest(here, goal, closed)
-    off = (here - foot).T  # across a piece, or from a corner
-    other = _across(tangent.T, off, jnp.sum(off**2, axis=0) > 1e-20)
-    length = jnp.sqrt(jnp.sum((jnp.roll(here, -1, axis=0) - here) ** 2, axis=1))
-    length = jnp.where(closed | (jnp.arange(COUNT) < COUNT - 1), length, 0.0)
-    length = 0.5 * (length + jnp.roll(length, 1))
-    length = length / jnp.maximum(jnp.sum(length), 1e-12)
-
-    # Rows: distances of the feet, distances of the poses, the worst pose of each dyad, and of each link near a wall.
+    # Rows: places of the poses along x and y, the worst pose of each dyad, and of each link near a wall.
     worst = jnp.argmin(seen.sine, axis=1)
     if target.walls:
         links = _link_corners(chain, row, seen)
         worst = jnp.concatenate([worst, *(jnp.argmin(gaps(links, wall), axis=1) for wall in target.walls)])
     more, bodies = len(worst), 1 + 2 * dyads
-    # Where timings are given, the two distances of a point are those along x and along y.
-    x, y = jnp.eye(2)[:, :, None] * jnp.ones(COUNT)
-    normal, other = jnp.where(timed, x, normal), jnp.where(timed, y, other)
-    foot = jnp.where(timed, goal, foot)
-    own_weight = jnp.sqrt(target.weight)
-    other_weight = jnp.where(timed, own_weight, jnp.sqrt(target.both * length))
-    wanted = jnp.concatenate([goal, foot, jnp.zeros((more, 2))]).T
-    normals = jnp.concatenate([normal, other, jnp.zeros((2, more))], axis=1)
-    weights = jnp.concatenate([own_weight, other_weight, jnp.full(more, _CLOSING)])
-    # Ends of an open piece move with its range; feet within it do not.
-    shares = jnp.concatenate([(angle - angles[0]) / jnp.where(span == 0, 1.0, span), share, share[worst]])
-    fixed = jnp.concatenate([~at_end, jnp.zeros(COUNT, bool), jnp.zeros(more, bool)])
-    every = jnp.concatenate([angle, angles, angles[worst]])
+    count = 2 * COUNT + more
+    pose = jnp.where(even, angles, foot_angle)
+    # Even poses move with the range of an open piece, and so do feet at its ends; feet within it do not.
+    own_share = (foot_angle - angles[0]) / jnp.where(span == 0, 1.0, span)
+    pose_share, held = jnp.where(even, share, own_share), ~(even | at_limit)
+    shares = jnp.concatenate([pose_share, pose_share, share[worst]])
+    fixed = jnp.concatenate([held, held, jnp.zeros(more, bool)])
+    every = jnp.concatenate([pose, pose, angles[worst]])
     given = jnp.concatenate([target.timing, target.timing, jnp.zeros(more)])
-    by_time = timed & (jnp.arange(len(every)) < 2 * COUNT)
-    own = jnp.arange(dyads)[:, None] == jnp.arange(2 * COUNT + more) - 2 * COUNT
+    of_place = jnp.arange(count) < 2 * COUNT
+    axes = jnp.eye(2)[:, jnp.arange(count) // COUNT % 2] * of_place
+    own = jnp.arange(dyads)[:, None] == jnp.arange(count) - 2 * COUNT
 
     def rows(spread: Array) -> tuple[Array, Array]:
         crank = jnp.where(fixed | closed, every, spread[-2] + spread[-1] * shares)
-        crank = jnp.where(by_time, spread[-2] + given, crank)
+        crank = jnp.where(timed & of_place, spread[-2] + given, crank)
         traced = move(chain, sign, spread[:-6], crank, go, row[:-6])
-        miss = _put(spread, traced.point) - wanted
         short = jnp.sum(jnp.where(own, jnp.maximum(target.sine - traced.sine, 0.0), 0.0), axis=0)
         for k, wall in enumerate(target.walls):
-            first = 2 * COUNT + dyads + k * bodies
-            last = jax.tree.map(lambda a, first=first: a[..., first : first + bodies], (spread, traced))
+            begin = 2 * COUNT + dyads + k * bodies
+            last = jax.tree.map(lambda a, begin=begin: a[..., begin : begin + bodies], (spread, traced))
             links = jnp.diagonal(_link_corners(chain, *last), axis1=2, axis2=3)[..., None]
-            short = short.at[first : first + bodies].add(jnp.maximum(-gaps(links, wall)[:, 0], 0.0))
-        out = weights * (jnp.sum(normals * miss, axis=0) + short)
+            short = short.at[begin : begin + bodies].add(jnp.maximum(-gaps(links, wall)[:, 0], 0.0))
+        out = jnp.sum(axes * _put(spread, traced.point), axis=0) + short
         return jnp.sum(out), out
 
-    spread = jnp.broadcast_to(row[:, None], (len(row), len(every)))
-    jacobian, miss = jax.grad(rows, has_aux=True)(spread)
-    held = jnp.stack([closed & ~timed, closed | timed])  # begin and range of the crank
-    jacobian = jacobian.at[-2:].set(jnp.where(held[:, None], 0.0, jacobian[-2:]))
-    error = jnp.sum(miss[: 2 * COUNT] ** 2)
-    # Squares over distances are distances: least squares with weights that follow.
-    far = jnp.abs(miss) / jnp.where(weights > 0, weights, 1.0)
-    less = jnp.where(
-        (target.mean > 0) & (jnp.arange(len(every)) < 2 * COUNT), 1.0 / jnp.sqrt(jnp.maximum(far, _NEAR)), 1.0
-    )
-    jacobian, miss = jacobian * less, miss * less
-    more, extra_matrix, extra_slope = _beyond(chain, row, target)
-    cost = jnp.sum(miss**2) + more
-    return cost, jacobian @ jacobian.T + extra_matrix, jacobian @ miss + extra_slope, error
+    spread = jnp.broadcast_to(row[:, None], (len(row), count))
+    jacobian, value = jax.grad(rows, has_aux=True)(spread)
+    still = jnp.stack([closed & ~timed, closed | timed])  # begin and range of the crank
+    jacobian = jacobian.at[-2:].set(jnp.where(still[:, None], 0.0, jacobian[-2:]))
+    place, moved = value[: 2 * COUNT].reshape(2, COUNT), jacobian[:, : 2 * COUNT].reshape(-1, 2, COUNT)
+
+    # Distances of the corners, from feet between poses or from poses of their own.
+    basis, slopes = (jnp.where(even, _cubic(along, k), jnp.eye(4)[0]) for k in range(2))
+    index = jnp.where(even, index, jnp.arange(COUNT)[:, None])
+    gap = jnp.sum(place[:, index] * basis, axis=2) - goal
+    speed = jnp.where(even, jnp.sum(place[:, index] * slopes, axis=2), speed)
+    sideways = jnp.abs(gap[0] * speed[1] - gap[1] * speed[0])
+    whole = at_limit | (jnp.abs(jnp.sum(gap * speed, axis=0)) > sideways)  # at a cusp there is no perpendicular
+    # Where timings are given, the two distances of a point are those along x and along y.
+    x, y = jnp.eye(2)[:, :, None] * jnp.ones(COUNT)
+    normal = jnp.where(timed, x, _across(speed, gap, whole))
+    corner_slopes = jnp.sum(moved[:, :, index] * (normal[:, :, None] * basis), axis=(1, 3))
+
+    # Distances of the poses from the polyline of the target: across a piece, or from a corner.
+    _, _, foot, tangent, _ = _nearest(place.T, target.points, closed)
+    off = jnp.where(timed, gap, place - foot.T)
+    other = jnp.where(timed, y, _across(tangent.T, off, jnp.sum(off**2, axis=0) > 1e-20))
+    pose_slopes = jnp.sum(moved * other, axis=1)
+
+    # A pose stands for the chords that meet there, and its weight changes with them.
+    pair = closed | (jnp.arange(COUNT) < COUNT - 1)
+    chord, chord_slopes = (jnp.where(pair, jnp.roll(a, -1, axis=-1) - a, 0.0) for a in (place, moved))
+    size = jnp.sqrt(jnp.sum(chord**2, axis=0))
+    chord_slopes = jnp.sum(chord / jnp.maximum(size, 1e-12) * chord_slopes, axis=1)
+    length, length_slopes = (0.5 * (a + jnp.roll(a, 1, axis=-1)) for a in (size, chord_slopes))
+    total = jnp.maximum(jnp.sum(length), 1e-12)
+    length = length / total
+    length_slopes = length_slopes / total - length * (jnp.sum(length_slopes, axis=1, keepdims=True) / total)
+    own_weight = jnp.sqrt(target.weight)
+    other_weight = jnp.where(timed, own_weight, jnp.sqrt(target.both * length))
+    weight_slopes = jnp.where(timed, 0.0, target.both * length_slopes / (2.0 * jnp.maximum(other_weight, 1e-6)))
+
+    far = jnp.concatenate([jnp.sum(normal * gap, axis=0), jnp.sum(other * off, axis=0)])
+    weights = jnp.concatenate([own_weight, other_weight])
+    # Squares over distances are distances: least squares with weights that follow, and have half the slope.
+    less = jnp.where(target.mean > 0, 1.0 / jnp.sqrt(jnp.maximum(jnp.abs(far), _NEAR)), 1.0)
+    twice = jnp.where((target.mean > 0) & (jnp.abs(far) > _NEAR), 2.0, 1.0)
+    slopes = jnp.concatenate([corner_slopes, pose_slopes], axis=1) * weights
+    slopes = slopes.at[:, COUNT:].add(weight_slopes * (twice * far)[COUNT:])
+    miss = jnp.concatenate([weights * far * less, _CLOSING * value[2 * COUNT :]])
+    slopes = jnp.concatenate([slopes * less, _CLOSING * jacobian[:, 2 * COUNT :]], axis=1)
+    error = jnp.sum((weights * far) ** 2)
+    beyond, extra_matrix, extra_slope = _beyond(chain, row, target)
+    return jnp.sum(miss**2) + beyond, slopes @ slopes.T + extra_matrix, slopes @ miss + extra_slope, error
+
+
+def _cubic(along: Array, order: int) -> Array:
+    """Weights of four values at 0, 1, 2 and 3 in the cubic through them, or in its derivatives, ``(n, 4)``."""
+    falling = jnp.array([jnp.prod(jnp.arange(k, k - order, -1.0)) for k in range(4)])
+    powers = falling * along[:, None] ** jnp.maximum(jnp.arange(4) - order, 0)
+    return powers @ _LAGRANGE
+
+
+def _find_feet(corners: Array, goal: Array, piece: Array, part: Array, closed: Array) -> tuple[Array, Array]:
+    """Find the points of cubics that are nearest to a target's corners, near where they are on the chords.
+
+    Args:
+        corners: of the cubics, ``(2, n, 4)``.
+        goal: the corners, ``(2, n)``.
+        piece: between which two corners of a cubic the nearest point of its chords is, ``(n,)``.
+        part: and which share of that piece lies before it.
+        closed: whether the curve is, and so has no ends.
+
+    Returns:
+        Where on the cubics, 0 to 3, and whether that is a limit.
+    """
+    low, high = piece - 0.5, piece + 1.5
+    low, high = jnp.where(closed, low, jnp.maximum(low, 0.0)), jnp.where(closed, high, jnp.minimum(high, 3.0))
+
+    def step(_: Any, along: Array) -> Array:
+        place, speed, turn = (jnp.sum(corners * _cubic(along, k), axis=2) for k in range(3))
+        gap, square = place - goal, jnp.sum(speed**2, axis=0)
+        curvature = jnp.maximum(square + jnp.sum(gap * turn, axis=0), 0.2 * square)
+        return jnp.clip(along - jnp.sum(gap * speed, axis=0) / jnp.maximum(curvature, 1e-12), low, high)
+
+    along = jax.lax.fori_loop(0, _FEET, step, piece + part)
+    return along, (along <= low) | (along >= high)
 
 
 def _beyond(chain: ChainArrays, row: Array, target: Target) -> tuple[Array, Array, Array]:

@@ -679,7 +679,7 @@ class _Search:
             if len(good):
                 self.exact = _some(own, good[np.argsort(error[good], kind="stable")])
 
-    def _refine(self, lanes: Lanes, steps: int, goal: Target | None = None, feet: int = 1) -> tuple[Lanes, np.ndarray]:
+    def _refine(self, lanes: Lanes, steps: int, goal: Target | None = None, feet: int = 0) -> tuple[Lanes, np.ndarray]:
         """Refine any number of designs, so many at a time that a program is compiled once."""
 
         def work(first: int) -> tuple[np.ndarray, np.ndarray]:
