@@ -19,12 +19,12 @@ from jaxnc.io.tables import list_columns, to_csv
 from jaxnc.io.target import write
 from jaxnc.kinematics.circuits import Circuits
 from jaxnc.kinematics.modes import Modes
+from jaxnc.notebooks import align_columns
 from jaxnc.progress import step_bar
 from jaxnc.reporting.checked import drives
 from jaxnc.reporting.outcome import outputs_of
 from jaxnc.reporting.quantity import quantities, shown_in, unit_of
 from jaxnc.reporting.verdict import Assemblies, BranchEnds
-from jaxnc.vehicle.report import align_columns
 
 _first = operator.itemgetter(0)
 
@@ -84,7 +84,7 @@ def _list_modes(found: Modes, question: Question, options: argparse.Namespace) -
         for k, c in enumerate(found.certificates[:most]):
             proof = f"{c.radius:.1g}" if c.exact else "no proof"
             rows.append([str(k), *(f"{q.values[k]:.6g}" for q in columns), f"{c.conditioning:.2g}", proof])
-        print("\n".join(f"  {line}" for line in align_columns(rows)))
+        print("\n".join(align_columns(rows, (0,), "    ")))
         if len(found) > most:
             print(f"  … and {len(found) - most} more")
     return [
@@ -115,7 +115,7 @@ def _list_circuits(found: Circuits, system: nc.System, options: argparse.Namespa
         ends = ["turns" if b.turns else "dead point" if dead else "end of the range" for dead in b.dead]
         rows.append([str(k), str(b.circuit), f"{b.lower * factor:.6g}", ends[0], f"{b.upper * factor:.6g}", ends[1]])
     if found.branches:
-        print("\n".join(f"  {line}" for line in align_columns(rows)))
+        print("\n".join(align_columns(rows, (0,), "    ")))
     runs = [(n, [i for _, i in some]) for n, some in itertools.groupby(zip(found.count, values, strict=True), _first)]
     most = 12  # ranges with so many assemblies each, in one line
     told = [f"{n} from {some[0]:.6g} to {some[-1]:.6g}" for n, some in runs[:most]]

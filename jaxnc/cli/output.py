@@ -12,6 +12,7 @@ from jaxnc.errors import counted
 from jaxnc.io.target import folder, stem
 from jaxnc.kinematics.inputs import doubtful_size
 from jaxnc.kinematics.motion import Motion
+from jaxnc.notebooks import align_columns
 from jaxnc.progress import step_bar
 from jaxnc.reporting.outcome import (
     CROSSING,
@@ -27,7 +28,7 @@ from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_o
 from jaxnc.reporting.verdict import File, Verdict
 from jaxnc.status import Status
 from jaxnc.system.system import System
-from jaxnc.vehicle.report import SuspensionReport, align_columns
+from jaxnc.vehicle.report import SuspensionReport
 
 _WAYS = {
     "sweep": "in order along the branch",
@@ -114,12 +115,14 @@ def _extremes_table(analysis: Analysis) -> list[str]:
     scales = scales_of(found)
     if len(motion.status) == 1:
         in_reading_units = [q for q in found if not idle(q, scales[q.unit])]
-        return align_columns([[f"{q.label} [{q.unit}]", _format(float(q.values[0]))] for q in in_reading_units])
+        return align_columns(
+            [[f"{q.label} [{q.unit}]", _format(float(q.values[0]))] for q in in_reading_units], (0,), "  "
+        )
     units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
     where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
     rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]
     rows += [_extreme_row(motion, q, scales[q.unit]) for q in found if not idle(q, scales[q.unit])]
-    lines = align_columns(rows)
+    lines = align_columns(rows, (0,), "  ")
     if any("~" in cell for row in rows[1:] for cell in row):
         lines.append("  ~ refined by a parabola through three poses; the others are at a pose")
     return lines

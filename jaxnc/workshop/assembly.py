@@ -15,7 +15,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.io.target import folder, replacing, stem
-from jaxnc.synthesis.result import align_columns
+from jaxnc.notebooks import align_columns
 from jaxnc.viz.svg import element
 from jaxnc.workshop.shop import Shop
 from jaxnc.workshop.stock import Contour, Part, Pin
@@ -215,7 +215,7 @@ class Assembly:
         head += ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts.items())
         if self.shop.density is not None:
             head += f"; the plates weigh {sum(map(self.mass, self.parts)):.4g} g"
-        return "\n".join([head, self.said, "", align_columns(self.rows()), "", align_columns(self.stacks())])
+        return "\n".join([head, self.said, "", *align_columns(self.rows()), "", *align_columns(self.stacks())])
 
     __repr__ = __str__
 
