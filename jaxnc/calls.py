@@ -162,7 +162,7 @@ def _wrong_call(f: Callable, called: str, bound: int, args: tuple, options: dict
     try:
         given = signature.bind(*args, **options).arguments
     except TypeError:
-        why = _unbound(signature, parameters, bound, args, options, f)
+        why = _unbound(parameters, bound, args, options, f)
         return f"{name} {why}{' ' if why.endswith('?') else '. '}{_in_words(parameters)}"
     told = _argument_notes(f)
     hints = _hints(f)
@@ -179,7 +179,7 @@ def _wrong_call(f: Callable, called: str, bound: int, args: tuple, options: dict
     return None
 
 
-def _unbound(signature, parameters, bound: int, args: tuple, options: dict, f: Callable) -> str:
+def _unbound(parameters, bound: int, args: tuple, options: dict, f: Callable) -> str:
     """Why arguments do not bind."""
     names = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
     for name in options:

@@ -1,10 +1,8 @@
 """Errors a user can meet. Each message names what is wrong and what to do about it."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
-
-_SHOWN = 80  # characters of a value that a message repeats
 
 
 class JaxncError(Exception):
@@ -86,6 +84,11 @@ def counted(number: int, noun: str, plural: str = "") -> str:
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
+def list_first(names: Sequence[str], most: int, between: str = ", ") -> str:
+    """Join the first of some names, and say how many there are."""
+    return between.join(names[:most]) + (f"{between}… ({len(names)} in all)" if len(names) > most else "")
+
+
 def brief(value: Any) -> str:
     """Write a value that was given as messages repeat it: arrays by their shape, the rest as far as it is short."""
     if hasattr(value, "shape") and hasattr(value, "dtype"):
@@ -96,7 +99,8 @@ def brief(value: Any) -> str:
         text = repr(value)
     except Exception:  # of what holds such a number, or of a class of the user's own
         return f"a {type(value).__name__}"
-    return text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…"
+    most = 80  # characters that a message repeats
+    return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

@@ -1,12 +1,26 @@
-"""Things that show themselves in a notebook; the pictures are made by `jaxnc.viz` when they are asked for."""
+"""Results that show themselves, as text and in a notebook; `jaxnc.viz` makes the pictures when they are asked for."""
 
 import importlib.util
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 from jaxnc.doors import door
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+
+def align_columns(rows: Sequence[Sequence[str]], left: Collection[int] | None = None, indent: str = "") -> list[str]:
+    """Write rows of words in columns, each as wide as its widest word.
+
+    Words stand at the left of the columns `left`, of all if not given, and at the right of the others.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+
+    def cell(k: int, word: str) -> str:
+        return word.ljust(widths[k]) if left is None or k in left else word.rjust(widths[k])
+
+    return [indent + "  ".join(cell(k, word) for k, word in enumerate(row)).rstrip() for row in rows]
 
 
 class Shown:

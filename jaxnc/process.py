@@ -9,9 +9,6 @@ from pathlib import Path
 from typing import Literal
 
 _TRIM, _PAD, _MMAP = -1, -2, -3  # options of mallopt(3)
-_BLOCK = 2**28  # bytes: larger blocks are the system's, as before
-_KEPT = 2**29  # bytes that are kept at most, at the end of the heap
-_HEAP = 2**26  # bytes of a heap of a thread: one is given back only if more than this is free beside it
 _SET = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_TOP_PAD_"
 CACHE = "JAXNC_CACHE"
 """The variable of the environment that says where what is kept between processes is, or that nothing is."""
@@ -54,7 +51,9 @@ def keep_memory() -> bool:
         mallopt = ctypes.CDLL(None).mallopt
     except (AttributeError, OSError, TypeError):  # another C library: musl, macOS, Windows
         return False
-    return all([mallopt(_MMAP, _BLOCK), mallopt(_TRIM, _KEPT), mallopt(_PAD, _HEAP)])
+    # Blocks larger than the first are the system's, as before; at most the second is kept at the end of the heap; a
+    # thread's heap is given back only if more than the third is free beside it.
+    return all([mallopt(_MMAP, 2**28), mallopt(_TRIM, 2**29), mallopt(_PAD, 2**26)])
 
 
 def cache_folder(environment: Mapping[str, str], platform: str, told: str | None) -> str | Path | None:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 _LIBRARIES = tuple(os.path.dirname(str(package.__file__)) + os.sep for package in (jax, np))
 _NO_NUMBERS = "cSTUMm"  # kinds of arrays that NumPy would make numbers of: complex ones, texts, dates
-_TOLD = 200  # characters of what is no number that an error repeats
 _NO_NUMBER_YET = (
     jax.errors.TracerArrayConversionError,
     jax.errors.TracerIntegerConversionError,
@@ -121,7 +120,8 @@ def _repeat(value: object) -> str:
         told = repr(value)
     except Exception:  # a number of too many digits, or an object of the user's that cannot say what it is
         return brief(value)
-    return told if len(told) <= _TOLD else told[:_TOLD] + "…"
+    most = 200  # characters that an error repeats
+    return told if len(told) <= most else told[:most] + "…"
 
 
 def as_shape(value: object, what: str, *shape: object, dtype: "DTypeLike" = float) -> Any:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.result import Result
     from jaxnc.synthesis.tracing.trace import TraceResult
 
-_MOST_NAMES = 12  # shown in a list
 _EXPORTS = {"mjcf": (".xml", "for MuJoCo"), "urdf": (".urdf", "for other simulators of robots")}
 
 
@@ -45,7 +44,8 @@ def do_check(question: Question, options: argparse.Namespace, importing: float) 
     print(f"  it assembles: every constraint is met to {mobility.gap:.1e} {model.units.length}")
     if mobility.dof > 0:
         names = verdict.drivable
-        print(f"  may be driven: {', '.join(names[:_MOST_NAMES])}" + (", …" if len(names) > _MOST_NAMES else ""))
+        most = 12  # names in one line
+        print(f"  may be driven: {', '.join(names[:most])}" + (", …" if len(names) > most else ""))
     verdict.drives, verdict.hold = checked.drives(mechanism, model.run), list(model.run.hold)
     verdict.findings += (problems := checked.problems(mechanism, system))
     if not problems:

@@ -37,7 +37,6 @@ COMMANDS = {
 }
 """By command: the function that reads its question, and the module whose function ``do_…`` carries it out."""
 
-_RETRY = 0.01  # seconds after which an interruption that was lost is asked for again
 
 _EPILOG = """\
 examples:
@@ -128,7 +127,8 @@ def command_process() -> Iterator[None]:
     def interrupt_again(problem: Any) -> None:
         """Repeat a Ctrl-C that Python's collector, which calls JAX, would print and forget."""
         if issubclass(problem.exc_type, KeyboardInterrupt):
-            threading.Timer(_RETRY, _thread.interrupt_main).start()
+            # An interruption can be lost: it is asked for again after a moment.
+            threading.Timer(0.01, _thread.interrupt_main).start()
         else:
             before(problem)
 

@@ -19,17 +19,15 @@ from jaxnc.io.tables import list_columns, to_csv
 from jaxnc.io.target import write
 from jaxnc.kinematics.circuits import Circuits
 from jaxnc.kinematics.modes import Modes
+from jaxnc.notebooks import align_columns
 from jaxnc.progress import step_bar
 from jaxnc.reporting.checked import drives
 from jaxnc.reporting.outcome import outputs_of
 from jaxnc.reporting.quantity import quantities, shown_in, unit_of
 from jaxnc.reporting.verdict import Assemblies, BranchEnds
-from jaxnc.vehicle.report import align_columns
 
 _first = operator.itemgetter(0)
 
-_MOST = 40  # assemblies in a table
-_MOST_COUNTS = 12  # ranges with so many assemblies each
 
 _Tasks = list[tuple[str, str, Callable[[Path], object]]]
 
@@ -82,12 +80,13 @@ def _list_modes(found: Modes, question: Question, options: argparse.Namespace) -
         columns = quantities(poses, outputs_of(poses, question.run.outputs))
         unit = poses.system.topology.length_unit
         rows = [["", *(f"{q.label} [{q.unit}]" for q in columns), "conditioning", f"within [{unit}]"]]
-        for k, c in enumerate(found.certificates[:_MOST]):
+        most = 40  # rows of the table
+        for k, c in enumerate(found.certificates[:most]):
             proof = f"{c.radius:.1g}" if c.exact else "no proof"
             rows.append([str(k), *(f"{q.values[k]:.6g}" for q in columns), f"{c.conditioning:.2g}", proof])
-        print("\n".join(f"  {line}" for line in align_columns(rows)))
-        if len(found) > _MOST:
-            print(f"  … and {len(found) - _MOST} more")
+        print("\n".join(align_columns(rows, (0,), "    ")))
+        if len(found) > most:
+            print(f"  … and {len(found) - most} more")
     return [
         ("-modes.csv", "every assembly, as a table", lambda p: to_csv(poses, p)),
         ("-modes.png", "all of them, side by side", found.draw),
@@ -116,10 +115,11 @@ def _list_circuits(found: Circuits, system: nc.System, options: argparse.Namespa
         ends = ["turns" if b.turns else "dead point" if dead else "end of the range" for dead in b.dead]
         rows.append([str(k), str(b.circuit), f"{b.lower * factor:.6g}", ends[0], f"{b.upper * factor:.6g}", ends[1]])
     if found.branches:
-        print("\n".join(f"  {line}" for line in align_columns(rows)))
+        print("\n".join(align_columns(rows, (0,), "    ")))
     runs = [(n, [i for _, i in some]) for n, some in itertools.groupby(zip(found.count, values, strict=True), _first)]
-    told = [f"{n} from {some[0]:.6g} to {some[-1]:.6g}" for n, some in runs[:_MOST_COUNTS]]
-    more = f"; and {len(runs) - _MOST_COUNTS} more ranges" if len(runs) > _MOST_COUNTS else ""
+    most = 12  # ranges with so many assemblies each, in one line
+    told = [f"{n} from {some[0]:.6g} to {some[-1]:.6g}" for n, some in runs[:most]]
+    more = f"; and {len(runs) - most} more ranges" if len(runs) > most else ""
     print(f"  number of assemblies over {found.name}: {'; '.join(told)}{more}")
     return [
         ("-circuits.csv", "every pose of every branch, as a table", lambda p: _write_branches(found, p)),

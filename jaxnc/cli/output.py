@@ -12,6 +12,7 @@ from jaxnc.errors import counted
 from jaxnc.io.target import folder, stem
 from jaxnc.kinematics.inputs import doubtful_size
 from jaxnc.kinematics.motion import Motion
+from jaxnc.notebooks import align_columns
 from jaxnc.progress import step_bar
 from jaxnc.reporting.outcome import (
     CROSSING,
@@ -27,14 +28,13 @@ from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_o
 from jaxnc.reporting.verdict import File, Verdict
 from jaxnc.status import Status
 from jaxnc.system.system import System
-from jaxnc.vehicle.report import SuspensionReport, align_columns
+from jaxnc.vehicle.report import SuspensionReport
 
 _WAYS = {
     "sweep": "in order along the branch",
     "solve_position": "every pose on its own",
     "circuit": "by arc length along the circuit, through dead points",
 }
-_MOST_GROUPS = 6  # of failed poses
 
 
 @dataclass(frozen=True)
@@ -115,12 +115,14 @@ def _extremes_table(analysis: Analysis) -> list[str]:
     scales = scales_of(found)
     if len(motion.status) == 1:
         in_reading_units = [q for q in found if not idle(q, scales[q.unit])]
-        return align_columns([[f"{q.label} [{q.unit}]", _format(float(q.values[0]))] for q in in_reading_units])
+        return align_columns(
+            [[f"{q.label} [{q.unit}]", _format(float(q.values[0]))] for q in in_reading_units], (0,), "  "
+        )
     units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
     where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
     rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]
     rows += [_extreme_row(motion, q, scales[q.unit]) for q in found if not idle(q, scales[q.unit])]
-    lines = align_columns(rows)
+    lines = align_columns(rows, (0,), "  ")
     if any("~" in cell for row in rows[1:] for cell in row):
         lines.append("  ~ refined by a parabola through three poses; the others are at a pose")
     return lines
@@ -168,12 +170,13 @@ def _failures(analysis: Analysis, failed: np.ndarray) -> list[str]:
     lines += [f"  {crossed} of {many} at change points"] if crossed else []
     edges = [0, *(np.flatnonzero(np.diff(status) | np.diff(failed)) + 1).tolist(), len(status)]
     groups = [(a, b) for a, b in itertools.pairwise(edges) if status[a]]
-    for a, b in groups[:_MOST_GROUPS]:
+    most = 6  # of failed poses
+    for a, b in groups[:most]:
         lines.append(
             f"    {_inputs_between(analysis, a, b - 1)}: {Status(int(status[a])).sentence if failed[a] else CROSSING}"
         )
-    if len(groups) > _MOST_GROUPS:
-        lines.append(f"    … and {len(groups) - _MOST_GROUPS} more groups of poses")
+    if len(groups) > most:
+        lines.append(f"    … and {len(groups) - most} more groups of poses")
     return lines
 
 

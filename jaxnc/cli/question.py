@@ -20,9 +20,6 @@ from jaxnc.mechanism import model as record
 from jaxnc.reporting.verdict import Entry
 
 PAGES = ".html", ".htm"
-_MOST_POSES = 1_000_000  # more are taken for a slip
-_POSES = 361
-_MAPPED = 181  # values of an input over whose range assemblies are joined
 
 
 @dataclass(frozen=True)
@@ -155,7 +152,7 @@ def read_modes(options: argparse.Namespace) -> Question:
         raise InputError("--input: a coordinate is given twice; give each once")
     if options.map is not None:
         form = "NAME=FROM:TO or NAME=FROM:TO:VALUES, for instance phi=0:360:181"
-        name, drive = _read_drive(mechanism, options.map, "--map", form, poses=_MAPPED)
+        name, drive = _read_drive(mechanism, options.map, "--map", form, poses=181)
         if name in at:
             raise InputError(f"--map {options.map}: {name!r} is given by --input too; leave one of the two out")
         if drive.poses < 2 or not drive.start < drive.end:
@@ -218,9 +215,10 @@ def run_settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Ru
         inputs[name] = msgspec.structs.replace(inputs[name], rate=value)
     if options.poses is not None:
         inputs = {n: msgspec.structs.replace(drive, poses=options.poses) for n, drive in inputs.items()}
+    most = 1_000_000  # more are taken for a slip
     for name, drive in inputs.items():
-        if drive.poses > _MOST_POSES:
-            raise InputError(f"input {name!r}: {drive.poses} poses; at most {_MOST_POSES} fit in one run")
+        if drive.poses > most:
+            raise InputError(f"input {name!r}: {drive.poses} poses; at most {most} fit in one run")
     if not inputs:
         raise InputError(
             f"{mechanism.name!r} does not say what is driven; add --input NAME=FROM:TO, or a table [run.inputs] to the "
@@ -255,7 +253,7 @@ def _read_drive(
         raise InputError(f"{option} {text}: write {form}")
     numbers = [read_number(mechanism, name, part, f"{option} {text}") for part in parts[:2]]
     old = mechanism.model.run.inputs.get(name)
-    poses = (poses or (old.poses if old else _POSES)) if len(parts) == 2 else 1
+    poses = (poses or (old.poses if old else 361)) if len(parts) == 2 else 1
     if len(parts) == 3:
         if not parts[2].isdecimal():
             raise InputError(f"{option} {text}: the number of poses is a whole number, got {parts[2]!r}")

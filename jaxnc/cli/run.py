@@ -2,9 +2,8 @@
 
 import argparse
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from jaxnc.cli.output import Analysis, list_files, report_lines, write_files
 from jaxnc.cli.question import Question
 from jaxnc.errors import AssemblyError, InputError
-from jaxnc.io.drives import sweep_arguments
+from jaxnc.io.drives import SweepArguments, sweep_arguments
 from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.io.target import stem
 from jaxnc.kinematics.arc import circuit
@@ -25,8 +24,6 @@ from jaxnc.reporting.outcome import enter, outputs_of, suspension_reports, wheel
 from jaxnc.system.system import System
 from jaxnc.vehicle.report import SuspensionReport
 from jaxnc.workshop.shop import SIZES
-
-_LONG = 30.0  # seconds: a first call that takes longer is not repeated only to be timed
 
 
 def do_demo(question: Question, options: argparse.Namespace, importing: float) -> int:
@@ -99,7 +96,7 @@ def analyse(question: Question, expect: Sequence[str] = ()) -> Analysis:
             step("compiling its motion")
             motion = _move_mechanism(system, question.run.analysis, arguments)
             first = time.perf_counter()
-            if first - begin < _LONG:
+            if first - begin < 30.0:  # one that takes longer is not repeated only to be timed
                 step("moving it")
                 motion = _move_mechanism(system, question.run.analysis, arguments)
                 running = time.perf_counter() - first
@@ -108,7 +105,7 @@ def analyse(question: Question, expect: Sequence[str] = ()) -> Analysis:
     return Analysis(question, system, arguments["inputs"], motion, first - begin, running)
 
 
-def _move_mechanism(system: System, analysis: str, arguments: Mapping[str, Any]) -> Motion:
+def _move_mechanism(system: System, analysis: str, arguments: SweepArguments) -> Motion:
     if analysis == "circuit":
         inputs = arguments["inputs"]
         if len(inputs) != 1:

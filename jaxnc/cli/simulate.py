@@ -24,7 +24,6 @@ from jaxnc.mechanism import model as record
 from jaxnc.progress import step_bar
 from jaxnc.reporting.outcome import enter_simulation, in_radians, outputs_of
 
-_PARTS = 10  # of a simulation, between which progress is shown and the table is saved
 _TABLE = "-simulation.npz"
 
 
@@ -44,7 +43,8 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
         if first >= section.duration:
             raise InputError(f"{options.resume} already goes to {first:g} s; give a longer --duration")
     t = np.linspace(first, section.duration, section.times)
-    count = max(k for k in range(1, _PARTS + 1) if (len(t) - 1) % k == 0)
+    # The table is saved, and progress shown, between at most ten equal parts of the simulation.
+    count = max(k for k in range(1, 11) if (len(t) - 1) % k == 0)
     width = (len(t) - 1) // count
     parts: list[Simulation] = []
     compiling = 0.0

@@ -26,7 +26,7 @@ from jaxnc.constraints.symbols import Expression
 from jaxnc.reading import Number, OutOfRange
 from jaxnc.types import Scalar
 
-_WRITING = Number | Expression
+_Writing = Number | Expression
 
 
 class Small:
@@ -119,7 +119,7 @@ def where(condition: Any, a: Any, b: Any) -> Any:
 
 def sqrt(x: Any) -> Any:
     """Square root."""
-    if isinstance(x, _WRITING):
+    if isinstance(x, _Writing):
         return x.apply("sqrt")
     return math.sqrt(x) if isinstance(x, float) else jnp.sqrt(x)
 
@@ -140,7 +140,7 @@ def ratio(a: Scalar, b: Scalar) -> Any:
     return where(nonzero, a / where(nonzero, b, 1.0), 0.0)
 
 
-def angle(sine: Scalar, cosine: Any) -> Any:
+def angle(sine: Scalar, cosine: Scalar) -> Any:
     """The angle of a direction from its two parts, zero where there is none."""
     safe = (cosine != 0) | (sine != 0)
     y, x = where(safe, sine, 0.0), where(safe, cosine, 1.0)
@@ -149,7 +149,7 @@ def angle(sine: Scalar, cosine: Any) -> Any:
 
 def stacked(components: Any) -> Any:
     """Components as one small vector."""
-    if isinstance(components[0], Small | _WRITING) or any(isinstance(x, _WRITING) for x in components):
+    if isinstance(components[0], Small | _Writing) or any(isinstance(x, _Writing) for x in components):
         return Small(components)
     return np.array(components) if all(isinstance(x, float) for x in components) else jnp.stack(components)
 
@@ -186,7 +186,7 @@ def sin(x: Scalar) -> Any:
     """Sine; of a plain number without JAX, so that probing a kind compiles nothing."""
     if isinstance(x, float):
         return math.sin(x)
-    if isinstance(x, _WRITING):
+    if isinstance(x, _Writing):
         return x.apply("sin")
     return _sin(x) if jnp.result_type(x) in _WRITTEN else lax.sin(jnp.asarray(x, float))
 
@@ -195,7 +195,7 @@ def cos(x: Scalar) -> Any:
     """Cosine; of a plain number without JAX."""
     if isinstance(x, float):
         return math.cos(x)
-    if isinstance(x, _WRITING):
+    if isinstance(x, _Writing):
         return x.apply("cos")
     return _cos(x) if jnp.result_type(x) in _WRITTEN else lax.cos(jnp.asarray(x, float))
 

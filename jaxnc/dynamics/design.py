@@ -192,7 +192,7 @@ def _answer(
 
 
 @functools.lru_cache(maxsize=256)
-def _read_programs(spec: SimulationSpec, origin: Origin, shapes: tuple, structure: Any) -> None:
+def _read_programs(spec: SimulationSpec, origin: Origin, shapes: tuple, structure: object) -> None:
     """Have the host read all programs that it needs, on any numbers: inside of compiled code it may not trace."""
     rng = np.random.default_rng(0)
     numbers = [rng.uniform(0.5, 1.5, shape).astype(dtype) for shape, dtype in shapes]

@@ -156,7 +156,6 @@ def _evaluate_traced(f: Callable[..., Any], system: System, q: Array, v: Array, 
 
 # -- where the energy comes from and goes to --------------------------------------------------------------------------
 
-_POINTS = 8  # times that multipliers between two of them are read off, if there are as many
 _NODES = (0.5 - np.sqrt(21.0) / 14.0, 0.5, 0.5 + np.sqrt(21.0) / 14.0)  # of Lobatto's rule, between the ends
 
 
@@ -279,8 +278,9 @@ def _works(motion: Motion, count: int) -> tuple[np.ndarray, np.ndarray]:
     found = reactions(motion)
     dyn, *states = found._states()
     t, q, v, a, lam = (np.asarray(x)[:count] for x in (*states, found.multipliers))
-    inner = [_between(t, q, v, a, lam, s, 3, _POINTS) for s in _NODES]
-    inner.append(_between(t, q, v, a, lam, 0.5, 2, _POINTS // 2))
+    often = 8  # times that multipliers between two of them are read off, if there are as many
+    inner = [_between(t, q, v, a, lam, s, 3, often) for s in _NODES]
+    inner.append(_between(t, q, v, a, lam, 0.5, 2, often // 2))
     every = [np.concatenate(x) for x in zip((t, q, v, a, lam), *inner, strict=True)]
     more = 2 ** int(np.ceil(np.log2(len(every[0])))) - len(every[0])  # few numbers of states are compiled for
     padded = [np.concatenate([x, np.repeat(x[-1:], more, axis=0)]) for x in every]

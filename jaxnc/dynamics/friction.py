@@ -24,9 +24,6 @@ from jaxnc.system.loads import FrictionIndex
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike
 
-PASSES = 6
-"""How often accelerations and friction are made consistent."""
-
 
 def has_friction(dyn: Dynamics) -> bool:
     """Tell whether there is any friction."""
@@ -46,7 +43,8 @@ def accelerate_with_friction(flow: Flow, t: Array, q: Array, v: Array) -> StageS
 
     zero = jnp.zeros_like(q)
     start = zero, StageSolution(zero, flow.zero_multipliers(), jnp.zeros(()), jnp.zeros(()))
-    return lax.scan(settle, start, None, length=PASSES + 1)[0][1]
+    # Six times accelerations and friction are made consistent.
+    return lax.scan(settle, start, None, length=7)[0][1]
 
 
 @record

@@ -371,7 +371,7 @@ class Reactions:
         # Self-stress: multipliers that put no force on what moves. A reaction is unique if none of them reaches it.
         stress = np.zeros((left.shape[1] - rank, len(top.rows) + len(top.rate_rows)))
         stress[:, view.rows] = left[:, rank:].T
-        reached = _stress_reaches(self, dyn, view, q, stress)
+        reached = _stress_reaches(dyn, view, q, stress)
         largest = max((float(np.abs(x).max(initial=0.0)) for x in reached.values()), default=0.0)
         return {name: bool(np.abs(x).max(initial=0.0) <= 1e-8 * max(largest, 1e-6)) for name, x in reached.items()}
 
@@ -449,9 +449,7 @@ def open_forces(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Arra
     return out - friction_forces(dyn, q, v, a, lam, None, t) if has_friction(dyn) else out
 
 
-def _stress_reaches(
-    found: Reactions, dyn: Dynamics, view: "Plan", q: Array, stress: np.ndarray
-) -> dict[str, np.ndarray]:
+def _stress_reaches(dyn: Dynamics, view: "Plan", q: Array, stress: np.ndarray) -> dict[str, np.ndarray]:
     """Return what multipliers ``(k, rows)`` alone put on joints, supports and inputs, named as by `unique`."""
     top, count = dyn.topology, len(stress) + 1
     rest = jnp.zeros((count, len(q)))

@@ -20,11 +20,9 @@ from jaxnc.solvers import dense
 from jaxnc.system.precision import numbers
 from jaxnc.types import Array, Float
 
-_REFINEMENTS = 2
-
 
 def saddle(
-    hessian: Float[Array, "n n"], jacobian: Float[Array, "m n"], redundant: bool, refinements: int = _REFINEMENTS
+    hessian: Float[Array, "n n"], jacobian: Float[Array, "m n"], redundant: bool, refinements: int = 2
 ) -> Callable[[Array, Array], tuple[Array, Array]]:
     """A function from f ``(n,)`` and g ``(m,)`` to x and λ, factorised once; differentiable to any order, both ways.
 

@@ -244,7 +244,7 @@ class _TwoArguments:
 
     f: Callable
 
-    def __call__(self, t: Array, state: State, parameters: Any) -> Array | None:
+    def __call__(self, t: Array, state: State, parameters: object) -> Array | None:
         return call_user(self.f, "event=", "t, state", t, state)
 
 

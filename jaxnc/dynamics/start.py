@@ -268,11 +268,9 @@ def check_inputs(flow: Flow, q: Array) -> None:
         )
 
 
-def check_inertia(flow: Flow, q: Array, none: float = 1e-13) -> None:
-    """Refuse a mechanism of which some admissible motion has no inertia, so that its acceleration is not determined.
-
-    A motion has none below the part `none` of the largest inertia.
-    """
+def check_inertia(flow: Flow, q: Array) -> None:
+    """Refuse a mechanism of which an admissible motion has no inertia: its acceleration is not determined."""
+    none = 1e-13  # of the largest inertia: a motion has none below
     top, view = flow.dyn.topology, flow.view
     whole = np.asarray(flow.dyn.mass)
     if np.linalg.eigvalsh(whole)[0] < -none * np.abs(whole).max():

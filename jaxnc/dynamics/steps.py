@@ -324,9 +324,6 @@ class _StoredStages:
 
 # -- generalised alpha ------------------------------------------------------------------------------------------------
 
-RADIUS = 0.7
-"""Spectral radius at infinity: what is left of the stiffest motions after a step."""
-
 _FACTORISATIONS = 3, 3
 """Factorisations in a step, and iterations with each; all are made, so that a step is differentiable."""
 
@@ -353,7 +350,8 @@ def alpha_step(flow: Flow, t: Array, h: Array, old: AlphaState) -> AlphaState:
     Source: J. Chung, G. Hulbert, J. Appl. Mech. 60 (1993); M. Arnold, O. Brüls, Multibody System Dynamics 18 (2007).
     """
     view, u, t1 = flow.view, flow.view.unknown, t + h
-    am, af = (2.0 * RADIUS - 1.0) / (RADIUS + 1.0), RADIUS / (RADIUS + 1.0)
+    radius = 0.7  # spectral radius at infinity: what is left of the stiffest motions after a step
+    am, af = (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
     gamma = 0.5 + af - am
     beta = 0.25 * (gamma + 0.5) ** 2
     mass, weight = flow.dyn.mass[u[:, None], u[None]], weights(flow.dyn.eq)[u]

@@ -20,11 +20,11 @@ import numpy as np
 
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.mechanism.checks import PARALLEL
 from jaxnc.system.assemble import Assembler, PlanarAssembler, SpatialAssembler
 from jaxnc.system.identity import GROUND, Owner, Thing, addresses
 
 _GROUND = Owner(Thing.BODY, GROUND)
-_ALONG = 1e-9  # sine of an angle below which directions are parallel
 
 
 Line = tuple[tuple[int, ...], tuple[int, ...]]
@@ -130,7 +130,7 @@ class Parts:
         first, *rest = points
         spans = [self.a.home[p] - self.a.home[first] for p in rest] + [self.a.vectors[v] for v in vectors]
         units = [d / np.linalg.norm(d) for d in spans if np.linalg.norm(d) > 0]
-        return any(np.linalg.norm(np.cross(d, e)) > _ALONG for d, e in combinations(units, 2))
+        return any(np.linalg.norm(np.cross(d, e)) > PARALLEL for d, e in combinations(units, 2))
 
     def _merge(self) -> list[list[str]]:
         """Bodies by part, in order; those that are the ground become part of it."""
@@ -499,7 +499,7 @@ def _name_spatial(parts: Parts, edge: SpatialEdge) -> None:
     pair = {edge.first, edge.second}
 
     def parallel(line: Line) -> bool:
-        return bool(np.linalg.norm(np.cross(parts.unit_along(line), parts.unit_along(edge.axes[0]))) < _ALONG)
+        return bool(np.linalg.norm(np.cross(parts.unit_along(line), parts.unit_along(edge.axes[0]))) < PARALLEL)
 
     if edge.how in ("revolute", "cylindrical"):
         for name, angle in parts.model.angles.items():

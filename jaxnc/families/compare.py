@@ -31,7 +31,6 @@ SPREADS = (0.03, 0.1, 0.3, 1.0)
 """How far the points of the starts are from the drawing, as a part of the mechanism's size."""
 
 _STARTS = 256  # for each spread
-_STEPS = 30
 
 
 @dataclass
@@ -231,16 +230,17 @@ def _solve_family(
     poses = jnp.array(q)
     # The first lane is the displacement, from the drawing; all others solve for the drawing's own inputs.
     poses = poses.at[0].set(target[0])
-    found = jax.block_until_ready(_attempt(view, eq, poses, _STEPS))
+    most = 30  # steps of Newton
+    found = jax.block_until_ready(_attempt(view, eq, poses, most))
     spent = []
     for _ in range(3):
         begin = time.perf_counter()
-        jax.block_until_ready(_attempt(view, eq, poses, _STEPS))
+        jax.block_until_ready(_attempt(view, eq, poses, most))
         spent.append(time.perf_counter() - begin)
     row.microseconds = 1e6 * float(np.median(spent)) / len(starts)
     end, needed = (np.asarray(x) for x in found)
-    row.iterations = int(needed[0]) if needed[0] <= _STEPS else None
-    good = needed[1:] <= _STEPS
+    row.iterations = int(needed[0]) if needed[0] <= most else None
+    good = needed[1:] <= most
     natural = np.asarray(f.to_natural(end[1:][:, top.unknown]))
     spread = natural.shape[1] - len(f.natural.topology.scalars)
     size = float(derive(f.natural).length)

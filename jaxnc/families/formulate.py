@@ -39,12 +39,7 @@ from jaxnc.types import Array, ArrayLike
 
 FAMILIES = ("independent", "relative", "reference", "natural", "mixed")
 
-_SAME = 1e-6  # of the mechanism's size: poses closer than this are one assembly
 _LANES = 512  # starts that are solved together
-_LEAST = 4 * _LANES  # starts before which no list is called stable
-_SEEN = 5  # times that every pose was found in a stable list: one that comes as often was missed once in 150
-_QUIET = 4  # times as many starts as the last new pose took
-_MOST = 32 * _LANES  # starts after which a list is returned as it is
 _SPREADS = (1.0, 2.0, 4.0)  # of the drawing's box, batch by batch: legs may be longer than they are drawn
 
 
@@ -283,8 +278,8 @@ class _Poses:
         kept, seen, places = [], [], np.zeros((0, self.spread))
         # Of one assembly the pose that is known best is kept.
         for i in good[np.argsort(residual[good] / np.maximum(conditioning[good], 1e-300), kind="stable")]:
-            # so far may Newton be off at this conditioning; what is more apart are two assemblies
-            same = self.size * min(1e-3, max(_SAME, 1e-10 / max(conditioning[i], 1e-300)))
+            # Poses closer than 1e-6 of the size are one assembly, or than Newton may be off at this conditioning.
+            same = self.size * min(1e-3, max(1e-6, 1e-10 / max(conditioning[i], 1e-300)))
             like = np.flatnonzero(np.abs(places - q[i, : self.spread]).max(axis=1) <= same)
             if len(like):
                 seen[like[0]] += often[i]
@@ -298,8 +293,10 @@ class _Poses:
     @property
     def stable(self) -> bool:
         """True if many more starts than the last new pose took brought none, and every pose came several times."""
-        quiet = self.starts >= max(_LEAST, _QUIET * self.newest) and bool((self.seen >= _SEEN).all())
-        return quiet or self.starts >= _MOST
+        # Four times as many starts as the last new pose took; a pose that came five times was missed once in 150. A
+        # list is returned as it is after 32 batches.
+        quiet = self.starts >= 4 * max(_LANES, self.newest) and bool((self.seen >= 5).all())
+        return quiet or self.starts >= 32 * _LANES
 
     def sort(self) -> tuple[np.ndarray, ...]:
         """Coordinates, statuses, residuals and conditionings, those of the pose nearest to the drawing first."""

@@ -5,7 +5,6 @@ With q = q(z), ``q̇ = J ż`` and ``q̈ = J z̈ + J̇ ż``, virtual power gives 
 """
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -75,7 +74,7 @@ def accelerations(formulation: Formulation, z: ArrayLike, dz: ArrayLike, t: floa
 
 
 @public
-def simulate(formulation: Formulation, t: ArrayLike, z: Any = None, dz: Any = None, step: float = 1e-3) -> Motion:
+def simulate(formulation: Formulation, t: ArrayLike, z: object = None, dz: object = None, step: float = 1e-3) -> Motion:
     """Move a mechanism under its forces in the coordinates of a family.
 
     Args:

@@ -312,9 +312,9 @@ class Scribe:
         """A unit vector."""
         return _index_of(self.vectors, vector)
 
-    def s(self, name: str, factor: float = 1.0) -> Linear:
+    def s(self, name: str) -> Linear:
         """A variable."""
-        return ((factor, "s", _index_of(self.scalars, name)),)
+        return ((1.0, "s", _index_of(self.scalars, name)),)
 
     def c(self, how: str, points: tuple[int, ...], vectors: tuple[int, ...] = (), extra: tuple = ()) -> list[Linear]:
         """Constants read off the drawing."""

@@ -36,7 +36,6 @@ from jaxnc.types import Array, ArrayLike, Numbers
 class ChainJoint:
     """One screw of the chain."""
 
-    link: int  # the link that it moves
     before: int  # the joint before it; -1 for none
     variable: int  # which variable it is
     sign: float  # +1 if the variable grows with it
@@ -95,7 +94,7 @@ class Chain:
                 self.inertias[k] = self.inertias.get(k, np.zeros((6, 6))) + _inertia(n, specs[n], at, m.dim)
 
     def _add(self, k: int, before: int, name: str, axis: np.ndarray, point: np.ndarray, slides: bool, sign: float):
-        self.joints.append(ChainJoint(k, before, self.names.index(name), sign, _three(axis), _three(point), slides))
+        self.joints.append(ChainJoint(before, self.names.index(name), sign, _three(axis), _three(point), slides))
         self.last[k] = len(self.joints) - 1
 
     def _plane(self, planner: Relative, k: int) -> None:

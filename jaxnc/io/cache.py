@@ -9,7 +9,6 @@ from jaxnc.calls import public
 from jaxnc.io.target import folder as made
 from jaxnc.process import cache_folder
 
-_LARGEST = 500_000_000  # bytes; beyond, what was not used for longest goes
 _ENDINGS = ("-cache", "-atime")  # of the files that JAX writes
 
 
@@ -65,7 +64,7 @@ def _quiet() -> None:
         jax.config.update("jax_logging_level", level)
 
 
-def trim(where: Path, largest: int = _LARGEST) -> None:
+def trim(where: Path, largest: int = 500_000_000) -> None:
     """Remove the programs that were not used for longest, until the rest is half of what is allowed."""
     try:
         files = [(f.stat(), f) for f in where.iterdir() if f.name.endswith(_ENDINGS)]

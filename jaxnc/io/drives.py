@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
@@ -14,7 +14,15 @@ if TYPE_CHECKING:
     from jaxnc.mechanism import Mechanism
 
 
-def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> dict[str, Any]:
+class SweepArguments(TypedDict):
+    """Arguments of `jaxnc.sweep`."""
+
+    inputs: dict[str, np.ndarray]  # radians and lengths
+    rates: dict[str, float] | None  # per second; None if no input has one
+    hold: tuple[str, ...]
+
+
+def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> SweepArguments:
     """Return what `jaxnc.sweep` takes to do as a model's run section says.
 
     Args:
@@ -23,8 +31,7 @@ def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> di
             angles are in degrees, and are converted here.
 
     Returns:
-        ``inputs`` (radians and lengths), ``rates`` (per second; None if no input has one) and ``hold``, for
-        ``sweep(system, **sweep_arguments(mechanism))``.
+        Inputs, rates and what is held, for ``sweep(system, **sweep_arguments(mechanism))``.
     """
     run = mechanism.model.run if run is None else run
     if not run.inputs:

@@ -42,7 +42,7 @@ def to_frame(motion: "Motion", names: Sequence[str] | None = None, unit: str | N
     found = list_columns(motion, names, unit, "to_frame()")
     pandas = _package("pandas", "to_frame()")
     units = {label: own for label, (own, _) in found.columns.items()}
-    data: dict[str, Any] = {label: column for label, (_, column) in found.columns.items()}
+    data: dict[str, object] = {label: column for label, (_, column) in found.columns.items()}
     words = [Status(s).name.lower() for s in found.status.tolist()]
     data |= {"status": pandas.Categorical(words, [s.name.lower() for s in Status]), "residual": found.residual}
     units["residual"] = motion.system.topology.length_unit
@@ -107,7 +107,7 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
                 label = f"{SHORT[order]}({name})" if order else name
                 numbers[label] = over, np.rad2deg(values) if turned else values, attrs
     arrays: dict[str, tuple] = {}
-    more: dict[str, Any] = {"axis": axes}
+    more: dict[str, object] = {"axis": axes}
     for dimension, own, kinds in (("point", top.length_unit, points), ("vector", "1", vectors)):
         for order, (called, values) in enumerate(kinds):
             if not called:
@@ -157,7 +157,7 @@ def designs_to_frame(result: "Result") -> "pandas.DataFrame":
     length = problem.system.topology.length_unit
     rows = []
     for d in result.designs:
-        row: dict[str, Any] = {"error": d.error, "largest": d.largest, "rms": d.rms, "type": d.type}
+        row: dict[str, object] = {"error": d.error, "largest": d.largest, "rms": d.rms, "type": d.type}
         row |= {"transmission": d.transmission}
         row |= {f"size {axis}": size for axis, size in zip(AXES, d.size, strict=False)}
         row |= {"starts": d.starts, "converged": d.converged, "optimality": d.optimality, "feasibility": d.feasibility}

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -260,7 +260,7 @@ def count_lanes(block: Block) -> int:
     return len(next(iter(block.values())))
 
 
-def take_lanes(columns: Mapping[str, Any], start: int, stop: int) -> Block:
+def take_lanes(columns: Mapping[str, Numbers], start: int, stop: int) -> Block:
     """Take some lanes of columns, one an array at least; numbers are repeated, and what is in a file is read."""
     lanes = {name: v[start:stop] if np.ndim(v) else v for name, v in columns.items()}
     size = max(len(v) for v in lanes.values() if np.ndim(v))
@@ -297,7 +297,7 @@ def cut_blocks(
 
 def _read_columns(
     inputs: Inputs, rates: Sequence[Inputs | None], what: str, whole: bool = True
-) -> tuple[dict[str, Any], int]:
+) -> tuple[dict[str, Numbers], int]:
     """Return arrays of one length or single numbers of everything that is given by name, and that length."""
     if not inputs:
         raise InputError(f"{what}: nothing is driven; give arrays by name, {_HOW}")

@@ -268,7 +268,7 @@ def circuit(
     return _pose(system, (name,), hold, np.ascontiguousarray(found))
 
 
-def _input_range(between: Any) -> tuple[float, float]:
+def _input_range(between: object) -> tuple[float, float]:
     values = array(between, "circuit(): between")
     finite(values, "circuit(): between")
     if values.shape != (2,):

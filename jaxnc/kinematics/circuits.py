@@ -26,7 +26,6 @@ from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
-_TURN = 1e-9  # radians: a range that is a whole number of turns long
 _SAME = 1e-5  # of the mechanism's size: poses that are one
 _REFINED = (0.1, 3e-3, 1e-5)  # of the step: intervals in which a dead point is found anew; each errs by its square
 
@@ -129,7 +128,7 @@ class Circuits(Shown):
 
     __repr__ = __str__
 
-    def draw(self, path: Any = None, **options: Any):
+    def draw(self, path: object = None, **options: Any):
         """Draw the branches over the input; see `jaxnc.viz.draw_circuits`."""
         return door("Circuits.draw")(self, path, **options)
 
@@ -184,7 +183,7 @@ def circuits(
     range_ = _Range(design, family, order, values, k, seed)
     angle = system.topology.is_angle(moving[0])
     turn = (values[-1, k] - values[0, k]) / (2.0 * math.pi)
-    closes = angle and turn > 0.5 and abs(turn - round(turn)) < _TURN
+    closes = angle and turn > 0.5 and abs(turn - round(turn)) < 1e-9  # a whole number of turns long
     found = _join(range_, closes)
     motion = functools.partial(to_motion, system, view)
     return _report(system, range_, found, motion, moving[0], inputs, hold, angle)
@@ -358,7 +357,7 @@ def _close(range_: _Range, strands: list[_Strand], group: list[int], root: Any) 
 def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, hold, angle: bool) -> Circuits:
     """Branches in order, the drawing's circuit first."""
     strands, roots = found
-    drawn = _drawn(system, range_, strands, name, inputs, hold)
+    drawn = _drawn(system, range_, strands, inputs, hold)
     order: dict[int, int] = {} if drawn is None else {roots[drawn]: 0}
     for r in roots:
         order.setdefault(r, len(order))
@@ -396,7 +395,7 @@ def _unwrapped(range_: _Range, q: np.ndarray) -> np.ndarray:
     return q
 
 
-def _drawn(system: System, range_: _Range, strands: list[_Strand], name: str, inputs: Inputs, hold) -> int | None:
+def _drawn(system: System, range_: _Range, strands: list[_Strand], inputs: Inputs, hold) -> int | None:
     """Which strand the drawing is on, when its input is brought to the nearest value; None if on none."""
     drawn = range_.design.x[range_.order[range_.k]] * range_.design.unit[range_.order[range_.k]]
     values = range_.values[:, range_.k]

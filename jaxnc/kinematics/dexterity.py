@@ -67,7 +67,7 @@ class Dexterity(Shown):
 
     __repr__ = __str__
 
-    def draw(self, path: Any = None, **options: Any):
+    def draw(self, path: object = None, **options: Any):
         """Draw a measure over two inputs, with the singularity loci; see `jaxnc.viz.draw_dexterity`."""
         return door("Dexterity.draw")(self, path, **options)
 

@@ -28,11 +28,7 @@ from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
-_TURNS = 3  # of an inverse iteration: enough beside a singular position, where one direction is far ahead
 _STARTS = ((1.0, 0.0), (0.3, 1.0), (-0.3, 1.0))  # parts of the way across, and whether Newton is kept from the pose
-_STEPS = 8  # of Newton, before those that a block takes by itself
-_LONGEST = 0.5  # of the mechanism's size: a step
-_APART = 1e-7  # of the mechanism's size: another assembly
 
 
 @public
@@ -171,7 +167,8 @@ def _flip(core: Kernel, view: Plan, eq: Equations, x: Lanes) -> tuple[Lanes, Arr
             free = np.array([k == other for other in turned])
             wanted[k] = jnp.where(free[:, None], jnp.sign(found.determinants[k]), wanted[k])
     far = _square_of_movement(view, eq, x, found.x)
-    far = jnp.where(on_branch(eq, found, wanted) & (far > (_APART * eq.length) ** 2), far, jnp.inf)
+    # What is as near as 1e-7 of the mechanism's size is the same assembly.
+    far = jnp.where(on_branch(eq, found, wanted) & (far > (1e-7 * eq.length) ** 2), far, jnp.inf)
     best = jnp.argmin(far, axis=0)[None]
 
     def nearest(values: Array) -> Array:
@@ -189,7 +186,8 @@ def _seek(block: Any, eq: Equations, x: Lanes) -> list[Lanes]:
     part, kept = jnp.array(_STARTS).T[:, :, None]
     across, unit = _aim_across(block, eq, x), eq.length**2
     long = jnp.sqrt(sum(d * d for d in across) / unit)
-    short = jnp.where(kept > 0.0, jnp.minimum(1.0, _LONGEST / jnp.maximum(long, limits(eq.length).tiny)), 1.0)
+    longest = 0.5  # of the mechanism's size: a step
+    short = jnp.where(kept > 0.0, jnp.minimum(1.0, longest / jnp.maximum(long, limits(eq.length).tiny)), 1.0)
 
     def place(change: tuple[Array, ...]) -> Lanes:
         at = list(x)
@@ -205,10 +203,11 @@ def _seek(block: Any, eq: Equations, x: Lanes) -> list[Lanes]:
         pull = 2.0 * sum(d * e for d, e in zip(change, step, strict=True)) / (unit * square * (1.0 + square))
         scale = 1.0 / (1.0 - kept * pull)
         size = jnp.sqrt(sum(e * e for e in step) / unit) * jnp.abs(scale)
-        scale = scale / jnp.maximum(1.0, size / _LONGEST)
+        scale = scale / jnp.maximum(1.0, size / longest)
         return tuple(d - scale * e for d, e in zip(change, step, strict=True))
 
-    at = place(lax.fori_loop(0, _STEPS, improve, tuple(d * (part * short) for d in across)))
+    # Steps of Newton, before those that a block takes by itself.
+    at = place(lax.fori_loop(0, 8, improve, tuple(d * (part * short) for d in across)))
     return [[v[k] if v.ndim > 1 else v for v in at] for k in range(len(_STARTS))]
 
 
@@ -220,7 +219,7 @@ def _aim_across(block: Any, eq: Equations, x: Lanes) -> list[Array]:
     """
     factors = block.factors(eq, x)
     r: list[Any] = [jnp.ones(x[0].shape)] * len(block.columns)
-    for _ in range(_TURNS):
+    for _ in range(3):  # enough beside a singular position, where one direction is far ahead
         r = factors.solve(factors.solve_transposed(r))
         size = jnp.sqrt(sum(v * v for v in r))
         r = [v / size for v in r]

@@ -17,7 +17,7 @@ from jaxnc.solvers.assembly import derive, evaluate, free_plan, rank_of, sample_
 from jaxnc.solvers.plan import plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.frames import spread
-from jaxnc.system.identity import Owner, Thing
+from jaxnc.system.identity import GROUND, Owner, Thing
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System, unheld
 from jaxnc.system.topology import JointIndex, Topology
@@ -25,7 +25,6 @@ from jaxnc.system.topology import JointIndex, Topology
 if TYPE_CHECKING:
     from jaxnc.system.topology import BodyIndex
 
-GROUND = -1
 _STILL = 1e-6  # of the largest velocity
 _LISTED = 6  # names that a sentence gives
 _LOCKING = (Thing.BODY, Thing.JOINT, Thing.RELATION, Thing.CONSTRAINT)
@@ -210,13 +209,6 @@ class Freedoms:
     def grubler(self) -> int:
         """Freedoms by Grübler's count: velocities of the bodies less the conditions of each joint by itself."""
         return self.count - sum(matrix_rank(joint.rows) for joint in self.joints)
-
-    @property
-    def excess(self) -> int:
-        """How many conditions the joints put more than once."""
-        return sum(matrix_rank(joint.rows) for joint in self.joints) - matrix_rank(
-            np.vstack([j.rows for j in self.joints])
-        )
 
     # -- velocities ---------------------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ import math
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -25,9 +25,6 @@ from jaxnc.system.topology import LARGE, Topology
 from jaxnc.types import Array, ArrayLike, Inputs
 from jaxnc.validate import as_array
 
-_SMALL = 65_536  # numbers that are worth having on the host
-_COUNTED = 2**31 - 1  # poses, samples, steps: more are taken for a slip
-
 METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 """What the usual length units are in metres."""
 
@@ -39,9 +36,14 @@ def array(value: object, what: str) -> Any:
     """An array of a number, list or array, of the active type; traced values pass through."""
     if isinstance(value, Tracer):
         return jax.lax.convert_element_type(value, active())
-    if isinstance(value, jax.Array) and value.size > _SMALL and value.dtype == active() and not value.weak_type:
+    if _is_large(value) and value.dtype == active() and not value.weak_type:
         return value
     return as_array(value, what, active())
+
+
+def _is_large(value: object) -> TypeGuard[jax.Array]:
+    """Tell whether a value is an array of JAX that is too large to be worth having on the host."""
+    return isinstance(value, jax.Array) and value.size > 65_536
 
 
 def finite(value: ArrayLike, what: str) -> None:
@@ -71,7 +73,7 @@ def one_number(value: ArrayLike, what: str) -> float:
     return float(found)
 
 
-def whole(value: float, what: str, least: int = 1, most: int = _COUNTED) -> int:
+def whole(value: float, what: str, least: int = 1, most: int = 2**31 - 1) -> int:  # more are taken for a slip
     """A whole number in a range; anything else is refused."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
         near = f"; write {int(value)}" if isinstance(value, float) and value.is_integer() and abs(value) < most else ""
@@ -136,10 +138,10 @@ def _notes(system: System, asked: tuple[str, ...]) -> list[str]:
     return notes
 
 
-def worst_rows(system: System, eq: Equations, q: np.ndarray, most: int = 3) -> str:
+def worst_rows(system: System, eq: Equations, q: np.ndarray) -> str:
     """The constraints that a pose violates most, by name, with how much."""
     r = np.abs(np.asarray(evaluate(eq, jnp.asarray(q))[0]))
-    order = [int(i) for i in np.argsort(-r)[:most] if r[i] > limits(eq.length).close * float(eq.length)]
+    order = [int(i) for i in np.argsort(-r)[:3] if r[i] > limits(eq.length).close * float(eq.length)]
     return ", ".join(f"{system.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"
 
 
@@ -194,7 +196,7 @@ def in_radians(system: System, unit: str | None, *given: object) -> tuple[Any, .
     top = system.topology
     angles = {name for name, angle in zip(top.scalars, top.angles, strict=True) if angle}
 
-    def one(mapping: Any) -> Any:
+    def one(mapping: object) -> Any:
         if not isinstance(mapping, Mapping):
             return mapping
         return {n: _to_radians(n, x) if n in angles else x for n, x in mapping.items()}
@@ -239,7 +241,7 @@ def doubt_degrees(system: System, unit: str | None, *given: object) -> None:
         x = value[0] if isinstance(value, tuple) and len(value) > 2 else value  # of (u, u̇, ü) the first
         if not isinstance(name, str) or not system.topology.is_angle(name) or callable(x):
             continue
-        if isinstance(x, Tracer) or (isinstance(x, jax.Array) and x.size > _SMALL):
+        if isinstance(x, Tracer) or _is_large(x):
             continue
         why = _like_degrees(x)
         if why:

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError, list_first, nearest
 from jaxnc.kinematics.freedoms import Freedoms, explain_lock, loose_motions
 from jaxnc.kinematics.inputs import check_system, dense_only
 from jaxnc.notebooks import Shown
@@ -26,7 +26,7 @@ from jaxnc.solvers.assembly import (
 )
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import LARGEST_WRITTEN, Plan, by_lu, plan
-from jaxnc.system.equations import Equations, coefficients, rate_constants
+from jaxnc.system.equations import coefficients, rate_constants
 from jaxnc.system.precision import on_host, widened
 from jaxnc.system.system import System, drivable, unheld
 from jaxnc.system.topology import Topology
@@ -103,11 +103,11 @@ class Mobility(Shown):
         ]
         if self.slips:
             lines.append(f"  {self.velocities} freedoms of velocity, by rows that positions do not see: "
-                         f"{_join_first(self.slips)}")  # fmt: skip
+                         f"{list_first(self.slips, 12, '; ')}")  # fmt: skip
         if self.redundant:
             harmless = "" if self.overconstrained else ", whatever its dimensions"
-            lines.append(f"  redundant{harmless}: {_join_first(self.redundant)}")
-            lines.append(f"  rows that depend on each other: {_join_first(self.involved)}")
+            lines.append(f"  redundant{harmless}: {list_first(self.redundant, 12, '; ')}")
+            lines.append(f"  rows that depend on each other: {list_first(self.involved, 12, '; ')}")
         if self.overconstrained:
             general = len(self.redundant) - self.overconstrained
             lines.append(
@@ -127,10 +127,6 @@ class Mobility(Shown):
         return "\n".join(lines)
 
     __repr__ = __str__
-
-
-def _join_first(names: tuple[str, ...], most: int = 12) -> str:
-    return "; ".join(names[:most]) + (f"; … ({len(names)} in all)" if len(names) > most else "")
 
 
 @public
@@ -195,7 +191,7 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
         loose=tuple(loose_motions(system, ()) if top.dim == 3 else unheld(top)),
         locked=tuple(explain_lock(system)) if assembles else (),
         slips=top.rate_rows,
-        velocities=n - rank - _slipping(system, eq, best),
+        velocities=n - rank - _slipping(system, best),
         driven=inputs,
         blocks=blocks,
         solves=solves,
@@ -251,7 +247,7 @@ def _join_counts(noun: str, numbers: list[int]) -> str:
     return f"{said} {noun}" + ("" if said == "1" else "s")
 
 
-def _slipping(system: System, eq: Equations, sample: Sample) -> int:
+def _slipping(system: System, sample: Sample) -> int:
     """Count the freedoms that the rows on velocities take away in a pose."""
     top = system.topology
     if not top.rates:

@@ -32,7 +32,7 @@ from jaxnc.kinematics.inputs import (
     whole,
 )
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.polynomial import Member, NotPolynomial, Reading, read_polynomials
+from jaxnc.kinematics.polynomial import ZERO, Member, NotPolynomial, Reading, read_polynomials
 from jaxnc.kinematics.reduction import Placed, Reduction
 from jaxnc.kinematics.starts import (
     NoMember,
@@ -55,20 +55,12 @@ from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
-from jaxnc.types import Inputs
+from jaxnc.types import Inputs, Numbers
 
 MOST = 1000
 """Solutions of a generic mechanism that are looked for without being asked to."""
 
-_ZERO = 1e-10  # of the mechanism's size: a constant of a design below is zero by its structure
-_WIDE = 1e5  # beside 1: maps of an elimination that divides by next to nothing
 _ROUTES = ((True, BOLD), (False, BOLD), (True, CAREFUL), (False, CAREFUL), (False, CAREFUL))  # straight, or around
-_SINGULAR = 1e-12  # reciprocal condition number of a solution that is not regular
-_INFINITY = 1e4  # of unknowns of size one: an end beyond is at infinity
-_REAL = 1e-8  # imaginary part of a real solution that has no certificate
-_BATCH = 2_000_000  # numbers of coefficients that are held at once
-_BESIDE = 0.85 + 0.35j  # of the way from the generic member to a design: a neighbour of designs
-_RESIDUAL = 1e-9  # of the mechanism's size: a pose that meets all rows
 
 
 @public
@@ -188,7 +180,7 @@ class Modes(Shown):
 
     __repr__ = __str__
 
-    def draw(self, path: Any = None, **options: Any):
+    def draw(self, path: object = None, **options: Any):
         """Draw all assemblies side by side; see `jaxnc.viz.draw_modes`."""
         return door("Modes.draw")(self, path, **options)
 
@@ -264,12 +256,13 @@ def _place(reduction: Reduction, design: Member) -> Placed | None:
             placed = reduction.place(design)
     except np.linalg.LinAlgError:
         return None
-    return placed if np.abs(placed.maps).max() < _WIDE else None
+    # Larger maps, beside 1, are of an elimination that divides by next to nothing.
+    return placed if np.abs(placed.maps).max() < 1e5 else None
 
 
 def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, prove: bool) -> Family:
     """The family of a design: made once for a structure, of `most` solutions, or read from the user's cache."""
-    base, zeros = design.reading, tuple((np.abs(c) <= _ZERO).tobytes() for c in design.constants)
+    base, zeros = design.reading, tuple((np.abs(c) <= ZERO).tobytes() for c in design.constants)
     known = base.families
     if (zeros, seed) not in known:
         base.check_cases(design.x, design.constants)
@@ -278,7 +271,7 @@ def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, pro
         if base.freedoms(*generic) < len(inputs):
             raise NoMember  # overconstrained: generic dimensions do not move
         reading = base.paired(*generic)
-        key = structure_key(reading, design.constants, _ZERO) + f"-{seed}"
+        key = structure_key(reading, design.constants, ZERO) + f"-{seed}"
         starts = load_starts(reading, key)
         if starts is None:
             own = dataclasses.replace(design, reading=reading)
@@ -291,7 +284,7 @@ def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, pro
         rng, own = np.random.default_rng([seed, 34]), dataclasses.replace(design, reading=family.reading)
         member, _ = own.at((design.x * design.unit)[list(inputs), None], inputs)
         family.starts = prove_starts(family.reading, design.x, design.constants, member, family.starts, rng)
-        save_starts(family.starts, structure_key(family.reading, design.constants, _ZERO) + f"-{seed}")
+        save_starts(family.starts, structure_key(family.reading, design.constants, ZERO) + f"-{seed}")
     return family
 
 
@@ -331,8 +324,10 @@ def solve_all(
             w = ends.w[:, ends.arrived]
         w = _polish(t, w)
         balls = certify(t, w)
-        there = (np.abs(w).max(axis=0) > _INFINITY) & ~balls.proved
-        unclear = ~there & ~balls.proved & (balls.condition <= _SINGULAR)
+        # Unknowns are of size one: an end far beyond is at infinity.
+        there = (np.abs(w).max(axis=0) > 1e4) & ~balls.proved
+        # Where the reciprocal condition number is less, a solution is not regular.
+        unclear = ~there & ~balls.proved & (balls.condition <= 1e-12)
         far, singular = far + int(there.sum()), singular + int(unclear.sum())
         found.append(w[:, ~there & ~unclear])
         every = np.concatenate(found, axis=1)
@@ -414,7 +409,8 @@ class Targets:
             member, _ = self.designs[0].at((middle + away)[:, None], self.order)
             there = self.reduction.place(member)
         else:
-            there = _place_between(self.reduction, self.begin, self.end.choose([0]), _BESIDE)
+            # A neighbour of designs, most of the way from the generic member.
+            there = _place_between(self.reduction, self.begin, self.end.choose([0]), 0.85 + 0.35j)
         if not self.reduction.n:
             return there, np.zeros((0, 1))
         ends = self.reduction.paths(self.begin, there).follow(self.reduction.shorten(self.family.starts.x), CAREFUL)
@@ -426,7 +422,8 @@ class Targets:
         there, start = self.near
         n, each, count = self.reduction.n, start.shape[1], len(self.values)
         out: list[Place] = []
-        block = max(1, int(_BATCH / max(1, 4 * n**3 + n * each)))
+        # Two million numbers of coefficients are held at once.
+        block = max(1, int(2_000_000 / max(1, 4 * n**3 + n * each)))
         for first in range(0, count, block):
             which = np.arange(first, min(first + block, count))
             some = self.end.choose(which)
@@ -513,7 +510,7 @@ class ModesMap(Shown):
 
     __repr__ = __str__
 
-    def draw(self, path: Any = None, **options: Any):
+    def draw(self, path: object = None, **options: Any):
         """Draw the number of assemblies over two inputs, with the loci where it changes; see `jaxnc.viz`."""
         return door("ModesMap.draw")(self, path, **options)
 
@@ -574,7 +571,7 @@ def _solve_map(
 
 def _nonzero(system: System) -> int:
     """How many constants of a design are not zero."""
-    return sum(int((np.abs(c) > _ZERO).sum()) for c in to_host(derive(system)).constants)
+    return sum(int((np.abs(c) > ZERO).sum()) for c in to_host(derive(system)).constants)
 
 
 @public
@@ -720,7 +717,8 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
 
 def select_real(w: np.ndarray, balls: Balls) -> np.ndarray:
     """Tell which solutions are real: by their certificates, by their size where they have none."""
-    return balls.real | (~balls.proved & (np.abs(np.imag(w)).max(axis=0, initial=0.0) < _REAL))
+    # So small is the imaginary part of a real solution that has no certificate.
+    return balls.real | (~balls.proved & (np.abs(np.imag(w)).max(axis=0, initial=0.0) < 1e-8))
 
 
 def place_poses(design: Design, x: np.ndarray, maps: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -741,15 +739,20 @@ def judge(design: Design, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
         q[reading.first :][follows] = measured[follows]
         gap = np.abs(host.residual(q)).max(axis=0, initial=0.0)
         upright, mirrored = host.guards(q)
-    status = np.where(
-        gap <= _RESIDUAL * design.unit.max(initial=1.0), int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE)
-    )
+    # A pose meets all rows if none is off by more than 1e-9 of the mechanism's size.
+    status = np.where(gap <= 1e-9 * design.unit.max(initial=1.0), int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))
     status = np.where((status == 0) & ~upright, int(Status.BRANCH_JUMP), status)
     return q, np.where((status == int(Status.BRANCH_JUMP)) & mirrored, int(Status.MIRRORED), status), gap
 
 
 def to_motion(
-    system: System, view: Plan, values: np.ndarray, q: np.ndarray, status: Any, residual: Any, conditioning: Any
+    system: System,
+    view: Plan,
+    values: np.ndarray,
+    q: np.ndarray,
+    status: Numbers,
+    residual: Numbers,
+    conditioning: Numbers,
 ) -> Motion:
     """Poses ``(N, lanes)`` as a motion, at one set of inputs or a set ``(lanes, inputs)`` each."""
     named, count = system.topology.named, q.shape[1]

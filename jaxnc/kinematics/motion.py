@@ -80,7 +80,7 @@ class Columns:
         lanes = tuple(x.reshape(shape) for x in self.lanes)
         return Columns(self.rest, lanes, self.driven.reshape(*shape, self.driven.shape[-1]), self.places)
 
-    def __getitem__(self, index: Any) -> "Columns":
+    def __getitem__(self, index: object) -> "Columns":
         """Some of the poses: any index of the leading axes."""
         lanes, driven = jax.tree.map(lambda x: x[index], (self.lanes, self.driven))
         rest = self.rest

@@ -24,10 +24,8 @@ from jaxnc.system.equations import pure_numbers
 from jaxnc.system.structure import formula, program, size
 from jaxnc.system.topology import Topology
 
-_RANK = 1e-9  # of the largest: a singular value below counts as zero
-_WILD = 50.0  # numbers of a generic member, beside one: larger ones are badly conditioned
-_DRAWN = 60  # steps in which a generic member is drawn
-_EXACT = 1e-10  # of the mechanism's size: a number of a design below is zero by its structure
+RANK = 1e-9  # of the largest: a singular value below counts as zero
+ZERO = 1e-10  # of the mechanism's size: a constant of a design below is zero by its structure
 
 Function = Callable[[Sequence[Any]], tuple[Any, ...]]
 
@@ -354,7 +352,7 @@ class Reading:
                     every = np.broadcast_to(np.array(turn)[:, None], turns.shape)
                     value, slope = self._linearise([one], x, constants, every)
                     change = change + value[0] * slope[0, spread]
-                rest = change - np.linalg.lstsq(jacobian.T, change, rcond=_RANK)[0] @ jacobian
+                rest = change - np.linalg.lstsq(jacobian.T, change, rcond=RANK)[0] @ jacobian
                 if np.abs(rest).max(initial=0.0) <= 1e-7 * max(np.abs(change).max(initial=0.0), 1e-300):
                     kept.append(i)
             if kept:
@@ -405,7 +403,8 @@ class Reading:
         parts = [p for p in self.parts if not p.rows.uses_cosine and p.sizes is None]
         turns = np.zeros((len(self.top.scalars), 2, 1), complex)
         drawn = self._redrawn(constants, z)
-        for k in range(_DRAWN):
+        steps = 60  # in which a generic member is drawn
+        for k in range(steps):
             with np.errstate(all="ignore"):
                 rows, jacobian = self._linearise(parts, z, drawn, turns)
                 units = np.zeros((len(at), len(z)), complex)
@@ -414,12 +413,13 @@ class Reading:
                 jacobian = np.concatenate([jacobian, units])
             if not np.isfinite(rows).all() or not np.isfinite(jacobian).all():
                 return None
-            step = np.linalg.lstsq(jacobian, rows, rcond=_RANK)[0] if len(rows) else np.zeros(len(z))
+            step = np.linalg.lstsq(jacobian, rows, rcond=RANK)[0] if len(rows) else np.zeros(len(z))
             z = z - step[:, None]
             if np.abs(step).max(initial=0.0) < 1e-13 * np.abs(z).max():
                 sizes = [np.abs(a).max(initial=0.0) for a in (z, *drawn)]
-                return (drawn, z) if max(sizes) < _WILD and not self._has_collapsed(x, z[:, 0]) else None
-            if k < _DRAWN - 10 and np.abs(step).max() > 1e-9:  # afterwards the constants stay
+                # Larger numbers of a generic member, beside one, are badly conditioned.
+                return (drawn, z) if max(sizes) < 50.0 and not self._has_collapsed(x, z[:, 0]) else None
+            if k < steps - 10 and np.abs(step).max() > 1e-9:  # afterwards the constants stay
                 drawn = self._redrawn(constants, z)
         return None
 
@@ -436,7 +436,7 @@ class Reading:
         out = []
         for b, c in enumerate(constants):
             found = self._drawn(b, z)
-            out.append(np.where(np.abs(c) > _EXACT, found if found is not None else c, c))
+            out.append(np.where(np.abs(c) > ZERO, found if found is not None else c, c))
         return tuple(out)
 
     @functools.cached_property

@@ -17,13 +17,10 @@ import numpy as np
 import scipy.linalg
 
 from jaxnc.continuation.quadratic import QuadraticPaths, fit_powers
-from jaxnc.kinematics.polynomial import Member, Reading
+from jaxnc.kinematics.polynomial import RANK, Member, Reading
 
-_RANK = 1e-9  # of the largest: a singular value below counts as zero
 _NOTHING = 1e-12  # a coefficient, beside rows of size one, that is rounding
 _EQUAL = 1e-9  # relative difference of a coefficient that is the same in all members
-_PIVOT = 0.05  # of a row's largest coefficient: what it may be divided by
-_SAMPLES = 16  # of a path: enough for polynomials of degree fifteen
 
 WAYS = ("straight", "determined")
 """What may go straight: all that is solved, or only unknowns that are determined altogether."""
@@ -86,7 +83,7 @@ def _rank(matrix: np.ndarray) -> int:
     if not matrix.size:
         return 0
     values = np.linalg.svd(matrix, compute_uv=False)
-    return int(np.sum(values > _RANK * values[0])) if values[0] > 0 else 0
+    return int(np.sum(values > RANK * values[0])) if values[0] > 0 else 0
 
 
 def _pivots(matrix: np.ndarray, rank: int) -> np.ndarray:
@@ -136,7 +133,7 @@ class Reduction:
         factors = np.zeros((2, len(others), len(basis)), complex)
         if rank and len(others):
             for k in range(2):
-                factors[k] = np.linalg.lstsq(quads[k, basis].T, quads[k, others].T, rcond=_RANK)[0].T
+                factors[k] = np.linalg.lstsq(quads[k, basis].T, quads[k, others].T, rcond=RANK)[0].T
                 factors[k] *= size[k, others] / np.where(size[k, basis].T > 0.0, size[k, basis].T, 1.0)
         same = np.abs(factors[0] - factors[1]).max(axis=1, initial=0.0) < _EQUAL * (
             1.0 + np.abs(factors[0]).max(initial=0.0)
@@ -232,20 +229,21 @@ class Reduction:
     def paths(self, start: Placed, end: Placed, each: int = 1) -> QuadraticPaths:
         """Paths from one member to one or several ones, or from several to as many, so many to each."""
         targets = end.member.known.shape[1]
-        at = np.exp(2j * np.pi * np.arange(_SAMPLES) / _SAMPLES)
+        samples = 16  # of a path: enough for polynomials of degree fifteen
+        at = np.exp(2j * np.pi * np.arange(samples) / samples)
         part = np.tile(at, targets)
-        ends = end.member.each(lambda v: np.repeat(v, _SAMPLES, axis=-1))
+        ends = end.member.each(lambda v: np.repeat(v, samples, axis=-1))
         alone = start.member.known.shape[1] == 1
-        often = targets * _SAMPLES if alone else _SAMPLES
+        often = targets * samples if alone else samples
         between = start.member.each(lambda v: np.repeat(v, often, axis=-1)).mix(ends, part)
         straight = tuple(
-            (a if alone else np.repeat(a, _SAMPLES, 0)) * (1.0 - part[:, None, None])
-            + np.repeat(b, _SAMPLES, 0) * part[:, None, None]
+            (a if alone else np.repeat(a, samples, 0)) * (1.0 - part[:, None, None])
+            + np.repeat(b, samples, 0) * part[:, None, None]
             for a, b in zip(start.straight, end.straight, strict=True)
         )
         t = self.place(between, straight).restricted
         t = np.tensordot(t, self.mix, ([1], [1])).transpose(0, 3, 1, 2)
-        t = t.reshape(targets, _SAMPLES, len(self.mix), self.n + 1, self.n + 1)
+        t = t.reshape(targets, samples, len(self.mix), self.n + 1, self.n + 1)
         t = t / np.abs(t).max(axis=(1, 3, 4), keepdims=True)
         return QuadraticPaths(np.moveaxis(fit_powers(np.moveaxis(t, 1, -1), at), 0, 1), each)
 
@@ -259,7 +257,8 @@ def _same_pivots(left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of matrices ``(2, rows, n)`` whose block is the same in both, and regular."""
     scale = np.abs(left).max(axis=2, keepdims=True, initial=0.0)
     same = np.abs(left[0] - left[1]) <= _EQUAL * np.minimum(scale[0], scale[1])
-    large = (np.abs(left) > _PIVOT * scale).all(axis=0) & same
+    pivot = 0.05  # of a row's largest coefficient: what it may be divided by
+    large = (np.abs(left) > pivot * scale).all(axis=0) & same
     rows: list[int] = []
     columns: list[int] = []
     for i in np.argsort((~same).sum(axis=1), kind="stable"):
@@ -269,7 +268,7 @@ def _same_pivots(left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             if j in columns or not same[rows, j].all():
                 continue
             block = _scaled(left[0][np.ix_([*rows, int(i)], [*columns, int(j)])])
-            if np.linalg.svd(block, compute_uv=False)[-1] > _PIVOT:
+            if np.linalg.svd(block, compute_uv=False)[-1] > pivot:
                 rows.append(int(i))
                 columns.append(int(j))
                 break

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.compiling import shapes_of
-from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.errors import AssemblyError, InputError, list_first, nearest
 from jaxnc.kinematics.design import DesignDerivatives, OutputSet, geometry_components, name_outputs, plan_of
 from jaxnc.kinematics.inputs import angle_unit, check_system, dense_only
 from jaxnc.kinematics.motion import Motion
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 Output = str | Callable[[Motion], Any]
 Outputs = Output | Sequence[str] | Mapping[str, Output]
-
-_MOST = 12  # rows of a printed table
 
 
 @public
@@ -86,7 +84,7 @@ class Sensitivity(Shown):
             raise InputError(f"sensitivity: no design variable {variable!r}; {nearest(variable, self.variables)}")
         return found[..., at]
 
-    def table(self, output: str | None = None, unit: str | None = None, most: int | None = _MOST) -> str:
+    def table(self, output: str | None = None, unit: str | None = None, most: int | None = 12) -> str:
         """The derivatives of largest magnitude as text, sorted, lengths first and directions after them.
 
         Args:
@@ -111,7 +109,7 @@ class Sensitivity(Shown):
         if not self.exists.all():
             lost = [v for v, good in zip(self.variables, self.exists, strict=True) if not good]
             lines.append(
-                f"  no derivative exists with respect to {list_first(lost)}: changed alone, it does not assemble"
+                f"  no derivative exists with respect to {list_first(lost, 8)}: changed alone, it does not assemble"
             )
         for name in names:
             for label, block in self._components(name):
@@ -263,9 +261,9 @@ def sensitivity(
         lost = [n for n, good in zip(names, exists, strict=True) if not good]
         kept = [n for n, good in zip(names, exists, strict=True) if good]
         raise AssemblyError(
-            f"{top.name!r} is overconstrained: changed alone, {list_first(lost)} "
+            f"{top.name!r} is overconstrained: changed alone, {list_first(lost, 8)} "
             f"{'leaves' if len(lost) == 1 else 'leave'} it no way to assemble, so there is no derivative. "
-            + (f"It exists for {list_first(kept)}: ask for some with variables=. " if kept else "")
+            + (f"It exists for {list_first(kept, 8)}: ask for some with variables=. " if kept else "")
             + "throw=False flags them instead"
         )
     readers, labels = output.readers(), {}
@@ -351,8 +349,3 @@ def _unit_scale(output: str, variable: str, angle: str) -> tuple[float, str]:
         factor *= np.pi / 180.0 if variable == "rad" else 1.0
         above, below = above.replace("rad", "deg"), below.replace("rad", "deg")
     return factor, f"{above}/{below}"
-
-
-def list_first(names: Sequence[str], most: int = 8) -> str:
-    """Join the first of some names, and say how many there are."""
-    return ", ".join(names[:most]) + (f", … ({len(names)} in all)" if len(names) > most else "")

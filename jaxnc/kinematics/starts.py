@@ -23,15 +23,8 @@ from jaxnc.kinematics.polynomial import Member, Reading
 from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
 from jaxnc.process import cache_folder
 
-_VERSION = 2  # of the files, and of what their keys mean
-_PATIENCE = 1  # paths between generic members that may go to infinity
-_BY_DEGREE = 6  # unknowns up to which the total degree is tried, 64 paths
-_DRAWS = 20
-_SOLVES = 1e-8  # largest residual of a row that is met by a solution of combinations of rows
-_EVERY = 2.0  # seconds after which what is known so far is written into the cache
 _BY_PATHS, _BY_TRACE = "total degree", "trace test"
 _PART = "-part"  # of the key of a start set that is not complete
-_LEGS = 15  # ways through all solutions that a search takes, five loops: for estimates of time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +86,7 @@ def find_starts(
         if reduction.n == 0:
             return StartSet(begun.member, begun.x, way, 0, 0, _BY_PATHS)
         t = np.tensordot(reduction.mix, placed.restricted[0], 1)
-        if reduction.n <= _BY_DEGREE:
+        if reduction.n <= 6:  # 64 paths of the total degree
             every, proved = solve_by_degree(t, rng)
             every = every[:, _meets_all(placed, every)]
             w = np.concatenate([w, every[:, is_new(w, every)]], axis=1)
@@ -103,7 +96,8 @@ def find_starts(
         last = way == WAYS[-1]
         search = _KeptLoops(placed, way, key + _PART, most)
         before = (begun.loops, begun.quiet) if way == begun.way else (0, 0)
-        found = search.run(functools.partial(run_loops, w, loop, None if last else _PATIENCE, proved, before))
+        # One path between generic members may go to infinity.
+        found = search.run(functools.partial(run_loops, w, loop, None if last else 1, proved, before))
         if not found.quiet and not last:
             continue  # the elimination leads out of the family
         remove_starts(key + _PART)
@@ -144,8 +138,9 @@ class _KeptLoops:
         if known > self.most:
             kept = save_starts(self.state(found), self.key)
             expected = max(known, found.estimate) if np.isfinite(found.estimate) else 2 * known
-            raise TooMany(known, round(expected), expected * _LEGS * (now - self.begun) / max(1, found.paths), kept)
-        if now - self.written > _EVERY:
+            # A search takes about fifteen ways through all solutions, in five loops.
+            raise TooMany(known, round(expected), expected * 15 * (now - self.begun) / max(1, found.paths), kept)
+        if now - self.written > 2.0:  # seconds after which what is known so far is kept
             save_starts(self.state(found), self.key)
             self.written = now
 
@@ -175,7 +170,7 @@ def prove_starts(
 
 def draw_generic(reading: Reading, x: np.ndarray, constants: Sequence[np.ndarray], rng: np.random.Generator):
     """Draw the constants of a generic member, and a pose ``(N, 1)`` that it has."""
-    for _ in range(_DRAWS):
+    for _ in range(20):
         drawn = reading.draw_member(x, constants, rng)
         if drawn is not None:
             return drawn
@@ -197,7 +192,8 @@ def _meets_all(placed: Placed, w: np.ndarray) -> np.ndarray:
     t = placed.restricted[0]
     t = t / np.abs(t).max(axis=(1, 2), keepdims=True)
     rows = np.einsum("rij,is,js->rs", t, y, y)
-    return np.abs(rows).max(axis=0, initial=0.0) < _SOLVES * np.abs(y).max(axis=0) ** 2
+    # A solution of combinations of rows meets each row if no residual is larger.
+    return np.abs(rows).max(axis=0, initial=0.0) < 1e-8 * np.abs(y).max(axis=0) ** 2
 
 
 # -- kept --------------------------------------------------------------------------------------------------------------
@@ -212,7 +208,8 @@ def structure_key(reading: Reading, constants: Sequence[np.ndarray], zero: float
     ]
     index = [(b.points, b.vectors, b.scalars) for b in top.blocks]
     zeros = [np.flatnonzero(np.abs(c) <= zero).tolist() for c in constants]
-    text = repr((_VERSION, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros))
+    # 2 is the version of the files, and of what their keys mean.
+    text = repr((2, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros))
     return hashlib.sha256(text.encode()).hexdigest()[:40]
 
 

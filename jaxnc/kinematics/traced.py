@@ -37,7 +37,6 @@ from jaxnc.types import Array, Coordinates, Float, PyTree
 
 _VERY_MANY = 20_000  # poses of a large batch: a faster kernel pays for a longer compilation
 _CHUNK = 64  # lanes at a time: of poses near guesses, and of rates by matrices
-_AT_ONCE = 1_000_000  # numbers that are handed to the host together
 _TABLE = 48_000  # numbers of poses that are kept in one table
 _LADDER = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # times a power of ten: sizes of programs
 
@@ -416,7 +415,8 @@ def _repair(
     if method != "lanes":  # the last pose of each sequence before the first that was not found
         place = jnp.maximum(jnp.sum(good, axis=1) - 1, 0)[:, None, None]
         last = jnp.take_along_axis(table[:, : len(plan.unknown) + len(plan.known)], place, axis=2)[:, :, 0]
-    across = method == "lanes" and len(values) == 1 and table.size > _AT_ONCE
+    most = 1_000_000  # numbers that are handed to the host together
+    across = method == "lanes" and len(values) == 1 and table.size > most
     if across:  # inputs of one design: each of them is a row
         asked, good, table = asked[0][:, None], good.T, table[0].T[:, :, None]
     own = None if shared else eq, None if across else q, last, asked, good  # the others are those of all rows
@@ -425,7 +425,7 @@ def _repair(
         return _ask(plan, method, eq if eq_of is None else eq_of, q if q_of is None else q_of, *rest)
 
     leaves, structure = jax.tree.flatten(own)
-    group = max(_AT_ONCE // (sum(a[0].size for a in leaves) + table[0].size), 1)
+    group = max(most // (sum(a[0].size for a in leaves) + table[0].size), 1)
     if len(table) <= group:
         return jnp.ones((), bool), jnp.where(good[:, None], table, ask(*own))
     rows = jnp.concatenate([a.reshape(len(a), -1).astype(q.dtype) for a in leaves], axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxnc.errors import MechanismError, brief, drawn_with_numbers, nearest
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.checks import LARGEST
+from jaxnc.mechanism.checks import LARGEST, PARALLEL
 from jaxnc.mechanism.model import Place
 
 Point: TypeAlias = tuple[float, float]
@@ -21,13 +21,11 @@ Vector: TypeAlias = np.ndarray
 Places: TypeAlias = Mapping[str, Place]
 """Points (lengths) and directions by name; the names of directions begin with v."""
 
-TURN = 2.0 * math.pi
+TURN = math.tau
 X, Y, Z = np.eye(3)
 
 _STEPS = 1440  # poses tried around a full turn when looking for the limits of an input
-_MARGIN = 0.02  # part of a limited range that a default drive leaves out at either end
 FLAT = 0.005  # sine of a transmission angle: below it a dyad stands at a dead point (and no step above skips one)
-_IN_LINE = 1e-9  # sine of an angle below which directions are parallel
 
 
 class Misfit(MechanismError):
@@ -202,7 +200,7 @@ def check_off_axis(places: Mapping[str, Vector], point: str, pivot: str, axis: s
     """Refuse a point on the axis about which it is to turn."""
     check_apart(places, (pivot, point))
     arm = places[point] - places[pivot]
-    if np.linalg.norm(np.cross(arm, places[axis])) <= _IN_LINE * np.linalg.norm(arm):
+    if np.linalg.norm(np.cross(arm, places[axis])) <= PARALLEL * np.linalg.norm(arm):
         raise Misfit(
             f"point {point!r} is on the axis through {pivot!r} along {axis!r}, about which it is to turn; move it off"
         )
@@ -210,7 +208,7 @@ def check_off_axis(places: Mapping[str, Vector], point: str, pivot: str, axis: s
 
 def check_skew(first: str, a: Vector, second: str, b: Vector) -> None:
     """Refuse two directions that are parallel."""
-    if np.linalg.norm(np.cross(a, b)) <= _IN_LINE * np.linalg.norm(a) * np.linalg.norm(b):
+    if np.linalg.norm(np.cross(a, b)) <= PARALLEL * np.linalg.norm(a) * np.linalg.norm(b):
         raise Misfit(f"{first} and {second} are parallel; turn one of them")
 
 
@@ -301,8 +299,7 @@ def crank_travel(draw: Callable[[float], object], home: float = 0.0) -> tuple[fl
             middle = 0.5 * (good + bad)
             good, bad = (middle, bad) if possible(home + sign * middle) else (good, middle)
         limits.append(home + sign * good)
-    cut = _MARGIN * (limits[1] - limits[0])
-    return limits[0] + cut, limits[1] - cut
+    return _leave_margin(*limits)
 
 
 def reach(follow: Callable[[float, float], float | None]) -> tuple[float, float]:
@@ -322,5 +319,10 @@ def reach(follow: Callable[[float, float], float | None]) -> tuple[float, float]
         else:
             return 0.0, TURN
         limits.append(angle)
-    cut = _MARGIN * (limits[0] - limits[1])
-    return limits[1] + cut, limits[0] - cut
+    return _leave_margin(limits[1], limits[0])
+
+
+def _leave_margin(low: float, high: float) -> tuple[float, float]:
+    """Leave out a part of a limited range at either end."""
+    cut = 0.02 * (high - low)
+    return low + cut, high - cut

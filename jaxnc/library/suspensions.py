@@ -18,7 +18,6 @@ from jaxnc.mechanism.model import Place
 from jaxnc.vehicle.hardpoints import FIGURE_42
 
 _RADIUS = 310.0  # mm, of the loaded tyre
-_TRAVEL = 80.0  # mm, of the wheel centre up and down in the default drive
 _UNITS = {"length_unit": "mm", "angle_unit": "deg"}
 _DERIVED = ("4", "7", "9", "v3")  # hardpoints of figure 42 that follow from others unless they are given
 _ROD = {"4": 0.35, "9": 0.62}  # where the strut's inner ends are drawn, as a part of the way from 3 to 8
@@ -223,7 +222,8 @@ def _drive_bump(m: Mechanism, wheel: Vector, below: Vector, centre: str, hold: l
     """Mark the contact, and store the default drive: the wheel centre down and up, rack and spin of the wheel held."""
     m.marker("contact", on="knuckle", at=wheel - below)
     height = float(wheel[2])
-    drive(m, [length, "contact"], {f"{centre}.z": (height - _TRAVEL, height + _TRAVEL)})
+    travel = 80.0  # mm, of the wheel centre up and down
+    drive(m, [length, "contact"], {f"{centre}.z": (height - travel, height + travel)})
     m.model.run.hold = hold
     return m
 

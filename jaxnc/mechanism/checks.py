@@ -11,6 +11,7 @@ from jaxnc.mechanism import model as record
 PUNCTUATION = ' .-,;=()[]"'  # not in names of quantities: "B.x", "P-Q", "v(phi) [rad/s]", phi=0:6
 
 LARGEST = 1e100  # of a number in a description: its square is still one
+PARALLEL = 1e-9  # sine of an angle below which directions are parallel
 
 TENSOR = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)  # xx, yy, zz, xy, xz, yz
 

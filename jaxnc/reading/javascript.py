@@ -25,7 +25,6 @@ _BINARY = {
 """Signs, and how strongly they bind; all of them from the left."""
 _WHOLE, _NOT, _POWER, _TIMES, _PLUS, _CHOICE = 20, 14, 13, 12, 11, 2
 _NAMED = {"round": "rint", "finite": "isFinite"}
-_LETTERS = string.ascii_uppercase + string.ascii_lowercase + string.digits
 
 
 def javascript(program: Program, given: Callable[[int], str], into: Callable[[int], str]) -> str:
@@ -77,9 +76,10 @@ def javascript(program: Program, given: Callable[[int], str], into: Callable[[in
 
 def _short_names() -> Iterator[str]:
     """Yield short names that begin with a capital letter, and are none of the language's."""
+    letters = string.ascii_uppercase + string.ascii_lowercase + string.digits
     for size in itertools.count(1):
         for first in string.ascii_uppercase:
-            for rest in itertools.product(_LETTERS, repeat=size - 1):
+            for rest in itertools.product(letters, repeat=size - 1):
                 name = first + "".join(rest)
                 if name != "NaN":
                     yield name

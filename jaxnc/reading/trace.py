@@ -199,6 +199,6 @@ def _written_out(eqn: "JaxprEqn") -> str | None:
     return WRITTEN_OUT.get(eqn.params["name"]) if name in CALLED and "name" in eqn.params else None
 
 
-def _open_jaxpr(inner: Any) -> tuple[Any, Sequence[Any]]:
+def _open_jaxpr(inner: object) -> tuple[Any, Sequence[Any]]:
     """Return a jaxpr and its constants."""
     return getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())

@@ -13,7 +13,7 @@ import numpy as np
 from jaxnc.reading.program import Builder, Program
 from jaxnc.types import Scalar
 
-_PLAIN = bool | int | float | np.bool_ | np.integer | np.floating
+_Plain = bool | int | float | np.bool_ | np.integer | np.floating
 
 
 _LOGICAL = {"and", "or", "not"}
@@ -55,7 +55,7 @@ class Number:
         return Number(b, b.op(op, *at, value=value))
 
     def _with(self, op: str, other: object, turned: bool = False) -> Any:
-        if not isinstance(other, Number | _PLAIN):
+        if not isinstance(other, Number | _Plain):
             return NotImplemented
         if turned:
             return Number(self._builder, _node_of(self._builder, other)).apply(op, self)
@@ -100,7 +100,7 @@ def _truth(builder: Builder, at: int) -> bool:
 def _node_of(builder: Builder, value: object) -> int:
     if isinstance(value, Number):
         return value._at
-    if not isinstance(value, _PLAIN):
+    if not isinstance(value, _Plain):
         raise TypeError(f"{type(value).__name__} is no plain number")
     return builder.number(bool(value) if isinstance(value, bool | np.bool_) else float(value))
 

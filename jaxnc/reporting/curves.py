@@ -59,7 +59,7 @@ def chart(x: np.ndarray, name: str, unit: str, curves: Sequence[Curve], level: f
         at, _ = place(u, low)
         stroke("tick", f"M{at:.1f} {ground:.1f}v4")
         write(at, ground + 15, short(u), "middle")
-    for start, end in _gaps(curves, len(x)):
+    for start, end in _gaps(curves):
         ends = place(x[[max(start - 1, 0), min(end, len(x) - 1)]], low)[:, 0]
         at, width = f"{ends.min():.1f}", f"{max(np.ptp(ends), 1.0):.1f}"
         parts.append(element("rect", class_="failed", x=at, y=_TOP, width=width, height=ground - _TOP))
@@ -124,7 +124,7 @@ def _room(values: np.ndarray, level: float | None) -> tuple[float, float]:
     return low - spare, high + spare
 
 
-def _gaps(curves: Sequence[Curve], count: int) -> list[tuple[int, int]]:
+def _gaps(curves: Sequence[Curve]) -> list[tuple[int, int]]:
     bad = np.all([~np.isfinite(c.values) for c in curves], axis=0)
     edges = np.diff(np.concatenate([[0], bad.astype(int), [0]]))
     return list(zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True))

@@ -1,12 +1,12 @@
 """Expectations of a motion, such as ``"psi range > 30"`` or ``"P.y largest <= 0.2"``, and whether they are met."""
 
 import operator
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from jaxnc.errors import InputError
+from jaxnc.io.drives import SweepArguments
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.reporting.quantity import constant, course, extreme
@@ -43,7 +43,7 @@ def judge(verdict: Verdict, motion: Motion, texts: Sequence[str]) -> Iterator[st
         yield f"  {sentence}, {'met' if found.met else 'NOT met'}"
 
 
-def check_expected(system: System, arguments: Mapping[str, Any], texts: Sequence[str]) -> None:
+def check_expected(system: System, arguments: SweepArguments, texts: Sequence[str]) -> None:
     """Refuse expectations of quantities that there are not, by the first pose, before there are many.
 
     Args:

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from jaxnc.reporting.study import Report
     from jaxnc.vehicle.report import SuspensionReport
 
-_LINES = 4  # curves in one chart
-_LABEL = 36  # letters of what a chart has room for
 _WHEEL = ("steer", "toe", "camber", "caster", "half_track_change", "toe_out_in_turns", "scrub_radius")
 _SAID = {"error": "wrong", "warning": "warning", "note": "note"}
 
@@ -284,9 +282,10 @@ def _curves(found: "Report", quantities: Sequence[Quantity]) -> str:
         if np.isfinite(q.values).any() and not idle(q, scales[q.unit]):
             groups.setdefault((q.unit, q.rate, q.label.partition(".")[0]), []).append(q)
     charts = []
+    most = 4  # curves in one chart
     for (unit, *_), group in groups.items():
-        for k in range(0, len(group), _LINES):
-            lines = [Curve(q.label, _clear_rounding(q.values, scales[q.unit])) for q in group[k : k + _LINES]]
+        for k in range(0, len(group), most):
+            lines = [Curve(q.label, _clear_rounding(q.values, scales[q.unit])) for q in group[k : k + most]]
             charts.append(chart(over[0], over[1], unit, lines))
     return _charts(charts)
 
@@ -330,7 +329,7 @@ def _transmission(found: "Report", motion: Motion) -> str:
         rows.append([t.at, t.between, short(float(np.nanmin(t.values))), at, short(float(np.nanmax(t.values)))])
     for t in found.transmissions:
         if over is not None and np.nanmax(t.values) - np.nanmin(t.values) > 1e-6:
-            label = f"{t.at}: {t.between}" if len(t.between) <= _LABEL else t.at  # the table says the rest
+            label = f"{t.at}: {t.between}" if len(t.between) <= 36 else t.at  # the table says the rest
             out.append(chart(over[0], over[1], "deg", [Curve(label, t.values)], level=0.0))
     hint = f"90 degrees is best, 0 a dead point: what the coupler cannot turn. {why}"
     return _table(rows, text=(1,)) + _charts(out) + _hint(hint)

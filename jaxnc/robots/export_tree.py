@@ -28,9 +28,6 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.system.frames import marker_along
 from jaxnc.system.system import System
 
-_ROUND = 1e-10
-_SPIN = 1e-2  # of the largest moment: what a bar gets about its own line
-
 
 @dataclass
 class TreeLink(Link):
@@ -342,16 +339,18 @@ class ExportTree:
         """Make an inertia one that a simulator takes: positive about every axis."""
         values, axes = np.linalg.eigh(inertia.tensor)
         largest, rest = values[-1], values[0] + values[1]
-        if 0.0 < largest < rest * (1.0 + _ROUND) and rest < largest * (1.0 + _ROUND):
-            values[:2] *= 1.0 + 2.0 * _ROUND  # what is flat: rounding must not make one moment larger than the others
+        rounding = 1e-10
+        if 0.0 < largest < rest * (1.0 + rounding) and rest < largest * (1.0 + rounding):
+            values[:2] *= 1.0 + 2.0 * rounding  # what is flat: rounding must not make one moment larger than the others
             inertia.tensor = (axes * values) @ axes.T
         if largest <= 0.0:
             inertia.tensor = inertia.mass * (1e-3 * self.size) ** 2 * np.eye(3)
             what = "is a point mass: it is given the inertia of a small ball, since no link may be without"
             self.description.notes.append(f"link {name!r} {what}")
         elif values[0] < 1e-9 * largest:  # the link has no inertia about an axis
-            inertia.tensor = (axes * np.maximum(values, _SPIN * largest)) @ axes.T
-            what = f"has no inertia about its own line: it is given {_SPIN:g} of that across it"
+            share = 1e-2  # of the largest moment
+            inertia.tensor = (axes * np.maximum(values, share * largest)) @ axes.T
+            what = f"has no inertia about its own line: it is given {share:g} of that across it"
             self.description.notes.append(f"link {name!r} {what}")
 
     def _leave_out_rest(self) -> None:

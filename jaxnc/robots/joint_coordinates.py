@@ -7,14 +7,13 @@ import numpy as np
 
 from jaxnc.families.bodies import Line
 from jaxnc.mechanism import model as record
+from jaxnc.mechanism.checks import PARALLEL
 from jaxnc.robots.description import Tie, Vec
 from jaxnc.solvers.assembly import derive, evaluate
 from jaxnc.system.identity import Thing
 
 if TYPE_CHECKING:
     from jaxnc.robots.export_tree import ExportTree
-
-_ALONG = 1e-9  # sine of an angle below which directions are parallel
 
 
 @dataclass
@@ -120,7 +119,7 @@ def _sum_of_hinges(tree: "ExportTree", starts: list[int], ends: list[int], axis:
             if i == j or i not in tree.link_of or j not in tree.link_of:
                 continue
             joints = [(sign, joint) for sign, link in tree.path(i, j) for joint in link.joints if joint.kind != "slide"]
-            if all(x.kind == "hinge" and np.linalg.norm(np.cross(x.axis, axis)) <= _ALONG for _, x in joints):
+            if all(x.kind == "hinge" and np.linalg.norm(np.cross(x.axis, axis)) <= PARALLEL for _, x in joints):
                 terms = {x.name: sign * (1.0 if float(x.axis @ axis) > 0 else -1.0) for sign, x in joints}
                 if terms:
                     return terms
@@ -140,7 +139,7 @@ def _sum_of_slides(tree: "ExportTree", i: int, point: int, axis: Vec) -> dict[st
                 if joint.kind == "slide":
                     factor = float(joint.axis @ axis)
                     good = good and not turned
-                    if abs(factor) > _ALONG:
+                    if abs(factor) > PARALLEL:
                         terms[joint.name] = sign * factor
                 else:
                     turned = True

@@ -466,7 +466,7 @@ class MjcfWriter:
             if len(joints) > 2:
                 add_element(self.equality, "tendon", name=tie.name, tendon1=self._sum(tie.name, tie.terms).get("name"))
                 continue
-            other: dict[str, Any] = {}
+            other: dict[str, object] = {}
             if len(joints) == 2:
                 factor = -tie.terms[joints[1]] / tie.terms[joints[0]]
                 other = {"joint2": joints[1], "polycoef": (0.0, factor, 0.0, 0.0, 0.0)}
@@ -497,7 +497,7 @@ class MjcfWriter:
     def _add_motor(self, name: str) -> None:
         """Add a motor for a coordinate: on its joint, or on a tendon whose length it is."""
         coordinate = self.tree.coordinates.get(name)
-        motor: dict[str, Any] = {"name": name}
+        motor: dict[str, object] = {"name": name}
         if coordinate is None:
             point, _, axis = name.rpartition(".")
             if point not in self.sites or axis not in "xyz":

@@ -41,8 +41,6 @@ from jaxnc.types import Array, Coordinates, Float
 
 LEAST = 256  # lanes of one input from which a table pays
 _CHUNKS = {40_000: 256, 300_000: 1024}  # lanes in one round, if there are no more than so many of them
-_POINTS = 129  # of the table
-_MORE = 4.0  # times as many rounds to the table if points were lost on their way, twice at most
 
 
 def can_fill(plan: Plan) -> bool:
@@ -164,8 +162,9 @@ def from_table(
     unfolded = in_order and bool(guessed)
     turning = plan.periodic[0] and not unfolded
     column = values.reshape(-1)
-    width = _at_once(given, _POINTS)
-    points = width if unfolded else _POINTS
+    even = 129  # points of a table
+    width = _at_once(given, even)
+    points = width if unfolded else even
     chunks = -(-given // width)
     total = max(given, width)
     if given < total:
@@ -206,6 +205,8 @@ def from_table(
         u = lanes(j)
         return u, *interpolate([(u - low) * scale], rows, table.alive, all_alive, points)
 
+    more = 4.0  # times as many rounds to the table if points were lost on their way, twice at most
+
     def round_(state):
         i, rounds, table, made = state
         all_alive = jnp.all(table.alive)
@@ -235,7 +236,7 @@ def from_table(
         # Before the lanes: whether the points go all their way again.
         again = (i == rounds - 1.0) & (rounds < most) & ~jnp.all(table.alive)
         table = lax.cond(again, lambda: begin, lambda: table)
-        return jnp.where(again, 0, i + 1), jnp.where(again, _MORE * rounds, rounds), table, made
+        return jnp.where(again, 0, i + 1), jnp.where(again, more * rounds, rounds), table, made
 
     still = full(start[c] for c in unknown)
     facing = full(outset)
@@ -244,7 +245,7 @@ def from_table(
     # The points of the table go their way round by round; in a last round come the lanes, chunk by chunk.
     begin = _PoseTable(still, still, facing, facing, jnp.ones(width, bool))
     first = jnp.zeros((), int), jnp.asarray(rounds, q.dtype)
-    most = _MORE**2 * first[1]
+    most = more**2 * first[1]
     made = lax.while_loop(lambda state: state[0] <= state[1], round_, (*first, begin, blank))[-1]
     made = [a[:given] for a in made] if total != given else made
     return PoseBatch(tuple(made[:-3]), *made[-3:])

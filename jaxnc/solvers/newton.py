@@ -25,8 +25,6 @@ from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Coordinates
 
-_MANY = 1000  # lanes of redundant rows for which it pays to compile a program of their own
-
 
 def largest(r: Array) -> Array:
     """Largest magnitude, 0 for none."""
@@ -307,7 +305,8 @@ def _changes(plan: Plan, eq: Equations, eq_dot: Equations, x, known, known_dot, 
     )
 
 
-_CHANGES = autodiff.TwoRules(_few_changes, _lane_changes, _MANY)
+# From a thousand lanes of redundant rows on, it pays to compile a program of their own.
+_CHANGES = autodiff.TwoRules(_few_changes, _lane_changes, 1000)
 
 
 def _drawing_changes(plan: Plan, eq_dot: Equations, ok: Array) -> tuple[dict[int, Array], dict[Place, Array]]:

@@ -23,7 +23,6 @@ from jaxnc.system.system import drivable
 from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import Array, Coordinates, Float, Numbers
 
-LU = 48  # unknowns of a dense plan beyond which the host solves it by sparse LU: about as many as are written out
 LARGEST_WRITTEN = 120  # unknowns that are written out element by element under XLA
 TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
 
@@ -489,7 +488,8 @@ def unwind(angles: Numbers, turns: Numbers) -> Any:
 
 def by_lu(plan: Plan) -> bool:
     """Say whether the host solves a plan by sparse LU."""
-    return plan.large or (len(plan.unknown) > LU and len(plan.sequence) > 0)
+    # As many unknowns as are written out; beyond, sparse LU is sooner done.
+    return plan.large or (len(plan.unknown) > 48 and len(plan.sequence) > 0)
 
 
 @with_owner

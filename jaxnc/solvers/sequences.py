@@ -22,7 +22,6 @@ from jaxnc.types import Array, PyTree
 if TYPE_CHECKING:
     from jaxnc.system.equations import Equations
 
-_LANES = 2304  # poses at a time: they stay in the cache
 _LINE = 32  # steps to the farthest of scattered values, to either side: a tenth of a radian on half a turn
 
 
@@ -142,9 +141,10 @@ def _in_blocks(
     count, total, _ = goals.shape
     # 4608 poses are solved at once, in one block: fewer loops, and sooner compiled
     whole = (first + total * steps) * count <= 4608
-    designs = min(count, max(128, _LANES // (total * steps)))  # 128 designs, or more if each has few poses
+    lanes = 2304  # poses at a time: they stay in the cache
+    designs = min(count, max(128, lanes // (total * steps)))  # 128 designs, or more if each has few poses
     designs = next((k for k in range(designs, designs // 2, -1) if count % k == 0), designs)
-    rows = min(total, max(1, _LANES // (designs * steps)))
+    rows = min(total, max(1, lanes // (designs * steps)))
     rows = next((k for k in range(rows, rows // 2, -1) if total % k == 0), rows)
     blocks, span = -(-total // rows), rows * steps
     filled = blocks * rows

@@ -58,7 +58,7 @@ class Mapped:
         return jax.tree.unflatten(result, _MAPPED.bind(*arrays, of=self, structure=structure))
 
 
-def _call_leaves(arrays: Sequence[Array], of: Mapped, structure: Any) -> list[Array]:
+def _call_leaves(arrays: Sequence[Array], of: Mapped, structure: object) -> list[Array]:
     return jax.tree.leaves(of.function(*jax.tree.unflatten(structure, arrays)))
 
 
@@ -67,19 +67,19 @@ _call_once = jax.jit(_call_leaves, static_argnums=(1, 2))
 
 
 def _run_mapped(
-    *arrays: Array, of: Mapped, structure: Any, call: Callable[..., list[Array]] = _call_leaves
+    *arrays: Array, of: Mapped, structure: object, call: Callable[..., list[Array]] = _call_leaves
 ) -> list[Array]:
     like = next(a for a in arrays if jnp.issubdtype(a.dtype, jnp.inexact))
     with numbers(like):  # what was said of them around the call is over where this is compiled
         return call(arrays, of, structure)
 
 
-def _shapes(*avals: Any, of: Mapped, structure: Any) -> list[ShapedArray]:
+def _shapes(*avals: Any, of: Mapped, structure: object) -> list[ShapedArray]:
     found = jax.tree.leaves(of.shapes(*jax.tree.unflatten(structure, avals)))
     return [ShapedArray(a.shape, a.dtype) for a in found]
 
 
-def _batched(arrays: Sequence[Array], axes: Sequence, of: Mapped, structure: Any) -> tuple[list, list]:
+def _batched(arrays: Sequence[Array], axes: Sequence, of: Mapped, structure: object) -> tuple[list, list]:
     has = [axis is not None for axis in axes]  # None: not mapped
     size = next(a.shape[axis] for a, axis, b in zip(arrays, axes, has, strict=True) if b)
     first = [jnp.moveaxis(a, axis, 0) if axis else a for a, axis in zip(arrays, axes, strict=True)]

@@ -23,13 +23,9 @@ from jaxnc.system.precision import limits
 from jaxnc.types import Array, ArrayLike, Coordinates, Float, PyTree
 
 _SHORTEST = 1e-6  # of the way from the start pose to a lane: what is left of a branch that has ended
-_EASY = 0.5  # of what a step may bend is aimed at
 _FAR = 1e6  # times the way: no fold is foretold
-_NARROW = 128  # lanes at least that go together
 _KEPT = 8192  # numbers of their poses: they stay in the cache
 _FEW = 4096  # lanes: of so many, the last of which take a good part of the time, three times fewer go together
-_EVEN = 64  # lanes go together by multiples of so many: code without remainders is sooner compiled, and quicker
-_TURNS = 18  # times that they are
 _POINTS = {2: 17, 3: 9}  # of a table of poses, along each input
 
 
@@ -128,8 +124,9 @@ class _Routes:
         near = jnp.where(turning, jnp.round((values - self.origin) / (2 * jnp.pi)), 0.0) if turning.any() else None
         self.turns, self.goals = near, (values if near is None else unwind(values, near)).T
         self.block = min(self.given, 8192)  # 8192 lanes stay in the cache
-        width = max(_NARROW, (_KEPT if self.given > _FEW else _KEPT // 3) // len(self.unknown))
-        self.width = min(self.block, _EVEN * -(-self.block // -(-self.block // width) // _EVEN))
+        width = max(128, (_KEPT if self.given > _FEW else _KEPT // 3) // len(self.unknown))
+        even = 64  # code without remainders is sooner compiled, and quicker
+        self.width = min(self.block, even * -(-self.block // -(-self.block // width) // even))
         self.norm, self.least = length_of(plan, eq), limits(eq.length)
         self.points = _POINTS.get(k, self.given)
         self.tabled = self.given >= 4 * self.points**k  # a table pays from 4 times as many lanes as it has points
@@ -266,7 +263,8 @@ class _Routes:
         fall = (ways.facing**2 - jnp.stack(facing) ** 2) / (trial.at - ways.at)
         towards = jnp.stack(facing) ** 2 / jnp.where(fall > 0.0, fall, 1.0)
         left = jnp.min(jnp.where(fall > 0.0, towards, _FAR), axis=0)
-        bend = _EASY / jnp.maximum(sharp, 0.1 * _EASY)  # times as long a step would bend as much as it may
+        aim = 0.5  # of what a step may bend
+        bend = aim / jnp.maximum(sharp, 0.1 * aim)  # times as long a step would bend as much as it may
         again = bend * (ahead + jnp.where(fresh, 0.0, trial.behind)) - ahead
         longer = jnp.where(fresh, ways.step, jnp.clip(again, 0.4 * ahead, 2.0 * ahead))
         # 0.75 of what is left before a fold is a step
@@ -318,8 +316,8 @@ class _Walk:
     def run(self, made: Array, rows: Array, store: Array) -> tuple[Array, Array, Array]:
         """Walk, and put what became of the lanes into their place; likewise of the points of the table, in `rows`."""
         routes, at_table, first = self.routes, self.at_table, self.first
-        # 6 times those of a table's points: lanes can do without the last of them
-        turns = jnp.where(at_table, 6, _TURNS)
+        # Lanes go together 18 times, those of a table's points 6 times: lanes can do without the last of them.
+        turns = jnp.where(at_table, 6, 18)
         none = jnp.zeros(routes.block, bool)
         turn, _, order, went, made, rows, _, store = lax.while_loop(
             lambda st: (st[0] < turns) & ((st[0] == 0) | jnp.any(st[-2])),

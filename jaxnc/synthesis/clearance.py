@@ -25,8 +25,6 @@ from jaxnc.synthesis.loops import ground_points
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
-_CORNERS = 200  # corners of a region
-_SAG = 2.0 / 8.0  # of a second difference: twice how far a parabola leaves its chord
 _FLAT = 1e-12  # of the size: corners that are one, and regions without an area
 
 Pairs = tuple[tuple[int, int], ...]
@@ -154,13 +152,14 @@ def _sag(corners: Array) -> Array:
     square = _most(bend[:, 0] ** 2 + bend[:, 1] ** 2)
     bend = jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
     bend = jnp.concatenate([bend[..., :1], bend, bend[..., -1:]], axis=-1)
-    return _SAG * _most(jnp.stack([bend[..., :-1], bend[..., 1:]]))
+    # Twice how far a parabola leaves its chord, which is an eighth of the second difference.
+    return (2.0 / 8.0) * _most(jnp.stack([bend[..., :-1], bend[..., 1:]]))
 
 
 # -- regions -----------------------------------------------------------------------------------------------------------
 
 
-def as_region(region: Any, what: str) -> np.ndarray:
+def as_region(region: object, what: str) -> np.ndarray:
     """Check a region: corners of a polygon, or two opposite ones of a box; return its corners anticlockwise."""
     try:
         corners: np.ndarray = np.asarray(region, dtype=float)
@@ -181,8 +180,9 @@ def as_region(region: Any, what: str) -> np.ndarray:
             raise InputError(f"{what}: the box from {corners[0].tolist()} to {corners[1].tolist()} has no area")
         return np.array([[a, b], [c, b], [c, d], [a, d]])
     corners = corners[np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > _FLAT * size]
-    if len(corners) > _CORNERS:
-        raise InputError(f"{what}: {len(corners)} corners; draw the region with at most {_CORNERS}")
+    most = 200
+    if len(corners) > most:
+        raise InputError(f"{what}: {len(corners)} corners; draw the region with at most {most}")
     for i, j in itertools.combinations(range(len(corners)), 2):
         if j - i > 1 and (i > 0 or j < len(corners) - 1) and _cross(corners, i, j):
             raise InputError(
@@ -314,7 +314,7 @@ class ClearOf(Condition):
     over_range = True
 
     @classmethod
-    def of(cls, region: Any, width: float, margin: float = 0.0, links: tuple[str, ...] | None = None) -> "ClearOf":
+    def of(cls, region: object, width: float, margin: float = 0.0, links: tuple[str, ...] | None = None) -> "ClearOf":
         """Check a region and lengths; see `clear_of`."""
         corners = as_region(region, "clear_of")
         sizes = _as_size(width, "clear_of: width"), _as_size(margin, "clear_of: margin")
@@ -393,7 +393,7 @@ class ClearLinks(Condition):
 
 
 @public
-def clear_of(region: Any, links: Sequence[str] | None = None, width: float = 0.0, margin: float = 0.0) -> Condition:
+def clear_of(region: object, links: Sequence[str] | None = None, width: float = 0.0, margin: float = 0.0) -> Condition:
     """Links keep clear of a region over the whole range of the input, between its poses too.
 
     A link is a plate: the convex hull of its points and markers, rounded by half of its width.
@@ -446,7 +446,7 @@ def refuse_enclosed(what: str, conditions: Sequence[Condition], point: str | Non
             )
 
 
-def _as_links(names: Any, what: str) -> tuple[str, ...]:
+def _as_links(names: object, what: str) -> tuple[str, ...]:
     given = (names,) if isinstance(names, str) else names
     if not isinstance(given, Sequence) or not given or not all(isinstance(name, str) for name in given):
         raise InputError(f"{what} takes names of links, such as ['coupler', 'rocker'], got {names!r}")

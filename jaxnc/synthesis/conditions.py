@@ -29,7 +29,6 @@ from jaxnc.types import Array, ArrayLike
 
 LARGE = 20.0  # sizes of a problem: a link is not longer, and a mechanism not wider, unless that is asked for
 LEAST_TRANSMISSION = float(np.radians(5.0))  # below it a mechanism hardly moves what it drives: that is a defect
-_BARS = 3  # of a four-bar, beside the ground
 NO_POSE = -1.0  # in place of a margin where there is no pose
 
 
@@ -237,6 +236,11 @@ class Size(Condition):
         return (self.most - extent) / seen.size
 
 
+def _is_four_bar(system: System) -> bool:
+    """Tell whether a four-bar loop is all there is: three bars beside the ground."""
+    return len(system.topology.bodies) == 3
+
+
 @dataclass(frozen=True)
 class CrankTurns(Condition):
     """The input goes through its whole range without a dead point."""
@@ -259,7 +263,7 @@ class CrankTurns(Condition):
         loop = four_bar_loop(system, driven)
         if self.kind is not None and loop is None:
             raise InputError(f"crank_turns(kind={self.kind!r}): {system.name!r} has no four-bar loop at {driven!r}")
-        return CrankTurns(self.kind, self.margin, loop, len(system.topology.bodies) == _BARS)
+        return CrankTurns(self.kind, self.margin, loop, _is_four_bar(system))
 
     def values(self, seen: Seen) -> Array:
         rows = [] if self.loop is None else [self._grashof(self.loop, seen)]
@@ -297,7 +301,7 @@ class TransmissionAngle(Condition):
             check_points(system, "transmission_angle", *self.joint)
             return self
         loop = four_bar_loop(system, driven)
-        alone = loop is not None and len(system.topology.bodies) == _BARS
+        alone = loop is not None and _is_four_bar(system)
         return TransmissionAngle(self.least, loop.names(system)[1:]) if loop is not None and alone else self
 
     def values(self, seen: Seen) -> Array:
@@ -511,7 +515,7 @@ def symmetric(first: str, second: str, about: Sequence[str | Sequence[float]] = 
 
 
 @public
-def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Condition:
+def within(point: str, x: object = None, y: object = None, z: object = None) -> Condition:
     """A point (a fixed pivot, a joint, a tracer) stays between bounds in every pose."""
     axes = (x, y) if z is None else (x, y, z)
     box = tuple(as_interval((None, None) if b is None else b, f"within({point!r})") for b in axes)
@@ -521,7 +525,7 @@ def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Condition
 
 
 @public
-def local(point: str, along: tuple[str, str], x: Any = None, y: Any = None) -> Condition:
+def local(point: str, along: tuple[str, str], x: object = None, y: object = None) -> Condition:
     """Coordinates of a point in a body's frame, from the first point of `along` towards the second, lie in bounds."""
     box = tuple(as_interval((None, None) if b is None else b, f"local({point!r})") for b in (x, y))
     if not np.isfinite(box).any():

@@ -46,13 +46,9 @@ from jaxnc.types import Array, ArrayLike, PyTree
 LARGE = 1e15  # the value of a design that does not assemble
 GOOD, LOST, NO_VALUE, NO_SLOPE = range(4)  # what became of a trial
 MEETS = 1e-7  # violation that is none
-_HEAVIER = 4.0  # times, where a round has not made the violation so many times smaller
 
 _ROOM = 64  # steps that compiled code takes at once, at most
 _LASTING = 0.2  # seconds that they should last: so often is a descent looked at, and can be stopped
-_AVERAGED = 20  # steps over which values that are samples are averaged, to be compared with `enough`
-_SAMPLES = 64  # of a value that is drawn anew at every step, to rank designs
-_LATER = 1 << 30  # number of the first of these samples
 
 _EXTRA = ("value", "grad", "value_fn")  # what optimisers that search along lines ask for
 _THEIRS = ("optax", "jax")  # packages whose functions are what their code and closures are
@@ -104,7 +100,7 @@ class Optimiser:
 class _Only:
     """A thing that is equal to itself only."""
 
-    def __init__(self, thing: Any):
+    def __init__(self, thing: object):
         self.thing = thing
 
     def __eq__(self, other: object) -> bool:
@@ -223,7 +219,7 @@ class Descent(Shown, Leaves):
     bounds: Bounds
     equal: np.ndarray  # which of the conditions' numbers must be zero, (k,)
 
-    def __init__(self, problem: Problem, optimiser: Any, batch: int | None = None, gradient: float = 1e-8):
+    def __init__(self, problem: Problem, optimiser: object, batch: int | None = None, gradient: float = 1e-8):
         """Put them together.
 
         Args:
@@ -383,8 +379,9 @@ class Descent(Shown, Leaves):
             due = good & (((lane.steps + 1) % 50 == 0) | (left <= jnp.maximum(1e-2 * far, self.tolerance)))
             wanted = multipliers - heavy * self._with_margin(conditions)
             multipliers = jnp.where(due, jnp.where(equal, wanted, jnp.maximum(wanted, 0.0)), multipliers)
-            more = due & (far > MEETS) & (_HEAVIER * far > before)
-            heavy = jnp.where(more, jnp.minimum(_HEAVIER * heavy, 1e6), heavy)
+            times = 4.0  # heavier, where a round has not made the violation so many times smaller
+            more = due & (far > MEETS) & (times * far > before)
+            heavy = jnp.where(more, jnp.minimum(times * heavy, 1e6), heavy)
             before = jnp.where(due, far, before)
         return Lane(
             y=y,
@@ -516,7 +513,8 @@ class DescentLanes:
     def best(self) -> float:
         """The least value of a design that meets its conditions; of samples their average over some steps."""
         if self.descent.random:
-            few = np.concatenate(self.rows[-_AVERAGED:])[-_AVERAGED:, : self.count]
+            last = 20  # steps over which values that are samples are averaged
+            few = np.concatenate(self.rows[-last:])[-last:, : self.count]
             return float(np.min(np.mean(few[..., 0], axis=0)))
         meets = np.asarray(self.lanes.best_violation) <= MEETS
         return float(np.min(np.asarray(self.lanes.best_value)[meets], initial=np.inf))
@@ -530,7 +528,9 @@ class DescentLanes:
         lost = np.asarray(lanes.merit if random else lanes.best_value) >= LARGE
         if random and self.rows:
             self.lanes = _with_over(lanes, np.ones(len(y), bool))
-            parts = [self._take_steps(_LATER + k, min(_ROOM, _SAMPLES - k)) for k in range(0, _SAMPLES, _ROOM)]
+            later = 1 << 30  # number of the first of these samples
+            often = 64  # a value that is drawn anew at every step is drawn so often, to rank designs
+            parts = [self._take_steps(later + k, min(_ROOM, often - k)) for k in range(0, often, _ROOM)]
             self.lanes, samples = lanes, np.concatenate(parts)
             value, far = np.mean(samples[..., 0], axis=0), np.asarray(lanes.violation)
         out = []
@@ -761,7 +761,7 @@ def starting_designs(problem: Problem, rng: np.random.Generator, lanes: int, loo
     return np.concatenate([own[:1], x])[:lanes]
 
 
-def _unknowns(problem: Problem, starts: Any) -> np.ndarray:
+def _unknowns(problem: Problem, starts: object) -> np.ndarray:
     """Starts that were given."""
     try:
         x = np.asarray([getattr(one, "x", one) for one in starts] if isinstance(starts, Sequence) else starts, float)

@@ -16,7 +16,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, OnlyCircuit, TransmissionAngle
-from jaxnc.synthesis.evaluate import MovedDesign, follow_again, meeting_sines, move_designs
+from jaxnc.synthesis.evaluate import MEETS, MovedDesign, follow_again, meeting_sines, move_designs
 from jaxnc.synthesis.loops import four_bar_loop, link_lengths
 from jaxnc.synthesis.problem import Problem
 from jaxnc.system.identity import Owner, Thing
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.search.basins import Basin
     from jaxnc.synthesis.search.sqp import End
 
-_MEETS = 1e-8
-_CLOSE = 1e-3  # of the size: a condition that is met by less may hold a design back
 NAMED = 4  # conditions that are named in a sentence
 BLUNT = "has a transmission angle of"
 
@@ -148,7 +146,7 @@ def shortfalls(problem: Problem, one: MovedDesign) -> dict[str, float]:
         return {}
     found = zip(problem.conditions, _read_numbers(problem, one).conditions, strict=True)
     least = {c.name: float(np.min(v, initial=0.0)) for c, v in found if c.over_range and not c.equality}
-    return {name: -low for name, low in least.items() if low < -10 * _MEETS}
+    return {name: -low for name, low in least.items() if low < -10 * MEETS}
 
 
 def describe_nonfinite(problem: Problem, x: np.ndarray) -> str:
@@ -195,11 +193,11 @@ def _judge_one(problem: Problem, one: MovedDesign, end: "End", starts: int) -> D
         defects.append(f"does not reach target {int(np.flatnonzero(~moves)[0]) + 1} on its branch")
     if problem.turning and not good.all():
         defects.append("cannot go through its whole range")
-    if (told.own < -_MEETS).any():
+    if (told.own < -MEETS).any():
         defects.append(problem.rule[1])
     for c, values in zip(problem.conditions, told.conditions, strict=True):
         far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
-        if (far > 10 * _MEETS).any() and not (c.over_range and not good.all() and defects):
+        if (far > 10 * MEETS).any() and not (c.over_range and not good.all() and defects):
             defects.append(f"misses {c.name} by {far.max():.2g}")
         if isinstance(c, OnlyCircuit) and good.all() and (wrong := c.defect(one.turn)):
             defects.append(wrong)
@@ -262,12 +260,13 @@ def _least_sine(problem: Problem, one: MovedDesign, moves: np.ndarray, good: np.
 def _binding(problem: Problem, told: _Numbers, x: np.ndarray) -> list[str]:
     """Conditions that are just met, and unknowns at a bound."""
     out = []
+    close = 1e-3  # a condition that is met by less may hold a design back; of the size, where it is a length
     for c, values in zip(problem.conditions, told.conditions, strict=True):
-        if c.equality or (values.size and values.min() < _CLOSE):
+        if c.equality or (values.size and values.min() < close):
             out.append(c.name)
-    if told.own.size and told.own.min() < _CLOSE:
+    if told.own.size and told.own.min() < close:
         out.append(problem.rule[0])
-    near = _CLOSE * problem.scale
+    near = close * problem.scale
     for name, v, low, high, e in zip(problem.names, x, problem.low, problem.high, near, strict=True):
         if v <= low + e or v >= high - e:
             out.append(f"the bound of {name}")
@@ -280,7 +279,7 @@ def worst_conditions(problem: Problem, x: np.ndarray) -> str:
     far = {problem.rule[0]: float(np.max(-told.own, initial=0.0))}
     for c, values in zip(problem.conditions, told.conditions, strict=True):
         far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))
-    worst = sorted((n for n in far if far[n] > _MEETS), key=lambda n: -far[n])
+    worst = sorted((n for n in far if far[n] > MEETS), key=lambda n: -far[n])
     more = f" and {len(worst) - NAMED} more" if len(worst) > NAMED else ""
     return ", ".join(f"{n} by {far[n]:.2g}" for n in worst[:NAMED]) + more
 

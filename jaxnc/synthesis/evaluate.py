@@ -67,8 +67,6 @@ def _processors() -> int:
 
 _compiled_sines = jit(loops.loop_sines)
 
-_WIDE = 512  # designs at once where only those are sought that go on
-_STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
 _PARTS = 8  # into which a step is divided across which determinants change too much
 
 
@@ -137,10 +135,12 @@ def reach_targets(problem: Problem, x: np.ndarray) -> np.ndarray:
     if top.large or not readable(top):
         return np.ones(len(x), bool)
 
-    def part(first: int) -> np.ndarray:
-        return np.all(solve_poses(problem, x[first : first + _WIDE], 0).status == int(Status.CONVERGED), axis=1)
+    width = 512  # designs at once, where only those are sought that go on
 
-    return np.concatenate(map_threads(part, range(0, len(x), _WIDE)))
+    def part(first: int) -> np.ndarray:
+        return np.all(solve_poses(problem, x[first : first + width], 0).status == int(Status.CONVERGED), axis=1)
+
+    return np.concatenate(map_threads(part, range(0, len(x), width)))
 
 
 def solve_curves(
@@ -239,8 +239,9 @@ class _Designs:
         if self.problem.periodic:
             home = home + 2 * np.pi * np.round((values[:, 0] - home) / (2 * np.pi))
         turning = bool(self.view.angles) and self.view.angles[0] == 0
-        # poses that are followed to one after the other: longer steps are lost in space
-        step = _STEP if self.steps.closed else 0.1
+        # Radians, or parts of the size, between poses that are looked at. Where poses are followed to one after the
+        # other, longer steps than a tenth are lost in space.
+        step = 0.25 if self.steps.closed else 0.1
         track, at = _make_track(home, values, step * (1.0 if turning else self.length))
         start = self.start.copy()
         start[self.view.known[0]] = home
@@ -392,7 +393,6 @@ def _sweep_each(problem: Problem, x: np.ndarray, poses: int) -> DesignPoses:
 
 LANES = 48  # the most designs evaluated at once
 MEETS = 1e-8  # violation of a condition that a design may have
-_AT_ONCE = 16  # designs for which it is compiled
 
 
 def violation(conditions: np.ndarray, equal: np.ndarray) -> np.ndarray:
@@ -423,11 +423,12 @@ class Evaluator:
             ``(B, m + k, n)``, and which designs reach all of their targets.
         """
         at, problem, parts = np.flatnonzero(np.ones(len(x)) if live is None else live), self.goal.problem, []
-        for found in solve_changes(problem, x[at, : problem.count], problem.poses, way, _AT_ONCE):
-            first, count = len(parts) * _AT_ONCE, len(found.q)
-            fill = np.minimum(np.arange(_AT_ONCE), count - 1)
+        width = 16  # designs for which it is compiled
+        for found in solve_changes(problem, x[at, : problem.count], problem.poses, way, width):
+            first, count = len(parts) * width, len(found.q)
+            fill = np.minimum(np.arange(width), count - 1)
             some = at[first + fill]
-            found = found if count == _AT_ONCE else jax.tree.map(lambda a, fill=fill: a[fill], found)
+            found = found if count == width else jax.tree.map(lambda a, fill=fill: a[fill], found)
             parts.append(_compiled_evaluate(self.structure, self.leaves, x[some], given[some], self.scale, found))
         whole = []
         for each in zip(*parts, strict=True):
@@ -439,7 +440,7 @@ class Evaluator:
 
 @functools.partial(jit, static_argnums=0)
 def _compiled_evaluate(
-    structure: Any, leaves: list[Array], x: Array, given: Array, scale: Array, found: DesignPoses
+    structure: object, leaves: list[Array], x: Array, given: Array, scale: Array, found: DesignPoses
 ) -> tuple[Array, Array, Array, Array]:
     goal: Goal = jax.tree.unflatten(structure, leaves)
 

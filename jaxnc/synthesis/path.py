@@ -23,7 +23,6 @@ from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Numbers
 
 _SENSE = "sense of the input"  # its sign counts
-_APART = 1e-4  # of a radian (of the travel): timings stay in order by at least this
 
 
 @public
@@ -204,8 +203,9 @@ class PathGeneration(Problem):
         # One way round, as the first start had it: forwards, or, with all steps negative, backwards.
         way = jax.lax.stop_gradient(jnp.where(jnp.sum(extra[1:]) >= 0.0, 1.0, -1.0))
         span = self.travel[1] - self.travel[0]
-        steps = way * extra[1:] - _APART
-        return jnp.append(steps, span - way * jnp.sum(extra[1:]) - (_APART if self.closed else 0.0))
+        apart = 1e-4  # of a radian (of the travel): timings stay in order by at least this
+        steps = way * extra[1:] - apart
+        return jnp.append(steps, span - way * jnp.sum(extra[1:]) - (apart if self.closed else 0.0))
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
         return self.timings(rng, count)

@@ -120,6 +120,6 @@ def shapes(f: Callable, *given: object) -> PyTree:
 
 
 @functools.lru_cache(maxsize=1024)
-def _cached_shapes(f: Callable, structure: Any, kinds: tuple[tuple[tuple[int, ...], np.dtype], ...]) -> PyTree:
+def _cached_shapes(f: Callable, structure: object, kinds: tuple[tuple[tuple[int, ...], np.dtype], ...]) -> PyTree:
     leaves = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
     return jax.eval_shape(lambda *x: f(*jax.tree.unflatten(structure, x)), *leaves)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,7 +10,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError, ModelFileError, counted
 from jaxnc.kinematics.motion import Motion
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Shown, align_columns
 from jaxnc.synthesis.design import BLUNT, NAMED, Design, judge, to_mechanism, worst_conditions
 from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.problem import Problem
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-_LENGTHS = 12  # of links that a table shows
 _CONTINUUM = (
     "the best found of a continuum of exact designs, which is listed once: it can change in {} and still meet the "
     "targets; more targets, conditions or bounds narrow it down"
@@ -245,13 +243,13 @@ class Result(Shown):
         rows = self.rows()
         names = list(self.designs[0].lengths) if self.designs else []
         if not names:
-            return align_columns(rows)
-        shown, more = names[:_LENGTHS], f" (the first {_LENGTHS} of {len(names)})" if len(names) > _LENGTHS else ""
+            return "\n".join(align_columns(rows))
+        most = 12  # lengths that a table shows
+        shown, more = names[:most], f" (the first {most} of {len(names)})" if len(names) > most else ""
         sides = [("", *shown)]
         sides += [(str(k + 1), *(f"{d.lengths[n]:.5g}" for n in shown)) for k, d in enumerate(self.designs)]
-        return (
-            f"{align_columns(rows)}\nlengths [{self.problem.system.topology.length_unit}]{more}\n{align_columns(sides)}"
-        )
+        between = f"lengths [{self.problem.system.topology.length_unit}]{more}"
+        return "\n".join([*align_columns(rows), between, *align_columns(sides)])
 
     @property
     def sentences(self) -> list[str]:
@@ -324,12 +322,6 @@ class Result(Shown):
 def format_quantity(value: float, unit: str, digits: int = 3) -> str:
     """A number with its unit, if it has one."""
     return f"{value:.{digits}g} {unit}".rstrip()
-
-
-def align_columns(rows: Sequence[Sequence[str]]) -> str:
-    """A table as text: rows of words, each column as wide as its widest word."""
-    width = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
-    return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, width, strict=True)).rstrip() for r in rows)
 
 
 @public

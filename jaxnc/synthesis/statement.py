@@ -19,8 +19,6 @@ from jaxnc.synthesis.problem import Problem, Variables, home_value
 from jaxnc.synthesis.validate import as_interval, as_names, check_radians
 from jaxnc.system.system import System, characteristic_length, drivable
 
-_TURNS = 40 * np.pi  # an input that travels further is doubted to be in radians
-
 
 class Statement(NamedTuple):
     """Fields of a `Problem` that all kinds of problems have in common, checked and completed."""
@@ -277,7 +275,8 @@ def set_up(
     else:
         travel = as_interval(travel, f"{what}: travel")
         if top.is_angle(driven):
-            check_radians(np.array(travel), f"{what}: travel", _TURNS, "state fewer turns")
+            # An input that travels further is doubted to be in radians.
+            check_radians(np.array(travel), f"{what}: travel", 40 * np.pi, "state fewer turns")
     whole = bool(np.isclose(travel[1] - travel[0], 2 * np.pi))
     length = float(characteristic_length(system.parameters.points))
     return Statement(system, driven, found, conditions, hold, travel, whole, length, description)

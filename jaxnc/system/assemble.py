@@ -26,6 +26,7 @@ from jaxnc.constraints import Kind, RateKind
 from jaxnc.doors import door
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
+from jaxnc.mechanism.checks import PARALLEL
 from jaxnc.system.design import recipe_formula
 from jaxnc.system.identity import Dimension, Owner, Quantity, Thing, addresses, called, names_of
 from jaxnc.system.loads import LoadAssembler
@@ -39,10 +40,7 @@ if TYPE_CHECKING:
 _LENGTH_NAMES = re.compile(r"(length|radius)\d*")  # constants of kinds that are lengths
 COINCIDENT = 1e-9  # of the drawing's size: closer points have no direction
 _ACROSS = 1e-6  # cosine up to which two directions count as perpendicular
-_IN_LINE = 1e-9  # sine of an angle below which directions are parallel
 _NEARLY = 2e-3  # below which they are suspiciously nearly so, where a vector was typed in
-_NEARLY_POINTS = 1e-5  # the same where all are points
-_GOOD = 0.2  # from which a base counts as well conditioned
 
 
 def compile_mechanism(mechanism: "Mechanism", sparse: bool | None, dtype: str | None) -> System:
@@ -977,11 +975,11 @@ class SpatialAssembler(Assembler):
         units = np.array([self.drawn(s) / np.linalg.norm(self.drawn(s)) for s in candidates])
         shared = [self.count_shared(name, s) for s in candidates]
         area = np.linalg.norm(np.cross(units[:, None], units[None]), axis=-1)
-        if area.max() <= _IN_LINE:
+        if area.max() <= PARALLEL:
             best = max(range(len(candidates)), key=lambda i: (len(candidates[i]) == 1, shared[i], sizes[i]))
             return (candidates[best],)
         quality = area * np.outer(sizes, sizes)
-        limit = _NEARLY if vectors else _NEARLY_POINTS
+        limit = _NEARLY if vectors else 1e-5  # of points no less is suspicious
         if quality.max() < limit:
             i, j = np.unravel_index(int(area.argmax()), area.shape)
             degrees = np.degrees(np.arcsin(min(float(area[i, j]), 1.0)))
@@ -995,7 +993,7 @@ class SpatialAssembler(Assembler):
         if form == "text":
             volume = np.abs(np.einsum("ia,jka->ijk", units, np.cross(units[:, None], units[None])))
             volume = volume * np.einsum("i,j,k->ijk", sizes, sizes, sizes)
-            if volume.max() > _IN_LINE:
+            if volume.max() > PARALLEL:
                 if volume.max() < 1e-3:  # a smaller volume makes the text's form badly conditioned
                     raise MechanismError(
                         f"body {name!r}: its points and vectors are drawn nearly in one plane, where the base of three "
@@ -1012,7 +1010,8 @@ class SpatialAssembler(Assembler):
     @staticmethod
     def best(count: int, quality: np.ndarray, shared: list[int]) -> tuple[int, ...]:
         """The well-conditioned choice with most shared segments; the best-conditioned one if there is none."""
-        good = _GOOD if count == 2 else _GOOD / 2
+        enough = 0.2  # from which a base counts as well conditioned
+        good = enough if count == 2 else enough / 2
 
         def score(chosen: tuple[int, ...]):
             q = float(quality[chosen])

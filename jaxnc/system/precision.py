@@ -9,7 +9,7 @@ import functools
 import inspect
 import math
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -91,7 +91,7 @@ def farthest(like: Numbers) -> float:
     return 2.0 ** (math.floor(math.log2(limits(like).told / np.finfo(like.dtype).eps)) + 1)
 
 
-def numbers(like: Any) -> contextlib.AbstractContextManager:
+def numbers(like: object) -> contextlib.AbstractContextManager:
     """Make new numbers as wide as those of an array (or as a type of numbers) inside of a ``with`` statement.
 
     There the library's own promotion holds too: see `jaxnc.promotion`.

@@ -13,6 +13,7 @@ from jaxnc.doors import door
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import METRES, outside
 from jaxnc.kinematics.motion import Motion
+from jaxnc.notebooks import align_columns
 from jaxnc.solvers.assembly import derive
 from jaxnc.vehicle.hardpoints import RACK, trade_names
 from jaxnc.vehicle.suspension import ATTITUDE, NUMBERS, Layout, Options, resolve, suspension, wheel_numbers
@@ -141,7 +142,7 @@ class SuspensionReport:
         first += f"{low:.4g}{ends[0]} to {high:.4g}{ends[1]}"
         head = ["", "static", "gradient", "", "smallest", f"at [{self.unit}]", "largest", f"at [{self.unit}]"]
         table = [head, *(_row_cells(row) for row in self.rows)]
-        lines = [f"{first} {self.unit}", *align_columns(table, left=(0, 3))]
+        lines = [f"{first} {self.unit}", *align_columns(table, (0, 3), "  ")]
         if failed := int(np.isnan(next(iter(self.curves.values()))).sum()):
             lines.append(f"  {failed} of {len(self.along)} poses were not found")
         lines += [f"  {name} {value:.4g} %" for name, value in self.vehicle.items()]
@@ -149,7 +150,7 @@ class SuspensionReport:
             return "\n".join(lines)
         if self.hardpoints:
             points = [[n, trade, *(f"{v + 0.0:.2f}" for v in at)] for n, (trade, at) in self.hardpoints.items()]
-            lines += align_columns([["", f"hardpoints as drawn [{self.length}]", "x", "y", "z"], *points], left=(0, 1))
+            lines += align_columns([["", f"hardpoints as drawn [{self.length}]", "x", "y", "z"], *points], (0, 1), "  ")
         return "\n".join([*lines, *(f"  {line}" for line in SIGNS)])
 
     @property
@@ -382,18 +383,6 @@ def _row_cells(row: SuspensionRow) -> list[str]:
         row.gradient_unit,
         *ends,
         _format_number(row.largest_at, 1),
-    ]
-
-
-def align_columns(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -> list[str]:
-    """Rows with their columns aligned: names to the left, numbers to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  "
-        + "  ".join(
-            c.ljust(w) if k in left else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
     ]
 
 

@@ -187,7 +187,7 @@ class Suspension(Shown):
 class _TracedSuspension(Suspension):
     """A suspension in traced code: a number becomes a part of the program when it is asked for, others cost nothing."""
 
-    def __init__(self, motion: Motion, layout: "Layout", radius: Any):
+    def __init__(self, motion: Motion, layout: "Layout", radius: ArrayLike | None):
         vars(self).update(
             _of=(motion, layout, radius), converged=motion.converged, length_unit=motion.system.topology.length_unit
         )

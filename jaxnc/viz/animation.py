@@ -21,9 +21,6 @@ from jaxnc.viz.poses import Poses, evenly, poses
 from jaxnc.viz.repr_html import Animation
 from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mix
 
-_MOST = 120  # frames, unless asked for more
-_MOST_IN_TIME = 240  # the same of a motion in time
-
 
 @public
 def animate(
@@ -93,11 +90,11 @@ def _choose_frames(data: Poses, frames: int | Sequence[int] | None, fps: float) 
     every = data.count - 1 if data.closed else data.count
     if frames is None and data.motion.time is not None:
         time = np.asarray(data.motion.time, float)
-        count = int(np.clip(round(fps * float(time[-1] - time[0]) / data.pace), 2, _MOST_IN_TIME))
+        count = int(np.clip(round(fps * float(time[-1] - time[0]) / data.pace), 2, 240))
         wanted = np.linspace(time[0], time[-1], count, endpoint=not data.closed)
         return np.abs(time[:, None] - wanted).argmin(axis=0).tolist()
     if frames is None:
-        frames = min(every, _MOST)
+        frames = min(every, 120)  # a page that is quick to read
         if frames == every:
             return list(range(every))
     if isinstance(frames, (int, np.integer)):

@@ -15,7 +15,6 @@ LONGEST = 0.2
 """Length of the longest arrow, of the drawing's size."""
 
 _USUAL, _BEYOND = 90.0, 1.6  # percentile of the poses, and how much more than in these is still drawn to scale
-_SMALL = 0.2  # of the largest force: kinds that are smaller have a scale of their own
 _DISC, _RING = 1.05, 1.6  # radius of the symbol of a centre of mass, and of one that is seen around a joint, units
 _NOUNS = ("velocity", "acceleration")
 
@@ -125,7 +124,8 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
         if len(chosen):
             own, most = reach[kind]
             places = np.asarray(found[kind][0]).reshape(poses.count, -1, dim)[:, chosen]
-            shown = shared if own > _SMALL * shared else own  # a weight beside large reactions
+            # A kind that is much smaller than the largest force has a scale of its own.
+            shown = shared if own > 0.2 * shared else own  # a weight beside large reactions
             made = _scale(kind, (), places, every[kind][:, chosen], (shown, own, most), "N", size)
             made = dataclasses.replace(made, chosen=tuple(chosen.tolist()))
             if kind == "weight":

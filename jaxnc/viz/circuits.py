@@ -17,8 +17,6 @@ from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, axis_name, crown, fur
 if TYPE_CHECKING:
     from jaxnc.kinematics.circuits import Circuits
 
-_PANELS = 6  # assemblies beside the curves
-
 
 @public
 def draw_circuits(
@@ -54,7 +52,7 @@ def draw_circuits(
     top = circuits.branches[0].poses.system.topology
     over = over or _telling_apart(circuits)
     turned = np.degrees(1.0) if top.is_angle(over) else 1.0
-    shown = circuits.branches[:_PANELS]
+    shown = circuits.branches[:6]  # there is room for six beside the curves
     figure = Picture(
         figsize=inches(size, lambda width: 0.5 * width), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05)
     )

@@ -15,7 +15,6 @@ from jaxnc.system.assemble import assemble
 from jaxnc.system.system import System, drivable, unheld
 from jaxnc.types import Inputs
 
-_NAMED = 4  # names, at most, of what may be driven
 POSES = 181  # of a motion whose number of poses is not given
 
 
@@ -49,7 +48,7 @@ def caption(thing: Mechanism | System) -> str:
     text = f"{count} degree{'' if count == 1 else 's'} of freedom"
     if count:
         names, named = drivable(system.topology), system.topology.scalars
-        shown = min(max(count, sum(name in named for name in names)), _NAMED)  # names that were given come first
+        shown = min(max(count, sum(name in named for name in names)), 4)  # those that were given come first
         text += f"; {', '.join(names[:shown])}{', …' if len(names) > shown else ''} may be driven"
     return "; ".join([text, *unheld(system.topology)])
 

@@ -29,9 +29,7 @@ from jaxnc.viz.style import INK, LIGHT, colour_of
 
 Wish = str | tuple[str, ...]
 
-_FAR = 1.2  # diagonals of the mechanism from its middle: what lies farther is listed, not drawn
 _CURVE = 0.55  # the same for how far curves decide the extents
-_RUN = 0.16  # of the diagonal: arrow to what is not in the picture
 _SUB = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
@@ -168,7 +166,7 @@ class PlaneOverlay(Overlay):
         super().collect(show)
         self.view.legend = Legend((*self.keys, *self.notes))
 
-    def near(self, x: np.ndarray, share: float = _FAR) -> bool:
+    def near(self, x: np.ndarray, share: float = 1.2) -> bool:
         """Tell whether a place is close enough to be drawn."""
         return bool(np.hypot(*(x - self.middle)) <= share * self.size)
 
@@ -195,8 +193,9 @@ class PlaneOverlay(Overlay):
 
     def _arrow_away(self, start: np.ndarray, way: np.ndarray, text: str) -> None:
         """Point towards what is not in the picture, with its name."""
-        first = start + 0.25 * _RUN * self.size * way
-        last = start + (0.25 + 1.0) * _RUN * self.size * way
+        run = 0.16  # of the diagonal: arrow to what is not in the picture
+        first = start + 0.25 * run * self.size * way
+        last = start + (0.25 + 1.0) * run * self.size * way
         self.curves.append(_Curve(np.stack([first, last]), INK, 0.2, (1.0, 0.7), f"towards {text}", head=True))
         self.points.append((last, text))
         self.add_label(self.add_place(last), text)

@@ -18,7 +18,6 @@ TEXT = 2.0
 
 _Box = tuple[np.ndarray, np.ndarray]  # middles of a name in some poses, (S, 2), and its half size, (2,), units
 
-_EM = 0.68  # width of a letter, in its size: of most, and below of those that are much narrower or wider
 _EMS = {
     letter: ems
     for ems, letters in (
@@ -217,7 +216,8 @@ def _outside(centre: np.ndarray, half: np.ndarray, edges: np.ndarray | None) -> 
 
 def half_size(text: str) -> np.ndarray:
     """Measure half width and half height of a text, units."""
-    return np.array([0.5 * TEXT * sum(_EMS.get(letter, _EM) for letter in text), 0.5 * TEXT])
+    # A letter that is not listed is 0.68 of its size wide.
+    return np.array([0.5 * TEXT * sum(_EMS.get(letter, 0.68) for letter in text), 0.5 * TEXT])
 
 
 def _place_angle_name(

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.modes import Modes, ModesMap
     from jaxnc.system.topology import Topology
 
-_MOST = 40  # panels in a picture
-_PANEL = 2.6  # inches
-
 
 @public
 def draw_modes(modes: "Modes", path: str | Path | None = None, columns: int = 4, dpi: float = 150.0) -> Figure:
@@ -42,14 +39,15 @@ def draw_modes(modes: "Modes", path: str | Path | None = None, columns: int = 4,
         InputError: no assembly, or no column.
         OutputError: a file that cannot be written.
     """
-    count = min(len(modes), _MOST)
+    count = min(len(modes), 40)  # panels in a picture
     if not count:
         raise InputError(f"{modes.poses.system.topology.name!r} has no assembly at these inputs, so none can be drawn")
     if columns < 1:
         raise InputError(f"columns must be at least 1, got {columns}")
     columns = min(columns, count)
     rows = math.ceil(count / columns)
-    figure = Figure(figsize=(_PANEL * columns, _PANEL * rows), layout="constrained")
+    side = 2.6  # inches of a panel
+    figure = Figure(figsize=(side * columns, side * rows), layout="constrained")
     space = modes.poses.system.topology.dim == 3
     for k in range(count):
         ax = figure.add_subplot(rows, columns, k + 1, projection="3d" if space else None)

@@ -31,8 +31,6 @@ _PANEL = (1.45, 2.0, 2.9)  # height of a plot: least, wanted, most
 _UNDER = 0.42  # a plot's numbers and name of its axis
 _BESIDE = 0.66  # and those at its left
 _DRAWING = (2.2, 5.2)  # height of a drawing: least and most
-_NOTES = 0.55  # texts under the drawing
-_ENTRIES = 16  # dimensions in the table, at most
 
 
 @public
@@ -81,10 +79,11 @@ def motion_sheet(
     x, panels = abscissa(data, against), group_quantities(data, names)
     size = _size(paper)
     wide = size[0] - 2 * _MARGIN if isinstance(paper, str) else size[0] - 0.3
-    tables = [_dimension_table(data), _extreme_table(data, x, panels)]
+    tables = [_dimension_table(data), _extreme_table(x, panels)]
     high = size[1] - 2 * _MARGIN if size[1] else None
     noted = bool(options.get("show")) and data.dim == 2
-    plan = _SheetPlan(data, points, wide, high, len(panels), tables, options.get("view"), _NOTES if noted else 0.0)
+    notes = 0.55 if noted else 0.0  # inches of texts under the drawing
+    plan = _SheetPlan(data, points, wide, high, len(panels), tables, options.get("view"), notes)
     height = size[1] or plan.height + 0.3
     figure = Picture(figsize=(size[0], height))
     left, top = (size[0] - wide) / 2, height - (_MARGIN if size[1] else 0.15)
@@ -94,7 +93,7 @@ def motion_sheet(
         a, b, w, h = part
         return (left + a) / size[0], (top - b - h) / height, w / size[0], h / height
 
-    _write_heading(figure, data, x, box((0.0, 0.0, wide, _HEAD)), title)
+    _write_heading(figure, data, box((0.0, 0.0, wide, _HEAD)), title)
     ax = figure.add_axes(box(plan.drawing), projection="3d" if data.dim == 3 else None)
     k = int(data.extent_poses[len(data.extent_poses) // 3]) if pose is None else pose
     draw(motion, pose=k, ax=ax, trace=points, **{"frame": "scale", "title": "", **options})
@@ -210,12 +209,13 @@ def _dimension_table(data: Poses) -> list[tuple[str, ...]]:
         for a, b in pairs:
             rows.append((name, f"{top.points[a]}–{top.points[b]}", _number(float(np.linalg.norm(x[b] - x[a])))))
             name = ""
-    if len(rows) > _ENTRIES:
-        rows = [*rows[: _ENTRIES - 1], ("…", "", "")]
+    most = 16  # dimensions in the table
+    if len(rows) > most:
+        rows = [*rows[: most - 1], ("…", "", "")]
     return [("link", "length", f"[{top.length_unit}]" if top.length_unit else ""), *rows]
 
 
-def _extreme_table(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ...]]:
+def _extreme_table(x: Quantity, panels: list) -> list[tuple[str, ...]]:
     """List the least and the greatest value of what is plotted, and where."""
     unit = f" [{x.unit}]" if x.unit else ""
     rows: list[tuple[str, ...]] = [
@@ -236,7 +236,7 @@ def _extreme_table(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ..
 # -- putting it on paper ----------------------------------------------------------------------------------------------
 
 
-def _write_heading(figure: Figure, data: Poses, x: Quantity, box, title: str | None) -> None:
+def _write_heading(figure: Figure, data: Poses, box, title: str | None) -> None:
     left, bottom, _, high = box
     name = data.topology.name if title is None else title
     freedoms = data.motion.system.degrees_of_freedom

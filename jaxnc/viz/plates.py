@@ -19,19 +19,17 @@ if TYPE_CHECKING:
 
 _LARGE = (7.2, 6.4)  # the most that the plan takes, inches
 _EDGE = 0.62  # at the left and below, for numbers and names of axes
-_SMALL = 7.0  # points: names of pins
 _ARC = 16  # stretches that an arc is drawn by
 _GROUND = 0  # number of the ground plate
 
 
-def draw_plates(assembly: "Assembly", path: str | Path | None = None, pose: int = 0, dpi: float = 200.0) -> Figure:
+def draw_plates(assembly: "Assembly", path: str | Path | None = None, pose: int = 0) -> Figure:
     """Draw the plates of a mechanism in one pose, from above and from the side.
 
     Args:
         assembly: what `Motion.to_parts` returned.
         path: file to write as well: PNG, SVG, PDF or JPG.
         pose: which pose of the motion, counted from the end if negative.
-        dpi: dots per inch of a file.
 
     Returns:
         The figure: in the plan at scale, from the side with heights of their own scale.
@@ -93,7 +91,7 @@ def draw_plates(assembly: "Assembly", path: str | Path | None = None, pose: int 
         look: dict[str, Any] = {"fontsize": letters, "color": LIGHT[colour], "va": "top", "parse_math": False}
         figure.text(0.12 / size[0], 1 - down / size[1], line, **look)
         down += 1.45 * letters / 72
-    return finish(figure, path, dpi)
+    return finish(figure, path)
 
 
 def _colours(k: int) -> tuple[str, str]:
@@ -156,14 +154,15 @@ def _names(ax, assembly: "Assembly", corners: list[np.ndarray], pins: list[compl
             *at, text, fontsize=NUMBERS, color=LIGHT["ink"], ha="center", va="center", parse_math=False, zorder=50,
             gid="label", bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "boxstyle": "round,pad=0.15"},
         )  # fmt: skip
+    size = 7.0  # points
     for pin, z in zip(assembly.pins, pins, strict=True):
-        half = 0.5 * np.array([wide(pin.name, _SMALL), 1.2 * _SMALL]) / 72 / scale
+        half = 0.5 * np.array([wide(pin.name, size), 1.2 * size]) / 72 / scale
         turns = np.exp(0.25j * np.pi * np.array([1, 3, 5, 7, 0, 2, 4, 6]))
         ways = _plane(turns) * (disc + 0.03 / scale + half)  # 0.03 inches between a pin and its name
         spots = [np.clip(np.array([z.real, z.imag]) + way, low + half, high - half) for way in ways]
         at = _freest(spots, half, taken)
         taken.append((at, half))
-        ax.text(*at, pin.name, fontsize=_SMALL, color=LIGHT["ink"], ha="center", va="center", parse_math=False,
+        ax.text(*at, pin.name, fontsize=size, color=LIGHT["ink"], ha="center", va="center", parse_math=False,
                 zorder=49, gid="label")  # fmt: skip
 
 

@@ -28,12 +28,10 @@ if TYPE_CHECKING:
     from jaxnc.vehicle.suspension import Suspension
 
 _CHORD, _BEND, _BETWEEN = 0.02, 0.08, 8  # of a path's extent, radians: chords that are drawn as so many
-_LEAP = 1.0  # of the largest speed: how much more it changes within a step than accelerations account for, at an impact
-_SAMPLE = 9  # poses that names are placed to suit
 _NOUNS = ("position", "velocity", "acceleration", "jerk")
 
 
-def evenly(x: np.ndarray, count: int = _SAMPLE) -> np.ndarray:
+def evenly(x: np.ndarray, count: int = 9) -> np.ndarray:
     """Pick a few rows of an array, evenly spread."""
     return x[np.unique(np.linspace(0, len(x) - 1, count).astype(int))]
 
@@ -81,7 +79,7 @@ class Poses:
         y = np.median(self.places[self.extent_poses, self.names.index(names.wheel_centre), 1])
         return suspension(self.motion, side="left" if y > 0 else "right")
 
-    def with_reactions(self, found: Any) -> "Poses":
+    def with_reactions(self, found: object) -> "Poses":
         """Add reactions that were found already."""
         from jaxnc.dynamics.inverse import InverseDynamics
         from jaxnc.dynamics.reactions import Reactions
@@ -325,7 +323,8 @@ def _interpolate(
     bow = s**2 * (1 - s) ** 2 * (lack * (1 - s) + over * s) / 2
     leaps = np.linalg.norm(first[k + 1] - first[k] - h * (second[k] + second[k + 1]) / 2, axis=-1, keepdims=True)
     most = np.nanmax(np.linalg.norm(first, axis=-1), initial=0.0)
-    return np.where(leaps > _LEAP * most, a + s * (b - a), _cubic(s, a, b, v, w) + bow)
+    # At an impact, the speed changes by the largest speed more than accelerations account for.
+    return np.where(leaps > most, a + s * (b - a), _cubic(s, a, b, v, w) + bow)
 
 
 def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses:

@@ -26,7 +26,6 @@ ENERGIES = ("energy", "kinetic energy", "potential energy")
 EXERTED = ("effort", "load", "reaction", "support")
 """What acts on it, before a name."""
 _ENERGIES = (energy, kinetic_energy, potential_energy)
-_STILL = 1e-9  # of the size: what moves less stands still
 _PER = ("", "/s", "/s²", "/s³")
 
 
@@ -256,9 +255,10 @@ def default_plots(data: Poses) -> tuple[str, ...]:
     column = _looked_at_point(data)
     name, x = data.names[column], data.places[data.extent_poses, column]
     size = float(np.ptp(data.places[data.extent_poses], axis=(0, 1)).max())
-    moving = [axis for axis, span in zip("xyz", np.ptp(x, axis=0), strict=False) if span > _STILL * size]
+    still = 1e-9  # of the size: what moves less stands still
+    moving = [axis for axis, span in zip("xyz", np.ptp(x, axis=0), strict=False) if span > still * size]
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    if not moving or (data.dim == 2 and spread[1] > _STILL * spread[0]):
+    if not moving or (data.dim == 2 and spread[1] > still * spread[0]):
         return (name,)
     return tuple(f"{name}.{axis}" for axis in moving)
 

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from jaxnc.vehicle.report import SuspensionReport, SuspensionRow
 
 _LETTERS = 8.5  # points, of a suspension's numbers
-_COLUMNS = 3  # of them side by side
 _ABOVE, _BELOW, _LEFT = 0.55, 0.5, 0.5  # what is around them
 _TRAVEL = (
     "toe", "camber", "caster", "kingpin_inclination", "half_track_change", "wheelbase_change", "roll_centre_height",
@@ -235,10 +234,11 @@ def plot_suspension(
         if name not in report.curves:
             raise InputError(f"suspension plot: no number {name!r}; {nearest(name, report.curves)}")
     shown = [report[name] for name in wanted if name in report.curves]
-    count = -(-len(shown) // _COLUMNS)
+    columns = 3  # side by side
+    count = -(-len(shown) // columns)
     width, height = inches(size, lambda _: 1.8 * count + _ABOVE + _BELOW)  # 1.8 inches for a pair of axes
     figure = Picture(figsize=(width, height))  # margins are given: fitting them takes longer than all the rest
-    grid = figure.subplots(count, _COLUMNS, sharex=True, squeeze=False).reshape(-1)
+    grid = figure.subplots(count, columns, sharex=True, squeeze=False).reshape(-1)
     figure.subplots_adjust(
         left=_LEFT / width, right=1.0 - 0.12 / width, bottom=_BELOW / height, top=1.0 - _ABOVE / height, hspace=0.28,
         wspace=0.24,
@@ -247,7 +247,7 @@ def plot_suspension(
         _suspension_curve(ax, report, row)
     for ax in grid[len(shown) :]:
         ax.remove()
-    for k in range(max(len(shown) - _COLUMNS, 0), len(shown)):
+    for k in range(max(len(shown) - columns, 0), len(shown)):
         _suspension_axis(grid[k], report)
     look = {"fontsize": _LETTERS + 2, "color": LIGHT["ink"], "parse_math": False, "ha": "left", "va": "top"}
     figure.text(0.1 / width, 1.0 - 0.07 / height, f"{report.title} over {report.over}", gid="title", **look)

@@ -34,7 +34,6 @@ _TITLE, _KEY = 0.42, 0.26  # inches: of a heading, of what the marks mean
 _LINE, _LETTERS = 0.14, 54  # of the lengths of links: inches high, letters wide
 _FRONT_PLOT, _FRONT_DESIGN = 4.3, 2.7  # inches wide
 _HEADING = 36  # letters above a design
-_NOTHING = 1e-7  # of the largest value: what is smaller is met, and no matter of decades
 
 
 def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> Figure:
@@ -348,8 +347,8 @@ def _plot_pair(front: "Front", ax: Axes, i: int, j: int, shown: list[int]) -> No
     ax.set_ylabel(_axis_name(front, j))
     ax.margins(0.09)
     for name, values in (("x", x), ("y", y)):
-        # an axis is logarithmic if the largest value is 30 times the least
-        if values.min() > _NOTHING * values.max() and values.max() > 30.0 * values.min():
+        # An axis is logarithmic if the largest value is 30 times the least; a condition that is met is no decade.
+        if values.min() > 1e-7 * values.max() and values.max() > 30.0 * values.min():
             ax.set(**{f"{name}scale": "log"})
         elif np.ptp(values) > 0:
             ax.ticklabel_format(axis="x" if name == "x" else "y", style="sci", scilimits=(-3, 4))

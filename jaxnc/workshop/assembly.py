@@ -15,7 +15,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.io.target import folder, replacing, stem
-from jaxnc.synthesis.result import align_columns
+from jaxnc.notebooks import align_columns
 from jaxnc.viz.svg import element
 from jaxnc.workshop.shop import Shop
 from jaxnc.workshop.stock import Contour, Part, Pin
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 _FORMATS = ("dxf", "svg")
 _COLOURS = (7, 3, 4, 6, 2, 30)  # of outlines by their level, in AutoCAD's index
 _HOLES, _NAMES = 1, 8
-_MARGIN = 5.0  # mm
 
 
 @public
@@ -216,7 +215,7 @@ class Assembly:
         head += ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts.items())
         if self.shop.density is not None:
             head += f"; the plates weigh {sum(map(self.mass, self.parts)):.4g} g"
-        return "\n".join([head, self.said, "", align_columns(self.rows()), "", align_columns(self.stacks())])
+        return "\n".join([head, self.said, "", *align_columns(self.rows()), "", *align_columns(self.stacks())])
 
     __repr__ = __str__
 
@@ -396,10 +395,11 @@ class PartDrawing(NamedTuple):
                 lines.append(element("text", escape(text), class_="name", **place, **look))
             data = {"data_layer": assembly.level(placed.part), "data_part": one_line(placed.part.name)}
             groups.append(element("g", "\n", "\n".join(lines), "\n", **data))
-        z, edge = np.concatenate(corners), 0.5 * assembly.shop.width + _MARGIN
+        margin = 5.0  # mm
+        z, edge = np.concatenate(corners), 0.5 * assembly.shop.width + margin
         x, y = np.real(z), -np.imag(z)
         left, top = x.min() - edge, y.min() - edge
-        wide, high = max(float(np.ptp(x)) + 2 * edge, words + _MARGIN - left), float(np.ptp(y)) + 2 * edge
+        wide, high = max(float(np.ptp(x)) + 2 * edge, words + margin - left), float(np.ptp(y)) + 2 * edge
         drawing = element(
             "svg", "\n", element("title", escape(one_line(self.title))), "\n", "\n".join(groups), "\n",
             xmlns="http://www.w3.org/2000/svg", width=f"{_n(wide)}mm", height=f"{_n(high)}mm",

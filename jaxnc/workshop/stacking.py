@@ -17,7 +17,6 @@ from jaxnc.workshop.clearances import Gaps, NearPair, PartCourse, complex_points
 from jaxnc.workshop.shop import SIZES, Shop
 from jaxnc.workshop.stock import PartStock, Pin
 
-_NAMED = 6  # reasons that a message gives
 _MOST = 1_500_000  # looked at before the search is given up
 
 
@@ -309,7 +308,8 @@ class _Stacking:
             except TooMany:
                 needed = None
         said = [self._reason(rule) for rule in search.reasons(min(most, len(parts) - 1))]
-        shown = "; ".join(said[:_NAMED]) + (f"; and {len(said) - _NAMED} more" if len(said) > _NAMED else "")
+        named = 6  # reasons that a message gives
+        shown = "; ".join(said[:named]) + (f"; and {len(said) - named} more" if len(said) > named else "")
         start = f"to_parts(): {self.name!r}"
         if needed is not None:
             return f"{start} needs {needed[1]} layers above its ground plate, layers={most} is too few: {shown}"

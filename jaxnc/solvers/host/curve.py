@@ -15,8 +15,6 @@ from jaxnc.solvers.host.view import HostView
 from jaxnc.solvers.plan_program import slope_program
 
 LONGEST = 60.0  # sizes of the mechanism: a longer curve is taken for unbounded
-_NEWTON = 8  # corrections of a step
-_TURNING = 10  # iterations towards a turning point
 
 
 class Corrected(NamedTuple):
@@ -80,14 +78,15 @@ def step_along(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> C
     x[at] += h * t / w
     guess, best, size = x[at], x, np.full(len(h), np.inf)
     floor = 0.5 * view.least.floor * view.eq.length
-    for i in range(_NEWTON + 1):
+    most = 8  # corrections of a step
+    for i in range(most + 1):
         r, matrix = _bordered_matrix(view, x, t)
         new = np.max(np.abs(r), axis=0, initial=0.0)
         better = new < size
         gained = new < 0.5 * size  # less is rounding, once the pose is a solution
         best, size = np.where(better, x, best), np.where(better, new, size)
         there = np.where(better[:, None, None], matrix, there) if i else matrix
-        if i == _NEWTON or np.all((size <= floor) | (~gained & (size <= view.tolerance(best)))):
+        if i == most or np.all((size <= floor) | (~gained & (size <= view.tolerance(best)))):
             break
         right = np.concatenate([r, np.zeros((1, r.shape[1]))])
         dx = least_squares(matrix, right.T[:, :, None])[:, :, 0].T
@@ -110,13 +109,14 @@ def turning_point(view: HostView, place: int, q: np.ndarray, t: np.ndarray) -> t
     equations (residual, a length; tangent component).
     """
     at, length, x = view.plan.unknown, view.eq.length, q.copy()
-    for i in range(_TURNING + 1):
+    most = 10  # iterations towards a turning point
+    for i in range(most + 1):
         r, matrix = _bordered_matrix(view, x[:, None], t[:, None])
         y = _tangent_of(matrix)[0]
         size = float(np.sqrt(y @ y))
         right = np.append(r[:, 0], length * y[place] / size)
         left = float(np.max(np.abs(right)))
-        if i == _TURNING or not np.isfinite(left):
+        if i == most or not np.isfinite(left):
             break
         # M y = e, so M dy = -dM y: with it the change of the unit tangent y / |y|.
         bent = _bilinear_form(view, x, y)

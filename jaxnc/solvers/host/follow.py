@@ -15,8 +15,6 @@ from jaxnc.solvers.host.newton import SLOW, correct_poses, pose_rates
 from jaxnc.solvers.host.view import HostView, PoseEvaluation, largest_of_lanes
 from jaxnc.system.precision import farthest
 
-_SQUARED = 1e-4  # of the size: a shorter correction may be the last, if the one before says so
-
 
 class Followed(NamedTuple):
     """Where branches were followed to; lanes are the last axis.
@@ -212,8 +210,9 @@ def _evaluate_step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     # it is told by the last two, whose squares it goes by.
     met = largest_of_lanes(seen.residual) <= view.tolerance(st.q)
     met &= correction <= least.close * length
-    squared = correction**3 <= min(1e2 * least.accept, 0.1 * _SQUARED) * length * st.corrected**2
-    squared &= (correction <= _SQUARED * length) & (level >= branch.CLEAR).all(axis=0)
+    short = 1e-4  # of the size: a shorter correction may be the last, if the one before says so
+    squared = correction**3 <= min(1e2 * least.accept, 0.1 * short) * length * st.corrected**2
+    squared &= (correction <= short * length) & (level >= branch.CLEAR).all(axis=0)
     converged = finite & (met | squared)
     moved = np.array(st.q)
     moved[view.plan.unknown] -= np.where(finite, seen.step, 0.0)

@@ -16,7 +16,6 @@ from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.system.precision import farthest
 
 _EACH = 8  # poses that are followed to one by one
-_TURN = 2.0 * np.pi
 
 
 def solve_sequences(
@@ -106,7 +105,7 @@ def _skip_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Windi
     if plan.driven[0] < first or not top.periodic[plan.driven[0] - first]:
         return None
     angle = values[:, 0]
-    steps = np.diff(angle, axis=0, prepend=start[[plan.driven[0]]]) / _TURN
+    steps = np.diff(angle, axis=0, prepend=start[[plan.driven[0]]]) / math.tau
     # of more than 2 turns in one step whole ones are left out
     many = (np.abs(steps) > 2.0) & (np.abs(angle) <= farthest(start))
     lanes = np.flatnonzero(many.any(axis=0))
@@ -114,12 +113,12 @@ def _skip_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Windi
         return None
     begin = start[:, lanes]
     target = begin[plan.known]
-    target[0] += _TURN
+    target[0] += math.tau
     inner = view.select(lanes)
     seen = follow(inner, begin, target[None])
     moved = seen.poses[0] - begin
     angles = np.append(np.zeros(first, bool), top.angles)
-    change = np.where(angles[:, None], np.round(moved / _TURN), 0.0) * _TURN
+    change = np.where(angles[:, None], np.round(moved / math.tau), 0.0) * math.tau
     closed = (seen.reached == 1) & ~seen.limit[0] & ~seen.crossed[0]
     closed &= inner.norm(inner.weights, moved - change) <= inner.least.close * inner.eq.length
     if not closed.any():

@@ -16,8 +16,6 @@ from jaxnc.solvers.plan_program import PlanProgram, plan_program, slope_program
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import limits
 
-_AT_ONCE = 512  # lanes whose columns are made orthogonal together: as many matrices as stay in the cache
-
 
 class PoseEvaluation(NamedTuple):
     """Poses evaluated; lanes are the last axis."""
@@ -232,13 +230,14 @@ class HostView:
             found = _lengths_of_one(n, rows.tolist(), columns.tolist(), entries[:, 0].tolist())
             return np.array([found], entries.dtype)
         out = np.empty((lanes, n), entries.dtype)
-        for first in range(0, lanes, _AT_ONCE):
-            part = entries[:, first : first + _AT_ONCE]
+        width = 512  # as many matrices as stay in the cache
+        for first in range(0, lanes, width):
+            part = entries[:, first : first + width]
             a = np.zeros((n, n, part.shape[1]), entries.dtype)
             a[columns, rows] = part
             for j in range(n):
                 square = np.sum(a[j] * a[j], axis=0)
-                out[first : first + _AT_ONCE, j] = np.sqrt(square)
+                out[first : first + width, j] = np.sqrt(square)
                 along = np.sum(a[j + 1 :] * a[j], axis=1) / np.where(square > 0.0, square, 1.0)
                 a[j + 1 :] -= along[:, None] * a[j]
         return out

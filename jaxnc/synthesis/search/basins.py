@@ -151,7 +151,6 @@ def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
 
 _NULL = 1e-9  # of the largest singular value: a direction that changes the errors by less does not change them
 _THERE = 1e-6  # of the distance at the beginning: so near, the other design is reached
-_PATIENCE = 10
 
 
 class _Look(NamedTuple):
@@ -307,9 +306,9 @@ class _Continua:
             there[took] = far[took] <= _THERE * np.maximum(begun[took], 1.0)
             history.append(far.copy())
             live &= ~there & (reach > 1e-9)
-            if step >= _PATIENCE:
-                # of the distance: what has not come nearer by that in `_PATIENCE` steps does not arrive
-                live &= far <= 0.9 * history[-1 - _PATIENCE]
+            patience = 10  # steps: what has not come nearer by a tenth in so many does not arrive
+            if step >= patience:
+                live &= far <= 0.9 * history[-1 - patience]
         return there
 
 

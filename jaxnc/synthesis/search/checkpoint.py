@@ -23,8 +23,6 @@ from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.pytree import Leaves
 from jaxnc.synthesis.result import Progress, format_quantity
 
-_FORM = 3  # of the file; another number when its contents change
-
 
 class Resumable(Protocol):
     """A search that can be kept: everything that decides how it goes on, as arrays by name."""
@@ -53,7 +51,8 @@ class SavedSearch:
 
         out = hashlib.sha256()
         _add_to_digest(out, numbers)
-        self.terms = {"form": _FORM, "problem": self.name, **settings, "numbers": out.hexdigest()}
+        # 3 is the form of the file: another number when its contents change.
+        self.terms = {"form": 3, "problem": self.name, **settings, "numbers": out.hexdigest()}
         if self.path is not None:
             if Path(self.path).is_dir():
                 raise InputError(f"checkpoint={str(self.path)!r} is a folder; name a file in it")

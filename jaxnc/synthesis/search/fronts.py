@@ -16,12 +16,11 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Shown, align_columns
 from jaxnc.synthesis.design import Design, judge
 from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Problem, check_problem
-from jaxnc.synthesis.result import align_columns
 from jaxnc.synthesis.search.basins import Basin
 from jaxnc.synthesis.search.checkpoint import interruptible
 from jaxnc.synthesis.search.goal import OPEN, Goal
@@ -101,7 +100,7 @@ class Front(Shown):
 
     def table(self) -> str:
         """The designs as a table, one line each."""
-        return align_columns(self.rows())
+        return "\n".join(align_columns(self.rows()))
 
     @property
     def sentences(self) -> list[str]:

@@ -17,8 +17,6 @@ from jaxnc.synthesis.evaluate import marker_places
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration
 from jaxnc.types import AnyArray, ArrayLike
 
-_PULLS = 6  # times that what is out of bounds is looked for
-
 
 class Linear(NamedTuple):
     """The unknowns of a path that are linear."""
@@ -258,7 +256,8 @@ def _pull_inside(
     grown = slice(first, first + (1 + found.turn if found.scale else 0))
     missed = np.zeros(len(flat_y))
     lanes: AnyArray = np.arange(len(flat_y))
-    for turn in range(_PULLS + 1):
+    most = 6  # times that what is out of bounds is looked for
+    for turn in range(most + 1):
         own: AnyArray = design[lanes]
         real = flat_y[lanes] / sizes[lanes]
         place = np.einsum("lbc,lc->lb", limits.rows[own], real) + limits.fixed[own]
@@ -270,7 +269,7 @@ def _pull_inside(
         far: AnyArray = np.abs(factor - 1.0) * long * limits.extent[own] if found.scale else np.zeros(len(lanes))
         missed[lanes] = weight * (np.sum(off**2, axis=1) + far**2)
         out: AnyArray = (off != 0.0).any(axis=1) | (far > 1e-9 * long * limits.extent[own])
-        if turn == _PULLS or not out.any():
+        if turn == most or not out.any():
             break
         lanes, own, off, goal, w, factor, far = (v[out] for v in (lanes, own, off, goal, w, factor, far))
         active = limits.rows[own] / sizes[lanes, None, :] * (off != 0.0)[..., None]

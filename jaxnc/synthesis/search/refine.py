@@ -19,7 +19,6 @@ from jaxnc.types import ArrayLike
 # -- least squares in lanes --------------------------------------------------------------------------------------------
 
 _GENTLE = 1e-3  # damping to begin with, of the largest diagonal element
-_SMALL = 1e-11  # violation of a condition that counts as none
 
 
 class LaneState(NamedTuple):
@@ -151,10 +150,11 @@ def _decide(now: LaneState, x: np.ndarray, expected: np.ndarray, evaluated: Eval
     changed = np.max(np.abs(share - now.multipliers), axis=1, initial=0.0)
     far = np.max(violation(conditions, equal), axis=1, initial=0.0)
     multipliers = np.where(update[:, None], share, now.multipliers)
-    raised = update & (far > 0.25 * now.before) & (far > _SMALL)
+    none = 1e-11  # violation of a condition
+    raised = update & (far > 0.25 * now.before) & (far > none)
     penalty = np.where(raised, np.minimum(10.0 * now.penalty, 1e10), now.penalty)
     top = np.max(np.abs(share), axis=1, initial=0.0)
-    done = still & (far <= _SMALL) & (changed <= 1e-9 * (top + 1e-12))
+    done = still & (far <= none) & (changed <= 1e-9 * (top + 1e-12))
     zero = np.sum(errors * errors, axis=1) <= 1e-29 * m
     out = LaneState(
         x,
@@ -167,7 +167,7 @@ def _decide(now: LaneState, x: np.ndarray, expected: np.ndarray, evaluated: Eval
         np.where(update, 2.0, growth),
         np.where(update, 0, since),
         np.where(update, far, now.before),
-        now.settled | done | (zero & (far <= _SMALL)),
+        now.settled | done | (zero & (far <= none)),
         broken,
     )
     return LaneState(
@@ -186,10 +186,9 @@ def _solve_lanes(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 # -- starts and lanes --------------------------------------------------------------------------------------------------
 
-_ROUND = 20  # iterations between looks at them
-_STILL = 1e-8  # of the merit: a lane that has won less in a round stands still
-ROUGH = 1e-2  # the same where designs are only sought, to be brought to their ends afterwards
-LEVEL = 1e-6  # and where the largest error is made small, which goes on by ever less
+# Of the merit: a lane that has won less in a round stands still.
+ROUGH = 1e-2  # where designs are only sought, to be brought to their ends afterwards
+LEVEL = 1e-6  # where the largest error is made small, which goes on by ever less
 
 
 class Refinement:
@@ -207,7 +206,7 @@ class Refinement:
         spoilt: unknowns of a start that did so without errors, conditions and derivatives being finite.
     """
 
-    def __init__(self, goal: Goal, iterations: int, designs: int = LANES, still: float = _STILL):
+    def __init__(self, goal: Goal, iterations: int, designs: int = LANES, still: float = 1e-8):
         """Make lanes for `designs` starts, as many as are evaluated at once; a gain below `still` counts as none."""
         self.still = still
         self.goal, self.most, self.width = goal, iterations, min(designs, LANES)
@@ -315,8 +314,9 @@ class Refinement:
         While others wait, lanes without prospect of the least square so far (`best`) are taken out too.
         """
         assert self.lanes is not None
-        self.lanes = lanes = self._advance(self.lanes, _ROUND)
-        self.spent[self.live] += _ROUND
+        each = 20  # iterations between looks at the lanes
+        self.lanes = lanes = self._advance(self.lanes, each)
+        self.spent[self.live] += each
         square, far = self._state()
         merit = square + far
         self.poor = np.where(merit < 0.9 * self.last, 0, self.poor + 1)

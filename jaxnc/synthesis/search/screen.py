@@ -133,7 +133,6 @@ def order_targets(cost: np.ndarray, around: bool) -> tuple[float, np.ndarray]:
 
 # -- random designs ----------------------------------------------------------------------------------------------------
 
-_SCREENED = 256  # designs at once: what is worked on fits into the processor's memory
 _TABLE = 96  # poses of a design's whole curve
 
 
@@ -148,9 +147,10 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     """Draw random starts; where a part of the unknowns is linear, the most promising ones come first."""
     fit = choose_fit(problem)
     z = draw_designs(problem, rng, count, fit)
+    width = 256  # designs at once: what is worked on fits into the processor's memory
     if isinstance(fit, Spatial):
         settled, drawings = fit.assemble, z
-        z = np.concatenate(map_threads(lambda k: settled(drawings[k : k + _SCREENED]), range(0, count, _SCREENED)))
+        z = np.concatenate(map_threads(lambda k: settled(drawings[k : k + width]), range(0, count, width)))
     if fit is None:
         x = np.concatenate([z, problem.guesses(rng, count)], axis=1)
         fit = reach_targets(problem, x)
@@ -159,13 +159,13 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     timed = problem.timing is not None and not problem.offset
     each = 1 if timed else _guess_count(problem)
     guesses = problem.guesses(rng, count * each).reshape(count, each, len(problem.extras.names))
-    some = range(0, count, _SCREENED)
+    some = range(0, count, width)
     # 0.25 of the shapes are looked at again, with all
     screened = _fit_timed if timed else _Timings(problem, fit, max(0.25, 2.0 * most / count)).best
 
     def part(k: int) -> tuple[np.ndarray, np.ndarray, int]:
         with np.errstate(all="ignore"):
-            return screened(problem, fit, z[k : k + _SCREENED], guesses[k : k + _SCREENED])
+            return screened(problem, fit, z[k : k + width], guesses[k : k + width])
 
     parts = map_threads(part, some)
     x, merit = (np.concatenate([one[k] for one in parts]) for k in (0, 1))
@@ -350,7 +350,6 @@ def _place_designs(
 # -- targets without order ---------------------------------------------------------------------------------------------
 
 _CURVE_POSES = 361  # of the curve
-_SEATED = 64  # designs at once
 
 
 def reseat_targets(problem: Problem, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -358,7 +357,8 @@ def reseat_targets(problem: Problem, rows: Sequence[np.ndarray]) -> list[np.ndar
     if not (isinstance(problem, PathGeneration) and not problem.ordered and len(rows)):
         return list(rows)
     every = np.stack(rows)
-    out = [_reseat_chunk(problem, every[k : k + _SEATED]) for k in range(0, len(every), _SEATED)]
+    width = 64  # designs at once
+    out = [_reseat_chunk(problem, every[k : k + width]) for k in range(0, len(every), width)]
     return list(np.concatenate(out))
 
 

@@ -23,7 +23,6 @@ from jaxnc.synthesis.search.stock import best_sizes, relax
 from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts, check_enough
 from jaxnc.types import Array
 
-_ENDED = 2  # times as many as are kept are brought to their ends
 _INTERRUPTED = "interrupted"
 
 
@@ -95,6 +94,7 @@ def solve(
     total = run.done + int(run.live.sum()) + len(run.queue)
     best, stopped = run.best, ""
     course.show(total, "design", progress, run.done)
+    ended = 2  # times as many as are kept are brought to their ends
     try:
         with interruptible():
             while run.more():
@@ -107,7 +107,7 @@ def solve(
                     stopped = f"stopped at enough={enough:g}" if run.busy else ""
                 exact = sum(square <= exactly for square, _ in run.found)
                 # after 48 starts with such errors no others are refined
-                if not stopped and run.busy and exact >= max(48, _ENDED * keep):
+                if not stopped and run.busy and exact >= max(48, ended * keep):
                     stopped = f"stopped when {exact} starts had led to errors of 1e-9 of the size and less,"
                 if stopped:
                     break
@@ -122,7 +122,7 @@ def solve(
     run.stop()
     found, loose = [x for _, x in sorted(run.found, key=lambda pair: pair[0])], []
     basins = as_they_are(problem, found, keep) if stopped.startswith(_INTERRUPTED) else None
-    end = functools.partial(bring_to_ends, most=_ENDED * keep, iterations=iterations, width=run.width)
+    end = functools.partial(bring_to_ends, most=ended * keep, iterations=iterations, width=run.width)
     try:
         with interruptible():
             if goal.stocks and found and basins is None:

@@ -210,9 +210,7 @@ def _common_turn(turns: np.ndarray) -> np.ndarray:
     return nearest_rotation(np.sign(np.linalg.det(r))[:, None, None] * r)
 
 
-_POSES = 37  # at which it is tried whether a mechanism moves, turns and grows as a whole
-_TURN = np.array([0.2, -0.3, 0.25])  # for trying that
-_PULLS = 6  # times that what is out of bounds is looked for
+_TURN = np.array([0.2, -0.3, 0.25])  # for trying whether a mechanism turns as a whole
 _SMALLEST = 1e-3  # times as large as drawn: what is fitted does not vanish
 
 
@@ -463,14 +461,15 @@ class Spatial:
         """Pull fits that miss bounds into them; the squares left, with what is still missed, weighted."""
         fit, missed = Fit(*(part.copy() for part in fit)), np.zeros(len(left))
         lanes = np.arange(len(left))
-        for turn in range(_PULLS + 1):
+        most = 6  # times that what is out of bounds is looked for
+        for turn in range(most + 1):
             own, now = room.of(lanes), Fit(*(part[lanes] for part in fit))
             arm = now.grown[:, None, None] * own.spots + room.rides[:, None] * now.tracer[:, None]
             place = self.centre + now.place[:, None] + arm @ np.swapaxes(now.turn, 1, 2)
             goal = np.clip(place, room.low, room.high)
             missed[lanes] = weight * np.sum((goal - place) ** 2, axis=(1, 2))
             out = np.flatnonzero((np.abs(goal - place) > 1e-9 * self.problem.size).any(axis=(1, 2)))
-            if turn == _PULLS or not len(out):
+            if turn == most or not len(out):
                 break
             lanes, own, goal, place = lanes[out], own.of(out), goal[out], place[out]
             heavy = weight * (goal != place).any(axis=2)
@@ -513,9 +512,10 @@ class Spatial:
     def _track_point(self, flat: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Move a drawing over the range: the tracer's places, its body's turns, and which poses are found."""
         problem = self.problem
-        motion = problem.sweep(with_geometry(problem.system, flat[0]), np.linspace(*problem.travel, _POSES))
+        poses = 37  # at which it is tried whether a mechanism moves, turns and grows as a whole
+        motion = problem.sweep(with_geometry(problem.system, flat[0]), np.linspace(*problem.travel, poses))
         q = np.asarray(motion.q)
-        turns = np.broadcast_to(np.eye(3), (_POSES, 3, 3))
+        turns = np.broadcast_to(np.eye(3), (poses, 3, 3))
         if self.segments:
             drawn = flat[:, : 3 * (self.points + self.vectors)]
             turns = np.swapaxes(self._axes(self.segments, q), -1, -2) @ self._axes(self.segments, drawn)

@@ -70,7 +70,6 @@ def least(
 _EVEN = (1e-10, 1e-6, 1e-3)
 """Of the largest column of the Jacobian: rows added to it, so that no direction is free. The larger ones are for where
 too few digits are left of the conditions, as where the only error depends on one unknown (the least largest error)."""
-_FLAT = 1e-12  # of the largest second derivative: directions that nothing depends on
 
 
 @dataclasses.dataclass
@@ -179,8 +178,9 @@ def _trust_step(matrix: np.ndarray, gradient: np.ndarray, reach: float) -> np.nd
     """Minimise a quadratic within a ball; directions that nothing depends on stay as they are."""
     values, vectors = np.linalg.eigh(matrix)
     along, top = vectors.T @ gradient, max(float(np.max(np.abs(values))), 1e-300)
-    flat = np.abs(values) <= _FLAT * top
-    values = np.where(flat, _FLAT * top, values)
+    least = 1e-12  # of the largest second derivative: nothing depends on directions that have less
+    flat = np.abs(values) <= least * top
+    values = np.where(flat, least * top, values)
     along = np.where(flat & (np.abs(along) <= 1e-9 * max(float(np.max(np.abs(along))), 1e-300)), 0.0, along)
     if values[0] > 0.0:
         step = -along / values
@@ -217,7 +217,6 @@ _FEEL = 1e-7  # of the unknowns' scales: the step of differences of gradients
 _NEAR = 1e-7  # a condition that is met by less is active
 _PROMISE = 1e-10  # of the square: a point is an end if a step of second order promises no more
 _EXACT = 1e-26  # mean square of the errors that is none
-_LIGHT = 1e-2  # weight of errors beside conditions in a correction
 _STALE = 3  # steps after which second derivatives are formed anew; between them they are updated
 
 
@@ -412,8 +411,9 @@ class Sqp:
         slopes = one.slopes if np.isfinite(one.merit) else lane.slopes
         rows, right = [slopes[m:][missed]], [-one.conditions[missed]]
         if np.isfinite(one.merit):
-            rows.append(_LIGHT * slopes[:m])
-            right.append(_LIGHT * (one.wanted - one.errors))
+            light = 1e-2  # weight of errors beside conditions in a correction
+            rows.append(light * slopes[:m])
+            right.append(light * (one.wanted - one.errors))
         matrix, right = np.concatenate(rows), np.concatenate(right)
         if not len(matrix):
             return None

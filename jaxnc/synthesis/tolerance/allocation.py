@@ -17,8 +17,6 @@ from jaxnc.types import Inputs
 
 RULES = ("root sum square", "worst case")
 
-_GAP = 1e-13  # of the cost: what remains of the conditions of optimality when they are called met
-
 
 @public
 class Cost(NamedTuple):
@@ -286,7 +284,7 @@ def _minimise_cost(matrix, right, weights, exponents, low, high) -> tuple[np.nda
         gap = float(s @ y)
         residual = max(gap, float(np.abs((slope + g.T @ y) * x).max()))
         best, since = ((residual, x, y), 0) if residual < best[0] else (best, since + 1)
-        if residual < _GAP or since > 5:  # beyond rounding nothing improves
+        if residual < 1e-13 or since > 5:  # of the cost; beyond rounding nothing improves
             break
         aim = 0.1 * gap / len(h)
         hessian = np.diag(curve) + (g.T * (y / s)) @ g

@@ -36,7 +36,6 @@ class Variation:
     tolerances: np.ndarray  # half widths t of the ranges nominal ± t, (k,)
     covariance: np.ndarray  # of the deviations, (k, k)
     distribution: str  # "normal" or "uniform"
-    sigmas: float  # how many standard deviations a tolerance is, for the normal distribution
 
     @property
     def correlated(self) -> bool:
@@ -92,7 +91,7 @@ def read_variation(
     if covariance is not None:
         matrix = _covariance(what, covariance, names, distribution)
         half = sigmas * np.sqrt(np.diag(matrix))
-    return Variation(tuple(names), np.array(at), tuple(units), half, matrix, distribution, float(sigmas))
+    return Variation(tuple(names), np.array(at), tuple(units), half, matrix, distribution)
 
 
 def variable_components(what: str, system: System, name: str) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:

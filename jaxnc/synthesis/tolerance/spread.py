@@ -18,8 +18,6 @@ from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
 from jaxnc.validate import as_array
 
-_MOST = 5  # dimensions named for each output
-
 
 @public
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +32,6 @@ class Spread:
         std: standard deviation of the samples.
         percentiles: of the samples, ``(percentiles, *poses)``.
         shares: part of each dimension in the first-order variance, over all poses, ``(variables,)``; they add up to 1.
-        shares_by_pose: the same pose by pose, ``(*poses, variables)``.
         unit: the length unit, ``"rad"``, or ``""``.
     """
 
@@ -45,7 +42,6 @@ class Spread:
     std: np.ndarray
     percentiles: np.ndarray
     shares: np.ndarray
-    shares_by_pose: np.ndarray
     unit: str
 
 
@@ -105,7 +101,7 @@ class Tolerance:
         s = self[name]
         return np.where(s.first_order > 0, s.std / np.where(s.first_order > 0, s.first_order, 1.0), 1.0)
 
-    def table(self, most: int = _MOST) -> str:
+    def table(self, most: int = 5) -> str:
         """The statistics as text: for each output the pose where it strays most, and who is to blame.
 
         Args:
@@ -261,7 +257,6 @@ def _spread_of(nominal, slopes, sample, half, covariance, levels, unit) -> Sprea
         std=sample.std(axis=0, ddof=1),
         percentiles=np.percentile(sample, levels, axis=0),
         shares=flat / total if total > 0 else np.zeros_like(flat),
-        shares_by_pose=parts / np.where(variance > 0, variance, 1.0)[..., None],
         unit=unit,
     )
 

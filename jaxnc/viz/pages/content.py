@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 
@@ -18,11 +18,6 @@ from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.mesh import Coil, Mesh, Piece, Shell, Turned
 from jaxnc.viz.spatial.scene import SOLIDS, Solid, SpaceFrame, Way
 from jaxnc.viz.style import ROLES, symbol
-
-_ROUND = 0.4  # units: wider lines have round ends
-_CORNERS = 400  # places that a page in space fits its first view to
-_DIRECTION = 1e-6  # what components of directions are rounded to
-_ANGLE = 1e-7  # what angles are rounded to, radians
 
 
 def page_content(
@@ -59,7 +54,18 @@ def page_content(
     return content, drawn
 
 
-def force_names(series: Iterable[dict[str, Any]]) -> list[str]:
+class Series(TypedDict):
+    """A quantity over the poses that a page plots."""
+
+    symbol: str
+    name: str
+    angle: bool
+    values: object  # packed
+    unit: NotRequired[str]
+    per: NotRequired[str]  # of an angle: the rest of its unit
+
+
+def force_names(series: Iterable[Series]) -> list[str]:
     """List the forces among what is plotted, which a page may find again."""
     return list(dict.fromkeys(row["name"] for row in series if row["name"].partition(" ")[0] in EXERTED))
 
@@ -67,7 +73,7 @@ def force_names(series: Iterable[dict[str, Any]]) -> list[str]:
 # -- over the poses ---------------------------------------------------------------------------------------------------
 
 
-def _timeline(data: Poses, heading: str, fps: float) -> dict[str, Any]:
+def _timeline(data: Poses, heading: str, fps: float) -> dict[str, object]:
     """Collect what pages of every kind hold: poses and their status, angles and distances, time."""
     top, time = data.topology, data.motion.time
     quantum = quantum_of(data.places[data.extent_poses])
@@ -78,7 +84,7 @@ def _timeline(data: Poses, heading: str, fps: float) -> dict[str, Any]:
             "unit": "" if angle else top.length_unit,
             "angle": bool(angle),
             "driven": name in data.motion.driven,
-            "values": pack(data.scalars[:, k], _ANGLE if angle else quantum),
+            "values": pack(data.scalars[:, k], 1e-7 if angle else quantum),  # radians
         }
         for k, (name, angle) in enumerate(zip(top.scalars, top.angles, strict=True))
     ]
@@ -109,7 +115,7 @@ def _timeline(data: Poses, heading: str, fps: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def plotted_series(data: Poses, plots: str | Iterable[str] | None, forces: bool) -> dict[str, Any]:
+def plotted_series(data: Poses, plots: str | Iterable[str] | None, forces: bool) -> dict[str, object]:
     """Collect quantities that a page plots and does not calculate: energies, forces, numbers of a suspension.
 
     Returns:
@@ -121,10 +127,11 @@ def plotted_series(data: Poses, plots: str | Iterable[str] | None, forces: bool)
     suited = (*ENERGIES, *(f"velocity {s}" for s in data.topology.scalars)) if data.run else looked
     names = dict.fromkeys((*asked, *suited, *(forces_of(data) if forces else ())))
     rows = [row for name in names for row in _series_rows(quantity(data, name), name in looked)]
-    return {"series": rows} | ({"first": 0} if asked or looked else {})
+    found: dict[str, object] = {"series": rows}
+    return found | {"first": 0} if asked or looked else found
 
 
-def _series_rows(q: Quantity, plain: bool) -> list[dict[str, Any]]:
+def _series_rows(q: Quantity, plain: bool) -> list[Series]:
     """Write a quantity as a page reads it; a vector as its size and its components."""
     turns = q.unit.startswith(("°", "rad")) and not plain
     values = np.radians(q.values) if turns and q.unit.startswith("°") else q.values
@@ -133,12 +140,13 @@ def _series_rows(q: Quantity, plain: bool) -> list[dict[str, Any]]:
     if values.ndim > 1:
         rows = [(q.label, np.linalg.norm(values, axis=1))] if q.kind == "vector" else []
         rows += [(f"{q.label}, {axis}", x) for axis, x in zip("xyz", values.T, strict=False)]
-    out = []
+    out: list[Series] = []
     for text, x in rows:
         size = float(np.nanmax(np.abs(x), initial=0.0)) if np.isfinite(x).any() else 0.0
         quantum = float(10.0 ** np.floor(np.log10(size) - 6)) if size > 0 else 1.0
-        units = {"per": unit} if turns else {"unit": unit}
-        out.append({"symbol": text, "name": q.name, "angle": turns, "values": pack(x, quantum)} | units)
+        row = Series(symbol=text, name=q.name, angle=bool(turns), values=pack(x, quantum))
+        row["per" if turns else "unit"] = unit
+        out.append(row)
     return out
 
 
@@ -213,7 +221,7 @@ def _spatial(
     )
     content = _common(data, scene, view.traces, drawn) | {
         "directions": [
-            {"name": name, "moves": True, **pack_places(data.axes[:, k], _DIRECTION)}
+            {"name": name, "moves": True, **pack_places(data.axes[:, k], 1e-6)}
             for k, name in enumerate(data.directions)
         ],
         "box": round_numbers(np.stack([view.lower, view.upper])),
@@ -228,7 +236,7 @@ def _spatial(
     return content, drawn
 
 
-def _common(data: Poses, scene: Any, traces: Sequence[int], drawn: Sequence[Arrows]) -> dict[str, Any]:
+def _common(data: Poses, scene: Any, traces: Sequence[int], drawn: Sequence[Arrows]) -> dict[str, object]:
     """Collect points, traces, names and arrows of a scene of the plane or of space."""
     top, dim, quantum = data.topology, data.dim, quantum_of(data.places[data.extent_poses])
     trade = number_names((*data.names, *data.directions)) if dim == 3 else {}
@@ -247,7 +255,7 @@ def _common(data: Poses, scene: Any, traces: Sequence[int], drawn: Sequence[Arro
     return {"points": points, "traces": list(traces), "labels": labels, **_arrow_sets(data, drawn, quantum)}
 
 
-def _arrow_sets(data: Poses, drawn: Sequence[Arrows], quantum: float) -> dict[str, Any]:
+def _arrow_sets(data: Poses, drawn: Sequence[Arrows], quantum: float) -> dict[str, object]:
     """Write arrows as a page reads them: columns of their feet and tips, and the places of those that are no points.
 
     An order of 2 says that a set of arrows shows forces.
@@ -275,19 +283,19 @@ def _arrow_sets(data: Poses, drawn: Sequence[Arrows], quantum: float) -> dict[st
     return {"arrows": sets, "tips": [pack_places(tip, quantum) for tip in tips]}
 
 
-def _css(role: str) -> dict[str, Any]:
+def _css(role: str) -> dict[str, object]:
     """Write the style of a role as a page has it: units as ``--u``, and ``#`` for the colour of a body."""
     style = ROLES[role]
     fill, stroke = (f"var(--{x}{'-#' * (x in ('body', 'tint'))})" if x else "none" for x in (style.fill, style.stroke))
     look = f"fill:{fill};fill-opacity:{style.opacity:g};stroke:{stroke};stroke-width:calc({style.width:g}*var(--u))"
     if style.dash:
         look += ";stroke-dasharray:" + " ".join(f"calc({d:g}*var(--u))" for d in style.dash)
-    elif style.width > _ROUND and role != "casing":
+    elif style.width > 0.4 and role != "casing":  # wider lines have round ends
         look += ";stroke-linecap:round"
     return {"css": look, "fixed": style.fixed}
 
 
-def _planar_item(item: Item) -> dict[str, Any]:
+def _planar_item(item: Item) -> dict[str, object]:
     """Write an item; a span is a stamp in a frame that is as long as the way between its ends."""
     if isinstance(item, Span):
         return {"shape": "stamp", **_fields(item), "frame": {"at": item.ends[0], "toward": item.ends}}
@@ -302,7 +310,7 @@ def _spatial_item(item: object, meshes: dict[Mesh, int]) -> dict[str, Any]:
     return out
 
 
-def _fields(item: Any) -> dict[str, Any]:
+def _fields(item: Any) -> dict[str, object]:
     """List the fields of an item or a name, frames and directions as dictionaries, without what it does not have."""
     out = {}
     for field in dataclasses.fields(item):
@@ -316,13 +324,14 @@ def _fields(item: Any) -> dict[str, Any]:
 
 def _outermost(x: np.ndarray) -> np.ndarray:
     """Pick some of the places, those that lie furthest out in many directions among them; there may be a million."""
-    if len(x) <= _CORNERS:
+    corners = 400  # places that a page in space fits its first view to
+    if len(x) <= corners:
         return x if len(x) else np.zeros((1, 3))
-    ways = np.random.default_rng(0).normal(size=(_CORNERS, 3))
+    ways = np.random.default_rng(0).normal(size=(corners, 3))
     return x[np.unique([int(np.argmax(x @ way)) for way in ways])]
 
 
-def write_piece(one: Piece) -> dict[str, Any]:
+def write_piece(one: Piece) -> dict[str, object]:
     """Write what a page makes a piece of a mesh from."""
     if isinstance(one, Turned):
         rings = [round_numbers(np.array([r.share, r.length, r.units, r.radius, r.thick])) for r in one.rings]

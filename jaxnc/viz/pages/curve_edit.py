@@ -13,9 +13,6 @@ from jaxnc.system.system import System, characteristic_length
 _STEPS = 3  # of Gauss and Newton; a drag asks again
 _LONGEST = 0.15  # of the mechanism's size, one step
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the way, until no pose is lost
-_KEPT = 8  # poses at which the curve had rather stay where it is
-_ROUNDING = 1e-9  # slopes as small are none
-_STIFF = 0.3  # weight of a square length there, beside one of the dimensions
 
 
 def edit_curve(
@@ -41,7 +38,8 @@ def edit_curve(
     if goal.shape != (system.topology.dim,) or not np.isfinite(goal).all():
         raise InputError(f"pull: a place of {point!r} is {system.topology.dim} finite numbers, got {place!r}")
     asked = np.asarray(motion.asked, float).reshape(-1, len(motion.driven))
-    some = np.linspace(0, len(asked) - 1, _KEPT + 1).astype(int)[:-1] if len(asked) > _KEPT else np.arange(len(asked))
+    count = 8  # poses at which the curve had rather stay where it is
+    some = np.linspace(0, len(asked) - 1, count + 1).astype(int)[:-1] if len(asked) > count else np.arange(len(asked))
     rows = asked[some] if len(asked) > 1 else asked[:0]
     here = np.array([[float(inputs[name]) for name in motion.driven]])
     size = float(characteristic_length(system.parameters.points))
@@ -77,7 +75,7 @@ def edit_curve(
         kept = solve_position(system, every, hold=motion.held, throw=False) if kept is None else kept
         slopes = sensitivity(kept, point, variables=free, throw=False)
         lengths = np.array([1.0 if unit == system.topology.length_unit else size for unit in slopes.variable_units])
-        if not np.any(np.abs(slopes[point][0]) > _ROUNDING * lengths):
+        if not np.any(np.abs(slopes[point][0]) > 1e-9 * lengths):  # slopes that are rounding
             raise InputError(f"pull: no dimension of {system.name!r} moves {point!r}{_alone(slopes.exists)}")
         for share in _SHARES:
             whole = min(1.0, _STEPS * _LONGEST * size / far)
@@ -100,7 +98,8 @@ def _step(slopes: np.ndarray, lengths: np.ndarray, left: np.ndarray) -> np.ndarr
     `slopes` are those of the points, ``(poses, dim, variables)``; `lengths` say what a unit of a variable counts for.
     """
     first, rest = slopes[0] / lengths, (slopes[1:] / lengths).reshape(-1, len(lengths))
-    stiff = np.eye(len(lengths)) + _STIFF * rest.T @ rest
+    # A square length there weighs three tenths of a square length of the dimensions.
+    stiff = np.eye(len(lengths)) + 0.3 * rest.T @ rest
     soft = np.linalg.solve(stiff, first.T)
     block = first @ soft
     # A direction in which the point hardly moves is left alone.

@@ -8,9 +8,6 @@ from typing import Any
 
 import numpy as np
 
-_DIGITS = 7
-_ORDERS = 6  # beyond, differences of rounded values are noise
-
 # Parts that hold others, the outer before the inner.
 _NESTED = ("PROGRAM", "CLOCK", "STAGE", "CHARTS", "LIVE", "SOLVER", "MORPHING", "HANDLING", "SIZING", "SHAPING", "MORE")
 
@@ -27,7 +24,7 @@ def fill_template(text: str, parts: dict[str, str]) -> str:
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda name: parts[name[1]], text)
 
 
-def embed_json(content: Any) -> str:
+def embed_json(content: object) -> str:
     """Write JSON that is safe inside a script element, whatever names it carries."""
     text = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     for character in "<>&\u2028\u2029":  # they only occur inside strings
@@ -35,7 +32,7 @@ def embed_json(content: Any) -> str:
     return text
 
 
-def round_numbers(values: np.ndarray, digits: int = _DIGITS) -> list:
+def round_numbers(values: np.ndarray, digits: int = 7) -> list:
     """Round numbers to so many significant digits; None where there is none."""
     flat = [
         float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in np.asarray(values, float).reshape(-1).tolist()
@@ -62,7 +59,7 @@ def pack(values: np.ndarray, quantum: float) -> Any:
     edges = np.flatnonzero(np.diff(known)) + 1
     runs = [(bool(part[0]), rest) for part, rest in zip(np.split(known, edges), np.split(whole, edges), strict=True)]
     best = None
-    for order in range(1, _ORDERS + 1):
+    for order in range(1, 7):  # beyond the sixth order, differences of rounded values are noise
         steps = [np.diff(np.concatenate([np.zeros(order, np.int64), run]), order) for good, run in runs if good]
         signed = [np.where(step < 0, -2 * step - 1, 2 * step) for step in steps]
         size = sum(int(np.sum(x >= 32**k)) for x in signed for k in range(1, 12))
@@ -74,7 +71,7 @@ def pack(values: np.ndarray, quantum: float) -> Any:
     return {"quantum": quantum, "order": order, "steps": text}
 
 
-def pack_places(x: np.ndarray, quantum: float) -> dict[str, Any]:
+def pack_places(x: np.ndarray, quantum: float) -> dict[str, object]:
     """Write places over the poses of a motion ``(T, dim)`` in short, axis by axis."""
     return {axis: pack(row, quantum) for axis, row in zip("xyz", x.T, strict=False)}
 

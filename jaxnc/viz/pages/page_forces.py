@@ -31,9 +31,6 @@ from jaxnc.viz.arrows import Arrows
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.quantities import force_values
 
-LONGEST_PROGRAM = 60_000
-"""Characters of the programs that a page still carries."""
-
 _NAMES = ("q", "m", "d", "c", "v", "a", "t", "l")
 
 
@@ -77,7 +74,7 @@ class ForcePrograms(NamedTuple):
     functions: dict[str, str]
     count: int  # how many numbers `forces` are
     # the view of the dynamics, with the weights of its unknowns, where it has other coordinates
-    inner: dict[str, Any] | None
+    inner: dict[str, object] | None
 
 
 def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[str]) -> ForcePrograms:
@@ -154,12 +151,12 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
         )
         for name, (to, nodes) in programs.items()
     }
-    if sum(map(len, out.values())) > LONGEST_PROGRAM:
+    if sum(map(len, out.values())) > 60_000:  # characters of the programs that a page still carries
         raise Unreadable("the mechanism has too many bodies")
     return ForcePrograms(out, len(rest) - count, None if whole is top else _inner(dyn, view))
 
 
-def _inner(dyn: Dynamics, view: Plan) -> dict[str, Any]:
+def _inner(dyn: Dynamics, view: Plan) -> dict[str, object]:
     """Collect what a page's solver reads of the coordinates of the dynamics; nothing is driven there."""
     return {
         "unknown": view.unknown.tolist(), "rows": len(view.rows), "driven": [], "guards": 0,

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxnc.constraints.coordinates import from_drawing
 from jaxnc.constraints.elementary import Small
-from jaxnc.constraints.kind import norm
+from jaxnc.constraints.kind import Kind, norm
 from jaxnc.io.files import plain
 from jaxnc.mechanism import Mechanism
 from jaxnc.reading import Builder, Program, Unreadable, rate, write
@@ -90,7 +90,7 @@ def page_solver(
     return f"(()=>{{{FUNCTIONS}return{{{','.join(f'{head}{{{text}}}' for head, text in parts.items())}}}}})()", numbers
 
 
-def _readable(kind: Any, dim: int) -> bool:
+def _readable(kind: Kind, dim: int) -> bool:
     which = ("residual", "guard", "drawn", "measure")
     return all(getattr(kind, w) is None or program(kind, w, dim) is not None for w in which)
 
@@ -179,7 +179,7 @@ def _markers(top: Topology) -> str:
     return javascript(b.program(lines), lambda k: _within(k, (("q", n), ("k", b.inputs))), lambda k: f"o[{k}]")
 
 
-def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
+def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, object]:
     """Collect what the page's solver reads: indices, the pose to start from, inputs of all poses, dimensions."""
     motion, top = data.motion, data.topology
     start = int(np.flatnonzero(data.good)[0])
@@ -212,7 +212,7 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
     }
 
 
-def _design_file(system: System, model: Mechanism | None) -> dict[str, Any]:
+def _design_file(system: System, model: Mechanism | None) -> dict[str, object]:
     """Write a model file, and where points, vectors, markers and explicit dimensions stand in it; or their values.
 
     The drawing of the file may be another pose: planar centres of mass follow their bodies, springs keep their length.
@@ -271,12 +271,12 @@ def _where(data: dict[str, Any], top: Topology, one: Dimension) -> list[Any]:
     return [*path, one.key] if isinstance(entry.get(one.key), float) else []
 
 
-def _guards(kind: Any, dim: int) -> int:
+def _guards(kind: Kind, dim: int) -> int:
     found = program(kind, "guard", dim)
     return 0 if found is None else len(found.outputs)
 
 
-def _dimension_fields(top: Topology) -> list[dict[str, Any]]:
+def _dimension_fields(top: Topology) -> list[dict[str, object]]:
     """List explicit dimensions: what they are called, their unit, whether they are positive."""
     return [
         {
@@ -288,7 +288,7 @@ def _dimension_fields(top: Topology) -> list[dict[str, Any]]:
     ]
 
 
-def _links(top: Topology) -> list[dict[str, Any]]:
+def _links(top: Topology) -> list[dict[str, object]]:
     """List lengths of links that are read off the drawing: two points, and which of the numbers follow from them."""
     at: dict[Owner, list[int]] = {}
     arms, first = [], 0  # arms of angles follow from the lengths, whoever's they are

@@ -20,10 +20,7 @@ from jaxnc.viz.pages.page import page_colours
 from jaxnc.viz.repr_html import Page
 
 _EMBEDDED = {4: 1200, 6: 1800}  # machines in a page, by their number of bars
-_ATLAS = 25_000  # of which they are the first
-_DIGITS = 5
 _LIVE = (3, 20)  # seconds of the searches that follow each other
-_MOST = 1_000_000  # bytes of a question
 _OFFLINE = (
     "This page knows {} four- and six-bars and lays the most alike on what is drawn; it does not refine them. With "
     "Python, <code>jaxnc trace --page</code> searches all four-, six- and eight-bars. Drag any joint."
@@ -55,14 +52,14 @@ def trace_page(path: str | Path, source: Atlas | None = None) -> Path:
 
 
 def _page(source: Atlas | None, live: tuple[float, ...]) -> str:
-    known = atlas(_ATLAS) if source is None else source
+    known = atlas(25_000) if source is None else source
     chains: dict[Chain, int] = {}
     rows = []
     for bars, count in _EMBEDDED.items():
         shelf = known.shelves[bars].at(slice(count))
         for k, index in enumerate(shelf.chain):
             chain = chains.setdefault(shelf.chains[index], len(chains))
-            numbers = [float(f"{x:.{_DIGITS}g}") for x in (*shelf.window[k].tolist(), *shelf.design[k].tolist())]
+            numbers = [float(f"{x:.5g}") for x in (*shelf.window[k].tolist(), *shelf.design[k].tolist())]
             rows.append([chain, *numbers[:2], *shelf.sign[k].tolist(), *numbers[2:]])
     data = {"chains": [_chain(chain) for chain in chains], "rows": rows, "live": live}
     hint = _ONLINE.format(" and ".join(f"{s:g}" for s in live)) if live else _OFFLINE.format(f"{len(rows):,}")
@@ -75,7 +72,7 @@ def _chain(chain: Chain) -> list[Any]:
     return [chain.name, chain.tracer, [[KINDS.index(dyad.kind), dyad.first, dyad.second] for dyad in chain.dyads]]
 
 
-def _machine(design: TracedDesign, links: list[list[str]]) -> dict[str, Any]:
+def _machine(design: TracedDesign, links: list[list[str]]) -> dict[str, object]:
     """Write a design as the page has them."""
     drawn = design.numbers
     name, tracer, dyads = _chain(design.chain)
@@ -106,7 +103,7 @@ class TraceServer(ThreadingHTTPServer):
         """Address of the page."""
         return f"http://127.0.0.1:{self.server_port}/"
 
-    def search(self, asked: dict[str, Any]) -> dict[str, Any]:
+    def search(self, asked: dict[str, object]) -> dict[str, object]:
         """Search for machines for a curve that was drawn."""
         points, closed, seconds = (asked.get(name) for name in ("points", "closed", "seconds"))
         with self.busy:  # one after the other: each takes all processors
@@ -157,7 +154,8 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._is_local():
             return
         size = int(self.headers.get("Content-Length") or 0)
-        if self.path != "/trace" or not 0 < size <= _MOST or self.headers.get("Content-Type") != "application/json":
+        most = 1_000_000  # bytes of a question
+        if self.path != "/trace" or not 0 < size <= most or self.headers.get("Content-Type") != "application/json":
             self._answer(400, b'{"error": "a curve is sent as JSON, at most 1 MB"}', "application/json")
             return
         try:

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 _PYTHON = "python"  # sender of a message; a page has a name of its own
 _NUMBERS = ("c", "k", "d")  # of equations, markers, explicit dimensions
-_TARGETS = 24  # points that a drawn curve becomes
-_CLOSED = 0.12  # of its extent: a drawn curve whose ends are as near as this is closed
 
 
 @public
@@ -71,7 +69,7 @@ def widget(
     if np.ndim(motion.status) > 1:
         raise InputError(f"widget: {motion.system.name!r} has a batch of motions; index one")
     trace = (trace,) if isinstance(trace, str) else tuple(trace)
-    look: dict[str, Any] = {"velocities": (), "accelerations": (), "fps": 25.0, "view": None, "unit": None}
+    look: dict[str, object] = {"velocities": (), "accelerations": (), "fps": 25.0, "view": None, "unit": None}
     unknown = [name for name in options if name not in look]
     if unknown:
         raise InputError(f"widget: no option {unknown[0]!r}; there are {', '.join([*look, 'rates', 'hold'])}")
@@ -94,8 +92,8 @@ class Widget:
     system: System
     inputs: dict[str, float]
     target: Any
-    _now: dict[str, Any]
-    _target: dict[str, Any]
+    _now: dict[str, object]
+    _target: dict[str, object]
     hold_trait_notifications: Callable[[], Any]
 
     def __init__(
@@ -142,7 +140,7 @@ class Widget:
             return found
 
     @property
-    def values(self) -> dict[str, Any]:
+    def values(self) -> dict[str, object]:
         """Values of what is watched, exact at the pose that is shown: numbers, and places ``(dim,)``, by name."""
         pose = self.pose
         found = {name: np.asarray(pose[name]) for name in self._watch}
@@ -221,7 +219,7 @@ class Widget:
 
     # -- what Python assigns, and what the page tells ------------------------------------------------------------------
 
-    def _pulled_to(self, point: str, place: Sequence[float], inputs: Any, **more: Any) -> System:
+    def _pulled_to(self, point: str, place: Sequence[float], inputs: object, **more: Any) -> System:
         if not self._live:
             raise InputError(f"pull: {self._first.name!r} is shown as it is; below it says why")
         inputs = self._check_inputs(self.inputs if inputs is None else inputs)
@@ -277,7 +275,7 @@ class Widget:
         self._known = value, inputs, pose
         return value
 
-    def _check_inputs(self, value: Any) -> dict[str, float]:
+    def _check_inputs(self, value: object) -> dict[str, float]:
         """Check inputs that are assigned."""
         if not isinstance(value, Mapping) or set(value) != set(self._motion.driven):
             raise InputError(f"widget: inputs are the values of {', '.join(self._motion.driven)}, got {value!r}")
@@ -367,7 +365,8 @@ class Widget:
         drawn = change["new"]
         if drawn and drawn.get("by") != _PYTHON:
             points = np.array(drawn["points"], float)
-            closed = bool(np.hypot(*(points[-1] - points[0])) < _CLOSED * np.max(np.ptp(points, axis=0)))
+            # A drawn curve whose ends are near each other, beside its extent, is closed.
+            closed = bool(np.hypot(*(points[-1] - points[0])) < 0.12 * np.max(np.ptp(points, axis=0)))
             self.target = _resample(points, closed)
             self._closed = closed
             self._show_target()
@@ -382,7 +381,7 @@ class Widget:
         self._closed = len(points) > 3 and bool(np.all(points[0] == points[-1]))
         return points[:-1] if self._closed else points
 
-    def _show_target(self, change: Any = None) -> None:
+    def _show_target(self, change: object = None) -> None:
         points = [] if self.target is None else self.target.tolist()
         self._target = {"by": _PYTHON, "points": points, "closed": self._closed}
 
@@ -462,5 +461,6 @@ def _resample(points: np.ndarray, closed: bool) -> np.ndarray:
     """Put as many points as a target has evenly along a drawn curve."""
     line = np.concatenate([points, points[:1]]) if closed else points
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    at = np.linspace(0.0, along[-1], _TARGETS + closed)[:_TARGETS]
+    count = 24  # points that a drawn curve becomes
+    at = np.linspace(0.0, along[-1], count + closed)[:count]
     return np.stack([np.interp(at, along, axis) for axis in line.T], axis=1)

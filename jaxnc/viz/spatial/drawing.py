@@ -31,7 +31,6 @@ from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, axis_name, wide
 from jaxnc.viz.view import View
 
 _MARGIN = 4.2  # around the mechanism, units
-_CLEAR = 5.2  # the same where there is no box
 _BORDER = 33.0  # for numbers and names of the axes, points
 _EDGE = 5.0  # of the paper, points
 _SPARE = 3.4  # of a name, beyond the extents, units
@@ -224,7 +223,7 @@ class SpaceView(View):
     @property
     def _pad(self) -> float:
         """Room around the extents, units."""
-        return _CLEAR if self.tight else _MARGIN
+        return 5.2 if self.tight else _MARGIN
 
     def _arrange(self, paper: np.ndarray) -> None:
         """Place names on a piece of paper, points, and choose the scale so that they are on it."""

@@ -65,8 +65,9 @@ def _head(radius: float, angle: float) -> Mesh:
     return two_sided(tuple(vertices), lined=False)
 
 
-def _octants(dark: bool, steps: int = 3) -> Mesh:
+def _octants(dark: bool) -> Mesh:
     """Make every other octant of a ball."""
+    steps = 3
     parts = []
     for x, y, z in itertools.product((1, -1), repeat=3):
         if (x * y * z > 0) != dark:

@@ -217,9 +217,9 @@ def block(half: float, thick: float) -> Mesh:
     return revolve((Ring(units=-half, thick=thick), Ring(units=half, thick=thick)), 4, prism=True)
 
 
-def disc(radius: float, half: float, sides: int = 40) -> Mesh:
+def disc(radius: float, half: float) -> Mesh:
     """Make a wheel about the frame's origin: its radius is a length, its half width in units."""
-    return revolve((Ring(units=-half, radius=radius), Ring(units=half, radius=radius)), sides)
+    return revolve((Ring(units=-half, radius=radius), Ring(units=half, radius=radius)), 40)
 
 
 def arrow(length: float, shaft: float, head: float, start: float = 0.0, further: float = 0.0, sides: int = 10) -> Mesh:
