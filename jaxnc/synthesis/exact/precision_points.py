@@ -112,7 +112,7 @@ def _residuals(z: np.ndarray, g: np.ndarray, parts: tuple, wide: bool) -> tuple:
     bars: Any = x * (aa - e) * g0 + xx * (a - d) * g1 + d * (of(e) - aa - xx) - e * (a + x)
     base = sum((of(matrix[:, k]) * z[4 + k] for k in range(4)), start=-of(right))
     out = bars, g0 * g1 + g0 + g1, base
-    return tuple(part.rounded() for part in out) if wide else out
+    return tuple(part.rounded() if isinstance(part, Twofold) else part for part in out)
 
 
 def _series_product(p: list, q: list, k: int, first: int = 0) -> Any:
@@ -232,6 +232,7 @@ def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL, wide
 
 _SINGULAR = 1e-7  # last step of Newton's, beside the solution: above, the end is singular
 _NEXT = 1e-8  # of the way is left to ends that are singular or at infinity; steps come to nothing sooner elsewhere
+_STEEP = 1.2  # growth on the way to infinity: some 1 / k; what grows faster beside it may end far away
 _SAME = 1e-6  # relative difference of two ends that are one solution
 _REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
 _OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
@@ -482,7 +483,7 @@ def _route(name: str, task: Task, angle: float) -> tuple[np.ndarray, int]:
             met = out.arrived & (last < _SINGULAR)
             ends[:, lanes], good[lanes] = new, met & ~none
             if attempt.wide:  # else rounding passes for growth
-                next_to = (1.0 - out.at < _NEXT) | (out.size > FAR)
+                next_to = (1.0 - out.at < _NEXT) | ((out.size > FAR) & (out.growth < _STEEP))
                 elsewhere[lanes] = (met & none) | (out.arrived & ~met) | (out.at_infinity | out.singular) & next_to
         if attempt.wide:  # what is known stays, and what is met again was lost
             order = np.concatenate([np.setdiff1d(np.arange(len(good)), rest), rest])
