@@ -351,9 +351,9 @@ def every() -> Iterator[Case]:
         yield Case(kind, count, lanes, route)
 
 
-def pairs() -> list[Case]:
+def pairs(lanes: tuple[int, ...] = LANES) -> list[Case]:
     """Some of them, in which every two settings meet."""
-    axes = (tuple(RIGS), INPUTS, LANES, ROUTES)
+    axes = (tuple(RIGS), INPUTS, lanes, ROUTES)
 
     def met(c: tuple) -> set:
         return {(i, c[i], j, c[j]) for i, j in itertools.combinations(range(4), 2)}

@@ -27,6 +27,7 @@ _HEAD = """# Benchmarks
 | `python -m benchmarks.synthesis` | design by gradient: published cases and others, see below; `--list` names them |
 | `python -m benchmarks.optimisers` | optax against the least-squares search: [optimisers.md](../docs/optimisers.md) |
 | `python -m benchmarks.dynamics` | formulations, engines, problems of dynamics: [dynamics.md](dynamics.md) |
+| `python -m benchmarks.modes` | all assemblies against PHCpack, where its program `phc` is: the same sets |
 
 The command ends with 1 if a ratio is worse than in `benchmarks/baseline.json` by more than the tolerance written
 there, or if a case fails. Ratios are of times of one run on one machine; absolute times are shown and never compared

@@ -28,6 +28,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.errors import brief
+from jaxnc.synthesis.tracing import atlas
 
 PACKAGES = (
     "",
@@ -380,6 +381,13 @@ def calls() -> Iterator[tuple[str, Callable[[], Any], dict[str, Any]]]:
                     assert p.name in known, f"say in methods() what a valid call of {noun}.{name} has for {p.name}"
                     given[p.name] = known[p.name]
             yield f"{noun}.{name}", (lambda thing=thing, name=name: getattr(thing, name)), given
+
+
+@pytest.fixture(autouse=True)
+def small_atlases(monkeypatch):
+    """Atlases of four-bars alone, and no more than are drawn at once."""
+    monkeypatch.setattr(atlas, "BARS", (4,))
+    monkeypatch.setattr(atlas, "_PART", 500)
 
 
 def test_every_valid_call_is_valid(tmp_path, monkeypatch):

@@ -333,4 +333,7 @@ KEYS = {
     "ConditionEntry.links": "clear of: names of bodies; all that move if not given",
     "ConditionEntry.layers": "clear links: the layer of each body, or bodies of one layer",
     "ConditionEntry.width": "clear of, clear links: of the links",
+    "ConditionEntry.distance": "no flip: how far points move into another assembly, at least; a length",
+    "ConditionEntry.input": "no flip: how far dead points are, at least; in the unit of the input",
+    "ConditionEntry.stops": 'only circuit: coordinates and between what they stay, `{ "C.y" = [0, inf] }`',
 }

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import msgspec
@@ -23,6 +23,7 @@ from jaxnc.reporting.verdict import Design, Family, Search, Verdict, number
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.result import Result
+    from jaxnc.synthesis.tracing.trace import TraceResult
 
 _MOST_NAMES = 12  # shown in a list
 _EXPORTS = {"mjcf": (".xml", "for MuJoCo"), "urdf": (".urdf", "for other simulators of robots")}
@@ -190,13 +191,13 @@ def do_synthesise(question: Question, options: argparse.Namespace, importing: fl
 
 
 def do_trace(question: Question, options: argparse.Namespace, importing: float) -> int:
-    """Find linkages that trace a curve; 1 if none meets the conditions."""
+    """Find linkages that trace a curve; 1 if none meets the conditions, 130 if the search was interrupted."""
     from jaxnc import synthesis as S
 
     if question.curve is None:
         return _show_trace_page(options)
     points, closed = question.curve
-    more = {}
+    more: dict[str, Any] = {"checkpoint": options.checkpoint, "resume": options.resume}
     if options.bars is not None:
         words = options.bars.split(",")
         if not all(word.strip().isdigit() for word in words):
@@ -216,17 +217,17 @@ def do_trace(question: Question, options: argparse.Namespace, importing: float) 
     print(f"  importing  {importing:.2f} s")
     if not designs:
         verdict.add("no-design", "error", "no linkage meets the conditions")
-        return 1
+        return _search_code(result, options)
     if options.out is None:
         print("  no files written; --out DIR writes the linkages as model files, and a picture")
-        return 0
+        return _search_code(result, options)
     place, tasks = Path(options.out), []
     for k, design in enumerate(result.designs[:3], 1):
         tasks.append((f"-{k}.toml", f"a model file: {design.name}", design.save))
     if not options.no_pictures:
         tasks.append(("-linkages.png", "the best linkages", result.plot))
     print(list_files(write_files(place, question.mechanism.name, tasks), verdict))
-    return 0
+    return _search_code(result, options)
 
 
 def _show_trace_page(options: argparse.Namespace) -> int:
@@ -246,7 +247,7 @@ def _show_trace_page(options: argparse.Namespace) -> int:
     return 0
 
 
-def _search_code(result: "Result", options: argparse.Namespace) -> int:
+def _search_code(result: "Result | TraceResult", options: argparse.Namespace) -> int:
     """The exit code; of an interrupted search a line on stderr says what is kept of it."""
     if not result.interrupted:
         return int(not result.found)

@@ -95,8 +95,8 @@ def _run_to_exit_code(arguments: Sequence[str]) -> int:
         # Whoever read the report (head, less) has gone. Python would complain again when it closes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
-    except KeyboardInterrupt:
-        print("jaxnc: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print("; ".join(["jaxnc: interrupted", *map(str, error.args)]), file=sys.stderr)
         return 130
     except (JaxncError, OSError) as error:
         said, failed = " ".join(str(error).split()), isinstance(error, AssemblyError)
@@ -314,6 +314,8 @@ def command_parser() -> argparse.ArgumentParser:
     ends.add_argument("--closed", action="store_true", default=None, help="the last point is joined to the first")
     ends.add_argument("--open", action="store_false", dest="closed", help="it is not; without either, where they meet")
     trace.add_argument("--no-sliders", action="store_true", help="turning joints only")
+    trace.add_argument("--checkpoint", metavar="FILE", help="keep the search in FILE while it runs")
+    trace.add_argument("--resume", metavar="FILE", help="go on with the search that was kept in FILE, and keep it")
     trace.add_argument("--transmission", type=float, metavar="DEG", help="smallest transmission angle, degrees (8)")
     trace.add_argument("--out", metavar="DIR", help="write the linkages as model files, and a picture, into DIR")
     trace.add_argument("--no-pictures", action="store_true", help="write models only")
@@ -326,6 +328,8 @@ def command_parser() -> argparse.ArgumentParser:
     _add_repeatable(modes, "--hold", "NAME[,NAME]", "coordinates that stay put")
     _add_repeatable(modes, "--output", "NAME[,NAME]", "points and coordinates to list instead of those of the file")
     modes.add_argument("--seed", type=int, default=0, metavar="N", help="another number takes other ways (0)")
+    modes.add_argument("--most", type=int, default=1000, metavar="N", help="solutions to look for at most (1000)")
+    modes.add_argument("--prove", action="store_true", help="prove by the trace test that no solution is missing")
     modes.add_argument("--out", metavar="DIR", help="write a table and a picture into DIR")
     modes.add_argument("--no-pictures", action="store_true", help="write the table only")
     compare = commands.add_parser("compare", help="look at a model in every family of coordinates, side by side")

@@ -45,13 +45,14 @@ def do_modes(question: Question, options: argparse.Namespace, importing: float) 
     for name, drive in run.inputs.items():
         values = np.linspace(drive.start, drive.end, drive.poses) * unit_in_radians(mechanism, name)
         inputs[name] = values if drive.poses > 1 else values[0]
+    common = {"hold": run.hold, "unit": "rad", "seed": options.seed, "most": options.most}
     with step_bar(1) as step:
         step("looking for all assemblies")
         if options.map is None:
-            found = nc.modes(system, inputs, hold=run.hold, unit="rad", seed=options.seed)
+            found = nc.modes(system, inputs, **common, prove=options.prove)
             tasks = _list_modes(found, question, options)
         else:
-            found = nc.circuits(system, inputs, hold=run.hold, unit="rad", seed=options.seed)
+            found = nc.circuits(system, inputs, **common)
             tasks = _list_circuits(found, system, options)
     some = any(verdict.assemblies.count)
     verdict.assembles = verdict.does = some

@@ -16,7 +16,9 @@ SAME = 1e-6
 """Relative difference of two ends that are one solution."""
 
 _LOOPS = 400
-_QUIET = ((3, 16), (9, 8), (10**9, 4))  # loops in a row without a new solution, by how many are known
+_QUIET = 16  # loops in a row without a new solution
+_WHOLE = 4  # of them, those that follow all solutions, if there are more than a few
+_FEW = 10
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +31,7 @@ class Found:
     lost: int  # paths that did not arrive, of all loops
     paths: int  # paths of all loops
     diverged: int  # lost ones that went to infinity, which paths between generic members of a family do not
+    estimate: float  # how many solutions there may be, from how many ends of a loop were known: capture and recapture
 
 
 def is_new(known: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -42,35 +45,50 @@ def is_new(known: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 def run_loops(
-    w: np.ndarray, loop: Callable[[], list[QuadraticPaths]], patience: int | None = None, sure: bool = False
+    w: np.ndarray,
+    loop: Callable[[], list[QuadraticPaths]],
+    patience: int | None = None,
+    sure: bool = False,
+    begun: tuple[int, int] = (0, 0),
+    keep: Callable[[Found], None] = lambda found: None,
 ) -> Found:
     """Find solutions ``(n, …)`` by loops from a member back to itself, until many in a row bring none.
 
-    Of few solutions half of the loops change nothing; of many hardly any misses the last one. `loop` makes the legs of
-    another one. Two will do where the solutions are `sure` to be all. With `patience` the search ends when so many
-    paths have gone to infinity: the legs then leave the family.
+    A single solution that is missing is found by nearly every loop in which all known ones are followed. Where
+    solutions change places in blocks, a block that is missing is found by every other loop only, but by any of its
+    ways. So a few loops follow all, and many more a few of them. `loop` makes the legs of another one. Two will do
+    where the solutions are `sure` to be all.
+
+    With `patience` the search ends when so many paths have gone to infinity: the legs then leave the family. A search
+    that goes on has `begun` with the loops of a `Found`, and how many of them were quiet. What there is after each loop
+    is given to `keep`.
     """
-    still = loops = lost = paths = diverged = 0
-    while still < (2 if sure else _enough(w.shape[1])) and loops < _LOOPS:
+    loops, still = begun
+    lost = paths = diverged = 0
+    found = Found(w, loops, still, 0, 0, 0, np.inf)
+    while still < (2 if sure else _QUIET) and loops < _LOOPS:
         legs, done, before = loop(), 0, w.shape[1]
+        whole, again = still < _WHOLE or before <= _FEW, 0  # of those known before, whose ends were known too
+        some = slice(None) if whole else np.random.default_rng(loops).choice(before, _FEW, replace=False)
         while done < w.shape[1]:
-            here, done = w[:, done:], w.shape[1]
+            here, first, done = w[:, done:], not done, w.shape[1]
+            here = here[:, some] if first else here
             for leg in legs:
                 ends = leg.follow(here, BOLD)
                 paths, lost = paths + len(ends.arrived), lost + int(np.sum(~ends.arrived))
                 diverged += int(ends.at_infinity.sum())
                 here = ends.w[:, ends.arrived]
-            w = np.concatenate([w, here[:, is_new(w, here)]], axis=1)
+            new = is_new(w, here)
+            again = int(np.sum(~new)) if first else again
+            w = np.concatenate([w, here[:, new]], axis=1)
         loops += 1
         still = 0 if w.shape[1] > before else still + 1
+        expected = before**2 / again if whole and again else found.estimate
+        found = Found(w, loops, still, lost, paths, diverged, expected)
         if patience is not None and diverged > patience + 0.005 * paths:
-            return Found(w, loops, 0, lost, paths, diverged)
-    return Found(w, loops, still, lost, paths, diverged)
-
-
-def _enough(count: int) -> int:
-    """How many loops in a row without a new solution are enough, by how many are known."""
-    return next(loops for most, loops in _QUIET if count <= most)
+            return dataclasses.replace(found, quiet=0)
+        keep(found)
+    return found
 
 
 def solve_by_degree(t: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, bool]:

@@ -50,7 +50,7 @@ def _problem(said: ProblemFile, mechanism: Mechanism, folder: Path, source: Sour
         "hold": said.hold,
         "weights": said.weights,
         "minimax": said.minimax,
-        "subject_to": [_condition(c, angle, k, source) for k, c in enumerate(said.conditions)],
+        "subject_to": [_condition(c, mechanism, unit, k, source) for k, c in enumerate(said.conditions)],
     }
     target, closed = _target(said, folder, source)
 
@@ -94,8 +94,9 @@ def _orientations(given: list[Any], dim: int, angle: float, source: Source) -> n
     return found if dim == 2 else np.stack([np.asarray(rotation_matrix(v)) for v in found])
 
 
-def _condition(c: ConditionEntry, angle: float, k: int, source: Source) -> kinds.Condition:
-    """Make the condition that an entry means."""
+def _condition(c: ConditionEntry, mechanism: Mechanism, driven: float, k: int, source: Source) -> kinds.Condition:
+    """Make the condition that an entry means; one of the input is in units of `driven`."""
+    angle = math.pi / 180.0 if mechanism.model.units.angle == "deg" else 1.0
 
     def require(what: str, value: Any, count: int | None = None) -> Any:
         if value is None or (count is not None and len(value) != count):
@@ -119,6 +120,10 @@ def _condition(c: ConditionEntry, angle: float, k: int, source: Source) -> kinds
             return clear_of(require("region", c.region), c.links, c.width, c.margin)
         if c.type == "clear links":
             return clear_links(require("layers", c.layers), c.width, c.margin)
+        if c.type == "no flip":
+            return kinds.no_flip(c.distance, None if c.input is None else c.input * driven)
+        if c.type == "only circuit":
+            return kinds.only_circuit({n: _scale_bounds(b, unit_of(mechanism, n)) for n, b in (c.stops or {}).items()})
         if c.type == "circuit":
             return on_circuit(require("side", c.side), c.joint)
         start, end = require("points", c.points, 2)
@@ -134,6 +139,11 @@ def _condition(c: ConditionEntry, angle: float, k: int, source: Source) -> kinds
             return kinds.equal((start, end), c.value)
         first, second = require("other", c.other, 2)
         return kinds.equal((start, end), (first, second))
+
+
+def _scale_bounds(bounds: tuple[float | None, float | None], unit: float) -> tuple[float | None, float | None]:
+    low, high = (None if bound is None else bound * unit for bound in bounds)
+    return low, high
 
 
 def _target(said: ProblemFile, folder: Path, source: Source) -> tuple[Any, bool]:

@@ -31,6 +31,8 @@ class ConditionEntry(_Record):
         "circuit",
         "clear of",
         "clear links",
+        "no flip",
+        "only circuit",
     ]
     kind: Literal["crank-rocker", "double-crank"] | None = None
     margin: float = 0.0
@@ -52,6 +54,9 @@ class ConditionEntry(_Record):
     links: list[str] | None = None
     layers: dict[str, int] | list[str] | None = None
     width: float = 0.0
+    distance: float | None = None
+    input: float | None = None
+    stops: dict[str, tuple[float | None, float | None]] | None = None
 
 
 class SvgTarget(_Record):

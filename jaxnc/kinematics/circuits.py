@@ -17,7 +17,7 @@ from jaxnc.continuation.tracker import CAREFUL
 from jaxnc.doors import door
 from jaxnc.errors import AssemblyError, InputError, counted
 from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
-from jaxnc.kinematics.modes import Design, Family, Targets, prepare, to_motion
+from jaxnc.kinematics.modes import MOST, Design, Family, Targets, prepare, to_motion
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.notebooks import Shown
@@ -137,7 +137,12 @@ class Circuits(Shown):
 @public
 @widened
 def circuits(
-    system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0
+    system: System,
+    inputs: Inputs,
+    hold: Sequence[str] = (),
+    unit: str | None = None,
+    seed: int = 0,
+    most: int = MOST,
 ) -> Circuits:
     """Find every assembly over a range of an input, and which can be reached from which without taking apart.
 
@@ -148,6 +153,7 @@ def circuits(
         hold: free coordinates that keep the value they have in the drawing.
         unit: what angles are given in, ``"rad"`` or ``"deg"``.
         seed: as of `modes`.
+        most: as of `modes`.
 
     Returns:
         Branches and circuits. A circuit that closes outside of the range only counts as several.
@@ -174,7 +180,7 @@ def circuits(
         raise InputError(f"circuits(): the values of {moving[0]!r} must ascend, each one greater than the one before")
     check_parameters(system)
     order = tuple(system.topology.position[n] for n in names)
-    design, family = prepare(system, order, tuple(map(int, view.held)), seed)
+    design, family = prepare(system, order, tuple(map(int, view.held)), seed, most)
     range_ = _Range(design, family, order, values, k, seed)
     angle = system.topology.is_angle(moving[0])
     turn = (values[-1, k] - values[0, k]) / (2.0 * math.pi)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
@@ -13,17 +13,24 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.freedoms import Freedoms, explain_lock, loose_motions
 from jaxnc.kinematics.inputs import check_system, dense_only
 from jaxnc.notebooks import Shown
-from jaxnc.solvers.assembly import derive, evaluate, free_plan, general_rank, meets, rank_of, sample_poses, settle
-from jaxnc.solvers.kernel import LARGEST_WRITTEN, kernel, writes_out
-from jaxnc.solvers.plan import Plan, by_lu, plan
+from jaxnc.solvers.assembly import (
+    Sample,
+    derive,
+    evaluate,
+    free_plan,
+    general_sample,
+    meets,
+    rank_of,
+    sample_poses,
+    settle,
+)
+from jaxnc.solvers.kernel import kernel, writes_out
+from jaxnc.solvers.plan import LARGEST_WRITTEN, Plan, by_lu, plan
 from jaxnc.system.equations import Equations, coefficients, rate_constants
 from jaxnc.system.precision import on_host, widened
 from jaxnc.system.system import System, drivable, unheld
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
-
-if TYPE_CHECKING:
-    from jaxnc.solvers.assembly import Sample
 
 IDLE = (
     "holds nothing to first order, since its points can move across it only, so that too many freedoms are counted: "
@@ -163,7 +170,12 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
     names = [top.rows[i] for i in view.rows]
     bodies = Freedoms(top, eq, np.asarray(best.q)) if top.dim == 3 else None
     count = grubler(top) if bodies is None else bodies.grubler
-    special = _special(system, rank, min(n - rank - count, len(redundant))) if redundant and assembles else 0
+    special, idle = 0, _idle(matrix)
+    if redundant and assembles:
+        general = general_sample(system, 2)
+        special = _special(general, rank, min(n - rank - count, len(redundant)), n)
+        if not special:  # what holds something in other designs, and is redundant there too, is missed nowhere
+            idle = [i for i in idle if i in _idle(general[0].jacobian)]
     proposals = tuple(bodies.proposals()) if bodies is not None and special else ()
     return Mobility(
         name=top.name,
@@ -179,7 +191,7 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
         gap=gap,
         momentary=rank - samples[0].rank if assembles else 0,
         proposals=proposals,
-        idle=tuple(names[i] for i in _idle(matrix)),
+        idle=tuple(names[i] for i in idle),
         loose=tuple(loose_motions(system, ()) if top.dim == 3 else unheld(top)),
         locked=tuple(explain_lock(system)) if assembles else (),
         slips=top.rate_rows,
@@ -239,7 +251,7 @@ def _join_counts(noun: str, numbers: list[int]) -> str:
     return f"{said} {noun}" + ("" if said == "1" else "s")
 
 
-def _slipping(system: System, eq: Equations, sample: "Sample") -> int:
+def _slipping(system: System, eq: Equations, sample: Sample) -> int:
     """Count the freedoms that the rows on velocities take away in a pose."""
     top = system.topology
     if not top.rates:
@@ -255,16 +267,15 @@ def _rate_rows(system: System, q: Array) -> Array:
     return coefficients(system.topology, rate_constants(system), q)
 
 
-def _special(system: System, rank: int, by_count: int) -> int:
+def _special(general: tuple[Sample, bool], rank: int, by_count: int, unknowns: int) -> int:
     """Count the redundancies of these dimensions only: what the rank gains by a general change of the drawing.
 
     Where that leaves no motion at all the rank cannot show them all; the count of joints then says how many there are.
     """
-    general, assembles = general_rank(system)
+    found, assembles = general
     if not assembles:
-        return max(1, general - rank, by_count)
-    rigid = general == len(system.topology.unknown)
-    return max(0, general - rank, by_count if rigid and general > rank else 0)
+        return max(1, found.rank - rank, by_count)
+    return max(0, found.rank - rank, by_count if found.rank == unknowns and found.rank > rank else 0)
 
 
 def grubler(topology: Topology) -> int:

@@ -20,8 +20,17 @@ from jaxnc.continuation.monodromy import SAME, is_new
 from jaxnc.continuation.quadratic import QuadraticPaths, inverses
 from jaxnc.continuation.tracker import BOLD, CAREFUL
 from jaxnc.doors import door
-from jaxnc.errors import InputError, counted
-from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
+from jaxnc.errors import InputError, brief, counted
+from jaxnc.kinematics.inputs import (
+    check_parameters,
+    check_system,
+    doubt_degrees,
+    in_radians,
+    make_plan,
+    named,
+    stack,
+    whole,
+)
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.polynomial import Member, NotPolynomial, Reading, read_polynomials
 from jaxnc.kinematics.reduction import Placed, Reduction
@@ -29,9 +38,11 @@ from jaxnc.kinematics.starts import (
     NoMember,
     PositiveDimension,
     StartSet,
+    TooMany,
     draw_generic,
     find_starts,
     load_starts,
+    prove_starts,
     save_starts,
     structure_key,
 )
@@ -45,6 +56,9 @@ from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
+
+MOST = 1000
+"""Solutions of a generic mechanism that are looked for without being asked to."""
 
 _ZERO = 1e-10  # of the mechanism's size: a constant of a design below is zero by its structure
 _WIDE = 1e5  # beside 1: maps of an elimination that divides by next to nothing
@@ -93,7 +107,8 @@ class Modes(Shown):
         at_infinity: how many of them this mechanism has at infinity.
         singular: how many end where solutions meet or are not isolated.
         lost: how many paths were lost, after all attempts.
-        proved: whether `expected` is proved by total degree; else it is what loops have found.
+        proof: what shows that there are not more than `expected`, ``"total degree"`` or ``"trace test"``; empty where
+            it is what loops have found.
         loops: loops of monodromy that the structure took.
         quiet: how many of them, at the end, brought no new solution.
         disjoint: whether all certified solutions, complex ones too, are proved to be different.
@@ -107,13 +122,18 @@ class Modes(Shown):
     at_infinity: int
     singular: int
     lost: int
-    proved: bool
+    proof: str
     loops: int
     quiet: int
     disjoint: bool
 
     def __len__(self) -> int:
         return len(self.certificates)
+
+    @property
+    def proved(self) -> bool:
+        """True if `expected` is proved, not only observed."""
+        return bool(self.proof)
 
     @property
     def complete(self) -> bool:
@@ -123,10 +143,12 @@ class Modes(Shown):
     @property
     def statement(self) -> str:
         """What is proved and what was observed, in sentences."""
-        how = (
-            "proved by total degree: every path ends in a solution or at infinity"
-            if self.proved
-            else f"observed: {counted(self.loops, 'loop')} of monodromy, the last {self.quiet} without a new one"
+        how = {
+            "total degree": "proved by total degree: every path ends in a solution or at infinity",
+            "trace test": "proved but for rounding by the trace test: a sum over all that hang together is linear",
+        }.get(
+            self.proof,
+            f"observed: {counted(self.loops, 'loop')} of monodromy, the last {self.quiet} without a new one",
         )
         ends = [f"{counted(len(self), 'assembly', 'assemblies')}"]
         real = self.mirrored.status.shape[0]
@@ -245,8 +267,8 @@ def _place(reduction: Reduction, design: Member) -> Placed | None:
     return placed if np.abs(placed.maps).max() < _WIDE else None
 
 
-def family_of(design: Design, inputs: Sequence[int], seed: int = 0) -> Family:
-    """The family of a design: made once for a structure, or read from the user's cache."""
+def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, prove: bool) -> Family:
+    """The family of a design: made once for a structure, of `most` solutions, or read from the user's cache."""
     base, zeros = design.reading, tuple((np.abs(c) <= _ZERO).tobytes() for c in design.constants)
     known = base.families
     if (zeros, seed) not in known:
@@ -261,10 +283,16 @@ def family_of(design: Design, inputs: Sequence[int], seed: int = 0) -> Family:
         if starts is None:
             own = dataclasses.replace(design, reading=reading)
             member, _ = own.at((design.x * design.unit)[list(inputs), None], inputs)
-            starts = find_starts(reading, design.x, design.constants, member, rng)
+            starts = find_starts(reading, design.x, design.constants, member, rng, key, most)
             save_starts(starts, key)
         known[zeros, seed] = Family(reading, starts)
-    return known[zeros, seed]
+    family = known[zeros, seed]
+    if prove and not family.starts.proof:
+        rng, own = np.random.default_rng([seed, 34]), dataclasses.replace(design, reading=family.reading)
+        member, _ = own.at((design.x * design.unit)[list(inputs), None], inputs)
+        family.starts = prove_starts(family.reading, design.x, design.constants, member, family.starts, rng)
+        save_starts(family.starts, structure_key(family.reading, design.constants, _ZERO) + f"-{seed}")
+    return family
 
 
 # -- all solutions -----------------------------------------------------------------------------------------------------
@@ -387,6 +415,8 @@ class Targets:
             there = self.reduction.place(member)
         else:
             there = _place_between(self.reduction, self.begin, self.end.choose([0]), _BESIDE)
+        if not self.reduction.n:
+            return there, np.zeros((0, 1))
         ends = self.reduction.paths(self.begin, there).follow(self.reduction.shorten(self.family.starts.x), CAREFUL)
         w = ends.w[:, ends.arrived]
         return there, w[:, is_new(np.zeros((len(w), 0)), w)]
@@ -448,7 +478,7 @@ class ModesMap(Shown):
             the status says so.
         doubtful: where paths were lost or solutions are not isolated, so that others may be missing, ``(...,)``.
         expected: how many solutions a generic mechanism of this structure has, complex ones included.
-        proved: whether `expected` is proved by total degree; else it is what loops have found.
+        proof: as of `Modes`.
     """
 
     inputs: dict[str, np.ndarray]
@@ -456,7 +486,7 @@ class ModesMap(Shown):
     poses: Motion
     doubtful: np.ndarray
     expected: int
-    proved: bool
+    proof: str
 
     @property
     def complete(self) -> bool:
@@ -469,7 +499,7 @@ class ModesMap(Shown):
         found = ", ".join(
             f"{n} at {k}" for n, k in zip(*(a.tolist() for a in np.unique(self.count, return_counts=True)), strict=True)
         )
-        how = "proved by total degree" if self.proved else "observed"
+        how = f"proved by {self.proof}" if self.proof else "observed"
         text = (
             f"A generic mechanism of this structure has {counted(self.expected, 'solution')} ({how}). "
             f"Of {self.count.size} places these have so many assemblies: {found}."
@@ -495,7 +525,9 @@ def join_members(members: Sequence[Member]) -> Member:
     return Member(constants, *rest)
 
 
-def _solve_map(system: System, view: Plan, names: Sequence[str], values: np.ndarray, seed: int) -> ModesMap:
+def _solve_map(
+    system: System, view: Plan, names: Sequence[str], values: np.ndarray, seed: int, most: int, prove: bool
+) -> ModesMap:
     """All real assemblies for inputs ``(..., inputs)``, of one design or of as many."""
     lead, top = system.parameters.points.ndim - 2, system.topology
     order, held = tuple(top.position[n] for n in names), tuple(map(int, view.held))
@@ -511,7 +543,7 @@ def _solve_map(system: System, view: Plan, names: Sequence[str], values: np.ndar
         several = [system]
     values = np.asarray(values, float).reshape(-1, values.shape[-1])
     first = max(several, key=_nonzero) if lead else system
-    own, family = prepare(first, order, held, seed)
+    own, family = prepare(first, order, held, seed, most, prove)
     designs = [own] if not lead else [describe(one, family.reading) for one in several]
     found = Targets(designs, family, order, values, seed)
     count = np.array([p.w.shape[1] for p in found.places])
@@ -536,7 +568,7 @@ def _solve_map(system: System, view: Plan, names: Sequence[str], values: np.ndar
         motion,
         np.array([p.doubtful for p in found.places]).reshape(shape),
         len(family.starts),
-        family.starts.proved,
+        family.starts.proof,
     )
 
 
@@ -548,7 +580,13 @@ def _nonzero(system: System) -> int:
 @public
 @widened
 def modes(
-    system: System, inputs: Inputs, hold: Sequence[str] = (), unit: str | None = None, seed: int = 0
+    system: System,
+    inputs: Inputs,
+    hold: Sequence[str] = (),
+    unit: str | None = None,
+    seed: int = 0,
+    most: int = MOST,
+    prove: bool = False,
 ) -> Modes | ModesMap:
     """Find every assembly of a mechanism for its inputs, with certificates and a statement of completeness.
 
@@ -559,6 +597,12 @@ def modes(
         hold: free coordinates that keep the value they have in the drawing.
         unit: what angles are given in, ``"rad"`` or ``"deg"``.
         seed: another number takes other ways, and another generic mechanism to begin from.
+        most: how many solutions of a generic mechanism of this structure may be looked for, complex ones included. If
+            there turn out to be more, the error says how many there may be and how long they take, and what is known is
+            kept: with a larger number the next call goes on from there. So it does after Ctrl-C.
+        prove: whether a number of solutions that was only observed is to be proved by the trace test, once for a
+            structure: some seconds for eight solutions, twenty for forty. Where the test comes to no end the number
+            stays observed.
 
     Returns:
         The assemblies, a `Modes` for one set of inputs, a `ModesMap` for many; failures are counted there, never
@@ -566,7 +610,8 @@ def modes(
 
     Raises:
         InputError: inputs that are too many or too few, or not finite; rows that are no polynomials of second degree
-            (gears, rolling, screws, own kinds); a mechanism that moves with its inputs held.
+            (gears, rolling, screws, own kinds); a mechanism that moves with its inputs held; more than `most`
+            solutions.
     """
     one_thread("numpy")
     check_system(system, "modes()")
@@ -579,20 +624,25 @@ def modes(
     if shape or system.parameters.points.ndim > 2:
         if not math.prod(shape):
             raise InputError(f"modes(): inputs of the shape {shape} hold no value")
-        return _solve_map(system, view, names, values, seed)
+        return _solve_map(system, view, names, values, seed, most, prove)
     order = tuple(system.topology.position[n] for n in names)
-    design, family = prepare(system, order, tuple(map(int, view.held)), seed)
+    design, family = prepare(system, order, tuple(map(int, view.held)), seed, most, prove)
     member, x = design.at(values[:, None], order)
     return _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
 
 
-def prepare(system: System, driven: tuple[int, ...], held: tuple[int, ...], seed: int) -> tuple[Design, Family]:
+def prepare(
+    system: System, driven: tuple[int, ...], held: tuple[int, ...], seed: int, most: int, prove: bool = False
+) -> tuple[Design, Family]:
     """The design of a system and its family; what cannot be read as polynomials is refused."""
     top = system.topology
+    seed, most = whole(seed, "modes(): seed", 0), whole(most, "modes(): most")
+    if not isinstance(prove, bool | np.bool_):
+        raise InputError(f"modes(): prove must be True or False, got {brief(prove)}")
     try:
         reading = read_polynomials(top.structure, (*driven, *held))
         design = describe(system, reading)
-        family = family_of(design, (*driven, *held), seed)
+        family = family_of(design, (*driven, *held), seed, most, prove)
     except NotPolynomial as error:
         block, instance, why = error.args
         owner = top.called(*top.blocks[block].owners[instance])
@@ -605,12 +655,29 @@ def prepare(system: System, driven: tuple[int, ...], held: tuple[int, ...], seed
             f"modes(): with these inputs {top.name!r} still has {counted(error.args[0], 'freedom')}: hold a coordinate "
             f"of what moves (a rod's spin), hold=[…], or drive it; jaxnc.mobility(system) names the free motions"
         ) from None
+    except TooMany as error:
+        known, expected, seconds, kept = error.args
+        raise InputError(
+            f"modes(): a generic mechanism of the structure of {top.name!r} has more than {most:,} solutions: "
+            f"{known:,} are known{' and kept' * kept}, about {expected:,} are expected, which take about "
+            f"{_write_time(seconds)}; jaxnc.modes(…, most={_round_up(2 * expected)}) looks for them"
+        ) from None
     except NoMember:
         raise InputError(
             f"modes(): {top.name!r} is overconstrained: it moves for special dimensions only, and has no family of "
             f"mechanisms to begin from; leave out what is redundant (jaxnc.mobility(system) names it)"
         ) from None
     return dataclasses.replace(design, reading=family.reading), family
+
+
+def _write_time(seconds: float) -> str:
+    return f"{seconds / 60:.0f} min" if seconds > 90 else f"{max(1.0, seconds):.0f} s"
+
+
+def _round_up(count: float) -> int:
+    """Round up to one digit."""
+    power = 10 ** int(math.log10(max(1.0, count)))
+    return math.ceil(count / power) * power
 
 
 def _report(system, view, design: Design, family: Family, x: np.ndarray, values: np.ndarray, ends: Ends) -> Modes:
@@ -644,7 +711,7 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
         ends.at_infinity,
         ends.singular,
         ends.lost,
-        family.starts.proved,
+        family.starts.proof,
         family.starts.loops,
         family.starts.quiet,
         are_disjoint(ends.w, balls),

@@ -1,11 +1,13 @@
 """Start sets: all solutions of a generic member of a structure's family, found once and kept in the user's cache."""
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
 import os
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,17 +15,23 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxnc.continuation.monodromy import is_new, run_loops, solve_by_degree
+from jaxnc.continuation.monodromy import Found, is_new, run_loops, solve_by_degree
 from jaxnc.continuation.quadratic import QuadraticPaths
+from jaxnc.continuation.sections import trace_solutions
+from jaxnc.errors import counted
 from jaxnc.kinematics.polynomial import Member, Reading
 from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
 from jaxnc.process import cache_folder
 
-_VERSION = 1  # of the files, and of what their keys mean
+_VERSION = 2  # of the files, and of what their keys mean
 _PATIENCE = 1  # paths between generic members that may go to infinity
 _BY_DEGREE = 6  # unknowns up to which the total degree is tried, 64 paths
 _DRAWS = 20
 _SOLVES = 1e-8  # largest residual of a row that is met by a solution of combinations of rows
+_EVERY = 2.0  # seconds after which what is known so far is written into the cache
+_BY_PATHS, _BY_TRACE = "total degree", "trace test"
+_PART = "-part"  # of the key of a start set that is not complete
+_LEGS = 15  # ways through all solutions that a search takes, five loops: for estimates of time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +43,7 @@ class StartSet:
     way: str  # of the elimination
     loops: int  # of monodromy
     quiet: int  # of them, at the end, without a new solution
-    proved: bool  # whether all paths of the total degree are accounted for
+    proof: str  # that there are no others, "total degree" or "trace test"; empty if that was observed only
 
     def __len__(self) -> int:
         return self.x.shape[1]
@@ -49,21 +57,41 @@ class NoMember(Exception):
     """No generic member was found: rows contradict each other but for special dimensions."""
 
 
+class TooMany(Exception):
+    """More solutions than were allowed: how many are known and expected, seconds for all, whether they are kept."""
+
+
 def find_starts(
-    reading: Reading, x: np.ndarray, constants: Sequence[np.ndarray], design: Member, rng: np.random.Generator
+    reading: Reading,
+    x: np.ndarray,
+    constants: Sequence[np.ndarray],
+    design: Member,
+    rng: np.random.Generator,
+    key: str,
+    most: float = np.inf,
 ) -> StartSet:
-    """Find all solutions of a generic member, from a pose ``(N,)`` of a design and its constants."""
-    own, pose = draw_generic(reading, x, constants, rng)
-    generic, solution = reading.member_of(pose, own), pose[reading.unknown, 0]
-    for way in WAYS:
-        reduction = Reduction(reading, generic, design, way)
-        placed = reduction.place(generic)
-        freedoms = reduction.square_rows(placed, solution, rng)
+    """Find all solutions of a generic member, from a pose ``(N,)`` of a design and its constants.
+
+    What is known is written into the cache on the way, and a later call with the same `key` goes on from there.
+
+    Raises:
+        TooMany: there are more than `most` solutions.
+    """
+    begun = load_starts(reading, key + _PART)
+    if begun is None:
+        own, pose = draw_generic(reading, x, constants, rng)
+        begun = StartSet(reading.member_of(pose, own), pose[reading.unknown], WAYS[0], 0, 0, "")
+    else:
+        rng = np.random.default_rng([*key.encode(), begun.loops])  # other loops than those that were run
+    for way in WAYS[WAYS.index(begun.way) :]:
+        reduction = Reduction(reading, begun.member, design, way)
+        placed = reduction.place(begun.member)
+        freedoms = reduction.square_rows(placed, begun.x[:, 0], rng)
         if freedoms:
             raise PositiveDimension(freedoms)
-        w, proved = reduction.shorten(solution[:, None]), False
+        w, proved = reduction.shorten(begun.x), False
         if reduction.n == 0:
-            return StartSet(generic, solution[:, None], way, 0, 0, True)
+            return StartSet(begun.member, begun.x, way, 0, 0, _BY_PATHS)
         t = np.tensordot(reduction.mix, placed.restricted[0], 1)
         if reduction.n <= _BY_DEGREE:
             every, proved = solve_by_degree(t, rng)
@@ -73,14 +101,76 @@ def find_starts(
         draw = functools.partial(draw_generic, reading, x, constants, rng)
         loop = functools.partial(_make_loop, reduction, placed, draw)
         last = way == WAYS[-1]
-        found = run_loops(w, loop, None if last else _PATIENCE, proved)
+        search = _KeptLoops(placed, way, key + _PART, most)
+        before = (begun.loops, begun.quiet) if way == begun.way else (0, 0)
+        found = search.run(functools.partial(run_loops, w, loop, None if last else _PATIENCE, proved, before))
         if not found.quiet and not last:
             continue  # the elimination leads out of the family
-        known = found.w[:, _meets_all(placed, found.w)]
-        one = np.concatenate([np.ones((1, known.shape[1])), known])
-        proved = proved and found.w.shape[1] == w.shape[1]
-        return StartSet(generic, (placed.maps[0] @ one)[1:], way, found.loops, found.quiet, proved)
+        remove_starts(key + _PART)
+        proof = _BY_PATHS if proved and found.w.shape[1] == w.shape[1] else ""
+        return dataclasses.replace(search.state(found), proof=proof)
     raise AssertionError("the last way ends")
+
+
+class _KeptLoops:
+    """A search for all solutions of a member, which is written into the cache while it goes on."""
+
+    def __init__(self, placed: Placed, way: str, key: str, most: float):
+        self.placed, self.way, self.key, self.most = placed, way, key, most
+        self.begun = self.written = time.monotonic()
+        self.latest: Found | None = None
+
+    def state(self, found: Found) -> StartSet:
+        """Write what is known as a start set."""
+        known = found.w[:, _meets_all(self.placed, found.w)]
+        one = np.concatenate([np.ones((1, known.shape[1])), known])
+        return StartSet(self.placed.member, (self.placed.maps[0] @ one)[1:], self.way, found.loops, found.quiet, "")
+
+    def run(self, loops: Callable[..., Found]) -> Found:
+        """Run loops, and keep what they have found if they are interrupted."""
+        try:
+            return loops(keep=self._keep)
+        except KeyboardInterrupt:
+            known = self.latest
+            if known is None or not save_starts(self.state(known), self.key):
+                raise
+            raise KeyboardInterrupt(
+                f"modes(): {counted(known.w.shape[1], 'solution')} of a generic mechanism known after "
+                f"{counted(known.loops, 'loop')} are kept; the same call goes on from there"
+            ) from None
+
+    def _keep(self, found: Found) -> None:
+        self.latest, now, known = found, time.monotonic(), found.w.shape[1]
+        if known > self.most:
+            kept = save_starts(self.state(found), self.key)
+            expected = max(known, found.estimate) if np.isfinite(found.estimate) else 2 * known
+            raise TooMany(known, round(expected), expected * _LEGS * (now - self.begun) / max(1, found.paths), kept)
+        if now - self.written > _EVERY:
+            save_starts(self.state(found), self.key)
+            self.written = now
+
+
+def prove_starts(
+    reading: Reading,
+    x: np.ndarray,
+    constants: Sequence[np.ndarray],
+    design: Member,
+    starts: StartSet,
+    rng: np.random.Generator,
+) -> StartSet:
+    """Show by the trace test that a start set has all that hangs together with it; what it lacks is added.
+
+    It comes back as it is where the test comes to no end.
+    """
+    reduction = Reduction(reading, starts.member, design, starts.way)
+    placed = reduction.place(starts.member)
+    reduction.square_rows(placed, starts.x[:, 0], rng)
+    own, pose = draw_generic(reading, x, constants, rng)
+    line = reduction.paths(placed, reduction.place(reading.member_of(pose, own)))
+    w, shown = trace_solutions(line, reduction.shorten(starts.x), rng)
+    w = w[:, _meets_all(placed, w)]
+    every = (placed.maps[0] @ np.concatenate([np.ones((1, w.shape[1])), w]))[1:]
+    return dataclasses.replace(starts, x=every, proof=_BY_TRACE) if shown else starts
 
 
 def draw_generic(reading: Reading, x: np.ndarray, constants: Sequence[np.ndarray], rng: np.random.Generator):
@@ -135,28 +225,37 @@ def load_starts(reading: Reading, key: str) -> StartSet | None:
         with np.load(folder / f"{key}.npz") as file:
             blocks = [file[f"constants {b}"] for b in range(len(reading.top.blocks))]
             member = Member(tuple(blocks), file["known"], file["turns"], file["sizes"])
-            loops, quiet, proved = (int(v) for v in file["history"])
-            return StartSet(member, file["x"], str(file["way"]), loops, quiet, bool(proved))
+            loops, quiet = (int(v) for v in file["history"])
+            return StartSet(member, file["x"], str(file["way"]), loops, quiet, str(file["proof"]))
     except (OSError, ValueError, KeyError, EOFError):
         return None  # not there, or damaged: it is made anew
 
 
-def save_starts(starts: StartSet, key: str) -> None:
-    """Write a start set into the user's cache, if there is one that can be written."""
+def save_starts(starts: StartSet, key: str) -> bool:
+    """Write a start set into the user's cache, if there is one that can be written; whether it is there now."""
     folder = _folder()
     if folder is None:
-        return
+        return False
     arrays: dict[str, Any] = {f"constants {b}": c for b, c in enumerate(starts.member.constants)}
     arrays |= {"known": starts.member.known, "turns": starts.member.turns, "sizes": starts.member.sizes}
-    arrays |= {"x": starts.x, "way": starts.way}
-    arrays["history"] = np.array([starts.loops, starts.quiet, starts.proved])
+    arrays |= {"x": starts.x, "way": starts.way, "proof": starts.proof}
+    arrays["history"] = np.array([starts.loops, starts.quiet])
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder, suffix=".part", delete=False) as file:
             np.savez(file, **arrays)
         os.replace(file.name, folder / f"{key}.npz")
     except OSError:
-        return  # a full disk, or a folder that is not ours: it is found again next time
+        return False  # a full disk, or a folder that is not ours: it is found again next time
+    return True
+
+
+def remove_starts(key: str) -> None:
+    """Remove a start set from the user's cache, if it is there."""
+    folder = _folder()
+    if folder is not None:
+        with contextlib.suppress(OSError):
+            (folder / f"{key}.npz").unlink()
 
 
 def _folder() -> Path | None:

@@ -580,7 +580,7 @@ def lane_rates(
     elimination: it gives the velocity as a function of the pose and of the velocities of the inputs, and the higher
     rates are this function differentiated along the motion.
     """
-    if (plan.square or plan.implied) and writes_out(plan) and q.shape[0] >= fill.LEAST:
+    if plan.chosen_rows_suffice and writes_out(plan) and q.shape[0] >= fill.LEAST:
         # 2048 lanes of rates at a time, by elements that are written out
         return in_chunks(functools.partial(_written_out, plan, eq), 2048, q, tuple(known), ok)
     one = jax.vmap(lambda *lane: tuple(pose_rates(plan, eq, *lane)))

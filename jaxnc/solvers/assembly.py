@@ -14,7 +14,7 @@ from jaxnc.process import one_thread
 from jaxnc.remembered import by_identity
 from jaxnc.solvers import host
 from jaxnc.solvers.elimination import independent_coordinates, with_special
-from jaxnc.solvers.plan import LargePlan, Plan, plan
+from jaxnc.solvers.plan import LARGEST_WRITTEN, LargePlan, Plan, plan
 from jaxnc.solvers.sparse_matrix import RANK, Nullity, matrix_of, null_directions, null_part, shape_of
 from jaxnc.system.equations import Equations, derived, jacobian, places, pure_numbers, residual
 from jaxnc.system.host import HostEquations, from_jax
@@ -242,12 +242,20 @@ def with_degrees_of_freedom(system: System) -> System:
     liked = np.concatenate([np.flatnonzero(scalars), np.flatnonzero(~scalars)])
     independent = independent_coordinates(samples[-1].jacobian, freedom, liked)
     names = tuple(top.coordinates[view.unknown[k]] for k in independent)
-    implied = rank < len(view.rows) and general_rank(system) == (rank, True)
-    return System(with_special(top, jacobians, rank, implied), system.parameters, freedom, names)
+    written = len(view.unknown) - freedom <= LARGEST_WRITTEN  # elsewhere nobody asks
+    sufficient = False
+    if written and rank < len(view.rows):
+        general, assembles = general_sample(system, 1)
+        sufficient = assembles and general.rank == rank
+    return System(with_special(top, jacobians, rank, sufficient), system.parameters, freedom, names)
 
 
-def general_rank(system: System) -> tuple[int, bool]:
-    """Take the rank of the rows after a general change of the drawing, and say whether that can be assembled."""
+def general_sample(system: System, poses: int) -> tuple[Sample, bool]:
+    """Take the rows after a general change of the drawing, in that of some poses in which their rank is largest.
+
+    Returns:
+        The pose, and whether the changed drawing assembles.
+    """
     par, rng = system.parameters, np.random.default_rng(3)
     size = float(np.ptp(np.asarray(par.points), axis=0).max())
     changed = {}
@@ -256,6 +264,6 @@ def general_rank(system: System) -> tuple[int, bool]:
         amount = np.abs(leaf) if scale is None else scale
         # 0.02 of the size, a general change of the drawing: which redundancies depend on its dimensions?
         changed[name] = on_device(leaf + 0.02 * amount * rng.standard_normal(leaf.shape))
-    samples = sample_poses(replace(system, parameters=replace(par, **changed)), 2)
+    samples = sample_poses(replace(system, parameters=replace(par, **changed)), poses)
     # 1e-9 of the size: a drawing with a larger gap does not assemble
-    return max(sample.rank for sample in samples), samples[0].gap <= 1e-9 * size
+    return max(samples, key=lambda sample: sample.rank), samples[0].gap <= 1e-9 * size

@@ -31,7 +31,7 @@ Elements = Mapping[tuple[int, int], AnyArray]
 
 
 def with_special(
-    top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, rank: int, implied: bool = False
+    top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, rank: int, sufficient: bool = False
 ) -> Topology:
     """Return the topology with what is special about a design: rows that are redundant in it, slopes that hardly are.
 
@@ -43,7 +43,7 @@ def with_special(
         jacobians: derivatives of all rows by all coordinates in poses of the design, every coordinate a length,
             ``(poses, rows, N)``; the last pose has the largest rank.
         rank: that rank.
-        implied: whether rows that are redundant are so whatever the dimensions.
+        sufficient: whether rows that are redundant are so whatever the dimensions.
     """
     size = np.abs(jacobians)
     where = structural_slopes(top)
@@ -56,7 +56,7 @@ def with_special(
     if rank < len(held):
         rows = tuple(int(held[k]) for k in _independent_rows(jacobians[-1][np.ix_(held, top.unknown)], rank))
     return dataclasses.replace(
-        top, special=Special(rows, implied, tuple((int(r), int(c)) for r, c in np.argwhere(small)))
+        top, special=Special(rows, sufficient, tuple((int(r), int(c)) for r, c in np.argwhere(small)))
     )
 
 

@@ -17,14 +17,12 @@ from jax import lax
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import Eliminated, Factors, Pivots, eliminate_block, plan_elimination
-from jaxnc.solvers.plan import Plan, Square, square_rows
+from jaxnc.solvers.plan import LARGEST_WRITTEN, Plan, Square, square_rows
 from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, guard_functions, replace_constants
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
 from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
-
-LARGEST_WRITTEN = 120  # unknowns that are written out
 
 
 class SolvedLanes(NamedTuple):
@@ -257,7 +255,7 @@ def _orthogonalise(
     return lax.while_loop(lambda state: state[0], by_all, (jnp.any(weak), pair))[1]
 
 
-class _ImpliedRows:
+class _RedundantBlock:
     """A block and rows that follow from it and the blocks before, whatever the dimensions.
 
     The block's own rows give all derivatives, but for lanes in which they are weak: of the three rows that align two
@@ -295,18 +293,16 @@ class Kernel:
         self.steep = Rows(top, rows, [int(c) for c in plan.known])
         self.jumps = jumps_anywhere(plan)  # so that every step is looked at by its tangents
 
-    def _choose_rows(self, chosen: Square) -> Sequence[_Block | _ImpliedRows | _AllRows]:
+    def _choose_rows(self, chosen: Square) -> Sequence[_Block | _RedundantBlock | _AllRows]:
         """Choose the rows that are differentiated, and in which parts."""
-        if self.plan.square:
-            return self.blocks
-        if not self.plan.implied:
+        if not self.plan.chosen_rows_suffice:
             return [_AllRows(self.plan, chosen)]
         spare: list[list[int]] = [[] for _ in self.blocks]
         for r in sorted({*range(len(self.plan.rows))} - {int(r) for rows, _ in chosen.sequence for r in rows}):
             meets = [bool(chosen.sample[r, columns].any()) for _, columns in chosen.sequence]
             spare[max(np.flatnonzero(meets), default=0)].append(r)
         pairs = zip(self.blocks, spare, strict=True)
-        return [_ImpliedRows(self.plan, block, rows) if rows else block for block, rows in pairs]
+        return [_RedundantBlock(self.plan, block, rows) if rows else block for block, rows in pairs]
 
     @property
     def guessed(self) -> list[int]:

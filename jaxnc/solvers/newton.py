@@ -262,7 +262,7 @@ def attach_lanes(
     The plan is written out (see `jaxnc.solvers.kernel.writes_out`). Coordinates are each ``(lanes,)``; it is `ok` where
     derivatives exist.
     """
-    return autodiff.attach(_lane_changes if plan.square or plan.implied else _CHANGES, plan, x, eq, known, ok)
+    return autodiff.attach(_lane_changes if plan.chosen_rows_suffice else _CHANGES, plan, x, eq, known, ok)
 
 
 def _few_changes(plan: Plan, x: tuple[Array, ...], args: tuple, changes: tuple) -> tuple[Array, ...]:

@@ -24,6 +24,7 @@ from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import Array, Coordinates, Float, Numbers
 
 LU = 48  # unknowns of a dense plan beyond which the host solves it by sparse LU: about as many as are written out
+LARGEST_WRITTEN = 120  # unknowns that are written out element by element under XLA
 TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
 
 
@@ -59,10 +60,12 @@ class Plan:
         return len(self.rows) == len(self.unknown)
 
     @property
-    def implied(self) -> bool:
-        """True if some rows give all derivatives, because the others follow from them in every design."""
+    def chosen_rows_suffice(self) -> bool:
+        """True if the rows that are solved with give all derivatives: the others follow from them in every design."""
         special = self.topology.special
-        if self.independent or special is None or special.rows is None or not special.implied:
+        if self.square:
+            return True
+        if self.independent or special is None or special.rows is None or not special.sufficient:
             return False
         return int(np.isin(self.rows, special.rows).sum()) == len(self.unknown)
 

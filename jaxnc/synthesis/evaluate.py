@@ -41,9 +41,10 @@ _Item = TypeVar("_Item")
 _Out = TypeVar("_Out")
 
 
-def map_threads(work: Callable[[_Item], _Out], items: Sequence[_Item]) -> list[_Out]:
-    """Apply a function to items in threads; the first by itself, since it prepares what the others share."""
-    out, rest = [work(item) for item in items[:1]], items[1:]
+def map_threads(work: Callable[[_Item], _Out], items: Sequence[_Item], prepared: bool = False) -> list[_Out]:
+    """Apply a function to items in threads; unless all is `prepared` the first by itself, for what the others share."""
+    alone = 0 if prepared else 1
+    out, rest = [work(item) for item in items[:alone]], items[alone:]
     count = min(_processors(), 8, len(rest))  # 8 threads
     if count < 2:
         return out + [work(item) for item in rest]

@@ -139,7 +139,7 @@ class Special:
     """Properties of a design that do not follow from its structure."""
 
     rows: tuple[int, ...] | None  # independent rows, where not all of them are; None where they are
-    implied: bool  # whether the other rows follow from these in designs of other dimensions too
+    sufficient: bool  # whether the other rows follow from these in designs of other dimensions too
     # Row and coordinate of derivatives that the structure has and that hardly differ from zero in its drawing or
     # nearby: no elimination divides by them.
     small: tuple[tuple[int, int], ...]

@@ -112,11 +112,13 @@ def traces(result: "TraceResult", path: str | Path | None = None, most: int = 6)
     for k, design in enumerate(designs):
         row, column = divmod(k, wide)
         share = 1.0 / high
-        at = (column / wide + 0.02 / wide, 1.0 - (row + 1) * share, 0.96 / wide, share * _CELL / (_CELL + _TITLE))
+        drawn = share * _CELL / (_CELL + _TITLE)
+        at = (column + 0.02) / wide, 1.0 - (row + 1) * share + 0.04 * drawn, 0.96 / wide, 0.96 * drawn
         ax = figure.add_axes(at)
         heading = f"{k + 1}: {'meets all points' if design.exact else f'distance {design.distance:.2g}'}, {design.name}"
         motion = design.move(91)
-        draw(motion, 12, trace=["P"], ax=ax, title=textwrap.shorten(heading, 2 * _HEADING), labels=False, room=line)
+        heading = textwrap.shorten(heading, 2 * _HEADING)
+        draw(motion, 12, trace=["P"], ax=ax, title=heading, labels=False, room=line, frame="scale")
         ax.plot(*line.T, color=TARGET, lw=1.1, ls=(0, (1, 1.6)), zorder=0.5)
     return finish(figure, path)
 

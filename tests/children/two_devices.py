@@ -50,14 +50,6 @@ found["spread"] = len(even.q.sharding.device_set) == 2 and not even.q.sharding.i
 found["empty"] = solve(system, np.zeros(0), "all").status.shape == (0,)
 
 
-def cost(s, x, devices):
-    return jnp.sum(solve(s, x, devices)["phi"] ** 2)
-
-
-gradient = jax.grad(cost, argnums=(0, 1))
-every, alone = (nc.jit(lambda s, x, d=d: gradient(s, x, d))(system, X) for d in ("all", None))
-off("gradient", every, alone)
-
 designs = jax.tree.map(lambda x: jnp.stack([x * (1 + 0.01 * k) for k in range(3)]), system)
 angle = jax.vmap(lambda s, x: nc.solve_position(s, {"S.x": x})["phi"], in_axes=(0, None))
 spread = nc.shard(angle, in_axes=(0, None))

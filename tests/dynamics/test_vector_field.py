@@ -30,6 +30,11 @@ def run(field, y0, t=T, solver=None, tolerance=1e-10, args=None, **options):
     )  # fmt: skip
 
 
+def run_evenly(field, y0, args=None, **options):
+    """By equal steps, which take half as long to compile: what comes out is of one second."""
+    return diffrax.diffeqsolve(diffrax.ODETerm(field), diffrax.Dopri5(), 0.0, 1.0, 0.05, y0, args=args, **options)
+
+
 def both(system, state, rates, t=T, inputs=None):
     """The motion by diffrax, and that of `simulate`."""
     field = nc.dynamics.vector_field(system, inputs)
@@ -87,11 +92,6 @@ def box():
 
 
 @pytest.mark.slow
-def test_a_closed_loop_moves_as_simulate_moves_it():
-    agree(*both(four_bar().compile(), {"phi": 1.0}, {"phi": 3.0}))
-
-
-@pytest.mark.slow
 def test_inputs_follow_their_functions():
     system = four_bar().compile()
     theirs, ours = both(system, None, None, inputs={"phi": lambda t: 0.9272952180016122 + 2.0 * t * t})
@@ -108,17 +108,26 @@ def test_adjoints_give_the_derivatives_of_simulate():
     def end(system, angle):
         field = nc.dynamics.vector_field(system)
         y0, adjoint = field.start({"phi": angle}, SPIN), diffrax.BacksolveAdjoint()
-        found = run(field, y0, T[[0, -1]], diffrax.Dopri5(), adjoint=adjoint)
+        found = run_evenly(field, y0, adjoint=adjoint)
         return field.state(1.0, jax.tree.map(lambda x: x[-1], found.ys))["phi"]
 
-    def ours(system, angle):
-        return nc.simulate(system, T[[0, -1]], {"phi": angle}, SPIN, rtol=1e-11, atol=1e-12)["phi"][-1]
+    def ours(points, physical, angle):
+        changed = {id(system.parameters.points): points, id(system.parameters.physical): physical}
+        changed = jax.tree.map(lambda x: changed.get(id(x), x), system)
+        return nc.simulate(changed, T[[0, -1]], {"phi": angle}, SPIN, rtol=1e-11, atol=1e-12)["phi"][-1]
 
-    design, start = jax.grad(ours, argnums=(0, 1))(system, -0.4)
-    found, angle = nc.jit(jax.grad(end, argnums=(0, 1)))(system, -0.4)
-    assert float(angle) == pytest.approx(float(start), rel=1e-5)
-    np.testing.assert_allclose(found.parameters.points, design.parameters.points, atol=2e-5)
-    np.testing.assert_allclose(found.parameters.physical, design.parameters.physical, atol=2e-5)
+    design, angle = nc.jit(jax.grad(end, argnums=(0, 1)))(system, -0.4)
+    found = design.parameters.points, design.parameters.physical, angle
+    given = [np.asarray(x) for x in (system.parameters.points, system.parameters.physical, -0.4)]
+    for k, (slopes, x) in enumerate(zip(found, given, strict=True)):
+        for index in np.ndindex(x.shape):
+            ends = []
+            for h in (1e-4, -1e-4):
+                moved = [y.copy() for y in given]
+                moved[k][index] += h
+                ends.append(float(ours(*moved)))
+            near = {"abs": 2e-5, "rel": 0.0} if x.shape else {"rel": 1e-5, "abs": 0.0}
+            assert float(slopes[index]) == pytest.approx((ends[0] - ends[1]) / 2e-4, **near)
 
 
 @pytest.mark.slow
@@ -128,11 +137,11 @@ def test_adjoints_go_through_checkpoints_by_a_design_in_args_and_what_inputs_clo
     def end(system, speed):
         inputs = {"phi": lambda t: -0.4 + speed * t}
         field, begun = nc.dynamics.vector_field(pendulum(), inputs), nc.dynamics.vector_field(system, inputs).start()
-        q, _ = run(field, begun, T[[0, -1]], args=system).ys
+        q, _ = run_evenly(field, begun, args=system).ys
         return field.state(1.0, (q[-1], q[-1]))["B"][0]
 
     design, speed = nc.jit(jax.grad(end, argnums=(0, 1)))(system, 0.5)
-    assert float(speed) == pytest.approx(-np.sin(0.1), abs=1e-5)  # steps are chosen for the motion
+    assert float(speed) == pytest.approx(-np.sin(0.1), abs=1e-5)
     along = np.cos(0.1) * np.array([0.6, -0.8])  # the rod is as long as it is drawn
     places = dict(zip(system.topology.points, np.asarray(design.parameters.points), strict=True))
     np.testing.assert_allclose(places["B"], along, atol=1e-5)
@@ -149,8 +158,9 @@ def test_a_driven_motion_begins_where_its_inputs_say_in_traced_code_too():
         run = nc.simulate(system, T[:2], inputs=inputs, method="rk4")
         return jnp.stack([run["B"][0], nc.dynamics.vector_field(system, inputs).start()[0][2:4]])
 
-    np.testing.assert_allclose(jax.jit(first)(-0.4), [start, start], atol=1e-12)
-    np.testing.assert_allclose(jax.jacfwd(first)(-0.4), [[-start[1], start[0]]] * 2, atol=1e-9)
+    found, change = jax.jit(lambda angle: jax.jvp(first, (angle,), (1.0,)))(-0.4)
+    np.testing.assert_allclose(found, [start, start], atol=1e-12)
+    np.testing.assert_allclose(change, [[-start[1], start[0]]] * 2, atol=1e-9)
 
 
 def test_an_event_ends_the_motion_where_the_state_says():
@@ -196,7 +206,7 @@ def test_noise_shakes_the_pendulum_along_its_constraints():
     q, v = q[:, -1], v[:, -1]
     motion = field.motion(np.arange(200.0), (q, v))
     assert int(jnp.sum(motion.status)) == 0 and float(motion.violation[0]) < 1e-3
-    _, push = field.response(0.0, y0, {"phi": 1.0})
+    _, push = nc.jit(lambda y0: field.response(0.0, y0, {"phi": 1.0}))(y0)
     inertia = 1.0 / float(push[no_gravity().topology.position["phi"]])
     spread = float(jnp.std(motion.velocity("phi")))
     assert spread == pytest.approx(0.2 / inertia, rel=0.2)  # of 200 samples: one in twenty is off by 0.1
@@ -214,7 +224,7 @@ def test_an_implicit_solver_and_vmap_over_designs():
 
     def end(system):
         field = nc.dynamics.vector_field(system)
-        ys = run(field, field.start(AT, SPIN), T[[0, -1]], diffrax.Kvaerno5(), 1e-7, throw=False).ys
+        ys = run(field, field.start(AT, SPIN), T[[0, -1]], diffrax.Kvaerno3(), 1e-7, throw=False).ys
         return field.state(1.0, jax.tree.map(lambda x: x[-1], ys))["phi"]
 
     found = nc.jit(jax.vmap(end))(designs)

@@ -31,13 +31,11 @@ def four_bar():
 
 OF_EACH_CLASS = (
     "bennett",
-    "bricard",
     "delta-robot",
     "peaucellier-lipkin",
     "rccc",
     "slider-crank",
     "spherical-four-bar",
-    "wobble-plate",
 )
 
 
@@ -65,11 +63,11 @@ def test_the_root_is_the_pose_of_the_library(name):
 
 
 def slopes(f, system, value):
-    """Derivatives by the design and the input, as one array."""
-    of_design, of_input = jax.jit(jax.grad(f, argnums=(0, 1)))(system, value)
+    """A value, and its derivatives by the design and the input as one array."""
+    found, (of_design, of_input) = jax.jit(jax.value_and_grad(f, argnums=(0, 1)))(system, value)
     par = of_design.parameters
     parts = (par.points, par.vectors, par.markers, par.dimensions, of_input)
-    return np.concatenate([np.ravel(x) for x in parts])
+    return float(found), np.concatenate([np.ravel(x) for x in parts])
 
 
 def one_step(equations, steps=8):
@@ -101,8 +99,8 @@ def test_derivatives_of_the_root_are_those_of_the_library(name, redundancy):
         equations = nc.system.closed(system, {driven: value}, redundancy=redundancy)
         return jnp.dot(weights, equations.pose(one_step(equations, 20)).q)
 
-    wanted, got = slopes(ours, system, value), slopes(theirs, system, value)
-    assert float(ours(system, value)) == pytest.approx(float(theirs(system, value)), abs=1e-12)
+    (place, wanted), (found, got) = slopes(ours, system, value), slopes(theirs, system, value)
+    assert found == pytest.approx(place, abs=1e-12)
     np.testing.assert_allclose(got, wanted, rtol=0, atol=SLOPE * np.abs(wanted).max())
 
 
@@ -118,7 +116,8 @@ def test_chosen_rows_follow_a_design_that_still_closes():
         equations = nc.system.closed(system, {"phi": value})
         return equations.pose(one_step(equations))
 
-    by_all, by_chosen = (jax.grad(reach, argnums=(0, 1))(1.0, 1.2, f) for f in (posed, theirs))
+    both = jax.jit(lambda *x: [jax.grad(reach, argnums=(0, 1))(*x, f) for f in (posed, theirs)])
+    by_all, by_chosen = both(1.0, 1.2)
     np.testing.assert_allclose(by_chosen, by_all, atol=1e-12)
     equations = nc.system.closed(system, {"phi": 1.2})
     assert repr(equations) == "ClosedEquations('parallelogram': 6 unknowns, 6 of 7 rows)"
@@ -140,7 +139,8 @@ def test_held_coordinates_keep_their_value_and_follow_the_drawing():
     value = float(nc.solve_position(system, {n: 1.0 for n in (driven, held)}, throw=False)[driven])
     start = nc.system.closed(system, {driven: value}, hold=[held])
     assert held not in start.unknowns and driven not in start.unknowns and start.known.shape == (2,)
-    wanted, got = (jax.grad(place)(system, value, which).parameters.points for which in (False, True))
+    both = jax.jit(lambda s: [jax.grad(place)(s, value, which).parameters.points for which in (False, True)])
+    wanted, got = map(np.asarray, both(system))
     np.testing.assert_allclose(got, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
@@ -228,28 +228,25 @@ def root(system, value):
 
 
 @needs_optimistix
-@pytest.mark.parametrize("make", [nc.library.four_bar, nc.library.parallelogram])
-def test_optimistix_finds_the_pose_and_its_derivatives(make):
-    system = make().compile()
+def test_optimistix_finds_the_pose_and_its_derivatives():
+    """Redundant rows, which make no difference to a solver of others, see above."""
+    system = four_bar()
     values = jnp.linspace(0.8, 1.4, 4)
     wanted = nc.solve_position(system, {"phi": values})
-    np.testing.assert_allclose(
-        jax.jit(lambda s: root(s, 1.0))(system).q, nc.solve_position(system, {"phi": 1.0}).q, atol=1e-12
-    )
     np.testing.assert_allclose(jax.jit(jax.vmap(lambda x: root(system, x)))(values).q, wanted.q, atol=1e-12)
     designs = jax.vmap(lambda a: jax.tree.map(lambda leaf: a * leaf, system))(jnp.array([1.0, 1.1]))
-    scaled = jax.vmap(lambda s: root(s, 1.0).q)(designs)
+    scaled = jax.jit(jax.vmap(lambda s: root(s, 1.0).q))(designs)
     np.testing.assert_allclose(scaled[0], nc.solve_position(system, {"phi": 1.0}).q, atol=1e-12)
 
     def slopes_of(find):
-        return jax.grad(lambda s, x: jnp.sum(find(s, x)["C"]), argnums=(0, 1))(system, 1.0)
+        return jax.jit(jax.grad(lambda s, x: jnp.sum(find(s, x)["C"]), argnums=(0, 1)))(system, 1.0)
 
     (design, angle), (our_design, our_angle) = slopes_of(root), slopes_of(posed)
     np.testing.assert_allclose(design.parameters.points, our_design.parameters.points, atol=1e-9)
     np.testing.assert_allclose(design.parameters.dimensions, our_design.parameters.dimensions, atol=1e-9)
     assert float(angle) == pytest.approx(float(our_angle), rel=1e-9)
-    twice = jax.grad(jax.grad(lambda x: root(system, x)["C"][0]))(1.0)
-    assert float(twice) == pytest.approx(float(jax.grad(jax.grad(lambda x: posed(system, x)["C"][0]))(1.0)), rel=1e-7)
+    twice, ours = (jax.jit(jax.grad(jax.grad(lambda x, f=f: f(system, x)["C"][0])))(1.0) for f in (root, posed))
+    assert float(twice) == pytest.approx(float(ours), rel=1e-7)
 
 
 def posed(system, value):

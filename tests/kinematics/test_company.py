@@ -29,7 +29,6 @@ def steep():
 CASES = {
     "line": (steep, {"P.x": (0.0, 30.0)}),
     "rocker": (nc.library.four_bar, {"B.x": None}),
-    "slider": (nc.library.slider_crank, {"C.x": None}),
     "five-bar": (nc.library.five_bar, {"phi": (0.0, 3.0), "psi": (0.0, 3.0)}),
 }
 PLACES = np.array([0.0, 1e-9, 1e-6, 1e-4, 0.01, 0.2, 0.55, 0.9, 1 - 1e-5, 1 - 1e-8, 1.0, -1e-4, 1.5])

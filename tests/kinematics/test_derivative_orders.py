@@ -207,14 +207,22 @@ THROUGH = {
 }
 CLOSED = {position: closed_position, rates: closed_rates, effort: closed_effort, fall: closed_fall, rule: closed_rule}
 EVERY = dict.fromkeys(THROUGH, "rrr fff rfr frf")
-# Whatever the rule is of, JAX treats it alike: what takes long to compile goes every way once, through one kind of loop
-# (`lax.map` is a scan).
+# Whatever the rule is of, JAX treats it alike: what takes long to compile goes every way and through everything, but
+# not every way through everything (`lax.map` is a scan).
 ASK = {
     rule: EVERY,
-    position: EVERY | {"nothing": "rrr", "scan": "rrr rfr", "vmap": "rrr frf"},
-    rates: {"jit": "rrr", "scan": "rfr", "vmap": "frf", "derivatives in vmap": "fff"},
-    effort: {"jit": "rrr", "scan": "rf", "vmap": "fr"},
-    fall: {"map": "rr"},
+    position: {
+        "nothing": "rrr",
+        "jit": "fff",
+        "vmap": "frf",
+        "map": "rfr",
+        "scan": "rrr",
+        "jit in checkpoint in map in vmap": "fff rfr",
+        "derivatives in vmap": "rrr",
+    },
+    rates: {"scan": "rf", "vmap": "frf", "derivatives in vmap": "fff"},
+    effort: {"jit": "rr", "vmap": "frf"},
+    fall: {"map": "rf"},
 }
 
 

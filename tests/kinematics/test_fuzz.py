@@ -73,7 +73,7 @@ def test_no_wrong_branch_and_no_early_stop(base):
     """Coarse, far and zig-zag sweeps: exact on the drawn branch up to the first dead point, and no further."""
     run = jax.jit(lambda s, u: (lambda mo: (mo["B"], mo["C"], mo.status))(nc.sweep(s, {"phi": u})))
     turned = 0
-    for (a, b, c, d), phi, side, values in cases(250):
+    for (a, b, c, d), phi, side, values in cases(125):
         B, C, status = (np.asarray(x) for x in run(base.replace(drawing(a, b, c, d, phi, side)), values))
         found = int(np.argmax(status != 0)) if (status != 0).any() else POSES
         path, last = np.concatenate([[phi], values]), POSES
@@ -86,7 +86,7 @@ def test_no_wrong_branch_and_no_early_stop(base):
             want = intersection(B[i], b, np.array([d, 0.0]), c, side)
             assert np.abs(want - C[i]).max() < 1e-7, (a, b, c, d, phi, side, values, i)
         turned += last == POSES
-    assert 60 < turned < 240, "both kinds of sweeps are tried"
+    assert 30 < turned < 120, "both kinds of sweeps are tried"
 
 
 def test_lanes_and_single_poses_next_to_a_change_point(base):
@@ -147,9 +147,9 @@ def test_turns_count_where_a_gear_counts_them():
         np.testing.assert_allclose(down["be"], -np.linspace(20.0, 0.0, 30) / 2, atol=1e-11)
 
 
-@pytest.mark.parametrize("name", ["parallelogram", "gear_pair", "peaucellier_lipkin"])
+@pytest.mark.parametrize("name", ["gear_pair", "peaucellier_lipkin"])
 def test_reverse_gradients_of_library_mechanisms(name):
-    """Forward and reverse agree, redundant rows or not."""
+    """Forward and reverse agree; of redundant rows see test_closed.py."""
     system = getattr(nc.library, name)().compile()
     value = 0.3 if name != "peaucellier_lipkin" else 0.45
 
@@ -158,8 +158,6 @@ def test_reverse_gradients_of_library_mechanisms(name):
 
     tangent = jax.tree.map(lambda x: jnp.cos(jnp.arange(x.size, dtype=float)).reshape(x.shape), system)
     gradient = jax.grad(cost)(system)
-    if name == "parallelogram":  # only directions that keep it a parallelogram have a derivative: scale it
-        tangent = jax.tree.map(lambda x: x, system)
     forward = jax.jvp(cost, (system,), (tangent,))[1]
     backward = sum(jnp.vdot(x, y) for x, y in zip(jax.tree.leaves(gradient), jax.tree.leaves(tangent), strict=True))
     assert float(backward) == pytest.approx(float(forward), rel=1e-10, abs=1e-13)

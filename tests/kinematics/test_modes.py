@@ -12,9 +12,15 @@ from scipy.spatial.transform import Rotation
 from test_assemblies import SMALL, USUAL, turns_of_the_plate
 
 import jaxnc as nc
+from benchmarks import modes as peer
+from jaxnc.continuation import sections
 from jaxnc.continuation.certificate import certify
-from jaxnc.continuation.monodromy import solve_by_degree
+from jaxnc.continuation.monodromy import run_loops, solve_by_degree
+from jaxnc.continuation.quadratic import QuadraticPaths
+from jaxnc.continuation.sections import trace_solutions
+from jaxnc.continuation.tracker import PathEnds
 from jaxnc.kinematics import modes as module
+from jaxnc.kinematics import starts
 from jaxnc.kinematics.polynomial import read_polynomials
 
 ROUNDING = 1e-11  # poses of size one
@@ -147,6 +153,15 @@ def test_counts_in_the_plane():
     assert found.proved and "proved by total degree" in found.statement
 
 
+@pytest.mark.skipif(peer.PHC is None, reason="no PHCpack to compare with: apt-get install phcpack")
+@pytest.mark.parametrize("name", peer.CASES)
+def test_the_same_sets_as_another_solver(name):
+    for seed in range(100, 103):
+        case = peer.CASES[name](np.random.default_rng(seed))
+        theirs, ours = peer.solve_by_phc(case), peer.solve_by_modes(case, case.mechanism.compile())
+        assert len(theirs) == len(ours) == peer.count_same(ours, theirs) >= 2
+
+
 @pytest.mark.parametrize("places", [SMALL, USUAL], ids=["small", "usual"])
 def test_the_triads_counts_are_those_of_a_scan(places):
     """Of the ternary link's turn alone the same is counted by changes of sign; all round, and up to six at once."""
@@ -218,6 +233,99 @@ def test_a_start_set_is_found_once(cached, monkeypatch):
     file.unlink()
     check(nc.modes(fresh(), {"phi": 0.4}), 2, 2)
     assert not list(cached.iterdir())
+
+
+class Swaps:
+    """A leg that permutes numbered solutions: among those of each half, and every other time both halves."""
+
+    def __init__(self, count: int, rng: np.random.Generator):
+        half = [rng.permutation(count // 2), count // 2 + rng.permutation(count // 2)]
+        self.ends = np.concatenate(half[:: rng.choice([-1, 1])])
+
+    def follow(self, w, pace):
+        there, lanes = np.ones(w.shape[1], bool), np.zeros(w.shape[1])
+        return PathEnds(1.0 * self.ends[w.real.astype(int)], there, lanes, lanes, lanes)
+
+
+@pytest.mark.parametrize("count", [8, 40])
+def test_loops_find_a_half_that_only_every_other_loop_reaches(count):
+    """With 2^-16 they do not: half of a suspension's 320 solutions once stayed away for four loops."""
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        found = run_loops(np.zeros((1, 1), complex), lambda rng=rng: [Swaps(count, rng)])
+        assert found.w.shape[1] == count and found.quiet == 16
+
+
+def test_a_search_goes_on_where_it_was_stopped(cached, monkeypatch):
+    """By Ctrl-C, or because there are more solutions than were asked for; what is known is kept."""
+    system = nc.library.stewart_platform().compile()
+    legs = {f"s{k}": float(np.linalg.norm(system[f"A{k}"] - system[f"B{k}"])) for k in range(1, 7)}
+    reading = read_polynomials(system.topology.structure, tuple(system.topology.position[n] for n in legs))
+    reading.families.clear()
+    with pytest.raises(nc.InputError, match=r"more than 10 solutions: \d+ are known and kept, about \d+.*most=\d+"):
+        nc.modes(system, legs, most=10)
+    (part,) = cached.iterdir()
+    assert part.stem.endswith("-part")
+    known, loops, make = np.load(part)["x"].shape[1], [], starts._make_loop
+
+    def interrupted(*args):
+        loops.append(None)
+        if len(loops) == 2:
+            raise KeyboardInterrupt
+        return make(*args)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(starts, "_make_loop", interrupted)
+        with pytest.raises(KeyboardInterrupt, match=r"after \d+ loops are kept; the same call goes on"):
+            nc.modes(system, legs)
+    more = np.load(part)
+    assert more["x"].shape[1] >= known > 10
+    found = nc.modes(system, legs)
+    check(found, 40)
+    assert found.loops > more["history"][0] and [file.stem for file in cached.iterdir()] == [
+        part.stem.removesuffix("-part")
+    ]
+    # Without a cache nothing can be kept, and nothing is said of it.
+    monkeypatch.setenv("JAXNC_CACHE", "off")
+    reading.families.clear()
+    with pytest.raises(nc.InputError, match=r"solutions: \d+ are known, about"):
+        nc.modes(system, legs, most=10)
+
+
+def line_of(*powers: float) -> QuadraticPaths:
+    """The curve on which x² is a polynomial in s, by the coefficients of its powers."""
+    rows = np.zeros((1, len(powers), 1, 2, 2), complex)
+    rows[0, 0, 0, 1, 1] = 1.0
+    rows[0, :, 0, 0, 0] = -np.array(powers)
+    return QuadraticPaths(rows)
+
+
+def test_the_trace_test_finds_what_hangs_together_and_nothing_else():
+    one, rng = np.array([[1.0 + 0j]]), np.random.default_rng(2)
+    every, shown = trace_solutions(line_of(1.0, 1.0), one, rng)  # x² = 1 + s
+    assert shown and np.sort(every.real).tolist() == [[pytest.approx(-1.0), pytest.approx(1.0)]]
+    every, shown = trace_solutions(line_of(1.0, 2.0, 1.0), one, rng)  # x = ±(1 + s): two curves
+    assert shown and every.shape == (1, 1)
+
+
+def test_a_number_that_was_observed_is_proved_by_trace(cached, monkeypatch):
+    """Of Klann's leg, whose total degree has singular ends; a solution that is missing is found on the way."""
+    system, phi = nc.library.klann_leg().compile(), {"phi": 1.0}
+    read_polynomials(system.topology.structure, (system.topology.position["phi"],)).families.clear()
+    seen = nc.modes(system, phi)
+    check(seen, 4)
+    assert not seen.proved and "observed" in seen.statement
+    (file,) = cached.iterdir()
+    arrays = dict(np.load(file))
+    np.savez(file, **(arrays | {"x": arrays["x"][:, :3]}))
+    read_polynomials(system.topology.structure, (system.topology.position["phi"],)).families.clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(sections, "_LOOPS", 1)
+        assert not nc.modes(system, phi, prove=True).proved
+    found = nc.modes(system, phi, prove=True)
+    check(found, 4)
+    assert found.proof == "trace test" and "by the trace test" in found.statement
+    assert str(np.load(file)["proof"]) == "trace test"
 
 
 def test_a_kind_of_ones_own():
@@ -335,6 +443,17 @@ def test_stacks_of_designs_have_each_what_it_has_alone():
         np.testing.assert_allclose(found.poses["E"][k, : len(one)], one.poses["E"], atol=1e-9)
 
 
+def test_a_crank_alone_has_one_assembly_everywhere():
+    """Nothing is left to be solved when linear rows are."""
+    crank = planar("crank", dict(A=(0, 0)), dict(B=(0, 2)), ["AB"], "AB").compile()
+    found = nc.modes(crank, {"phi": CIRCLES})
+    np.testing.assert_allclose(
+        found.poses["B"][:, 0], 2.0 * np.stack([np.cos(CIRCLES), np.sin(CIRCLES)], 1), atol=ROUNDING
+    )
+    assert found.count.tolist() == [1, 1, 1]
+    assert nc.circuits(crank, {"phi": np.linspace(0.0, 2 * np.pi, 9)}).branches[0].turns
+
+
 def test_pictures(tmp_path):
     found = nc.modes(stephenson().compile(), {"phi": 2.72})
     assert len(found.draw(tmp_path / "modes.png").axes) == len(found)
@@ -382,3 +501,7 @@ def test_what_is_refused():
         nc.circuits(nc.library.four_bar().compile(), {"phi": 0.3})
     with pytest.raises(nc.InputError, match="must ascend"):
         nc.circuits(nc.library.four_bar().compile(), {"phi": [0.3, 0.2]})
+    for wrong in ({"most": 0}, {"most": "few"}, {"seed": -1}, {"prove": 3}):
+        (name,) = wrong
+        with pytest.raises(nc.InputError, match=rf"{name} must be"):
+            nc.modes(nc.library.four_bar().compile(), {"phi": 0.3}, **wrong)

@@ -43,9 +43,7 @@ def test_two_devices_give_the_numbers_of_one():
     assert found["devices"] == 2 and found["spread"] and found["empty"]
     for name, off in found["off"].items():
         assert off <= (ROUNDING if "gradient" in name else 0.0), (name, off)
-    assert {"uneven batch", "even batch", "gradient", "designs", "gradient of designs", "walks at once"} <= {
-        *found["off"]
-    }
+    assert {"uneven batch", "even batch", "designs", "gradient of designs", "walks at once"} <= {*found["off"]}
     said = found["said"]
     assert "devices=3, but there are 2 cpu devices" in said["too many"]
     assert "jax.config.update('jax_num_cpu_devices', 3)" in said["too many"]

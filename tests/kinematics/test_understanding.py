@@ -331,3 +331,17 @@ def test_a_check_names_what_no_coordinate_moves(tmp_path):
     whole = locked_four_bar()
     del whole.model.bodies["diagonal"]
     assert not any("rocker" in finding.text for finding in oddities(whole.compile(), whole))
+
+
+def test_a_row_that_is_redundant_in_every_design_is_not_missed_where_this_one_drew_it_along_an_axis():
+    """A ball in a groove that swings in a plane: one of its three rows has no slope there, and two of them count."""
+    m = nc.Mechanism("boom", dim=3)
+    m.ground("H", (0, 0, 0)), m.ground("G", (0, 1, 0)), m.ground("K", (0.6, 0.2, -0.7))
+    m.point("T", (1.0, 0.5, 0.1)), m.point("E", (0.6, 0.2, 0.1))
+    m.vector("a", (0, 0, 1)), m.vector("b", (1, 0, 0))
+    m.body("boom", ["H", "G", "T", "E"])
+    m.body("cylinder", ["K"], vectors=["a", "b"])
+    m.slot("rod", "E", ("K", "a"))
+    found = nc.mobility(m.compile())
+    assert found.dof == 2 and found.redundant == ("rod: alignment xy K-E-a",) and not found.overconstrained
+    assert not found.idle

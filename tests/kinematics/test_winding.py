@@ -81,8 +81,7 @@ def test_turns_left_out_are_those_followed():
     np.testing.assert_allclose(whole.q[-1], every.q[-1], atol=1e-11)
 
 
-@pytest.mark.parametrize("system", [crank, geared])
-@pytest.mark.parametrize("far", [1e9, 1e30, -1e30])
+@pytest.mark.parametrize(("system", "far"), [(crank, 1e9), (geared, 1e30), (crank, -1e30)])
 def test_turns_that_are_not_told_apart(system, far, evaluations):
     system = system()
     assert abs(far) > farthest(np.zeros(1))

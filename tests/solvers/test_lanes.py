@@ -272,8 +272,8 @@ def test_wide_gaps_are_not_jumped_either():
 
 def test_gaps_however_narrow_are_not_jumped():
     system = four_bar(explicit=False)
-    designs = list(nearly_flat(60, np.random.default_rng(5)))
-    assert sum(np.isfinite(low) and high - low > 2 * np.pi - 0.05 for *_, low, high in designs) > 5
+    designs = list(nearly_flat(30, np.random.default_rng(5)))
+    assert sum(np.isfinite(low) and high - low > 2 * np.pi - 0.05 for *_, low, high in designs) > 2
 
     def move(p, u):
         s = dataclasses.replace(system, parameters=dataclasses.replace(system.parameters, points=p))
@@ -377,11 +377,9 @@ def test_designs_march_together_and_failures_stay_where_they_are():
         np.testing.assert_allclose(q[k][good], one[good], atol=1e-12)
         # The end of a branch is a double root: some of the walk's smallest steps, 1e-7 of the way, are the square.
         np.testing.assert_allclose(q[k][~good], one[~good], atol=6e-3)
-    # Twice mapped, in both orders: designs, and starts of the sequence.
+    # Twice mapped: designs, and starts of the sequence; in the other order see kinematics/test_transforms.py.
     shifts = jnp.asarray([0.0, 0.05])
     there = jax.vmap(lambda p: jax.vmap(lambda d: move(p, u + d)[0])(shifts))(points[:2])
-    back = jax.vmap(lambda d: jax.vmap(lambda p: move(p, u + d)[0])(points[:2]))(shifts)
-    np.testing.assert_allclose(there, jnp.moveaxis(back, 0, 1), atol=1e-13)
     good = np.asarray(status[1]) == 0
     np.testing.assert_allclose(there[1, 0][good], q[1][good], atol=1e-12)
 

@@ -78,7 +78,7 @@ def test_a_derivative_that_vanishes_for_one_design_only_is_no_pivot_of_it():
 @pytest.mark.parametrize("name", ["rscr", "bennett"])
 def test_what_is_redundant_whatever_the_dimensions_is_told_from_what_is_so_by_them(name):
     special = nc.library.CATALOGUE[name]().compile().topology.special
-    assert special.rows is not None and special.implied == (name == "rscr")
+    assert special.rows is not None and special.sufficient == (name == "rscr")
 
 
 def test_rows_that_follow_from_a_block_take_over_where_its_own_are_weak():

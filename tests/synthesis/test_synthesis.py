@@ -391,6 +391,13 @@ value = 3
 type = "clear of"
 region = [[10, 10], [11, 12]]
 width = 0.1
+[[conditions]]
+type = "no flip"
+distance = 0.2
+input = 9
+[[conditions]]
+type = "only circuit"
+stops = { phi = [-360, 90], "C.y" = [0, inf] }
 """
     (tmp_path / "svg.toml").write_text(text[:start] + target + text[end:] + more)
     round_ = load_problem(tmp_path / "svg.toml")[0]
@@ -399,6 +406,8 @@ width = 0.1
     names = {c.name for c in round_.conditions}
     assert {"A-B in stock", "D.x a multiple of 0.5", "A and D symmetric", "B-C = 3"} <= names
     assert "clear of the region within (10, 10) and (11, 12)" in names
+    assert S.no_flip(0.2, np.radians(9)) in round_.conditions
+    assert S.only_circuit({"phi": np.radians((-360, 90)), "C.y": (0.0, None)}) in round_.conditions
     for old, new, words in (
         (text[start:end], 'target = "circle.svg"\n', 'target = { svg = "circle.svg", points = 60 }'),
         ('kind = "path"', 'kind = "paths"', "line 4: kind: 'paths'"),
@@ -406,6 +415,8 @@ width = 0.1
         ('type = "crank turns"', 'type = "crank turn"', "crank turn"),
         ("A-B = [0, 50]", "A-B = [50, 0]", "'A-B' exclude everything"),
         ("timing = [30, 45, 60, 75, 90]", "timing = [30, 45]", "timing must be 5 numbers"),
+        ('type = "crank turns"', 'type = "no flip"', "give distance="),
+        ('type = "crank turns"', 'type = "only circuit"\nstops = { X = [0, 1] }', "no coordinate 'X' with a stop"),
     ):
         assert old in text
         (tmp_path / "bad.toml").write_text(text.replace(old, new, 1))

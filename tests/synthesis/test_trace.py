@@ -11,6 +11,7 @@ from jaxnc.synthesis import conditions as S
 from jaxnc.synthesis.clearance import clear_of
 from jaxnc.synthesis.tracing import atlas as making
 from jaxnc.synthesis.tracing import fit
+from jaxnc.synthesis.tracing import trace as searching
 from jaxnc.synthesis.tracing.chains import Chain, Hung, dyadic_chains
 from jaxnc.synthesis.tracing.descriptors import closed_coefficients, lay_closed, normalise
 from jaxnc.synthesis.tracing.linkage import ChainDesign, to_mechanism
@@ -24,6 +25,13 @@ def small(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "_PART", 3000)
         yield nc.synthesis.atlas(1, folder=tmp_path_factory.mktemp("atlas"))
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Rounds of a search that are shorter: fewer candidates, and fewer steps for each."""
+    monkeypatch.setattr(searching, "_GROUPS", 1)
+    monkeypatch.setattr(searching, "_STEPS", (4, 10, 20))
 
 
 def unseen(bars, count, seed=1):
@@ -129,10 +137,10 @@ def test_given_timings_are_met(small):
     assert np.abs(np.asarray(motion["P"]) @ [1, 1j] - z).max() < 1e-9 * np.ptp(z.real)
 
 
-def test_conditions_are_met(small):
+def test_conditions_are_met(small, brief):
     box = (2.5, 3.5), (0.3, 1.5)
     asked = [S.transmission_angle(0.5), S.within("ground", *box)]
-    result = nc.synthesis.trace(heart(), True, bars=(4,), subject_to=asked, seconds=2, source=small, sliders=False)
+    result = nc.synthesis.trace(heart(), True, bars=(4,), subject_to=asked, seconds=0.5, source=small, sliders=False)
     assert result.designs and result.refined > 0
     for design in result.designs:
         assert design.transmission >= 0.499 and design.turns and design.bars == 4 and not design.chain.sliders
@@ -142,16 +150,16 @@ def test_conditions_are_met(small):
     assert [d.distance for d in result.designs] == sorted(d.distance for d in result.designs)
 
 
-def test_links_keep_clear_of_a_floor(small):
+def test_links_keep_clear_of_a_floor(small, brief):
     """Of what is found without a floor links run into it; with it none does, by the robust solver in 2,000 poses."""
     low, width = heart()[:, 1].min() - 0.03, 0.02
     floor = [(2.0, low - 1.0), (4.0, low)]
-    how = {"bars": (4,), "seconds": 1.5, "source": small, "sliders": False}
+    how = {"bars": (4,), "seconds": 0.5, "source": small, "sliders": False}
     before = nc.synthesis.trace(heart(), True, **how)
     after = nc.synthesis.trace(heart(), True, subject_to=[clear_of(floor, width=width)], **how)
     told = {}
     for result in (before, after):
-        for design in result.designs[:4]:
+        for design in result.designs[:2]:
             motion, least = design.move(2001), np.inf
             for body in design.mechanism.model.bodies.values():
                 places = np.stack([np.asarray(motion[name]) for name in body.points])
@@ -164,6 +172,64 @@ def test_links_keep_clear_of_a_floor(small):
     for least, known in told[True]:
         assert 0.0 <= known <= least + 1e-9
         assert least > 0.05 or known == pytest.approx(least, abs=2e-3)
+
+
+def test_a_search_goes_on_where_it_was_stopped(small, brief, tmp_path, monkeypatch):
+    """Interrupted in its second round and gone on with it comes to the designs of a search that never stopped."""
+    whole, file = searching._Search.round, tmp_path / "search.npz"
+
+    def stopping(at):
+        def round(search):
+            if search.rounds == at:
+                raise KeyboardInterrupt
+            whole(search)
+
+        return round
+
+    how = {"bars": (4,), "seconds": 60, "source": small, "sliders": False}
+    monkeypatch.setattr(searching._Search, "round", stopping(3))
+    straight = nc.synthesis.trace(heart(), True, **how)
+    monkeypatch.setattr(searching._Search, "round", stopping(0))
+    first = nc.synthesis.trace(heart(), True, **how)
+    assert first.interrupted and first.refined == 0 and first.found  # what the atlas has
+    assert straight.best.distance < 0.8 * first.best.distance
+    monkeypatch.setattr(searching._Search, "round", stopping(2))
+    part = nc.synthesis.trace(heart(), True, **how, checkpoint=file)
+    assert part.interrupted and f"resume from {file}" in part.stopped and part.refined < straight.refined
+    monkeypatch.setattr(searching._Search, "round", stopping(3))
+    after = nc.synthesis.trace(heart(), True, **how, resume=file)
+    assert (after.refined, after.best.distance) == (straight.refined, straight.best.distance)
+    np.testing.assert_array_equal(after.best.curve, straight.best.curve)
+    for other, said in (({"points": heart()[::2]}, "other targets"), ({"key": jax.random.key(3)}, "begun with key")):
+        with pytest.raises(nc.InputError, match=said):
+            nc.synthesis.trace(**{"points": heart(), "closed": True, **how, **other}, resume=file)
+
+
+def test_last_dyads_are_put_where_they_fit_best(small):
+    """By linear least squares: no other place, turn, size and tracing point comes nearer, and the dyads close."""
+    shelf = small.shelves[6].at(slice(40))
+    arrays = making.chain_arrays(6).at(shelf.chain)
+    row = np.concatenate([shelf.design, np.tile([0.0, 0.0, 1.0, 0.0, 0.3, 2.0 * np.pi], (40, 1))], axis=1)
+    theta = np.tile(np.linspace(0.3, 6.5, 50), (40, 1))
+    goal = np.exp(1j * theta) + 0.3 * np.exp(-2j * theta)
+    u = np.random.default_rng(0).uniform(size=(40, 8))
+    lanes, left = fit.redraw_last(fit.Lanes(arrays, shelf.sign, row), theta, goal, u)
+    good = np.flatnonzero(np.isfinite(left))
+    assert len(good) > 20
+    for k in good[:8]:
+        x, chain = lanes.row[k], shelf.chains[shelf.chain[k]]
+        np.testing.assert_array_equal(x[:6], shelf.design[k, :6])
+
+        def miss(change, x=x, k=k, chain=chain):
+            new = x + np.concatenate([np.zeros(12), change, np.zeros(2)])
+            place, factor = complex(*new[-6:-4]), complex(*new[-4:-2])
+            drawn = ChainDesign(chain, lanes.sign[k], new[:-6], place, factor, 0.0, 1.0)
+            return np.mean(np.abs(drawn.trace(theta[k]) - goal[k]) ** 2)
+
+        assert miss(np.zeros(6)) == pytest.approx(left[k], rel=1e-3, abs=1e-6)
+        for side in np.eye(6) * 3e-3:
+            assert miss(side) + miss(-side) > 2.0 * miss(np.zeros(6))
+            assert abs(miss(side) - miss(-side)) < 0.05 * (miss(side) + miss(-side) - 2.0 * miss(np.zeros(6))) + 1e-6
 
 
 def test_distances_are_of_polylines_both_ways():
@@ -242,15 +308,23 @@ def test_what_is_no_curve_is_told(given, said):
         nc.synthesis.trace(**{"points": heart(), "seconds": 1, **given})
 
 
-def test_the_command_reads_files_and_writes_models(tmp_path, monkeypatch, capsys):
+def interrupt(search):
+    raise KeyboardInterrupt
+
+
+def test_the_command_reads_files_and_writes_models(brief, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(making, "_PART", 3000)
-    monkeypatch.setattr("jaxnc.synthesis.tracing.trace._ATLAS", 1)
+    monkeypatch.setattr(searching, "_ATLAS", 1)
     monkeypatch.setenv("JAXNC_CACHE", str(tmp_path / "kept"))
     file = tmp_path / "heart.csv"
     file.write_text("x,y\n" + "\n".join(f"{x},{y}" for x, y in heart(80)))
-    arguments = ["trace", str(file), "--bars", "4", "--seconds", "1", "--closed", "--no-cache", "--no-pictures"]
-    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    arguments = ["trace", str(file), "--bars", "4", "--seconds", "0.5", "--closed", "--no-cache", "--no-pictures"]
+    kept = str(tmp_path / "search.npz")
+    assert main([*arguments, "--out", str(tmp_path / "out"), "--checkpoint", kept]) == 0
     assert "a curve of 80 points" in capsys.readouterr().out
+    assert main([*arguments, "--resume", kept]) == 0 and f"resume from {kept}" in capsys.readouterr().out
+    monkeypatch.setattr(searching._Search, "round", interrupt)
+    assert main([*arguments, "--resume", kept]) == 130 and f"--resume {kept}" in capsys.readouterr().err
     model = nc.load(tmp_path / "out" / "heart-1.toml")
     assert "P" in model.all_points and main(["run", str(tmp_path / "out" / "heart-1.toml"), "--no-cache"]) == 0
     file.write_text("x,y\n1,2\nthree,4\n")

@@ -4,6 +4,7 @@ Without Chromium what needs a browser is skipped.
 """
 
 import dataclasses
+import functools
 import json
 import time
 from importlib.resources import files
@@ -59,6 +60,13 @@ def browser(tmp_path_factory):
     started = Browser(tmp_path_factory.mktemp("chromium"))
     yield started
     started.close()
+
+
+@functools.cache
+def swept(name: str) -> tuple[nc.Mechanism, nc.Motion]:
+    """A mechanism of the library and the motion that is shown of it."""
+    m = CATALOGUE[name]()
+    return m, nc.sweep(m.compile(), **sweep_arguments(m), throw=False)
 
 
 def text(browser: Browser, name: str) -> str:
@@ -132,12 +140,10 @@ def test_every_operation_of_a_program_is_the_same_in_javascript(browser):
 @driven
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_the_solver_of_a_page_finds_the_poses_that_the_library_finds(browser, tmp_path, name):
-    m = CATALOGUE[name]()
-    given = sweep_arguments(m)
-    given["inputs"] = {k: v[::24] for k, v in given["inputs"].items()}
-    motion = nc.sweep(m.compile(), **given, throw=False)
+    m, motion = swept(name)
     browser.open(viz.to_html(motion, tmp_path / "a.html", model=m))
-    q, good = np.asarray(motion.q), np.flatnonzero(np.asarray(motion.converged))
+    q, some = np.asarray(motion.q), np.arange(0, len(motion.status), 24)
+    good = some[np.asarray(motion.converged)[some]]
     assert len(good) >= 5
     for k in good:
         found = browser.run(f"window.jaxnc.solve({np.asarray(motion.asked)[k].tolist()})")
@@ -783,8 +789,7 @@ PROGRAM = {2: 60_000, 3: 64_000}  # bytes of its script as it stands in the page
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_a_page_is_small_and_its_program_too(tmp_path, name):
-    m = CATALOGUE[name]()
-    motion = nc.sweep(m.compile(), **sweep_arguments(m), throw=False)
+    m, motion = swept(name)
     assert len(motion.status) == 361
     text = viz.to_html(motion, tmp_path / "a.html", model=m).read_text()
     assert len(text.encode()) < SMALL
@@ -803,7 +808,7 @@ def written(text: str, equations: str) -> int:
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("timed", [False, True])
 def test_the_program_of_a_page_with_forces_is_small_too(tmp_path, monkeypatch, dim, timed):
-    """With everything that a page may have: forces that it finds, time, arrows, traces, centres of mass."""
+    """With everything that a page may have: forces that it finds, time, arrows, traces, centres of mass, assemblies."""
     m, made = loaded(dim), []
     parts = page.page_parts
     monkeypatch.setattr(page, "page_parts", lambda *args, **more: made.append(parts(*args, **more)) or made[-1])
@@ -811,7 +816,7 @@ def test_the_program_of_a_page_with_forces_is_small_too(tmp_path, monkeypatch, d
         motion = nc.motion(m.compile(), {"phi": lambda t: 20.0 * t + 0.3}, np.linspace(0.0, 0.3, 20))
     else:
         motion = nc.sweep(m.compile(), {"phi": TURNS}, rates={"phi": 20.0})
-    text = motion.to_html(tmp_path / "a.html", trace="B", velocities="B", forces=True, model=m).read_text()
+    text = motion.to_html(tmp_path / "a.html", trace="B", velocities="B", forces=True, modes=True, model=m).read_text()
     (found,) = made
     without = {"MORE", *(("CLOCK",) if not timed else ()), ("CENTRES" if dim == 3 else "BACK")}
     assert {name for name, part in found.items() if not part} == without | ({"STILL"} if dim == 3 else set())

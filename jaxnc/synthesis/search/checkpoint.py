@@ -38,21 +38,22 @@ class Resumable(Protocol):
         ...
 
 
-class Course:
-    """The course of a search: its history round by round, its bar, the time it has, and the file that it is kept in."""
+class SavedSearch:
+    """A search's history, the time it has, and the file that it is kept in."""
 
-    def __init__(self, problem: Problem, limit: float, path: str | Path | None):
-        self.problem, self.limit, self.path = problem, limit, path
+    def __init__(self, name: str, limit: float, path: str | Path | None):
+        self.name, self.limit, self.path = name, limit, path
         self.history: list[Progress] = []
         self.begun = self.kept = time.perf_counter()
         self.terms: dict[str, Any] = {}
 
-    def set_terms(self, **settings: object) -> None:
+    def set_common(self, numbers: object, **settings: object) -> None:
         """Note what this search and one that resumes it must have in common, and see that its file can be written."""
         from jaxnc.io import target
 
-        own = {"form": _FORM, "problem": self.problem.name, "unknowns": list(self.problem.names)}
-        self.terms = {**own, **settings, "numbers": _problem_digest(self.problem)}
+        out = hashlib.sha256()
+        _add_to_digest(out, numbers)
+        self.terms = {"form": _FORM, "problem": self.name, **settings, "numbers": out.hexdigest()}
         if self.path is not None:
             if Path(self.path).is_dir():
                 raise InputError(f"checkpoint={str(self.path)!r} is a folder; name a file in it")
@@ -92,6 +93,29 @@ class Course:
         target.write(self.path, out.getvalue())
         self.kept = time.perf_counter()
 
+    @property
+    def seconds(self) -> float:
+        """How long the search has been going on."""
+        return time.perf_counter() - self.begun
+
+    @property
+    def hint(self) -> str:
+        """How to go on with a search that was stopped, in words; "" if it is not kept in a file."""
+        return "" if self.path is None else f"; to go on, resume from {self.path}"
+
+
+class Course(SavedSearch):
+    """The course of a search for designs of a problem: round by round, with a bar."""
+
+    def __init__(self, problem: Problem, limit: float, path: str | Path | None):
+        super().__init__(problem.name, limit, path)
+        self.problem = problem
+
+    def set_terms(self, **settings: object) -> None:
+        """Note what this search and one that resumes it must have in common, all numbers of the problem among it."""
+        numbers = np.asarray(geometry_vector(self.problem.system), dtype=float), self.problem
+        self.set_common(numbers, unknowns=list(self.problem.names), **settings)
+
     def show(self, total: int, unit: str, progress: bool | None, done: int) -> None:
         """Show a bar, where someone is watching or as `progress` says."""
         self.bar = bar(total, self.problem.name, unit, progress, initial=done)
@@ -109,18 +133,6 @@ class Course:
         """In words, that the search has had all of its time; "" as long as it has not."""
         seconds = self.history[-1].seconds
         return f"stopped after {seconds:.0f} s" if seconds > self.limit else ""
-
-    @property
-    def hint(self) -> str:
-        """How to go on with a search that was stopped, in words; "" if it is not kept in a file."""
-        return "" if self.path is None else f"; to go on, resume from {self.path}"
-
-
-def _problem_digest(problem: Problem) -> str:
-    """Digest of all numbers and names that make a problem."""
-    out = hashlib.sha256(np.asarray(geometry_vector(problem.system), dtype=float).tobytes())
-    _add_to_digest(out, problem)
-    return out.hexdigest()
 
 
 def _add_to_digest(out: Any, value: object) -> None:

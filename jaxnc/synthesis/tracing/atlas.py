@@ -325,6 +325,29 @@ def _likelihoods(bars: int) -> np.ndarray:
 
 
 @functools.cache
+def _by_front(bars: int) -> dict[tuple[int, ...], np.ndarray]:
+    arrays, found = chain_arrays(bars), {}
+    fronts = np.stack(arrays[:3], axis=1)[:, :, :-1].reshape(len(arrays.tracer), -1)
+    for k, front in enumerate(fronts.tolist()):
+        found.setdefault(tuple(front), []).append(k)
+    return {front: np.array(which) for front, which in found.items()}
+
+
+def chains_beginning(bars: int, front: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Find the chains with given first dyads.
+
+    Args:
+        bars: number of links with the ground.
+        front: kinds of all dyads but the last one, then the bodies on which they hang, the first ones and the second.
+
+    Returns:
+        Indices in `dyadic_chains`, and how often each is taken when one is made at random.
+    """
+    which = _by_front(bars).get(front, np.zeros(0, int))
+    return which, _likelihoods(bars)[which]
+
+
+@functools.cache
 def chain_arrays(bars: int) -> ChainArrays:
     """All chains with some number of bars as arrays, in the order of `dyadic_chains`."""
     return ChainArrays.of(dyadic_chains(bars))

@@ -97,7 +97,7 @@ def frame_of(frames: list[Frame], body: Any) -> Frame:
 
 
 def close(
-    kind: Any, sign: Any, p: Pair, q: Pair, on: Pair, other: Pair, m: Any, n: Any
+    kind: Any, sign: Any, p: Pair, q: Pair, on: Pair, other: Pair, m: Any, n: Any, m_line: Pair, n_line: Pair
 ) -> tuple[Any, Pair, list[Frame]]:
     """Close a dyad between the places p and q of its outer joints.
 
@@ -110,6 +110,8 @@ def close(
         other: direction of the second body.
         m: first of its own numbers.
         n: second of them.
+        m_line: cosine and sine of the first, which may be the angle of a line.
+        n_line: of the second.
 
     Returns:
         The square of the sine of its transmission angle, the inner joint, and the frames of its links.
@@ -120,8 +122,7 @@ def close(
     one = jnp.where(turns | (kind == _RRP), m, 1.0)  # lengths
     two = jnp.where(turns, n, 1.0)
     offset = jnp.where(kind == _RPR, m, 0.0)
-    a = times(on, (jnp.cos(m), jnp.sin(m)))  # lines
-    b = times(other, (jnp.cos(n), jnp.sin(n)))
+    a, b = times(on, m_line), times(other, n_line)
     foot = _turned_back(_scaled(v, -1.0), b)  # the first joint along and beside the second line
     cosine = (one * one + two * two - square) / (2.0 * one * two)
     skew = a[0] * b[1] - a[1] * b[0]
@@ -161,7 +162,15 @@ def _choose(which: Any, a: Pair, b: Pair) -> Pair:
     return jnp.where(which, a[0], b[0]), jnp.where(which, a[1], b[1])
 
 
-def move(chain: ChainArrays, sign: Any, x: Any, theta: Array, go: Any) -> Traced:
+def _direction(angle: Any, about: Any) -> Pair:
+    """Cosine and sine; where `about` is given, which is the same number, to first order in what they differ by."""
+    if about is None:
+        return jnp.cos(angle), jnp.sin(angle)
+    cos, sin = jnp.cos(about), jnp.sin(about)
+    return cos - sin * (angle - about), sin + cos * (angle - about)
+
+
+def move(chain: ChainArrays, sign: Any, x: Any, theta: Array, go: Any, about: Any = None) -> Traced:
     """Move one design to some angles of its crank.
 
     Args:
@@ -170,16 +179,17 @@ def move(chain: ChainArrays, sign: Any, x: Any, theta: Array, go: Any) -> Traced
         x: the design, ``(6 dyads + 2,)``, or of its own at each angle, ``(6 dyads + 2, T)``.
         theta: angles, ``(T,)``, radians.
         go: true, in a way that the compiler cannot know: dyads are then compiled one by one.
+        about: where `x` is one design, repeated at each angle to be differentiated, that design, ``(6 dyads + 2,)``:
+            cosines and sines of what is the same in all poses are calculated once.
     """
     frames, sines, joints = begin(theta), [], []
     for d in range(chain.kind.shape[-1]):
         row = x[EACH * d : EACH * (d + 1)]
         one, two = frame_of(frames, chain.first[d]), frame_of(frames, chain.second[d])
         p, q = one.at((row[0], row[1])), two.at((row[2], row[3]))
-        dyad = (chain.kind[d], sign[d], p, q, one.along, two.along, row[4], row[5])
-        sine, inner, links = fusion_barrier(
-            go, jax.checkpoint(close), *dyad
-        )  # backwards it is cheaper made again than kept
+        lines = (_direction(row[k], None if about is None else about[EACH * d + k]) for k in (4, 5))
+        dyad = (chain.kind[d], sign[d], p, q, one.along, two.along, row[4], row[5], *lines)
+        sine, inner, links = fusion_barrier(go, close, *dyad)
         frames += links
         sines.append(sine)
         joints.append(jnp.stack([jnp.stack(jnp.broadcast_arrays(*place)) for place in (p, q, inner)]))
@@ -204,41 +214,86 @@ def sample(chain: ChainArrays, u: Array, theta: Array) -> tuple[Array, Array, Tr
     frames, rows, signs, sines = begin(theta), [], [], []
     size = [jnp.asarray(3.0), jnp.asarray(1.0)]  # of bodies
     for d in range(chain.kind.shape[-1]):
-        kind, v = chain.kind[d], u[d]
-        one, two = frame_of(frames, chain.first[d]), frame_of(frames, chain.second[d])
-        p_local = _spot(chain.first[d], v[0], v[1], size)
-        q_local = _spot(chain.second[d], v[2], v[3], size)
-        p, q = one.at(p_local), two.at(q_local)
-        n_line = 2.0 * jnp.pi * v[5]
-        b = times(two.along, (jnp.cos(n_line), jnp.sin(n_line)))
-        w = _minus(p, q)
-        beside = jnp.max(jnp.abs(_turned_back(w, b)[1]))
-        square = w[0] ** 2 + w[1] ** 2
-        near, far = jnp.sqrt(jnp.min(square)), jnp.sqrt(jnp.max(square))
-        total = far * (1.03 + 1.5 * v[4] ** 2)
-        less = near * 0.97 * (2.0 * v[5] - 1.0)
-        m = _select(
-            kind,
-            0.5 * (total + less),
-            beside * (1.05 + 2.0 * v[4] ** 2) + 0.1 * v[6],
-            near * (1.9 * v[4] - 0.95),
-            6.28 * v[4],
-        )
-        n = _select(kind, 0.5 * (total - less), n_line, 0.0 * v[4], n_line)
-        sign = jnp.where(v[6] < 0.5, -1.0, 1.0)
-        sine, _, links = close(kind, sign, p, q, one.along, two.along, m, n)
-        sine = jnp.where(near > 1e-3 * far, sine, -1.0)  # a dyad whose outer joints meet turns by itself
+        sign, row, sine, links, sizes = _draw(chain, d, u[d], frames, size)
         frames += links
         sines.append(sine)
-        rows += [*p_local, *q_local, m, n]
+        rows += row
         signs.append(sign)
-        size += [jnp.where(kind == _PRP, 1.0, jnp.where(kind == _RPR, far, m)), jnp.where(kind == _RRR, n, far)]
+        size += sizes
     own = _select(chain.tracer - (len(frames) - 2), *size[-2:])
     radius, turn = own * 1.6 * u[-1, 0] ** 0.5, 2.0 * jnp.pi * u[-1, 1]
     local = radius * jnp.cos(turn) + 0.5 * own, radius * jnp.sin(turn)
     point = frame_of(frames[-2:], chain.tracer - (len(frames) - 2)).at(local)
     traced = Traced(jnp.stack(point), jnp.stack(sines))
     return jnp.stack(signs), jnp.stack([*rows, *local]), traced
+
+
+def redraw(chain: ChainArrays, sign: Any, x: Any, u: Array, theta: Array) -> tuple[Array, Array, Array, Frame]:
+    """Keep all dyads of a design but its last one, and make that from random numbers.
+
+    Args:
+        chain: the chain, arrays without their axis of chains.
+        sign: assembly of each dyad, ``(dyads,)``; that of the last one is not looked at.
+        x: the design, ``(6 dyads + 2,)``; likewise.
+        u: random numbers between 0 and 1, ``(8,)``.
+        theta: angles of the crank, ``(T,)``.
+
+    Returns:
+        The assemblies, the design without its tracing point, the least square of the sine of a transmission angle, and
+        the frame of the link on which the tracing point rides.
+    """
+    frames, sines = begin(theta), []
+    size = [jnp.asarray(3.0), jnp.asarray(1.0)]
+    dyads = chain.kind.shape[-1]
+    for d in range(dyads - 1):
+        kind, row = chain.kind[d], x[EACH * d : EACH * (d + 1)]
+        one, two = frame_of(frames, chain.first[d]), frame_of(frames, chain.second[d])
+        p, q = one.at((row[0], row[1])), two.at((row[2], row[3]))
+        lines = _direction(row[4], None), _direction(row[5], None)
+        sine, _, links = close(kind, sign[d], p, q, one.along, two.along, row[4], row[5], *lines)
+        frames += links
+        sines.append(sine)
+        size += _sizes(kind, row[4], row[5], jnp.sqrt(jnp.max((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2)))
+    last, row, sine, links, _ = _draw(chain, dyads - 1, u, frames, size)
+    frames += links
+    design = jnp.concatenate([x[: EACH * (dyads - 1)], jnp.stack(row)])
+    own = frame_of(frames[-2:], chain.tracer - (len(frames) - 2))
+    return jnp.append(sign[: dyads - 1], last), design, jnp.min(jnp.stack([*sines, sine])), own
+
+
+def _draw(chain: ChainArrays, d: int, v: Any, frames: list[Frame], size: list[Any]) -> tuple[Any, ...]:
+    """Make a dyad that closes wherever what it hangs on is: its assembly, numbers, sine, frames and sizes of links."""
+    kind = chain.kind[d]
+    one, two = frame_of(frames, chain.first[d]), frame_of(frames, chain.second[d])
+    p_local = _spot(chain.first[d], v[0], v[1], size)
+    q_local = _spot(chain.second[d], v[2], v[3], size)
+    p, q = one.at(p_local), two.at(q_local)
+    n_line = 2.0 * jnp.pi * v[5]
+    b = times(two.along, _direction(n_line, None))
+    w = _minus(p, q)
+    beside = jnp.max(jnp.abs(_turned_back(w, b)[1]))
+    square = w[0] ** 2 + w[1] ** 2
+    near, far = jnp.sqrt(jnp.min(square)), jnp.sqrt(jnp.max(square))
+    total = far * (1.03 + 1.5 * v[4] ** 2)
+    less = near * 0.97 * (2.0 * v[5] - 1.0)
+    m = _select(
+        kind,
+        0.5 * (total + less),
+        beside * (1.05 + 2.0 * v[4] ** 2) + 0.1 * v[6],
+        near * (1.9 * v[4] - 0.95),
+        6.28 * v[4],
+    )
+    n = _select(kind, 0.5 * (total - less), n_line, 0.0 * v[4], n_line)
+    sign = jnp.where(v[6] < 0.5, -1.0, 1.0)
+    lines = _direction(m, None), _direction(n, None)
+    sine, _, links = close(kind, sign, p, q, one.along, two.along, m, n, *lines)
+    sine = jnp.where(near > 1e-3 * far, sine, -1.0)  # a dyad whose outer joints meet turns by itself
+    return sign, [*p_local, *q_local, m, n], sine, links, _sizes(kind, m, n, far)
+
+
+def _sizes(kind: Any, m: Any, n: Any, far: Any) -> list[Any]:
+    """Sizes of a dyad's links, of those that slide by how far apart its outer joints are."""
+    return [jnp.where(kind == _PRP, 1.0, jnp.where(kind == _RPR, far, m)), jnp.where(kind == _RRR, n, far)]
 
 
 def _spot(body: Any, u: Any, v: Any, sizes: list[Any]) -> Pair:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxnc.compiling import jit
 from jaxnc.solvers.dense import cholesky_solve
 from jaxnc.synthesis.tracing.chains import GROUND, KINDS, ChainArrays
-from jaxnc.synthesis.tracing.curves import EACH, Traced, move
+from jaxnc.synthesis.tracing.curves import EACH, Frame, Traced, move, redraw
 from jaxnc.synthesis.tracing.plates import Walls, gaps, link_corners
 from jaxnc.types import Array
 
@@ -32,6 +32,8 @@ COUNT = 64  # corners of a target, and poses of the crank at which a design is l
 _NEAR = 1e-3  # sizes of the target: distances below count by their squares all the same
 _BEGINS = 64  # places of the crank that are tried as the begin of given timings
 _TOGETHER = 16  # designs that are calculated side by side: their numbers stay in the processor's cache
+_BAD = 0.02  # square of the sine of a transmission angle, below which a dyad that was drawn is not looked at
+_REACH = 20.0  # sizes of the target: no number of a design that was drawn is longer
 _LONG = 0.1  # and of a link that is longer than allowed, for each size of the target
 
 
@@ -124,7 +126,69 @@ def _link_corners(chain: ChainArrays, row: Array, traced: Traced) -> Array:
     return jnp.moveaxis(_put(row, jnp.moveaxis(link_corners(chain, traced), 1, 0)), 0, 1)
 
 
-@jit
+@jax.jit
+def match_points(lanes: Lanes, target: Target) -> tuple[Array, Array]:
+    """Say where cranks are when designs pass the target's corners, and which points of it their own poses are near.
+
+    Returns:
+        Angles ``(N, 2 COUNT)``, and the points of the target that belong to them, ``(N, 2 COUNT, 2)``.
+    """
+    go, closed = jnp.all(jnp.isfinite(lanes.row[0])), target.closed > 0
+
+    def one(chain: ChainArrays, sign: Array, row: Array) -> tuple[Array, Array]:
+        pieces = jnp.where(closed, COUNT, COUNT - 1.0)
+        span = jnp.where(closed, 2.0 * jnp.pi, row[-1])
+        angles = row[-2] + span * jnp.arange(COUNT) / pieces
+        here = _put(row, move(chain, sign, row[:-6], angles, go).point).T
+        at, part, *_ = _nearest(target.points, here, closed)
+        passing = jnp.where(target.timed > 0, row[-2] + target.timing, angles[0] + (at + part) * span / pieces)
+        foot = _nearest(here, target.points, closed)[2]
+        return jnp.concatenate([passing, angles]), jnp.concatenate([target.points, foot])
+
+    return jax.vmap(one)(*lanes)
+
+
+@jax.jit
+def _redraw(chain: ChainArrays, sign: Array, x: Array, u: Array, theta: Array) -> tuple[Array, Array, Array, Frame]:
+    return jax.vmap(redraw)(chain, sign, x, u, theta)
+
+
+def redraw_last(lanes: Lanes, theta: np.ndarray, goal: np.ndarray, u: np.ndarray) -> tuple[Lanes, np.ndarray]:
+    """Draw the last dyads of designs at random, and put the tracing points and the whole where they fit best.
+
+    With the timings known, place, turn, size and tracing point are two complex numbers beside a centre: linear least
+    squares.
+
+    Args:
+        lanes: the designs; what they have for a last dyad and a tracing point is not looked at.
+        theta: angles of their cranks, ``(N, T)``.
+        goal: points where the tracing points should be then, complex ``(N, T)``.
+        u: random numbers between 0 and 1, ``(N, 8)``.
+
+    Returns:
+        The designs, and their mean squares of distances, infinite where a dyad does not close.
+    """
+    few = (np.asarray(a, np.float32) for a in (lanes.sign, lanes.row[:, :-6], u, theta))
+    sign, design, sine, frame = jax.tree.map(np.asarray, _redraw(lanes.chain, *few))
+    origin, along = (a[0] + 1j * a[1].astype(float) for a in frame)
+    centres = [a.mean(axis=1, keepdims=True) for a in (origin, along, goal)]
+    a, b, y = (array - centre for array, centre in zip((origin, along, goal), centres, strict=True))
+    aa, bb = (np.sum(np.abs(c) ** 2, axis=1) for c in (a, b))
+    ab, ay, by = (np.sum(np.conj(c) * d, axis=1) for c, d in ((a, b), (a, y), (b, y)))
+    with np.errstate(all="ignore"):
+        det = aa * bb - np.abs(ab) ** 2
+        factor, spot = (bb * ay - ab * by) / det, (aa * by - np.conj(ab) * ay) / det
+        left = np.mean(np.abs(y - factor[:, None] * a - spot[:, None] * b) ** 2, axis=1)
+        place = (centres[2] - factor[:, None] * centres[0] - spot[:, None] * centres[1])[:, 0]
+        local = spot / factor
+        good = (sine > _BAD) & (det > 1e-9 * aa * bb) & np.isfinite(left + np.abs(local))
+    row = np.concatenate([design.astype(float), np.zeros((len(design), 2)), lanes.row[:, -6:]], axis=1)
+    row[:, -8:-2] = np.stack([local.real, local.imag, place.real, place.imag, factor.real, factor.imag], axis=1)
+    longest = np.abs(row[:, :-6]).max(axis=1) * np.abs(factor)
+    return Lanes(lanes.chain, sign.astype(float), row), np.where(good & (longest < _REACH), left, np.inf)
+
+
+@jax.jit  # runs for a minute: code that takes as long to compile and is a quarter quicker
 def refine(lanes: Lanes, target: Target, steps: Any, feet: Any) -> tuple[Array, Array, Array]:
     """Refine designs by so many steps, all at once.
 
@@ -255,7 +319,7 @@ def _look(
     def rows(spread: Array) -> tuple[Array, Array]:
         crank = jnp.where(fixed | closed, every, spread[-2] + spread[-1] * shares)
         crank = jnp.where(by_time, spread[-2] + given, crank)
-        traced = move(chain, sign, spread[:-6], crank, go)
+        traced = move(chain, sign, spread[:-6], crank, go, row[:-6])
         miss = _put(spread, traced.point) - wanted
         short = jnp.sum(jnp.where(own, jnp.maximum(target.sine - traced.sine, 0.0), 0.0), axis=0)
         for k, wall in enumerate(target.walls):

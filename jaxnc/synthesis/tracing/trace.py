@@ -1,8 +1,9 @@
 """`trace`: from a drawn curve to the best linkages of dyads that trace it."""
 
+import collections
 import dataclasses
 import functools
-import time
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,9 +19,32 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.progress import bar
 from jaxnc.synthesis.clearance import ClearOf, refuse_enclosed
 from jaxnc.synthesis.conditions import Condition, CrankTurns, TransmissionAngle, Within
-from jaxnc.synthesis.tracing.atlas import BARS, Atlas, Candidates, atlas, chain_arrays, check_bars
+from jaxnc.synthesis.evaluate import map_threads
+from jaxnc.synthesis.result import Progress
+from jaxnc.synthesis.search.checkpoint import SavedSearch, interruptible
+from jaxnc.synthesis.tracing.atlas import (
+    BARS,
+    Atlas,
+    Candidates,
+    atlas,
+    chain_arrays,
+    chains_beginning,
+    check_bars,
+)
 from jaxnc.synthesis.tracing.chains import GROUND, Chain, ChainArrays, dyadic_chains
-from jaxnc.synthesis.tracing.fit import COUNT, Lanes, Target, begin_timed, least_gaps, refine, start_lanes, trace_curves
+from jaxnc.synthesis.tracing.curves import EACH
+from jaxnc.synthesis.tracing.fit import (
+    COUNT,
+    Lanes,
+    Target,
+    begin_timed,
+    least_gaps,
+    match_points,
+    redraw_last,
+    refine,
+    start_lanes,
+    trace_curves,
+)
 from jaxnc.synthesis.tracing.linkage import INPUT, ChainDesign, to_mechanism
 from jaxnc.synthesis.tracing.plates import Walls, to_walls
 from jaxnc.synthesis.validate import as_seed, as_time_limit, as_timing
@@ -31,9 +55,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ATLAS = 200_000
-_WIDTH = 64  # designs that are refined together
+_WIDTH = 64  # designs that are refined to the end in a round
+_TOGETHER = 32  # designs that a processor refines in one go
 _GROUPS = 3  # of candidates that are looked at in a round
-_STEPS = (10, 30, 60)  # of a candidate, of a promising one, of one of the best
+_STEPS = (8, 28, 60)  # of a candidate, of a promising one, of one of the best
+_JUMPS = np.array([0.02, 0.07, 0.1, 0.4])  # by how much chance changes the numbers of a design
+_DRAWN = 1024  # last dyads that are drawn at random for some of the best designs
+_DRAWN_FOR = 8  # so many of them
+_DRAWN_KEPT = 16  # of those dyads, the designs that are refined
+_OF_CHAIN = 6  # designs of one chain that are kept on the way, and more where there are few chains
 _MANY = 4096  # candidates of a number of bars that are queued
 _POOL = 256  # designs that are kept on the way
 _SMOOTH = 0.02  # of the target's size: nearer than this the target may be a curve of the linkage itself
@@ -42,7 +72,7 @@ _LARGE = 20.0  # sizes of the target: no link is longer
 _LEAST = float(np.radians(8.0))  # of the transmission angle
 _POSES = 720  # at which a design is judged
 _SPARE = 0.01  # of the target's size: by so much more links shall be clear in the poses that a search looks at
-_TURNS = (4, 6, 8, 8, 6, 8)  # the order in which linkages with so many bars are looked at
+_TURNS = {4: 1, 6: 2, 8: 3}  # how often linkages with so many bars are looked at
 _LONGEST = 86_400  # seconds
 _ALONG = 2000  # points by arc length, of a distance between curves
 _ROUGHLY = 300  # points of a curve where designs are only put in order
@@ -150,8 +180,9 @@ def curve_distance(one: np.ndarray, other: np.ndarray, count: int = _ALONG) -> f
 
 
 def _mean_distance(points: np.ndarray, line: np.ndarray) -> float:
-    square = np.sum(points**2, axis=1)[:, None] - 2.0 * points @ line.T + np.sum(line**2, axis=1)
-    near = square.argmin(axis=1)
+    from scipy.spatial import KDTree
+
+    near = np.asarray(KDTree(line).query(points)[1])
     best = np.full(len(points), np.inf)
     for start in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):  # the two pieces at the nearest corner
         piece = line[start + 1] - line[start]
@@ -292,6 +323,16 @@ class TraceResult:
         return self.designs[0]
 
     @property
+    def found(self) -> bool:
+        """True if a linkage meets the conditions."""
+        return bool(self.designs)
+
+    @property
+    def interrupted(self) -> bool:
+        """True if Ctrl-C ended the search."""
+        return self.stopped.startswith("interrupted")
+
+    @property
     def front(self) -> tuple[TracedDesign, ...]:
         """For each number of bars the nearest design, as far as it is nearer than those with fewer."""
         out: list[TracedDesign] = []
@@ -375,6 +416,8 @@ def trace(
     only: Sequence[str] | None = None,
     source: Atlas | None = None,
     progress: bool | None = None,
+    checkpoint: str | Path | None = None,
+    resume: str | Path | None = None,
 ) -> TraceResult:
     """Find linkages that trace a curve: four-, six- and eight-bars of dyads with turning and sliding pairs.
 
@@ -396,12 +439,15 @@ def trace(
         only: names of linkages that are looked for, such as ``"Watt II"``; see `TracedDesign.name`.
         source: an atlas of your own; that of 200,000 linkages if not given, which is made at first use.
         progress: show a bar with the best distance; if not given, where stderr is a terminal, and in a notebook.
+        checkpoint: file in which the search is kept after every round, replaced in one step.
+        resume: such a file, from which the search goes on for `seconds` more (and in which it is kept, unless
+            `checkpoint` names another).
 
     Returns:
         The linkages, best first. Ctrl-C returns the best ones so far.
 
     Raises:
-        InputError: points that are no curve, conditions that need names, no time.
+        InputError: points that are no curve, conditions that need names, no time, a file of another search.
     """
     refuse_fork()
     wanted, limit = check_bars("trace", bars), as_time_limit("trace", seconds)
@@ -409,19 +455,35 @@ def trace(
     refuse_enclosed("trace", subject_to, None, target.given)
     if limit > _LONGEST:
         raise InputError(f"trace: seconds={seconds!r}; a search that goes on for good needs an end: at most {_LONGEST}")
-    rng = np.random.default_rng(as_seed("trace", key))
+    seed = as_seed("trace", key)
+    rng = np.random.default_rng(seed)
     if isinstance(keep, bool) or not isinstance(keep, int | np.integer) or keep < 1:
         raise InputError(f"trace: keep={keep!r}: expected a number of designs, at least 1")
     allowed = _allowed(only, sliders, wanted)
     known = atlas(_ATLAS, progress=progress) if source is None else source
     if not isinstance(known, Atlas):
         raise InputError(f"trace: source={source!r}: expected an atlas, as nc.synthesis.atlas() returns it")
-    begun = time.perf_counter()
-    searches = [_Search(target, terms, known, b, allowed, rng) for b in wanted if b in known.shelves]
-    stopped = _run(searches, begun + limit, progress)
-    found = _judge(target, terms, searches, keep)
+    course = SavedSearch("trace", limit, checkpoint)
+    searches: list[_Search] = []
+    try:
+        with interruptible():
+            for b, own in zip(wanted, rng.spawn(len(wanted)), strict=True):
+                if b in known.shelves:
+                    simpler = next((search for search in searches if search.bars == b - 2), None)
+                    searches.append(_Search(target, terms, known, b, allowed, own, simpler))
+            if checkpoint is not None or resume is not None:
+                designs = [float(np.abs(shelf.design).sum()) for shelf in known.shelves.values()]
+                numbers = (*target, *terms, *designs, *(only or ()), sliders)
+                course.set_common(numbers, bars=list(wanted), key=list(seed))
+            run = _Run(searches)
+            if resume is not None:
+                course.resume(resume, run)
+            stopped = _search(run, course, progress)
+    except KeyboardInterrupt:
+        stopped = f"interrupted after {course.seconds:.3g} s{course.hint}"
+    found = _judge(target, terms, searches, keep, stopped.startswith("interrupted"))
     refined = sum(search.refined for search in searches)
-    return TraceResult(target.given, target.closed, found, refined, time.perf_counter() - begun, stopped)
+    return TraceResult(target.given, target.closed, found, refined, course.seconds, stopped)
 
 
 def _allowed(only: Any, sliders: bool, bars: Sequence[int]) -> Callable[[Chain], bool] | None:
@@ -453,9 +515,9 @@ class _Search:
         bars: int,
         allowed: Callable[[Chain], bool] | None,
         rng: np.random.Generator,
+        simpler: "_Search | None" = None,
     ):
-        self.bars, self.target, self.rng = bars, target, rng
-        self.queue = known.find(target.even, target.closed, bars, _MANY, allowed)
+        self.bars, self.target, self.rng, self.simpler = bars, target, rng, simpler
         # A little more than asked for, so that what is found meets it between the poses too.
         sine = float(np.sin(min(terms.least * 1.01 + 0.001, np.pi / 2)) ** 2)
         ground = (terms.ground - target.centre) / target.size
@@ -464,69 +526,153 @@ class _Search:
         self.goal = target.target(target.timing is None, sine, ground, _LARGE, walls=walls)
         self.points = target.target(False, sine, ground, _LARGE, walls=walls)
         self.means = target.target(True, sine, ground, _LARGE, True, walls)
+        self.allowed = np.array([allowed is None or allowed(chain) for chain in dyadic_chains(bars)])
+        self.of_chain = max(_OF_CHAIN, _POOL // max(int(self.allowed.sum()), 1))
         self.taken = self.refined = self.rounds = 0
+        self.polished = np.inf
         self.pool: Lanes | None = None
         self.cost = np.zeros(0)
         self.exact: Lanes | None = None
+        self.queue = known.find(target.even, target.closed, bars, _MANY, allowed)
+        if len(self.queue.misfit):
+            self._keep(self._start(slice(_WIDTH)), np.maximum(self.queue.misfit[:_WIDTH], 0.0))
 
     @property
     def best(self) -> float:
         """Root mean square of the distances of the nearest design so far."""
-        return float(np.sqrt(self.cost.min())) if len(self.cost) else np.inf
+        return float(np.sqrt(self.cost[0])) if len(self.cost) else np.inf
 
     def round(self) -> None:
         """Refine the next candidates, or, in turns, what chance makes of the best designs."""
         self.rounds += 1
-        if self.taken < len(self.queue.misfit) and (self.rounds < 4 or self.rounds % 2):
+        if self.taken < len(self.queue.misfit) and (self.rounds < 4 or self.rounds % 4 == 0):
             lanes = self._next()
-        else:
+        elif len(self.cost):
             lanes = self._vary()
-        lanes, cost = self._refine(lanes, _STEPS[1])
-        self._keep(lanes, cost)
-        if self.rounds in (1, 3) or self.rounds % 6 == 0:
-            self._polish()
-
-    def _next(self) -> Lanes:
-        """Look at candidates, and select those that come nearest in a few steps."""
-        stop = min(self.taken + _GROUPS * _WIDTH, len(self.queue.misfit))
-        chosen = slice(self.taken, stop)
-        self.taken = stop
-        some = Candidates(self.queue.shelf.at(chosen), *(array[chosen] for array in self.queue[1:]))
-        lanes = start_lanes(self.target.even, self.target.closed, some, chain_arrays(self.bars).at(some.shelf.chain))
-        if self.target.timing is not None:
-            lanes = begin_timed(lanes, self.goal)
+        else:  # nothing was found that moves
+            return
         lanes, cost = self._refine(lanes, _STEPS[0])
         self.refined += len(cost)
-        return _some(lanes, np.argsort(cost, kind="stable")[:_WIDTH])
+        found = self._refine(_some(lanes, np.argsort(cost, kind="stable")[:_WIDTH]), _STEPS[1])
+        if self.rounds == 1:  # what was looked up is measured in another way
+            self.pool, self.cost = None, np.zeros(0)
+        self._keep(*found)
+        if len(self.cost) and (self.rounds in (1, 3) or self.rounds % 6 == 0):
+            self._polish()
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Write the state as arrays; the candidates come from the atlas again."""
+        state = json.dumps(self.rng.bit_generator.state)
+        out = {"state": np.array(state), "cost": self.cost}
+        out["counts"] = np.array([self.taken, self.refined, self.rounds, self.polished])
+        for name, lanes in (("pool", self.pool), ("exact", self.exact)):
+            if lanes is not None:
+                parts = (*lanes.chain, lanes.sign, lanes.row)
+                out |= {f"{name}_{k}": np.asarray(array) for k, array in enumerate(parts)}
+        return out
+
+    def restore(self, arrays: dict[str, np.ndarray]) -> None:
+        """Go back to what `to_arrays` returned."""
+        self.rng.bit_generator.state = json.loads(str(arrays["state"]))
+        self.cost, counts = arrays["cost"], arrays["counts"]
+        self.taken, self.refined, self.rounds = (int(n) for n in counts[:3])
+        self.polished = float(counts[3])
+        lanes = {}
+        for name in ("pool", "exact"):
+            parts = [arrays[key] for k in range(6) if (key := f"{name}_{k}") in arrays]
+            lanes[name] = Lanes(ChainArrays(*parts[:4]), *parts[4:]) if parts else None
+        self.pool, self.exact = lanes["pool"], lanes["exact"]
+
+    def _start(self, chosen: slice) -> Lanes:
+        """Put candidates where they fit best."""
+        some = Candidates(self.queue.shelf.at(chosen), *(array[chosen] for array in self.queue[1:]))
+        lanes = start_lanes(self.target.even, self.target.closed, some, chain_arrays(self.bars).at(some.shelf.chain))
+        return lanes if self.target.timing is None else begin_timed(lanes, self.goal)
+
+    def _next(self) -> Lanes:
+        chosen = slice(self.taken, min(self.taken + _GROUPS * _WIDTH, len(self.queue.misfit)))
+        self.taken = chosen.stop
+        return self._start(chosen)
 
     def _vary(self) -> Lanes:
+        """Change the numbers of good designs, and give others, also simpler ones, a last dyad made at random."""
+        parts = [self._jump(), self._redraw(self)]
+        if self.simpler is not None and self.simpler.rounds:
+            parts.append(self._redraw(self.simpler))
+        return functools.reduce(_join, [part for part in parts if part is not None])
+
+    def _jump(self) -> Lanes:
+        """Change all numbers of good designs a little, or those of one dyad or of the tracing point more."""
         assert self.pool is not None
-        count = len(self.cost)
-        source = np.minimum(self.rng.geometric(0.08, _WIDTH) - 1, count - 1)
-        lanes = _some(self.pool, source)
+        count, dyads = 2 * _WIDTH - 2 * _DRAWN_KEPT, (self.bars - 2) // 2
+        lanes = _some(self.pool, _choose(self.rng, count, len(self.cost)))
         row = np.array(lanes.row)
-        size = self.rng.choice([0.03, 0.1, 0.3], (_WIDTH, 1))
-        row[:, :-6] *= np.exp(size * self.rng.normal(size=row[:, :-6].shape))
-        row[:, :-6] += 0.3 * size * self.rng.normal(size=row[:, :-6].shape)
+        which = self.rng.choice(len(_JUMPS), count, p=[0.35, 0.2, 0.3, 0.15])
+        own = np.arange(row.shape[1] - 6) // EACH == self.rng.integers(0, dyads + 1, count)[:, None]
+        size = np.where((which < 2)[:, None] | own, _JUMPS[which, None], 0.0)
+        row[:, :-6] *= np.exp(size * self.rng.normal(size=size.shape))
+        row[:, :-6] += 0.3 * size * self.rng.normal(size=size.shape)
         if not self.target.closed:
-            row[:, -2:] += size * self.rng.normal(size=(_WIDTH, 2))
-        self.refined += _WIDTH
+            row[:, -2:] += np.minimum(_JUMPS[which, None], 0.2) * self.rng.normal(size=(count, 2))
         return lanes._replace(row=row)
 
-    def finish(self) -> list[Lanes]:
-        """The best designs: those that meet all points, those of least squares, and the same of least distances."""
+    def _redraw(self, source: "_Search") -> Lanes | None:
+        """Put last dyads made at random on the first dyads of good designs, or on whole ones that have a dyad less.
+
+        When the target is passed is known of a good design; with that the rest is linear, and many dyads are tried
+        in the time of one refinement.
+        """
+        if source.pool is None or not len(source.cost):
+            return None
+        dyads = (self.bars - 2) // 2
+        parents = _some(source.pool, _choose(self.rng, _DRAWN_FOR, len(source.cost)))
+        theta, goal = (np.asarray(array) for array in match_points(parents, source.goal))
+        of = np.arange(_DRAWN) % _DRAWN_FOR
+        chain = np.full(_DRAWN, -1)
+        for k in range(_DRAWN_FOR):
+            front = np.stack([array[k] for array in parents.chain[:3]])[:, : dyads - 1]
+            may, likely = chains_beginning(self.bars, tuple(front.reshape(-1).tolist()))
+            likely = likely * self.allowed[may]
+            if likely.sum() > 0:
+                chain[of == k] = self.rng.choice(may, _DRAWN // _DRAWN_FOR, p=likely / likely.sum())
+        good = np.flatnonzero(chain >= 0)
+        if not len(good):
+            return None
+        full = np.resize(good, _DRAWN)
+        of, chain = of[full], chain[full]
+        kept = EACH * (dyads - 1)
+        row, sign = np.zeros((_DRAWN, EACH * dyads + 8)), np.ones((_DRAWN, dyads))
+        row[:, :kept], row[:, -6:] = parents.row[of, :kept], parents.row[of, -6:]
+        sign[:, :-1] = parents.sign[of, : dyads - 1]
+        change = self.rng.choice([0.0, 0.0, 0.05, 0.15], (_DRAWN, 1))
+        row[:, :kept] *= np.exp(change * self.rng.normal(size=(_DRAWN, kept)))
+        lanes = Lanes(chain_arrays(self.bars).at(chain), sign, row)
+        lanes, left = redraw_last(lanes, theta[of], (goal @ [1, 1j])[of], self.rng.uniform(size=(_DRAWN, 8)))
+        order = np.argsort(left, kind="stable")[: int(np.isfinite(left).sum())]
+        taken, chosen = np.zeros(_DRAWN_FOR, int), []
+        for k in order:  # of each parent some
+            taken[of[k]] += 1
+            if taken[of[k]] <= _DRAWN_KEPT // 4:
+                chosen.append(k)
+        return _some(lanes, np.array(chosen[:_DRAWN_KEPT], int)) if chosen else None
+
+    def finish(self, at_once: bool) -> list[Lanes]:
+        """The best designs: that meet all points, of least squares, and unless `at_once` of least distances."""
         out = [self.exact] if self.exact is not None else []
-        if self.pool is not None:
+        if self.pool is not None and len(self.cost):
             best = _some(self.pool, slice(_WIDTH))
             out.append(best)
-            if self.target.timing is None and self.exact is None:
+            if self.target.timing is None and self.exact is None and self.rounds and not at_once:
                 out.append(self._refine(best, _STEPS[1], self.means)[0])
         return out
 
     def _polish(self) -> None:
+        """Refine the best to the end, unless they were, and see whether one meets the points as they were given."""
         assert self.pool is not None
-        lanes, cost = self._refine(_some(self.pool, slice(_WIDTH)), _STEPS[2])
-        self._keep(lanes, cost)
+        if self.polished == float(self.cost[:_TOGETHER].sum()):
+            return
+        self._keep(*self._refine(_some(self.pool, slice(_TOGETHER)), _STEPS[2]))
+        self.polished = float(self.cost[:_TOGETHER].sum())
         if self.best < _SMOOTH and len(self.target.own) > self.pool.row.shape[1]:
             own, error = self._refine(_some(self.pool, slice(_WIDTH)), _STEPS[2], self.points, 6)
             good = np.flatnonzero(error < _EXACT**2)
@@ -535,28 +681,32 @@ class _Search:
 
     def _refine(self, lanes: Lanes, steps: int, goal: Target | None = None, feet: int = 1) -> tuple[Lanes, np.ndarray]:
         """Refine any number of designs, so many at a time that a program is compiled once."""
-        rows, costs = [], []
-        for first in range(0, len(lanes.row), _WIDTH):
-            part = _some(lanes, slice(first, first + _WIDTH))
+
+        def work(first: int) -> tuple[np.ndarray, np.ndarray]:
+            part = _some(lanes, slice(first, first + _TOGETHER))
             count = len(part.row)
-            full = _some(part, np.arange(_WIDTH) % count)
+            full = _some(part, np.arange(_TOGETHER) % count)
             row, _, cost = refine(full, self.goal if goal is None else goal, steps, feet)
-            rows.append(np.asarray(row)[:count])
-            costs.append(np.asarray(cost)[:count])
+            return np.asarray(row)[:count], np.asarray(cost)[:count]
+
+        found = map_threads(work, range(0, len(lanes.row), _TOGETHER), self.refined > 0)
+        rows, costs = zip(*found, strict=True)
         cost = np.concatenate(costs)
         return lanes._replace(row=np.concatenate(rows)), np.where(np.isfinite(cost), cost, np.inf)
 
     def _keep(self, lanes: Lanes, cost: np.ndarray) -> None:
-        """Put designs among the best, none of them twice."""
+        """Put designs among the best, none of them twice, and of no chain too many: they shall stay different."""
         if self.pool is not None:
             lanes, cost = _join(self.pool, lanes), np.concatenate([self.cost, cost])
         order = np.argsort(cost, kind="stable")
         order = order[np.isfinite(cost[order])]
-        kept, seen = [], set()
+        kept, seen, of_chain = [], set(), collections.Counter()
         for k in order:
-            mark = (float(f"{cost[k]:.3g}"), *lanes.chain.first[k].tolist(), *lanes.chain.kind[k].tolist())
-            if mark not in seen:
+            chain = tuple(np.concatenate([np.ravel(array[k]) for array in lanes.chain]).tolist())
+            mark = (f"{cost[k]:.2g}", chain)
+            if mark not in seen and of_chain[chain] < self.of_chain:
                 seen.add(mark)
+                of_chain[chain] += 1
                 kept.append(k)
         chosen = np.array(kept[:_POOL], int)
         self.pool, self.cost = _some(lanes, chosen), cost[chosen]
@@ -571,32 +721,53 @@ def _join(a: Lanes, b: Lanes) -> Lanes:
     return Lanes(chain, np.concatenate([a.sign, b.sign]), np.concatenate([a.row, b.row]))
 
 
-def _run(searches: list[_Search], end: float, progress: bool | None) -> str:
+def _choose(rng: np.random.Generator, count: int, among: int) -> np.ndarray:
+    """Choose designs by chance, the better, which come first, the more often."""
+    return np.minimum(rng.geometric(0.06, count) - 1, among - 1)
+
+
+class _Run(NamedTuple):
+    """All searches of a target."""
+
+    searches: list[_Search]
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Write the state as arrays."""
+        return {f"{s.bars}_{name}": array for s in self.searches for name, array in s.to_arrays().items()}
+
+    def restore(self, arrays: dict[str, np.ndarray]) -> None:
+        """Go back to what `to_arrays` returned."""
+        for s in self.searches:
+            own = f"{s.bars}_"
+            s.restore({name.removeprefix(own): array for name, array in arrays.items() if name.startswith(own)})
+
+
+def _search(run: _Run, course: SavedSearch, progress: bool | None) -> str:
     """Let searches go on in turns until time is over or a design is exact."""
-    begun = time.perf_counter()
     with bar(None, "trace", "round", progress) as shown:
-        try:
-            while True:
-                # Linkages of four bars are looked through soon; those of eight are many.
-                for search in (s for turn in _TURNS for s in searches if s.bars == turn):
-                    search.round()
-                    shown.update()
-                    best = min(s.best for s in searches)
-                    shown.set_postfix_str(f"best {best:.2g} of the curve's size", refresh=False)
-                    if search.exact is not None:
-                        return f"stopped at linkages of {search.bars} bars that meet all points"
-                    if time.perf_counter() >= end:
-                        return f"stopped after {time.perf_counter() - begun:.3g} s"
-        except KeyboardInterrupt:
-            return f"interrupted after {time.perf_counter() - begun:.3g} s"
+        while True:
+            best = min(run.searches, key=lambda s: s.best)
+            told = f"best {best.best:.2g} of the curve's size, {best.bars} bars"
+            shown.set_postfix_str(told if best.rounds else f"{told}, as in the atlas")
+            exact = next((s for s in run.searches if s.exact is not None), None)
+            if exact is not None:
+                return f"stopped at linkages of {exact.bars} bars that meet all points"
+            if course.seconds >= course.limit:
+                return f"stopped after {course.seconds:.3g} s{course.hint}"
+            # Linkages of four bars are looked through soon; those of eight are many.
+            search = min(run.searches, key=lambda s: s.rounds / _TURNS[s.bars])
+            search.round()
+            shown.update()
+            course.history.append(Progress(course.seconds, sum(s.refined for s in run.searches), search.best))
+            course.save(run)
 
 
-def _judge(target: Curve, terms: _Terms, searches: list[_Search], keep: int) -> tuple[TracedDesign, ...]:
+def _judge(target: Curve, terms: _Terms, searches: list[_Search], keep: int, at_once: bool) -> tuple[TracedDesign, ...]:
     """Look closely at the best designs: at many poses, by the distance of curves, each curve once."""
     out: list[TracedDesign] = []
     for search in searches:
         own = []
-        for k, lanes in enumerate(search.finish()):
+        for k, lanes in enumerate(search.finish(at_once)):
             own += _look_closely(target, terms, lanes, search.bars, k == 0 and search.exact is not None)
         kept: list[TracedDesign] = []
         for design in sorted(own, key=lambda design: design.rank):

@@ -29,7 +29,7 @@ const beyond = i => { const [low, high] = ranges[i], x = now.q[L.driven[i]]; ret
 const askedOf = pose => L.asked[pose].map((x, i) => x + beyond(i));
 // The tip of an arrow: to scale, but no longer than the longest.
 const point = (pose, [foot, tip], v, scale) => put(tip, pose, axes.map((axis, j) => columns[foot][axis][pose] + (v ? v[j] * min(scale, D.longest / hypot(...v)) : 0)));
-let exert = () => {}, loose = () => !F.forces;
+let exert = () => {}, rest = exert, loose = () => !F.forces;
 {{EXERTING}}
 // Write a pose into the page's arrays; T is the one that is being changed.
 function store(pose, q) {
@@ -155,7 +155,7 @@ const driving = L.names.map((name, i) => {
     c.label.textContent = symbolOf(name) + within(L.angles[i] ? degrees ? "°" : "rad" : D.unit);
   };
 });
-const shown = () => driving.forEach(update => update());
+const shown = () => { driving.forEach(update => update()); rest(); };
 {{SIZING}}
 {{SHAPING}}
 // The solver's pose becomes the one that is shown.
@@ -163,6 +163,7 @@ function take() {
   if (k === T || D.status[k] !== 0) return;
   if (poses[k]) now.q.set(poses[k]); else led(askedOf(k));
 }
+{{SWITCHING}}
 const rated = ["speed", "acceleration"].flatMap((noun, order) => D.points.flatMap((p, column) => p.moves && L.rates.length > order ? [{
   text: `${noun} of ${p.name}`, unit: D.unit + "/s" + (order ? "²" : ""),
   at: i => { whole(); const v = D.status[i] ? null : rateOf(i, column, order); return v && hypot(...v); },

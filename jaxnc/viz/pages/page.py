@@ -2,6 +2,7 @@
 
 import html
 from collections.abc import Iterable
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from jaxnc.viz.svg import draw_still
 if TYPE_CHECKING:
     from jaxnc.dynamics.inverse import InverseDynamics
     from jaxnc.dynamics.reactions import Reactions
+    from jaxnc.kinematics.modes import Modes, ModesMap
 
 _SVG = '<svg id="drawing" role="group" aria-label="Drawing of the mechanism"></svg>'
 _BACK = """<button id="undo" type="button" disabled title="The dimensions before the last change">undo</button>\
@@ -56,7 +58,7 @@ handled = (() => { const L = D.live;
 })();
 """
 _SENTENCES = {
-    "live": "With these dimensions the mechanism does not reach it.",
+    "live": "With these dimensions this assembly does not reach it.",
     "stuck": " goes no further: the mechanism could not be assembled.",
     "stays": "So it cannot be assembled: it stays as it was.",
     "home": "It cannot be saved: with these dimensions it does not reach the pose in which it was drawn.",
@@ -82,6 +84,7 @@ def to_html(
     unit: str | None = None,
     plots: str | Iterable[str] | None = None,
     forces: "bool | InverseDynamics | Reactions" = False,
+    modes: "bool | Modes | ModesMap" = False,
 ) -> Path:
     """Write a page that shows a motion and calculates it anew: no Python, no network, one file.
 
@@ -109,13 +112,16 @@ def to_html(
         forces: whether forces are shown: as arrows (weights, what is applied, reactions) in the poses of the motion as
             it was given, and as plots (efforts of the inputs, loads, what passes through points and into the ground).
             True, or what was found of this motion already by `jaxnc.inverse_dynamics` or `reactions`.
+        modes: whether a button leads from one assembly to the next. True, or what `jaxnc.modes` has found for values of
+            the motion's inputs.
 
     Raises:
-        InputError: unknown names, a batch of several axes, no rates for arrows, no such view.
+        InputError: unknown names, a batch of several axes, no rates for arrows, no such view; assemblies of another
+            mechanism or other inputs, and what `jaxnc.modes` refuses.
         OutputError: a file that cannot be written.
     """
     parts = page_parts(
-        motion, trace, velocities, accelerations, title, fps, view, model, unit, plots=plots, forces=forces
+        motion, trace, velocities, accelerations, title, fps, view, model, unit, plots=plots, forces=forces, modes=modes
     )
     parts["COLOURS"] = page_colours("@media (prefers-color-scheme:dark){:root{#}}")
     with writing(path, (".html", ".htm"), "a page") as new:
@@ -136,11 +142,14 @@ def page_parts(
     scripted: bool = False,
     plots: str | Iterable[str] | None = None,
     forces: "bool | InverseDynamics | Reactions" = False,
+    modes: "bool | Modes | ModesMap" = False,
 ) -> dict[str, str]:
     """Make what a page is filled with, by name; see `to_html`. Where scripts run for certain it needs no still."""
     if model is not None and not isinstance(model, Mechanism):
         raise InputError(f"model= takes the Mechanism that was compiled, got {type(model).__name__}")
-    data = poses(motion, unit)
+    if not isinstance(fps, Real) or not 0 < fps <= 1000:
+        raise InputError(f"fps={fps!r}: poses per second must be a positive number, at most 1000")
+    data, fps = poses(motion, unit), float(fps)
     heading = data.topology.name if title is None else title
     with_forces = forces is not False and forces is not None
     data = data.with_reactions(forces) if with_forces and forces is not True else data
@@ -149,7 +158,7 @@ def page_parts(
     plotted = force_names(content["series"])
     drawing, hint = (_SVG, _STEPPING) if plane else (_CANVAS, _TURNING)
     try:
-        equations, content["live"] = page_solver(data, model, drawn, plotted)
+        equations, content["live"] = page_solver(data, model, drawn, plotted, modes)
         content["sentences"] |= _SENTENCES
         drawing, hint = (drawing + _MODES, _DRAGGING + hint) if plane else (drawing, _SIZING + hint)
     except Refused as reason:
@@ -169,6 +178,7 @@ def page_parts(
         "SIZING": ("sizes.js", alive),
         "CENTRES": ("centres.js", alive and content["live"].get("design", {}).get("centres")),
         "EXERTING": ("exert.js", exerting),
+        "SWITCHING": ("modes.js", alive and content["live"].get("assemblies")),
     }
     return {
         "TITLE": html.escape(heading),

@@ -5,7 +5,7 @@ A page draws a changed mechanism as its pose stands: `page_design` is the progra
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from jaxnc.viz.arrows import Arrows
 from jaxnc.viz.pages.packing import pack_exactly
 from jaxnc.viz.poses import Poses
 
+if TYPE_CHECKING:
+    from jaxnc.kinematics.modes import Modes, ModesMap
+
 LARGEST = {2: 80, 3: 150}
 """Unknowns of the largest mechanisms that a page calculates with, by dimension."""
 
@@ -39,12 +42,16 @@ class Refused(Exception):
 
 
 def page_solver(
-    data: Poses, model: Mechanism | None = None, drawn: Sequence[Arrows] = (), plotted: Sequence[str] = ()
+    data: Poses,
+    model: Mechanism | None = None,
+    drawn: Sequence[Arrows] = (),
+    plotted: Sequence[str] = (),
+    modes: "bool | Modes | ModesMap" = False,
 ) -> tuple[str, dict[str, Any]]:
     """Write the equations of a motion's mechanism as JavaScript, and the numbers that go with them.
 
     Of the arrows those of forces are found again, and so are forces that are plotted. The `model` is what was compiled,
-    for a model file of a changed design.
+    for a model file of a changed design. Of the `modes` a page has start poses of all assemblies.
 
     Returns:
         An object of functions, as text; and what the page's solver reads beside it: why forces are not found again, if
@@ -64,6 +71,10 @@ def page_solver(
     eq = from_jax(derive(motion.system))
     numbers = _numbers(data, view, eq)
     numbers["design"] = _design_file(motion.system, model)
+    if modes is not False and modes is not None:
+        from jaxnc.viz.pages.page_modes import page_modes
+
+        numbers["assemblies"] = page_modes(motion, view, modes)
     parts = _functions(top, view, len(motion.rates))
     if plotted or any(a.chosen for a in drawn):
         from jaxnc.viz.pages.page_forces import page_forces
