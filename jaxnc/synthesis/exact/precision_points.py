@@ -455,6 +455,8 @@ _ATTEMPTS = (
     _Attempt(Pace(1e-5, 0.01, 1e-6), cognate=2, bend=0.0005 + 0.001j),
     _Attempt(Pace(1e-5, 0.01, 1e-6), cognate=1, bend=0.0005 - 0.001j),
     _Attempt(Pace(1e-5, 0.01, 1e-6), bend=1e-5j),
+    _Attempt(Pace(1e-5, 0.01, 1e-6), bend=1e-8j),
+    _Attempt(Pace(1e-5, 0.01, 1e-6), bend=-1e-8j),
 )
 
 
@@ -484,7 +486,9 @@ def _route(name: str, task: Task, angle: float) -> tuple[np.ndarray, int]:
             ends[:, lanes], good[lanes] = new, met & ~none
             if attempt.wide:  # else rounding passes for growth
                 next_to = (1.0 - out.at < _NEXT) | ((out.size > FAR) & (out.growth < _STEEP))
-                elsewhere[lanes] = (met & none) | (out.arrived & ~met) | (out.at_infinity | out.singular) & next_to
+                elsewhere[lanes] = (met & none) | out.at_infinity & next_to
+                if attempt is _ATTEMPTS[-1]:  # others stop short of regular ends too that nearly meet another one
+                    elsewhere[lanes] |= (out.arrived & ~met) | out.singular & next_to
         if attempt.wide:  # what is known stays, and what is met again was lost
             order = np.concatenate([np.setdiff1d(np.arange(len(good)), rest), rest])
             good[order] = _first_of_kind(ends[:, order], good[order], count)
@@ -521,11 +525,11 @@ def _cognate(z: np.ndarray, which: int) -> np.ndarray:
 
 
 def _degenerate(z: np.ndarray) -> np.ndarray:
-    """Where a bar has no length, or the point lies on a joint of the coupler."""
+    """Where a bar has no length, the point lies on a joint of the coupler, or both dyads are one."""
     x, y, xx, yy, a, b, aa, bb = z
-    pairs = ((x, xx), (y, yy), (x - y, xx - yy), (x + a, xx + aa), (y + b, yy + bb), (a - b, aa - bb))
-    # a bar of 1e-8 of the size has no length
-    return np.min([np.maximum(np.abs(p), np.abs(q)) for p, q in pairs], axis=0) < 1e-8
+    pairs = np.abs([(x, xx), (y, yy), (x - y, xx - yy), (x + a, xx + aa), (y + b, yy + bb), (a - b, aa - bb)])
+    # 1e-8 of the size is no length. Or both dyads are one, of complex solutions on one side of the conjugates alone.
+    return (pairs.max(axis=1).min(axis=0) < 1e-8) | (pairs[[2, 5]].max(axis=0).min(axis=0) < 1e-8)
 
 
 def _solution_keys(z: np.ndarray, count: int) -> np.ndarray:
