@@ -1,13 +1,18 @@
-"""Certificates of four-bars through precision points: the equations as quadratic ones with real coefficients.
+"""Certificates of linkages through precision points: the equations as quadratic ones with real coefficients.
 
-x a' and x' a as unknowns of their own make the bars' equations quadratic in them, x and γ; the real and imaginary parts
-of a number and of its primed one are what stands for the two.
+Products such as x a' and x' a as unknowns of their own make the bars' equations quadratic in them, x and γ; the real
+and imaginary parts of a number and of its primed one are what stands for the two.
 """
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from jaxnc.continuation.certificate import are_disjoint, certify
 from jaxnc.continuation.twofold import Twofold
+from jaxnc.errors import counted
+from jaxnc.synthesis.exact.bar_paths import Places
 
 _ROUND = 2.0**-52
 _TWICE = 2.0**-98  # of one product and sum with twice the digits; their rounding is below 2^-100
@@ -84,9 +89,91 @@ def _real_equations(d: np.ndarray, e: np.ndarray, matrix: np.ndarray, right: np.
     places = (3, 4, 3 + half, 4 + half)
     for row, value in zip(matrix, right, strict=True):
         rows.append(equation((-value, 0, 0), *((c, place, 0) for c, place in zip(row, places, strict=True))))
+    return _as_real(np.array(rows))
+
+
+def _as_real(forms: np.ndarray) -> np.ndarray:
+    """Quadratic forms of numbers and then their primed ones as forms of their real and imaginary parts."""
+    half = (forms.shape[1] - 1) // 2
     turn = np.zeros((1 + 2 * half, 1 + 2 * half), complex)
     turn[0, 0] = 1.0
     k = np.arange(half)
     turn[1 + k, 1 + k] = turn[1 + half + k, 1 + k] = 1.0
     turn[1 + k, 1 + half + k], turn[1 + half + k, 1 + half + k] = 1j, -1j
-    return np.real(turn.T @ np.array(rows) @ turn)
+    return np.real(turn.T @ forms @ turn)
+
+
+def certify_six_bars(
+    w: np.ndarray, pairs: Sequence[tuple[int, int]], known: Places, which: tuple[int, int], square: Any
+) -> tuple[np.ndarray, bool]:
+    """Find which real solutions are proved to exist and to be alone, and whether those are all proved different.
+
+    Args:
+        w: solutions and their turns, see `jaxnc.synthesis.exact.bar_paths`.
+        pairs: bars, and the vectors r that their places are sums of.
+        known: what is known of the places.
+        which: the vector whose length is given, and its primed one.
+        square: the square of the length.
+
+    The proof is of the equations with these very numbers.
+    """
+    count = known.c[0].shape[1]
+    z, turns = w[:8].reshape(4, 2, -1), w[8:].reshape(2, count, -1)
+    made = [np.stack([z[side][bar] * z[3 - side][k] for bar, k in pairs]) for side in (0, 1)]  # q r' and q' r
+    one, primed = (np.concatenate([z[side], z[2 + side], made[side], turns[side]]) for side in (0, 1))
+    unknowns = np.real(np.concatenate([(one + primed) / 2, (one - primed) / 2j]))
+    half, first = len(one), 1 + 4 + len(pairs)  # where γ begins
+    size = 1 + 2 * half
+    units = np.eye(size, dtype=complex)
+    q, r, n = units[1:3], units[3:5], units[5 : 5 + len(pairs)]
+
+    def other(v: np.ndarray) -> np.ndarray:
+        return np.concatenate([v[..., :1], v[..., 1 + half :], v[..., 1 : 1 + half]], axis=-1)
+
+    def times(v: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return (np.outer(v, u) + np.outer(u, v)) / 2
+
+    (b, bb), (c, cc), s = known.b, known.c, known.s
+    assert s is not None
+    rows = []
+    for at, (bar, k) in enumerate(pairs):
+        product = times(units[0], n[at]) - times(q[bar], other(r[k]))
+        mirrored = times(units[0], other(n[at])) - times(other(q[bar]), r[k])
+        rows += [product + mirrored, (product - mirrored) / 1j]
+    for j in range(count):
+        g = units[first + j]
+        for bar in (0, 1):
+            mine = [(at, k) for at, (which_bar, k) in enumerate(pairs) if which_bar == bar]
+            p, pp = (v[bar, 0, 0] * units[0] for v in (b, bb))
+            move, back = c[bar, j, 0] * units[0], cc[bar, j, 0] * units[0]
+            there, barred = (p + move)[0] * other(q[bar]), (pp + back)[0] * q[bar]  # q' (p + Δ) and q (p' + Δ')
+            for at, k in mine:
+                p, pp = p + r[k], pp + other(r[k])
+                move, back = move + s[0][k, j, 0] * r[k], back + s[1][k, j, 0] * other(r[k])
+                there = there + (1.0 + s[0][k, j, 0]) * other(n[at])
+                barred = barred + (1.0 + s[1][k, j, 0]) * n[at]
+            bars = times(barred, g) + times(there, other(g))
+            rows.append(bars + times(q[bar] + p, back) + times(other(q[bar]) + pp + back, move))
+        rows.append(times(g, other(g)) + times(units[0], g + other(g)))
+    one = r[which[0] - 4]
+    rows.append(times(one, other(one)) - complex(square) * times(units[0], units[0]))
+    forms = _as_real(np.array(rows))
+    balls = certify(forms, unknowns, _residuals(forms, np.zeros(len(forms)), unknowns))
+    return balls.real, are_disjoint(unknowns, balls)
+
+
+def state_solutions(
+    found: int, expected: int, missing: int, routes: int, proved: Sequence[bool], disjoint: bool
+) -> str:
+    """Say in sentences what is proved of all solutions and what was observed."""
+    if found == expected:
+        ends = "none is missing"
+    elif not missing:
+        ends = "the other paths ended at infinity, in singular solutions or where a bar has no length"
+    else:
+        ends = f"at most {missing} more are regular and were missed, in {counted(routes, 'route')}"
+    told = f"all {len(proved)}" if all(proved) else f"{sum(proved)} of {len(proved)}"
+    return (
+        f"Observed: {found} of {expected} solutions, real and complex; {ends}. "
+        f"Proved: {told} real ones exist and are alone{', no two of them one' * disjoint}."
+    )

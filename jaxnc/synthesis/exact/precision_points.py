@@ -22,17 +22,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.continuation.quadratic import inverses
-from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds, follow
+from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds
 from jaxnc.continuation.twofold import Twofold
 from jaxnc.errors import InputError, counted
 from jaxnc.synthesis.evaluate import map_threads
+from jaxnc.synthesis.exact.bar_paths import SINGULAR, BarPaths, Places
 from jaxnc.synthesis.exact.burmester import Dyad
 from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_of
-from jaxnc.synthesis.exact.path_certificate import certify_linkages
+from jaxnc.synthesis.exact.path_certificate import certify_linkages, state_solutions
 from jaxnc.types import Any, ArrayLike
 
-_ORDER = 5  # of power series
+_NONE = (np.zeros((2, 1, 1)),) * 2  # of the pivots is known
 
 # -- equations and paths of solutions ----------------------------------------------------------------------------------
 
@@ -51,171 +51,47 @@ class Task:
         return tuple(part[..., None] for part in (self.d, self.e, self.matrix, self.right))
 
 
-def coupler_turns(z: np.ndarray, d: ArrayLike, e: ArrayLike) -> np.ndarray:
-    """γ and γ' of every point but the first, ``(2, points - 1, lanes)``, from both bars."""
-    x, xx, a, aa = z.reshape(4, 2, 1, -1)
-    (u, v), (uu, vv) = x * (aa - e), xx * (a - d)
-    w, r = d * (e - aa - xx) - e * (a + x)
-    return np.stack([r * uu - w * vv, v * w - u * r]) / (u * vv - uu * v)
+class _PointPaths(BarPaths):
+    """Paths from one task to another in a straight line: on the coupler the point stays, and the pivots move by -δ."""
 
+    pairs = ((0, 0), (1, 1))
 
-class _Linearised:
-    """The equations' derivative at a solution, and the step that takes away what they leave."""
+    def __init__(self, start: Task, end: Task, wide: bool):
+        super().__init__(len(start.d), wide)
+        self.start, self.end = start.parts(), end.parts()
+        self.rates = tuple(b - a for a, b in zip(self.start, self.end, strict=True))
 
-    def __init__(self, z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray):
-        x, xx, a, aa = z.reshape(4, 2, 1, -1)
-        n = len(d)
-        self.q = g[::-1] + 1.0
-        self.u, self.uu = x * (aa - e), xx * (a - d)
-        # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
-        minor = self.q[0] * self.uu - self.q[1] * self.u
-        self.minors = np.stack([minor[1], -minor[0], self.u[0] * self.uu[1] - self.uu[0] * self.u[1]])
-        self.slopes = np.stack([(aa - e) * g[0] - e, (a - d) * g[1] - d, xx * g[1] - e, x * g[0] - d])
-        rows = np.zeros((8, 8, z.shape[1]), complex)
-        rows[:n] = np.moveaxis(self.minors[:2] * self.slopes, 2, 0).reshape(n, 8, -1)
-        rows[n:, 4:] = matrix
-        lanes = np.moveaxis(rows, 2, 0)
-        self.inverse = inverses(lanes)
+    def _part(self, k: int, at: np.ndarray) -> np.ndarray:
+        return self.start[k] * (1.0 - at) + self.end[k] * at
 
-    def step(self, bars: np.ndarray, turn: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of z and γ that take away what the equations of bars, turns and base leave."""
-        rest = self.minors[2] * turn - (self.minors[:2] * bars).sum(axis=0)
-        dz = np.matmul(self.inverse, np.concatenate([rest, -base]).T[:, :, None])[:, :, 0].T
-        left, right = bars + (self.slopes * dz.reshape(4, 2, 1, -1)).sum(axis=0)
-        (u, v), (uu, vv), (q, qq) = self.u, self.uu, self.q
-        one, two, three = self.minors
-        # Two of three equations give γ, γ': those whose determinant is largest.
-        sizes = np.abs(self.minors)
-        by_turn = np.maximum(sizes[0], sizes[1]) > sizes[2]
-        first = sizes[1] > sizes[0]
-        bar, barred, rest = np.where(first, u, v), np.where(first, uu, vv), np.where(first, left, right)
-        det = np.where(first, two, -one)
-        dg = np.where(by_turn, (barred * turn - qq * rest) / det, (uu * right - vv * left) / three)
-        dgg = np.where(by_turn, (q * rest - bar * turn) / det, (v * left - u * right) / three)
-        return dz, np.stack([dg, dgg])
+    def places(self, at: np.ndarray, order: int) -> list[Places]:
+        """Power series of places."""
+        d, e, (dd, de, *_) = self._part(0, at), self._part(1, at), self.rates
+        terms = ((d, e), (dd, de))[: order + 1]
+        return [Places(_NONE, tuple(np.stack([-v, -v]) for v in term)) for term in terms]
 
-    def of(self, lanes: np.ndarray) -> "_Linearised":
-        """Select some lanes."""
-        out = object.__new__(_Linearised)
-        for name in ("q", "u", "uu", "minors", "slopes"):
-            setattr(out, name, getattr(self, name)[..., lanes])
-        out.inverse = self.inverse[lanes]
-        return out
+    def base(self, z: list[np.ndarray], at: np.ndarray) -> np.ndarray:
+        """What the conditions on the fixed pivots leave, or its series."""
+        matrix = self._part(2, at)
+        if len(z) == 1:
+            right = self._part(3, at)
+            of: Any = Twofold if self.wide else np.asarray
+            left = sum((of(matrix[:, k]) * z[0][4 + k] for k in range(4)), start=-of(right))
+            return left.rounded() if isinstance(left, Twofold) else left
+        _, _, dm, dr = self.rates
+        moved = (matrix * z[-1][4:]).sum(axis=1) + (dm * z[-2][4:]).sum(axis=1)
+        return moved - dr if len(z) == 2 else moved
 
-
-def _residuals(z: np.ndarray, g: np.ndarray, parts: tuple, wide: bool) -> tuple:
-    """Residuals of the equations of bars, turns and base; computed with twice the digits where wide."""
-    of: Any = Twofold if wide else np.asarray
-    x, xx, a, aa = (of(part) for part in z.reshape(4, 2, 1, -1))
-    g0, g1 = map(of, g)
-    d, e, matrix, right = parts
-    bars: Any = x * (aa - e) * g0 + xx * (a - d) * g1 + d * (of(e) - aa - xx) - e * (a + x)
-    base = sum((of(matrix[:, k]) * z[4 + k] for k in range(4)), start=-of(right))
-    out = bars, g0 * g1 + g0 + g1, base
-    return tuple(part.rounded() if isinstance(part, Twofold) else part for part in out)
-
-
-def _series_product(p: list, q: list, k: int, first: int = 0) -> Any:
-    """Coefficient k of a product of power series, without the outer ``first`` terms of either."""
-    return sum((p[i] * q[k - i] for i in range(first, k + 1 - first)), start=np.zeros_like(p[0]))
-
-
-def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _Linearised) -> list[np.ndarray]:
-    """First coefficients of a path's power series, those of z before those of γ: products are convolutions."""
-    (d, e, _, _), (dd, de, dm, dr) = parts, rates
-    zs, gs = [z], [list(g)[:1], list(g)[1:]]
-    pieces: list[list] = [[] for _ in range(8)]
-
-    def push(k: int, z: np.ndarray) -> None:
-        x, xx, a, aa = z.reshape(4, 2, 1, -1)
-        at = ((d, e), (dd, de))[k] if k < 2 else (0.0, 0.0)
-        for series, value in zip(pieces, (x, xx, aa - at[1], a - at[0], at[1] - aa - xx, a + x), strict=False):
-            del series[k:]
-            series.append(value)
-        for series, one, two in ((pieces[6], 0, 2), (pieces[7], 1, 3)):
-            del series[k:]
-            series.append(_series_product(pieces[one], pieces[two], k))
-
-    push(0, z)
-    out = []
-    for k in range(1, _ORDER + 1):
-        push(k, np.zeros_like(z))
-        u, uu, w, r = pieces[6], pieces[7], pieces[4], pieces[5]
-        bars = u[k] * g[0] + uu[k] * g[1] + d * w[k] + dd * w[k - 1] - e * r[k] - de * r[k - 1]
-        for i in range(1, k):
-            bars = bars + u[i] * gs[0][k - i] + uu[i] * gs[1][k - i]
-        base = (dm * zs[k - 1][4:]).sum(axis=1) - (dr if k == 1 else 0.0)
-        dz, dg = linear.step(
-            bars, _series_product(gs[0], gs[1], k, first=1), np.broadcast_to(base, (len(dm), z.shape[1]))
-        )
-        zs.append(dz)
-        for series, value in zip(gs, dg, strict=True):
-            series.append(value)
-        out.append(np.concatenate([dz, *dg]))
-        if k < _ORDER:
-            push(k, dz)
-    return out
-
-
-def _newton_step(w: np.ndarray, parts: tuple, wide: bool = False) -> tuple[np.ndarray, _Linearised, np.ndarray]:
-    """Take one of Newton's steps: the result, the derivative used, the step's size beside the unknowns."""
-    n = len(parts[0])
-    z, g = w[:8], w[8:].reshape(2, n, -1)
-    linear = _Linearised(z, g, *parts[:3])
-    dz, dg = linear.step(*_residuals(z, g, parts, wide))
-    size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
-    size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
-    return w + np.concatenate([dz, *dg]), linear, np.where(np.isfinite(size), size, np.inf)
+    def base_slopes(self, z: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """Derivatives of the conditions on the fixed pivots."""
+        matrix = self._part(2, at)
+        return np.concatenate([np.zeros((len(matrix), 4, matrix.shape[2])), matrix], axis=1)
 
 
 def polish(z: np.ndarray, task: Task, steps: int = 4) -> tuple[np.ndarray, np.ndarray]:
     """Solutions of a task after Newton's steps, and the size of the last step beside them, ``(lanes,)``."""
-    w, last = _polish(z, task, steps)
+    w, last = _PointPaths(task, task, wide=True).polish(z, steps)
     return w[:8], last
-
-
-def _polish(z: np.ndarray, task: Task, steps: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    """The same with the turns γ and γ' after z: computed from z they would lose digits again."""
-    parts = task.parts()
-    with np.errstate(all="ignore"):
-        w = np.concatenate([z, *coupler_turns(z, *parts[:2])])
-        last = np.full(z.shape[1], np.inf)
-        for _ in range(steps):
-            w, _, last = _newton_step(w, parts, wide=True)
-    return w, last
-
-
-class _Bars:
-    """Paths from one task to another in a straight line, for `jaxnc.continuation.tracker`."""
-
-    def __init__(self, start: Task, end: Task, wide: bool):
-        self.start, self.end, self.wide = start.parts(), end.parts(), wide
-        self.rates = tuple(b - a for a, b in zip(self.start, self.end, strict=True))
-
-    def _parts(self, at: np.ndarray) -> tuple:
-        return tuple(a * (1.0 - at) + b * at for a, b in zip(self.start, self.end, strict=True))
-
-    def correct(
-        self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, keep: bool = True
-    ) -> tuple[np.ndarray, _Linearised, np.ndarray]:
-        """Take one of Newton's steps."""
-        return _newton_step(w, self._parts(at), self.wide)
-
-    def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: _Linearised) -> list[np.ndarray]:
-        """Find the paths' power series."""
-        return _series(w[:8], w[8:].reshape(2, len(self.start[0]), -1), self._parts(at), self.rates, linear)
-
-    def select(self, linear: _Linearised, which: np.ndarray) -> _Linearised:
-        """Select lanes of a derivative."""
-        return linear.of(which)
-
-    def size(self, w: np.ndarray) -> np.ndarray:
-        """Largest unknown of each path, but for its turns."""
-        return np.abs(w[:8]).max(axis=0, initial=0.0)
-
-    def growth(self, w: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """How fast each path grows, in parts of its size."""
-        return self.size(rate) / self.size(w)
 
 
 def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL, wide: bool = False) -> PathEnds:
@@ -223,18 +99,14 @@ def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL, wide
 
     Where wide, residuals have twice the digits: ends whose condition number is 1e9 and more are reached too.
     """
-    with np.errstate(all="ignore"):
-        ends = follow(_Bars(start, end, wide), np.concatenate([z, *coupler_turns(z, *start.parts()[:2])]), pace)
-    return dataclasses.replace(ends, w=ends.w[:8])
+    return _PointPaths(start, end, wide).follow(z, pace)
 
 
 # -- linkages through points -------------------------------------------------------------------------------------------
 
-_SINGULAR = 1e-7  # last step of Newton's, beside the solution: above, the end is singular
 _NEXT = 1e-8  # of the way is left to ends that are singular or at infinity; steps come to nothing sooner elsewhere
 _STEEP = 1.2  # growth on the way to infinity: some 1 / k; what grows faster beside it may end far away
 _SAME = 1e-6  # relative difference of two ends that are one solution
-_REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
 _OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
 
 _LEVEL = {"6-21": 170, "7-11": 988}  # solutions of bases with A and D on one level, or one above the other
@@ -280,18 +152,7 @@ class PathDesigns(Sequence[GuidedFourBar]):
     @property
     def statement(self) -> str:
         """What is proved and what was observed, in sentences."""
-        if self.complete:
-            ends = "none is missing"
-        elif not self.missing:
-            ends = "the other paths ended at infinity, in singular solutions or where a bar has no length"
-        else:
-            ends = f"at most {self.missing} more are regular and were missed, in {counted(self.routes, 'route')}"
-        exact = sum(self.proved)
-        told = f"all {len(self)}" if exact == len(self) else f"{exact} of {len(self)}"
-        return (
-            f"Observed: {self.found} of {self.expected} solutions, real and complex; {ends}. "
-            f"Proved: {told} real ones exist and are alone{', no two of them one' * self.disjoint}."
-        )
+        return state_solutions(self.found, self.expected, self.missing, self.routes, self.proved, self.disjoint)
 
     def __len__(self) -> int:
         return len(self.designs)
@@ -352,7 +213,7 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
         ends = distinct_solutions(np.concatenate([ends, found], axis=1), len(places))
         routes, most = routes + 1, min(most, found.shape[1] + lost)
     missing = int(max(min(expected, most) - ends.shape[1], 0))
-    real = _real_solutions(ends, task)
+    real = _PointPaths(task, task, wide=True).find_real(ends)
     if given[0] == given[1]:  # each linkage is met again with its bars exchanged
         real = real[:, ~np.triu(_match_solutions(real[:8], real[_OTHER])).any(axis=0)]
     exact, disjoint = certify_linkages(real, task.d, task.e, task.matrix, task.right)
@@ -482,7 +343,7 @@ def _route(name: str, task: Task, angle: float) -> tuple[np.ndarray, int]:
             new, last = polish(out.w, spun)
             with np.errstate(all="ignore"):
                 none = _degenerate(new) | (np.abs(new).max(axis=0) >= 10 * FAR)
-            met = out.arrived & (last < _SINGULAR)
+            met = out.arrived & (last < SINGULAR)
             ends[:, lanes], good[lanes] = new, met & ~none
             if attempt.wide:  # else rounding passes for growth
                 next_to = (1.0 - out.at < _NEXT) | ((out.size > FAR) & (out.growth < _STEEP))
@@ -562,16 +423,6 @@ def _first_of_kind(z: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
 def distinct_solutions(z: np.ndarray, count: int) -> np.ndarray:
     """Each solution once; of nine points cognates are one."""
     return z[:, _first_of_kind(z, np.ones(z.shape[1], bool), count)]
-
-
-def _real_solutions(z: np.ndarray, task: Task) -> np.ndarray:
-    """The real solutions with their turns, exactly so: Newton's steps from the mean of two conjugates stay real."""
-    mirrored = np.conj(z[[2, 3, 0, 1, 6, 7, 4, 5]])
-    scale = np.abs(z).max(axis=0)
-    near = np.abs(z - mirrored).max(axis=0) < _REAL * scale
-    tried, last = _polish(0.5 * (z + mirrored)[:, near], task)
-    same = (np.abs(tried[:8] - z[:, near]).max(axis=0) < _REAL * scale[near]) & (last < _SINGULAR)
-    return tried[:, same]
 
 
 def _match_solutions(z: np.ndarray, other: np.ndarray) -> np.ndarray:
