@@ -10,6 +10,7 @@ began. The linkage it begins with is real: solutions that are found there have c
 
 import dataclasses
 import functools
+import itertools
 import time
 from collections.abc import Callable
 
@@ -38,7 +39,7 @@ _EVERY = 5.0  # seconds after which what is known so far is written into the cac
 _FEW = 100  # solutions that are not all
 _REGULAR = 1e-9  # last step of Newton's, beside the solution, of ends of loops
 _FINITE = 1e6  # beside unknowns of size one
-_DRAWS = 60  # linkages, of which the best conditioned one is taken
+_DRAWS = 30  # linkages, of which the best conditioned one is taken
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,7 +142,8 @@ def draw_linkage(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, Angle
         free, own = rng.normal(size=2) + 1j * rng.normal(size=2)
         b = np.array([1.0, free if kind == "Stephenson III" else 1.0])
         given = np.array([own if kind == "Stephenson II" else 0.0, 0.0])
-        angles = [pair for _ in range(200) if (pair := _pass_pair(kind, z, b, given, rng)) is not None][:TURNS]
+        passed = (pair for _ in range(100) if (pair := _pass_pair(kind, z, b, given, rng)) is not None)
+        angles = list(itertools.islice(passed, TURNS))
         if len(angles) == TURNS:
             full = np.concatenate([z[:2], z[:2].conj(), z[2:], z[2:].conj()])
             square = np.abs(z[2 + _GIVEN[kind]]) ** 2 + 0j

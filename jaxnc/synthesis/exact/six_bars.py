@@ -33,7 +33,7 @@ _BODIES = {
     "Stephenson II": {"input": "ADE", "first": "DF", "second": "EG", "middle": "HFG", "output": "CH"},
     "Stephenson III": {"input": "AD", "middle": "DEF", "rocker": "BE", "link": "FG", "output": "CG"},
 }
-_COUNTS = {"Watt II": 0, "Stephenson II": 0, "Stephenson III": 0}  # solutions of angles in general position
+_COUNTS = {"Watt II": 12560, "Stephenson II": 11956, "Stephenson III": 27181}  # solutions of angles in general position
 _APART = {"Watt II": ("AB", "BC"), "Stephenson II": ("AC", "AD"), "Stephenson III": ("AB",)}
 _STEPS = 8  # of the sweep from one pair of angles to the next
 _MET = 1e-8  # radians: an output further off, after really moving there, is not met
@@ -185,17 +185,19 @@ def precision_six_bars(
     expected = _COUNTS[kind]
     with bar(expected, f"{kind}: start set, once", "solution") as shown:
         starts = find_starts(kind, lambda known: shown.update(min(known, expected) - shown.n))
-    ends, most, routes = np.zeros((8, 0), complex), np.inf, 0
+    unknown = max(expected - starts.z.shape[1], 0)  # that the start set itself lacks
+    expected, most = unknown + starts.z.shape[1], np.inf
+    ends, routes = np.zeros((8, 0), complex), 0
     while routes < _ROUTES and ends.shape[1] < min(starts.z.shape[1], most):
         found, lost = _route(kind, starts.task, starts.z, task, routes)
         ends = np.concatenate([ends, found[:, is_new(ends, found)]], axis=1)
         routes, most = routes + 1, min(most, found.shape[1] + lost)
-    missing = int(max(min(starts.z.shape[1], most) - ends.shape[1], 0))
+    missing = unknown + int(max(min(starts.z.shape[1], most) - ends.shape[1], 0))
     here = SixBarPaths(kind, task, task, wide=True)
     real = here.find_real(ends)
     proved, disjoint = certify_six_bars(real, here.pairs, here.places(np.ones(1), 0)[0], here.which, task.square)
     designs = _linkages(kind, places, scale, real[:8], proved, x, y)
-    return SixBarDesigns(designs, starts.z.shape[1], ends.shape[1], routes, missing, disjoint)
+    return SixBarDesigns(designs, expected, ends.shape[1], routes, missing, disjoint)
 
 
 # -- statement ---------------------------------------------------------------------------------------------------------
