@@ -35,7 +35,7 @@ class Places:
     Each is a pair of arrays, of numbers and of their primed ones.
     """
 
-    b: tuple[Any, Any]  # (bars, 1, lanes), or a number
+    b: tuple[Any, Any]  # (bars, 1, lanes)
     c: tuple[Any, Any]  # (bars, poses - 1, lanes)
     s: tuple[Any, Any] | None = None  # of each vector r, (vectors, poses - 1, lanes); none where nothing turns
 
@@ -117,14 +117,14 @@ class BarPaths:
         x, xx, *rs = z.reshape(4, 2, 1, -1)
         out = []
         for bar in (0, 1):
-            ends = []
+            parts = []
             for side, r in enumerate(rs):
                 p, move = Twofold(known.b[side][bar]), Twofold(known.c[side][bar])
                 for k in (k for at, k in self.pairs if at == bar):
                     p = p + r[k]
                     move = move if known.s is None else move + Twofold(known.s[side][k]) * r[k]
-                ends += [p, move]
-            p, move, pp, back = ends
+                parts += [p, move]
+            p, move, pp, back = parts
             to = pp + back
             value = to * x[bar] * one + (p + move) * xx[bar] * two + (p + x[bar]) * back + (to + xx[bar]) * move
             out.append(value.rounded())

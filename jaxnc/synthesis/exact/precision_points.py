@@ -32,7 +32,7 @@ from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_o
 from jaxnc.synthesis.exact.path_certificate import certify_linkages, state_solutions
 from jaxnc.types import Any, ArrayLike
 
-_NONE = (np.zeros((2, 1, 1)),) * 2  # of the pivots is known
+_NONE = np.zeros((2, 1, 1)), np.zeros((2, 1, 1))  # of the pivots is known
 
 # -- equations and paths of solutions ----------------------------------------------------------------------------------
 
@@ -68,7 +68,7 @@ class _PointPaths(BarPaths):
         """Power series of places."""
         d, e, (dd, de, *_) = self._part(0, at), self._part(1, at), self.rates
         terms = ((d, e), (dd, de))[: order + 1]
-        return [Places(_NONE, tuple(np.stack([-v, -v]) for v in term)) for term in terms]
+        return [Places(_NONE, (np.stack([-one, -one]), np.stack([-two, -two]))) for one, two in terms]
 
     def base(self, z: list[np.ndarray], at: np.ndarray) -> np.ndarray:
         """What the conditions on the fixed pivots leave, or its series."""
@@ -76,7 +76,7 @@ class _PointPaths(BarPaths):
         if len(z) == 1:
             right = self._part(3, at)
             of: Any = Twofold if self.wide else np.asarray
-            left = sum((of(matrix[:, k]) * z[0][4 + k] for k in range(4)), start=-of(right))
+            left: Any = sum((of(matrix[:, k]) * z[0][4 + k] for k in range(4)), start=-of(right))
             return left.rounded() if isinstance(left, Twofold) else left
         _, _, dm, dr = self.rates
         moved = (matrix * z[-1][4:]).sum(axis=1) + (dm * z[-2][4:]).sum(axis=1)

@@ -177,7 +177,7 @@ def _pass_pair(
     return None
 
 
-def find_starts(kind: str, show: Callable[[int], None] = lambda count: None) -> AngleStarts:
+def find_starts(kind: str, show: Callable[[int], object] = lambda known: None) -> AngleStarts:
     """Find all solutions of a task by loops, or read them from the user's cache.
 
     Each loop follows all solutions that are known, until one brings no others. What is known is written into the

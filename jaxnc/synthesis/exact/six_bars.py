@@ -259,7 +259,7 @@ def _route(kind: str, start: AngleTask, z: np.ndarray, task: AngleTask, route: i
     singular solution or a linkage that is none.
     """
     gap = task.angles - start.angles
-    near = dataclasses.replace(task, angles=start.angles + wrap_angle(gap.real))
+    near = dataclasses.replace(task, angles=start.angles + wrap_angle(np.real(gap)))
     bend = draw_bend(kind, np.random.default_rng([3, route]))
     here = SixBarPaths(kind, task, task, wide=True)
     ends, good, elsewhere = np.array(z), np.zeros(z.shape[1], bool), np.zeros(z.shape[1], bool)
