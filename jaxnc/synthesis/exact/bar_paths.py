@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.continuation.quadratic import inverses
-from jaxnc.continuation.tracker import USUAL, Pace, PathEnds, follow
+from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds, follow
 from jaxnc.continuation.twofold import Twofold
 
 ORDER = 5
@@ -46,6 +46,8 @@ SINGULAR = 1e-7
 MIRRORED = [2, 3, 0, 1, 6, 7, 4, 5]
 """Places in z of primed numbers and of those without a prime."""
 
+_NEXT = 1e-8  # of the way is left to ends that are singular or at infinity; steps come to nothing sooner elsewhere
+_STEEP = 1.2  # growth on the way to infinity: some 1 / k; what grows faster beside it may end far away
 _REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
 
 
@@ -196,6 +198,20 @@ class BarPaths:
         tried, last = self.polish(0.5 * (z + mirrored)[:, near])
         same = np.abs(tried[:8] - z[:, near]).max(axis=0, initial=0.0) < _REAL * scale[near]
         return tried[:, same & (last < SINGULAR)]
+
+
+def end_elsewhere(out: PathEnds, met: np.ndarray, none: np.ndarray, last: bool) -> np.ndarray:
+    """Tell which paths end in no regular finite linkage, whose residuals have twice the digits.
+
+    Args:
+        out: their ends.
+        met: which ones have met a regular solution.
+        none: which of these are no linkages.
+        last: whether they are not followed again: one that nearly meets another stops short of a regular end too.
+    """
+    next_to = (1.0 - out.at < _NEXT) | ((out.size > FAR) & (out.growth < _STEEP))
+    there = (met & none) | out.at_infinity & next_to
+    return there | (out.arrived & ~met) | out.singular & next_to if last else there
 
 
 class Ends:

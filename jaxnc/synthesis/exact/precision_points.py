@@ -26,7 +26,7 @@ from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds
 from jaxnc.continuation.twofold import Twofold
 from jaxnc.errors import InputError, counted
 from jaxnc.synthesis.evaluate import map_threads
-from jaxnc.synthesis.exact.bar_paths import SINGULAR, BarPaths, Places
+from jaxnc.synthesis.exact.bar_paths import SINGULAR, BarPaths, Places, end_elsewhere
 from jaxnc.synthesis.exact.burmester import Dyad
 from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_of
 from jaxnc.synthesis.exact.path_certificate import certify_linkages, state_solutions
@@ -104,8 +104,6 @@ def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL, wide
 
 # -- linkages through points -------------------------------------------------------------------------------------------
 
-_NEXT = 1e-8  # of the way is left to ends that are singular or at infinity; steps come to nothing sooner elsewhere
-_STEEP = 1.2  # growth on the way to infinity: some 1 / k; what grows faster beside it may end far away
 _SAME = 1e-6  # relative difference of two ends that are one solution
 _OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
 
@@ -346,10 +344,7 @@ def _route(name: str, task: Task, angle: float) -> tuple[np.ndarray, int]:
             met = out.arrived & (last < SINGULAR)
             ends[:, lanes], good[lanes] = new, met & ~none
             if attempt.wide:  # else rounding passes for growth
-                next_to = (1.0 - out.at < _NEXT) | ((out.size > FAR) & (out.growth < _STEEP))
-                elsewhere[lanes] = (met & none) | out.at_infinity & next_to
-                if attempt is _ATTEMPTS[-1]:  # others stop short of regular ends too that nearly meet another one
-                    elsewhere[lanes] |= (out.arrived & ~met) | out.singular & next_to
+                elsewhere[lanes] = end_elsewhere(out, met, none, attempt is _ATTEMPTS[-1])
         if attempt.wide:  # what is known stays, and what is met again was lost
             order = np.concatenate([np.setdiff1d(np.arange(len(good)), rest), rest])
             good[order] = _first_of_kind(ends[:, order], good[order], count)

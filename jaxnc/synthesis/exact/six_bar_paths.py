@@ -18,6 +18,7 @@ import numpy as np
 
 from jaxnc.continuation.monodromy import is_new
 from jaxnc.continuation.tracker import BOLD
+from jaxnc.errors import counted
 from jaxnc.kinematics.starts import load_arrays, save_arrays
 from jaxnc.synthesis.evaluate import map_threads
 from jaxnc.synthesis.exact.bar_paths import MIRRORED, BarPaths, Places
@@ -32,9 +33,11 @@ PAIRS = {
 }
 """Bars whose places have the vector of the input (0) and of the output (1), of each kind."""
 
+BLOCK = 384
+"""Lanes that are followed together."""
+
 _GIVEN = {"Watt II": 0, "Stephenson II": 1, "Stephenson III": 0}  # the vector whose length is given
 _VERSION = 1  # of the files
-_BLOCK = 384  # lanes that are followed together
 _EVERY = 5.0  # seconds after which what is known so far is written into the cache
 _FEW = 100  # solutions that are not all
 _REGULAR = 1e-9  # last step of Newton's, beside the solution, of ends of loops
@@ -190,7 +193,7 @@ def find_starts(kind: str, show: Callable[[int], object] = lambda known: None) -
     try:
         while not starts.whole:
             loop = _make_loop(kind, starts)
-            part = starts.z[:, starts.done : starts.done + 8 * _BLOCK]
+            part = starts.z[:, starts.done : starts.done + 8 * BLOCK]
             z, done = _add(starts.z, _go_round(part, loop, here)), starts.done + part.shape[1]
             if done < z.shape[1]:
                 starts = dataclasses.replace(starts, z=z, done=done)
@@ -202,8 +205,12 @@ def find_starts(kind: str, show: Callable[[int], object] = lambda known: None) -
                 _save(starts, key)
                 written = time.monotonic()
     except KeyboardInterrupt:
-        _save(starts, key)
-        raise
+        if not _save(starts, key):
+            raise
+        raise KeyboardInterrupt(
+            f"precision_six_bars(): {counted(starts.z.shape[1], 'solution')} of a {kind} known after "
+            f"{counted(starts.loop, 'loop')} are kept; the same call goes on from there"
+        ) from None
     _found[kind] = starts
     return starts
 
@@ -232,7 +239,7 @@ def _make_loop(kind: str, starts: AngleStarts) -> SixBarPaths:
 
 def _go_round(z: np.ndarray, loop: SixBarPaths, here: SixBarPaths) -> np.ndarray:
     """Regular finite ends of a loop."""
-    blocks = np.array_split(z, max(1, -(-z.shape[1] // _BLOCK)), axis=1)
+    blocks = np.array_split(z, max(1, -(-z.shape[1] // BLOCK)), axis=1)
     out = map_threads(functools.partial(loop.follow, pace=BOLD), blocks, prepared=True)
     ends, last = here.polish(np.concatenate([ends.w[:, ends.arrived] for ends in out], axis=1))
     return ends[:8, (last < _REGULAR) & (np.abs(ends[:8]).max(axis=0, initial=0.0) < _FINITE)]

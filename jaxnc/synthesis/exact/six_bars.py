@@ -13,18 +13,18 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.continuation.monodromy import is_new
-from jaxnc.continuation.tracker import FAR, Pace
+from jaxnc.continuation.tracker import FAR, Pace, PathEnds
 from jaxnc.errors import InputError, counted, nearest
 from jaxnc.kinematics.inputs import one_number
 from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.progress import bar
 from jaxnc.synthesis.evaluate import map_threads
-from jaxnc.synthesis.exact.bar_paths import SINGULAR
+from jaxnc.synthesis.exact.bar_paths import SINGULAR, end_elsewhere
 from jaxnc.synthesis.exact.freudenstein import check_points
 from jaxnc.synthesis.exact.linkage import Point, complex_of, point_of, wrap_angle
 from jaxnc.synthesis.exact.path_certificate import certify_six_bars, state_solutions
-from jaxnc.synthesis.exact.six_bar_paths import PAIRS, TURNS, AngleTask, SixBarPaths, draw_bend, find_starts
+from jaxnc.synthesis.exact.six_bar_paths import BLOCK, PAIRS, TURNS, AngleTask, SixBarPaths, draw_bend, find_starts
 from jaxnc.system.system import System
 from jaxnc.types import Any, ArrayLike
 
@@ -37,7 +37,7 @@ _COUNTS = {"Watt II": 12560, "Stephenson II": 11956, "Stephenson III": 27181}  #
 _APART = {"Watt II": ("AB", "BC"), "Stephenson II": ("AC", "AD"), "Stephenson III": ("AB",)}
 _STEPS = 8  # of the sweep from one pair of angles to the next
 _MET = 1e-8  # radians: an output further off, after really moving there, is not met
-_NOTHING = 1e-8  # of the pivots' distance: a bar without length
+_NOTHING = 1e-8  # of the distance of the pivots: no length
 _ROUTES = 2
 _PACES = ((Pace(1e-4, 0.01, 1e-6), False), (Pace(1e-5, 0.01, 1e-6), True), (Pace(1e-6, 0.001, 1e-7), True))
 
@@ -183,7 +183,7 @@ def precision_six_bars(
     """
     scale, places, task, x, y = _check_task(kind, inputs, outputs, {"A": A, "B": B, "C": C, "D": D}, length)
     expected = _COUNTS[kind]
-    with bar(expected, f"{kind}: start set, once", "solution") as shown:
+    with bar(expected, f"{kind}: start set, once", "solution", leave=False) as shown:
         starts = find_starts(kind, lambda known: shown.update(min(known, expected) - shown.n))
     unknown = max(expected - starts.z.shape[1], 0)  # that the start set itself lacks
     expected, most = unknown + starts.z.shape[1], np.inf
@@ -258,26 +258,24 @@ def _route(kind: str, start: AngleTask, z: np.ndarray, task: AngleTask, route: i
     Returns the regular finite ends, and how many paths are lost: they ended neither there nor at infinity, nor in a
     singular solution or a linkage that is none.
     """
-    gap = task.angles - start.angles
-    near = dataclasses.replace(task, angles=start.angles + wrap_angle(np.real(gap)))
+    near = dataclasses.replace(task, angles=start.angles + wrap_angle(np.real(task.angles - start.angles)))
     bend = draw_bend(kind, np.random.default_rng([3, route]))
     here = SixBarPaths(kind, task, task, wide=True)
     ends, good, elsewhere = np.array(z), np.zeros(z.shape[1], bool), np.zeros(z.shape[1], bool)
     for pace, wide in _PACES:
         rest = np.flatnonzero(~good & ~elsewhere)
-        if not len(rest):
-            break
+        blocks = np.array_split(rest, max(1, len(rest) // BLOCK))
         paths = SixBarPaths(kind, start, near, bend, wide)
-        blocks = np.array_split(rest, max(1, len(rest) // 384))  # 384 lanes are followed together
-        found = map_threads(lambda lanes, paths=paths, pace=pace: paths.follow(z[:, lanes], pace), blocks)
+        with bar(len(rest), f"{kind}: paths", "path", leave=False) as shown:
+            found = map_threads(functools.partial(_follow_block, paths, z, pace, shown), blocks)
         for lanes, out in zip(blocks, found, strict=True):
             w, last = here.polish(out.w)
             with np.errstate(all="ignore"):
-                none = _degenerate(kind, w[:8], task) | (np.abs(w[:8]).max(axis=0) >= FAR)
+                none = _degenerate(here, w[:8]) | (np.abs(w[:8]).max(axis=0) >= FAR)
             met = out.arrived & (last < SINGULAR)
             ends[:, lanes], good[lanes] = w[:8], met & ~none
             if wide:
-                elsewhere[lanes] = (met & none) | (out.arrived & ~met) | out.at_infinity | out.singular
+                elsewhere[lanes] = end_elsewhere(out, met, none, pace is _PACES[-1][0])
         # Of two paths that met in one end either may have left its own.
         kept, back = np.flatnonzero(good), np.flatnonzero(good)[::-1]
         good[kept] = is_new(ends[:, :0], ends[:, kept])
@@ -286,31 +284,19 @@ def _route(kind: str, start: AngleTask, z: np.ndarray, task: AngleTask, route: i
     return ends[:, good], int((~good & ~elsewhere).sum())
 
 
-def _joints(kind: str, z: np.ndarray, places: Mapping[str, Any], scale: Any) -> dict[str, Any]:
-    """Places of the joints at the first pair, of vectors q and r on one side of the conjugates, ``(4, solutions)``."""
-    a, c = places["A"], places["C"]
-    q, r = (v * np.asarray(scale)[:, None] for v in (z[:2], z[2:]))
-    if kind == "Stephenson II":
-        h = c - r[1]
-        return {"D": places["D"] + 0.0 * h, "E": a + r[0], "F": h - q[0], "G": h - q[1], "H": h}
-    if kind == "Watt II":
-        return {"D": a - r[0], "E": places["B"] + q[0], "F": places["B"] + q[1], "G": c - r[1]}
-    d = a + r[0]
-    return {"D": d, "E": d + q[0], "F": d + q[1], "G": c - r[1]}
+def _follow_block(paths: SixBarPaths, z: np.ndarray, pace: Pace, shown: Any, lanes: np.ndarray) -> PathEnds:
+    out = paths.follow(z[:, lanes], pace)
+    shown.update(len(lanes))
+    return out
 
 
-def _degenerate(kind: str, z: np.ndarray, task: AngleTask) -> np.ndarray:
-    """Where a bar has no length, or two joints of a link are one, on both sides of the conjugates."""
-    gaps = []
-    for side in (0, 1):
-        b = task.b[:, side]
-        places = {"A": 0.0, "B": -1.0 if kind == "Stephenson III" else 1.0, "C": -b[1], "D": task.given[side]}
-        if kind == "Watt II":
-            places = {"A": 0.0, "B": 1.0, "C": 0.0}
-        joints = places | _joints(kind, z[[0, 1, 4, 5] if side == 0 else [2, 3, 6, 7]], places, np.ones(2))
-        pairs = [(body[i], body[j]) for body in _BODIES[kind].values() for j in range(len(body)) for i in range(j)]
-        gaps.append(np.abs([joints[p] - joints[q] for p, q in pairs]))
-    return np.max(gaps, axis=0).min(axis=0) < _NOTHING
+def _degenerate(paths: SixBarPaths, z: np.ndarray) -> np.ndarray:
+    """Where a bar has no length, or one of the vectors that are solved for."""
+    (known,) = paths.places(np.ones(z.shape[1]), 0)
+    q, qq, r, rr = z.reshape(4, 2, -1)
+    p, pp = (b[:, 0] + paths.gather(v) for b, v in zip(known.b, (r, rr), strict=True))
+    pairs = np.abs([(q, qq), (r, rr), (q + p, qq + pp)])
+    return pairs.max(axis=1).min(axis=(0, 1)) < _NOTHING
 
 
 # -- linkages ----------------------------------------------------------------------------------------------------------
@@ -328,6 +314,19 @@ def _linkages(
         designs.append(_move_design(kind, points, bool(proved[k]), x, y))
     designs.sort(key=lambda design: (len(design.defects), design.size))
     return tuple(designs)
+
+
+def _joints(kind: str, z: np.ndarray, places: Mapping[str, complex], scale: np.ndarray) -> dict[str, np.ndarray]:
+    """Places of the joints at the first pair, of the vectors q and r of solutions, ``(4, solutions)``."""
+    a, c, r = places["A"], places["C"], z[2:] * scale[:, None]
+    q = z[:2] * scale[:, None]
+    if kind == "Stephenson II":
+        h = c - r[1]
+        return {"D": places["D"] + 0.0 * h, "E": a + r[0], "F": h - q[0], "G": h - q[1], "H": h}
+    if kind == "Watt II":
+        return {"D": a - r[0], "E": places["B"] + q[0], "F": places["B"] + q[1], "G": c - r[1]}
+    d = a + r[0]
+    return {"D": d, "E": d + q[0], "F": d + q[1], "G": c - r[1]}
 
 
 def _move_design(kind: str, points: dict[str, Point], proved: bool, x: np.ndarray, y: np.ndarray) -> SixBarDesign:
