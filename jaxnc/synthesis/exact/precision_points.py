@@ -3,11 +3,9 @@
 Seen from the first point a dyad stands at a, and x leads from its moving pivot to the point. At another point, at δ,
 the coupler has turned by 1 + γ, and the bar has its length if
 
-    x (a' - δ') γ + x' (a - δ) γ' + δ (δ' - a' - x') - δ' (a + x) = 0,    γ γ' + γ + γ' = 0.
+    x (a' - δ') γ + x' (a - δ) γ' + δ (δ' - a' - x') - δ' (a + x) = 0,    γ γ' + γ + γ' = 0,
 
-The primed numbers are conjugates where a solution is real; as unknowns of their own they make these equations
-polynomials, whose complex solutions can be followed from one problem to another, many at once. γ and γ' are eliminated
-from the linear systems only: as unknowns they keep steps long.
+which are the equations of `jaxnc.synthesis.exact.bar_paths` for a coupler whose point stays, and pivots that move by -δ.
 
 Source: C. W. Wampler, A. P. Morgan and A. J. Sommese, Complete solution of the nine-point path synthesis problem for
 four-bar linkages, J. Mech. Des. 114 (1992) 153-159.
