@@ -188,7 +188,7 @@ def find_starts(kind: str, show: Callable[[int], object] = lambda known: None) -
     """
     key = f"{kind.replace(' ', '-')}-{_VERSION}"
     starts = _found.get(kind) or _load(key) or _begin(kind)
-    here = SixBarPaths(kind, starts.task, starts.task)
+    here = SixBarPaths(kind, starts.task, starts.task, wide=True)
     written = time.monotonic()
     try:
         while not starts.whole:
