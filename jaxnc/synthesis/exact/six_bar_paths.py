@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from jaxnc.continuation.monodromy import is_new
-from jaxnc.continuation.tracker import BOLD
+from jaxnc.continuation.tracker import BOLD, FAR
 from jaxnc.errors import counted
 from jaxnc.kinematics.starts import load_arrays, save_arrays
 from jaxnc.synthesis.evaluate import map_threads
@@ -41,7 +41,6 @@ _VERSION = 1  # of the files
 _EVERY = 5.0  # seconds after which what is known so far is written into the cache
 _FEW = 100  # solutions that are not all
 _REGULAR = 1e-9  # last step of Newton's, beside the solution, of ends of loops
-_FINITE = 1e6  # beside unknowns of size one
 _DRAWS = 30  # linkages, of which the best conditioned one is taken
 
 
@@ -242,7 +241,7 @@ def _go_round(z: np.ndarray, loop: SixBarPaths, here: SixBarPaths) -> np.ndarray
     blocks = np.array_split(z, max(1, -(-z.shape[1] // BLOCK)), axis=1)
     out = map_threads(functools.partial(loop.follow, pace=BOLD), blocks, prepared=True)
     ends, last = here.polish(np.concatenate([ends.w[:, ends.arrived] for ends in out], axis=1))
-    return ends[:8, (last < _REGULAR) & (np.abs(ends[:8]).max(axis=0, initial=0.0) < _FINITE)]
+    return ends[:8, (last < _REGULAR) & (np.abs(ends[:8]).max(axis=0, initial=0.0) < FAR)]
 
 
 def _add(known: np.ndarray, z: np.ndarray) -> np.ndarray:

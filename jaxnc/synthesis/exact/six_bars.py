@@ -33,7 +33,7 @@ _BODIES = {
     "Stephenson II": {"input": "ADE", "first": "DF", "second": "EG", "middle": "HFG", "output": "CH"},
     "Stephenson III": {"input": "AD", "middle": "DEF", "rocker": "BE", "link": "FG", "output": "CG"},
 }
-_COUNTS = {"Watt II": 12560, "Stephenson II": 11956, "Stephenson III": 27181}  # solutions of angles in general position
+_COUNTS = {"Watt II": 12560, "Stephenson II": 11956, "Stephenson III": 27184}  # solutions of angles in general position
 _APART = {"Watt II": ("AB", "BC"), "Stephenson II": ("AC", "AD"), "Stephenson III": ("AB",)}
 _STEPS = 8  # of the sweep from one pair of angles to the next
 _MET = 1e-8  # radians: an output further off, after really moving there, is not met
