@@ -5,7 +5,7 @@ the coupler has turned by 1 + γ, and the bar has its length if
 
     x (a' - δ') γ + x' (a - δ) γ' + δ (δ' - a' - x') - δ' (a + x) = 0,    γ γ' + γ + γ' = 0,
 
-which are the equations of `jaxnc.synthesis.exact.bar_paths` for a coupler whose point stays, and pivots that move by -δ.
+which are the equations of `jaxnc.synthesis.exact.bar_paths` for a coupler whose point stays, and pivots that move back.
 
 Source: C. W. Wampler, A. P. Morgan and A. J. Sommese, Complete solution of the nine-point path synthesis problem for
 four-bar linkages, J. Mech. Des. 114 (1992) 153-159.
