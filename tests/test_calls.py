@@ -234,6 +234,7 @@ def own() -> dict[str, dict[str, Any] | None]:
         },
         "synthesis.path_four_bars": None,  # a minute for each call
         "synthesis.precision_four_bars": {"inputs": (0.1, 0.5, 0.9), "outputs": (0.2, 0.4, 0.9)},
+        "synthesis.precision_six_bars": None,  # minutes
         "synthesis.reciprocal": {"b": 1.0},
         "synthesis.reciprocal_square": {"b": 1.0},
         "synthesis.robust": {"samples": 3, "output": "C.x"},

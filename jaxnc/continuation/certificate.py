@@ -37,8 +37,12 @@ class Balls:
         return np.isfinite(self.radius)
 
 
-def certify(t: np.ndarray, w: np.ndarray) -> Balls:
-    """Certify approximate solutions ``(n, solutions)`` of a real system ``(n, 1 + n, 1 + n)``, or of one each."""
+def certify(t: np.ndarray, w: np.ndarray, residual: tuple[np.ndarray, np.ndarray] | None = None) -> Balls:
+    """Certify approximate solutions ``(n, solutions)`` of a real system ``(n, 1 + n, 1 + n)``, or of one each.
+
+    The equations' values and bounds of their errors, ``(solutions, n)`` both, may be given from a computation with more
+    digits; the certificate then holds for these very coefficients.
+    """
     n, count = w.shape
     if not count or not n:
         ones = np.ones(count)
@@ -52,6 +56,8 @@ def certify(t: np.ndarray, w: np.ndarray) -> Balls:
         large = np.matmul(large, np.abs(y)[:, None, :, None])[..., 0]
         slack = COEFFICIENTS + 4 * (n + 4) * _ROUND
         f_slack = slack * np.einsum("sri,si->sr", large, np.abs(y))
+        if residual is not None:
+            f, f_slack = residual
         j_slack = 2.0 * slack * large[:, :, 1:]
         finite = np.isfinite(jacobian).all(axis=(1, 2))
         jacobian = np.where(finite[:, None, None], jacobian, 0.0)

@@ -36,12 +36,18 @@ class Found:
 
 def is_new(known: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Tell which columns are none of those known, nor of those before them."""
-    new = np.ones(w.shape[1], bool)
-    for k in range(w.shape[1]):
-        scale = SAME * max(1.0, np.abs(w[:, k]).max(initial=0.0))
-        others = np.concatenate([known, w[:, :k][:, new[:k]]], axis=1)
-        new[k] = not (np.abs(others - w[:, k : k + 1]).max(axis=0, initial=0.0) < scale).any()
-    return new
+    n, before = known.shape
+    every, new = np.concatenate([known, w], axis=1), np.ones(before + w.shape[1], bool)
+    scale = SAME * np.maximum(1.0, np.abs(w).max(axis=0, initial=0.0))
+    # Columns that are the same have nearly the same of any number that depends on them.
+    number = np.real(np.exp(1j * np.arange(n)) @ every)
+    order = np.argsort(number)
+    low, high = (np.searchsorted(number[order], number[before:] + sign * n * scale) for sign in (-1.0, 1.0))
+    for k, (first, last) in enumerate(zip(low, high, strict=True)):
+        others = order[first:last]
+        others = others[new[others] & (others < before + k)]
+        new[before + k] = not (np.abs(every[:, others] - w[:, k : k + 1]).max(axis=0, initial=0.0) < scale[k]).any()
+    return new[before:]
 
 
 def run_loops(

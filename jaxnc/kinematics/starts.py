@@ -8,7 +8,8 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -215,35 +216,51 @@ def structure_key(reading: Reading, constants: Sequence[np.ndarray], zero: float
 
 def load_starts(reading: Reading, key: str) -> StartSet | None:
     """Read a start set from the user's cache; None where there is none that can be read."""
+    file = load_arrays(key)
+    try:
+        if file is None:
+            return None
+        blocks = [file[f"constants {b}"] for b in range(len(reading.top.blocks))]
+        member = Member(tuple(blocks), file["known"], file["turns"], file["sizes"])
+        loops, quiet = (int(v) for v in file["history"])
+        return StartSet(member, file["x"], str(file["way"]), loops, quiet, str(file["proof"]))
+    except (ValueError, KeyError):
+        return None  # damaged: it is made anew
+
+
+def save_starts(starts: StartSet, key: str) -> bool:
+    """Write a start set into the user's cache, if there is one that can be written; whether it is there now."""
+    arrays: dict[str, Any] = {f"constants {b}": c for b, c in enumerate(starts.member.constants)}
+    arrays |= {"known": starts.member.known, "turns": starts.member.turns, "sizes": starts.member.sizes}
+    arrays |= {"x": starts.x, "way": starts.way, "proof": starts.proof}
+    arrays["history"] = np.array([starts.loops, starts.quiet])
+    return save_arrays(arrays, key)
+
+
+def load_arrays(key: str) -> dict[str, np.ndarray] | None:
+    """Read arrays from the user's cache; None where there are none that can be read."""
     folder = _folder()
     if folder is None:
         return None
     try:
         with np.load(folder / f"{key}.npz") as file:
-            blocks = [file[f"constants {b}"] for b in range(len(reading.top.blocks))]
-            member = Member(tuple(blocks), file["known"], file["turns"], file["sizes"])
-            loops, quiet = (int(v) for v in file["history"])
-            return StartSet(member, file["x"], str(file["way"]), loops, quiet, str(file["proof"]))
-    except (OSError, ValueError, KeyError, EOFError):
-        return None  # not there, or damaged: it is made anew
+            return dict(file)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None  # not there, or damaged: they are made anew
 
 
-def save_starts(starts: StartSet, key: str) -> bool:
-    """Write a start set into the user's cache, if there is one that can be written; whether it is there now."""
+def save_arrays(arrays: Mapping[str, Any], key: str) -> bool:
+    """Write arrays into the user's cache, if there is one that can be written; whether they are there now."""
     folder = _folder()
     if folder is None:
         return False
-    arrays: dict[str, Any] = {f"constants {b}": c for b, c in enumerate(starts.member.constants)}
-    arrays |= {"known": starts.member.known, "turns": starts.member.turns, "sizes": starts.member.sizes}
-    arrays |= {"x": starts.x, "way": starts.way, "proof": starts.proof}
-    arrays["history"] = np.array([starts.loops, starts.quiet])
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder, suffix=".part", delete=False) as file:
             np.savez(file, **arrays)
         os.replace(file.name, folder / f"{key}.npz")
     except OSError:
-        return False  # a full disk, or a folder that is not ours: it is found again next time
+        return False  # a full disk, or a folder that is not ours: they are found again next time
     return True
 
 

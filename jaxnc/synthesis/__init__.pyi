@@ -38,6 +38,9 @@ from jaxnc.synthesis.exact.linkage import SliderCrank as SliderCrank
 from jaxnc.synthesis.exact.linkage import slider_crank_function as slider_crank_function
 from jaxnc.synthesis.exact.precision_points import PathDesigns as PathDesigns
 from jaxnc.synthesis.exact.precision_points import path_four_bars as path_four_bars
+from jaxnc.synthesis.exact.six_bars import SixBarDesign as SixBarDesign
+from jaxnc.synthesis.exact.six_bars import SixBarDesigns as SixBarDesigns
+from jaxnc.synthesis.exact.six_bars import precision_six_bars as precision_six_bars
 from jaxnc.synthesis.function import FunctionGeneration as FunctionGeneration
 from jaxnc.synthesis.objective import Loss as Loss
 from jaxnc.synthesis.objective import Objective as Objective

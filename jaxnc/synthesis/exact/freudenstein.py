@@ -173,7 +173,7 @@ def precision_four_bars(
     Source: F. Freudenstein, Approximate synthesis of four-bar linkages, Trans. ASME 77 (1955) 853-861. The solution of
     four and five points as homogeneous quadratic and cubic is derived here.
     """
-    x, y = _precision_points(inputs, outputs)
+    x, y = check_points("precision_four_bars", inputs, outputs)
     need = 3 + (input_offset is None) + (output_offset is None)
     if len(x) != need:
         raise InputError(
@@ -438,21 +438,20 @@ def _sweep_scale(
     return np.where(good, np.asarray(motion["psi"]), np.nan)[: len(scale)], angles[: len(scale)], motion
 
 
-def _precision_points(inputs: ArrayLike, outputs: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+def check_points(what: str, inputs: ArrayLike, outputs: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Precision points that a function was called with: arrays of one length, the inputs in order."""
     try:
         x, y = np.asarray(inputs, float), np.asarray(outputs, float)
     except (TypeError, ValueError, OverflowError):
-        raise InputError("precision_four_bars: inputs and outputs must be arrays of numbers, radians") from None
+        raise InputError(f"{what}: inputs and outputs must be arrays of numbers, radians") from None
     if x.ndim != 1 or x.shape != y.shape:
-        raise InputError(
-            f"precision_four_bars: inputs {x.shape} and outputs {y.shape} must be two sequences of one length"
-        )
+        raise InputError(f"{what}: inputs {x.shape} and outputs {y.shape} must be two sequences of one length")
     for name, value in (("inputs", x), ("outputs", y)):
         if not np.isfinite(value).all():
-            raise InputError(f"precision_four_bars: {name}[{int(np.argmin(np.isfinite(value)))}] is not finite")
+            raise InputError(f"{what}: {name}[{int(np.argmin(np.isfinite(value)))}] is not finite")
     steps = np.diff(x)
     if not (np.all(steps > 0) or np.all(steps < 0)):
-        raise InputError("precision_four_bars: inputs must increase (or decrease) from one precision point to the next")
+        raise InputError(f"{what}: inputs must increase (or decrease) from one precision point to the next")
     return x, y
 
 

@@ -3,11 +3,9 @@
 Seen from the first point a dyad stands at a, and x leads from its moving pivot to the point. At another point, at δ,
 the coupler has turned by 1 + γ, and the bar has its length if
 
-    x (a' - δ') γ + x' (a - δ) γ' + δ (δ' - a' - x') - δ' (a + x) = 0,    γ γ' + γ + γ' = 0.
+    x (a' - δ') γ + x' (a - δ) γ' + δ (δ' - a' - x') - δ' (a + x) = 0,    γ γ' + γ + γ' = 0,
 
-The primed numbers are conjugates where a solution is real; as unknowns of their own they make these equations
-polynomials, whose complex solutions can be followed from one problem to another, many at once. γ and γ' are eliminated
-from the linear systems only: as unknowns they keep steps long.
+which are the equations of `jaxnc.synthesis.exact.bar_paths` for a coupler whose point stays, and pivots that move back.
 
 Source: C. W. Wampler, A. P. Morgan and A. J. Sommese, Complete solution of the nine-point path synthesis problem for
 four-bar linkages, J. Mech. Des. 114 (1992) 153-159.
@@ -22,15 +20,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.continuation.quadratic import inverses
-from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds, follow
+from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds
+from jaxnc.continuation.twofold import Twofold
 from jaxnc.errors import InputError, counted
 from jaxnc.synthesis.evaluate import map_threads
+from jaxnc.synthesis.exact.bar_paths import SINGULAR, BarPaths, Places, end_elsewhere
 from jaxnc.synthesis.exact.burmester import Dyad
 from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_of
+from jaxnc.synthesis.exact.path_certificate import certify_linkages, state_solutions
 from jaxnc.types import Any, ArrayLike
 
-_ORDER = 5  # of power series
+_NONE = np.zeros((2, 1, 1)), np.zeros((2, 1, 1))  # of the pivots is known
 
 # -- equations and paths of solutions ----------------------------------------------------------------------------------
 
@@ -49,177 +49,60 @@ class Task:
         return tuple(part[..., None] for part in (self.d, self.e, self.matrix, self.right))
 
 
-def coupler_turns(z: np.ndarray, d: ArrayLike, e: ArrayLike) -> np.ndarray:
-    """γ and γ' of every point but the first, ``(2, points - 1, lanes)``, from both bars."""
-    x, xx, a, aa = z.reshape(4, 2, 1, -1)
-    (u, v), (uu, vv) = x * (aa - e), xx * (a - d)
-    w, r = d * (e - aa - xx) - e * (a + x)
-    return np.stack([r * uu - w * vv, v * w - u * r]) / (u * vv - uu * v)
+class _PointPaths(BarPaths):
+    """Paths from one task to another in a straight line: on the coupler the point stays, and the pivots move by -δ."""
 
+    pairs = ((0, 0), (1, 1))
 
-class _Linearised:
-    """The equations' derivative at a solution, and the step that takes away what they leave."""
+    def __init__(self, start: Task, end: Task, wide: bool):
+        super().__init__(len(start.d), wide)
+        self.start, self.end = start.parts(), end.parts()
+        self.rates = tuple(b - a for a, b in zip(self.start, self.end, strict=True))
 
-    def __init__(self, z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray):
-        x, xx, a, aa = z.reshape(4, 2, 1, -1)
-        n = len(d)
-        self.q = g[::-1] + 1.0
-        self.u, self.uu = x * (aa - e), xx * (a - d)
-        # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
-        minor = self.q[0] * self.uu - self.q[1] * self.u
-        self.minors = np.stack([minor[1], -minor[0], self.u[0] * self.uu[1] - self.uu[0] * self.u[1]])
-        self.slopes = np.stack([(aa - e) * g[0] - e, (a - d) * g[1] - d, xx * g[1] - e, x * g[0] - d])
-        rows = np.zeros((8, 8, z.shape[1]), complex)
-        rows[:n] = np.moveaxis(self.minors[:2] * self.slopes, 2, 0).reshape(n, 8, -1)
-        rows[n:, 4:] = matrix
-        lanes = np.moveaxis(rows, 2, 0)
-        self.inverse = inverses(lanes)
+    def _part(self, k: int, at: np.ndarray) -> np.ndarray:
+        return self.start[k] * (1.0 - at) + self.end[k] * at
 
-    def step(self, bars: np.ndarray, turn: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of z and γ that take away what the equations of bars, turns and base leave."""
-        rest = self.minors[2] * turn - (self.minors[:2] * bars).sum(axis=0)
-        dz = np.matmul(self.inverse, np.concatenate([rest, -base]).T[:, :, None])[:, :, 0].T
-        left, right = bars + (self.slopes * dz.reshape(4, 2, 1, -1)).sum(axis=0)
-        (u, v), (uu, vv), (q, qq) = self.u, self.uu, self.q
-        one, two, three = self.minors
-        # Two of three equations give γ, γ': those whose determinant is largest.
-        sizes = np.abs(self.minors)
-        by_turn = np.maximum(sizes[0], sizes[1]) > sizes[2]
-        first = sizes[1] > sizes[0]
-        bar, barred, rest = np.where(first, u, v), np.where(first, uu, vv), np.where(first, left, right)
-        det = np.where(first, two, -one)
-        dg = np.where(by_turn, (barred * turn - qq * rest) / det, (uu * right - vv * left) / three)
-        dgg = np.where(by_turn, (q * rest - bar * turn) / det, (v * left - u * right) / three)
-        return dz, np.stack([dg, dgg])
+    def places(self, at: np.ndarray, order: int) -> list[Places]:
+        """Power series of places."""
+        d, e, (dd, de, *_) = self._part(0, at), self._part(1, at), self.rates
+        terms = ((d, e), (dd, de))[: order + 1]
+        return [Places(_NONE, (np.stack([-one, -one]), np.stack([-two, -two]))) for one, two in terms]
 
-    def of(self, lanes: np.ndarray) -> "_Linearised":
-        """Select some lanes."""
-        out = object.__new__(_Linearised)
-        for name in ("q", "u", "uu", "minors", "slopes"):
-            setattr(out, name, getattr(self, name)[..., lanes])
-        out.inverse = self.inverse[lanes]
-        return out
+    def base(self, z: list[np.ndarray], at: np.ndarray) -> np.ndarray:
+        """What the conditions on the fixed pivots leave, or its series."""
+        matrix = self._part(2, at)
+        if len(z) == 1:
+            right = self._part(3, at)
+            of: Any = Twofold if self.wide else np.asarray
+            left: Any = sum((of(matrix[:, k]) * z[0][4 + k] for k in range(4)), start=-of(right))
+            return left.rounded() if isinstance(left, Twofold) else left
+        _, _, dm, dr = self.rates
+        moved = (matrix * z[-1][4:]).sum(axis=1) + (dm * z[-2][4:]).sum(axis=1)
+        return moved - dr if len(z) == 2 else moved
 
-
-def _residuals(
-    z: np.ndarray, g: np.ndarray, d: np.ndarray, e: np.ndarray, matrix: np.ndarray, right: np.ndarray
-) -> tuple:
-    """Residuals of the equations of bars, turns and base."""
-    x, xx, a, aa = z.reshape(4, 2, 1, -1)
-    bars = x * (aa - e) * g[0] + xx * (a - d) * g[1] + d * (e - aa - xx) - e * (a + x)
-    return bars, g[0] * g[1] + g[0] + g[1], (matrix * z[4:]).sum(axis=1) - right
-
-
-def _series_product(p: list, q: list, k: int, first: int = 0) -> Any:
-    """Coefficient k of a product of power series, without the outer ``first`` terms of either."""
-    return sum((p[i] * q[k - i] for i in range(first, k + 1 - first)), start=np.zeros_like(p[0]))
-
-
-def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _Linearised) -> list[np.ndarray]:
-    """First coefficients of a path's power series, those of z before those of γ: products are convolutions."""
-    (d, e, _, _), (dd, de, dm, dr) = parts, rates
-    zs, gs = [z], [list(g)[:1], list(g)[1:]]
-    pieces: list[list] = [[] for _ in range(8)]
-
-    def push(k: int, z: np.ndarray) -> None:
-        x, xx, a, aa = z.reshape(4, 2, 1, -1)
-        at = ((d, e), (dd, de))[k] if k < 2 else (0.0, 0.0)
-        for series, value in zip(pieces, (x, xx, aa - at[1], a - at[0], at[1] - aa - xx, a + x), strict=False):
-            del series[k:]
-            series.append(value)
-        for series, one, two in ((pieces[6], 0, 2), (pieces[7], 1, 3)):
-            del series[k:]
-            series.append(_series_product(pieces[one], pieces[two], k))
-
-    push(0, z)
-    out = []
-    for k in range(1, _ORDER + 1):
-        push(k, np.zeros_like(z))
-        u, uu, w, r = pieces[6], pieces[7], pieces[4], pieces[5]
-        bars = u[k] * g[0] + uu[k] * g[1] + d * w[k] + dd * w[k - 1] - e * r[k] - de * r[k - 1]
-        for i in range(1, k):
-            bars = bars + u[i] * gs[0][k - i] + uu[i] * gs[1][k - i]
-        base = (dm * zs[k - 1][4:]).sum(axis=1) - (dr if k == 1 else 0.0)
-        dz, dg = linear.step(
-            bars, _series_product(gs[0], gs[1], k, first=1), np.broadcast_to(base, (len(dm), z.shape[1]))
-        )
-        zs.append(dz)
-        for series, value in zip(gs, dg, strict=True):
-            series.append(value)
-        out.append(np.concatenate([dz, *dg]))
-        if k < _ORDER:
-            push(k, dz)
-    return out
-
-
-def _newton_step(w: np.ndarray, parts: tuple) -> tuple[np.ndarray, _Linearised, np.ndarray]:
-    """Take one of Newton's steps: the result, the derivative used, the step's size beside the unknowns."""
-    n = len(parts[0])
-    z, g = w[:8], w[8:].reshape(2, n, -1)
-    linear = _Linearised(z, g, *parts[:3])
-    dz, dg = linear.step(*_residuals(z, g, *parts))
-    size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
-    size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
-    return w + np.concatenate([dz, *dg]), linear, np.where(np.isfinite(size), size, np.inf)
+    def base_slopes(self, z: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """Derivatives of the conditions on the fixed pivots."""
+        matrix = self._part(2, at)
+        return np.concatenate([np.zeros((len(matrix), 4, matrix.shape[2])), matrix], axis=1)
 
 
 def polish(z: np.ndarray, task: Task, steps: int = 4) -> tuple[np.ndarray, np.ndarray]:
     """Solutions of a task after Newton's steps, and the size of the last step beside them, ``(lanes,)``."""
-    parts = task.parts()
-    with np.errstate(all="ignore"):
-        w = np.concatenate([z, *coupler_turns(z, *parts[:2])])
-        last = np.full(z.shape[1], np.inf)
-        for _ in range(steps):
-            w, _, last = _newton_step(w, parts)
+    w, last = _PointPaths(task, task, wide=True).polish(z, steps)
     return w[:8], last
 
 
-class _Bars:
-    """Paths from one task to another in a straight line, for `jaxnc.continuation.tracker`."""
+def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL, wide: bool = False) -> PathEnds:
+    """Follow solutions of one task ``(8, solutions)`` to those of another, in a straight line between the two.
 
-    def __init__(self, start: Task, end: Task):
-        self.start, self.end = start.parts(), end.parts()
-        self.rates = tuple(b - a for a, b in zip(self.start, self.end, strict=True))
-
-    def _parts(self, at: np.ndarray) -> tuple:
-        return tuple(a * (1.0 - at) + b * at for a, b in zip(self.start, self.end, strict=True))
-
-    def correct(
-        self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, keep: bool = True
-    ) -> tuple[np.ndarray, _Linearised, np.ndarray]:
-        """Take one of Newton's steps."""
-        return _newton_step(w, self._parts(at))
-
-    def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: _Linearised) -> list[np.ndarray]:
-        """Find the paths' power series."""
-        return _series(w[:8], w[8:].reshape(2, len(self.start[0]), -1), self._parts(at), self.rates, linear)
-
-    def select(self, linear: _Linearised, which: np.ndarray) -> _Linearised:
-        """Select lanes of a derivative."""
-        return linear.of(which)
-
-    def size(self, w: np.ndarray) -> np.ndarray:
-        """Largest unknown of each path, but for its turns."""
-        return np.abs(w[:8]).max(axis=0, initial=0.0)
-
-    def growth(self, w: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """How fast each path grows, in parts of its size."""
-        return self.size(rate) / self.size(w)
-
-
-def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL) -> PathEnds:
-    """Follow solutions of one task ``(8, solutions)`` to those of another, in a straight line between the two."""
-    with np.errstate(all="ignore"):
-        ends = follow(_Bars(start, end), np.concatenate([z, *coupler_turns(z, *start.parts()[:2])]), pace)
-    return dataclasses.replace(ends, w=ends.w[:8])
+    Where wide, residuals have twice the digits: ends whose condition number is 1e9 and more are reached too.
+    """
+    return _PointPaths(start, end, wide).follow(z, pace)
 
 
 # -- linkages through points -------------------------------------------------------------------------------------------
 
-_SINGULAR = 1e-7  # last step of Newton's, beside the solution: above, the end is singular
 _SAME = 1e-6  # relative difference of two ends that are one solution
-_REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
-_PACES = Pace(1e-4, 0.01, 1e-6), Pace(2e-6)
 _OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
 
 _LEVEL = {"6-21": 170, "7-11": 988}  # solutions of bases with A and D on one level, or one above the other
@@ -239,9 +122,12 @@ class PathDesigns(Sequence[GuidedFourBar]):
             points cognates count once.
         found: how many finite, regular ones of them were found.
         routes: how often all were followed, each time another way.
-        missing: how many more there are, estimated from those that only one of the ways has found; 0 if all paths of
-            one way arrived. Solutions at infinity, or in which a bar has no length, are none of them.
+        missing: how many paths ended neither in a regular solution of their own, nor at infinity, nor in a singular one
+            or a linkage in which a bar has no length: at most so many regular solutions are missing.
         residual: the largest difference of a bar's length between the points, as a part of the points' size.
+        proved: for each design whether its solution is proved to exist, to be real and to be alone near it, with
+            rounding counted.
+        disjoint: whether no two of the proved ones are one solution, cognates apart.
     """
 
     designs: tuple[GuidedFourBar, ...]
@@ -249,13 +135,20 @@ class PathDesigns(Sequence[GuidedFourBar]):
     expected: int
     found: int
     routes: int
-    missing: float
+    missing: int
     residual: float
+    proved: tuple[bool, ...]
+    disjoint: bool
 
     @property
     def complete(self) -> bool:
         """True if every path ended in a solution of its own, so that none is missing."""
         return self.found == self.expected
+
+    @property
+    def statement(self) -> str:
+        """What is proved and what was observed, in sentences."""
+        return state_solutions(self.found, self.expected, self.missing, self.routes, self.proved, self.disjoint)
 
     def __len__(self) -> int:
         return len(self.designs)
@@ -269,11 +162,9 @@ class PathDesigns(Sequence[GuidedFourBar]):
         defects = "".join(f", {count} with {kind} defect" for kind, count in sorted(kinds.items()))
         head = (
             f"{counted(len(self), 'four-bar')} with {counted(len(set(self.curves)), 'coupler curve')}: {len(works)} "
-            f"without defects{defects}; {self.found} of {self.expected} solutions, real and complex"
+            f"without defects{defects}"
         )
-        if not self.complete:
-            head += f", in {self.routes} routes; by their overlap {self.missing:.1f} more are regular and were missed"
-        return "\n".join([head, *(f"  {design}" for design in works)])
+        return "\n".join([head, f"  {self.statement}", *(f"  {design}" for design in works)])
 
     __repr__ = __str__
 
@@ -287,7 +178,7 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     are moved through the points. Nine points in general position have 1442 solutions with three cognates each, five
     with both fixed pivots given 36. Where A and D are given on one level, or one above the other, six have 170 in place
     of 258 and seven 988 in place of 1661: in the rest A is D and B is C. What is lost on the way is followed again,
-    more finely and then on other ways.
+    with residuals of twice the digits, from cognates, about the end and at last, all of it, on other ways.
 
     Args:
         points: the points in the order in which they are to be passed, ``(5 … 9, 2)``, lengths.
@@ -311,23 +202,21 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     exchanged = len(given[1]) > len(given[0])
     task = _make_task(places, given[::-1] if exchanged else given, size)
     name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
-    expected, ends, overlaps = _expected_count(name, given), np.zeros((8, 0), complex), []
-    for route in range(3):
-        found = _route(name, task, 1.0 + 2.4 * route)
-        known, ends = ends, distinct_solutions(np.concatenate([ends, found], axis=1), len(places))
-        overlaps.append((known.shape[1], found.shape[1], known.shape[1] + found.shape[1] - ends.shape[1]))
-        if found.shape[1] == expected or (route and ends.shape[1] == known.shape[1]):
-            break
-    before, after, both = overlaps[-1]
-    missing = 0.0
-    if ends.shape[1] < expected:  # Chapman's estimate of a population from two catches
-        missing = min((before + 1) * (after + 1) / (both + 1) - 1, expected) - ends.shape[1]
-    real = _real_solutions(ends, task)
+    expected, ends, most = _expected_count(name, given), np.zeros((8, 0), complex), np.inf
+    routes = 0
+    while routes < 3 and ends.shape[1] < min(expected, most):
+        found, lost = _route(name, task, 1.0 + 2.4 * routes)
+        ends = distinct_solutions(np.concatenate([ends, found], axis=1), len(places))
+        routes, most = routes + 1, min(most, found.shape[1] + lost)
+    missing = int(max(min(expected, most) - ends.shape[1], 0))
+    real = _PointPaths(task, task, wide=True).find_real(ends)
     if given[0] == given[1]:  # each linkage is met again with its bars exchanged
-        real = real[:, ~np.triu(_match_solutions(real, real[_OTHER])).any(axis=0)]
-    turned = np.vstack([np.ones(real.shape[1]), 1.0 + coupler_turns(real, *task.parts()[:2])[0]])
-    designs, curves, residual = _linkages(places, size * (real[_OTHER] if exchanged else real), turned, size)
-    return PathDesigns(designs, curves, expected, ends.shape[1], len(overlaps), max(missing, 0.0), residual)
+        real = real[:, ~np.triu(_match_solutions(real[:8], real[_OTHER])).any(axis=0)]
+    exact, disjoint = certify_linkages(real, task.d, task.e, task.matrix, task.right)
+    turned = np.vstack([np.ones(real.shape[1]), 1.0 + real[8 : 7 + len(places)]])
+    designs, curves, residual = _linkages(places, size * (real[_OTHER] if exchanged else real[:8]), turned, size)
+    proved = tuple(bool(exact[curve]) for curve in curves)
+    return PathDesigns(designs, curves, expected, ends.shape[1], routes, missing, residual, proved, disjoint)
 
 
 def _expected_count(name: str, base: list[dict[str, float]]) -> int:
@@ -406,38 +295,95 @@ def _make_task(places: np.ndarray, base: list[dict[str, float]], size: float) ->
 # -- solutions ---------------------------------------------------------------------------------------------------------
 
 
-def _route(name: str, task: Task, angle: float) -> np.ndarray:
-    """Regular finite ends of all paths from the stored task to this one, turned by an angle: another way for each."""
+@dataclasses.dataclass(frozen=True)
+class _Attempt:
+    """How those paths are followed that were lost before."""
+
+    pace: Pace
+    wide: bool = True
+    cognate: int = 0  # which of the three members of a class of nine points goes
+    bend: complex = 0.0  # where the way bends next to its end, as a part of all of it: about what is singular there
+
+
+_ATTEMPTS = (
+    _Attempt(Pace(1e-4, 0.01, 1e-6), wide=False),
+    _Attempt(Pace(2e-5, 0.01, 1e-6)),
+    _Attempt(Pace(1e-5, 0.01, 1e-6), cognate=1),
+    _Attempt(Pace(1e-5, 0.01, 1e-6), cognate=2, bend=0.0005 + 0.001j),
+    _Attempt(Pace(1e-5, 0.01, 1e-6), cognate=1, bend=0.0005 - 0.001j),
+    _Attempt(Pace(1e-5, 0.01, 1e-6), bend=1e-5j),
+    _Attempt(Pace(1e-5, 0.01, 1e-6), bend=1e-8j),
+    _Attempt(Pace(1e-5, 0.01, 1e-6), bend=-1e-8j),
+)
+
+
+def _route(name: str, task: Task, angle: float) -> tuple[np.ndarray, int]:
+    """Follow all paths from the stored task to this one, turned by an angle: another way for each.
+
+    Returns the regular finite ends, and how many paths are lost: they ended neither there nor at infinity, nor in a
+    linkage that is none. A class of nine points is lost if all three of its cognates are.
+    """
     count = int(name[0])
     z, start = stored_starts(name)
     turn = np.exp(1j * angle)
     spun = Task(task.d * turn, task.e / turn, task.matrix * [1 / turn, 1 / turn, turn, turn], task.right)
-    ends, good = np.array(z), np.zeros(z.shape[1], bool)
-    for pace in _PACES:
-        rest = np.flatnonzero(~good)
-        blocks = np.array_split(rest, max(1, len(rest) // 384))  # 384 lanes are followed together
-        work = functools.partial(_follow_block, z, start, spun, pace)
-        for lanes, out in zip(blocks, map_threads(work, blocks), strict=True):
-            ends[:, lanes], good[lanes] = out.w, out.arrived
-        new, last = polish(ends, spun)
-        regular = good & (last < _SINGULAR) & (np.abs(new).max(axis=0) < FAR) & ~_degenerate(new)
-        ends[:, regular] = new[:, regular]
-        good = _first_of_kind(ends, regular, count)
-        if good.all():
+    ends, good, elsewhere = np.array(z), np.zeros(z.shape[1], bool), np.zeros(z.shape[1], bool)
+    for attempt in _ATTEMPTS:
+        rest = np.flatnonzero(~good & ~elsewhere)
+        if not len(rest):
             break
-    return ends[:, good] * np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None]
+        begin = _cognate(z, attempt.cognate if count == 9 else 0)
+        blocks = np.array_split(rest, max(1, len(rest) // 384))  # 384 lanes are followed together
+        work = functools.partial(_follow_block, begin, start, spun, attempt)
+        for lanes, out in zip(blocks, map_threads(work, blocks), strict=True):
+            new, last = polish(out.w, spun)
+            with np.errstate(all="ignore"):
+                none = _degenerate(new) | (np.abs(new).max(axis=0) >= 10 * FAR)
+            met = out.arrived & (last < SINGULAR)
+            ends[:, lanes], good[lanes] = new, met & ~none
+            if attempt.wide:  # else rounding passes for growth
+                elsewhere[lanes] = end_elsewhere(out, met, none, attempt is _ATTEMPTS[-1])
+        if attempt.wide:  # what is known stays, and what is met again was lost
+            order = np.concatenate([np.setdiff1d(np.arange(len(good)), rest), rest])
+            good[order] = _first_of_kind(ends[:, order], good[order], count)
+        else:  # of two paths that met in one end either may have left its own
+            good = _first_of_kind(ends, good, count) & _first_of_kind(ends[:, ::-1], good[::-1], count)[::-1]
+    back = np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None]
+    return ends[:, good] * back, int((~good & ~elsewhere).sum())
 
 
-def _follow_block(z: np.ndarray, start: Task, end: Task, pace: Pace, lanes: np.ndarray) -> PathEnds:
-    return follow_paths(z[:, lanes], start, end, pace)
+def _follow_block(z: np.ndarray, start: Task, end: Task, attempt: _Attempt, lanes: np.ndarray) -> PathEnds:
+    z = z[:, lanes]
+    if not attempt.bend:
+        return follow_paths(z, start, end, attempt.pace, attempt.wide)
+    by = attempt.bend
+    parts = zip(start.parts(), end.parts(), strict=True)
+    bend = Task(*((by * a + (1.0 - by) * b)[..., 0] for a, b in parts))  # an end may be that of another path
+    there = follow_paths(z, start, bend, attempt.pace, attempt.wide)
+    out = follow_paths(there.w, bend, end, attempt.pace, attempt.wide)
+    return dataclasses.replace(out, arrived=there.arrived & out.arrived, at=np.where(there.arrived, out.at, 0.0))
+
+
+def _cognate(z: np.ndarray, which: int) -> np.ndarray:
+    """The solutions themselves, or one of their two cognates, which pass through the same nine points."""
+    if not which:
+        return z
+    x, y, a, b = z[[0, 2]], z[[1, 3]], z[[4, 6]], z[[5, 7]]
+    k = x / (x - y)
+    focus = a + k * (b - a)
+    if which == 1:
+        x, y, b = -(a + x), -(a + x) * (1.0 - k), focus
+    else:
+        x, y, a = -(b + y) * k, -(b + y), focus
+    return np.concatenate([np.stack([p, q], axis=1).reshape(4, -1) for p, q in ((x, y), (a, b))])
 
 
 def _degenerate(z: np.ndarray) -> np.ndarray:
-    """Where a bar has no length, or the point lies on a joint of the coupler."""
+    """Where a bar has no length, the point lies on a joint of the coupler, or both dyads are one."""
     x, y, xx, yy, a, b, aa, bb = z
-    pairs = ((x, xx), (y, yy), (x - y, xx - yy), (x + a, xx + aa), (y + b, yy + bb), (a - b, aa - bb))
-    # a bar of 1e-8 of the size has no length
-    return np.min([np.maximum(np.abs(p), np.abs(q)) for p, q in pairs], axis=0) < 1e-8
+    pairs = np.abs([(x, xx), (y, yy), (x - y, xx - yy), (x + a, xx + aa), (y + b, yy + bb), (a - b, aa - bb)])
+    # 1e-8 of the size is no length. Or both dyads are one, of complex solutions on one side of the conjugates alone.
+    return (pairs.max(axis=1).min(axis=0) < 1e-8) | (pairs[[2, 5]].max(axis=0).min(axis=0) < 1e-8)
 
 
 def _solution_keys(z: np.ndarray, count: int) -> np.ndarray:
@@ -470,16 +416,6 @@ def _first_of_kind(z: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
 def distinct_solutions(z: np.ndarray, count: int) -> np.ndarray:
     """Each solution once; of nine points cognates are one."""
     return z[:, _first_of_kind(z, np.ones(z.shape[1], bool), count)]
-
-
-def _real_solutions(z: np.ndarray, task: Task) -> np.ndarray:
-    """The real solutions, exactly so: Newton's steps from the mean of a solution and its conjugate stay real."""
-    mirrored = np.conj(z[[2, 3, 0, 1, 6, 7, 4, 5]])
-    scale = np.abs(z).max(axis=0)
-    near = np.abs(z - mirrored).max(axis=0) < _REAL * scale
-    tried, last = polish(0.5 * (z + mirrored)[:, near], task)
-    same = (np.abs(tried - z[:, near]).max(axis=0) < _REAL * scale[near]) & (last < _SINGULAR)
-    return tried[:, same]
 
 
 def _match_solutions(z: np.ndarray, other: np.ndarray) -> np.ndarray:

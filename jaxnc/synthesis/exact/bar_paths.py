@@ -1,0 +1,326 @@
+"""Two bars between a link and places that move in a known way: equations of many poses, and paths of their solutions.
+
+At every pose but the first the link has turned by 1 + γ. A bar leads from q on the link to a place p, which moves by Δ.
+The bar keeps its length if
+
+    q (p' + Δ') γ + q' (p + Δ) γ' + (q + p) Δ' + (q' + p' + Δ') Δ = 0,    γ γ' + γ + γ' = 0.
+
+The primed numbers are conjugates where a solution is real; as unknowns of their own they make these equations
+polynomials, whose complex solutions can be followed from one problem to another, many at once. γ and γ' are eliminated
+from the linear systems only: as unknowns they keep steps long.
+
+p and Δ are sums of two more vectors r, so that z has eight numbers: q of both bars, q', r, r'.
+
+Source: C. W. Wampler, A. P. Morgan and A. J. Sommese, Complete solution of the nine-point path synthesis problem for
+four-bar linkages, J. Mech. Des. 114 (1992) 153-159.
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from jaxnc.continuation.quadratic import inverses
+from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds, follow
+from jaxnc.continuation.twofold import Twofold
+
+ORDER = 5
+"""Terms of power series after the first."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Places:
+    """A term of the power series of what is known of the bars' places: p = b + Σ r, Δ = c + Σ s r.
+
+    Each is a pair of arrays, of numbers and of their primed ones.
+    """
+
+    b: tuple[Any, Any]  # (bars, 1, lanes)
+    c: tuple[Any, Any]  # (bars, poses - 1, lanes)
+    s: tuple[Any, Any] | None = None  # of each vector r, (vectors, poses - 1, lanes); none where nothing turns
+
+
+SINGULAR = 1e-7
+"""Last step of Newton's, beside the solution: above, the end is singular."""
+
+MIRRORED = [2, 3, 0, 1, 6, 7, 4, 5]
+"""Places in z of primed numbers and of those without a prime."""
+
+_NEXT = 1e-8  # of the way is left to ends that are singular or at infinity; steps come to nothing sooner elsewhere
+_STEEP = 1.2  # growth on the way to infinity: some 1 / k; what grows faster beside it may end far away
+_REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
+
+
+def _product(p: list, q: list, k: int) -> Any:
+    """Coefficient k of a product of power series, whose terms may end early."""
+    return sum((p[i] * q[k - i] for i in range(max(0, k - len(q) + 1), min(k, len(p) - 1) + 1)), start=0.0)
+
+
+class BarPaths:
+    """Paths from one task to another, for `jaxnc.continuation.tracker`; each kind of task says what it knows.
+
+    The unknowns of a path are z, then γ and γ' of every pose but the first.
+    """
+
+    pairs: tuple[tuple[int, int], ...]
+    """A bar and a vector r that its place is a sum of, each."""
+
+    def __init__(self, turns: int, wide: bool = False):
+        self.turns, self.wide = turns, wide  # how many poses there are but the first; residuals of twice the digits
+        entries = [(bar, bar + 2 * side) for side in (0, 1) for bar in (0, 1)]
+        entries += [(bar, 4 + 2 * side + k) for side in (0, 1) for bar, k in self.pairs]
+        bars, unknowns = zip(*entries, strict=True)
+        self.bars, self.unknowns = np.array(bars), np.array(unknowns)  # of the derivative's entries
+        self.of_bar = [np.flatnonzero(self.bars == bar) for bar in (0, 1)]
+
+    def places(self, at: np.ndarray, order: int) -> list[Places]:
+        """Power series of places about `at`, so many terms after the first; terms that are left out are zero."""
+        raise NotImplementedError
+
+    def base(self, z: list[np.ndarray], at: np.ndarray) -> np.ndarray:
+        """The last term of the series of the other equations, z being known so far, ``(8 - turns, lanes)``."""
+        raise NotImplementedError
+
+    def base_slopes(self, z: np.ndarray, at: np.ndarray) -> Any:
+        """Derivatives of the other equations to z, ``(8 - turns, 8, lanes)``, or what broadcasts to it."""
+        raise NotImplementedError
+
+    def gather(self, r: Any) -> Any:
+        """Sum up vectors for each bar."""
+        if self.pairs == ((0, 0), (1, 1)):
+            return r
+        return np.stack([sum(r[k] for at, k in self.pairs if at == bar) for bar in (0, 1)])
+
+    def turned(self, z: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """Unknowns of paths, from z: γ and γ' follow from both bars."""
+        (known,) = self.places(at, 0)
+        ends = Ends(self, z, known)
+        (u, v), (uu, vv), (w, r) = ends.u, ends.uu, ends.rest
+        return np.concatenate([z, *(np.stack([r * uu - w * vv, v * w - u * r]) / (u * vv - uu * v))])
+
+    def correct(
+        self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, keep: bool = True
+    ) -> tuple[np.ndarray, "Linearised", np.ndarray]:
+        """Take one of Newton's steps; see `jaxnc.continuation.tracker.Problem`."""
+        z, g = w[:8], w[8:].reshape(2, self.turns, -1)
+        (known,) = self.places(at, 0)
+        ends = Ends(self, z, known)
+        linear = Linearised(self, ends, g, self.base_slopes(z, at))
+        dz, dg = linear.step(*self.residuals(z, g, ends, known), self.base([z], at))
+        size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
+        size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
+        return w + np.concatenate([dz, *dg]), linear, np.where(np.isfinite(size), size, np.inf)
+
+    def residuals(self, z: np.ndarray, g: np.ndarray, ends: "Ends", known: Places) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals of bars and turns."""
+        if not self.wide:
+            return ends.u * g[0] + ends.uu * g[1] + ends.rest, g[0] * g[1] + g[0] + g[1]
+        one, two = Twofold(g[0]), Twofold(g[1])
+        x, xx, *rs = z.reshape(4, 2, 1, -1)
+        out = []
+        for bar in (0, 1):
+            parts = []
+            for side, r in enumerate(rs):
+                p, move = Twofold(known.b[side][bar]), Twofold(known.c[side][bar])
+                for k in (k for at, k in self.pairs if at == bar):
+                    p = p + r[k]
+                    move = move if known.s is None else move + Twofold(known.s[side][k]) * r[k]
+                parts += [p, move]
+            p, move, pp, back = parts
+            to = pp + back
+            value = to * x[bar] * one + (p + move) * xx[bar] * two + (p + x[bar]) * back + (to + xx[bar]) * move
+            out.append(value.rounded())
+        return np.stack(out), (one * two + one + two).rounded()
+
+    def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: "Linearised") -> list[np.ndarray]:
+        """First coefficients of the paths' power series, those of z before those of γ: products are convolutions."""
+        g = w[8:].reshape(2, self.turns, -1)
+        known = self.places(at, ORDER)
+        zs, gs = [w[:8]], [[g[0]], [g[1]]]
+        ends = _EndSeries(self, known)
+        ends.push(zs)
+        out = []
+        for k in range(1, ORDER + 1):
+            zs.append(np.zeros_like(zs[0]))
+            ends.push(zs)
+            bars = ends.u[k] * g[0] + ends.uu[k] * g[1] + ends.rest(k)
+            for i in range(1, k):
+                bars = bars + ends.u[i] * gs[0][k - i] + ends.uu[i] * gs[1][k - i]
+            turn: Any = sum((gs[0][i] * gs[1][k - i] for i in range(1, k)), start=np.zeros_like(g[0]))
+            dz, dg = linear.step(bars, turn, self.base(zs, at))
+            zs[k] = dz
+            for series, value in zip(gs, dg, strict=True):
+                series.append(value)
+            out.append(np.concatenate([dz, *dg]))
+            if k < ORDER:
+                ends.push(zs)
+        return out
+
+    def select(self, linear: "Linearised", which: np.ndarray) -> "Linearised":
+        """Select lanes of a derivative."""
+        return linear.of(which)
+
+    def size(self, w: np.ndarray) -> np.ndarray:
+        """Largest unknown of each path, but for its turns."""
+        return np.abs(w[:8]).max(axis=0, initial=0.0)
+
+    def growth(self, w: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """How fast each path grows, in parts of its size."""
+        return self.size(rate) / self.size(w)
+
+    def follow(self, z: np.ndarray, pace: Pace = USUAL) -> PathEnds:
+        """Follow solutions ``(8, solutions)`` from the beginning to the end."""
+        with np.errstate(all="ignore"):
+            ends = follow(self, self.turned(z, np.zeros(z.shape[1])), pace)
+        return dataclasses.replace(ends, w=ends.w[:8])
+
+    def polish(self, z: np.ndarray, steps: int = 4) -> tuple[np.ndarray, np.ndarray]:
+        """Solutions at the end after Newton's steps, with their turns, and the size of the last step beside them.
+
+        Computed from z the turns would lose digits again.
+        """
+        at, lanes = np.ones(z.shape[1]), np.arange(z.shape[1])
+        with np.errstate(all="ignore"):
+            w = self.turned(z, at)
+            last = np.full(z.shape[1], np.inf)
+            for _ in range(steps):
+                w, _, last = self.correct(w, at, lanes, keep=False)
+        return w, last
+
+    def find_real(self, z: np.ndarray) -> np.ndarray:
+        """The real solutions at the end with their turns, exactly so.
+
+        Newton's steps from the mean of two conjugates stay real.
+        """
+        mirrored = np.conj(z[MIRRORED])
+        scale = np.abs(z).max(axis=0, initial=0.0)
+        near = np.abs(z - mirrored).max(axis=0, initial=0.0) < _REAL * scale
+        tried, last = self.polish(0.5 * (z + mirrored)[:, near])
+        same = np.abs(tried[:8] - z[:, near]).max(axis=0, initial=0.0) < _REAL * scale[near]
+        return tried[:, same & (last < SINGULAR)]
+
+
+def end_elsewhere(out: PathEnds, met: np.ndarray, none: np.ndarray, last: bool) -> np.ndarray:
+    """Tell which paths end in no regular finite linkage, whose residuals have twice the digits.
+
+    Args:
+        out: their ends.
+        met: which ones have met a regular solution.
+        none: which of these are no linkages.
+        last: whether they are not followed again: one that nearly meets another stops short of a regular end too.
+    """
+    next_to = (1.0 - out.at < _NEXT) | ((out.size > FAR) & (out.growth < _STEEP))
+    there = (met & none) | out.at_infinity & next_to
+    return there | (out.arrived & ~met) | out.singular & next_to if last else there
+
+
+class Ends:
+    """Ends of both bars at some lanes, and the parts of their equations."""
+
+    def __init__(self, paths: BarPaths, z: np.ndarray, known: Places):
+        self.q, self.qq, *rs = z.reshape(4, 2, 1, -1)
+        self.known = known
+        p, pp = (paths.gather(r) + b for r, b in zip(rs, known.b, strict=True))
+        self.move, self.back = known.c
+        if known.s is not None:
+            turned = (paths.gather(s * r) for s, r in zip(known.s, rs, strict=True))
+            self.move, self.back = (c + t for c, t in zip(known.c, turned, strict=True))
+        self.there, self.barred = p + self.move, pp + self.back  # at each pose
+        self.u, self.uu = self.q * self.barred, self.qq * self.there
+        self.rest = (self.q + p) * self.back + (self.qq + self.barred) * self.move
+
+
+class Linearised:
+    """The equations' derivative at a solution, and the step that takes away what they leave."""
+
+    def __init__(self, paths: BarPaths, ends: Ends, g: np.ndarray, base: Any):
+        self.paths, n = paths, paths.turns
+        self.q = g[::-1] + 1.0
+        self.u, self.uu = ends.u, ends.uu
+        # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
+        minor = self.q[0] * self.uu - self.q[1] * self.u
+        self.minors = np.stack([minor[1], -minor[0], self.u[0] * self.uu[1] - self.uu[0] * self.u[1]])
+        of_q = ends.barred * g[0] + ends.back, ends.there * g[1] + ends.move
+        of_r = ends.qq * g[1] + ends.back, ends.q * g[0] + ends.move
+        of_move = () if ends.known.s is None else (ends.qq * self.q[0] + ends.barred, ends.q * self.q[1] + ends.there)
+        slopes = [side[bar] for side in of_q for bar in (0, 1)]
+        for side in (0, 1):
+            for bar, k in paths.pairs:
+                slope = of_r[side][bar]
+                s = ends.known.s
+                slopes.append(slope if s is None else slope + s[side][k] * of_move[side][bar])
+        self.slopes = np.stack(slopes)
+        weighted = self.minors[paths.bars] * self.slopes
+        rows = np.zeros((8, 8, g.shape[2]), complex)
+        for slope, unknown in zip(weighted, paths.unknowns, strict=True):
+            rows[:n, unknown] += slope
+        rows[n:] = base
+        self.inverse = inverses(np.moveaxis(rows, 2, 0))
+
+    def step(self, bars: np.ndarray, turn: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Changes of z and γ that take away what the equations of bars, turns and base leave."""
+        rest = self.minors[2] * turn - (self.minors[:2] * bars).sum(axis=0)
+        dz = np.matmul(self.inverse, np.concatenate([rest, -base]).T[:, :, None])[:, :, 0].T
+        moved = self.slopes * dz[self.paths.unknowns][:, None]
+        left, right = (bars[bar] + moved[self.paths.of_bar[bar]].sum(axis=0) for bar in (0, 1))
+        (u, v), (uu, vv), (q, qq) = self.u, self.uu, self.q
+        one, two, three = self.minors
+        # Two of three equations give γ, γ': those whose determinant is largest.
+        sizes = np.abs(self.minors)
+        by_turn = np.maximum(sizes[0], sizes[1]) > sizes[2]
+        first = sizes[1] > sizes[0]
+        bar, barred, rest = np.where(first, u, v), np.where(first, uu, vv), np.where(first, left, right)
+        det = np.where(first, two, -one)
+        dg = np.where(by_turn, (barred * turn - qq * rest) / det, (uu * right - vv * left) / three)
+        dgg = np.where(by_turn, (q * rest - bar * turn) / det, (v * left - u * right) / three)
+        return dz, np.stack([dg, dgg])
+
+    def of(self, lanes: np.ndarray) -> "Linearised":
+        """Select some lanes."""
+        out = object.__new__(Linearised)
+        out.paths, out.inverse = self.paths, self.inverse[lanes]
+        for name in ("q", "u", "uu", "minors", "slopes"):
+            setattr(out, name, getattr(self, name)[..., lanes])
+        return out
+
+
+class _EndSeries:
+    """Power series of the parts of the bars' equations."""
+
+    def __init__(self, paths: BarPaths, known: list[Places]):
+        self.paths, self.known = paths, known
+        self.u: list = []
+        self.uu: list = []
+        # q, q', q + p, p' + Δ', p + Δ, q' + p' + Δ', Δ, Δ'
+        self.parts: list[list] = [[] for _ in range(8)]
+        self.rs: list[list] = [[], []]
+        self.turns = [[term.s[side] for term in known if term.s is not None] for side in (0, 1)]
+
+    def push(self, zs: list[np.ndarray]) -> None:
+        """Take the last term of z's series, anew if it was there before."""
+        k, known = len(zs) - 1, self.known
+        q, qq, *rs = zs[k].reshape(4, 2, 1, -1)
+        ends: list[Any] = []
+        for side, r in enumerate(rs):
+            del self.rs[side][k:]
+            self.rs[side].append(r)
+            p, move = self.paths.gather(r), None
+            if k < len(known):
+                p, move = p + known[k].b[side], known[k].c[side]
+            if self.turns[side]:
+                turned = self.paths.gather(_product(self.turns[side], self.rs[side], k))
+                move = turned if move is None else move + turned
+            ends += [p, move]
+        p, move, pp, back = ends
+        to, fro = (pp, p) if back is None else (pp + back, p + move)
+        for series, value in zip(self.parts, (q, qq, q + p, to, fro, qq + to, move, back), strict=True):
+            del series[k:]
+            if value is not None:
+                series.append(value)
+        for series, one, two in ((self.u, 0, 3), (self.uu, 1, 4)):
+            del series[k:]
+            series.append(_product(self.parts[one], self.parts[two], k))
+
+    def rest(self, k: int) -> Any:
+        """Coefficient k of what γ and γ' are not in."""
+        return _product(self.parts[2], self.parts[7], k) + _product(self.parts[5], self.parts[6], k)
