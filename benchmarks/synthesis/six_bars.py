@@ -16,7 +16,7 @@ import numpy as np
 import jaxnc as nc
 from jaxnc import synthesis as syn
 from jaxnc.continuation.monodromy import is_new
-from jaxnc.synthesis.exact.six_bar_paths import PAIRS, AngleStarts, SixBarPaths, find_starts
+from jaxnc.synthesis.exact.six_bar_paths import PAIRS, AngleStarts, SixBarPaths, find_angle_starts
 
 POINTS = {
     "Watt II": {"A": (0, 0), "B": (2, 0), "C": (4, 0), "D": (0.3, 1), "E": (1.7, 1.5), "F": (2.5, 1.4),
@@ -74,7 +74,7 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     for kind in options.kinds:
         spent = time.process_time()
-        starts = find_starts(kind)
+        starts = find_angle_starts(kind)
         print(f"{kind}: {starts.z.shape[1]} solutions, {time.process_time() - spent:.0f} CPU s", flush=True)
         found, known = try_newton(kind, starts, options.newton, np.random.default_rng(7))
         print(f"  Newton from {options.newton} random starts: {found} solutions, {known} of them known", flush=True)

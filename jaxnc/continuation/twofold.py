@@ -13,14 +13,14 @@ from jaxnc.types import Any
 _SPLIT = 2.0**27 + 1.0
 
 
-def _add(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _two_sum(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A sum and its rounding, of real or complex numbers."""
     s = a + b
     v = s - a
     return s, (a - (s - v)) + (b - v)
 
 
-def _multiply(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _two_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A product and its rounding, of real numbers."""
     p = a * b
     c, d = _SPLIT * a, _SPLIT * b
@@ -39,8 +39,8 @@ class Twofold:
 
     def __add__(self, other: Any) -> "Twofold":
         other = other if isinstance(other, Twofold) else Twofold(other)
-        s, e = _add(self.high, other.high)
-        return Twofold(*_add(s, e + (self.low + other.low)))
+        s, e = _two_sum(self.high, other.high)
+        return Twofold(*_two_sum(s, e + (self.low + other.low)))
 
     __radd__ = __add__
 
@@ -57,10 +57,15 @@ class Twofold:
         other = other if isinstance(other, Twofold) else Twofold(other)
         x, y = self.high, other.high
         (p, q), (r, s) = ((np.real(v), np.imag(v)) for v in (x, y))
-        (rr, a), (ii, b), (ri, c), (ir, d) = _multiply(p, r), _multiply(q, s), _multiply(p, s), _multiply(q, r)
-        (real, e), (imag, f) = _add(rr, -ii), _add(ri, ir)
+        (rr, a), (ii, b), (ri, c), (ir, d) = (
+            _two_product(p, r),
+            _two_product(q, s),
+            _two_product(p, s),
+            _two_product(q, r),
+        )
+        (real, e), (imag, f) = _two_sum(rr, -ii), _two_sum(ri, ir)
         low = (e + (a - b)) + 1j * (f + (c + d)) + (x * other.low + self.low * y)
-        return Twofold(*_add(real + 1j * imag, low))
+        return Twofold(*_two_sum(real + 1j * imag, low))
 
     __rmul__ = __mul__
 

@@ -10,7 +10,7 @@ from jaxnc import synthesis as syn
 from jaxnc.continuation.monodromy import SAME, is_new
 from jaxnc.synthesis.exact import six_bar_paths, six_bars
 from jaxnc.synthesis.exact.bar_paths import MIRRORED
-from jaxnc.synthesis.exact.six_bar_paths import AngleStarts, SixBarPaths, draw_bend, draw_linkage, find_starts
+from jaxnc.synthesis.exact.six_bar_paths import AngleStarts, SixBarPaths, draw_bend, draw_linkage, find_angle_starts
 
 MET = 1e-9  # of the size: joints found again, and rows of sizes about one
 
@@ -76,7 +76,7 @@ def unknowns(kind, z):
 def task_of(kind, x, y):
     given = arguments(kind)
     length = given.pop("length")
-    return six_bars._check_task(kind, x, y, {"B": None, "D": None} | given, length)[2]
+    return six_bars._check_angles(kind, x, y, {"B": None, "D": None} | given, length)[2]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -127,7 +127,7 @@ def starts_of(kind, route, *others):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_known_linkage_is_found_at_the_end_of_its_path(kind, monkeypatch):
     x, y, z, starts = starts_of(kind, 0)
-    monkeypatch.setattr(six_bars, "find_starts", lambda kind, show: starts)
+    monkeypatch.setattr(six_bars, "find_angle_starts", lambda kind, show: starts)
     found = syn.precision_six_bars(kind, 0.3 + x, y - 0.1, **arguments(kind))
     assert (found.found, found.missing) == (2, found.expected - 2) and not found.complete
     gaps = [max(abs(complex(*design.points[name]) - at) for name, at in z.items()) for design in found]
@@ -149,7 +149,7 @@ def test_paths_that_are_lost_are_counted(monkeypatch):
         lost = np.arange(z.shape[1]) == z.shape[1] - 1
         return dataclasses.replace(out, arrived=out.arrived & ~lost, at=np.where(lost, 0.5, out.at))
 
-    monkeypatch.setattr(six_bars, "find_starts", lambda kind, show: starts)
+    monkeypatch.setattr(six_bars, "find_angle_starts", lambda kind, show: starts)
     monkeypatch.setattr(six_bars, "_COUNTS", dict.fromkeys(KINDS, 2))
     monkeypatch.setattr(six_bars, "_ROUTES", 1)  # another way leads elsewhere, where these two are not all
     monkeypatch.setattr(SixBarPaths, "follow", lose_last)
@@ -171,7 +171,7 @@ def test_loops_find_solutions_and_go_on_where_they_were_interrupted(kind, monkey
 
     for at in (7, 15):
         with pytest.raises(KeyboardInterrupt, match="are kept"):
-            find_starts(kind, lambda known, at=at: stop(known, at))
+            find_angle_starts(kind, lambda known, at=at: stop(known, at))
     assert told == sorted(set(told))
     (file,) = tmp_path.rglob("*.npz")
     with np.load(file) as kept:

@@ -46,8 +46,6 @@ SINGULAR = 1e-7
 MIRRORED = [2, 3, 0, 1, 6, 7, 4, 5]
 """Places in z of primed numbers and of those without a prime."""
 
-_NEXT = 1e-8  # of the way is left to ends that are singular or at infinity; steps come to nothing sooner elsewhere
-_STEEP = 1.2  # growth on the way to infinity: some 1 / k; what grows faster beside it may end far away
 _REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
 
 
@@ -94,7 +92,7 @@ class BarPaths:
     def turned(self, z: np.ndarray, at: np.ndarray) -> np.ndarray:
         """Unknowns of paths, from z: γ and γ' follow from both bars."""
         (known,) = self.places(at, 0)
-        ends = Ends(self, z, known)
+        ends = BarEnds(self, z, known)
         (u, v), (uu, vv), (w, r) = ends.u, ends.uu, ends.rest
         return np.concatenate([z, *(np.stack([r * uu - w * vv, v * w - u * r]) / (u * vv - uu * v))])
 
@@ -104,14 +102,14 @@ class BarPaths:
         """Take one of Newton's steps; see `jaxnc.continuation.tracker.Problem`."""
         z, g = w[:8], w[8:].reshape(2, self.turns, -1)
         (known,) = self.places(at, 0)
-        ends = Ends(self, z, known)
+        ends = BarEnds(self, z, known)
         linear = Linearised(self, ends, g, self.base_slopes(z, at))
         dz, dg = linear.step(*self.residuals(z, g, ends, known), self.base([z], at))
         size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
         size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
         return w + np.concatenate([dz, *dg]), linear, np.where(np.isfinite(size), size, np.inf)
 
-    def residuals(self, z: np.ndarray, g: np.ndarray, ends: "Ends", known: Places) -> tuple[np.ndarray, np.ndarray]:
+    def residuals(self, z: np.ndarray, g: np.ndarray, ends: "BarEnds", known: Places) -> tuple[np.ndarray, np.ndarray]:
         """Residuals of bars and turns."""
         if not self.wide:
             return ends.u * g[0] + ends.uu * g[1] + ends.rest, g[0] * g[1] + g[0] + g[1]
@@ -209,12 +207,14 @@ def end_elsewhere(out: PathEnds, met: np.ndarray, none: np.ndarray, last: bool) 
         none: which of these are no linkages.
         last: whether they are not followed again: one that nearly meets another stops short of a regular end too.
     """
-    next_to = (1.0 - out.at < _NEXT) | ((out.size > FAR) & (out.growth < _STEEP))
+    # Steps come to nothing next to ends that are singular or at infinity. Growth on the way to infinity is some 1 / k;
+    # what grows faster beside it may end far away.
+    next_to = (1.0 - out.at < 1e-8) | ((out.size > FAR) & (out.growth < 1.2))
     there = (met & none) | out.at_infinity & next_to
     return there | (out.arrived & ~met) | out.singular & next_to if last else there
 
 
-class Ends:
+class BarEnds:
     """Ends of both bars at some lanes, and the parts of their equations."""
 
     def __init__(self, paths: BarPaths, z: np.ndarray, known: Places):
@@ -233,7 +233,7 @@ class Ends:
 class Linearised:
     """The equations' derivative at a solution, and the step that takes away what they leave."""
 
-    def __init__(self, paths: BarPaths, ends: Ends, g: np.ndarray, base: Any):
+    def __init__(self, paths: BarPaths, ends: BarEnds, g: np.ndarray, base: Any):
         self.paths, n = paths, paths.turns
         self.q = g[::-1] + 1.0
         self.u, self.uu = ends.u, ends.uu

@@ -37,10 +37,6 @@ BLOCK = 384
 """Lanes that are followed together."""
 
 _GIVEN = {"Watt II": 0, "Stephenson II": 1, "Stephenson III": 0}  # the vector whose length is given
-_VERSION = 1  # of the files
-_EVERY = 5.0  # seconds after which what is known so far is written into the cache
-_FEW = 100  # solutions that are not all
-_REGULAR = 1e-9  # last step of Newton's, beside the solution, of ends of loops
 _DRAWS = 30  # linkages, of which the best conditioned one is taken
 
 
@@ -179,28 +175,28 @@ def _pass_pair(
     return None
 
 
-def find_starts(kind: str, show: Callable[[int], object] = lambda known: None) -> AngleStarts:
+def find_angle_starts(kind: str, show: Callable[[int], object] = lambda known: None) -> AngleStarts:
     """Find all solutions of a task by loops, or read them from the user's cache.
 
     Each loop follows all solutions that are known, until one brings no others. What is known is written into the
     cache on the way, also on Ctrl-C, and the next call goes on from there. `show` is told how many are known.
     """
-    key = f"{kind.replace(' ', '-')}-{_VERSION}"
+    key = f"{kind.replace(' ', '-')}-1"  # the number of the form of the files
     starts = _found.get(kind) or _load(key) or _begin(kind)
     here = SixBarPaths(kind, starts.task, starts.task, wide=True)
     written = time.monotonic()
     try:
         while not starts.whole:
-            loop = _make_loop(kind, starts)
+            loop = _draw_loop(kind, starts)
             part = starts.z[:, starts.done : starts.done + 8 * BLOCK]
-            z, done = _add(starts.z, _go_round(part, loop, here)), starts.done + part.shape[1]
+            z, done = _join_new(starts.z, _go_round(part, loop, here)), starts.done + part.shape[1]
             if done < z.shape[1]:
                 starts = dataclasses.replace(starts, z=z, done=done)
             else:
-                whole = z.shape[1] == starts.before > _FEW
+                whole = z.shape[1] == starts.before > 100  # fewer are not all
                 starts = AngleStarts(starts.task, z, starts.loop + 1, 0, z.shape[1], whole)
             show(z.shape[1])
-            if starts.whole or time.monotonic() - written > _EVERY:
+            if starts.whole or time.monotonic() - written > 5.0:  # seconds
                 _save(starts, key)
                 written = time.monotonic()
     except KeyboardInterrupt:
@@ -229,7 +225,7 @@ def _begin(kind: str) -> AngleStarts:
     return best
 
 
-def _make_loop(kind: str, starts: AngleStarts) -> SixBarPaths:
+def _draw_loop(kind: str, starts: AngleStarts) -> SixBarPaths:
     rng = np.random.default_rng([2, starts.loop])
     turns = 2.0 * np.pi * rng.integers(-1, 2, (2, TURNS))
     end = dataclasses.replace(starts.task, angles=starts.task.angles + turns)
@@ -241,10 +237,11 @@ def _go_round(z: np.ndarray, loop: SixBarPaths, here: SixBarPaths) -> np.ndarray
     blocks = np.array_split(z, max(1, -(-z.shape[1] // BLOCK)), axis=1)
     out = map_threads(functools.partial(loop.follow, pace=BOLD), blocks, prepared=True)
     ends, last = here.polish(np.concatenate([ends.w[:, ends.arrived] for ends in out], axis=1))
-    return ends[:8, (last < _REGULAR) & (np.abs(ends[:8]).max(axis=0, initial=0.0) < FAR)]
+    # 1e-9 of the solution is the most by which a last step moves the regular end of a loop.
+    return ends[:8, (last < 1e-9) & (np.abs(ends[:8]).max(axis=0, initial=0.0) < FAR)]
 
 
-def _add(known: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _join_new(known: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Add solutions that are new, and their conjugates."""
     both = np.stack([z, z[MIRRORED].conj()], axis=2).reshape(8, -1)
     return np.concatenate([known, both[:, is_new(known, both)]], axis=1)

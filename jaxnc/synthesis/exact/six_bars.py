@@ -24,7 +24,15 @@ from jaxnc.synthesis.exact.bar_paths import SINGULAR, end_elsewhere
 from jaxnc.synthesis.exact.freudenstein import check_points
 from jaxnc.synthesis.exact.linkage import Point, complex_of, point_of, wrap_angle
 from jaxnc.synthesis.exact.path_certificate import certify_six_bars, state_solutions
-from jaxnc.synthesis.exact.six_bar_paths import BLOCK, PAIRS, TURNS, AngleTask, SixBarPaths, draw_bend, find_starts
+from jaxnc.synthesis.exact.six_bar_paths import (
+    BLOCK,
+    PAIRS,
+    TURNS,
+    AngleTask,
+    SixBarPaths,
+    draw_bend,
+    find_angle_starts,
+)
 from jaxnc.system.system import System
 from jaxnc.types import Any, ArrayLike
 
@@ -35,9 +43,6 @@ _BODIES = {
 }
 _COUNTS = {"Watt II": 12560, "Stephenson II": 11956, "Stephenson III": 27184}  # solutions of angles in general position
 _APART = {"Watt II": ("AB", "BC"), "Stephenson II": ("AC", "AD"), "Stephenson III": ("AB",)}
-_STEPS = 8  # of the sweep from one pair of angles to the next
-_MET = 1e-8  # radians: an output further off, after really moving there, is not met
-_NOTHING = 1e-8  # of the distance of the pivots: no length
 _ROUTES = 2
 _PACES = ((Pace(1e-4, 0.01, 1e-6), False), (Pace(1e-5, 0.01, 1e-6), True), (Pace(1e-6, 0.001, 1e-7), True))
 
@@ -74,7 +79,7 @@ class SixBarDesign:
 
     def mechanism(self) -> Mechanism:
         """The linkage as a description that can be changed, compiled and saved; see `system` for its coordinates."""
-        return _describe(self.kind, self.points)
+        return _to_mechanism(self.kind, self.points)
 
     @property
     def system(self) -> System:
@@ -181,29 +186,29 @@ def precision_six_bars(
     Source: M. Plecnik and J. M. McCarthy, J. Mechanisms Robotics 6 (2014) 031012. The numbers of solutions are our own
     count, by monodromy.
     """
-    scale, places, task, x, y = _check_task(kind, inputs, outputs, {"A": A, "B": B, "C": C, "D": D}, length)
+    scale, places, task, x, y = _check_angles(kind, inputs, outputs, {"A": A, "B": B, "C": C, "D": D}, length)
     expected = _COUNTS[kind]
     with bar(expected, f"{kind}: start set, once", "solution", leave=False) as shown:
-        starts = find_starts(kind, lambda known: shown.update(min(known, expected) - shown.n))
+        starts = find_angle_starts(kind, lambda known: shown.update(min(known, expected) - shown.n))
     unknown = max(expected - starts.z.shape[1], 0)  # that the start set itself lacks
     expected, most = unknown + starts.z.shape[1], np.inf
     ends, routes = np.zeros((8, 0), complex), 0
     while routes < _ROUTES and ends.shape[1] < min(starts.z.shape[1], most):
-        found, lost = _route(kind, starts.task, starts.z, task, routes)
+        found, lost = _follow_all(kind, starts.task, starts.z, task, routes)
         ends = np.concatenate([ends, found[:, is_new(ends, found)]], axis=1)
         routes, most = routes + 1, min(most, found.shape[1] + lost)
     missing = unknown + int(max(min(starts.z.shape[1], most) - ends.shape[1], 0))
     here = SixBarPaths(kind, task, task, wide=True)
     real = here.find_real(ends)
     proved, disjoint = certify_six_bars(real, here.pairs, here.places(np.ones(1), 0)[0], here.which, task.square)
-    designs = _linkages(kind, places, scale, real[:8], proved, x, y)
+    designs = _make_designs(kind, places, scale, real[:8], proved, x, y)
     return SixBarDesigns(designs, expected, ends.shape[1], routes, missing, disjoint)
 
 
 # -- statement ---------------------------------------------------------------------------------------------------------
 
 
-def _check_task(
+def _check_angles(
     kind: str, inputs: ArrayLike, outputs: ArrayLike, given: dict[str, Any], length: float
 ) -> tuple[np.ndarray, dict[str, complex], AngleTask, np.ndarray, np.ndarray]:
     """Sizes by which each bar's equation is divided, places that are given, the task and its angles."""
@@ -252,7 +257,7 @@ def _check_task(
 # -- solutions ---------------------------------------------------------------------------------------------------------
 
 
-def _route(kind: str, start: AngleTask, z: np.ndarray, task: AngleTask, route: int) -> tuple[np.ndarray, int]:
+def _follow_all(kind: str, start: AngleTask, z: np.ndarray, task: AngleTask, route: int) -> tuple[np.ndarray, int]:
     """Follow all paths from the stored task to this one; each route bends another way.
 
     Returns the regular finite ends, and how many paths are lost: they ended neither there nor at infinity, nor in a
@@ -267,11 +272,11 @@ def _route(kind: str, start: AngleTask, z: np.ndarray, task: AngleTask, route: i
         blocks = np.array_split(rest, max(1, len(rest) // BLOCK))
         paths = SixBarPaths(kind, start, near, bend, wide)
         with bar(len(rest), f"{kind}: paths", "path", leave=False) as shown:
-            found = map_threads(functools.partial(_follow_block, paths, z, pace, shown), blocks)
+            found = map_threads(functools.partial(_follow_some, paths, z, pace, shown), blocks)
         for lanes, out in zip(blocks, found, strict=True):
             w, last = here.polish(out.w)
             with np.errstate(all="ignore"):
-                none = _degenerate(here, w[:8]) | (np.abs(w[:8]).max(axis=0) >= FAR)
+                none = _have_no_length(here, w[:8]) | (np.abs(w[:8]).max(axis=0) >= FAR)
             met = out.arrived & (last < SINGULAR)
             ends[:, lanes], good[lanes] = w[:8], met & ~none
             if wide:
@@ -284,25 +289,26 @@ def _route(kind: str, start: AngleTask, z: np.ndarray, task: AngleTask, route: i
     return ends[:, good], int((~good & ~elsewhere).sum())
 
 
-def _follow_block(paths: SixBarPaths, z: np.ndarray, pace: Pace, shown: Any, lanes: np.ndarray) -> PathEnds:
+def _follow_some(paths: SixBarPaths, z: np.ndarray, pace: Pace, shown: Any, lanes: np.ndarray) -> PathEnds:
     out = paths.follow(z[:, lanes], pace)
     shown.update(len(lanes))
     return out
 
 
-def _degenerate(paths: SixBarPaths, z: np.ndarray) -> np.ndarray:
+def _have_no_length(paths: SixBarPaths, z: np.ndarray) -> np.ndarray:
     """Where a bar has no length, or one of the vectors that are solved for."""
     (known,) = paths.places(np.ones(z.shape[1]), 0)
     q, qq, r, rr = z.reshape(4, 2, -1)
     p, pp = (b[:, 0] + paths.gather(v) for b, v in zip(known.b, (r, rr), strict=True))
     pairs = np.abs([(q, qq), (r, rr), (q + p, qq + pp)])
-    return pairs.max(axis=1).min(axis=(0, 1)) < _NOTHING
+    # of the distance of the pivots
+    return pairs.max(axis=1).min(axis=(0, 1)) < 1e-8
 
 
 # -- linkages ----------------------------------------------------------------------------------------------------------
 
 
-def _linkages(
+def _make_designs(
     kind: str, places: dict[str, complex], scale: np.ndarray, z: np.ndarray, proved: np.ndarray, x: Any, y: Any
 ) -> tuple[SixBarDesign, ...]:
     """Real solutions as linkages that were moved through the pairs, the best first."""
@@ -311,7 +317,7 @@ def _linkages(
     designs = []
     for k in range(z.shape[1]):
         points = {name: point_of(at) for name, at in (fixed | {n: v[k] for n, v in joints.items()}).items()}
-        designs.append(_move_design(kind, points, bool(proved[k]), x, y))
+        designs.append(_move_six_bar(kind, points, bool(proved[k]), x, y))
     designs.sort(key=lambda design: (len(design.defects), design.size))
     return tuple(designs)
 
@@ -329,21 +335,23 @@ def _joints(kind: str, z: np.ndarray, places: Mapping[str, complex], scale: np.n
     return {"D": d, "E": d + q[0], "F": d + q[1], "G": c - r[1]}
 
 
-def _move_design(kind: str, points: dict[str, Point], proved: bool, x: np.ndarray, y: np.ndarray) -> SixBarDesign:
+def _move_six_bar(kind: str, points: dict[str, Point], proved: bool, x: np.ndarray, y: np.ndarray) -> SixBarDesign:
     z = {name: complex(*point) for name, point in points.items()}
     end = z["H" if kind == "Stephenson II" else "G"]
     phi, psi = (float(np.angle(v)) for v in (z["D"] - z["A"], end - z["C"]))
     inputs, outputs = phi + x - x[0], psi + y - y[0]
-    at = np.arange(len(x)) * _STEPS
+    steps = 8  # of the sweep from one pair of angles to the next
+    at = np.arange(len(x)) * steps
     design = SixBarDesign(kind, points, inputs, outputs, math.nan, proved, ())
     motion = sweep(design.system, {"phi": np.interp(np.arange(at[-1] + 1), at, inputs)})
     if not np.asarray(motion.converged).all():
         return dataclasses.replace(design, defects=("dead point",))
     error = float(np.abs(wrap_angle(np.asarray(motion["psi"])[at] - outputs)).max())
-    return dataclasses.replace(design, error=error, defects=() if error < _MET else ("branch",))
+    # An output that is further off, in radians, after really moving there is not met.
+    return dataclasses.replace(design, error=error, defects=() if error < 1e-8 else ("branch",))
 
 
-def _describe(kind: str, points: Mapping[str, Point]) -> Mechanism:
+def _to_mechanism(kind: str, points: Mapping[str, Point]) -> Mechanism:
     m = Mechanism(kind)
     for name, at in points.items():
         (m.ground if name in "ABC" else m.point)(name, at)
@@ -361,4 +369,4 @@ def _template(kind: str) -> System:
     if kind == "Stephenson II":
         del places["B"]
         places |= {"E": (-0.6, 1.2), "F": (2, 2.2), "G": (1.5, 3), "H": (3.5, 1.4)}
-    return _describe(kind, places).compile()
+    return _to_mechanism(kind, places).compile()

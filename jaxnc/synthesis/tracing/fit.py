@@ -32,14 +32,11 @@ _GROW, _SHRINK = 4.0, 0.3  # of the damping
 _FIRST, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-14, 1e8
 _CLOSING = 3.0  # weight of a dyad that does not close, against a distance of the target's size
 COUNT = 64  # corners of a target, and poses of the crank at which a design is looked at
-_FEET = 4  # Newton steps to the foot of a perpendicular on a cubic
 _LAGRANGE = np.array([[6, 0, 0, 0], [-11, 18, -9, 2], [6, -15, 12, -3], [-1, 3, -3, 1]]) / 6  # by power, then by corner
 _NEAR = 1e-3  # sizes of the target: distances below count by their squares all the same
 _BEGINS = 64  # places of the crank that are tried as the begin of given timings
 _TOGETHER = 16  # designs that are calculated side by side: their numbers stay in the processor's cache
-_BAD = 0.02  # square of the sine of a transmission angle, below which a dyad that was drawn is not looked at
 _REACH = 20.0  # sizes of the target: no number of a design that was drawn is longer
-_LONG = 0.1  # and of a link that is longer than allowed, for each size of the target
 
 
 class Target(NamedTuple):
@@ -186,7 +183,8 @@ def redraw_last(lanes: Lanes, theta: np.ndarray, goal: np.ndarray, u: np.ndarray
         left = np.mean(np.abs(y - factor[:, None] * a - spot[:, None] * b) ** 2, axis=1)
         place = (centres[2] - factor[:, None] * centres[0] - spot[:, None] * centres[1])[:, 0]
         local = spot / factor
-        good = (sine > _BAD) & (det > 1e-9 * aa * bb) & np.isfinite(left + np.abs(local))
+        # Below 8 degrees of transmission a dyad is not looked at.
+        good = (sine > 0.02) & (det > 1e-9 * aa * bb) & np.isfinite(left + np.abs(local))
     row = np.concatenate([design.astype(float), np.zeros((len(design), 2)), lanes.row[:, -6:]], axis=1)
     row[:, -8:-2] = np.stack([local.real, local.imag, place.real, place.imag, factor.real, factor.imag], axis=1)
     longest = np.abs(row[:, :-6]).max(axis=1) * np.abs(factor)
@@ -314,7 +312,7 @@ def _look(
     place, moved = value[: 2 * COUNT].reshape(2, COUNT), jacobian[:, : 2 * COUNT].reshape(-1, 2, COUNT)
 
     # Distances of the corners, from feet between poses or from poses of their own.
-    basis, slopes = (jnp.where(even, _cubic(along, k), jnp.eye(4)[0]) for k in range(2))
+    basis, slopes = (jnp.where(even, _cubic_weights(along, k), jnp.eye(4)[0]) for k in range(2))
     index = jnp.where(even, index, jnp.arange(COUNT)[:, None])
     gap = jnp.sum(place[:, index] * basis, axis=2) - goal
     speed = jnp.where(even, jnp.sum(place[:, index] * slopes, axis=2), speed)
@@ -358,7 +356,7 @@ def _look(
     return jnp.sum(miss**2) + beyond, slopes @ slopes.T + extra_matrix, slopes @ miss + extra_slope, error
 
 
-def _cubic(along: Array, order: int) -> Array:
+def _cubic_weights(along: Array, order: int) -> Array:
     """Weights of four values at 0, 1, 2 and 3 in the cubic through them, or in its derivatives, ``(n, 4)``."""
     falling = jnp.array([jnp.prod(jnp.arange(k, k - order, -1.0)) for k in range(4)])
     powers = falling * along[:, None] ** jnp.maximum(jnp.arange(4) - order, 0)
@@ -382,12 +380,12 @@ def _find_feet(corners: Array, goal: Array, piece: Array, part: Array, closed: A
     low, high = jnp.where(closed, low, jnp.maximum(low, 0.0)), jnp.where(closed, high, jnp.minimum(high, 3.0))
 
     def step(_: Any, along: Array) -> Array:
-        place, speed, turn = (jnp.sum(corners * _cubic(along, k), axis=2) for k in range(3))
+        place, speed, turn = (jnp.sum(corners * _cubic_weights(along, k), axis=2) for k in range(3))
         gap, square = place - goal, jnp.sum(speed**2, axis=0)
         curvature = jnp.maximum(square + jnp.sum(gap * turn, axis=0), 0.2 * square)
         return jnp.clip(along - jnp.sum(gap * speed, axis=0) / jnp.maximum(curvature, 1e-12), low, high)
 
-    along = jax.lax.fori_loop(0, _FEET, step, piece + part)
+    along = jax.lax.fori_loop(0, 4, step, piece + part)
     return along, (along <= low) | (along >= high)
 
 
@@ -405,7 +403,7 @@ def _beyond(chain: ChainArrays, row: Array, target: Target) -> tuple[Array, Arra
         grounded = jnp.concatenate([jnp.ones(1, bool), chain.first == GROUND, chain.second == GROUND])[:, None]
         out = jnp.maximum(jnp.maximum(target.ground[0] - at, at - target.ground[1]), 0.0)
         long = jnp.maximum(jnp.abs(every) * size - target.longest, 0.0)
-        return jnp.concatenate([_LONG * long, jnp.where(grounded, out, 0.0).reshape(-1)])
+        return jnp.concatenate([0.1 * long, jnp.where(grounded, out, 0.0).reshape(-1)])
 
     value, pull = jax.vjp(miss, row)
     jacobian = jax.vmap(lambda one: pull(one)[0])(jnp.eye(len(value)))

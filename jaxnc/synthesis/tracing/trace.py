@@ -63,15 +63,11 @@ _JUMPS = np.array([0.02, 0.07, 0.1, 0.4])  # by how much chance changes the numb
 _DRAWN = 1024  # last dyads that are drawn at random for some of the best designs
 _DRAWN_FOR = 8  # so many of them
 _DRAWN_KEPT = 16  # of those dyads, the designs that are refined
-_OF_CHAIN = 6  # designs of one chain that are kept on the way, and more where there are few chains
-_MANY = 4096  # candidates of a number of bars that are queued
 _POOL = 256  # designs that are kept on the way
 _SMOOTH = 0.02  # of the target's size: nearer than this the target may be a curve of the linkage itself
-_EXACT = 1e-7  # of the target's size: the points are met
 _LARGE = 20.0  # sizes of the target: no link is longer
 _LEAST = float(np.radians(8.0))  # of the transmission angle
 _POSES = 720  # at which a design is judged
-_SPARE = 0.01  # of the target's size: by so much more links shall be clear in the poses that a search looks at
 _TURNS = {4: 1, 6: 2, 8: 3}  # how often linkages with so many bars are looked at
 _LONGEST = 86_400  # seconds
 _ALONG = 2000  # points by arc length, of a distance between curves
@@ -522,18 +518,20 @@ class _Search:
         sine = float(np.sin(min(terms.least * 1.01 + 0.001, np.pi / 2)) ** 2)
         ground = (terms.ground - target.centre) / target.size
         walls = [wall.in_units(target.centre, target.size) for wall in terms.walls]
-        walls = tuple(wall._replace(room=wall.room + _SPARE) for wall in walls)
+        # By so much more, in sizes of the target, links shall be clear in the poses that are looked at.
+        walls = tuple(wall._replace(room=wall.room + 0.01) for wall in walls)
         self.goal = target.target(target.timing is None, sine, ground, _LARGE, walls=walls)
         self.points = target.target(False, sine, ground, _LARGE, walls=walls)
         self.means = target.target(True, sine, ground, _LARGE, True, walls)
         self.allowed = np.array([allowed is None or allowed(chain) for chain in dyadic_chains(bars)])
-        self.of_chain = max(_OF_CHAIN, _POOL // max(int(self.allowed.sum()), 1))
+        # Six designs of a chain are kept on the way, and more where there are few chains.
+        self.of_chain = max(6, _POOL // max(int(self.allowed.sum()), 1))
         self.taken = self.refined = self.rounds = 0
         self.polished = np.inf
         self.pool: Lanes | None = None
         self.cost = np.zeros(0)
         self.exact: Lanes | None = None
-        self.queue = known.find(target.even, target.closed, bars, _MANY, allowed)
+        self.queue = known.find(target.even, target.closed, bars, 4096, allowed)
         if len(self.queue.misfit):
             self._keep(self._start(slice(_WIDTH)), np.maximum(self.queue.misfit[:_WIDTH], 0.0))
 
@@ -675,7 +673,7 @@ class _Search:
         self.polished = float(self.cost[:_TOGETHER].sum())
         if self.best < _SMOOTH and len(self.target.own) > self.pool.row.shape[1]:
             own, error = self._refine(_some(self.pool, slice(_WIDTH)), _STEPS[2], self.points, 6)
-            good = np.flatnonzero(error < _EXACT**2)
+            good = np.flatnonzero(error < 1e-7**2)  # of the target's size: the points are met
             if len(good):
                 self.exact = _some(own, good[np.argsort(error[good], kind="stable")])
 
