@@ -883,7 +883,7 @@ def test_a_page_makes_the_solids_that_the_library_makes(browser):
     whole = join(
         tube(0.4, 3), stand(3.0, 1.9), shell(profile, 5), coil(2, 1.4, 0.5, 0.7), block(1.0, 2.0), reach(0.2, 0.5)
     )
-    whole = join(whole, dashes(3), web(((0.0, 1.0, 2.0), (0.0, 2.0, 1.0), (1.0, 0.0, 0.5))), disc(0.3, 0.5, 7))
+    whole = join(whole, dashes(3), web(((0.0, 1.0, 2.0), (0.0, 2.0, 1.0), (1.0, 0.0, 0.5))), disc(0.3, 0.5))
     pieces = json.dumps([write_piece(x) for x in whole.pieces])
     run = f"(() => {{ const {{ max, cos, sin, PI }} = Math, turn = 2 * PI; {script} return solid({pieces}); }})()"
     found, made = browser.run(run), whole.polygons
