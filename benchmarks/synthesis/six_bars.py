@@ -17,36 +17,17 @@ import jaxnc as nc
 from jaxnc import synthesis as syn
 from jaxnc.continuation.monodromy import is_new
 from jaxnc.synthesis.exact.six_bar_paths import PAIRS, AngleStarts, SixBarPaths, find_angle_starts
+from jaxnc.synthesis.exact.six_bars import PLACES, describe_six_bar
 
-POINTS = {
-    "Watt II": {"A": (0, 0), "B": (2, 0), "C": (4, 0), "D": (0.3, 1), "E": (1.7, 1.5), "F": (2.5, 1.4),
-                "G": (3.6, 1.1)},
-    "Stephenson II": {"A": (0, 0), "C": (4, 0), "D": (0.3, 1), "E": (-0.6, 1.2), "F": (2, 2.2), "G": (1.5, 3),
-                      "H": (3.5, 1.4)},
-    "Stephenson III": {"A": (0, 0), "B": (2, 0), "C": (4, 0), "D": (0.3, 1), "E": (1.7, 1.5), "F": (1.5, 2.4),
-                       "G": (3.6, 1.1)},
-}  # fmt: skip
-BODIES = {
-    "Watt II": ("AD", "DE", "BEF", "FG", "CG"),
-    "Stephenson II": ("ADE", "DF", "EG", "HFG", "CH"),
-    "Stephenson III": ("AD", "DEF", "BE", "FG", "CG"),
-}
 RANGE = 1.2  # radians, of the input
 FINITE = 1e4  # beside unknowns of size one: Newton's method goes astray to infinity too
 
 
 def draw(kind: str, rng: np.random.Generator) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
     """A six-bar that passes the range: its joints, and eight pairs of angles."""
-    end = "H" if kind == "Stephenson II" else "G"
     while True:
-        at = {name: np.array(p) + 0.25 * rng.normal(size=2) for name, p in POINTS[kind].items()}
-        m = nc.Mechanism(kind)
-        for name, p in at.items():
-            (m.ground if name in "ABC" else m.point)(name, p)
-        for joints in BODIES[kind]:
-            m.body(joints, list(joints))
-        m.angle("phi", at="A", to="D")
-        m.angle("psi", at="C", to=end)
+        at = {name: np.array(p) + 0.25 * rng.normal(size=2) for name, p in PLACES[kind].items()}
+        m = describe_six_bar(kind, at)
         start = np.arctan2(*(at["D"] - at["A"])[::-1])
         motion = nc.sweep(m.compile(), {"phi": start + np.linspace(0.0, RANGE, 57)})
         if np.asarray(motion.converged).all():

@@ -15,6 +15,7 @@ Source: C. W. Wampler, A. P. Morgan and A. J. Sommese, Complete solution of the 
 four-bar linkages, J. Mech. Des. 114 (1992) 153-159.
 """
 
+import abc
 import dataclasses
 from typing import Any
 
@@ -54,7 +55,7 @@ def _product(p: list, q: list, k: int) -> Any:
     return sum((p[i] * q[k - i] for i in range(max(0, k - len(q) + 1), min(k, len(p) - 1) + 1)), start=0.0)
 
 
-class BarPaths:
+class BarPaths(abc.ABC):
     """Paths from one task to another, for `jaxnc.continuation.tracker`; each kind of task says what it knows.
 
     The unknowns of a path are z, then γ and γ' of every pose but the first.
@@ -71,17 +72,17 @@ class BarPaths:
         self.bars, self.unknowns = np.array(bars), np.array(unknowns)  # of the derivative's entries
         self.of_bar = [np.flatnonzero(self.bars == bar) for bar in (0, 1)]
 
+    @abc.abstractmethod
     def places(self, at: np.ndarray, order: int) -> list[Places]:
         """Power series of places about `at`, so many terms after the first; terms that are left out are zero."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def base(self, z: list[np.ndarray], at: np.ndarray) -> np.ndarray:
         """The last term of the series of the other equations, z being known so far, ``(8 - turns, lanes)``."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def base_slopes(self, z: np.ndarray, at: np.ndarray) -> Any:
         """Derivatives of the other equations to z, ``(8 - turns, 8, lanes)``, or what broadcasts to it."""
-        raise NotImplementedError
 
     def gather(self, r: Any) -> Any:
         """Sum up vectors for each bar."""
@@ -103,7 +104,7 @@ class BarPaths:
         z, g = w[:8], w[8:].reshape(2, self.turns, -1)
         (known,) = self.places(at, 0)
         ends = BarEnds(self, z, known)
-        linear = Linearised(self, ends, g, self.base_slopes(z, at))
+        linear = linearise_bars(self, ends, g, self.base_slopes(z, at))
         dz, dg = linear.step(*self.residuals(z, g, ends, known), self.base([z], at))
         size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
         size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
@@ -230,32 +231,17 @@ class BarEnds:
         self.rest = (self.q + p) * self.back + (self.qq + self.barred) * self.move
 
 
+@dataclasses.dataclass(frozen=True)
 class Linearised:
-    """The equations' derivative at a solution, and the step that takes away what they leave."""
+    """The equations' derivative at a solution, and the step that takes away what they leave; see `linearise_bars`."""
 
-    def __init__(self, paths: BarPaths, ends: BarEnds, g: np.ndarray, base: Any):
-        self.paths, n = paths, paths.turns
-        self.q = g[::-1] + 1.0
-        self.u, self.uu = ends.u, ends.uu
-        # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
-        minor = self.q[0] * self.uu - self.q[1] * self.u
-        self.minors = np.stack([minor[1], -minor[0], self.u[0] * self.uu[1] - self.uu[0] * self.u[1]])
-        of_q = ends.barred * g[0] + ends.back, ends.there * g[1] + ends.move
-        of_r = ends.qq * g[1] + ends.back, ends.q * g[0] + ends.move
-        of_move = () if ends.known.s is None else (ends.qq * self.q[0] + ends.barred, ends.q * self.q[1] + ends.there)
-        slopes = [side[bar] for side in of_q for bar in (0, 1)]
-        for side in (0, 1):
-            for bar, k in paths.pairs:
-                slope = of_r[side][bar]
-                s = ends.known.s
-                slopes.append(slope if s is None else slope + s[side][k] * of_move[side][bar])
-        self.slopes = np.stack(slopes)
-        weighted = self.minors[paths.bars] * self.slopes
-        rows = np.zeros((8, 8, g.shape[2]), complex)
-        for slope, unknown in zip(weighted, paths.unknowns, strict=True):
-            rows[:n, unknown] += slope
-        rows[n:] = base
-        self.inverse = inverses(np.moveaxis(rows, 2, 0))
+    paths: BarPaths
+    inverse: np.ndarray  # of the equations of z without γ and γ', (lanes, 8, 8)
+    q: np.ndarray  # what multiplies γ and γ' in their own equation
+    u: np.ndarray  # what multiplies γ in those of the bars
+    uu: np.ndarray  # and γ'
+    minors: np.ndarray  # of these three columns
+    slopes: np.ndarray  # of the bars' equations to z
 
     def step(self, bars: np.ndarray, turn: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Changes of z and γ that take away what the equations of bars, turns and base leave."""
@@ -277,11 +263,33 @@ class Linearised:
 
     def of(self, lanes: np.ndarray) -> "Linearised":
         """Select some lanes."""
-        out = object.__new__(Linearised)
-        out.paths, out.inverse = self.paths, self.inverse[lanes]
-        for name in ("q", "u", "uu", "minors", "slopes"):
-            setattr(out, name, getattr(self, name)[..., lanes])
-        return out
+        parts = (part[..., lanes] for part in (self.q, self.u, self.uu, self.minors, self.slopes))
+        return Linearised(self.paths, self.inverse[lanes], *parts)
+
+
+def linearise_bars(paths: BarPaths, ends: BarEnds, g: np.ndarray, base: Any) -> Linearised:
+    """Derive the equations at a solution, of which `base` are the rows of those without turns."""
+    q, u, uu, n = g[::-1] + 1.0, ends.u, ends.uu, paths.turns
+    # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
+    minor = q[0] * uu - q[1] * u
+    minors = np.stack([minor[1], -minor[0], u[0] * uu[1] - uu[0] * u[1]])
+    of_q = ends.barred * g[0] + ends.back, ends.there * g[1] + ends.move
+    of_r = ends.qq * g[1] + ends.back, ends.q * g[0] + ends.move
+    of_move = () if ends.known.s is None else (ends.qq * q[0] + ends.barred, ends.q * q[1] + ends.there)
+    parts = [side[bar] for side in of_q for bar in (0, 1)]
+    for side in (0, 1):
+        for bar, k in paths.pairs:
+            slope = of_r[side][bar]
+            s = ends.known.s
+            parts.append(slope if s is None else slope + s[side][k] * of_move[side][bar])
+    slopes = np.stack(parts)
+    weighted = minors[paths.bars] * slopes
+    rows = np.zeros((8, 8, g.shape[2]), complex)
+    for slope, unknown in zip(weighted, paths.unknowns, strict=True):
+        rows[:n, unknown] += slope
+    rows[n:] = base
+    inverse = inverses(np.moveaxis(rows, 2, 0))
+    return Linearised(paths, inverse, q, u, uu, minors, slopes)
 
 
 class _EndSeries:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from jaxnc.kinematics.inputs import one_number
 from jaxnc.kinematics.instant import transmission_angle
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
-from jaxnc.synthesis.exact.linkage import FourBar, wrap_angle
+from jaxnc.synthesis.exact.linkage import ExactDesigns, FourBar, wrap_angle
 from jaxnc.system.system import System
 from jaxnc.types import Any, ArrayLike, Float
 from jaxnc.validate import as_shape, call_user
@@ -101,7 +101,7 @@ class FunctionDesign:
 
 @public
 @dataclasses.dataclass(frozen=True)
-class FunctionDesigns(Sequence[FunctionDesign]):
+class FunctionDesigns(ExactDesigns[FunctionDesign]):
     """All four-bars that meet the precision points, those without defects first, by structural error.
 
     Attributes:
@@ -109,14 +109,7 @@ class FunctionDesigns(Sequence[FunctionDesign]):
         rejected: why other solutions of the equations are no linkages, a sentence each.
     """
 
-    designs: tuple[FunctionDesign, ...]
     rejected: tuple[str, ...]
-
-    def __getitem__(self, index: int) -> FunctionDesign | None:
-        return self.designs[index]
-
-    def __len__(self) -> int:
-        return len(self.designs)
 
     @property
     def best(self) -> FunctionDesign:

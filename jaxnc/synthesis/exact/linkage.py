@@ -4,7 +4,8 @@ import cmath
 import dataclasses
 import functools
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
 
 import numpy as np
 
@@ -25,6 +26,35 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.exact.burmester import Dyad
 
 Point = tuple[float, float]
+
+
+class Judged(Protocol):
+    """A linkage that was moved through what it is to pass."""
+
+    @property
+    def defects(self) -> tuple[str, ...]:
+        """Why it does not pass; empty if it does."""
+        ...
+
+
+D = TypeVar("D", bound=Judged)
+
+
+@dataclasses.dataclass(frozen=True)
+class ExactDesigns(Sequence[D], Generic[D]):
+    """All linkages that solve a task exactly; see its kinds."""
+
+    designs: tuple[D, ...]
+
+    @overload
+    def __getitem__(self, index: int) -> D: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[D, ...]: ...
+    def __getitem__(self, index: int | slice) -> D | tuple[D, ...]:
+        return self.designs[index]
+
+    def __len__(self) -> int:
+        return len(self.designs)
 
 
 def complex_of(what: str, name: str, value: Any) -> complex:

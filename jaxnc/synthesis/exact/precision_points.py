@@ -11,11 +11,9 @@ Source: C. W. Wampler, A. P. Morgan and A. J. Sommese, Complete solution of the 
 four-bar linkages, J. Mech. Des. 114 (1992) 153-159.
 """
 
-import collections
 import dataclasses
 import functools
 import importlib.resources
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -27,7 +25,7 @@ from jaxnc.synthesis.evaluate import map_threads
 from jaxnc.synthesis.exact.bar_paths import SINGULAR, BarPaths, Places, end_elsewhere
 from jaxnc.synthesis.exact.burmester import Dyad
 from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_of
-from jaxnc.synthesis.exact.path_certificate import certify_linkages, state_solutions
+from jaxnc.synthesis.exact.path_certificate import FollowedDesigns, certify_designs
 from jaxnc.types import Any, ArrayLike
 
 _NONE = np.zeros((2, 1, 1)), np.zeros((2, 1, 1))  # of the pivots is known
@@ -112,7 +110,7 @@ Coordinates = tuple[float | None, float | None]
 
 @public
 @dataclasses.dataclass(frozen=True)
-class PathDesigns(Sequence[GuidedFourBar]):
+class PathDesigns(FollowedDesigns[GuidedFourBar]):
     """All four-bars through precision points of a path, those without defects first; ``print()`` lists them.
 
     Attributes:
@@ -130,41 +128,12 @@ class PathDesigns(Sequence[GuidedFourBar]):
         disjoint: whether no two of the proved ones are one solution, cognates apart.
     """
 
-    designs: tuple[GuidedFourBar, ...]
     curves: tuple[int, ...]
-    expected: int
-    found: int
-    routes: int
-    missing: int
     residual: float
-    proved: tuple[bool, ...]
-    disjoint: bool
-
-    @property
-    def complete(self) -> bool:
-        """True if every path ended in a solution of its own, so that none is missing."""
-        return self.found == self.expected
-
-    @property
-    def statement(self) -> str:
-        """What is proved and what was observed, in sentences."""
-        return state_solutions(self.found, self.expected, self.missing, self.routes, self.proved, self.disjoint)
-
-    def __len__(self) -> int:
-        return len(self.designs)
-
-    def __getitem__(self, index: int) -> GuidedFourBar | None:
-        return self.designs[index]
 
     def __str__(self) -> str:
-        works = [design for design in self.designs if not design.defects]
-        kinds = collections.Counter(", ".join(design.defects) for design in self.designs if design.defects)
-        defects = "".join(f", {count} with {kind} defect" for kind, count in sorted(kinds.items()))
-        head = (
-            f"{counted(len(self), 'four-bar')} with {counted(len(set(self.curves)), 'coupler curve')}: {len(works)} "
-            f"without defects{defects}"
-        )
-        return "\n".join([head, f"  {self.statement}", *(f"  {design}" for design in works)])
+        curves = counted(len(set(self.curves)), "coupler curve")
+        return self.describe(f"{counted(len(self), 'four-bar')} with {curves}")
 
     __repr__ = __str__
 
@@ -209,14 +178,24 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
         ends = distinct_solutions(np.concatenate([ends, found], axis=1), len(places))
         routes, most = routes + 1, min(most, found.shape[1] + lost)
     missing = int(max(min(expected, most) - ends.shape[1], 0))
-    real = _PointPaths(task, task, wide=True).find_real(ends)
+    here = _PointPaths(task, task, wide=True)
+    real = here.find_real(ends)
     if given[0] == given[1]:  # each linkage is met again with its bars exchanged
         real = real[:, ~np.triu(_match_solutions(real[:8], real[_OTHER])).any(axis=0)]
-    exact, disjoint = certify_linkages(real, task.d, task.e, task.matrix, task.right)
+    exact, disjoint = certify_designs(real, here.pairs, here.places(np.ones(1), 0)[0], list(_base_forms(task)))
     turned = np.vstack([np.ones(real.shape[1]), 1.0 + real[8 : 7 + len(places)]])
     designs, curves, residual = _linkages(places, size * (real[_OTHER] if exchanged else real[:8]), turned, size)
     proved = tuple(bool(exact[curve]) for curve in curves)
-    return PathDesigns(designs, curves, expected, ends.shape[1], routes, missing, residual, proved, disjoint)
+    found = ends.shape[1]
+    return PathDesigns(designs, expected, found, routes, missing, proved, disjoint, curves, residual)
+
+
+def _base_forms(task: Task) -> np.ndarray:
+    """Conditions on the fixed pivots as quadratic forms of 1 and z."""
+    forms = np.zeros((len(task.right), 9, 9), complex)
+    forms[:, 0, 0] = -task.right
+    forms[:, 0, 5:] = forms[:, 5:, 0] = task.matrix / 2
+    return forms
 
 
 def _expected_count(name: str, base: list[dict[str, float]]) -> int:

@@ -7,7 +7,7 @@ Robotics 6 (2014) 031012, for the problem and its equations in isotropic coordin
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from jaxnc.synthesis.evaluate import map_threads
 from jaxnc.synthesis.exact.bar_paths import SINGULAR, end_elsewhere
 from jaxnc.synthesis.exact.freudenstein import check_points
 from jaxnc.synthesis.exact.linkage import Point, complex_of, point_of, wrap_angle
-from jaxnc.synthesis.exact.path_certificate import certify_six_bars, state_solutions
+from jaxnc.synthesis.exact.path_certificate import FollowedDesigns, certify_designs
 from jaxnc.synthesis.exact.six_bar_paths import (
     BLOCK,
     PAIRS,
@@ -41,6 +41,16 @@ _BODIES = {
     "Stephenson II": {"input": "ADE", "first": "DF", "second": "EG", "middle": "HFG", "output": "CH"},
     "Stephenson III": {"input": "AD", "middle": "DEF", "rocker": "BE", "link": "FG", "output": "CG"},
 }
+PLACES = {
+    "Watt II": {"A": (0, 0), "B": (2, 0), "C": (4, 0), "D": (0.3, 1), "E": (1.7, 1.5), "F": (2.5, 1.4),
+                "G": (3.6, 1.1)},
+    "Stephenson II": {"A": (0, 0), "C": (4, 0), "D": (0.3, 1), "E": (-0.6, 1.2), "F": (2, 2.2), "G": (1.5, 3),
+                      "H": (3.5, 1.4)},
+    "Stephenson III": {"A": (0, 0), "B": (2, 0), "C": (4, 0), "D": (0.3, 1), "E": (1.7, 1.5), "F": (1.5, 2.4),
+                       "G": (3.6, 1.1)},
+}  # fmt: skip
+"""Joints of a six-bar of each kind that moves."""
+
 _COUNTS = {"Watt II": 12560, "Stephenson II": 11956, "Stephenson III": 27184}  # solutions of angles in general position
 _APART = {"Watt II": ("AB", "BC"), "Stephenson II": ("AC", "AD"), "Stephenson III": ("AB",)}
 _ROUTES = 2
@@ -79,7 +89,7 @@ class SixBarDesign:
 
     def mechanism(self) -> Mechanism:
         """The linkage as a description that can be changed, compiled and saved; see `system` for its coordinates."""
-        return _to_mechanism(self.kind, self.points)
+        return describe_six_bar(self.kind, self.points)
 
     @property
     def system(self) -> System:
@@ -96,7 +106,7 @@ class SixBarDesign:
 
 @public
 @dataclasses.dataclass(frozen=True)
-class SixBarDesigns(Sequence[SixBarDesign]):
+class SixBarDesigns(FollowedDesigns[SixBarDesign]):
     """All six-bars through eight pairs of angles, those without defects first, by size; ``print()`` lists them.
 
     Attributes:
@@ -106,41 +116,12 @@ class SixBarDesigns(Sequence[SixBarDesign]):
         routes: how often all were followed, each time another way.
         missing: how many paths ended neither in a regular solution of their own, nor at infinity, nor in a singular one
             or a linkage in which a bar has no length: at most so many regular solutions are missing.
+        proved: for each design whether its solution is proved to exist, to be real and to be alone near it.
         disjoint: whether no two of the proved ones are one solution.
     """
 
-    designs: tuple[SixBarDesign, ...]
-    expected: int
-    found: int
-    routes: int
-    missing: int
-    disjoint: bool
-
-    @property
-    def complete(self) -> bool:
-        """True if every path ended in a solution of its own, so that none is missing."""
-        return self.found == self.expected
-
-    @property
-    def statement(self) -> str:
-        """What is proved and what was observed, in sentences."""
-        proved = [design.proved for design in self.designs]
-        return state_solutions(self.found, self.expected, self.missing, self.routes, proved, self.disjoint)
-
-    def __len__(self) -> int:
-        return len(self.designs)
-
-    def __getitem__(self, index: int) -> SixBarDesign | None:
-        return self.designs[index]
-
     def __str__(self) -> str:
-        works = [design for design in self.designs if not design.defects]
-        stopped = sum("dead point" in design.defects for design in self.designs)
-        head = (
-            f"{counted(len(self), 'six-bar')}: {len(works)} without defects, {stopped} with dead point defect, "
-            f"{len(self) - len(works) - stopped} with branch defect"
-        )
-        return "\n".join([head, f"  {self.statement}", *(f"  {design}" for design in works)])
+        return self.describe(counted(len(self), "six-bar"))
 
     __repr__ = __str__
 
@@ -200,9 +181,12 @@ def precision_six_bars(
     missing = unknown + int(max(min(starts.z.shape[1], most) - ends.shape[1], 0))
     here = SixBarPaths(kind, task, task, wide=True)
     real = here.find_real(ends)
-    proved, disjoint = certify_six_bars(real, here.pairs, here.places(np.ones(1), 0)[0], here.which, task.square)
+    square = np.zeros((9, 9), complex)  # of the length, as a form of 1 and z
+    square[0, 0], square[1 + here.which[0], 1 + here.which[1]] = -task.square, 1.0
+    proved, disjoint = certify_designs(real, here.pairs, here.places(np.ones(1), 0)[0], [(square + square.T) / 2])
     designs = _make_designs(kind, places, scale, real[:8], proved, x, y)
-    return SixBarDesigns(designs, expected, ends.shape[1], routes, missing, disjoint)
+    of_designs = tuple(design.proved for design in designs)
+    return SixBarDesigns(designs, expected, ends.shape[1], routes, missing, of_designs, disjoint)
 
 
 # -- statement ---------------------------------------------------------------------------------------------------------
@@ -351,7 +335,8 @@ def _move_six_bar(kind: str, points: dict[str, Point], proved: bool, x: np.ndarr
     return dataclasses.replace(design, error=error, defects=() if error < 1e-8 else ("branch",))
 
 
-def _to_mechanism(kind: str, points: Mapping[str, Point]) -> Mechanism:
+def describe_six_bar(kind: str, points: Mapping[str, Any]) -> Mechanism:
+    """Describe a six-bar of a kind with its joints at some places: angles ``phi`` and ``psi`` are input and output."""
     m = Mechanism(kind)
     for name, at in points.items():
         (m.ground if name in "ABC" else m.point)(name, at)
@@ -365,8 +350,4 @@ def _to_mechanism(kind: str, points: Mapping[str, Point]) -> Mechanism:
 @functools.cache
 def _template(kind: str) -> System:
     """A compiled linkage that all of a kind share."""
-    places = {"A": (0, 0), "B": (2, 0), "C": (4, 0), "D": (0.3, 1), "E": (1.7, 1.5), "F": (2.5, 1.4), "G": (3.6, 1.1)}
-    if kind == "Stephenson II":
-        del places["B"]
-        places |= {"E": (-0.6, 1.2), "F": (2, 2.2), "G": (1.5, 3), "H": (3.5, 1.4)}
-    return _to_mechanism(kind, places).compile()
+    return describe_six_bar(kind, PLACES[kind]).compile()

@@ -329,15 +329,7 @@ def _look(
     other = jnp.where(timed, y, _across(tangent.T, off, jnp.sum(off**2, axis=0) > 1e-20))
     pose_slopes = jnp.sum(moved * other, axis=1)
 
-    # A pose stands for the chords that meet there, and its weight changes with them.
-    pair = closed | (jnp.arange(COUNT) < COUNT - 1)
-    chord, chord_slopes = (jnp.where(pair, jnp.roll(a, -1, axis=-1) - a, 0.0) for a in (place, moved))
-    size = jnp.sqrt(jnp.sum(chord**2, axis=0))
-    chord_slopes = jnp.sum(chord / jnp.maximum(size, 1e-12) * chord_slopes, axis=1)
-    length, length_slopes = (0.5 * (a + jnp.roll(a, 1, axis=-1)) for a in (size, chord_slopes))
-    total = jnp.maximum(jnp.sum(length), 1e-12)
-    length = length / total
-    length_slopes = length_slopes / total - length * (jnp.sum(length_slopes, axis=1, keepdims=True) / total)
+    length, length_slopes = _share_length(place, moved, closed)
     own_weight = jnp.sqrt(target.weight)
     other_weight = jnp.where(timed, own_weight, jnp.sqrt(target.both * length))
     weight_slopes = jnp.where(timed, 0.0, target.both * length_slopes / (2.0 * jnp.maximum(other_weight, 1e-6)))
@@ -354,6 +346,27 @@ def _look(
     error = jnp.sum((weights * far) ** 2)
     beyond, extra_matrix, extra_slope = _beyond(chain, row, target)
     return jnp.sum(miss**2) + beyond, slopes @ slopes.T + extra_matrix, slopes @ miss + extra_slope, error
+
+
+def _share_length(place: Array, moved: Array, closed: Array) -> tuple[Array, Array]:
+    """Share the length of a curve among its poses: a pose stands for the chords that meet there.
+
+    Args:
+        place: of the poses, ``(2, n)``.
+        moved: their slopes, ``(numbers, 2, n)``.
+        closed: whether the last one is joined to the first.
+
+    Returns:
+        The shares, together 1, ``(n,)``, and their slopes, ``(numbers, n)``.
+    """
+    pair = closed | (jnp.arange(COUNT) < COUNT - 1)
+    chord, chord_slopes = (jnp.where(pair, jnp.roll(a, -1, axis=-1) - a, 0.0) for a in (place, moved))
+    size = jnp.sqrt(jnp.sum(chord**2, axis=0))
+    chord_slopes = jnp.sum(chord / jnp.maximum(size, 1e-12) * chord_slopes, axis=1)
+    length, slopes = (0.5 * (a + jnp.roll(a, 1, axis=-1)) for a in (size, chord_slopes))
+    total = jnp.maximum(jnp.sum(length), 1e-12)
+    share = length / total
+    return share, slopes / total - share * (jnp.sum(slopes, axis=1, keepdims=True) / total)
 
 
 def _cubic_weights(along: Array, order: int) -> Array:
