@@ -673,6 +673,9 @@ class _Search:
         self.polished = float(self.cost[:_TOGETHER].sum())
         if self.best < _SMOOTH and len(self.target.own) > self.pool.row.shape[1]:
             own, error = self._refine(_some(self.pool, slice(_WIDTH)), _STEPS[2], self.points, 6)
+            if 1e-7**2 < error.min() < 1e-3**2:  # on their way, in a valley that turns
+                best = _some(own, np.argsort(error, kind="stable")[:_TOGETHER])
+                own, error = self._refine(best, 4 * _STEPS[2], self.points, 6)
             good = np.flatnonzero(error < 1e-7**2)  # of the target's size: the points are met
             if len(good):
                 self.exact = _some(own, good[np.argsort(error[good], kind="stable")])
