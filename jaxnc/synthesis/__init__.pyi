@@ -36,6 +36,7 @@ from jaxnc.synthesis.exact.linkage import FourBar as FourBar
 from jaxnc.synthesis.exact.linkage import GuidedFourBar as GuidedFourBar
 from jaxnc.synthesis.exact.linkage import SliderCrank as SliderCrank
 from jaxnc.synthesis.exact.linkage import slider_crank_function as slider_crank_function
+from jaxnc.synthesis.exact.nearest import NearestDyads as NearestDyads
 from jaxnc.synthesis.exact.precision_points import PathDesigns as PathDesigns
 from jaxnc.synthesis.exact.precision_points import path_four_bars as path_four_bars
 from jaxnc.synthesis.exact.six_bars import SixBarDesign as SixBarDesign

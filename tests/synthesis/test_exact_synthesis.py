@@ -5,6 +5,7 @@ import itertools
 import jax
 import numpy as np
 import pytest
+import scipy.optimize
 
 import jaxnc as nc
 from jaxnc import synthesis as syn
@@ -315,9 +316,69 @@ class TestBurmester:
         design = guide.four_bar(guide.dyad(moving=GIVEN.B), guide.dyad(fixed=GIVEN.D))
         assert design.defects == ("circuit",)
 
+    def test_all_stationary_bars_near_many_poses(self):
+        """None of the minima that SciPy finds from random starts is missing, and every one is stationary."""
+        rng = np.random.default_rng(7)
+        poses = poses_of(GIVEN, np.linspace(0.0, 1.5, 9)) + 0.02 * rng.normal(size=(9, 3))
+        place, turn = poses[:, 0] + 1j * poses[:, 1], np.exp(1j * (poses[:, 2] - poses[0, 2]))
+
+        def cost(x: np.ndarray) -> float:
+            square = np.abs(turn * (x[0] + 1j * x[1] - place[0]) + place - x[2] - 1j * x[3]) ** 2
+            return float(np.var(square))
+
+        found = syn.Guidance(poses).nearest_dyads()
+        at = np.array([[*dyad.moving, *dyad.fixed] for dyad in found])
+        assert found.complete and found.proved.all() and len(found) > 3
+        step = 1e-3 * np.eye(4)
+        for x, least in zip(at, found.minima, strict=True):
+            slope = np.array([(cost(x + h) - cost(x - h)) / 2e-3 for h in step])
+            bend = [
+                [(cost(x + h + k) - cost(x + h - k) - cost(x - h + k) + cost(x - h - k)) / 4e-6 for k in step]
+                for h in step
+            ]
+            assert np.abs(np.linalg.solve(bend, slope)).max() < 1e-4
+            assert (np.linalg.eigvalsh(bend)[0] > 0) == least
+        ends = [scipy.optimize.minimize(cost, 5.0 * rng.normal(size=4), method="BFGS", tol=1e-12) for _ in range(30)]
+        ends = [end.x for end in ends if np.abs(end.x).max() < 50.0 and np.abs(end.jac).max() < 1e-6]
+        assert len(ends) > 10
+        minima = at[found.minima]
+        for x in ends:
+            assert np.abs(minima - x).max(axis=1).min() < 1e-3 * np.abs(x).max()
+
+    def test_general_poses_have_twenty_five_stationary_bars(self):
+        rng = np.random.default_rng(1)
+        for n in (6, 7, 12, 30):
+            poses = np.column_stack([rng.normal(size=(n, 2)), rng.uniform(-3, 3, n)])
+            found = syn.Guidance(poses).nearest_dyads()
+            assert found.complete and found.proved.all() and len(found) + found.complex_points == 25
+            assert found.minima.any()
+
+    def test_pairs_of_five_poses_are_among_the_stationary_bars(self, five):
+        guide = syn.Guidance(five)
+        near = guide.nearest_dyads()
+        for pair in guide.pairs():
+            k = int(np.argmin([np.hypot(*np.subtract(dyad.moving, pair.moving)) for dyad in near]))
+            np.testing.assert_allclose(
+                [*near[k].moving, *near[k].fixed], [*pair.moving, *pair.fixed], rtol=1e-6, atol=1e-8
+            )
+            assert near.minima[k] and near.errors[k] < 1e-9
+        assert "Proved to exist" in near.statement and "minimum" in str(near)
+
+    def test_four_bars_near_many_poses(self):
+        """Of exact poses the linkage itself comes back; of others one that is moved and told how near it comes."""
+        poses = poses_of(GIVEN, np.linspace(0.0, 1.5, 9))
+        best = syn.Guidance(poses).four_bars()[0]
+        assert not best.defects and best.error < 1e-8
+        np.testing.assert_allclose(sorted(best.linkage.lengths.values()), sorted(GIVEN.lengths.values()), atol=1e-8)
+        poses = poses + 0.01 * np.random.default_rng(7).normal(size=poses.shape)
+        best = syn.Guidance(poses).four_bars()[0]
+        motion = nc.sweep(best.system, {"phi": best.inputs})
+        off = np.hypot(*(np.asarray(motion["P"]) - poses[:, :2]).T).max()
+        assert 1e-4 < off <= best.error * 1.000001 and best.error < 0.15
+
     def test_messages(self, five):
         for poses, says in (
-            (five[:1], "1 poses; a four-bar guides a body exactly through 2 to 5"),
+            (five[:1], "1 poses; give at least 2"),
             (five[:, :2], r"shape \(n, 3\)"),
             (five[[0, 1, 1]], "poses 2 and 3 are the same"),
             (np.where(np.arange(15).reshape(5, 3) == 7, np.nan, five), "pose 3 is not finite"),
@@ -328,6 +389,13 @@ class TestBurmester:
             syn.Guidance(five).dyad(moving=(0, 1))
         with pytest.raises(nc.InputError, match="needs 5 poses, this has 4"):
             syn.Guidance(five[:4]).pairs()
+        six = poses_of(GIVEN, np.linspace(0.0, 1.5, 6))
+        with pytest.raises(nc.InputError, match=r"needs 5 poses, this has 6; .*nearest_dyads"):
+            syn.Guidance(six).pairs()
+        with pytest.raises(nc.InputError, match="needs 5 poses or more"):
+            syn.Guidance(five[:4]).nearest_dyads()
+        with pytest.raises(nc.InputError, match="does not turn"):
+            syn.Guidance(np.column_stack([six[:, :2], np.full(6, 0.2)])).nearest_dyads()
         shifted = np.array([[0, 0, 0.2], [1, 0, 0.2], [2, 0, 0.2]])
         with pytest.raises(nc.InputError, match="moving pivot lie in a line"):
             syn.Guidance(shifted).dyad(moving=(0, 1))

@@ -1,5 +1,6 @@
-"""Burmester's theory: dyads that guide a body through two, three, four or five poses, exactly, and all of them."""
+"""Burmester's theory: dyads that guide a body through two to five poses, exactly, and nearest to more of them."""
 
+import contextlib
 import dataclasses
 import itertools
 import math
@@ -9,7 +10,16 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import whole
-from jaxnc.synthesis.exact.linkage import GuidedFourBar, Point, complex_of, guide_four_bar, point_of
+from jaxnc.synthesis.exact.linkage import (
+    GuidedFourBar,
+    Point,
+    complex_of,
+    draw_exact,
+    draw_near,
+    guide_four_bar,
+    point_of,
+)
+from jaxnc.synthesis.exact.nearest import NearestDyads, find_stationary
 from jaxnc.types import ArrayLike, Float
 
 # -- two conics --------------------------------------------------------------------------------------------------------
@@ -250,10 +260,10 @@ class BurmesterCurves:
 
 @public
 class Guidance:
-    """Planar guidance of a body through two to five poses.
+    """Planar guidance of a body through two to five poses, or near more of them.
 
     Args:
-        poses: x, y and angle of the body in each pose, ``(n, 3)``, lengths and radians, n = 2 … 5, in order.
+        poses: x, y and angle of the body in each pose, ``(n, 3)``, lengths and radians, n ≥ 2, in order.
 
     Raises:
         InputError: poses of another shape or number, not finite, or two that are the same.
@@ -270,11 +280,8 @@ class Guidance:
             raise InputError("guidance: poses must be numbers (x, y, angle)") from None
         if given.ndim != 2 or given.shape[1] != 3:
             raise InputError(f"guidance: poses must have shape (n, 3): x, y, angle; got {given.shape}")
-        if not 2 <= len(given) <= 5:
-            raise InputError(
-                f"guidance: {len(given)} poses; a four-bar guides a body exactly through 2 to 5. For more see "
-                f"jaxnc.synthesis.MotionGeneration"
-            )
+        if len(given) < 2:
+            raise InputError(f"guidance: {len(given)} poses; give at least 2")
         if not np.isfinite(given).all():
             raise InputError(f"guidance: pose {int(np.argmin(np.isfinite(given).all(axis=1))) + 1} is not finite")
         self.poses = given
@@ -312,7 +319,7 @@ class Guidance:
         if len(self.poses) > 3:
             raise InputError(
                 f"guidance: {len(self.poses)} poses leave no pivot to choose freely; use "
-                + ("curves()" if len(self.poses) == 4 else "pairs()")
+                + {4: "curves()", 5: "pairs()"}.get(len(self.poses), "nearest_dyads()")
             )
         name = "moving" if moving is not None else "fixed"
         z = self._inwards(complex_of("guidance", name, moving if moving is not None else fixed))
@@ -449,6 +456,38 @@ class Guidance:
             worst = max(worst, rest)
         return BurmesterPairs(tuple(real), others, infinite, worst)
 
+    def nearest_dyads(self) -> NearestDyads:
+        """All dyads for which the least-squares error is stationary, of five poses or more.
+
+        The error of a pose is the difference of the squared length from the mean square, so the pairs of five poses are
+        among them, with an error of zero, and the other ones are minima and saddles between.
+
+        Raises:
+            InputError: fewer than five poses, or poses that do not turn.
+        """
+        if len(self.poses) < 5:
+            raise InputError(
+                f"guidance: nearest_dyads() needs 5 poses or more; through {len(self.poses)} infinitely many dyads go "
+                f"exactly"
+            )
+        if np.abs(self._turn - 1.0).max() < 1e-9:
+            raise InputError(
+                "guidance: the body does not turn, so any parallelogram whose bars suit one point suits all; use "
+                "jaxnc.synthesis.PathGeneration for that point"
+            )
+        found = find_stationary(self._turn, self._shift)
+        dyads = tuple(self._dyad(b, a) for b, a in zip(found.z, found.a, strict=True))
+        errors = np.array([np.hypot(*(dyad.places - dyad.fixed).T).std() for dyad in dyads])
+        order = np.argsort(errors, kind="stable")
+        return NearestDyads(
+            tuple(dyads[k] for k in order),
+            errors[order],
+            found.minima[order],
+            found.proved[order],
+            found.complex_points,
+            found.complete,
+        )
+
     # -- four-bars -------------------------------------------------------------------------------------------------
 
     def four_bar(self, crank: Dyad, rocker: Dyad) -> GuidedFourBar:
@@ -459,10 +498,11 @@ class Guidance:
             rocker: another.
 
         Returns:
-            The linkage, driven by whichever bar passes the poses in order; see `GuidedFourBar`.
+            The linkage, driven by whichever bar passes the poses in order, or passes near those of `nearest_dyads`; see
+            `GuidedFourBar`.
 
         Raises:
-            InputError: twice the same pivot.
+            InputError: twice the same pivot, or bars that do not reach each other in the first pose.
         """
         for name in ("moving", "fixed"):
             if math.dist(getattr(crank, name), getattr(rocker, name)) < 1e-9 * self._size:
@@ -470,22 +510,33 @@ class Guidance:
                     f"guidance: both dyads have the {name} pivot ({getattr(crank, name)[0]:.6g}, "
                     f"{getattr(crank, name)[1]:.6g}); a four-bar needs two different ones"
                 )
-        return guide_four_bar(self.poses, crank, rocker)
+        exact = max(crank.residual, rocker.residual) <= EXACT
+        return guide_four_bar(self.poses, crank, rocker, draw_exact if exact else draw_near)
 
     def four_bars(self) -> tuple[GuidedFourBar, ...]:
-        """All four-bars through five poses: up to six, from up to four pairs; those without defects first.
+        """All four-bars of two dyads, those without defects first.
+
+        Through five poses there are up to six, from up to four pairs. Of more poses any two of the `nearest_dyads` make
+        one, those that pass nearest come first, and two that do not reach each other are left out.
 
         Raises:
-            InputError: not five poses.
+            InputError: fewer than five poses.
         """
-        found = [self.four_bar(*two) for two in itertools.combinations(self.pairs().pairs, 2)]
-        return tuple(sorted(found, key=lambda f: (len(f.defects), -f.transmission)))
+        if len(self.poses) == 5:
+            exact = [self.four_bar(*two) for two in itertools.combinations(self.pairs().pairs, 2)]
+            return tuple(sorted(exact, key=lambda f: (len(f.defects), -f.transmission)))
+        near = []
+        for two in itertools.combinations(self.nearest_dyads(), 2):
+            with contextlib.suppress(InputError):  # they do not reach each other
+                near.append(guide_four_bar(self.poses, *two, draw_near))
+        return tuple(sorted(near, key=lambda f: (len(f.defects), f.error)))
 
     # -- equations -------------------------------------------------------------------------------------------------
 
     def _check_count(self, count: int, what: str) -> None:
         if len(self.poses) != count:
-            raise InputError(f"guidance: {what} needs {count} poses, this has {len(self.poses)}")
+            more = "; of more than 5 see nearest_dyads()" if len(self.poses) > 5 else ""
+            raise InputError(f"guidance: {what} needs {count} poses, this has {len(self.poses)}{more}")
 
     def _curve_forms(self) -> np.ndarray:
         self._check_count(4, "curve_dyad()")

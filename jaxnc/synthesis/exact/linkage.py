@@ -4,7 +4,7 @@ import cmath
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
 
 import numpy as np
@@ -344,7 +344,7 @@ def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[Slider
     return found, float(np.abs(moved - s).max())
 
 
-_STEPS = 48  # between first and last pose: one shape for 2 to 5 poses, so that it is compiled once
+_STEPS = 48  # between first and last of 2 to 5 poses: one shape, so that it is compiled once
 
 
 @public
@@ -382,15 +382,45 @@ class GuidedFourBar:
     __repr__ = __str__
 
 
-def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad") -> GuidedFourBar:
+def draw_exact(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
+    """Draw two dyads that go through a pose."""
+    return FourBar(crank.fixed, crank.moving, rocker.moving, rocker.fixed, (pose[0], pose[1]))
+
+
+def draw_near(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
+    """Draw two dyads that come near a pose: the crank in its direction there, the body where the rocker holds it.
+
+    Raises:
+        InputError: the bars do not reach each other.
+    """
+    a, d, body = complex(*crank.fixed), complex(*rocker.fixed), complex(*pose[:2])
+    near_b, near_c = complex(*crank.places[0]), complex(*rocker.places[0])
+    b = a + crank.length * (near_b - a) / abs(near_b - a)
+    to_d, coupler = d - b, abs(near_c - near_b)
+    along = (abs(to_d) ** 2 + coupler**2 - rocker.length**2) / (2.0 * abs(to_d))
+    if abs(along) > coupler:
+        raise InputError("guidance: the bars of the two dyads do not reach each other in the first pose")
+    side = 1.0 if (np.conj(to_d) * (near_c - near_b)).imag >= 0 else -1.0
+    c = b + (along + 1j * side * math.sqrt(coupler**2 - along**2)) * to_d / abs(to_d)
+    p = b + (body - near_b) * (c - b) / (near_c - near_b)
+    return FourBar(point_of(a), point_of(b), point_of(c), point_of(d), point_of(p))
+
+
+Draw = Callable[[np.ndarray, "Dyad", "Dyad"], FourBar]
+
+
+def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", draw: Draw = draw_exact) -> GuidedFourBar:
     """Assemble two dyads and move them through the poses, from either bar and in either direction.
+
+    Of dyads that go exactly through the poses the linkage has to reach them. Of those that only come near, for which
+    `draw` is `draw_near`, it has to stay in the assembly that is nearer.
 
     Returns:
         The linkage driven by the bar and in the direction that pass all poses in order; the given crank if none does.
     """
     best: GuidedFourBar | None = None
     for first, second in ((crank, rocker), (rocker, crank)):
-        linkage = FourBar(first.fixed, first.moving, second.moving, second.fixed, (poses[0, 0], poses[0, 1]))
+        linkage = draw(poses[0], first, second)
         way = first.places - np.array(first.fixed)
         angles = np.arctan2(way[:, 1], way[:, 0])
         for direction in (1.0, -1.0):
@@ -398,14 +428,15 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad") -> GuidedFo
             if abs(steps.sum()) > 2.0 * np.pi:
                 continue  # more than one turn: the poses are passed in another order
             inputs = angles[0] + np.concatenate([[0.0], np.cumsum(steps)])
-            error, transmission = _move_through(linkage, inputs, poses)
-            if error <= 1e-8 * _pose_size(poses):  # a pose further off, after really moving there, is not reached
+            error, transmission, same = _move_through(linkage, inputs, poses, second.places)
+            # An exact pose that is further off, after really moving there, is not reached.
+            if error <= 1e-8 * _pose_size(poses) or (draw is draw_near and same):
                 found = GuidedFourBar(linkage, inputs, error, transmission, ())
                 if best is None or found.transmission > best.transmission:
                     best = found
     if best is not None:
         return best
-    linkage = FourBar(crank.fixed, crank.moving, rocker.moving, rocker.fixed, (poses[0, 0], poses[0, 1]))
+    linkage = draw(poses[0], crank, rocker)
     way = crank.places - np.array(crank.fixed)
     inputs = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
     return GuidedFourBar(linkage, inputs, math.nan, 0.0, (_defect(linkage, crank, rocker),))
@@ -415,19 +446,29 @@ def _pose_size(poses: np.ndarray) -> float:
     return max(float(np.ptp(poses[:, :2], axis=0).max()), 1e-300)
 
 
-def _move_through(linkage: FourBar, inputs: np.ndarray, poses: np.ndarray) -> tuple[float, float]:
-    """Error in the poses and smallest transmission angle of the sweep through them; infinite, 0 if it stops."""
-    parts = _STEPS // (len(poses) - 1)
+def _move_through(
+    linkage: FourBar, inputs: np.ndarray, poses: np.ndarray, rocker: np.ndarray
+) -> tuple[float, float, bool]:
+    """Sweep a linkage through poses in which the end of its rocker has given places, ``(n, 2)``.
+
+    Returns:
+        The error in the poses, the smallest transmission angle, and whether the assembly that it moves in is the one
+        that is nearer; infinite, 0, false if it stops.
+    """
+    parts = max(1, _STEPS // (len(poses) - 1))
     at = np.arange(len(poses)) * parts
-    motion = linkage.move({"phi": np.interp(np.arange(_STEPS + 1), at, inputs)})
+    motion = linkage.move({"phi": np.interp(np.arange(max(_STEPS, at[-1]) + 1), at, inputs)})
     if not np.asarray(motion.converged).all():
-        return math.inf, 0.0
+        return math.inf, 0.0, False
     place = np.asarray(motion["P"])[at]
     turn = np.asarray(motion["theta"])[at]
     off = np.hypot(*(place - poses[:, :2]).T)
     tilt = np.abs(wrap_angle(turn - turn[0] - poses[:, 2] + poses[0, 2])) * _pose_size(poses)
     least = float(np.min(np.asarray(transmission_angle(motion, "B", "C", "D"))))
-    return float(max(off.max(), tilt.max())), least
+    b, c, d = (np.asarray(motion[name])[at] @ [1.0, 1j] for name in "BCD")
+    # On the same side of the line from B to D as the place where it should be.
+    sides = [np.imag(np.conj(d - b) * (z - b)) > 0 for z in (c, rocker @ [1.0, 1j])]
+    return float(max(off.max(), tilt.max())), least, bool((sides[0] == sides[1]).all())
 
 
 def _defect(linkage: FourBar, crank: "Dyad", rocker: "Dyad") -> str:
