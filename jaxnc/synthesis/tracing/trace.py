@@ -755,8 +755,9 @@ def _search(run: _Run, course: SavedSearch, progress: bool | None) -> str:
                 return f"stopped at linkages of {exact.bars} bars that meet all points"
             if course.seconds >= course.limit:
                 return f"stopped after {course.seconds:.3g} s{course.hint}"
-            # Linkages of four bars are looked through soon; those of eight are many.
-            search = min(run.searches, key=lambda s: s.rounds / _TURNS[s.bars])
+            # Linkages of four bars are looked through soon; those of eight are many. Who is left behind waits longer.
+            far = {s.bars: 4.0 if s.rounds > 6 and s.best > 2.0 * best.best else 1.0 for s in run.searches}
+            search = min(run.searches, key=lambda s: s.rounds * far[s.bars] / _TURNS[s.bars])
             search.round()
             shown.update()
             course.history.append(Progress(course.seconds, sum(s.refined for s in run.searches), search.best))
