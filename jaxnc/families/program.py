@@ -17,7 +17,7 @@ import numpy as np
 
 from jaxnc.constraints.elementary import Small, cos, sin
 from jaxnc.constraints.kind import Kind, dot
-from jaxnc.constraints.symbols import Expression
+from jaxnc.constraints.symbols import PI, Expression
 from jaxnc.families import shapes
 from jaxnc.families.bodies import Part
 from jaxnc.families.shapes import Between, Reading, Recipe, rotation_rows
@@ -172,8 +172,6 @@ def _fill_zero(value: Scalar | None, numbers: Evaluator) -> Scalar:
 def _in_pi(factor: float, s: Components) -> Scalar:
     """A fixed number; a multiple of π where symbols are written."""
     if len(s) and isinstance(s[0], Expression):
-        from jaxnc.constraints.symbols import PI
-
         return Expression.of(PI) * (factor / np.pi)
     return float(factor)
 

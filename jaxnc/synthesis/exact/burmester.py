@@ -368,8 +368,6 @@ class Guidance:
         Raises:
             InputError: not four poses, or four that are all translations of one another.
         """
-        from jaxnc.synthesis.exact.burmester import trace_cubic
-
         self._check_count(4, "curves()")
         pairs = [(i, j) for i, j in itertools.combinations(range(4), 2)]
         poles = np.array([self.pole(i, j) for i, j in pairs])
@@ -404,8 +402,6 @@ class Guidance:
         Raises:
             InputError: not four poses.
         """
-        from jaxnc.synthesis.exact.burmester import nearest_on_cubic
-
         forms = self._curve_forms()
         b = nearest_on_cubic(forms, self._inwards(complex_of("guidance", "near", near)))
         return self._dyad(b, complex(_partners(forms, np.array([b]))[0]))

@@ -192,8 +192,9 @@ def redraw_last(lanes: Lanes, theta: np.ndarray, goal: np.ndarray, u: np.ndarray
         good = (sine > 0.02) & (det > 1e-9 * aa * bb) & np.isfinite(left + np.abs(local))
     row = np.concatenate([design.astype(float), np.zeros((len(design), 2)), lanes.row[:, -6:]], axis=1)
     row[:, -8:-2] = np.stack([local.real, local.imag, place.real, place.imag, factor.real, factor.imag], axis=1)
-    longest = np.abs(row[:, :-6]).max(axis=1) * np.abs(factor)
-    return Lanes(lanes.chain, sign.astype(float), row), np.where(good & (longest < _REACH), left, np.inf)
+    with np.errstate(all="ignore"):
+        good &= np.abs(row[:, :-6]).max(axis=1) * np.abs(factor) < _REACH
+    return Lanes(lanes.chain, sign.astype(float), row), np.where(good, left, np.inf)
 
 
 @jax.jit  # runs for a minute: code that takes as long to compile and is a quarter quicker
