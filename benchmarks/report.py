@@ -28,6 +28,7 @@ _HEAD = """# Benchmarks
 | `python -m benchmarks.optimisers` | optax against the least-squares search: [optimisers.md](../docs/optimisers.md) |
 | `python -m benchmarks.dynamics` | formulations, engines, problems of dynamics: [dynamics.md](dynamics.md) |
 | `python -m benchmarks.modes` | all assemblies against PHCpack, where its program `phc` is: the same sets |
+| `python -m benchmarks.trace` | linkages for curves of many kinds: [trace.md](trace.md); `--quick` for four of each |
 
 The command ends with 1 if a ratio is worse than in `benchmarks/baseline.json` by more than the tolerance written
 there, or if a case fails. Ratios are of times of one run on one machine; absolute times are shown and never compared
