@@ -8,7 +8,8 @@ zero; OD, the root mean square distance at the best cyclic shift; clear, how far
 of the size below the target, negative where they run into it.
 
 Beside it the CD of less: what the atlas has, before anything is refined; four-bars only; and, for as many seconds, a
-search that begins at designs of the atlas taken at random, where the other begins at those that are alike.
+search that begins at designs of the atlas taken at random, where the other begins at those that are alike. Of closed
+curves also, for as many seconds of a processor, pylinkage's search over topologies and lengths, where pymoo is there.
 ``--quick`` takes four targets of a kind, chosen by a seed, and 20 s for each: half an hour for the whole table.
 """
 
@@ -21,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from benchmarks.peers import co_optimisation
 
 HERE = Path(__file__).parent
 OUTLINES = "CILMNSTUVWZ12357"  # glyphs of one contour
@@ -161,6 +164,7 @@ def main() -> None:
     if options.least_transmission:
         asked = [nc.synthesis.transmission_angle(float(np.radians(options.least_transmission)))]
     rows = []
+    evolution = co_optimisation.is_there() and not options.alone
     for kind, name, points, closed, more in targets(most):
         if options.kinds and kind not in options.kinds:
             continue
@@ -179,6 +183,8 @@ def main() -> None:
             for what, own in less.items()
             for result in [nc.synthesis.trace(points, closed, **{**more, **own})]
         }
+        if evolution and closed:
+            others["pylinkage"] = co_optimisation.trace_by_evolution(curve.given, seconds)
         cd, pointwise, od = distances(best.line, curve.line, closed, curve.size)
         row = {
             "kind": kind, "name": name, "cd": cd, "points": pointwise, "od": od, "bars": best.bars, "exact": best.exact,
@@ -206,8 +212,8 @@ def table(rows: list[dict[str, Any]], seconds: float) -> str:
         "[trace.py](trace.py).",
         "",
         "| kind | targets | mean CD | median CD | largest CD | exact | clear | median s | mean CD of lookup "
-        "| of four-bars | of random starts |",
-        "|:--|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
+        "| of four-bars | of random starts | of pylinkage |",
+        "|:--|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
     ]
     for kind in dict.fromkeys(row["kind"] for row in rows):
         own = [row for row in rows if row["kind"] == kind]
@@ -218,7 +224,7 @@ def table(rows: list[dict[str, Any]], seconds: float) -> str:
             f"{statistics.median(times):.0f} | "
             + " | ".join(
                 f"{statistics.mean(known):.4f}" if (known := [c for r in own if (c := r["less"].get(what))]) else ""
-                for what in ("lookup", "four-bars", "random starts")
+                for what in ("lookup", "four-bars", "random starts", "pylinkage")
             )
             + " |"
         )

@@ -74,6 +74,9 @@ def _rate(f):
     nc.simulate(_rod(lambda m: m.constrain("mine", RateKind("mine", f, points=1), ["P"])), TIMES)
 
 
+_ROOT = ForceKind("mine", points=1, potential=lambda p, v, s, c: jnp.sqrt(-1.0 - p[0, 0] ** 2))
+
+
 def _applied(**what):
     nc.simulate(_rod(lambda m: m.apply("mine", ForceKind("mine", points=1, **what), points=["P"])), TIMES)
 
@@ -115,6 +118,14 @@ REFUSED = {
     "no loss": (
         lambda: _applied(dissipation=lambda p, v, s, dp, dv, ds, c: None),
         "dissipation= must return one number",
+    ),
+    "a parameter too many": (
+        lambda: _applied(potential=lambda p, v, s, c: c[1] * p[0, 0], parameters=("k",), drawn=lambda p, v, s: (1.0,)),
+        "kind 'mine' asks for index 1 in an array of 1: it declares points=1, .* 1 parameters; declare",
+    ),
+    "no finite force": (
+        lambda: nc.equilibrium(_rod(lambda m: m.apply("mine", _ROOT, points=["P"]))),
+        "force 'mine' is not finite where the search begins",
     ),
     "half a force": (
         lambda: _applied(force=lambda t, p, v, s, dp, dv, ds, c: [1.0]),

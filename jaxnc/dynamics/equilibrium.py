@@ -14,7 +14,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
-from jaxnc.dynamics.model import check_loads, dynamics, forces, potential
+from jaxnc.dynamics.model import blame_force, check_loads, dynamics, forces, potential
 from jaxnc.dynamics.reactions import Reactions, motion_reactions
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.start import start_pose
@@ -129,8 +129,8 @@ def equilibrium(
     flow = Flow.of(dyn, system.degrees_of_freedom, drives)
     if hold and state is None and len(hold) == system.degrees_of_freedom:
         state = hold  # nothing else to find: the drawing's branch is followed to there
-    q = lift(system.topology, start_pose(system, state))
-    q, rows, values, left, gap, status = _find(flow, q, method == "minimum")
+    begin = lift(system.topology, start_pose(system, state))
+    q, rows, values, left, gap, status = _find(flow, begin, method == "minimum")
     q = lower(system.topology, q)
     zero, asked, least = on_device(
         [np.zeros(q.shape, q.dtype), np.array([f.value for _, f in drives], q.dtype), np.zeros((), q.dtype)]
@@ -139,6 +139,8 @@ def equilibrium(
     if throw:
         outside(status, "throw=True")
     if throw is not False and not isinstance(status, Tracer) and int(status):
+        if not np.isfinite(left) and (culprit := blame_force(dyn, jnp.zeros(()), begin, jnp.zeros_like(begin))):
+            raise InputError(f"{system.name!r}: force {culprit!r} is not finite where the search begins")
         raise AssemblyError(
             f"{system.name!r}: no equilibrium was found from here; a force of {float(left):.3g} N is left, the "
             f"constraints are met to {float(gap):.3g}. Begin elsewhere with state=, or give it springs or gravity "

@@ -13,9 +13,9 @@ from jaxnc.compiling import jit, on_device
 from jaxnc.dynamics.extended import is_concrete
 from jaxnc.dynamics.mass import inertias, sum_inertias
 from jaxnc.errors import InputError, nearest
-from jaxnc.forces import ForceKind
+from jaxnc.forces import CATALOGUE, ForceKind
 from jaxnc.kinematics.inputs import check_parameters, check_system
-from jaxnc.reading import Unreadable
+from jaxnc.reading import OutOfRange, Unreadable, trace
 from jaxnc.records import record
 from jaxnc.remembered import by_identity, with_owner
 from jaxnc.solvers.assembly import derive
@@ -167,12 +167,36 @@ def _split(dim: int, kind: ForceKind, x: Array) -> tuple[Array, Array, Array]:
     return x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim), x[b:]
 
 
+@functools.lru_cache(maxsize=256)
+def check_indices(kind: ForceKind, dim: int) -> None:
+    """Refuse a user's kind that asks for a point, vector, coordinate or parameter beyond those it declares.
+
+    JAX would give it the last one in silence.
+    """
+    width = (kind.points + kind.vectors) * dim + kind.scalars
+
+    def evaluate(x: Array, dx: Array, c: Array, t: Array) -> tuple[Array]:
+        return (instance_force(dim, kind, t, x, dx, c),)
+
+    try:
+        trace(evaluate, (width,), (width,), (len(kind.parameters),), (), values_only=True)
+    except Unreadable:  # an operation that the host does not know
+        return
+    except OutOfRange as error:
+        raise InputError(
+            f"kind {kind.name!r} asks for {error}: it declares points={kind.points}, vectors={kind.vectors}, "
+            f"scalars={kind.scalars} and {len(kind.parameters)} parameters; declare as many as it uses"
+        ) from None
+
+
 def force_constants(top: Topology, home: Any, block: ForceBlock, physical: Any) -> Any:
     """Return the parameters of a block's forces, given or drawn ``(forces, parameters)``: NumPy's of NumPy arrays.
 
     NumPy's coordinates and physical parameters may carry changes along a last axis; then these do too.
     """
     kind, (count, tail) = block.kind, (len(block.names), home.shape[1:])
+    if CATALOGUE.get(kind.name) is not kind:
+        check_indices(kind, top.dim)
     host = isinstance(home, np.ndarray)
     xp: Any = np if host else jnp
     out: Any = np.zeros((count, len(kind.parameters), *tail), home.dtype)
@@ -265,27 +289,27 @@ def force_values(dyn: Dynamics, t: Array, q: Array, v: Array) -> tuple[tuple[Arr
     """
     top, local = dyn.topology, []
     for number, block in enumerate(top.loads.forces):
-        at, each = force_variables(top, number), functools.partial(instance_force, top, block, t)
+        at, each = force_variables(top, number), functools.partial(instance_force, top.dim, block.kind, t)
         local.append(jax.vmap(each)(q[at], v[at], dyn.constants[number]))
     return tuple(local), tuple(function_forces(dyn, t, q, v))
 
 
-def instance_force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: Array) -> Array:
-    """Evaluate one force of a block on its own variables: of these, their rates and its parameters."""
-    kind, total = block.kind, jnp.zeros_like(x)
+def instance_force(dim: int, kind: ForceKind, t: ArrayLike, x: Array, dx: Array, c: Array) -> Array:
+    """Evaluate one force of a kind on its own variables: of these, their rates and its parameters."""
+    total = jnp.zeros_like(x)
     if kind.potential is not None:
-        total = total - jax.grad(lambda y: _instance_energy(kind, top.dim, y, c))(x)
+        total = total - jax.grad(lambda y: _instance_energy(kind, dim, y, c))(x)
     if loss := kind.dissipation:
-        what, at = f"kind {kind.name!r}: dissipation=", _split(top.dim, kind, x)
+        what, at = f"kind {kind.name!r}: dissipation=", _split(dim, kind, x)
 
         def dissipate(dy: Array) -> Array:
-            found = call_user(loss, what, "p, v, s, dp, dv, ds, c", *at, *_split(top.dim, kind, dy), c)
+            found = call_user(loss, what, "p, v, s, dp, dv, ds, c", *at, *_split(dim, kind, dy), c)
             return as_real(found, what, "one number", ())
 
         total = total - jax.grad(dissipate)(dx)
     if kind.force is not None:
         what, returns = f"kind {kind.name!r}: force=", "forces on its points, vectors and scalars, an array of each"
-        at = *_split(top.dim, kind, x), *_split(top.dim, kind, dx)
+        at = *_split(dim, kind, x), *_split(dim, kind, dx)
         found = call_user(kind.force, what, "t, p, v, s, dp, dv, ds, c", t, *at, c)
         parts = found if isinstance(found, tuple | list) else (found,)
         whole = jnp.concatenate([as_real(part, what, returns).reshape(-1) for part in (*parts, jnp.zeros(0))])

@@ -279,9 +279,8 @@ def force_elements(dyn: Dynamics, t: Array, x: Elements, v: Elements, wanted: di
         out = {c: weight[c] for c in massed_coordinates(top) if c in wanted}
     for number, block in enumerate(top.loads.forces):
         for i, at in enumerate(force_variables(top, number)):
-            local = instance_force(
-                top, block, t, jnp.stack([x[c] for c in at]), jnp.stack([v[c] for c in at]), dyn.constants[number][i]
-            )
+            own, rates = (jnp.stack([array[c] for c in at]) for array in (x, v))
+            local = instance_force(top.dim, block.kind, t, own, rates, dyn.constants[number][i])
             for k, c in enumerate(map(int, at)):
                 if c in wanted:
                     out[c] = out[c] + local[k] if c in out else local[k]

@@ -328,7 +328,7 @@ class _PlaneSketch:
         """Draw springs, dampers and stops between points and on coordinates; torques."""
         loads, beside = self.top.loads, defaultdict(int)
         for block in loads.forces:
-            kind = block.kind.name
+            word = block.kind.name.split()[-1]  # of "coordinate spring", and of a user's "leaf spring", a spring
             for k in range(len(block.names)):
                 ends, scalars = block.points[k], block.scalars[k]
                 angle = None
@@ -339,15 +339,14 @@ class _PlaneSketch:
                         continue
                 if block.kind == COUPLE:
                     self.items.extend(_torque_symbol(ends, 0.5))
-                elif angle is not None and "spring" in kind:
+                elif angle is not None and word == "spring":
                     self.items.append(_spiral_symbol(angle))
-                elif angle is not None and "damper" in kind:
+                elif angle is not None and word == "damper":
                     self.items.append(Span("dashpot", angle, _arc_symbol(2.4, 0.6, 5.6)))
                 elif len(ends) == 2 and ends[0] != ends[1]:
                     both = (min(ends), max(ends))
-                    draw = next((_BETWEEN[word] for word in _BETWEEN if word in kind), None)
-                    if draw is not None:
-                        self.items.extend(draw(both, (0.0, 3.0, -3.0, 6.0)[beside[both] % 4]))
+                    if word in _BETWEEN:
+                        self.items.extend(_BETWEEN[word](both, (0.0, 3.0, -3.0, 6.0)[beside[both] % 4]))
                         beside[both] += 1
                         self.used.update(both)
         for function in loads.functions:
@@ -467,4 +466,4 @@ def _stop_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
 
 
 _BETWEEN = {"spring": _coil_symbol, "damper": _dashpot_symbol, "stop": _stop_symbol}
-"""What is drawn between two points, by a word in the name of a kind of force."""
+"""What is drawn between two points, by the last word in the name of a kind of force."""

@@ -212,7 +212,7 @@ class Loads:
         springs = [item for item in self.items if isinstance(item, Solid) and item.role == "spring"]
         sprung = {tuple(sorted(item.frame.along.columns)) for item in springs}
         for block in self.top.loads.forces:
-            word = next((word for word in ("spring", "damper", "stop", "effort") if word in block.kind.name), None)
+            word = block.kind.name.split()[-1]  # of "coordinate spring", and of a user's "leaf spring", a spring
             for points, scalars in zip(block.points, block.scalars, strict=True):
                 if scalars:
                     self._on(scalars[0], word)
@@ -228,7 +228,7 @@ class Loads:
             if self.bodies.ground[p]:
                 self.joints.supported.add(p)
 
-    def _on(self, coordinate: int, word: str | None) -> None:
+    def _on(self, coordinate: int, word: str) -> None:
         """Draw what acts on an angle, about its axis; distances are drawn already."""
         k = coordinate - (len(self.top.coordinates) - len(self.top.scalars))
         if k < 0 or not self.top.angles[k] or word not in _ABOUT:
