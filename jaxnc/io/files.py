@@ -10,7 +10,6 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,18 +26,21 @@ from jaxnc.vehicle.hardpoints import trade_names
 
 if TYPE_CHECKING:
     from jaxnc.constraints import Kind, RateKind
+    from jaxnc.forces import ForceKind
+
+    AnyKind = Kind | RateKind | ForceKind
 
 _WIDTH = 100  # of a line in a file
 _NO_COMMENTS: Mapping[str, str] = {}
 
 
 @public
-def load(path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None) -> Mechanism:
+def load(path: str | Path, kinds: "Mapping[str, AnyKind] | None" = None) -> Mechanism:
     """Read a mechanism from a model file.
 
     Args:
         path: a file ending in ``.toml`` or ``.json``.
-        kinds: constraint kinds of your own that the file uses, by name.
+        kinds: kinds of constraints and forces of your own that the file uses, by name.
 
     Returns:
         The mechanism, ready to be compiled; its ``model.run`` says how the file wants it driven.
@@ -51,19 +53,12 @@ def load(path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None)
     return _rebuild(decode(source, record.Model), source, kinds or {})
 
 
-def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None) -> Path:
+def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, AnyKind] | None" = None) -> Path:
     """Write a mechanism to a model file that `load` turns into an equal one; see `jaxnc.Mechanism.save`."""
     path = file_name(path)
     if path.suffix.lower() not in SUFFIXES:
         raise MechanismError(f"{path}: a model file ends in .toml or .json, this name ends in {path.suffix!r}")
-    for name, constraint in mechanism.model.constraints.items():
-        kind = constraint.kind
-        if mechanism.kinds.get(kind) not in (_catalogue(kind), (kinds or {}).get(kind)):
-            raise MechanismError(
-                f"constraint {name!r} is of your own kind {kind!r}, which a file can only name: call "
-                f"save(path, kinds={{{kind!r}: …}}), and give the same kinds to load()"
-            )
-    _check_savable(mechanism)
+    _check_savable(mechanism, kinds or {})
     data = plain(mechanism.model)
     if path.suffix.lower() != ".toml":
         return write(path, json_text(data).encode())
@@ -83,7 +78,12 @@ def blame(path: str | Path, error: MechanismError) -> ModelFileError:
     return source.fault(str(error))
 
 
-def _catalogue(name: str) -> "Kind | RateKind | None":
+def _catalogue(noun: str, name: str) -> "AnyKind | None":
+    """Find one of the library's own kinds, of a constraint or of a force."""
+    if noun == "force":
+        from jaxnc.forces import CATALOGUE as FORCES  # and JAX with it, which a model without forces can do without
+
+        return FORCES.get(name)
     from jaxnc.constraints import CATALOGUE, RATES, cable, relation
 
     if sized := re.fullmatch(r"(cable|relation) of ([1-9]\d?)", name):
@@ -103,7 +103,7 @@ def plain(model: record.Model) -> dict[str, Any]:
     return {**name, **{k: v for k, v in data.items() if v != {}}}
 
 
-def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | RateKind]") -> Mechanism:
+def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, AnyKind]") -> Mechanism:
     """Call the builder for every record, in the order of the schema."""
     with source.blamed():
         m = Mechanism(model.name, model.dim, model.description, model.units.length, model.units.angle)
@@ -120,11 +120,17 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | Ra
         body["lengths"] = {_split_ends(key, name): value for key, value in body["lengths"].items()}
         m.body(name, **body)
 
-    def add_constraint(name: str, c: record.Constraint) -> None:
-        kind = kinds.get(c.kind) or _catalogue(c.kind)
+    def find_kind(noun: str, name: str, called: str) -> Any:
+        kind = kinds.get(called) or _catalogue(noun, called)
         if kind is None:
-            raise _unknown_kind(name, c.kind, kinds)
-        m.constrain(name, kind, c.points, c.vectors, c.scalars, c.constants)
+            raise _unknown_kind(noun, name, called, kinds)
+        return kind
+
+    def add_constraint(name: str, c: record.Constraint) -> None:
+        m.constrain(name, find_kind("constraint", name, c.kind), c.points, c.vectors, c.scalars, c.constants)
+
+    def add_force(name: str, f: record.Force) -> None:
+        m.apply(name, find_kind("force", name, f.kind), f.points, f.vectors, f.scalars, f.parameters)
 
     def add_friction(name: str, entry: record.Friction) -> None:
         given = msgspec.structs.asdict(entry)
@@ -145,7 +151,7 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | Ra
         "relations": call(m.relation),
         "constraints": add_constraint,
         "masses": call(m.point_mass),
-        "forces": partial(_add_force, m),
+        "forces": add_force,
         "friction": add_friction,
     }
     for section, add in sections.items():
@@ -157,15 +163,6 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | Ra
     check_run(m, model.run, source.blamed)
     m.model.run = model.run
     return m
-
-
-def _add_force(m: Mechanism, name: str, force: record.Force) -> None:
-    from jaxnc.forces import CATALOGUE  # and JAX with it, which a model without forces can do without
-
-    kind = CATALOGUE.get(force.kind)
-    if kind is None:
-        raise MechanismError(f"force {name!r}: unknown kind {force.kind!r}; {nearest(force.kind, CATALOGUE)}")
-    m.apply(name, kind, force.points, force.vectors, force.scalars, force.parameters)
 
 
 def _check_simulation(m: Mechanism, section: record.Simulation, source: Source) -> None:
@@ -194,28 +191,34 @@ def _split_ends(key: str, body: str) -> tuple[str, str]:
     return ends[0], ends[1]
 
 
-def _unknown_kind(name: str, kind: str, kinds: "Mapping[str, Kind | RateKind]") -> MechanismError:
-    from jaxnc.constraints import CATALOGUE
-
+def _unknown_kind(noun: str, name: str, kind: str, kinds: "Mapping[str, AnyKind]") -> MechanismError:
+    if noun == "force":
+        from jaxnc.forces import CATALOGUE
+    else:
+        from jaxnc.constraints import CATALOGUE
     return MechanismError(
-        f"constraint {name!r}: unknown kind {kind!r}; a kind of your own is given when loading, "
+        f"{noun} {name!r}: unknown kind {kind!r}; a kind of your own is given when loading, "
         f"load(path, kinds={{{kind!r}: …}}), and for those of the catalogue: {nearest(kind, [*CATALOGUE, *kinds])}"
     )
 
 
-def _check_savable(m: Mechanism) -> None:
-    """Refuse forces that are functions or of the user's own kinds."""
+def _check_savable(m: Mechanism, kinds: "Mapping[str, AnyKind]") -> None:
+    """Refuse forces that are functions, and kinds of the user's own that are not given."""
+    entries: list[tuple[str, str, str, AnyKind | None]] = [
+        ("constraint", name, c.kind, m.kinds.get(c.kind)) for name, c in m.model.constraints.items()
+    ]
     for name, f in m.model.forces.items():
         if f.kind.startswith("function: "):
             raise MechanismError(
                 f"force {name!r} is a function, which a file cannot hold; save the mechanism without it, and add it "
                 f"again after load()"
             )
-        from jaxnc.forces import CATALOGUE
-
-        if m.force_kinds.get(f.kind) != CATALOGUE.get(f.kind):
+        entries.append(("force", name, f.kind, m.force_kinds.get(f.kind)))
+    for noun, name, called, kind in entries:
+        if kind is not None and kind not in (_catalogue(noun, called), kinds.get(called)):
             raise MechanismError(
-                f"force {name!r} is of your own kind {f.kind!r}, which a file cannot hold; add it after load()"
+                f"{noun} {name!r} is of your own kind {called!r}, which a file can only name: call "
+                f"save(path, kinds={{{called!r}: …}}), and give the same kinds to load()"
             )
 
 

@@ -357,7 +357,7 @@ def _close(range_: _Range, strands: list[_Strand], group: list[int], root: Any) 
 def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, hold, angle: bool) -> Circuits:
     """Branches in order, the drawing's circuit first."""
     strands, roots = found
-    drawn = _drawn(system, range_, strands, inputs, hold)
+    drawn = _drawn(system, range_, strands, inputs, hold, angle)
     order: dict[int, int] = {} if drawn is None else {roots[drawn]: 0}
     for r in roots:
         order.setdefault(r, len(order))
@@ -395,12 +395,14 @@ def _unwrapped(range_: _Range, q: np.ndarray) -> np.ndarray:
     return q
 
 
-def _drawn(system: System, range_: _Range, strands: list[_Strand], inputs: Inputs, hold) -> int | None:
+def _drawn(system: System, range_: _Range, strands: list[_Strand], inputs: Inputs, hold, angle: bool) -> int | None:
     """Which strand the drawing is on, when its input is brought to the nearest value; None if on none."""
     drawn = range_.design.x[range_.order[range_.k]] * range_.design.unit[range_.order[range_.k]]
     values = range_.values[:, range_.k]
-    k = int(np.abs(values - drawn).argmin())
-    asked = {n: float(v) for n, v in zip(inputs, range_.values[k], strict=True)}
+    turns = 2.0 * np.pi * np.round((values - drawn) / (2.0 * np.pi)) if angle else np.zeros(len(values))
+    k = int(np.abs(values - turns - drawn).argmin())  # a range may begin whole turns away from the drawing
+    at = range_.values[k] - turns[k] * (np.arange(len(range_.values[k])) == range_.k)
+    asked = {n: float(v) for n, v in zip(inputs, at, strict=True)}
     try:
         pose = np.asarray(solve_position(system, asked, hold=hold, throw=False).check().q, float)
     except AssemblyError:

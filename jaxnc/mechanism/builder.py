@@ -1300,7 +1300,7 @@ class Mechanism(Drawn):
         """
         return door("Mechanism.compile")(self, sparse, dtype)
 
-    def save(self, path: "str | Path", kinds: "Mapping[str, Kind | RateKind] | None" = None) -> "Path":
+    def save(self, path: "str | Path", kinds: "Mapping[str, Kind | RateKind | ForceKind] | None" = None) -> "Path":
         """Write the description to a TOML or JSON model file (`jaxnc.load` reads it back).
 
         Args:

@@ -12,7 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from places import EXAMPLES
 
+import jaxnc as nc
 from jaxnc.constraints import CATALOGUE, Kind, cable
+from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, MechanismError, ModelFileError, OutputError
 from jaxnc.io.drives import sweep_arguments
 from jaxnc.io.files import blame, json_text, load, save, toml
@@ -358,6 +360,9 @@ def test_a_complaint_of_the_compiler_finds_its_line(tmp_path):
 # own kinds, and where nothing can be written
 
 
+MAGNET = nc.forces.ForceKind("magnet", ("strength",), points=2, potential=lambda p, v, s, c: -c[0] / norm(p[1] - p[0]))
+
+
 def own_kind() -> Mechanism:
     m = Mechanism("own")
     m.ground("A", (0, 0))
@@ -377,6 +382,19 @@ def test_own_kinds_are_named_and_given_back(tmp_path):
     assert "line 11" in message and "'midpoint'" in message and "load(path, kinds={'midpoint': …})" in message
     back = load(path, kinds={"midpoint": OWN})
     assert back.model == m.model and back.kinds == m.kinds
+
+
+def test_own_kinds_of_forces_are_named_and_given_back(tmp_path):
+    m, path = own_kind(), tmp_path / "own.json"
+    m.apply("magnet", MAGNET, points=["A", "B"], parameters={"strength": 2.0})
+    kinds = {"midpoint": OWN, "magnet": MAGNET}
+    with pytest.raises(MechanismError, match=r"force 'magnet'.*kinds=\{'magnet'"):
+        save(m, path, kinds={"midpoint": OWN})
+    save(m, path, kinds=kinds)
+    with pytest.raises(nc.ModelFileError, match=r"force 'magnet': unknown kind 'magnet'.*load\(path, kinds="):
+        load(path, kinds={"midpoint": OWN})
+    back = load(path, kinds=kinds)
+    assert back.model == m.model and back.force_kinds == {"magnet": MAGNET}
 
 
 def test_a_kind_that_only_borrows_a_name_of_the_catalogue_is_not_saved(tmp_path):

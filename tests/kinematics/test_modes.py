@@ -397,6 +397,8 @@ def test_circuits_meet_where_the_tracer_turns():
     for branch in found.branches:
         assert bool(branch.poses.converged.all()) and np.abs(np.diff(np.asarray(branch.poses["F"]), axis=0)).max() < 0.1
     assert nc.circuits(system, {"phi": np.linspace(2.0, 3.0, 31)}).circuit(0)[0].dead == (False, False)
+    # A range that begins a whole turn away from the drawing has it too.
+    assert nc.circuits(system, {"phi": np.linspace(-2 * np.pi, 0, 31)}).drawn == 0
 
 
 def test_a_crank_turns_on_both_circuits_of_a_four_bar():

@@ -364,6 +364,33 @@ class TestBurmester:
             assert near.minima[k] and near.errors[k] < 1e-9
         assert "Proved to exist" in near.statement and "minimum" in str(near)
 
+    def test_stationary_bars_of_small_turns_and_of_far_points(self):
+        """A wishbone moved a little comes back; which point of the body tells the poses does not matter."""
+        wishbone = syn.FourBar((0.35, 0.2), (0.72, 0.19), (0.68, 0.48), (0.40, 0.45), (0.78, 0.31))
+        start = float(np.angle(wishbone.z[1] - wishbone.z[0]))
+        motion = wishbone.move({"phi": start + np.linspace(-0.2, 0.2, 9)})
+        poses = np.column_stack([motion["P"], motion["theta"]])
+        best = syn.Guidance(poses).four_bars()[0]
+        assert not best.defects and best.error < 1e-10
+        np.testing.assert_allclose(sorted(best.linkage.lengths.values()), sorted(wishbone.lengths.values()), rtol=1e-8)
+        poses = poses_of(GIVEN, np.linspace(0.0, 1.5, 8)) + 0.02 * np.random.default_rng(3).normal(size=(8, 3))
+        near = syn.Guidance(poses).nearest_dyads()
+        far = np.column_stack(
+            [poses[:, :2] + 1e3 * np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], 1), poses[:, 2]]
+        )
+        again = syn.Guidance(far).nearest_dyads()
+        assert near.complete and len(near) == len(again)
+        np.testing.assert_allclose(near.errors, again.errors, rtol=1e-5)
+
+    def test_a_bar_may_go_a_little_back_near_many_poses(self):
+        """Of a whole turn in small steps, noise turns some of them round."""
+        linkage = syn.FourBar((0, 0), (1, 0.2), (3, 2.5), (4, 0), (2, 2.5))
+        motion = linkage.move({"phi": np.linspace(0.2, 6.35, 200)})
+        poses = np.column_stack([motion["P"], motion["theta"]])
+        poses = poses + 0.01 * np.random.default_rng(5).normal(size=poses.shape)
+        best = syn.Guidance(poses).four_bars()[0]
+        assert not best.defects and best.error < 0.1 and (np.diff(best.inputs) < 0).any()
+
     def test_four_bars_near_many_poses(self):
         """Of exact poses the linkage itself comes back; of others one that is moved and told how near it comes."""
         poses = poses_of(GIVEN, np.linspace(0.0, 1.5, 9))
@@ -396,6 +423,14 @@ class TestBurmester:
             syn.Guidance(five[:4]).nearest_dyads()
         with pytest.raises(nc.InputError, match="does not turn"):
             syn.Guidance(np.column_stack([six[:, :2], np.full(6, 0.2)])).nearest_dyads()
+        dyads = syn.Guidance(six).nearest_dyads()
+        with pytest.raises(nc.InputError, match="a dyad of 6 poses, where there are 5"):
+            syn.Guidance(five).four_bar(dyads[0], dyads[1])
+        about_one = np.column_stack([np.full(6, 0.1), np.full(6, 0.2), np.linspace(0, 2, 6)])
+        with pytest.raises(nc.InputError, match="infinitely many dyads"):
+            syn.Guidance(about_one[:5]).pairs()
+        with pytest.raises(nc.InputError, match="about one point"):
+            syn.Guidance(about_one).nearest_dyads()
         shifted = np.array([[0, 0, 0.2], [1, 0, 0.2], [2, 0, 0.2]])
         with pytest.raises(nc.InputError, match="moving pivot lie in a line"):
             syn.Guidance(shifted).dyad(moving=(0, 1))

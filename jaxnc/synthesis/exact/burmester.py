@@ -174,7 +174,8 @@ class Dyad:
         fixed: the centre point on the ground.
         places: where the circle point is in every pose, ``(n, 2)``.
         length: length of the bar.
-        residual: largest difference of its distance from the centre between the poses, as a part of the poses' size.
+        residual: largest difference of its distance from the centre between the poses, as a part of the poses' size, or
+            of the bar's length if that is larger.
     """
 
     moving: Point
@@ -424,7 +425,13 @@ class Guidance:
         rows = np.stack(
             [0.5 * np.abs(t) ** 2, g.real, -g.imag, -t.real, -t.imag, -m.real, m.imag], axis=1
         )  # fmt: skip
-        basis = np.linalg.svd(rows)[2][-3:]
+        _, sizes, directions = np.linalg.svd(rows)
+        if sizes[3] < 1e-12 * sizes[0]:
+            raise InputError(
+                "guidance: the poses are so special that infinitely many dyads pass all five, as where the body turns "
+                "about one point; leave one out and choose a dyad by curve_dyad()"
+            )
+        basis = directions[-3:]
         s, u, a, v = (
             basis[:, 0],
             basis[:, 1] + 1j * basis[:, 2],
@@ -459,7 +466,7 @@ class Guidance:
         among them, with an error of zero, and the other ones are minima and saddles between.
 
         Raises:
-            InputError: fewer than five poses, or poses that do not turn.
+            InputError: fewer than five poses, or poses that do not turn, or about one point only.
         """
         if len(self.poses) < 5:
             raise InputError(
@@ -471,8 +478,16 @@ class Guidance:
                 "guidance: the body does not turn, so any parallelogram whose bars suit one point suits all; use "
                 "jaxnc.synthesis.PathGeneration for that point"
             )
-        found = find_stationary(self._turn, self._shift)
-        dyads = tuple(self._dyad(b, a) for b, a in zip(found.z, found.a, strict=True))
+        # Bars through five of the poses are near those that come near all of them.
+        some = (
+            self if len(self.poses) == 5 else Guidance(self.poses[np.linspace(0, len(self.poses) - 1, 5).astype(int)])
+        )
+        pairs = []
+        with contextlib.suppress(InputError):  # too special
+            pairs = [(complex(*pair.moving), complex(*pair.fixed)) for pair in some.pairs()]
+        known = self._inwards(np.array(pairs, complex).reshape(-1, 2))
+        found = find_stationary(self._turn, self._shift, known)
+        dyads = tuple(self._dyad(complex(b), complex(a)) for b, a in found.bars)
         errors = np.array([np.hypot(*(dyad.places - dyad.fixed).T).std() for dyad in dyads])
         order = np.argsort(errors, kind="stable")
         return NearestDyads(
@@ -506,6 +521,9 @@ class Guidance:
                     f"guidance: both dyads have the {name} pivot ({getattr(crank, name)[0]:.6g}, "
                     f"{getattr(crank, name)[1]:.6g}); a four-bar needs two different ones"
                 )
+        for dyad in (crank, rocker):
+            if len(dyad.places) != len(self.poses):
+                raise InputError(f"guidance: a dyad of {len(dyad.places)} poses, where there are {len(self.poses)}")
         exact = max(crank.residual, rocker.residual) <= EXACT
         return guide_four_bar(self.poses, crank, rocker, draw_exact if exact else draw_near)
 

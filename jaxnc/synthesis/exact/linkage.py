@@ -355,8 +355,8 @@ class GuidedFourBar:
     Attributes:
         linkage: the four-bar, drawn in the first pose; P is the body's origin, and the crank A-B drives it.
         inputs: crank angle ``phi`` in every pose, in the order of the poses, radians, ``(n,)``.
-        error: largest distance from a pose after really moving there: lengths, and angles times the poses' size; NaN
-            if it does not get there.
+        error: largest distance from a pose after really moving there: lengths, and angles, counted from the first pose,
+            times the poses' size; NaN if it does not get there.
         transmission: smallest transmission angle on the way, radians; 0 if it does not get there.
         defects: ``"circuit"``: some poses belong to the other assembly of the linkage; ``"branch"``: a dead point of
             either bar lies between; ``"order"``: the poses are passed in another order. Empty: the design works.
@@ -406,6 +406,7 @@ def draw_near(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
     return FourBar(point_of(a), point_of(b), point_of(c), point_of(d), point_of(p))
 
 
+_BACK = 0.1  # radians
 Draw = Callable[[np.ndarray, "Dyad", "Dyad"], FourBar]
 
 
@@ -424,8 +425,10 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", draw: Draw 
         way = first.places - np.array(first.fixed)
         angles = np.arctan2(way[:, 1], way[:, 0])
         for direction in (1.0, -1.0):
-            steps = direction * np.mod(direction * np.diff(angles), 2.0 * np.pi)
-            if abs(steps.sum()) > 2.0 * np.pi:
+            # Of poses that are only met nearly a bar may go a little back, and a little over a turn.
+            slack = _BACK if draw is draw_near else 0.0
+            steps = direction * (np.mod(direction * np.diff(angles) + slack, 2.0 * np.pi) - slack)
+            if abs(steps.sum()) > 2.0 * np.pi + slack:
                 continue  # more than one turn: the poses are passed in another order
             inputs = angles[0] + np.concatenate([[0.0], np.cumsum(steps)])
             error, transmission, same = _move_through(linkage, inputs, poses, second.places)

@@ -1,11 +1,10 @@
 """Bars that guide a body nearest to any number of poses: all stationary points of a least-squares design.
 
-What a bar misses in a pose is the difference of the squared distance of its two pivots from the mean square. With the
-circle point z, the centre a and their conjugates that is linear in z, z̄, a, ā, āz and az̄, so the mean square of it is
-a quadratic form of these seven numbers, 1 included, whatever the number of poses. Where it does not change with z and
-a are the solutions of four equations; with u = āz and w = az̄ they and two more are of second degree in six unknowns, of
-total degree 64. 25 of the paths end in solutions, the others at infinity, for all poses that were tried but special
-ones.
+What a bar misses in a pose is the difference of its squared length from the mean square. With the bar w in one pose,
+the place z of its end on the body and their conjugates that is linear in w, w̄, z, z̄, w̄z, wz̄ and zz̄, so the mean
+square of it is a quadratic form of these and 1, whatever the number of poses. Where it does not change with w and z are
+the solutions of four equations; with the three products they are seven of second degree in seven unknowns, of total
+degree 128. 25 of the paths end in solutions, the others at infinity, for all poses that were tried but special ones.
 
 Source: the equations are derived here. Stationary points instead of one local minimum: A. Baskar, M. Plecnik and
 J. Hauenstein, Computing saddle graphs via homotopy continuation for the approximate synthesis of mechanisms, Mech.
@@ -13,20 +12,21 @@ Mach. Theory 176 (2022) 104932.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.continuation.certificate import certify
-from jaxnc.continuation.monodromy import solve_by_degree
-from jaxnc.errors import counted
+from jaxnc.continuation.monodromy import is_new, solve_by_degree
+from jaxnc.errors import InputError, counted
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.exact.burmester import Dyad
 
-_SEED = 25  # of the start system, so that the same poses have the same answer
+_TRIES = 3  # ways from a start system to the poses, each about two origins
 
 
 @public
@@ -79,80 +79,144 @@ class NearestDyads(Sequence["Dyad"]):
     __repr__ = __str__
 
 
-@dataclasses.dataclass(frozen=True)
-class StationaryPoints:
-    """Stationary bars of poses ``turn z + shift``."""
+class StationaryPoints(NamedTuple):
+    """Stationary bars of poses ``turn z + shift``, with the circle point z and the centre a."""
 
-    z: np.ndarray  # circle points of the real ones, by their errors
-    a: np.ndarray  # their centres
+    bars: np.ndarray  # z and a of the real ones, complex ``(k, 2)``
     minima: np.ndarray
     proved: np.ndarray
     complex_points: int
     complete: bool
 
 
-def find_stationary(turn: np.ndarray, shift: np.ndarray) -> StationaryPoints:
+def find_stationary(turn: np.ndarray, shift: np.ndarray, known: np.ndarray) -> StationaryPoints:
     """Find all bars whose least-squares error is stationary.
+
+    Bars are sought about the body's origin, and about the point that moves least: where the body turns little, or its
+    origin is far away, the one set of numbers is well conditioned and the other is not.
 
     Args:
         turn: of the body in each pose, a complex number of unit size.
-        shift: its place, in units and about an origin that suit the poses.
+        shift: its place.
+        known: bars ``(k, 2)`` that may be near others, as z and a.
+
+    Raises:
+        InputError: the body turns about one point.
     """
-    # Columns by 1, z, z̄, a, ā, u = āz, w = az̄.
+    mean = turn.mean()
+    first = mean / abs(mean) if abs(mean) > 0.1 else 1.0  # the pose in which unknowns are counted
+    change, about = turn / first - 1.0, shift - shift.mean()
+    off = change - change.mean()
+    still = -np.vdot(off, about) / np.vdot(off, off).real
+    if np.abs(about + off * still).max() < 1e-9 * max(1.0, np.abs(about).max()):
+        raise InputError("guidance: the body only turns about one point, so every bar to that point is exact")
+    bars, proved, complete, complex_points = known, np.zeros(0, bool), False, 0
+    for seed, origin in itertools.product(range(_TRIES), (0.0, still)):
+        place = about + off * origin
+        unit, middle = np.sqrt(np.mean(np.abs(place) ** 2)), shift.mean() + origin * (1.0 + change.mean())
+        z = bars[:, 0] * first - origin
+        found = _solve_about(change, place, unit, seed, np.stack([z + middle - bars[:, 1], z]))
+        w, z = found.real
+        bars, proved, complex_points = (
+            np.stack([(z + origin) / first, z - w + middle], axis=1),
+            found.proved,
+            found.others,
+        )
+        # About both origins, as one of them may not show a pivot that is far away.
+        complete = found.complete and (complete or seed > 0)
+        if complete or (found.complete and abs(still) < 1e-9):
+            break
+        complete = found.complete
+    minima = np.array(
+        [_is_minimum(_expand(b + shift[0] - a, b, turn - 1.0, shift - shift[0])[1]) for b, a in bars], bool
+    )
+    return StationaryPoints(bars, minima, proved, complex_points, complete)
+
+
+class _Ends(NamedTuple):
+    """Where paths have ended."""
+
+    real: np.ndarray  # w and z of the real ones, and of those that were known
+    proved: np.ndarray
+    others: int  # how many are complex
+    complete: bool  # whether the paths found all of these, and every other path went to infinity
+
+
+def _solve_about(change: np.ndarray, place: np.ndarray, unit: float, seed: int, known: np.ndarray) -> _Ends:
+    """Solve for bars ``w + change z + place``, of poses whose places are about zero and some units large."""
     conj = np.conj
+    wide = np.sqrt(np.mean(np.abs(change) ** 2))  # by so much the body turns: circle points are so much farther away
+    d, s = change / wide, place / unit
     columns = np.stack(
-        [abs(shift) ** 2, turn * conj(shift), conj(turn) * shift, -conj(shift), -shift, -turn, -conj(turn)], axis=1
-    )
+        [abs(s) ** 2, conj(s), s, d * conj(s), conj(d) * s, d, conj(d), abs(d) ** 2], axis=1
+    )  # by 1, w, w̄, z, z̄, w̄z, wz̄, zz̄  # fmt: skip
     columns = columns - columns.mean(axis=0)  # the squared length that fits best
-    form = columns.T @ columns / len(turn)
-    t = np.zeros((6, 7, 7), complex)
-    for row, (own, product, factor) in enumerate(((1, 5, 4), (2, 6, 3), (3, 6, 2), (4, 5, 1))):
+    form = columns.T @ columns / len(d)
+    t = np.zeros((7, 8, 8), complex)
+    # For w, w̄, z and z̄ the column of its own, and the products in which it stands, with their other factor.
+    terms = ((1, (6, 4)), (2, (5, 3)), (3, (5, 2), (7, 4)), (4, (6, 1), (7, 3)))
+    for row, (own, *products) in enumerate(terms):
         t[row, 0] += form[own]
-        t[row, factor] += form[product]
-    t[4, 0, 5], t[4, 4, 1] = 1.0, -1.0
-    t[5, 0, 6], t[5, 3, 2] = 1.0, -1.0
+        for product, factor in products:
+            t[row, factor] += form[product]
+    for row, (product, *factors) in enumerate(((5, 2, 3), (6, 1, 4), (7, 3, 4)), start=4):
+        t[row, 0, product], t[row, factors[0], factors[1]] = 1.0, -1.0
     t = 0.5 * (t + np.swapaxes(t, 1, 2))
-    w, complete = solve_by_degree(t, np.random.default_rng(_SEED))
+    ends, all_else_far = solve_by_degree(t, np.random.default_rng(seed))
     # In real and imaginary parts the equations are real, and so are the solutions that are bars.
-    parts = np.array([[1, 1j], [1, -1j]])
-    basis = np.zeros((7, 7), complex)
-    basis[0, 0] = 1.0
-    for k in range(3):
-        basis[1 + 2 * k : 3 + 2 * k, 1 + 2 * k : 3 + 2 * k] = parts
-    real_t = np.einsum("rij,ip,jq->rpq", t, basis, basis)
-    pairs = [(real_t[k] + real_t[k + 1], (real_t[k] - real_t[k + 1]) / 1j) for k in (0, 2, 4)]
-    real_t = np.array([part.real for pair in pairs for part in pair])
-    x = np.linalg.solve(basis[1:, 1:], w)
-    balls = certify(real_t, x)
-    size = np.maximum(1.0, np.abs(x).max(axis=0, initial=0.0))
-    is_real = balls.real | ~balls.proved & (np.abs(x.imag).max(axis=0, initial=0.0) < 1e-8 * size)
-    x, proved = x[:, is_real].real, balls.proved[is_real]
-    v = np.concatenate([np.ones((1, x.shape[1])), x])
-    real_form = (basis.T @ form @ basis).real
-    cost = np.einsum("in,ij,jn->n", v, real_form, v)
-    order = np.argsort(cost, kind="stable")
-    minima = np.array([_is_minimum(real_form, v[:, k]) for k in order], bool)
-    return StationaryPoints(
-        x[0, order] + 1j * x[1, order],
-        x[2, order] + 1j * x[3, order],
-        minima,
-        proved[order],
-        int(np.sum(~is_real)),
-        complete,
-    )
+    basis = np.eye(8, dtype=complex)
+    for k in (1, 3, 5):
+        basis[k : k + 2, k : k + 2] = [[1, 1j], [1, -1j]]
+    t = np.einsum("rij,ip,jq->rpq", t, basis, basis)
+    pairs = [part for k in (0, 2, 4) for part in (t[k] + t[k + 1], (t[k] - t[k + 1]) / 1j)]
+    t = np.real([*pairs, t[6]])
+    x = np.linalg.solve(basis[1:, 1:], ends)
+    starts = known[0] / unit, known[1] * wide / unit
+    real, found = np.zeros((4, 0)), []
+    for some in (x[:4], np.stack([part for z in starts for part in (np.real(z), np.imag(z))])):
+        improved = [end for start in some.T if (end := _improve_real(d, s, start)) is not None]
+        x = np.array(improved).reshape(-1, 4).T
+        real = np.concatenate([real, x[:, is_new(real, x)]], axis=1)
+        found.append(real.shape[1])
+    others = ends.shape[1] - found[0]
+    complete = all_else_far and others % 2 == 0 and found[0] == found[1]  # complex ones come in pairs
+    w, z = real[0] + 1j * real[1], real[2] + 1j * real[3]
+    product = conj(w) * z
+    proved = certify(t, np.concatenate([real, [np.real(product), np.imag(product), abs(z) ** 2]])).proved
+    return _Ends(np.stack([w, z / wide]) * unit, proved, others, complete)
 
 
-def _is_minimum(form: np.ndarray, v: np.ndarray) -> bool:
-    """Tell whether the second derivatives by z and a, two real numbers each, are positive."""
-    zx, zy, ax, ay = v[1:5]
-    # u = āz = (ax zx + ay zy) + i (ax zy - ay zx)
-    slopes = np.zeros((7, 4))
-    slopes[1:5] = np.eye(4)
-    slopes[5], slopes[6] = (ax, ay, zx, zy), (-ay, ax, zy, -zx)
-    bend = np.zeros((2, 4, 4))
-    bend[0, 0, 2] = bend[0, 1, 3] = bend[1, 1, 2] = 1.0
-    bend[1, 0, 3] = -1.0
-    own = form @ v
-    hessian = slopes.T @ form @ slopes + np.einsum("k,kij->ij", own[5:], bend + np.swapaxes(bend, 1, 2))
-    values = np.linalg.eigvalsh(hessian)
-    return bool(values[0] > 1e-12 * values[-1])
+def _improve_real(d: np.ndarray, s: np.ndarray, start: np.ndarray) -> np.ndarray | None:
+    """Take Newton's steps from the real part of w and z; None if they lead elsewhere: then it is a complex solution."""
+    size = max(1.0, float(np.abs(start).max()))
+    if np.abs(np.imag(start)).max() > 1e-3 * size:
+        return None
+    x = np.real(start).copy()
+    for _ in range(8):
+        slope, hessian = _expand(x[0] + 1j * x[1], x[2] + 1j * x[3], d, s)
+        step = np.linalg.lstsq(hessian, slope, rcond=1e-15)[0]
+        x -= step
+    near = np.abs(x - np.real(start)).max() < 1e-2 * size
+    return x if near and np.abs(step).max() < 1e-6 * size else None
+
+
+def _expand(w: complex, z: complex, d: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope and second derivatives of half the mean square, by the real and imaginary parts of w and z."""
+    bar = w + d * z + s
+    along = np.conj(bar) * d
+    slopes = np.stack([np.real(bar), np.imag(bar), np.real(along), -np.imag(along)], axis=1)
+    slopes = slopes - slopes.mean(axis=0)
+    square = 0.5 * np.abs(bar) ** 2
+    miss = square - square.mean()
+    mixed, own = complex(np.mean(miss * d)), float(np.mean(miss * np.abs(d) ** 2))
+    hessian = slopes.T @ slopes / len(d)
+    hessian[:2, 2:] += [[mixed.real, -mixed.imag], [mixed.imag, mixed.real]]
+    hessian[2:, :2] = hessian[:2, 2:].T
+    hessian[2:, 2:] += own * np.eye(2)
+    return slopes.T @ miss / len(d), hessian
+
+
+def _is_minimum(hessian: np.ndarray) -> bool:
+    """Tell whether second derivatives are positive, in numbers of one size."""
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(hessian)), np.finfo(float).tiny))
+    return bool(np.linalg.eigvalsh(hessian * scale[:, None] * scale)[0] > 1e-13)
