@@ -11,6 +11,8 @@ Beside it the CD of less: what the atlas has, before anything is refined; four-b
 search that begins at designs of the atlas taken at random, where the other begins at those that are alike. Of closed
 curves also, for as many seconds of a processor, pylinkage's search over topologies and lengths, where pymoo is there.
 ``--quick`` takes four targets of a kind, chosen by a seed, and 20 s for each: half an hour for the whole table.
+``--curves FILE`` traces the closed curves of an array ``(curves, points, 2)`` instead, as the test sets of LInK are kept.
+What has conditions or curves of its own is printed, and written to no file.
 """
 
 import argparse
@@ -53,6 +55,12 @@ def targets(per_kind: int, seed: int = 20_000) -> Iterator[Row]:
         every = list(of_kind(kind, per_kind, seed))
         for k in np.sort(rng.permutation(len(every))[:per_kind]):
             yield every[k]
+
+
+def from_file(path: str, most: int) -> Iterator[Row]:
+    """Yield the curves of a file, the first ones."""
+    for k, points in enumerate(np.load(path)[:most]):
+        yield Path(path).stem, str(k), np.asarray(points, float), True, {}
 
 
 def of_kind(kind: str, count: int, seed: int) -> Iterator[Row]:
@@ -137,6 +145,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.trace", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="for each target (60)")
     parser.add_argument("--most", type=int, default=100, metavar="N", help="targets of a kind")
+    parser.add_argument("--curves", metavar="FILE", help="closed curves to trace, .npy, (curves, points, 2)")
     parser.add_argument("--kinds", nargs="+", metavar="KIND", help="outline, stroke, 4-bar, 6-bar, 8-bar, foot")
     parser.add_argument("--least-transmission", type=float, metavar="DEG", help="smallest transmission angle asked for")
     parser.add_argument("--floor", action="store_true", help="ask that all links keep clear of the floor")
@@ -165,7 +174,8 @@ def main() -> None:
         asked = [nc.synthesis.transmission_angle(float(np.radians(options.least_transmission)))]
     rows = []
     evolution = co_optimisation.is_there() and not options.alone
-    for kind, name, points, closed, more in targets(most):
+    every = from_file(options.curves, most) if options.curves else targets(most)
+    for kind, name, points, closed, more in every:
         if options.kinds and kind not in options.kinds:
             continue
         curve = Curve.of(points, closed)
@@ -199,6 +209,8 @@ def main() -> None:
         )
     text = table(rows, seconds)
     print(text)
+    if asked or options.floor or options.curves or options.kinds:
+        return
     (HERE / "trace.json").write_text(json.dumps(rows, indent=1) + "\n")
     (HERE / "trace.md").write_text(text)
 

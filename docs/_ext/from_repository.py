@@ -20,6 +20,7 @@ def shown() -> dict[str, str]:
         "CONTRIBUTING.md": "project/contributing.md",
         "benchmarks/README.md": "project/benchmarks.md",
         "benchmarks/dynamics.md": "project/benchmarks_dynamics.md",
+        "benchmarks/trace.md": "project/benchmarks_trace.md",
         "notebooks/README.md": "notebooks/index.md",
     }
     return pages | {f"notebooks/{p.name}": f"notebooks/{p.name}" for p in sorted((ROOT / "notebooks").glob("*.ipynb"))}
