@@ -11,7 +11,7 @@ Beside it the CD of less: what the atlas has, before anything is refined; four-b
 search that begins at designs of the atlas taken at random, where the other begins at those that are alike. Of closed
 curves also, for as many seconds of a processor, pylinkage's search over topologies and lengths, where pymoo is there.
 ``--quick`` takes four targets of a kind, chosen by a seed, and 20 s for each: half an hour for the whole table.
-``--curves FILE`` traces the closed curves of an array ``(curves, points, 2)`` instead, as the test sets of LInK are kept.
+``--curves FILE`` traces the closed curves of an array ``(curves, points, 2)`` instead, as LInK keeps its test sets.
 What has conditions or curves of its own is printed, and written to no file.
 """
 
