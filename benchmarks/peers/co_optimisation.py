@@ -2,6 +2,7 @@
 
 import importlib.util
 import time
+from typing import Any
 
 import numpy as np
 
@@ -40,11 +41,11 @@ def trace_by_evolution(points: np.ndarray, seconds: float, seed: int = 0) -> flo
     end = time.process_time() + seconds
     best = [np.inf, goal]
 
-    def aim(linkage: object) -> float:
+    def aim(linkage: Any) -> float:
         if time.process_time() > end:
             raise _TimeIsOver
         try:
-            poses = np.array([[complex(*place) for place in pose] for pose in linkage.step()])  # type: ignore[attr-defined]
+            poses = np.array([[complex(*place) for place in pose] for pose in linkage.step()])
         except (UnbuildableError, TypeError):  # it stops on its way, or never begins
             return np.inf
         least = np.inf

@@ -10,15 +10,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import whole
-from jaxnc.synthesis.exact.linkage import (
-    GuidedFourBar,
-    Point,
-    complex_of,
-    draw_exact,
-    draw_near,
-    guide_four_bar,
-    point_of,
-)
+from jaxnc.synthesis.exact.linkage import GuidedFourBar, Point, complex_of, guide_four_bar, point_of
 from jaxnc.synthesis.exact.nearest import NearestDyads, find_stationary
 from jaxnc.types import ArrayLike, Float
 
@@ -525,7 +517,7 @@ class Guidance:
             if len(dyad.places) != len(self.poses):
                 raise InputError(f"guidance: a dyad of {len(dyad.places)} poses, where there are {len(self.poses)}")
         exact = max(crank.residual, rocker.residual) <= EXACT
-        return guide_four_bar(self.poses, crank, rocker, draw_exact if exact else draw_near)
+        return guide_four_bar(self.poses, crank, rocker, near=not exact)
 
     def four_bars(self) -> tuple[GuidedFourBar, ...]:
         """All four-bars of two dyads, those without defects first.
@@ -542,7 +534,7 @@ class Guidance:
         near = []
         for two in itertools.combinations(self.nearest_dyads(), 2):
             with contextlib.suppress(InputError):  # they do not reach each other
-                near.append(guide_four_bar(self.poses, *two, draw_near))
+                near.append(guide_four_bar(self.poses, *two, near=True))
         return tuple(sorted(near, key=lambda f: (len(f.defects), f.error)))
 
     # -- equations -------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import cmath
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
 
 import numpy as np
@@ -382,12 +382,12 @@ class GuidedFourBar:
     __repr__ = __str__
 
 
-def draw_exact(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
+def _draw_exact(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
     """Draw two dyads that go through a pose."""
     return FourBar(crank.fixed, crank.moving, rocker.moving, rocker.fixed, (pose[0], pose[1]))
 
 
-def draw_near(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
+def _draw_near(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
     """Draw two dyads that come near a pose: the crank in its direction there, the body where the rocker holds it.
 
     Raises:
@@ -406,34 +406,32 @@ def draw_near(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
     return FourBar(point_of(a), point_of(b), point_of(c), point_of(d), point_of(p))
 
 
-_BACK = 0.1  # radians
-Draw = Callable[[np.ndarray, "Dyad", "Dyad"], FourBar]
+_BACK = 0.1  # radians that a bar may go back between poses that are only met nearly
 
 
-def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", draw: Draw = draw_exact) -> GuidedFourBar:
+def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", near: bool = False) -> GuidedFourBar:
     """Assemble two dyads and move them through the poses, from either bar and in either direction.
 
-    Of dyads that go exactly through the poses the linkage has to reach them. Of those that only come near, for which
-    `draw` is `draw_near`, it has to stay in the assembly that is nearer.
+    Of dyads that go exactly through the poses the linkage has to reach them. Of those that only come `near`, it has to
+    stay in the assembly that is nearer.
 
     Returns:
         The linkage driven by the bar and in the direction that pass all poses in order; the given crank if none does.
     """
+    draw, slack = (_draw_near, _BACK) if near else (_draw_exact, 0.0)
     best: GuidedFourBar | None = None
     for first, second in ((crank, rocker), (rocker, crank)):
         linkage = draw(poses[0], first, second)
         way = first.places - np.array(first.fixed)
         angles = np.arctan2(way[:, 1], way[:, 0])
         for direction in (1.0, -1.0):
-            # Of poses that are only met nearly a bar may go a little back, and a little over a turn.
-            slack = _BACK if draw is draw_near else 0.0
             steps = direction * (np.mod(direction * np.diff(angles) + slack, 2.0 * np.pi) - slack)
             if abs(steps.sum()) > 2.0 * np.pi + slack:
                 continue  # more than one turn: the poses are passed in another order
             inputs = angles[0] + np.concatenate([[0.0], np.cumsum(steps)])
             error, transmission, same = _move_through(linkage, inputs, poses, second.places)
             # An exact pose that is further off, after really moving there, is not reached.
-            if error <= 1e-8 * _pose_size(poses) or (draw is draw_near and same):
+            if error <= 1e-8 * _pose_size(poses) or (near and same):
                 found = GuidedFourBar(linkage, inputs, error, transmission, ())
                 if best is None or found.transmission > best.transmission:
                     best = found

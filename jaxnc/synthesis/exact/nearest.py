@@ -110,27 +110,21 @@ def find_stationary(turn: np.ndarray, shift: np.ndarray, known: np.ndarray) -> S
     still = -np.vdot(off, about) / np.vdot(off, off).real
     if np.abs(about + off * still).max() < 1e-9 * max(1.0, np.abs(about).max()):
         raise InputError("guidance: the body only turns about one point, so every bar to that point is exact")
-    bars, proved, complete, complex_points = known, np.zeros(0, bool), False, 0
+    bars, proved, complex_points, agreed = known, np.zeros(0, bool), 0, 0
     for seed, origin in itertools.product(range(_TRIES), (0.0, still)):
         place = about + off * origin
         unit, middle = np.sqrt(np.mean(np.abs(place) ** 2)), shift.mean() + origin * (1.0 + change.mean())
         z = bars[:, 0] * first - origin
         found = _solve_about(change, place, unit, seed, np.stack([z + middle - bars[:, 1], z]))
         w, z = found.real
-        bars, proved, complex_points = (
-            np.stack([(z + origin) / first, z - w + middle], axis=1),
-            found.proved,
-            found.others,
-        )
-        # About both origins, as one of them may not show a pivot that is far away.
-        complete = found.complete and (complete or seed > 0)
-        if complete or (found.complete and abs(still) < 1e-9):
+        bars, proved = np.stack([(z + origin) / first, z - w + middle], axis=1), found.proved
+        complex_points, agreed = found.others, agreed + 1 if found.complete else 0
+        if agreed == 2:  # one way alone may not show a pivot that is far away
             break
-        complete = found.complete
     minima = np.array(
         [_is_minimum(_expand(b + shift[0] - a, b, turn - 1.0, shift - shift[0])[1]) for b, a in bars], bool
     )
-    return StationaryPoints(bars, minima, proved, complex_points, complete)
+    return StationaryPoints(bars, minima, proved, complex_points, agreed > 0)
 
 
 class _Ends(NamedTuple):
