@@ -93,10 +93,10 @@ def _attached_batch(arrays: Sequence, dims: Sequence, **params: Any) -> tuple[li
 
 def _lanes_first(arrays: Sequence, dims: Sequence, shared: Sequence[bool]) -> tuple[list, tuple]:
     """Arrays with their mapped axes first, and these; such as are not mapped get one, unless they may be shared."""
-    size = next(a.shape[d] for a, d in zip(arrays, dims, strict=True) if d is not batching.not_mapped)
+    size = next(a.shape[d] for a, d in zip(arrays, dims, strict=True) if d is not None)
     every, mapped = [], []
     for a, d, may in zip(arrays, dims, shared, strict=True):
-        one = d is batching.not_mapped
+        one = d is None  # not mapped
         mapped.append(None if one and may else 0)
         if not one:
             every.append(jnp.moveaxis(a, d, 0) if d else a)
