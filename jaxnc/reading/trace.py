@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from jaxnc.reading.operations import CALLED, READINGS, RULED, WRITTEN_OUT, Nodes, Unreadable, evaluate_equation
+from jaxnc.reading.operations import CALLED, HONEST, READINGS, RULED, WRITTEN_OUT, Nodes, Unreadable, evaluate_equation
 from jaxnc.reading.program import Builder, Program
 
 if TYPE_CHECKING:
@@ -87,7 +87,8 @@ class Reader:
             return [self.each(operation, *x)]
         if name in CALLED:
             return self.read(*_open_jaxpr(eqn.params[CALLED[name]]), x)
-        if name in RULED and (self._values_only or self._known_inputs(eqn, x) is not None):
+        plain = self._values_only or eqn.params.get("name") in HONEST
+        if name in RULED and (plain or self._known_inputs(eqn, x) is not None):
             return self.read(*_open_jaxpr(eqn.params[RULED[name]]), x)
         if name == "stop_gradient" and self._values_only:
             return x

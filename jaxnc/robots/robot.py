@@ -11,7 +11,7 @@ from jax.core import Tracer
 
 from jaxnc.calls import public
 from jaxnc.compiling import on_device
-from jaxnc.errors import InputError, MechanismError, ModelFileError
+from jaxnc.errors import InputError, MechanismError, ModelFileError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
@@ -203,8 +203,9 @@ class Robot:
 
     def __repr__(self) -> str:
         return (
-            f"Robot({self.mechanism.name!r}: {len(self._description.links) - 1} links, {len(self.joints)} joints, "
-            f"{len(self._description.loops)} loops, driven by {', '.join(self.actuated) or 'nothing'})"
+            f"Robot({self.mechanism.name!r}: {counted(len(self._description.links) - 1, 'link')}, "
+            f"{counted(len(self.joints), 'joint')}, {counted(len(self._description.loops), 'loop constraint')}, "
+            f"driven by {', '.join(self.actuated) or 'nothing'})"
         )
 
     def __str__(self) -> str:
