@@ -6,6 +6,7 @@ Present in JAX 0.8 to 0.12.
 
 import importlib
 import sys
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -20,6 +21,13 @@ def evaluate_at_once() -> Any:
     """Make a context in which numbers that are known are calculated, as if nothing were traced around them."""
     # The public way to the same folds every operation on constants within what is compiled there, one by one.
     return getattr(core, "eval_context", jax.ensure_compile_time_eval)()
+
+
+def name_of_jax(jaxpr: Any) -> str | None:
+    """Return the name of the function that a jaxpr was made of, if it is one of JAX's own."""
+    told = getattr(jaxpr, "debug_info", None)
+    own = Path(jax.__file__).parent in Path(getattr(told, "func_filename", None) or "").parents
+    return getattr(told, "func_name", None) if own else None
 
 
 def has_started() -> bool:

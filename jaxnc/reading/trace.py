@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from jaxnc.internals import name_of_jax
 from jaxnc.reading.operations import CALLED, HONEST, READINGS, RULED, WRITTEN_OUT, Nodes, Unreadable, evaluate_equation
 from jaxnc.reading.program import Builder, Program
 
@@ -87,9 +88,11 @@ class Reader:
             return [self.each(operation, *x)]
         if name in CALLED:
             return self.read(*_open_jaxpr(eqn.params[CALLED[name]]), x)
-        plain = self._values_only or eqn.params.get("name") in HONEST
-        if name in RULED and (plain or self._known_inputs(eqn, x) is not None):
-            return self.read(*_open_jaxpr(eqn.params[RULED[name]]), x)
+        if name in RULED:
+            inner = _open_jaxpr(eqn.params[RULED[name]])
+            plain = self._values_only or name_of_jax(inner[0]) in HONEST
+            if plain or self._known_inputs(eqn, x) is not None:
+                return self.read(*inner, x)
         if name == "stop_gradient" and self._values_only:
             return x
         types, read = READINGS.get(name, ("", ""))
