@@ -45,7 +45,6 @@ def describe() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "python": platform.python_version(),
         "versions": versions,
-        "gpu": _gpu(),
     }
 
 
@@ -55,13 +54,6 @@ def load(seen: list[float]) -> list[float]:
         return seen
     now = [*seen, round(os.getloadavg()[1], 1)]
     return [min(now), max(now)]
-
-
-def _gpu() -> str:
-    import jax
-
-    device = jax.devices()[0]
-    return "not measured" if device.platform == "cpu" else device.device_kind
 
 
 def _model() -> str:

@@ -28,6 +28,7 @@ _HEAD = """# Benchmarks
 | `python -m benchmarks.optimisers` | optax against the least-squares search: [optimisers.md](../docs/optimisers.md) |
 | `python -m benchmarks.dynamics` | formulations, engines, problems of dynamics: [dynamics.md](dynamics.md) |
 | `python -m benchmarks.modes` | all assemblies against PHCpack, where its program `phc` is: the same sets |
+| `python -m benchmarks.card` | every class on a graphics card: [card.md](card.md); `--core` on one core |
 | `python -m benchmarks.trace` | linkages for curves of many kinds: [trace.md](trace.md); `--quick` for four of each |
 
 The command ends with 1 if a ratio is worse than in `benchmarks/baseline.json` by more than the tolerance written
@@ -106,7 +107,7 @@ def _machine(record: Record) -> str:
             f"memory slow down what streams through them most, so that absolute times are upper bounds.\n"
         )
     return (
-        f"## Machine\n\n{m['cpu']}, {m['cores']} cores; 64-bit numbers; GPU: {m['gpu']}.{quick}\n"
+        f"## Machine\n\n{m['cpu']}, {m['cores']} cores; 64-bit numbers; on a GPU: [card.md](card.md).{quick}\n"
         f"Python {m['python']}, {versions}.\n{busy}"
     )
 
@@ -199,6 +200,5 @@ def _one_growth(title: str, rows: Sequence[Row], sizes: Sequence[int]) -> str:
 
 
 def _missing(record: Record) -> str:
-    gpu = ["anything on a GPU"] if record.machine["gpu"] == "not measured" else []
-    items = [*record.left_out, *(f"failed: {x}" for x in record.failed), *gpu]
+    items = [*record.left_out, *(f"failed: {x}" for x in record.failed)]
     return "## Not measured\n\n" + "\n".join(f"- {x}" for x in items) if items else ""

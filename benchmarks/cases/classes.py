@@ -63,7 +63,13 @@ def _robots() -> Iterator[Class]:
         yield Class(f"robot {name}", robot.system, robot.actuated, robot.held, at - width, at + width)
 
 
-def _naive(one: Class) -> Any:
+def every_class() -> Iterator[Class]:
+    """Yield robots from files, then the mechanisms of the library that have inputs."""
+    yield from _robots()
+    yield from _library()
+
+
+def naive(one: Class) -> Any:
     """Return jitted Newton steps from the drawing on the library's own public residual, lane by lane."""
     top, home = one.system.topology, jnp.asarray(derive(one.system).home)
     driven = np.array([top.position[c] for c in one.driven])
@@ -99,7 +105,7 @@ def _compared(suite: Suite, one: Class, count: int, gradients: bool) -> None:
         found = nc.solve_position(one.system, dict(zip(one.driven, u, strict=True)), hold=one.hold)
         return found.q, found.status
 
-    compiled, naive = jax.jit(jax.vmap(poses)), _naive(one)
+    compiled, steps = jax.jit(jax.vmap(poses)), naive(one)
 
     def truth(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses that are known to be right: this library's, which the public residual is asked about."""
@@ -130,7 +136,7 @@ def _compared(suite: Suite, one: Class, count: int, gradients: bool) -> None:
         return [
             Way(
                 NAIVE,
-                lambda u: jax.block_until_ready(naive(u)),
+                lambda u: jax.block_until_ready(steps(u)),
                 right,
                 prepare=jnp.asarray,
                 compiles=True,
@@ -143,11 +149,11 @@ def _compared(suite: Suite, one: Class, count: int, gradients: bool) -> None:
         return one.low + (one.high - one.low) * u
 
     if gradients and len(one.system.topology.unknown) <= _WIDE:
-        ways += _gradients(one)
+        ways += gradients(one)
     suite.compare(f"class {one.name}, {count:,}", [*ways, *suite.peer("naive JAX", make)], draw, count)
 
 
-def _gradients(one: Class) -> list[Way]:
+def gradients(one: Class) -> list[Way]:
     """A number of all points, and its gradient by the design: right if it is that of differences along one way.
 
     Points count by weights: some mechanisms keep a sum of plain squares, and XLA sees it. An overconstrained mechanism
@@ -191,7 +197,7 @@ def _gradients(one: Class) -> list[Way]:
 
 
 def _all(suite: Suite, count: int, gradients: bool = False) -> None:
-    for one in (*_robots(), *_library()):
+    for one in every_class():
         if suite.only and one.name not in suite.only:
             continue
         _compared(suite, one, count, gradients)

@@ -19,6 +19,7 @@ def shown() -> dict[str, str]:
         "CHANGELOG.md": "project/changelog.md",
         "CONTRIBUTING.md": "project/contributing.md",
         "benchmarks/README.md": "project/benchmarks.md",
+        "benchmarks/card.md": "project/benchmarks_card.md",
         "benchmarks/dynamics.md": "project/benchmarks_dynamics.md",
         "benchmarks/trace.md": "project/benchmarks_trace.md",
         "notebooks/README.md": "notebooks/index.md",

@@ -592,7 +592,7 @@ _batch_rates = jit(lane_rates, static_argnums=0)
 
 def _written_out(plan: Plan, eq: Equations, q: Array, known: Sequence[Array], ok: Array) -> tuple[Array, ...]:
     core, lanes = kernel(plan), ok.shape
-    go = opaque_true(eq, core.closed)
+    go = opaque_true(eq)
     q = jax.vmap(functools.partial(masked_pose, eq))(q, ok)
     x = tuple(q[:, c] for c in range(q.shape[1]))
     inputs = [tuple(jnp.where(ok, o[:, k], 0.0) for k in range(len(plan.known))) for o in known]

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.compiling import at_a_time
 from jaxnc.solvers.branch import EXTRAPOLATED, FIRST, LEADING, SHARP, SHORT, STEP, TURNING, parts_of_way, smooth, steady
 from jaxnc.solvers.kernel import (
     Kernel,
@@ -134,7 +135,8 @@ class _PoseTable(NamedTuple):
 def _at_once(lanes: int, least: int) -> int:
     """Lanes in one round. The fewer they are, the sooner the table is there; the more, the fewer rounds."""
     # 2048 of more lanes: they stay in the cache
-    return max(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), 2048), least)
+    wanted = at_a_time(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), 2048))
+    return max(min(wanted, lanes), least)
 
 
 def from_table(
@@ -155,7 +157,7 @@ def from_table(
     driven, unknown = int(plan.known[0]), [int(c) for c in plan.unknown]
     guessed = [unknown.index(c) for c in core.guessed]
     start = [q[c] for c in range(q.shape[0])]
-    go = opaque_true(eq, core.closed)
+    go = opaque_true(eq)
     outset = fusion_barrier(go, lambda: core.determinants(eq, start))
     signs = [jnp.sign(d) for d in outset]
     origin = q[driven]
@@ -362,7 +364,7 @@ def stepper(
     fixed = {int(c): x[int(c)] for c in plan.fixed}
     # What has a closed form needs no guess: there is one solution of each orientation.
     guessing = kernel.jumps or bool(kernel.guessed)
-    go = opaque_true(eq, kernel.closed)
+    go = opaque_true(eq)
 
     def whole(y):
         return [fixed[c] if c in fixed else y[moving.index(c)] for c in range(len(x))]

@@ -75,7 +75,7 @@ class _Block:
         if n == rows <= FEW:
             matrix = [[slopes.get((r, c), 0.0) for c in range(n)] for r in range(n)]
             # Quotients are what XLA computes once, however many use them; so in reverse.
-            one = jnp.where(opaque_true(eq, closed=True), 1.0, 2.0)
+            one = jnp.where(opaque_true(eq), 1.0, 2.0)
             return cramer(matrix, [b / one for b in right])
         known = lax.stop_gradient(slopes)
         own = {(r, c): slope for (r, c), slope in known.items() if r < n}
@@ -341,7 +341,7 @@ class Kernel:
             else:
                 y, iterated[k] = self._iterate(block, eq, x)
             if len(self.blocks) > 2 and k not in iterated:  # 2 blocks may be computed into each other
-                y = fusion_barrier(opaque_true(eq, self.closed), lambda y: y, y)
+                y = fusion_barrier(opaque_true(eq), lambda y: y, y)
             for c, v in zip(block.columns, y, strict=True):
                 x[c] = v
         return x, iterated
@@ -372,7 +372,7 @@ class Kernel:
         """Solve a block by Newton, in all lanes until the last has it."""
         columns, pure = block.columns, pure_numbers(self.plan.topology)
         shape = jnp.broadcast_shapes(*(jnp.shape(x[c]) for c in block.rows.needed), jnp.shape(eq.length))
-        one, go = jnp.ones(shape), opaque_true(eq, closed=False)
+        one, go = jnp.ones(shape), opaque_true(eq)
 
         def newton_step(y):
             at = list(x)
@@ -490,14 +490,9 @@ def fusion_barrier(go: Array, f, *arguments):
     return lax.cond(go, f, lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes), *arguments)
 
 
-def opaque_true(eq: Equations, closed: bool) -> Array:
-    """Return true, which the compiler cannot know.
-
-    Of a design that is constant in the program it can where all blocks have `closed` forms: these are the quicker for
-    being folded.
-    """
-    true = jnp.all(eq.length > 0.0)
-    return true if closed else lax.optimization_barrier(true)
+def opaque_true(eq: Equations) -> Array:
+    """Return true, which the compiler cannot know, not even where the design is constant in the program."""
+    return lax.optimization_barrier(jnp.all(eq.length > 0.0))
 
 
 def smallest(pivots: Sequence[Pivots]) -> Array:

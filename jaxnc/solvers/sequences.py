@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.compiling import at_a_time
 from jaxnc.solvers.branch import LEADING, SHORT, STEP, TURNING, parts_of_way, steady
 from jaxnc.solvers.kernel import Kernel, SolvedLanes, fusion_barrier, on_branch, opaque_true
 from jaxnc.solvers.plan import Plan
@@ -140,8 +141,8 @@ def _in_blocks(
     """
     count, total, _ = goals.shape
     # 4608 poses are solved at once, in one block: fewer loops, and sooner compiled
-    whole = (first + total * steps) * count <= 4608
-    lanes = 2304  # poses at a time: they stay in the cache
+    whole = (first + total * steps) * count <= at_a_time(4608)
+    lanes = at_a_time(2304)  # poses at a time: they stay in the cache
     designs = min(count, max(128, lanes // (total * steps)))  # 128 designs, or more if each has few poses
     designs = next((k for k in range(designs, designs // 2, -1) if count % k == 0), designs)
     rows = min(total, max(1, lanes // (designs * steps)))
@@ -151,7 +152,7 @@ def _in_blocks(
 
     def begin_some(start, designs):
         eq, x = equations(start + jnp.arange(designs)), lax.dynamic_slice_in_dim(q, start, designs).T
-        go = opaque_true(eq, closed=True)
+        go = opaque_true(eq)
         facing = fusion_barrier(go, lambda x: _to_lanes(core.determinants(eq, list(x)), (designs,)), x)
         home = x[core.plan.known]
         marks = *facing, *home
@@ -216,7 +217,7 @@ def _solve_steps(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: 
         Unknown coordinates, largest residual and conditioning, each ``(steps, designs)``; the marks (see `_Trail`);
         and which poses are right by themselves, ``(steps, designs)``.
     """
-    go, lanes, facing = opaque_true(eq, closed=True), u.shape[2], len(signs)
+    go, lanes, facing = opaque_true(eq), u.shape[2], len(signs)
     known, unknown = ([int(c) for c in which] for which in (core.plan.known, core.plan.unknown))
 
     def place(x, u, y=()):

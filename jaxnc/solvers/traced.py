@@ -19,6 +19,7 @@ from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 
+from jaxnc.compiling import at_a_time
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import from_jax
@@ -124,10 +125,10 @@ def in_lanes(
 def in_chunks(f: Callable, chunk: int, *arguments: PyTree) -> PyTree:
     """Apply a function whose arguments and results have lanes as their first axis to a chunk of them at a time.
 
-    What a chunk needs stays in the cache, and few lanes wait for the slowest. Up to twice as many as a `chunk` go at
-    once.
+    What a `chunk` needs stays in a CPU's cache, and few lanes wait for the slowest; other devices take more at a time.
+    Up to twice as many go at once.
     """
-    count = jax.tree.leaves(arguments)[0].shape[0]
+    count, chunk = jax.tree.leaves(arguments)[0].shape[0], at_a_time(chunk)
     if count <= 2 * chunk:
         return f(*arguments)
     size = next((k for k in range(chunk, chunk // 2, -1) if count % k == 0), chunk)
@@ -160,6 +161,12 @@ def ask_host(
         given_up: the answer where the user has interrupted it, a function of the same.
         remedy: what else the user may do, for messages.
     """
+    try:
+        jax.local_devices(backend="cpu")
+    except RuntimeError:
+        raise JaxncError(
+            f"compiled code asks the host, for which JAX needs its CPU backend: write JAX_PLATFORMS=cuda,cpu{remedy}"
+        ) from None
     leaves, structure = jax.tree.flatten(given)
     # 32 pieces of one array, at most: each takes its time to compile
     shapes, counts = [jnp.shape(a) for a in leaves], [min(-(-jnp.size(a) // PIECE), 32) for a in leaves]

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.compiling import at_a_time
 from jaxnc.solvers.branch import FIRST, SHARP, SHORT, STEP, steady
 from jaxnc.solvers.kernel import fusion_barrier, kernel, length_of, on_branch, opaque_true
 from jaxnc.solvers.plan import Plan, unwind
@@ -117,14 +118,14 @@ class _Routes:
     def __init__(self, plan: Plan, eq: Equations, q: Coordinates, values: Array):
         self.plan, self.eq, self.core, (self.given, k) = plan, eq, kernel(plan), values.shape
         self.driven, self.unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
-        self.start, self.go = [q[c] for c in range(q.shape[0])], opaque_true(eq, self.core.closed)
+        self.start, self.go = [q[c] for c in range(q.shape[0])], opaque_true(eq)
         self.outset = fusion_barrier(self.go, lambda: self.core.determinants(eq, self.start))
         self.signs, self.origin = [jnp.sign(d) for d in self.outset], q[np.array(self.driven)]
         turning = plan.periodic[:k]
         near = jnp.where(turning, jnp.round((values - self.origin) / (2 * jnp.pi)), 0.0) if turning.any() else None
         self.turns, self.goals = near, (values if near is None else unwind(values, near)).T
-        self.block = min(self.given, 8192)  # 8192 lanes stay in the cache
-        width = max(128, (_KEPT if self.given > _FEW else _KEPT // 3) // len(self.unknown))
+        self.block = min(self.given, at_a_time(8192))  # 8192 lanes stay in the cache
+        width = max(128, at_a_time(_KEPT if self.given > _FEW else _KEPT // 3) // len(self.unknown))
         even = 64  # code without remainders is sooner compiled, and quicker
         self.width = min(self.block, even * -(-self.block // -(-self.block // width) // even))
         self.norm, self.least = length_of(plan, eq), limits(eq.length)

@@ -103,3 +103,13 @@ def test_what_the_host_is_given_comes_whole(count):
     wanted = np.asarray(numbers)[1][np.asarray(lanes)].sum(), np.asarray(lanes).sum()
     np.testing.assert_array_equal(ask(numbers, lanes), wanted)
     assert seen == [((2, count), np.dtype(bool))]
+
+
+def test_the_host_cannot_be_asked_without_a_cpu_backend(monkeypatch):
+    def none(backend):
+        raise RuntimeError(f"Unknown backend {backend}")
+
+    monkeypatch.setattr(jax, "local_devices", none)  # as with JAX_PLATFORMS=cuda
+    like = jax.ShapeDtypeStruct((), float)
+    with pytest.raises(nc.JaxncError, match="JAX_PLATFORMS=cuda,cpu; repair=False"):
+        jax.jit(lambda a: ask_host("doubled", like, lambda a: 2 * a, a, given_up=abs))(1.0)
