@@ -11,7 +11,7 @@ from jax.core import Tracer
 
 from jaxnc.calls import public
 from jaxnc.compiling import on_device
-from jaxnc.errors import InputError, MechanismError, ModelFileError, counted
+from jaxnc.errors import AssemblyError, InputError, MechanismError, ModelFileError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
@@ -117,9 +117,14 @@ class Robot:
             )
         away = self._away(system)
         inputs = {c: values[..., k] + away[c] for k, c in enumerate(self.actuated)}
-        return solve_position(system, inputs, hold=self.held, **options)
+        try:
+            return solve_position(system, inputs, hold=self.held, **options)
+        except AssemblyError as error:
+            less = ", ".join(f"{c} {float(away[c]):.6g}" for c in self.actuated if float(away[c]))
+            told = f" These are coordinates of the mechanism; values of joints are less by {less}." if less else ""
+            raise AssemblyError(f"{error}{told}") from None
 
-    def _away(self, system: System) -> dict[str, object]:
+    def _away(self, system: System) -> dict[str, Any]:
         """Return what to add to a joint's value to have its coordinate, as drawn."""
         home, top = derive(system).home, system.topology
         if not isinstance(home, Tracer):  # nothing to compile
