@@ -161,10 +161,10 @@ def _write(found: dict[str, Any], path: Path) -> None:
         head = ["mechanism", "lanes", *_WAYS, "naive / jit", "right"]
         lines += [f"\n## {device}, JAX {part['jax']}\n", "| " + " | ".join(head) + " |"]
         lines.append("|:--" + "|--:" * (len(head) - 1) + "|")
-        for row in part["rows"]:
+        for row in sorted(part["rows"], key=lambda row: list(_CLASSES).index(row["name"])):
             times = row["times"]
             cells = ["" if (t := times.get(way)) is None else _in_ns(t) for way in _WAYS]
-            cells.append(f"{times['naive'] / times['jit']:.2g}" if "naive" in times else "")
+            cells.append(f"{times['naive'] / times['jit']:.3g}" if "naive" in times else "")
             right = min(row["right"].values())
             cells.append("all" if right == 1.0 else f"{right:.4%}")
             lines.append("| " + " | ".join([row["name"], f"{row['lanes']:,}", *cells]) + " |")

@@ -112,8 +112,8 @@ class Robot:
         values = values if isinstance(values, Tracer) else np.asarray(values, dtype=float)
         if values.ndim == 0 or values.shape[-1] != len(self.actuated):
             raise InputError(
-                f"{self.mechanism.name!r} is driven by {len(self.actuated)} joints ({', '.join(self.actuated)}); got "
-                f"values of shape {values.shape}"
+                f"{self.mechanism.name!r} is driven by {counted(len(self.actuated), 'joint')} "
+                f"({', '.join(self.actuated)}); got values of shape {values.shape}"
             )
         away = self._away(system)
         inputs = {c: values[..., k] + away[c] for k, c in enumerate(self.actuated)}

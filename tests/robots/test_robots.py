@@ -315,8 +315,11 @@ def test_wrong_questions(gripper, folder):
         nc.from_mjcf(folder / "gripper.xml", hold=["arm"])
     with pytest.raises(nc.InputError, match="no such keyframe"):
         nc.from_mjcf(folder / "gripper.xml", home="zero")
-    with pytest.raises(nc.InputError, match=r"driven by 1 joints \(driver_joint\)"):
+    with pytest.raises(nc.InputError, match=r"driven by 1 joint \(driver_joint\)"):
         gripper.positions(np.zeros(2))
+    zero = float(gripper.pose(np.zeros(1))["driver_joint"])
+    with pytest.raises(nc.AssemblyError, match=f"values of joints are less by driver_joint {zero:.6g}"):
+        gripper.positions(np.array([30.0]))
     with pytest.raises(nc.InputError, match="not a design of this robot"):
         gripper.save(folder / "x.xml", nc.library.four_bar().compile())
     with pytest.raises(nc.InputError, match="change those in the file"):
