@@ -22,7 +22,6 @@ from jaxnc.types import PyTree
 
 R = TypeVar("R")
 
-_CARD = 64  # times as many lanes as stay in a CPU's cache keep a graphics card busy
 _OPTIONS: dict[str, bool | int | str] = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
 
 
@@ -173,7 +172,7 @@ def options() -> dict[str, bool | int | str]:
 
 def at_a_time(lanes: int) -> int:
     """Give how many lanes go together: on a CPU as many as are said to stay in its cache, elsewhere many more."""
-    return lanes if jax.default_backend() == "cpu" else _CARD * lanes
+    return lanes if jax.default_backend() == "cpu" else 64 * lanes  # 64 times as many keep a graphics card busy
 
 
 def on_device(tree: object) -> PyTree:
