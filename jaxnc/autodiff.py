@@ -19,6 +19,7 @@ from jax.core import ShapedArray, Tracer
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxnc.compiling import in_chunks
 from jaxnc.promotion import promoted
 from jaxnc.types import AnyArray, Array, PyTree
 
@@ -81,7 +82,24 @@ def _attached_change(primals: Sequence, tangents: Sequence, **params: Any) -> tu
 
     for mapped in axes:
         change = jax.vmap(change, in_axes=(list(mapped), [mapped[k] for k in moving]))
-    return value, change([*value, *primals[count:]], [tangents[k] for k in moving])
+    arrays, changes = [*value, *primals[count:]], [tangents[k] for k in moving]
+    if not axes:
+        return value, change(arrays, changes)
+    return value, _in_turns(change, axes[-1], [axes[-1][k] for k in moving], arrays, changes)
+
+
+def _in_turns(change: Callable, mapped: Sequence, moving: Sequence, arrays: Sequence, changes: Sequence) -> list:
+    """Map a change over its outermost axis chunk by chunk: what a chunk needs stays in a CPU's cache."""
+    every, flags = [*arrays, *changes], [*mapped, *moving]
+    along = [x for x, axis in zip(every, flags, strict=True) if axis == 0]
+
+    def some(*parts: Array) -> list:
+        rest = iter(parts)
+        full = [next(rest) if axis == 0 else x for x, axis in zip(every, flags, strict=True)]
+        return change(full[: len(arrays)], full[len(arrays) :])
+
+    size = along[0].shape[0]
+    return in_chunks(some, max(1, 2048 * size // max(jnp.size(arrays[0]), 1)), *along)
 
 
 @promoted

@@ -17,7 +17,7 @@ from jax import lax
 from jax.core import Tracer
 
 from jaxnc import process
-from jaxnc.compiling import jit
+from jaxnc.compiling import in_chunks, jit
 from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.motion import Columns
 from jaxnc.remembered import with_owner
@@ -28,7 +28,7 @@ from jaxnc.solvers.newton import attach_lanes, attach_pose, closest_pose, larges
 from jaxnc.solvers.plan import Plan, by_lu
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import any_lane
-from jaxnc.solvers.traced import Mapped, ask_host, ask_of_equations, in_chunks, in_lanes, shorten_equations
+from jaxnc.solvers.traced import Mapped, ask_host, ask_of_equations, in_lanes, shorten_equations
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.system.host import HostEquations

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.compiling import at_a_time
+from jaxnc.compiling import at_a_time, in_chunks
 from jaxnc.solvers.branch import EXTRAPOLATED, FIRST, LEADING, SHARP, SHORT, STEP, TURNING, parts_of_way, smooth, steady
 from jaxnc.solvers.kernel import (
     Kernel,
@@ -34,7 +34,6 @@ from jaxnc.solvers.kernel import (
 from jaxnc.solvers.plan import Plan, unwind
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.sequences import in_sequences, scattered_around
-from jaxnc.solvers.traced import in_chunks
 from jaxnc.solvers.ways import follow_ways, interpolate
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits

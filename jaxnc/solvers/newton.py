@@ -13,13 +13,13 @@ import numpy as np
 from jax import lax
 
 from jaxnc import autodiff
-from jaxnc.compiling import jit
+from jaxnc.compiling import in_chunks, jit
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense, host
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.rows import Place
-from jaxnc.solvers.traced import PIECE, Mapped, ask_host, ask_of_equations, in_chunks, in_lanes, shorten_equations
+from jaxnc.solvers.traced import PIECE, Mapped, ask_host, ask_of_equations, in_lanes, shorten_equations
 from jaxnc.system.equations import Equations, weights
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits, numbers

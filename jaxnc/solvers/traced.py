@@ -1,4 +1,4 @@
-"""What traced code does that JAX has no words for: mapped axes as lanes, lanes in chunks, questions to the host.
+"""What traced code does that JAX has no words for: mapped axes as lanes, questions to the host.
 
 A function that is `Mapped` has a program of its own where it is mapped. Compiled code asks the host by `ask_host`: a
 question is made of arrays, and so is its answer, of shapes that are known beforehand.
@@ -14,12 +14,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 
-from jaxnc.compiling import at_a_time
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import from_jax
@@ -120,26 +118,6 @@ def in_lanes(
 
     eq = eq if of_one else jax.tree.map(full, eq, in_eq)
     return of_one, eq, tuple(a.reshape(size * count, *a.shape[2:]) for a in every)
-
-
-def in_chunks(f: Callable, chunk: int, *arguments: PyTree) -> PyTree:
-    """Apply a function whose arguments and results have lanes as their first axis to a chunk of them at a time.
-
-    What a `chunk` needs stays in a CPU's cache, and few lanes wait for the slowest; other devices take more at a time.
-    Up to twice as many go at once.
-    """
-    count, chunk = jax.tree.leaves(arguments)[0].shape[0], at_a_time(chunk)
-    if count <= 2 * chunk:
-        return f(*arguments)
-    size = next((k for k in range(chunk, chunk // 2, -1) if count % k == 0), chunk)
-    if count % size:
-        # The last chunk is filled up with its last lane, so that there is one shape to compile.
-        fill = -count % size
-        arguments = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[-1:], fill, axis=0)]), arguments)
-    # No axis is left to be found out: arrays without numbers, such as the inputs of a structure, do not tell.
-    pieces = jax.tree.map(lambda x: x.reshape(x.shape[0] // size, size, *x.shape[1:]), arguments)
-    out = lax.map(lambda some: f(*some), pieces)
-    return jax.tree.map(lambda x: x.reshape(x.shape[0] * size, *x.shape[2:])[:count], out)
 
 
 def ask_host(

@@ -109,3 +109,29 @@ def test_traced_calls_return_statuses_and_eager_ones_raise():
     quiet = nc.solve_position(system, {"S.x": 5.0}, throw=False)
     with pytest.raises(nc.AssemblyError, match="1 of 1 poses failed"):
         quiet.check()
+
+
+def test_derivatives_of_many_mapped_poses_are_those_of_a_batch():
+    """More lanes than go together: the derivative is taken chunk by chunk."""
+    system, u = nc.library.four_bar().compile(), np.linspace(0.0, 6.0, 4999)
+
+    def one(s, u):
+        return jnp.sum(nc.solve_position(s, {"phi": u})["C"] ** 2)
+
+    def mapped(s, u):
+        return jnp.mean(jax.vmap(one, (None, 0))(s, u))
+
+    def batch(s, u):
+        return jnp.mean(jnp.sum(nc.solve_position(s, {"phi": u})["C"] ** 2, axis=-1))
+
+    points = system.parameters.points
+    way = jax.tree.map(lambda x: jnp.ones_like(x) if x is points else jnp.zeros_like(x), system)
+    found = []
+    for f in (mapped, batch):
+        gradient = jax.jit(jax.grad(f, (0, 1)))
+        first = gradient(system, jnp.asarray(u))
+        second = jax.jit(lambda s, u, g=gradient: jax.jvp(lambda s: g(s, u), (s,), (way,))[1])(system, jnp.asarray(u))
+        found.append([first[0].parameters.points, first[1], second[0].parameters.points, second[1]])
+    for a, b in zip(*found, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12 * float(np.abs(b).max()))
+        assert np.abs(a).max() > 0.0
