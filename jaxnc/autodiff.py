@@ -98,8 +98,7 @@ def _in_turns(change: Callable, mapped: Sequence, moving: Sequence, arrays: Sequ
         full = [next(rest) if axis == 0 else x for x, axis in zip(every, flags, strict=True)]
         return change(full[: len(arrays)], full[len(arrays) :])
 
-    size = along[0].shape[0]
-    return in_chunks(some, max(1, 2048 * size // max(jnp.size(arrays[0]), 1)), *along)
+    return in_chunks(some, 2048, *along)
 
 
 @promoted
