@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _WAYS = ("eager", "jit", "naive", "value and gradient")
 _MAIN = 100_000
 _LANES = {_MAIN: _WAYS, 1_000_000: _WAYS[:2], 2048: _WAYS[:3]}
-# Three of one block after the other, of a redundant one and of a torn one are run with other numbers of lanes too.
+# The first three (dyads, a redundant block, a torn one) are run with other numbers of lanes too.
 _CLASSES = {
     "four-bar": (2048, 100_000, 1_000_000),
     "macpherson": (2048, 100_000, 1_000_000),
@@ -85,7 +85,7 @@ def _ways(case: _Case) -> Iterator[_Way]:
     import jax.numpy as jnp
 
     import jaxnc as nc
-    from benchmarks.cases.classes import gradients, naive
+    from benchmarks.cases.classes import naive, value_and_gradient
 
     one = case.one
 
@@ -97,7 +97,7 @@ def _ways(case: _Case) -> Iterator[_Way]:
         "eager": lambda: lambda u: case.find(u).poses,
         "jit": lambda: jax.jit(jax.vmap(pose)),
         "naive": lambda: naive(one),
-        "value and gradient": lambda: gradients(one)[1].run,
+        "value and gradient": lambda: value_and_gradient(one)[1].run,
     }
     for name in _LANES[case.lanes]:
         few = name == "naive" and jax.default_backend() == "cpu"

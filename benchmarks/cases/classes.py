@@ -149,11 +149,11 @@ def _compared(suite: Suite, one: Class, count: int, gradients: bool) -> None:
         return one.low + (one.high - one.low) * u
 
     if gradients and len(one.system.topology.unknown) <= _WIDE:
-        ways += gradients(one)
+        ways += value_and_gradient(one)
     suite.compare(f"class {one.name}, {count:,}", [*ways, *suite.peer("naive JAX", make)], draw, count)
 
 
-def gradients(one: Class) -> list[Way]:
+def value_and_gradient(one: Class) -> list[Way]:
     """A number of all points, and its gradient by the design: right if it is that of differences along one way.
 
     Points count by weights: some mechanisms keep a sum of plain squares, and XLA sees it. An overconstrained mechanism
