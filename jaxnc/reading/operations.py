@@ -367,7 +367,7 @@ CALLED = {
 RULED = {"custom_jvp_call": "call_jaxpr", "custom_vjp_call": "call_jaxpr", "custom_vjp_call_jaxpr": "fun_jaxpr"}
 """Functions with a rule of their own for derivatives."""
 
-EXACT_RULES = {"_hypot"}
+PLAIN = {"_hypot"}
 """Such functions of JAX, by name, whose rule gives the derivatives of what they calculate; since JAX 0.12."""
 
 WRITTEN_OUT = {"sine_in_full": "sin", "cosine_in_full": "cos"}

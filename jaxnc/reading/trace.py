@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from jaxnc.internals import name_of_jax
-from jaxnc.reading.operations import CALLED, EXACT_RULES, READINGS, RULED, WRITTEN_OUT, Nodes, Unreadable, evaluate_equation
+from jaxnc.reading.operations import CALLED, PLAIN, READINGS, RULED, WRITTEN_OUT, Nodes, Unreadable, evaluate_equation
 from jaxnc.reading.program import Builder, Program
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Reader:
             return self.read(*_open_jaxpr(eqn.params[CALLED[name]]), x)
         if name in RULED:
             inner = _open_jaxpr(eqn.params[RULED[name]])
-            plain = self._values_only or name_of_jax(inner[0]) in EXACT_RULES
+            plain = self._values_only or name_of_jax(inner[0]) in PLAIN
             if plain or self._known_inputs(eqn, x) is not None:
                 return self.read(*inner, x)
         if name == "stop_gradient" and self._values_only:
