@@ -33,8 +33,8 @@ from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
 IDLE = (
-    "holds nothing to first order, since its points can move across it only, so that too many freedoms are counted: "
-    "replace it by a relation of their coordinates"
+    "holds nothing to first order, since its points can move across it only: if it is to hold something, too many "
+    "freedoms are counted, and a relation of their coordinates does it instead"
 )
 _PART = 1e-6  # of the largest share of a row in a dependency: less is rounding
 

@@ -309,6 +309,8 @@ class Mechanism(Drawn):
         if not points:
             raise MechanismError(f"{what} has no points; give it at least {'two' if m.dim == 2 else 'one'}")
         for p in points:
+            if p in self.model.all_vectors:
+                raise MechanismError(f"{what}: {p!r} is a vector, no point: list it in vectors=[{p!r}]")
             self._check.point(p, what)
         if vectors:
             self._check.in_space(f"{what}: vectors=")

@@ -51,7 +51,7 @@ BUILDER = [
         lambda m: m.body("b", ["P"], vectors=["U", "w"]),
         ["'b'", "vector 'U'", "known names: n, u, w, z"],
     ),
-    ("vector for a point", lambda m: m.body("b", ["P", "u"]), ["body 'b'", "'u' is a vector", "point is wanted"]),
+    ("vector for a point", lambda m: m.body("b", ["P", "u"]), ["body 'b'", "'u' is a vector", "vectors=['u']"]),
     ("vector twice", lambda m: m.body("b", ["P"], vectors=["u", "u"]), ["'b'", "'u' twice", "once"]),
     ("no orientation", lambda m: m.body("b", ["P"]), ["'b'", "'P'", "no orientation", "second point", "two vectors"]),
     ("no points", lambda m: m.body("b", [], vectors=["u", "w"]), ["'b'", "no points", "at least one"]),
