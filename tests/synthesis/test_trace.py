@@ -99,13 +99,59 @@ def test_slopes_are_those_of_the_cost(small, both, mean, feet, monkeypatch):
     found = small.find(target.even, True, 6, 1)
     lanes = fit.start_lanes(target.even, True, found, making.chain_arrays(6).at(found.shelf.chain))
     chain, sign, row = jax.tree.map(lambda x: x[0], (lanes.chain, lanes.sign, jnp.asarray(lanes.row)))
-    look = jax.jit(lambda row: fit._look(chain, sign, points, jnp.all(row < 1e9), feet, row))
+    go = jnp.asarray(True)
+    share = fit._spread_poses(chain, sign, row, points, go)
+    look = jax.jit(lambda row: fit._look(chain, sign, share, points, jnp.all(row < 1e9), feet, row))
     _, _, slope, _ = look(row)
     for k in range(0, len(row) - 2, 3):
         step = jnp.zeros(len(row)).at[k].set(1e-6)
         numeric = (look(row + step)[0] - look(row - step)[0]) / 2e-6
         # Of distances that are weighted by themselves the slope is that of their sum, not of half its square.
         assert abs((1.0 if mean else 2.0) * slope[k] - numeric) < 1e-5 * float(jnp.abs(slope).max())
+
+
+def test_poses_are_spread_along_the_curve(small):
+    """Where the point of a linkage is quick it is looked at more often; costs are those of such poses."""
+    target = Curve.of(heart(), True)
+    goal = target.target(True, -1.0, np.array([[-np.inf, -np.inf], [np.inf, np.inf]]), 1e6)
+    shelf = small.shelves[6].at(np.argsort(small.shelves[6].sine)[:16])  # near the limit of transmission
+    row = np.concatenate([shelf.design, np.tile([0.0, 0.0, 1.0, 0.0, 0.3, 2.0 * np.pi], (16, 1))], axis=1)
+    lanes = fit.Lanes(making.chain_arrays(6).at(shelf.chain), shelf.sign, row)
+    moved, _, cost = (np.asarray(a) for a in fit.refine(lanes, goal, 3, 0))
+    go, apart, longest = jnp.asarray(True), [], []
+    for k in range(16):
+        chain, sign, at = jax.tree.map(lambda a, k=k: jnp.asarray(a)[k], (lanes.chain, lanes.sign, moved))
+        share = np.asarray(fit._spread_poses(chain, sign, at, goal, go))
+        assert share[0] == 0.0 and (np.diff(share) > 0.0).all() and share[-1] < 1.0
+        for shares in (share, np.arange(fit.COUNT) / fit.COUNT):
+            place = np.asarray(fit.move(chain, sign, at[:-6], at[-2] + 2.0 * np.pi * shares, go).point)
+            chords = np.linalg.norm(place - np.roll(place, 1, axis=1), axis=0)
+            longest.append(chords.max() / chords.mean())
+        apart.append(abs(fit._look(chain, sign, jnp.asarray(share), goal, go, 0, at)[0] / cost[k] - 1.0))
+    spread, even = np.median(np.reshape(longest, (-1, 2)), axis=0)
+    assert spread < 1.5 and even > 3.0
+    assert np.median(apart) < 1e-12 and max(apart) < 1e-3  # where two feet are as near, rounding chooses
+
+
+def test_a_pool_has_few_designs_of_one_candidate(small, brief):
+    target, terms = Curve.of(heart(), True), searching._Terms.of([], (6,))
+    search = searching._Search(target, terms, small, 6, None, np.random.default_rng(0))
+    for _ in range(6):
+        search.round()
+    assert len(search.line) == len(search.cost) == len(search.pool.row)
+    _, count = np.unique(search.line, return_counts=True)
+    assert 1 < count.max() <= searching._OF_LINE and search.lines > len(count) > 20
+
+
+def test_what_comes_out_meets_the_transmission_between_the_poses_too(small, brief):
+    """Most of what a search keeps does, since the worst place is looked for beside the poses."""
+    target, terms = Curve.of(heart(), True), searching._Terms.of([S.transmission_angle(0.5)], (6,))
+    search = searching._Search(target, terms, small, 6, None, np.random.default_rng(0))
+    for _ in range(4):
+        search.round()
+    firm = search.finish(64)[1]
+    sines = np.asarray(fit.trace_curves(firm, 720, 1.0)[1])
+    assert np.mean(sines > 0.999 * np.sin(0.5) ** 2) > 0.5
 
 
 def test_a_four_bar_is_found_by_its_curve(small):
@@ -193,9 +239,11 @@ def test_a_search_goes_on_where_it_was_stopped(small, brief, tmp_path, monkeypat
     monkeypatch.setattr(searching._Search, "round", stopping(3))
     straight = nc.synthesis.trace(heart(), True, **how)
     monkeypatch.setattr(searching._Search, "round", stopping(0))
-    first = nc.synthesis.trace(heart(), True, **how)
+    early = tmp_path / "early.npz"
+    first = nc.synthesis.trace(heart(), True, **how, checkpoint=early)
     assert first.interrupted and first.refined == 0 and first.found  # what the atlas has
-    assert straight.best.distance < 0.8 * first.best.distance
+    assert early.exists() and f"resume from {early}" in first.stopped
+    assert straight.best.distance < 0.85 * first.best.distance
     monkeypatch.setattr(searching._Search, "round", stopping(2))
     part = nc.synthesis.trace(heart(), True, **how, checkpoint=file)
     assert part.interrupted and f"resume from {file}" in part.stopped and part.refined < straight.refined

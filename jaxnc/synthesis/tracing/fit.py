@@ -32,8 +32,11 @@ _GROW, _SHRINK = 4.0, 0.3  # of the damping
 # Distances to the nearest point have kinks, at which steps that only go down end. So a step may go up, to so many times
 # the least cost. The same number of steps then brings root mean squares 6 % further down, 12 % of designs not yet good.
 _UPHILL = 2.0
+_RENEW = 12  # steps after which poses are chosen anew, since designs make use of where they are
 _FIRST, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-14, 1e8
-_CLOSING = 3.0  # weight of a dyad that does not close, against a distance of the target's size
+# Weights of a dyad that does not close against a distance of the target's size: on the way, where a larger one holds
+# designs back, and at the end, when they shall meet what is asked.
+CLOSING, FIRM = 3.0, 30.0
 COUNT = 64  # corners of a target, and poses of the crank at which a design is looked at
 _LAGRANGE = np.array([[6, 0, 0, 0], [-11, 18, -9, 2], [6, -15, 12, -3], [-1, 3, -3, 1]]) / 6  # by power, then by corner
 _NEAR = 1e-3  # sizes of the target: distances below count by their squares all the same
@@ -55,6 +58,7 @@ class Target(NamedTuple):
     timing: Array  # of the crank at the points, counted from its begin, (COUNT,)
     timed: Array  # whether that is asked for: 1 or 0
     ground: Array  # a box in which the pivots of the ground shall be: lower and upper corner, (2, 2)
+    closing: Array  # weight of a dyad that does not close
     walls: tuple[Walls, ...] = ()  # what links shall keep clear of
 
 
@@ -177,12 +181,12 @@ def redraw_last(lanes: Lanes, theta: np.ndarray, goal: np.ndarray, u: np.ndarray
     """
     few = (np.asarray(a, np.float32) for a in (lanes.sign, lanes.row[:, :-6], u, theta))
     sign, design, sine, frame = jax.tree.map(np.asarray, _redraw(lanes.chain, *few))
-    origin, along = (a[0] + 1j * a[1].astype(float) for a in frame)
-    centres = [a.mean(axis=1, keepdims=True) for a in (origin, along, goal)]
-    a, b, y = (array - centre for array, centre in zip((origin, along, goal), centres, strict=True))
-    aa, bb = (np.sum(np.abs(c) ** 2, axis=1) for c in (a, b))
-    ab, ay, by = (np.sum(np.conj(c) * d, axis=1) for c, d in ((a, b), (a, y), (b, y)))
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # of dyads that do not close
+        origin, along = (a[0] + 1j * a[1].astype(float) for a in frame)
+        centres = [a.mean(axis=1, keepdims=True) for a in (origin, along, goal)]
+        a, b, y = (array - centre for array, centre in zip((origin, along, goal), centres, strict=True))
+        aa, bb = (np.sum(np.abs(c) ** 2, axis=1) for c in (a, b))
+        ab, ay, by = (np.sum(np.conj(c) * d, axis=1) for c, d in ((a, b), (a, y), (b, y)))
         det = aa * bb - np.abs(ab) ** 2
         factor, spot = (bb * ay - ab * by) / det, (aa * by - np.conj(ab) * ay) / det
         left = np.mean(np.abs(y - factor[:, None] * a - spot[:, None] * b) ** 2, axis=1)
@@ -212,9 +216,9 @@ def refine(lanes: Lanes, target: Target, steps: Any, feet: Any) -> tuple[Array, 
     """
     go = jnp.all(jnp.isfinite(lanes.row[0]))
 
-    def one(chain: ChainArrays, sign: Array, now: Course) -> Course:
+    def one(chain: ChainArrays, sign: Array, share: Array, now: Course) -> Course:
         new = now.row - _solve(now.matrix, now.slope, now.damping)
-        cost, matrix, slope, error = _look(chain, sign, target, go, feet, new)
+        cost, matrix, slope, error = _look(chain, sign, share, target, go, feet, new)
         better = cost < now.cost  # false where it is not finite
         taken = better | (cost < _UPHILL * now.least)
         factor = jnp.where(better, _SHRINK, jnp.where(taken, 1.0, _GROW))
@@ -229,14 +233,26 @@ def refine(lanes: Lanes, target: Target, steps: Any, feet: Any) -> tuple[Array, 
 
     def together(few: tuple[Any, ...]) -> tuple[Array, Array, Array]:
         chain, sign, row = few
-        # The first step stays where it is, so that there is one program for it and all others.
         far, flat = jnp.full(row.shape[:1], jnp.inf, row.dtype), jnp.zeros((*row.shape, row.shape[1]), row.dtype)
-        start = Course(row, far, flat, jnp.zeros_like(row), jnp.full_like(far, _FIRST / _SHRINK), row, far, far)
-        end = jax.lax.fori_loop(0, steps + 1, lambda _, now: jax.vmap(one)(chain, sign, now), start)
+
+        def stay(now: Course, _: Array) -> tuple[Course, Array]:
+            # The next step stays where it is, so that there is one program for it and all others.
+            share = jax.vmap(lambda *lane: _spread_poses(*lane, target, go))(chain, sign, now.best)
+            return Course(now.best, far, flat, jnp.zeros_like(row), now.damping, now.best, far, far), share
+
+        def step(k: Array, state: tuple[Course, Array]) -> tuple[Course, Array]:
+            renewed = (k % (_RENEW + 1) == 0) | (k == count - 1)
+            now, share = jax.lax.cond(renewed, stay, lambda *same: same, *state)
+            return jax.vmap(one)(chain, sign, share, now), share
+
+        count = steps + 2 + steps // _RENEW
+        damping = jnp.full_like(far, _FIRST / _SHRINK)
+        start = Course(row, far, flat, jnp.zeros_like(row), damping, row, far, far)
+        end, _ = jax.lax.fori_loop(0, count, step, (start, jnp.zeros((len(row), COUNT), row.dtype)))
         return end.best, end.error, end.least
 
-    count = math.gcd(len(lanes.row), _TOGETHER)
-    parts = jax.tree.map(lambda a: a.reshape(-1, count, *a.shape[1:]), tuple(lanes))
+    side = math.gcd(len(lanes.row), _TOGETHER)
+    parts = jax.tree.map(lambda a: a.reshape(-1, side, *a.shape[1:]), tuple(lanes))
     return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), jax.lax.map(together, parts))
 
 
@@ -250,16 +266,30 @@ def _solve(matrix: Array, slope: Array, damping: Array) -> Array:
     return cholesky_solve(whole, (slope / root)[:, None])[:, 0] / root
 
 
+def _spread_poses(chain: ChainArrays, sign: Array, row: Array, target: Target, go: Array) -> Array:
+    """Choose the poses in which a design is looked at, as shares of its crank's range, ``(COUNT,)``.
+
+    They are halfway between even by the angle of the crank and even along the curve. In poses that are even by the
+    angle designs of little distance would be those that go astray between them, where they are quick.
+    """
+    knots = jnp.arange(4 * COUNT + 1) / (4.0 * COUNT)
+    span = jnp.where(target.closed > 0, 2.0 * jnp.pi, row[-1])
+    place = _put(row, move(chain, sign, row[:-6], row[-2] + span * knots, go).point)
+    chord = jnp.sqrt(jnp.sum(jnp.diff(place, axis=1) ** 2, axis=0))
+    along = jnp.concatenate([jnp.zeros(1), jnp.cumsum(chord / jnp.maximum(jnp.sum(chord), 1e-12))])
+    even = jnp.arange(COUNT) / jnp.where(target.closed > 0, COUNT, COUNT - 1.0)
+    return jnp.where(target.both > 0, jnp.interp(even, 0.25 * knots + 0.75 * along, knots), even)
+
+
 def _look(
-    chain: ChainArrays, sign: Array, target: Target, go: Array, feet: Any, row: Array
+    chain: ChainArrays, sign: Array, share: Array, target: Target, go: Array, feet: Any, row: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Look at one design: its cost, its normal equations and its mean square of distances."""
+    """Look at one design in some poses: its cost, its normal equations and its mean square of distances."""
     goal, dyads = target.points.T, chain.kind.shape[-1]
     closed, timed = target.closed > 0, target.timed > 0
     even = target.both > 0  # both ways, in even poses; else corners alone, each in a pose of its own
     span = jnp.where(closed, 2.0 * jnp.pi, row[-1])
     pieces = jnp.where(closed, COUNT, COUNT - 1.0)
-    share = jnp.arange(COUNT) / pieces
     angles = row[-2] + span * share
     low, high = jnp.minimum(angles[0], angles[0] + span), jnp.maximum(angles[0], angles[0] + span)
     seen = move(chain, sign, row[:-6], angles, go)
@@ -287,19 +317,19 @@ def _look(
     at_limit = jnp.where(even, at_limit, ~closed & ((foot_angle <= low) | (foot_angle >= high)))
 
     # Rows: places of the poses along x and y, the worst pose of each dyad, and of each link near a wall.
-    worst = jnp.argmin(seen.sine, axis=1)
+    worst = _find_worst(chain, sign, row, share[jnp.argmin(seen.sine, axis=1)], closed, go)
     if target.walls:
         links = _link_corners(chain, row, seen)
-        worst = jnp.concatenate([worst, *(jnp.argmin(gaps(links, wall), axis=1) for wall in target.walls)])
+        worst = jnp.concatenate([worst, *(share[jnp.argmin(gaps(links, wall), axis=1)] for wall in target.walls)])
     more, bodies = len(worst), 1 + 2 * dyads
     count = 2 * COUNT + more
     pose = jnp.where(even, angles, foot_angle)
     # Even poses move with the range of an open piece, and so do feet at its ends; feet within it do not.
     own_share = (foot_angle - angles[0]) / jnp.where(span == 0, 1.0, span)
     pose_share, held = jnp.where(even, share, own_share), ~(even | at_limit)
-    shares = jnp.concatenate([pose_share, pose_share, share[worst]])
+    shares = jnp.concatenate([pose_share, pose_share, worst])
     fixed = jnp.concatenate([held, held, jnp.zeros(more, bool)])
-    every = jnp.concatenate([pose, pose, angles[worst]])
+    every = jnp.concatenate([pose, pose, row[-2] + span * worst])
     given = jnp.concatenate([target.timing, target.timing, jnp.zeros(more)])
     of_place = jnp.arange(count) < 2 * COUNT
     axes = jnp.eye(2)[:, jnp.arange(count) // COUNT % 2] * of_place
@@ -354,11 +384,25 @@ def _look(
     twice = jnp.where((target.mean > 0) & (jnp.abs(far) > _NEAR), 2.0, 1.0)
     slopes = jnp.concatenate([corner_slopes, pose_slopes], axis=1) * weights
     slopes = slopes.at[:, COUNT:].add(weight_slopes * (twice * far)[COUNT:])
-    miss = jnp.concatenate([weights * far * less, _CLOSING * value[2 * COUNT :]])
-    slopes = jnp.concatenate([slopes * less, _CLOSING * jacobian[:, 2 * COUNT :]], axis=1)
+    miss = jnp.concatenate([weights * far * less, target.closing * value[2 * COUNT :]])
+    slopes = jnp.concatenate([slopes * less, target.closing * jacobian[:, 2 * COUNT :]], axis=1)
     error = jnp.sum((weights * far) ** 2)
     beyond, extra_matrix, extra_slope = _beyond(chain, row, target)
     return jnp.sum(miss**2) + beyond, slopes @ slopes.T + extra_matrix, slopes @ miss + extra_slope, error
+
+
+def _find_worst(chain: ChainArrays, sign: Array, row: Array, share: Array, closed: Array, go: Array) -> Array:
+    """Find where dyads come nearest to not closing, between the poses too, near a share of the crank's range for each.
+
+    A design that met what is asked in its poses alone would often miss it beside them.
+    """
+    dyads = len(share)
+    span, pieces = jnp.where(closed, 2.0 * jnp.pi, row[-1]), jnp.where(closed, COUNT, COUNT - 1.0)
+    near = share[:, None] + jnp.linspace(-1.0, 1.0, 9) / pieces
+    near = jnp.where(closed, near, jnp.clip(near, 0.0, 1.0))
+    sine = move(chain, sign, row[:-6], row[-2] + span * near.reshape(-1), go).sine.reshape(dyads, dyads, -1)
+    own = jnp.arange(dyads)
+    return near[own, jnp.argmin(sine[own, own], axis=1)]
 
 
 def _share_length(place: Array, moved: Array, closed: Array) -> tuple[Array, Array]:

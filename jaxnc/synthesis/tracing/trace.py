@@ -34,7 +34,9 @@ from jaxnc.synthesis.tracing.atlas import (
 from jaxnc.synthesis.tracing.chains import GROUND, Chain, ChainArrays, dyadic_chains
 from jaxnc.synthesis.tracing.curves import EACH
 from jaxnc.synthesis.tracing.fit import (
+    CLOSING,
     COUNT,
+    FIRM,
     Lanes,
     Target,
     begin_timed,
@@ -64,6 +66,7 @@ _DRAWN = 1024  # last dyads that are drawn at random for some of the best design
 _DRAWN_FOR = 8  # so many of them
 _DRAWN_KEPT = 16  # of those dyads, the designs that are refined
 _POOL = 256  # designs that are kept on the way
+_OF_LINE = 3  # of them, that come from one candidate: or all would soon be in one valley, and stay there
 _SMOOTH = 0.02  # of the target's size: nearer than this the target may be a curve of the linkage itself
 _LARGE = 20.0  # sizes of the target: no link is longer
 _LEAST = float(np.radians(8.0))  # of the transmission angle
@@ -157,6 +160,7 @@ class Curve(NamedTuple):
             when,
             float(self.timing is not None),
             ground,
+            CLOSING,
         )
         some: Any = map(jnp.asarray, (points, weight, *numbers))
         return Target(*some)._replace(walls=walls)
@@ -522,7 +526,7 @@ class _Search:
         walls = tuple(wall._replace(room=wall.room + 0.01) for wall in walls)
         self.goal = target.target(target.timing is None, sine, ground, _LARGE, walls=walls)
         self.points = target.target(False, sine, ground, _LARGE, walls=walls)
-        self.means = target.target(True, sine, ground, _LARGE, True, walls)
+        self.means = target.target(True, sine, ground, _LARGE, True, walls)._replace(closing=jnp.asarray(FIRM))
         self.allowed = np.array([allowed is None or allowed(chain) for chain in dyadic_chains(bars)])
         # Six designs of a chain are kept on the way, and more where there are few chains.
         self.of_chain = max(6, _POOL // max(int(self.allowed.sum()), 1))
@@ -530,10 +534,13 @@ class _Search:
         self.polished = np.inf
         self.pool: Lanes | None = None
         self.cost = np.zeros(0)
+        self.line = np.zeros(0, int)  # of each design, from which candidate it comes
+        self.lines = 0
         self.exact: Lanes | None = None
         self.queue = known.find(target.even, target.closed, bars, 4096, allowed)
         if len(self.queue.misfit):
-            self._keep(self._start(slice(_WIDTH)), np.maximum(self.queue.misfit[:_WIDTH], 0.0))
+            lanes = self._start(slice(_WIDTH))
+            self._keep(lanes, np.maximum(self.queue.misfit[:_WIDTH], 0.0), self._begin_lines(lanes))
 
     @property
     def best(self) -> float:
@@ -545,25 +552,28 @@ class _Search:
         self.rounds += 1
         if self.taken < len(self.queue.misfit) and (self.rounds < 4 or self.rounds % 4 == 0):
             lanes = self._next()
+            line = self._begin_lines(lanes)
         elif len(self.cost):
-            lanes = self._vary()
+            lanes, line = self._vary()
         else:  # nothing was found that moves
             return
         lanes, cost = self._refine(lanes, _STEPS[0])
         self.refined += len(cost)
-        found = self._refine(_some(lanes, np.argsort(cost, kind="stable")[:_WIDTH]), _STEPS[1])
+        promising = np.argsort(cost, kind="stable")[:_WIDTH]
+        found = self._refine(_some(lanes, promising), _STEPS[1])
         if self.rounds == 1:  # what was looked up is measured in another way
-            self.pool, self.cost = None, np.zeros(0)
-        self._keep(*found)
+            self.pool, self.cost, self.line = None, np.zeros(0), np.zeros(0, int)
+        self._keep(*found, line[promising])
         if len(self.cost) and (self.rounds in (1, 3) or self.rounds % 6 == 0):
             self._polish()
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Write the state as arrays; the candidates come from the atlas again."""
         state = json.dumps(self.rng.bit_generator.state)
-        out = {"state": np.array(state), "cost": self.cost}
-        out["counts"] = np.array([self.taken, self.refined, self.rounds, self.polished])
-        for name, lanes in (("pool", self.pool), ("exact", self.exact)):
+        counts = [self.taken, self.refined, self.rounds, self.lines, self.polished]
+        out = {"state": np.array(state), "counts": np.array(counts), "cost": self.cost, "line": self.line}
+        for name in ("pool", "exact"):
+            lanes = getattr(self, name)
             if lanes is not None:
                 parts = (*lanes.chain, lanes.sign, lanes.row)
                 out |= {f"{name}_{k}": np.asarray(array) for k, array in enumerate(parts)}
@@ -572,14 +582,17 @@ class _Search:
     def restore(self, arrays: dict[str, np.ndarray]) -> None:
         """Go back to what `to_arrays` returned."""
         self.rng.bit_generator.state = json.loads(str(arrays["state"]))
-        self.cost, counts = arrays["cost"], arrays["counts"]
-        self.taken, self.refined, self.rounds = (int(n) for n in counts[:3])
-        self.polished = float(counts[3])
-        lanes = {}
+        self.cost, self.line = arrays["cost"], arrays["line"]
+        self.taken, self.refined, self.rounds, self.lines = (int(n) for n in arrays["counts"][:4])
+        self.polished = float(arrays["counts"][4])
         for name in ("pool", "exact"):
             parts = [arrays[key] for k in range(6) if (key := f"{name}_{k}") in arrays]
-            lanes[name] = Lanes(ChainArrays(*parts[:4]), *parts[4:]) if parts else None
-        self.pool, self.exact = lanes["pool"], lanes["exact"]
+            setattr(self, name, Lanes(ChainArrays(*parts[:4]), *parts[4:]) if parts else None)
+
+    def _begin_lines(self, lanes: Lanes) -> np.ndarray:
+        """Number designs that come from none of the pool."""
+        self.lines += len(lanes.row)
+        return np.arange(self.lines - len(lanes.row), self.lines)
 
     def _start(self, chosen: slice) -> Lanes:
         """Put candidates where they fit best."""
@@ -592,27 +605,32 @@ class _Search:
         self.taken = chosen.stop
         return self._start(chosen)
 
-    def _vary(self) -> Lanes:
+    def _vary(self) -> tuple[Lanes, np.ndarray]:
         """Change the numbers of good designs, and give others, also simpler ones, a last dyad made at random."""
-        parts = [self._jump(), self._redraw(self)]
+        lanes, line = self._jump()
+        parts = [self._redraw(self)]
         if self.simpler is not None and self.simpler.rounds:
             parts.append(self._redraw(self.simpler))
-        return functools.reduce(_join, [part for part in parts if part is not None])
+        for part in parts:
+            if part is not None:
+                lanes, line = _join(lanes, part), np.append(line, self._begin_lines(part))
+        return lanes, line
 
-    def _jump(self) -> Lanes:
+    def _jump(self) -> tuple[Lanes, np.ndarray]:
         """Change all numbers of good designs a little, or those of one dyad or of the tracing point more."""
         assert self.pool is not None
         count, dyads = 2 * _WIDTH - 2 * _DRAWN_KEPT, (self.bars - 2) // 2
-        lanes = _some(self.pool, _choose(self.rng, count, len(self.cost)))
+        parents = _choose(self.rng, count, len(self.cost))
+        lanes = _some(self.pool, parents)
         row = np.array(lanes.row)
-        which = self.rng.choice(len(_JUMPS), count, p=[0.35, 0.2, 0.3, 0.15])
+        which = self.rng.choice(len(_JUMPS), count, p=[0.3, 0.05, 0.5, 0.15])
         own = np.arange(row.shape[1] - 6) // EACH == self.rng.integers(0, dyads + 1, count)[:, None]
         size = np.where((which < 2)[:, None] | own, _JUMPS[which, None], 0.0)
         row[:, :-6] *= np.exp(size * self.rng.normal(size=size.shape))
         row[:, :-6] += 0.3 * size * self.rng.normal(size=size.shape)
         if not self.target.closed:
             row[:, -2:] += np.minimum(_JUMPS[which, None], 0.2) * self.rng.normal(size=(count, 2))
-        return lanes._replace(row=row)
+        return lanes._replace(row=row), self.line[parents]
 
     def _redraw(self, source: "_Search") -> Lanes | None:
         """Put last dyads made at random on the first dyads of good designs, or on whole ones that have a dyad less.
@@ -654,14 +672,14 @@ class _Search:
                 chosen.append(k)
         return _some(lanes, np.array(chosen[:_DRAWN_KEPT], int)) if chosen else None
 
-    def finish(self, at_once: bool) -> list[Lanes]:
-        """The best designs: that meet all points, of least squares, and unless `at_once` of least distances."""
+    def finish(self, count: int) -> list[Lanes]:
+        """The best designs: that meet all points, of least squares, and so many of them refined to least distances."""
         out = [self.exact] if self.exact is not None else []
         if self.pool is not None and len(self.cost):
-            best = _some(self.pool, slice(_WIDTH))
-            out.append(best)
-            if self.target.timing is None and self.exact is None and self.rounds and not at_once:
-                out.append(self._refine(best, _STEPS[1], self.means)[0])
+            out.append(_some(self.pool, slice(_WIDTH)))
+            if self.target.timing is None and self.exact is None and self.rounds and count:
+                best = self._refine(_some(self.pool, slice(count)), _STEPS[2], self.means)[0]
+                out += [_some(best, slice(k, k + _WIDTH)) for k in range(0, len(best.row), _WIDTH)]
         return out
 
     def _polish(self) -> None:
@@ -669,7 +687,8 @@ class _Search:
         assert self.pool is not None
         if self.polished == float(self.cost[:_TOGETHER].sum()):
             return
-        self._keep(*self._refine(_some(self.pool, slice(_TOGETHER)), _STEPS[2]))
+        best = slice(_TOGETHER)
+        self._keep(*self._refine(_some(self.pool, best), _STEPS[2]), self.line[best])
         self.polished = float(self.cost[:_TOGETHER].sum())
         if self.best < _SMOOTH and len(self.target.own) > self.pool.row.shape[1]:
             own, error = self._refine(_some(self.pool, slice(_WIDTH)), _STEPS[2], self.points, 6)
@@ -695,22 +714,23 @@ class _Search:
         cost = np.concatenate(costs)
         return lanes._replace(row=np.concatenate(rows)), np.where(np.isfinite(cost), cost, np.inf)
 
-    def _keep(self, lanes: Lanes, cost: np.ndarray) -> None:
-        """Put designs among the best, none of them twice, and of no chain too many: they shall stay different."""
+    def _keep(self, lanes: Lanes, cost: np.ndarray, line: np.ndarray) -> None:
+        """Put designs among the best, none twice, of no chain and no candidate too many: they shall stay different."""
         if self.pool is not None:
-            lanes, cost = _join(self.pool, lanes), np.concatenate([self.cost, cost])
+            lanes, cost, line = _join(self.pool, lanes), np.append(self.cost, cost), np.append(self.line, line)
         order = np.argsort(cost, kind="stable")
         order = order[np.isfinite(cost[order])]
-        kept, seen, of_chain = [], set(), collections.Counter()
+        kept, seen, of_chain, of_line = [], set(), collections.Counter(), collections.Counter()
         for k in order:
             chain = tuple(np.concatenate([np.ravel(array[k]) for array in lanes.chain]).tolist())
             mark = (f"{cost[k]:.2g}", chain)
-            if mark not in seen and of_chain[chain] < self.of_chain:
+            if mark not in seen and of_chain[chain] < self.of_chain and of_line[line[k]] < _OF_LINE:
                 seen.add(mark)
                 of_chain[chain] += 1
+                of_line[line[k]] += 1
                 kept.append(k)
         chosen = np.array(kept[:_POOL], int)
-        self.pool, self.cost = _some(lanes, chosen), cost[chosen]
+        self.pool, self.cost, self.line = _some(lanes, chosen), cost[chosen], line[chosen]
 
 
 def _some(lanes: Lanes, index: Any) -> Lanes:
@@ -745,6 +765,7 @@ class _Run(NamedTuple):
 
 def _search(run: _Run, course: SavedSearch, progress: bool | None) -> str:
     """Let searches go on in turns until time is over or a design is exact."""
+    course.save(run)  # what was looked up, should there be no time for a round
     with bar(None, "trace", "round", progress) as shown:
         while True:
             best = min(run.searches, key=lambda s: s.best)
@@ -767,9 +788,11 @@ def _search(run: _Run, course: SavedSearch, progress: bool | None) -> str:
 def _judge(target: Curve, terms: _Terms, searches: list[_Search], keep: int, at_once: bool) -> tuple[TracedDesign, ...]:
     """Look closely at the best designs: at many poses, by the distance of curves, each curve once."""
     out: list[TracedDesign] = []
+    near = 2.0 * min((search.best for search in searches), default=np.inf)
     for search in searches:
         own = []
-        for k, lanes in enumerate(search.finish(at_once)):
+        count = 0 if at_once else 2 * _WIDTH if search.best <= near else _TOGETHER
+        for k, lanes in enumerate(search.finish(count)):
             own += _look_closely(target, terms, lanes, search.bars, k == 0 and search.exact is not None)
         kept: list[TracedDesign] = []
         for design in sorted(own, key=lambda design: design.rank):
