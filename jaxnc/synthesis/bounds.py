@@ -6,7 +6,7 @@ out.
 """
 
 import dataclasses
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,10 @@ from jaxnc.synthesis.conditions import LARGE, Length
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.pytree import Leaves
 from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from jaxnc.synthesis.search.planar import PlanarFit
+    from jaxnc.synthesis.search.spatial import Spatial
 
 
 class Boxes(NamedTuple):
@@ -79,10 +83,8 @@ class Boxes(NamedTuple):
         places = flat[:, : dim * self.points].reshape(len(flat), self.points, dim)
         some = np.delete(places, without, axis=1) if 0 <= without < self.points else places
         extent = np.ptp(some, axis=1).max(axis=1)
-        least, most = (
-            np.zeros(len(flat)),
-            np.maximum(LARGE * self.size, self._longest_allowed) / np.maximum(extent, 1e-300),
-        )
+        longest = np.max(self.longest[np.isfinite(self.longest)], initial=LARGE * self.size)
+        least, most = np.zeros(len(flat)), longest / np.maximum(extent, 1e-300)
         for (a, b), low, high in zip(self.ends, self.shortest, self.longest, strict=True):
             if without in (a, b):
                 continue
@@ -90,26 +92,10 @@ class Boxes(NamedTuple):
             least, most = np.maximum(least, low / long), np.minimum(most, high / long)
         return extent, np.minimum(least, most), most
 
-    @property
-    def _longest_allowed(self) -> float:
-        """The largest length that is allowed by name."""
-        return float(np.max(self.longest[np.isfinite(self.longest)], initial=0.0))
 
-
-class Fitted(Protocol):
-    """A fit of designs to targets, as far as random drawings need to know it."""
-
-    @property
-    def free(self) -> Any:
-        """The unknowns that are fitted: the place along the axes, the size, and more."""
-        ...
-
-    def into(self, boxes: Boxes, flat: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Move mechanisms as a whole to where their joints in boxes are to be."""
-        ...
-
-
-def draw_designs(problem: Problem, rng: np.random.Generator, count: int, fit: Fitted | None = None) -> np.ndarray:
+def draw_designs(
+    problem: Problem, rng: np.random.Generator, count: int, fit: "PlanarFit | Spatial | None" = None
+) -> np.ndarray:
     """Draw random designs ``(count, n)``: uniform in boxes, the rest around the idea, by up to its size."""
     var, dim, boxes = problem.variables, problem.system.topology.dim, Boxes.of(problem)
     spread = rng.uniform(0.1, 1.0, (count, 1)) * var.scale

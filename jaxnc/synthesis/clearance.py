@@ -18,10 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.synthesis.conditions import NO_POSE, Condition, Seen, check_planar
+from jaxnc.synthesis.conditions import NO_POSE, Condition, Seen
 from jaxnc.synthesis.loops import ground_points
+from jaxnc.synthesis.validate import as_floats, check_name
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -161,10 +162,7 @@ def _sag(corners: Array) -> Array:
 
 def as_region(region: object, what: str) -> np.ndarray:
     """Check a region: corners of a polygon, or two opposite ones of a box; return its corners anticlockwise."""
-    try:
-        corners: np.ndarray = np.asarray(region, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        corners = np.zeros(0)
+    corners = as_floats(region)
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 2:
         raise InputError(
             f"{what}: a region is a polygon, its corners (N, 2), or a box, two opposite corners such as "
@@ -189,15 +187,11 @@ def as_region(region: object, what: str) -> np.ndarray:
                 f"{what}: the edges behind corners {i + 1} and {j + 1} cross; list the corners in order round the "
                 f"region, and give two regions as two conditions"
             )
-    area = _area(corners)
+    x, y = corners.T
+    area = 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
     if len(corners) < 3 or not abs(area) > _FLAT * size**2:
         raise InputError(f"{what}: the corners lie on one line; a region has an area")
     return corners if area > 0 else corners[::-1].copy()
-
-
-def _area(corners: np.ndarray) -> float:
-    x, y = corners.T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 def _signed_area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
@@ -281,6 +275,11 @@ def link_points(system: System) -> dict[str, tuple[str, ...]]:
     return out
 
 
+def _check_links(system: System, what: str, known: Mapping[str, object], names: Sequence[str]) -> None:
+    for name in names:
+        check_name(name, known, f"{what}: {system.name!r} has no link {name!r} that moves")
+
+
 def _corners(motion: Motion, links: Sequence[tuple[str, ...]]) -> Array:
     """Places of the points of links, ``(k, 2, links, T)``, the first one again for those that a link does not have.
 
@@ -311,6 +310,7 @@ class ClearOf(Condition):
     margin: float
     links: tuple[str, ...] | None  # all that move if None
     points: tuple[tuple[str, ...], ...] = ()  # of each link
+    planar = "clear_of"
     over_range = True
 
     @classmethod
@@ -331,11 +331,9 @@ class ClearOf(Condition):
         return 0.5 * self.width + self.margin
 
     def prepare(self, system: System, driven: str) -> "Condition":
-        check_planar(system, "clear_of")
+        super().prepare(system, driven)
         known = link_points(system)
-        for name in self.links or ():
-            if name not in known:
-                raise InputError(f"clear_of: {system.name!r} has no link {name!r} that moves; {nearest(name, known)}")
+        _check_links(system, "clear_of", known, self.links or ())
         return replace(self, points=tuple(known[name] for name in self.links or known))
 
     def values(self, seen: Seen) -> Array:
@@ -356,6 +354,7 @@ class ClearLinks(Condition):
     width: float
     margin: float
     pairs: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = ()  # points of two links each
+    planar = "clear_links"
     over_range = True
 
     @property
@@ -363,15 +362,11 @@ class ClearLinks(Condition):
         return "clear links " + "; ".join(", ".join(layer) for layer in self.layers)
 
     def prepare(self, system: System, driven: str) -> "Condition":
-        check_planar(system, "clear_links")
+        super().prepare(system, driven)
         known, top, pairs = link_points(system), system.topology, []
         welds = [{top.bodies[k].name for k in joint.bodies} for joint in top.joints if joint.type == "weld"]
         for layer in self.layers:
-            for name in layer:
-                if name not in known:
-                    raise InputError(
-                        f"clear_links: {system.name!r} has no link {name!r} that moves; {nearest(name, known)}"
-                    )
+            _check_links(system, "clear_links", known, layer)
             for one, other in itertools.combinations(layer, 2):
                 shared = set(known[one]) & set(known[other])
                 if len(shared) == 1 and {one, other} not in welds:
@@ -454,10 +449,7 @@ def _as_links(names: object, what: str) -> tuple[str, ...]:
 
 
 def _as_size(value: Any, what: str) -> float:
-    try:
-        size = float(value)
-    except (TypeError, ValueError, OverflowError):
-        size = np.nan
-    if isinstance(value, bool) or not 0.0 <= size < np.inf:
+    size = as_floats(value)
+    if isinstance(value, bool) or size.ndim or not 0.0 <= size < np.inf:
         raise InputError(f"{what} must be a length, 0 or more, got {value!r}")
-    return size
+    return float(size)

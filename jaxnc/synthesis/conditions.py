@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError
 from jaxnc.kinematics.circuits import circuits
 from jaxnc.kinematics.flip import flip_margin
 from jaxnc.kinematics.inputs import positive
@@ -23,7 +23,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.pickling import Remade
 from jaxnc.synthesis.loops import Loop, four_bar_loop, loop_sines
 from jaxnc.synthesis.pytree import Leaves
-from jaxnc.synthesis.validate import as_interval, call_on_motion
+from jaxnc.synthesis.validate import as_floats, as_interval, call_on_motion, check_name
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike
 
@@ -47,11 +47,15 @@ class Condition(Leaves):
     """A condition on a design.
 
     Attributes:
+        words: what reports call it, a format of its fields; the name of its class if not given.
+        planar: the function that makes it, if it is for planar mechanisms only.
         equality: whether its values must be zero; otherwise they must not be negative.
         over_range: whether it looks at the whole range of the input.
         turning: whether it makes sure that the input can go through its whole range.
     """
 
+    words = ""
+    planar = ""
     equality = False
     over_range = False
     turning = False
@@ -59,7 +63,7 @@ class Condition(Leaves):
     @property
     def name(self) -> str:
         """Name in reports."""
-        return type(self).__name__.lower()
+        return self.words.format(self) or type(self).__name__.lower()
 
     @property
     def spans(self) -> tuple[tuple[str, str], ...]:
@@ -73,6 +77,8 @@ class Condition(Leaves):
 
     def prepare(self, system: System, driven: str) -> "Condition":
         """Check names, and find out what needs to be found out once."""
+        if self.planar and system.topology.dim != 2:
+            raise InputError(f"{self.planar}: {system.name!r} is spatial; this condition is of the plane")
         check_points(system, self.name, *self._points)
         return self
 
@@ -85,21 +91,18 @@ class Condition(Leaves):
 class Length(Condition):
     """Distance of two points of one body, or of the ground."""
 
+    words = "length {0.start}-{0.end}"
     start: str
     end: str
     low: float = -np.inf
     high: float = np.inf
 
     @property
-    def name(self) -> str:
-        return f"length {self.start}-{self.end}"
-
-    @property
     def spans(self) -> tuple[tuple[str, str], ...]:
         return ((self.start, self.end),)
 
     def values(self, seen: Seen) -> Array:
-        return jnp.stack(_inside(_point_distance(seen, self.start, self.end), self.low, self.high, seen.size))
+        return _inside(_point_distance(seen, self.start, self.end)[None], ((self.low, self.high),), seen.size)
 
 
 @dataclass(frozen=True)
@@ -147,22 +150,16 @@ class Equal(Condition):
 class Symmetric(Condition):
     """Two points of the drawing are mirror images of each other."""
 
+    words = "{0.first} and {0.second} symmetric"
+    planar = "symmetric"
     first: str
     second: str
     about: tuple[str | tuple[float, float], str | tuple[float, float]]
     equality = True
 
     @property
-    def name(self) -> str:
-        return f"{self.first} and {self.second} symmetric"
-
-    @property
     def _points(self) -> tuple[str, ...]:
         return tuple(n for n in (self.first, self.second, *self.about) if isinstance(n, str))
-
-    def prepare(self, system: System, driven: str) -> "Condition":
-        check_planar(system, "symmetric")
-        return super().prepare(system, driven)
 
     def values(self, seen: Seen) -> Array:
         p, q = seen.motion[self.first][0], seen.motion[self.second][0]
@@ -176,34 +173,26 @@ class Symmetric(Condition):
 class Within(Condition):
     """A point stays in a box, in every pose."""
 
+    words = "{0.point} within"
     point: str
     box: tuple[tuple[float, float], ...]
-
-    @property
-    def name(self) -> str:
-        return f"{self.point} within"
 
     @property
     def _points(self) -> tuple[str, ...]:
         return (self.point,)
 
     def values(self, seen: Seen) -> Array:
-        at = seen.motion[self.point]
-        rows = [row for k, (low, high) in enumerate(self.box) for row in _inside(at[..., k], low, high, seen.size)]
-        return jnp.concatenate([jnp.ravel(row) for row in rows])
+        return _inside(seen.motion[self.point], self.box, seen.size)
 
 
 @dataclass(frozen=True)
 class Local(Condition):
     """Coordinates of a point in the frame of a body: from one point of it, along the way to another one."""
 
+    words = "{0.point} along {0.along[0]}-{0.along[1]}"
     point: str
     along: tuple[str, str]
     box: tuple[tuple[float, float], ...]
-
-    @property
-    def name(self) -> str:
-        return f"{self.point} along {'-'.join(self.along)}"
 
     @property
     def spans(self) -> tuple[tuple[str, str], ...]:
@@ -213,20 +202,16 @@ class Local(Condition):
         a, b, p = (seen.motion[n][0] for n in (*self.along, self.point))
         d = (b - a) / jnp.linalg.norm(b - a)
         place = jnp.dot(p - a, d), d[0] * (p - a)[1] - d[1] * (p - a)[0]
-        rows = zip(place, self.box, strict=True)
-        return jnp.stack([row for v, (low, high) in rows for row in _inside(v, low, high, seen.size)])
+        return _inside(jnp.stack(place), self.box, seen.size)
 
 
 @dataclass(frozen=True)
 class Size(Condition):
     """The box around all points in all poses."""
 
+    words = "size"
     most: float
     over_range = True
-
-    @property
-    def name(self) -> str:
-        return "size"
 
     def values(self, seen: Seen) -> Array:
         assert seen.turn is not None
@@ -245,15 +230,12 @@ def _is_four_bar(system: System) -> bool:
 class CrankTurns(Condition):
     """The input goes through its whole range without a dead point."""
 
+    words = "crank turns"
     kind: str | None = None
     margin: float = 0.0
     loop: Loop | None = None
     alone: bool = True  # whether that loop is all there is
     turning = True
-
-    @property
-    def name(self) -> str:
-        return "crank turns"
 
     @property
     def over_range(self) -> bool:
@@ -288,13 +270,10 @@ class CrankTurns(Condition):
 class TransmissionAngle(Condition):
     """The transmission angle stays above a value over the whole range of the input."""
 
+    words = "transmission angle"
     least: float
     joint: tuple[str, str, str] | None = None
     over_range = True
-
-    @property
-    def name(self) -> str:
-        return "transmission angle"
 
     def prepare(self, system: System, driven: str) -> "Condition":
         if self.joint is not None:
@@ -318,13 +297,10 @@ class TransmissionAngle(Condition):
 class NoFlip(Condition):
     """Every pose over the whole range of the input stays away from other assemblies, and from dead points."""
 
+    words = "no flip"
     distance: float | None = None
     input: float | None = None
     over_range = True
-
-    @property
-    def name(self) -> str:
-        return "no flip"
 
     def values(self, seen: Seen) -> Array:
         assert seen.turn is not None
@@ -341,20 +317,14 @@ class NoFlip(Condition):
 class OnlyCircuit(Condition):
     """Nothing but the design's circuit can be assembled over its range; a check of found designs, without a slope."""
 
+    words = "only circuit"
     stops: tuple[tuple[str, tuple[float, float]], ...] = ()
     over_range = True
-
-    @property
-    def name(self) -> str:
-        return "only circuit"
 
     def prepare(self, system: System, driven: str) -> "Condition":
         every = system.topology.coordinates
         for name, _ in self.stops:
-            if name not in every:
-                raise InputError(
-                    f"only_circuit: {system.name!r} has no coordinate {name!r} with a stop; {nearest(name, every)}"
-                )
+            check_name(name, every, f"only_circuit: {system.name!r} has no coordinate {name!r} with a stop")
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -381,9 +351,7 @@ class OnlyCircuit(Condition):
 class AnyTransmission(Condition):
     """Any transmission angle will do: it asks for nothing, and none is a defect."""
 
-    @property
-    def name(self) -> str:
-        return "any transmission angle"
+    words = "any transmission angle"
 
     def values(self, seen: Seen) -> Array:
         return jnp.zeros(0)
@@ -398,10 +366,7 @@ class Own(Remade, Condition):
     label: str = "condition"
     equality: bool = False
     over_range: bool = False
-
-    @property
-    def name(self) -> str:
-        return self.label
+    words = "{0.label}"
 
     def values(self, seen: Seen) -> Array:
         motion = seen.turn if self.over_range else seen.motion
@@ -419,8 +384,8 @@ def crank_turns(kind: str | None = None, margin: float = 0.0) -> Condition:
 
     Source: F. Grashof; for other topologies the determinants of the loops' blocks over a sampled range.
     """
-    if kind not in (None, "crank-rocker", "double-crank"):
-        raise InputError(f"crank_turns: kind={kind!r}; {nearest(str(kind), ('crank-rocker', 'double-crank'))}")
+    if kind is not None:
+        check_name(kind, ("crank-rocker", "double-crank"), f"crank_turns: kind={kind!r}")
     return CrankTurns(kind, float(margin))
 
 
@@ -558,11 +523,8 @@ def condition(
 
 
 def _as_place(place: Any) -> tuple[float, float] | None:
-    try:
-        x, y = (float(v) for v in place)
-    except (TypeError, ValueError, OverflowError):
-        return None
-    return (x, y) if np.isfinite([x, y]).all() else None
+    found = as_floats(place)
+    return (float(found[0]), float(found[1])) if found.shape == (2,) and np.isfinite(found).all() else None
 
 
 def _point_distance(seen: Seen, a: str, b: str) -> Array:
@@ -574,14 +536,16 @@ def check_points(system: System, what: str, *names: str) -> None:
     top = system.topology
     every = (*top.points, *(m.name for m in top.markers))
     for name in names:
-        if name not in every:
-            raise InputError(f"{what}: {top.name!r} has no point {name!r}; {nearest(name, every)}")
+        check_name(name, every, f"{what}: {top.name!r} has no point {name!r}")
 
 
-def _inside(value: Array, low: Any, high: Any, size: Any) -> list[Array]:
-    """By how much a value stays above and below its bounds, as far as there are any."""
-    rows = [(value - low) / size] if _is_bound(low) else []
-    return rows + ([(high - value) / size] if _is_bound(high) else [])
+def _inside(values: Array, box: Sequence[tuple[Any, Any]], size: Any) -> Array:
+    """By how much numbers ``(…, k)`` stay above and below their bounds, as far as there are any."""
+    rows = []
+    for k, (low, high) in enumerate(box):
+        rows += [values[..., k] - low] if _is_bound(low) else []
+        rows += [high - values[..., k]] if _is_bound(high) else []
+    return jnp.concatenate([jnp.ravel(row) for row in rows]) / size
 
 
 def _is_bound(bound: ArrayLike) -> bool:
@@ -598,6 +562,8 @@ _SIDES = {"left": 1.0, "right": -1.0}
 class Direction(Condition):
     """The direction of a line from one point to another at the first target: a value, or between two."""
 
+    words = "direction {0.start}-{0.end}"
+    planar = "direction"
     start: str
     end: str
     low: float
@@ -605,16 +571,8 @@ class Direction(Condition):
     equality: bool = False
 
     @property
-    def name(self) -> str:
-        return f"direction {self.start}-{self.end}"
-
-    @property
     def _points(self) -> tuple[str, ...]:
         return self.start, self.end
-
-    def prepare(self, system: System, driven: str) -> "Condition":
-        check_planar(system, "direction")
-        return super().prepare(system, driven)
 
     def values(self, seen: Seen) -> Array:
         way = seen.motion[self.end][0] - seen.motion[self.start][0]
@@ -631,6 +589,7 @@ class Direction(Condition):
 class Circuit(Condition):
     """The joint of a dyad stays on one side of the line between the dyad's ends."""
 
+    planar = "on_circuit"
     side: float
     joint: tuple[str, str, str] | None = None
 
@@ -639,7 +598,7 @@ class Circuit(Condition):
         return f"circuit {'left' if self.side > 0.0 else 'right'}"
 
     def prepare(self, system: System, driven: str) -> "Condition":
-        check_planar(system, "on_circuit")
+        super().prepare(system, driven)
         if self.joint is None:
             loop = four_bar_loop(system, driven)
             if loop is None:
@@ -698,22 +657,12 @@ def on_circuit(side: str, joint: tuple[str, str, str] | None = None) -> Conditio
             crank pin to the rocker's fixed pivot.
         joint: first end of another dyad, its joint, second end; those of the four-bar loop at the input if not given.
     """
-    if side not in _SIDES:
-        raise InputError(f"on_circuit: side={side!r}; {nearest(str(side), _SIDES)}")
+    check_name(side, _SIDES, f"on_circuit: side={side!r}")
     return Circuit(_SIDES[side], joint)
 
 
-def check_planar(system: System, what: str) -> None:
-    """Refuse spatial mechanisms."""
-    if system.topology.dim != 2:
-        raise InputError(f"{what}: {system.name!r} is spatial; this condition is of the plane")
-
-
 def _as_angle(value: float, what: str) -> float:
-    try:
-        out = float(value)
-    except (TypeError, ValueError, OverflowError):
-        out = np.nan
-    if not abs(out) <= 4 * np.pi:
+    out = as_floats(value)
+    if out.ndim or not abs(out) <= 4 * np.pi:
         raise InputError(f"{what} must be an angle in radians (numpy.radians makes them of degrees), got {value!r}")
-    return out
+    return float(out)

@@ -34,13 +34,13 @@ from jaxnc.synthesis.bounds import Bounds
 from jaxnc.synthesis.design import judge
 from jaxnc.synthesis.evaluate import solve_poses
 from jaxnc.synthesis.problem import Problem, check_problem, repeat_drawing
-from jaxnc.synthesis.pytree import Leaves, shapes
+from jaxnc.synthesis.pytree import Leaves, Static
 from jaxnc.synthesis.result import Result, Steps
 from jaxnc.synthesis.search.basins import distinct_basins, list_once
 from jaxnc.synthesis.search.checkpoint import Course, interruptible
 from jaxnc.synthesis.search.screen import initial_guess, reseat_targets, screen
 from jaxnc.synthesis.search.sqp import End
-from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts
+from jaxnc.synthesis.validate import as_floats, as_seed, as_time_limit, check_counts, check_limit
 from jaxnc.types import Array, ArrayLike, PyTree
 
 LARGE = 1e15  # the value of a design that does not assemble
@@ -50,6 +50,7 @@ MEETS = 1e-7  # violation that is none
 _ROOM = 64  # steps that compiled code takes at once, at most
 _LASTING = 0.2  # seconds that they should last: so often is a descent looked at, and can be stopped
 
+_GRADIENT = "a norm to stop at, 0 or a positive number"
 _EXTRA = ("value", "grad", "value_fn")  # what optimisers that search along lines ask for
 _THEIRS = ("optax", "jax")  # packages whose functions are what their code and closures are
 
@@ -97,19 +98,6 @@ class Optimiser:
         return self.update(slope, memory, y, **{name: known[name] for name in self.extra})
 
 
-class _Only:
-    """A thing that is equal to itself only."""
-
-    def __init__(self, thing: object):
-        self.thing = thing
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Only) and other.thing is self.thing
-
-    def __hash__(self) -> int:
-        return id(self.thing)
-
-
 def _identity(thing: object, above: list[object]) -> object:
     """A key that things share if they do the same: numbers, code with what it encloses, else identity."""
     if isinstance(thing, int) and not isinstance(thing, bool) and abs(thing) < 1 << 53:
@@ -134,16 +122,16 @@ def _identity(thing: object, above: list[object]) -> object:
             try:
                 cells.append(inside(cell.cell_contents))
             except ValueError:  # not filled yet
-                return "only", _Only(thing)
+                return "only", Static.only(thing)
         held = inside(thing.__defaults__), inside(thing.__kwdefaults__)
         return "function", thing.__module__, thing.__qualname__, thing.__code__, tuple(cells), held
-    return "only", _Only(thing)
+    return "only", Static.only(thing)
 
 
 def _lasting(key: object) -> object:
     """A key without what differs from process to process."""
-    if isinstance(key, _Only):
-        return getattr(key.thing, "__qualname__", type(key.thing).__name__)
+    if isinstance(key, Static):
+        return getattr(key.value, "__qualname__", type(key.value).__name__)
     if isinstance(key, types.CodeType):
         return key.co_name
     return tuple(map(_lasting, key)) if isinstance(key, tuple) else key
@@ -233,7 +221,7 @@ class Descent(Shown, Leaves):
         """
         what = "Descent"
         check_problem(what, problem, squares=False)
-        _check_gradient(what, gradient)
+        check_limit(what, _GRADIENT, gradient=gradient)
         if batch is not None:
             check_counts(what, batch=batch)
             if not problem.by_target:
@@ -245,13 +233,15 @@ class Descent(Shown, Leaves):
                 raise InputError(
                     f"{what}: batch={batch} of {problem.targets} targets; leave it out, or give a smaller number"
                 )
+        # Of a batch conditions at the targets have fewer numbers.
+        motions = problem.still if batch is None else [repeat_drawing(problem, n) for n in (batch, problem.poses)]
         vars(self).update(
             problem=problem,
             optimiser=Optimiser(what, optimiser),
             batch=batch,
             tolerance=float(gradient),
             bounds=Bounds.of(problem),
-            equal=_equalities(problem, batch),
+            equal=problem.mark_equalities(problem.count_values(*motions)),
         )
 
     @property
@@ -305,29 +295,21 @@ class Descent(Shown, Leaves):
 
     def _begin(self, x: Array) -> Lane:
         y = self.bounds.project(x / self.bounds.scale)
-        large, none = jnp.full((), LARGE, y.dtype), jnp.zeros((), y.dtype)
+        large, one = jnp.full((), LARGE, y.dtype), jnp.ones((), y.dtype)
         # Strong types, so that the second step is compiled as the first one is.
         memory = jax.tree.map(lambda a: _strong(a, jnp.asarray(a)), self.optimiser.init(y))
+        unknown = ("value", "gradient", "violation", "best_value", "best_violation", "merit", "before")
         return Lane(
-            y=y,
-            value=large,
-            gradient=large,
-            violation=large,
+            **dict.fromkeys(unknown, large),
+            **dict.fromkeys(("y", "best", "trial"), y),
+            **dict.fromkeys(("memory", "after"), memory),
             outcome=jnp.full((), LOST, jnp.int32),
             steps=jnp.zeros((), jnp.int32),
             over=jnp.zeros((), bool),
-            best=y,
-            best_value=large,
-            best_violation=large,
-            trial=y,
             slope=jnp.zeros_like(y),
-            merit=large,
-            memory=memory,
-            after=memory,
-            share=none + 1.0,
+            share=one,
             multipliers=jnp.zeros(len(self.equal), y.dtype),
-            heavy=none + 10.0,  # first weight of a violation
-            before=large,
+            heavy=10.0 * one,  # first weight of a violation
         )
 
     def _step(self, lane: Lane, key: Array | None) -> Lane:
@@ -432,28 +414,9 @@ class Descent(Shown, Leaves):
         return conditions - jnp.where(self.equal, 0.0, 1e-4)  # 1e-4 more than they need is asked of inequalities
 
 
-def _equalities(problem: Problem, batch: int | None) -> np.ndarray:
-    """Mark the conditions' numbers that must be zero where `batch` targets count, ``(k,)``."""
-    if batch is None or not problem.conditions:
-        return problem.equalities
-    some = [repeat_drawing(problem.system, problem.driven, problem.hold, n) for n in (batch, problem.poses)]
-    counts = [
-        s.shape[0] for s in shapes(Problem.condition_values, problem, some[0], some[1] if problem.poses else None)
-    ]
-    equal = [c.equality for c, count in zip(problem.conditions, counts, strict=True) for _ in range(count)]
-    own = len(problem.equalities) - sum(problem.counts)
-    return np.array(equal + [False] * own, bool)
-
-
 def _strong(a: Array, like: Array) -> Array:
     """Give numbers a type that is not a weak one."""
     return a if _is_key(like) else lax.convert_element_type(a, like.dtype)
-
-
-def _check_gradient(what: str, gradient: float) -> None:
-    """Check a norm to stop at."""
-    if isinstance(gradient, bool) or not isinstance(gradient, (int, float, np.number)) or not gradient >= 0:
-        raise InputError(f"{what}: gradient={gradient!r}; it must be a norm to stop at, 0 or a positive number")
 
 
 # -- many designs ------------------------------------------------------------------------------------------------------
@@ -684,9 +647,9 @@ def descend(
     refuse_fork()
     check_problem(what, problem, squares=False)
     check_counts(what, steps=steps, keep=keep, **({} if patience is None else {"patience": patience}))
-    _check_gradient(what, gradient)
-    if enough is not None and (isinstance(enough, bool) or not isinstance(enough, (int, float, np.number))):
-        raise InputError(f"{what}: enough={enough!r}; it must be an error to stop at, or None")
+    check_limit(what, _GRADIENT, gradient=gradient)
+    if enough is not None:
+        check_limit(what, "an error to stop at, or None", -np.inf, enough=enough)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((problem, starts, key))):
         raise InputError(
             f"{what} is a loop in Python and needs numbers; in traced code take steps of your own: "
@@ -763,12 +726,10 @@ def starting_designs(problem: Problem, rng: np.random.Generator, lanes: int, loo
 
 def _unknowns(problem: Problem, starts: object) -> np.ndarray:
     """Starts that were given."""
-    try:
-        x = np.asarray([getattr(one, "x", one) for one in starts] if isinstance(starts, Sequence) else starts, float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(
-            f"descend: starts={starts!r}; it must be a number of designs, or their unknowns, (lanes, {problem.count})"
-        ) from None
+    x = as_floats(
+        [getattr(one, "x", one) for one in starts] if isinstance(starts, Sequence) else starts,
+        f"descend: starts={starts!r}; it must be a number of designs, or their unknowns, (lanes, {problem.count})",
+    )
     x = x.reshape(0, problem.count) if not x.size else np.atleast_2d(x)
     if x.ndim != 2 or x.shape[1] != problem.count or not len(x) or not np.isfinite(x).all():
         raise InputError(

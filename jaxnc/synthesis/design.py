@@ -110,14 +110,16 @@ class Design:
 
         The errors of exact designs are rounding: they come first, by their transmission angle and then by their size.
         """
+        defects = 1.0 if self.defects else 0.0
         if not self.exact:
-            return (1.0 if self.defects else 0.0, self.error, 0.0, 0.0)
-        return (
-            1.0 if self.defects else 0.0,
-            0.0,
-            -float(np.nan_to_num(self.transmission)),
-            max(self.size, default=0.0),
-        )
+            return (defects, self.error, 0.0, 0.0)
+        return (defects, 0.0, -float(np.nan_to_num(self.transmission)), max(self.size, default=0.0))
+
+    @property
+    def shape_words(self) -> tuple[str, str, str]:
+        """Type, transmission angle and size, as tables show them."""
+        angle = "-" if np.isnan(self.transmission) else f"{np.degrees(self.transmission):.1f} deg"
+        return self.type or "-", angle, " x ".join(f"{s:.3g}" for s in self.size)
 
     @property
     def ending(self) -> str:
@@ -307,10 +309,8 @@ def to_mechanism(mechanism: Mechanism, system: System) -> Mechanism:
         (model.ground_vectors if name in model.ground_vectors else model.vectors)[name] = place
     for marker, at in zip(top.markers, np.asarray(par.markers), strict=True):
         place = tuple(float(v) for v in at)
-        old = model.markers[marker.name]
-        model.markers[marker.name] = (
-            record.Marker(old.on, direction=place) if marker.direction else record.Marker(old.on, at=place)
-        )
+        form = "direction" if marker.direction else "at"
+        model.markers[marker.name] = record.Marker(model.markers[marker.name].on, **{form: place})
     for dimension, value in zip(top.given, np.asarray(par.dimensions), strict=True):
         _set_dimension(model, dimension.owner, dimension.key, float(value))
     return out

@@ -27,6 +27,7 @@ from jaxnc.solvers.rows import RowNumbers
 from jaxnc.status import Status
 from jaxnc.synthesis import loops
 from jaxnc.synthesis.problem import POSES, Problem, home_value, make_motion
+from jaxnc.synthesis.pytree import take
 from jaxnc.system.design import Drawn, carry_design
 from jaxnc.system.host import from_jax
 from jaxnc.system.structure import readable
@@ -85,10 +86,6 @@ class DesignPoses(NamedTuple):
     # The same over the range; None where that at the targets goes through it, or there is no range.
     turn: "DesignPoses | None" = None
 
-    def of(self, some: slice) -> "DesignPoses":
-        """Select some designs."""
-        return jax.tree.map(lambda a: a[some], self)
-
 
 def solve_poses(problem: Problem, x: np.ndarray, poses: int, way: str = "quick") -> DesignPoses:
     """Move designs through their targets and over the range of the input.
@@ -104,11 +101,8 @@ def solve_poses(problem: Problem, x: np.ndarray, poses: int, way: str = "quick")
     Returns:
         The poses, without their changes; see `changing`.
     """
-    top = problem.system.topology
-    if top.large or not readable(top):
-        return _sweep_each(problem, x, poses)
     with np.errstate(all="ignore"):
-        return _Designs(problem, x, False, way).solve(poses)
+        return _designs(problem, x, False, way).solve(poses)
 
 
 def solve_changes(problem: Problem, x: np.ndarray, poses: int, way: str, most: int) -> Iterator[DesignPoses]:
@@ -117,24 +111,17 @@ def solve_changes(problem: Problem, x: np.ndarray, poses: int, way: str, most: i
     Without their changes where a kind of the mechanism's constraints can be read by JAX alone, or where its matrices
     are sparse.
     """
-    top, designs = problem.system.topology, None
-    if top.large or not readable(top):
-        found = _sweep_each(problem, x, poses)
-    else:
-        with np.errstate(all="ignore"):
-            designs = _Designs(problem, x, True, way)
-            found = designs.solve(poses)
+    with np.errstate(all="ignore"):
+        designs = _designs(problem, x, True, way)
+        found = designs.solve(poses)
     for first in range(0, len(x), most):
-        some = slice(first, first + most)
-        yield found.of(some) if designs is None else designs.changing(found, some)
+        yield designs.changing(found, slice(first, first + most))
 
 
 def reach_targets(problem: Problem, x: np.ndarray) -> np.ndarray:
     """Mark designs ``(designs, n)`` that reach all targets; all of them where they can only be moved one by one."""
-    top = problem.system.topology
-    if top.large or not readable(top):
+    if not _go_together(problem):
         return np.ones(len(x), bool)
-
     width = 512  # designs at once, where only those are sought that go on
 
     def part(first: int) -> np.ndarray:
@@ -150,27 +137,32 @@ def solve_curves(
 
     Designs are ``(designs, variables)``; for the way see `solve_poses`.
     """
-    extra = np.broadcast_to(problem.extras.home, (len(z), len(problem.extras.names)))
-    x = np.concatenate([z, extra], axis=1)
-    top = problem.system.topology
     with np.errstate(all="ignore"):
-        if top.large or not readable(top):
-            found = _sweep_each(problem, x, count)
-            found = found.turn or found
-        else:
-            designs = _Designs(problem, x, False, way)
-            found = designs.along(designs.over(count)[0])
+        found = _designs(problem, _with_own(problem, z), False, way).curve(count)
         return found.q, found.status == int(Status.CONVERGED), found.values[:, 0]
 
 
 def assemble_drawings(problem: Problem, z: np.ndarray) -> np.ndarray | None:
     """Assemble drawings: coordinates ``(designs, N)``; None where that is not done on the host."""
-    top = problem.system.topology
-    if top.large or not readable(top):
+    if not _go_together(problem):
         return None
-    extra = np.broadcast_to(problem.extras.home, (len(z), len(problem.extras.names)))
     with np.errstate(all="ignore"):
-        return _Designs(problem, np.concatenate([z, extra], axis=1), False).start.T
+        return _Designs(problem, _with_own(problem, z), False).start.T
+
+
+def _with_own(problem: Problem, z: np.ndarray) -> np.ndarray:
+    """Append the problem's own unknowns as they are in the idea to designs ``(designs, variables)``."""
+    return np.concatenate([z, np.broadcast_to(problem.extras.home, (len(z), len(problem.extras.names)))], axis=1)
+
+
+def _go_together(problem: Problem) -> bool:
+    """Tell whether designs are moved all at once: not where matrices are sparse or JAX alone can read a kind."""
+    return readable(problem.system.topology) and not problem.system.topology.large
+
+
+def _designs(problem: Problem, x: np.ndarray, changes: bool, way: str) -> "_Designs | _SweptDesigns":
+    """Make designs ready to be moved."""
+    return _Designs(problem, x, changes, way) if _go_together(problem) else _SweptDesigns(problem, x)
 
 
 def marker_places(problem: Problem, z: np.ndarray, q: np.ndarray, number: int) -> np.ndarray:
@@ -224,6 +216,10 @@ class _Designs:
             return found
         return found._replace(turn=self.along(*self.over(poses)))
 
+    def curve(self, count: int) -> DesignPoses:
+        """Poses over the whole range."""
+        return self.along(self.over(count)[0])
+
     def over(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Values of the input over its range, ``(designs, count)``, and their derivatives by the own unknowns."""
         low, high = self.problem.span(self.home, self.extra)
@@ -275,7 +271,7 @@ class _Designs:
 
     def changing(self, found: DesignPoses, some: slice) -> DesignPoses:
         """Poses of some of the designs, with their changes."""
-        part, lanes = found.of(some), np.arange(len(self.home))[some]
+        part, lanes = take(found, some), np.arange(len(self.home))[some]
         q, good = np.ascontiguousarray(part.q.transpose(2, 1, 0)), np.equal(part.status.T, int(Status.CONVERGED))
         own = _some_designs(self.drawn, lanes)
         known = np.zeros((len(self.view.known), own.home.shape[-1] - 1, *good.shape))
@@ -366,11 +362,15 @@ def _some_designs(drawn: Drawn, lanes: np.ndarray) -> Drawn:
     return drawn._replace(constants=tuple(c[:, :, lanes] for c in drawn.constants), home=drawn.home[:, lanes])
 
 
-def _sweep_each(problem: Problem, x: np.ndarray, poses: int) -> DesignPoses:
-    """Solve poses by sweeps, design by design."""
-    n, ways = len(problem.variables.names), []
-    with np.errstate(all="ignore"):
-        for one in x:
+class _SweptDesigns:
+    """Designs that are moved by sweeps, one after the other."""
+
+    def __init__(self, problem: Problem, x: np.ndarray):
+        self.problem, self.x = problem, x
+
+    def solve(self, poses: int) -> DesignPoses:
+        problem, n, ways = self.problem, len(self.problem.variables.names), []
+        for one in self.x:
             system, extra = problem.design(one), one[n:]
             values = [np.asarray(problem.inputs(extra), float)]
             if problem.at_rest:
@@ -380,13 +380,16 @@ def _sweep_each(problem: Problem, x: np.ndarray, poses: int) -> DesignPoses:
                 values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
             motions = [problem.sweep(system, v) for v in values]
             ways.append([(np.asarray(m.q), np.asarray(m.status), v) for m, v in zip(motions, values, strict=True)])
+        # Of each way of a design its three parts.
+        found, *turn = (DesignPoses(*map(np.stack, zip(*way, strict=True))) for way in zip(*ways, strict=True))
+        return found._replace(turn=turn[0]) if turn else found
 
-    def stack_way(k: int) -> DesignPoses:
-        q, status, values = (np.stack([one[k][part] for one in ways]) for part in range(3))
-        return DesignPoses(q, status, values)
+    def curve(self, count: int) -> DesignPoses:
+        found = self.solve(count)
+        return found.turn or found
 
-    found, *turn = map(stack_way, range(len(ways[0])))
-    return found._replace(turn=turn[0]) if turn else found
+    def changing(self, found: DesignPoses, some: slice) -> DesignPoses:
+        return take(found, some)
 
 
 # -- errors, conditions, derivatives -----------------------------------------------------------------------------------
@@ -428,7 +431,7 @@ class Evaluator:
             first, count = len(parts) * width, len(found.q)
             fill = np.minimum(np.arange(width), count - 1)
             some = at[first + fill]
-            found = found if count == width else jax.tree.map(lambda a, fill=fill: a[fill], found)
+            found = found if count == width else take(found, fill)
             parts.append(_compiled_evaluate(self.structure, self.leaves, x[some], given[some], self.scale, found))
         whole = []
         for each in zip(*parts, strict=True):
@@ -476,8 +479,7 @@ def _motions_of(problem: Problem, x: Array, found: DesignPoses, poses: Any) -> t
     system = problem.designed(z)
 
     def motion(way: DesignPoses, q: Array, values: Callable) -> Motion:
-        zero = jnp.zeros(way.values.shape)
-        out = make_motion(system, problem.driven, problem.hold, q, way.status, way.values, zero, zero)
+        out = make_motion(problem, system, q, way.status, way.values, jnp.zeros(way.values.shape))
         return attach_poses(out, system, values()[:, None]) if way.changes is None else out
 
     def over(way: DesignPoses) -> Array:
@@ -513,9 +515,7 @@ def move_designs(problem: Problem, xs: Sequence[np.ndarray]) -> list[MovedDesign
 
         def motion(way: DesignPoses, k: int = k, system: System = system) -> Motion:
             unknown = np.full(way.values[k].shape, np.nan)
-            return make_motion(
-                system, problem.driven, problem.hold, way.q[k], way.status[k], way.values[k], unknown, unknown
-            )
+            return make_motion(problem, system, way.q[k], way.status[k], way.values[k], unknown)
 
         through = motion(found)
         out.append(MovedDesign(one, through, through if found.turn is None else motion(found.turn)))

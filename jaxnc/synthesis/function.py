@@ -110,24 +110,16 @@ class FunctionGeneration(Problem):
             if output not in ATTITUDE or top.dim == 2:
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
-            drawing = repeat_drawing(stated.system, stated.driven, stated.hold, 1)
-            if shapes(_attitude_reader(output), drawing) is None:
+            if shapes(_attitude_reader(output), repeat_drawing(stated, 1)) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         check_radians(table, f"{what}: values", turn_of(stated, False), "state one turn, which the others repeat")
         if isinstance(output, str) and output in top.scalars and top.periodic[top.scalars.index(output)]:
             check_radians(wanted, f"{what}: target", 4 * np.pi, "leave out whole turns")
-        names, home = [], []
-        if input_offset:
-            names.append("input offset")
-            home.append(0.0)
-        if output_offset:
-            names.append("output offset")
-            home.append(0.0)
-        none = np.full(len(names), np.inf)
+        names = ("input offset",) * bool(input_offset) + ("output offset",) * bool(output_offset)
         complete(
             self,
             stated,
-            extras=Extras(tuple(names), np.array(home), -none, none),
+            extras=Extras(names, np.zeros(len(names))),
             size=float(np.ptp(wanted)) or 1.0,
             minimax=minimax,
             dense=is_monotonic(table),

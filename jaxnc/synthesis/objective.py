@@ -88,7 +88,7 @@ class Objective(Problem):
         complete(
             self,
             stated,
-            extras=Extras.none(),
+            extras=Extras(),
             size=1.0,
             minimax=minimax,
             dense=is_monotonic(table),
@@ -181,7 +181,7 @@ class Loss(Problem):
         complete(
             self,
             stated,
-            extras=Extras.none(),
+            extras=Extras(),
             size=1.0,
             minimax=False,
             dense=False,
@@ -200,7 +200,7 @@ class Loss(Problem):
     def inputs(self, extra: Numbers) -> Any:
         return np.asarray(home_value(self.system, self.driven)).reshape(1)
 
-    def moves(self, x: Array, poses: int) -> tuple[Motion, Motion | None]:
+    def moves(self, x: Array) -> tuple[Motion, Motion | None]:
         z, extra = self.split(x)
         system = self.designed(z)
         eq = derive(system)
@@ -210,9 +210,9 @@ class Loss(Problem):
         known = eq.home + jax.lax.stop_gradient(found.q - eq.home)
         good = found.gap <= 1e3 * tolerance(eq, found.q)
         status = jnp.where(good, int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))[None]
-        zero, asked = jnp.zeros(1), known[view.known[:1]]
-        motion = make_motion(system, self.driven, self.hold, known[None], status, asked, zero, zero)
-        return attach_poses(motion, system, asked[None]), self.sweep_range(system, extra, poses)
+        asked = known[view.known[:1]]
+        motion = make_motion(self, system, known[None], status, asked, jnp.zeros(1))
+        return attach_poses(motion, system, asked[None]), self.sweep_range(system, extra)
 
     def misses(self, motion: Motion, extra: Array) -> Array:
         return jnp.zeros((1,))
@@ -245,7 +245,7 @@ class Loss(Problem):
         value = self.value(self.designed(self.split(x)[0]), key)
         if not self.conditions:
             return value, jnp.zeros(0), jnp.ones((), bool)
-        motion, turn = self.moves(x, self.poses)
+        motion, turn = self.moves(x)
         return value, jnp.concatenate([*self.condition_values(motion, turn)]), jnp.all(motion.converged)
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
@@ -17,7 +17,7 @@ from jaxnc.synthesis.clearance import refuse_enclosed
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.problem import Extras, Problem, array_module
 from jaxnc.synthesis.statement import compile_idea, complete, set_up, turn_of
-from jaxnc.synthesis.validate import as_points, as_sequence, as_timing, as_weights, check_radians
+from jaxnc.synthesis.validate import as_floats, as_points, as_timing, as_weights, check_name, check_radians
 from jaxnc.system.frames import quaternions
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Numbers
@@ -102,8 +102,7 @@ class PathGeneration(Problem):
         stated = set_up(what, mechanism, input, free, bounds, subject_to, hold, travel)
         top = stated.system.topology
         known = (*top.points, *(m.name for m in top.markers if not m.direction))
-        if point not in known:
-            raise InputError(f"{what}: {top.name!r} has no point {point!r}; {nearest(point, known)}")
+        check_name(point, known, f"{what}: {top.name!r} has no point {point!r}")
         goal = as_points(target, top.dim, what, self._least, closed)
         size = float(np.max(np.ptp(goal, axis=0)))
         if not size > 0:
@@ -138,17 +137,15 @@ class PathGeneration(Problem):
             names = ("timing of the first point", *(f"timing from point {k} to {k + 1}" for k in range(1, count)))
             first = np.append(low, np.full(count - 1, fill / (count - 1)))
             if start_timing is not None:
-                known, words = (as_timing if ordered else _any_order), f"{what}: start_timing"
-                begun = known(start_timing, count, words, turn_of(stated, True))
+                begun = as_timing(start_timing, count, f"{what}: start_timing", turn_of(stated, True), ordered)
                 first = np.append(begun[:1], np.diff(begun))
-            box = np.full(count, np.inf)
-            extras = Extras(names, first, -box, box)
+            extras = Extras(names, first)
         elif offset:
-            extras = Extras(("timing offset",), np.array([home - asked[0]]), np.array([-np.inf]), np.array([np.inf]))
+            extras = Extras(("timing offset",), np.array([home - asked[0]]))
         else:
-            extras = Extras.none()
+            extras = Extras()
         if either_sense:
-            extras = extras.join(Extras((_SENSE,), np.ones(1), np.full(1, -np.inf), np.full(1, np.inf)))
+            extras = extras.join(Extras((_SENSE,), np.ones(1)))
         extras = extras.join(self._frame(top.dim))
         complete(
             self,
@@ -169,7 +166,7 @@ class PathGeneration(Problem):
 
     def _frame(self, dim: int) -> Extras:
         """Unknowns behind the timings."""
-        return Extras.none()
+        return Extras()
 
     def inputs(self, extra: Numbers) -> Any:
         if self.timing is None:
@@ -208,9 +205,6 @@ class PathGeneration(Problem):
         return jnp.append(steps, span - way * jnp.sum(extra[1:]) - (apart if self.closed else 0.0))
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        return self.timings(rng, count)
-
-    def timings(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Random timings, as far as they are unknown, ``(count, …)``: the first one, and the steps to the others."""
         if self.timing is not None:
             first = self.extras.home[:1] + rng.uniform(-np.pi, np.pi, (count, 1))
@@ -232,13 +226,6 @@ class PathGeneration(Problem):
             begin = low + rng.uniform(size=count) * (span - steps.sum(axis=1))
             begin = np.where(way > 0, begin, high + low - begin)
         return np.concatenate([begin[:, None], way[:, None] * steps], axis=1)
-
-
-def _any_order(values: object, count: int, what: str, turn: float) -> np.ndarray:
-    """Values of the input in any order, ``(count,)``."""
-    out = as_sequence(values, count, what)
-    check_radians(out, what, 2 * turn, "give travel=(low, high) if it turns more than once")
-    return out
 
 
 @public
@@ -306,10 +293,7 @@ class MotionGeneration(PathGeneration):
         dim = top.dim
         goal = as_points(places, dim, what, self._least)
         shape = (len(goal),) if dim == 2 else (len(goal), 3, 3)
-        try:
-            turns = np.asarray(orientations, dtype=float)
-        except (TypeError, ValueError, OverflowError):
-            raise InputError(f"{what}: orientations must be numbers, shape {shape}, got {orientations!r}") from None
+        turns = as_floats(orientations, f"{what}: orientations must be numbers, shape {shape}, got {orientations!r}")
         if turns.shape != shape or not np.isfinite(turns).all():
             raise InputError(f"{what}: orientations must be finite, shape {shape}; got shape {turns.shape}")
         if dim == 3 and not np.allclose(turns @ np.swapaxes(turns, 1, 2), np.eye(3), atol=1e-6):
@@ -319,8 +303,7 @@ class MotionGeneration(PathGeneration):
         bodies = {b.name: [top.points[i] for i in b.points] for b in top.bodies}
         for marker in top.markers:
             bodies.get(marker.body, []).append(marker.name)
-        if body not in bodies:
-            raise InputError(f"{what}: {top.name!r} has no body {body!r}; {nearest(body, bodies)}")
+        check_name(body, bodies, f"{what}: {top.name!r} has no body {body!r}")
         if point not in bodies[body] and any(point in names for names in bodies.values()):
             raise InputError(
                 f"{what}: point {point!r} is not on body {body!r}, whose frame it is to be the origin of; its points "
@@ -348,8 +331,7 @@ class MotionGeneration(PathGeneration):
 
     def _frame(self, dim: int) -> Extras:
         names = ("turn of the frame",) if dim == 2 else tuple(f"turn of the frame about {axis}" for axis in "xyz")
-        box = np.full(len(names), np.inf)
-        return Extras(names, np.zeros(len(names)), -box, box)
+        return Extras(names, np.zeros(len(names)))
 
     @property
     def error_shape(self) -> tuple[int, ...]:
@@ -377,7 +359,7 @@ class MotionGeneration(PathGeneration):
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
         turn = rng.uniform(-np.pi, np.pi, (count, self.own_turns))
-        return np.concatenate([self.timings(rng, count), turn], axis=1)
+        return np.concatenate([super().guesses(rng, count), turn], axis=1)
 
 
 def rotation_matrix(v: Any) -> np.ndarray:

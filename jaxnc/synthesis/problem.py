@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from types import ModuleType
-from typing import NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -30,6 +30,9 @@ from jaxnc.synthesis.pytree import Leaves, shapes
 from jaxnc.system.system import System
 from jaxnc.types import AnyArray, Array, Numbers
 
+if TYPE_CHECKING:
+    from jaxnc.synthesis.statement import Statement
+
 _P = TypeVar("_P", bound="Problem")
 POSES = 181  # at which what comes out is judged
 
@@ -48,21 +51,14 @@ class Variables(Leaves):
 
 
 class Extras(NamedTuple):
-    """Unknowns of a problem besides the design: timings, offsets."""
+    """Unknowns of a problem besides the design: timings, offsets. They have no bounds."""
 
-    names: tuple[str, ...]
-    home: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-    @classmethod
-    def none(cls) -> "Extras":
-        """No unknowns."""
-        return cls((), np.zeros(0), np.zeros(0), np.zeros(0))
+    names: tuple[str, ...] = ()
+    home: np.ndarray = np.zeros(0)
 
     def join(self, other: "Extras") -> "Extras":
         """Append other unknowns."""
-        return Extras(self.names + other.names, *(np.append(a, b) for a, b in zip(self[1:], other[1:], strict=True)))
+        return Extras(self.names + other.names, np.append(self.home, other.home))
 
 
 @public
@@ -252,26 +248,21 @@ class Problem(Remade, Leaves):
         """
         return (home, home + 2 * np.pi) if self.whole else self.travel
 
-    def moves(self, x: Array, poses: int) -> tuple[Motion, Motion | None]:
-        """The motions through the targets and over the range of the input; pure.
-
-        Args:
-            x: the unknowns.
-            poses: at least so many over the range, none for no such motion.
-        """
+    def moves(self, x: Array) -> tuple[Motion, Motion | None]:
+        """The motions through the targets and over the range of the input, if a condition looks at it; pure."""
         z, extra = self.split(x)
         system, values = self.designed(z), self.inputs(extra)
         motion = self.sweep(system, values, repair=False)  # of traced code the quickest where many designs are mapped
-        if not poses or self.through(values.shape[0], poses):
-            return motion, motion if poses else None
-        return motion, self.sweep_range(system, extra, poses)
+        if not self.poses or self.through(values.shape[0], self.poses):
+            return motion, motion if self.poses else None
+        return motion, self.sweep_range(system, extra)
 
-    def sweep_range(self, system: System, extra: Array, poses: int) -> Motion | None:
-        """The motion over the range of the input through some poses; None for no poses; pure."""
-        if not poses:
+    def sweep_range(self, system: System, extra: Array) -> Motion | None:
+        """The motion over the range of the input; None where no condition looks at it; pure."""
+        if not self.poses:
             return None
         low, high = self.span(home_value(system, self.driven), extra)
-        return self.sweep(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses), repair=False)
+        return self.sweep(system, low + (high - low) * jnp.linspace(0.0, 1.0, self.poses), repair=False)
 
     def through(self, targets: int, poses: int) -> bool:
         """Tell whether the motion through so many targets shows the range as well as so many poses would."""
@@ -284,7 +275,7 @@ class Problem(Remade, Leaves):
             x: the unknowns.
             moves: the motions through the targets and over the range, if they are known.
         """
-        motion, turn = self.moves(x, self.poses) if moves is None else moves
+        motion, turn = self.moves(x) if moves is None else moves
         extra = self.split(x)[1]
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
         rows = [*self.condition_values(motion, turn), jnp.ravel(self.own(extra))]
@@ -305,14 +296,14 @@ class Problem(Remade, Leaves):
         z, extra = self.split(x)
         some, values = self, self.inputs(extra)
         if targets is None:
-            motion, turn = self.moves(x, self.poses)
+            motion, turn = self.moves(x)
         else:
             values = jnp.asarray(values)[targets]
             some = with_fields(self, **{name: jnp.asarray(getattr(self, name))[targets] for name in self.by_target})
             system = self.designed(z)
             # Between them the way may be long: each is followed from the drawing.
             motion = solve_position(system, {self.driven: values}, hold=self.hold, throw=False, repair=False)
-            turn = self.sweep_range(system, extra, self.poses)
+            turn = self.sweep_range(system, extra)
         errors = some.errors(motion, extra) / self.size
         each = jnp.sum(jnp.reshape(errors, (len(errors), -1)) ** 2, axis=1)
         square = jnp.max(each) if self.minimax else jnp.sum(each) * (self.targets / len(values))
@@ -338,10 +329,10 @@ class Problem(Remade, Leaves):
     @property
     def still(self) -> tuple[Motion, Motion | None]:
         """Motions of the right shapes that go nowhere, by which numbers of errors and conditions are counted."""
-        motion = repeat_drawing(self.system, self.driven, self.hold, self.targets)
+        motion = repeat_drawing(self, self.targets)
         if not self.poses or self.through(self.targets, self.poses):
             return motion, motion if self.poses else None
-        return motion, repeat_drawing(self.system, self.driven, self.hold, self.poses)
+        return motion, repeat_drawing(self, self.poses)
 
     @property
     def error_shape(self) -> tuple[int, ...]:
@@ -351,7 +342,11 @@ class Problem(Remade, Leaves):
     @property
     def counts(self) -> list[int]:
         """Number of values of each condition."""
-        return [s.shape[0] for s in shapes(Problem.condition_values, self, *self.still)] if self.conditions else []
+        return self.count_values(*self.still)
+
+    def count_values(self, motion: Motion, turn: Motion | None) -> list[int]:
+        """Number of values of each condition where the motions have these shapes."""
+        return [s.shape[0] for s in shapes(Problem.condition_values, self, motion, turn)] if self.conditions else []
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -361,8 +356,12 @@ class Problem(Remade, Leaves):
     @property
     def equalities(self) -> np.ndarray:
         """Which of the conditions' numbers must be zero, ``(k,)``."""
-        out = [c.equality for c, count in zip(self.conditions, self.counts, strict=True) for _ in range(count)]
-        return np.array(out + [False] * self._own, dtype=bool)
+        return self.mark_equalities(self.counts)
+
+    def mark_equalities(self, counts: Sequence[int]) -> np.ndarray:
+        """Mark the numbers that must be zero among so many of each condition, and the problem's own."""
+        own = [c.equality for c, count in zip(self.conditions, counts, strict=True) for _ in range(count)]
+        return np.array(own + [False] * self._own, dtype=bool)
 
     @property
     def _own(self) -> int:
@@ -377,12 +376,12 @@ class Problem(Remade, Leaves):
     @property
     def low(self) -> np.ndarray:
         """Lower bounds of the unknowns."""
-        return np.concatenate([self.variables.low, self.extras.low])
+        return np.append(self.variables.low, np.full(len(self.extras.names), -np.inf))
 
     @property
     def high(self) -> np.ndarray:
         """Upper bounds of the unknowns."""
-        return np.concatenate([self.variables.high, self.extras.high])
+        return np.append(self.variables.high, np.full(len(self.extras.names), np.inf))
 
     @property
     def scale(self) -> np.ndarray:
@@ -400,26 +399,23 @@ def array_module(*values: object) -> ModuleType:
     return jnp if any(isinstance(v, (jax.Array, Tracer)) for v in values) else np
 
 
-def repeat_drawing(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
+def repeat_drawing(problem: "Problem | Statement", count: int) -> Motion:
     """A motion whose poses are all the drawing."""
-    home = np.asarray(derive(system).home)
+    home = np.asarray(derive(problem.system).home)
     poses: AnyArray = np.broadcast_to(home, (count, len(home)))
-    zero, none, asked = (np.zeros(shape, kind) for shape, kind in ((count, float), (count, int), ((count, 1), float)))
-    return make_motion(system, driven, hold, poses, none, asked[:, 0], zero, zero)
+    zero, none = np.zeros(count), np.zeros(count, int)
+    return make_motion(problem, problem.system, poses, none, zero, zero)
 
 
 def make_motion(
-    system: System,
-    driven: str,
-    hold: Sequence[str],
-    q: AnyArray,
-    status: AnyArray,
-    values: AnyArray,
-    residual: AnyArray,
-    conditioning: AnyArray,
+    problem: "Problem | Statement", system: System, q: AnyArray, status: AnyArray, values: AnyArray, quality: AnyArray
 ) -> Motion:
-    """Make a motion from poses ``(T, N)`` with their status, inputs, residuals and conditioning, each ``(T,)``."""
-    return Motion(system, (driven,), tuple(hold), q, (), values[:, None], status, residual, conditioning)
+    """Make a motion of a design from poses ``(T, N)`` with their status, inputs, and residuals, each ``(T,)``.
+
+    The residuals stand for the conditioning too: neither is looked at.
+    """
+    known = (problem.driven,), tuple(problem.hold)
+    return Motion(system, *known, q, (), values[:, None], status, quality, quality)
 
 
 def home_value(system: System, driven: str) -> AnyArray:

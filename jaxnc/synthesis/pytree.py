@@ -4,21 +4,20 @@ Leaves are finite numbers, arrays of numbers, and the parameters of a system. Na
 to the structure. So does an infinite bound, which stands for no bound.
 """
 
-import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.pickling import from_fields
+from jaxnc.pickling import fields_of, from_fields
 from jaxnc.system.system import System
-from jaxnc.types import Numbers, PyTree
+from jaxnc.types import PyTree
 
-_LEAF = object()
+_T = TypeVar("_T")
 
 
 class Leaves:
@@ -31,86 +30,61 @@ class Leaves:
         jax.tree_util.register_pytree_node(cls, _flatten, _unflatten)
 
 
-class _Same:
-    """A value that is equal to itself only, for what cannot be compared."""
+class Static:
+    """A value that belongs to the structure, and a key by which it is compared."""
 
-    def __init__(self, value: object):
-        self.value = value
+    def __init__(self, value: object, key: object):
+        self.value, self.key = value, key
+
+    @classmethod
+    def only(cls, value: object) -> "Static":
+        """Make one that is equal to itself only."""
+        return cls(value, ("only", id(value)))
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.value is self.value
+        return isinstance(other, Static) and other.key == self.key
 
     def __hash__(self) -> int:
-        return id(self.value)
+        return hash(self.key)
 
 
-def _flatten(record: object) -> tuple[list, tuple]:
-    leaves: list = []
-    return leaves, _flatten_record(record, leaves)
+jax.tree_util.register_pytree_node(Static, lambda kept: ((), kept), lambda kept, _: kept.value)
+
+
+def _flatten(record: Any) -> tuple[list, tuple]:
+    fields = fields_of(record) | dict.fromkeys(record.apart)
+    leaves, structure = jax.tree.flatten({name: _keep(value) for name, value in fields.items()})
+    return leaves, (type(record), structure)
 
 
 def _unflatten(structure: tuple, leaves: Sequence) -> PyTree:
-    return structure[0](structure, iter(leaves))
+    return from_fields(structure[0], jax.tree.unflatten(structure[1], leaves))
 
 
-def _flatten_record(record: Any, leaves: list[Numbers]) -> tuple:
-    fields = tuple(field.name for field in dataclasses.fields(record))
-    parts = (None if name in record.apart else getattr(record, name) for name in fields)
-    return _rebuild_record, type(record), fields, tuple(_take_leaves(part, leaves) for part in parts)
-
-
-def _rebuild_record(structure: tuple, leaves: Iterator) -> PyTree:
-    _, kind, names, parts = structure
-    return from_fields(kind, {name: _place_leaves(part, leaves) for name, part in zip(names, parts, strict=True)})
-
-
-def _take_leaves(value: object, leaves: list) -> Any:
-    """Take the structure of a value, and add its leaves to the others."""
+def _keep(value: Any) -> Any:
+    """Keep what is no number out of JAX's sight."""
     if isinstance(value, float) and math.isfinite(value):
-        leaves.append(float(value))
-        return _LEAF
-    if isinstance(value, (jax.Array, Tracer)) or (isinstance(value, np.ndarray) and value.dtype.kind == "f"):
-        leaves.append(value)
-        return _LEAF
+        return float(value)
+    if isinstance(value, (jax.Array, Tracer, Leaves, System)):
+        return value
     if isinstance(value, np.ndarray):
-        return _rebuild_array, value.shape, value.dtype.str, value.tobytes()
-    if isinstance(value, Leaves):
-        return _flatten_record(value, leaves)
-    if isinstance(value, System):
-        some, structure = jax.tree.flatten(value)
-        leaves.extend(some)
-        return _rebuild_tree, structure, len(some)
+        key = value.shape, value.dtype.str, value.tobytes()
+        return value if value.dtype.kind == "f" else Static(value, key)
     if isinstance(value, tuple):
-        return _rebuild_tuple, type(value), tuple(_take_leaves(part, leaves) for part in value)
+        parts = [_keep(part) for part in value]
+        if all(isinstance(part, Static) for part in parts):
+            return Static(value, (type(value), *(part.key for part in parts)))
+        return type(value)(*parts) if hasattr(value, "_make") else tuple(parts)
     try:
         hash(value)
     except TypeError:
-        return _rebuild_plain, _Same(value)
-    return _rebuild_plain, value
+        return Static.only(value)
+    return Static(value, value)
 
 
-def _place_leaves(structure: tuple, leaves: Iterator) -> PyTree:
-    return next(leaves) if structure is _LEAF else structure[0](structure, leaves)
-
-
-def _rebuild_array(structure: tuple, leaves: Iterator) -> np.ndarray:
-    _, shape, dtype, data = structure
-    return np.frombuffer(data, dtype).reshape(shape)
-
-
-def _rebuild_tree(structure: tuple, leaves: Iterator) -> System:
-    return jax.tree.unflatten(structure[1], [next(leaves) for _ in range(structure[2])])
-
-
-def _rebuild_tuple(structure: tuple, leaves: Iterator) -> PyTree:
-    parts = [_place_leaves(part, leaves) for part in structure[2]]
-    make: Callable = structure[1]._make if hasattr(structure[1], "_make") else structure[1]
-    return make(parts)
-
-
-def _rebuild_plain(structure: tuple, leaves: Iterator) -> PyTree:
-    value = structure[1]
-    return value.value if isinstance(value, _Same) else value
+def take(record: _T, at: Any) -> _T:
+    """Select some designs of a record whose arrays have one in each row."""
+    return jax.tree.map(lambda rows: rows[at], record)
 
 
 def shapes(f: Callable, *given: object) -> PyTree:

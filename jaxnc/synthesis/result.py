@@ -11,6 +11,7 @@ from jaxnc.calls import public
 from jaxnc.errors import InputError, ModelFileError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown, align_columns
+from jaxnc.pickling import fields_of
 from jaxnc.synthesis.design import BLUNT, NAMED, Design, judge, to_mechanism, worst_conditions
 from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.problem import Problem
@@ -69,19 +70,6 @@ class Steps:
         from jaxnc.viz import synthesis
 
         return synthesis.steps(self, path, unit)
-
-    def to_arrays(self) -> dict[str, np.ndarray]:
-        """Write the history as arrays by name."""
-        return {f"steps.{f.name}": np.asarray(getattr(self, f.name)) for f in dataclasses.fields(self)}
-
-    @classmethod
-    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> "Steps | None":
-        """Read what `to_arrays` returned; None if it is not there."""
-        names = [f.name for f in dataclasses.fields(cls)]
-        if "steps.value" not in arrays:
-            return None
-        found = {name: arrays[f"steps.{name}"] for name in names}
-        return cls(**{**found, "random": bool(found["random"])})
 
 
 @public
@@ -228,9 +216,7 @@ class Result(Shown):
                     str(k + 1),
                     "exact" if d.exact else f"{d.error:.4g}",
                     *("exact" if d.exact else "-" if np.isnan(e) else f"{e:.3g}" for e in (d.largest, d.rms)),
-                    d.type or "-",
-                    "-" if np.isnan(d.transmission) else f"{np.degrees(d.transmission):.1f} deg",
-                    " x ".join(f"{s:.3g}" for s in d.size),
+                    *d.shape_words,
                     str(d.starts),
                     d.ending,
                     "; ".join(d.defects) or "none",
@@ -267,10 +253,8 @@ class Result(Shown):
             lines.append(f"{some} {_CONTINUUM.format(counted(freedom, 'direction'))}")
         return lines + ([self.price] if self.price else [])
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return "\n".join([*self.sentences, self.table()] if self.designs else self.sentences)
-
-    __repr__ = __str__
 
     # -- looking and keeping ---------------------------------------------------------------------------------------
 
@@ -309,7 +293,7 @@ class Result(Shown):
         meta |= {"unfit": self.unfit}
         meta |= {"reasons": [d.reason for d in self.designs], "freedoms": [d.freedom for d in self.designs]}
         with target.replacing(folder / "result.npz") as new:
-            more: dict[str, Any] = {} if self.steps is None else self.steps.to_arrays()
+            more: Any = {} if self.steps is None else {f"steps.{k}": v for k, v in fields_of(self.steps).items()}
             ends = np.reshape(ends, (-1, 5))
             np.savez(new, x=x, history=history, ends=ends, meta=np.array(json.dumps(meta)), **more)
         target.write(folder / "designs.txt", f"{self}\n".encode())
@@ -351,11 +335,12 @@ def load(folder: str | Path, problem: Problem) -> Result:
         Basin(one, End(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))
         for one, end, reason in zip(move_designs(problem, list(x)), ends, reasons, strict=True)
     ]
-    known = Steps.from_arrays(arrays)
+    known: Any = {name.removeprefix("steps."): a for name, a in arrays.items() if name.startswith("steps.")}
+    steps = Steps(**known | {"random": bool(known["random"])}) if known else None
     unfit, freedoms = int(meta.get("unfit", 0)), meta.get("freedoms", [0] * len(basins))
     designs = [
         dataclasses.replace(design, freedom=int(freedom))
         for design, freedom in zip(judge(problem, basins, ranked=False), freedoms, strict=True)
     ]
     designs.sort(key=lambda design: design.rank)
-    return Result(problem, tuple(designs), rows, refined, screened, broken, None, "", unfit, steps=known)
+    return Result(problem, tuple(designs), rows, refined, screened, broken, None, "", unfit, steps=steps)

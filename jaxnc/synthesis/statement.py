@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnc.compiling import jit
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError
 from jaxnc.kinematics.design import geometry_components, geometry_vector
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.position import sweep
@@ -16,7 +16,7 @@ from jaxnc.synthesis.conditions import LARGE, Condition, Equal, Length, Links, O
 from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.loops import four_bar_loop, ground_points, links
 from jaxnc.synthesis.problem import Problem, Variables, home_value
-from jaxnc.synthesis.validate import as_interval, as_names, check_radians
+from jaxnc.synthesis.validate import as_interval, as_names, check_name, check_radians
 from jaxnc.system.system import System, characteristic_length, drivable
 
 
@@ -185,8 +185,7 @@ def choose_variables(
         if not free:
             raise InputError(f"{what}: free=() leaves nothing to design; name variables, or leave it out for all")
         for name in free:
-            if name not in known:
-                raise InputError(f"{what}: {system.name!r} has no design variable {name!r}; {nearest(name, known)}")
+            check_name(name, known, f"{what}: {system.name!r} has no design variable {name!r}")
         chosen = [k for k, (name, part, _) in enumerate(every) if name in free or part in free]
     at = np.array(list(chosen), dtype=int)
     names = tuple(every[k][1] for k in at)
@@ -199,9 +198,8 @@ def choose_variables(
     for name, pair in (bounds or {}).items():
         places = [i for i, k in enumerate(at) if name in every[k][:2]]
         if not places:
-            if name in known:
-                raise InputError(f"{what}: bounds for {name!r}, which is not free; add it to free=")
-            raise InputError(f"{what}: bounds for {name!r}, which is no design variable; {nearest(name, known)}")
+            check_name(name, known, f"{what}: bounds for {name!r}, which is no design variable")
+            raise InputError(f"{what}: bounds for {name!r}, which is not free; add it to free=")
         each = [pair] * len(places)
         if len(places) > 1 and np.ndim(pair) and any(np.ndim(p) == 1 for p in pair):
             if len(pair) != len(places):
@@ -238,10 +236,7 @@ def set_up(
                 f"{what}: say which coordinate is driven: input=, one of {', '.join(drivable(system.topology))}"
             )
         (driven,) = names
-    elif driven not in drivable(top):
-        raise InputError(
-            f"{what}: {top.name!r} has no coordinate {driven!r} to drive; {nearest(driven, drivable(top))}"
-        )
+    check_name(driven, drivable(top), f"{what}: {top.name!r} has no coordinate {driven!r} to drive")
     hold = (hold,) if isinstance(hold, str) else tuple(hold)
     plan(top, (driven,), hold, system.degrees_of_freedom)
     if bounds is not None and not isinstance(bounds, Mapping):

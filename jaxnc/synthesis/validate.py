@@ -1,12 +1,12 @@
 """Numbers that a problem is stated and searched with, checked; an error names what is at fault and what to try."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import whole
 from jaxnc.types import Array
 from jaxnc.validate import as_real, call_user
@@ -15,14 +15,19 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.motion import Motion
 
 
+def as_floats(value: object, otherwise: str = "") -> np.ndarray:
+    """Numbers as an array; of what are none an error that says `otherwise`, or NaN if that says nothing."""
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        if not otherwise:
+            return np.asarray(np.nan)
+        raise InputError(otherwise) from None
+
+
 def as_points(target: object, dim: int, what: str, least: int = 3, closed: bool = False) -> np.ndarray:
     """Check target points, ``(M, dim)``."""
-    try:
-        out = np.asarray(target, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(
-            f"{what}: target must be points ({'x, y' if dim == 2 else 'x, y, z'}), got {target!r}"
-        ) from None
+    out = as_floats(target, f"{what}: target must be points ({'x, y' if dim == 2 else 'x, y, z'}), got {target!r}")
     if out.ndim != 2 or out.shape[1] != dim:
         raise InputError(f"{what}: target must have shape (points, {dim}), got {out.shape}")
     bad = np.flatnonzero(~np.isfinite(out).all(axis=1))
@@ -41,10 +46,7 @@ def as_points(target: object, dim: int, what: str, least: int = 3, closed: bool 
 
 def as_sequence(values: object, count: int, what: str) -> np.ndarray:
     """Check numbers, one for each target, ``(count,)``."""
-    try:
-        out = np.asarray(values, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{what} must be numbers, got {values!r}") from None
+    out = as_floats(values, f"{what} must be numbers, got {values!r}")
     if out.shape != (count,):
         raise InputError(f"{what} must be {count} numbers, one for each target; got shape {out.shape}")
     if not np.isfinite(out).all():
@@ -66,22 +68,24 @@ def as_weights(values: object, count: int, what: str) -> np.ndarray:
     return out
 
 
-def as_timing(values: object, count: int, what: str, turn: float) -> np.ndarray:
+def as_timing(values: object, count: int, what: str, turn: float, ordered: bool = True) -> np.ndarray:
     """Check values of the input at the targets, in the order in which a mechanism comes through them, ``(count,)``.
 
-    The input goes as far as `turn` at most: a whole turn of an angle, or the range that was given for it.
+    The input goes as far as `turn` at most: a whole turn of an angle, or the range that was given for it; twice as far
+    where the targets are not `ordered`.
     """
     out = as_sequence(values, count, what)
     way = 1.0 if out[-1] >= out[0] else -1.0
     bad = np.flatnonzero(way * np.diff(out) <= 0.0)
-    if len(bad):
+    if ordered and len(bad):
         k = bad[0] + 1
         raise InputError(
             f"{what} must rise, or fall, from each target to the next, and number {k + 1} ({out[k]:g}) does not go on "
             f"from number {k} ({out[k - 1]:g}); sort the targets by it, and unwrap angles that pass a whole turn "
             f"(numpy.unwrap)"
         )
-    check_radians(out, what, turn, "give travel=(low, high) if it turns more than once")
+    most = turn if ordered else 2 * turn
+    check_radians(out, what, most, "give travel=(low, high) if it turns more than once")
     return out
 
 
@@ -104,6 +108,12 @@ def call_on_motion(function: Callable, what: str, motion: "Motion | None") -> Ar
     return as_real(
         call_user(function, what, "motion", motion), what, "a number or an array of numbers, built by jax.numpy"
     )
+
+
+def check_name(name: object, known: Collection[str], says: str) -> None:
+    """Refuse a name that is not known, by an error that begins with what `says`."""
+    if name not in known:
+        raise InputError(f"{says}; {nearest(str(name), known)}")
 
 
 def as_names(values: object, what: str) -> list[str]:
@@ -147,15 +157,16 @@ def as_time_limit(what: str, seconds: float | None) -> float:
     """Check seconds to stop after; infinite for None."""
     if seconds is None:
         return np.inf
-    if isinstance(seconds, bool) or not isinstance(seconds, (int, float, np.number)) or not seconds > 0:
-        raise InputError(f"{what}: seconds={seconds!r}; it must be a positive number, or None for no end")
-    return float(seconds)
+    least = float(np.nextafter(0.0, 1.0))
+    return check_limit(what, "a positive number, or None for no end", least, seconds=seconds)
 
 
-def check_enough(what: str, enough: float) -> None:
-    """Check an error to stop at."""
-    if isinstance(enough, bool) or not isinstance(enough, (int, float, np.number)) or not enough >= 0:
-        raise InputError(f"{what}: enough={enough!r}; it must be an error to stop at, 0 or a positive number")
+def check_limit(what: str, wanted: str, least: float = 0.0, **given: Any) -> float:
+    """Check a number at which something stops, of a name; `wanted` says what it must be."""
+    ((name, value),) = given.items()
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not value >= least:
+        raise InputError(f"{what}: {name}={value!r}; it must be {wanted}")
+    return float(value)
 
 
 def as_seed(what: str, key: Any) -> list[int]:

@@ -170,7 +170,7 @@ def test_what_goes_on_winning_is_brought_to_its_end_and_what_lags_is_not(squares
 
     monkeypatch.setattr(basins, "Sqp", Told)
     monkeypatch.setattr(basins, "move_designs", lambda problem, rows: rows)
-    monkeypatch.setattr(basins, "_group_designs", lambda problem, moves, most: [(k, 1) for k in range(len(moves))])
+    monkeypatch.setattr(basins, "_group_designs", lambda problem, moves: [[k] for k in range(len(moves))])
     monkeypatch.setattr(basins, "distinct_basins", unlike)
     found = bring_to_ends(problem, Goal(problem), [problem.start] * len(squares), most=3, iterations=200, width=3)
     assert [(round(v.end.square, 6), v.end.iterations) for v in found] == expected

@@ -8,15 +8,15 @@ Inequalities and bounds are not looked at on the way; they cut pieces out of a c
 """
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.design import Design
 from jaxnc.synthesis.evaluate import Evaluator, MovedDesign, move_designs, solve_changes
 from jaxnc.synthesis.problem import Problem, with_fields
+from jaxnc.synthesis.pytree import take
 from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.sqp import LANES, MEETS, End, Sqp
 
@@ -41,9 +41,9 @@ def bring_to_ends(
 ) -> list[Basin]:
     """Bring the best designs to their ends."""
     some = list(rows[:_LOOK])
-    first = _group_designs(problem, move_designs(problem, [x[: problem.count] for x in some]), most)
+    groups = _group_designs(problem, move_designs(problem, [x[: problem.count] for x in some]))[:most]
     ending = Sqp(goal, width)
-    now = [(lane, n) for lane, (_, n) in zip(ending.begin([some[k] for k, _ in first]), first, strict=True)]
+    now = [(lane, len(g)) for lane, g in zip(ending.begin([some[g[0]] for g in groups]), groups, strict=True)]
     out: list[Basin] = []
     levels, rates, done = {}, {}, 0
     for until, share, few in _STAGES:
@@ -74,69 +74,58 @@ def as_they_are(problem: Problem, rows: Sequence[np.ndarray], most: int) -> list
     """Select the best different designs of an interrupted search, not brought to their ends."""
     some = list(rows[:_LOOK])
     moves = move_designs(problem, [x[: problem.count] for x in some])
-    first = _group_designs(problem, moves, most)
-    nan = np.nan
-    return [Basin(moves[k], End(some[k], nan, nan, nan, nan, 0, "interrupted"), n) for k, n in first]
+    groups = _group_designs(problem, moves)[:most]
+    return [Basin(moves[g[0]], End.unknown(some[g[0]], np.nan, "interrupted"), len(g)) for g in groups]
 
 
 def distinct_basins(problem: Problem, ends: Sequence[tuple[End, int]]) -> list[tuple[Basin, int]]:
     """Select the best end of each basin, best first, with its place among those given."""
     order = sorted(range(len(ends)), key=lambda k: (ends[k][0].feasibility > MEETS, ends[k][0].square))
     moves = move_designs(problem, [ends[k][0].row[: problem.count] for k in order])
-    out: list[tuple[Basin, int]] = []
-    marks: list[np.ndarray] = []
-    for k, one in zip(order, moves, strict=True):
-        mark, (end, starts) = _mark(problem, one.motion), ends[k]
-        for n, ((basin, at), other) in enumerate(zip(out, marks, strict=True)):
-            if _in_one_basin(problem, basin.end, end, float(np.max(np.abs(mark - other))), float(np.max(other))):
-                out[n] = basin._replace(starts=basin.starts + starts), at
-                break
-        else:
-            out.append((Basin(one, end, starts), k))
-            marks.append(mark)
+    found = [ends[k][0] for k in order]
+    out = []
+    for first, *others in _group_designs(problem, moves, found):
+        starts = sum(ends[order[k]][1] for k in (first, *others))
+        out.append((Basin(moves[first], found[first], starts), order[first]))
     return out
 
 
-def _in_one_basin(problem: Problem, better: End, end: End, apart: float, extent: float) -> bool:
+def _group_designs(
+    problem: Problem, moves: Sequence[MovedDesign], ends: Sequence[End] | None = None
+) -> list[list[int]]:
+    """Group designs that are alike, or whose ends are in one basin; each joins the first group that it suits."""
+    groups: list[list[int]] = []
+    marks = [mark_of(problem, np.asarray(one.motion.q)) for one in moves]
+    for k, mark in enumerate(marks):
+        for group in groups:
+            first = group[0]
+            apart, extent = float(np.max(np.abs(mark - marks[first]))), float(np.max(marks[first]))
+            alike = apart <= _LIKE * problem.length
+            if alike or (ends is not None and _in_one_basin(ends[first], ends[k], apart, extent)):
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    return groups
+
+
+def _in_one_basin(better: End, end: End, apart: float, extent: float) -> bool:
     """Tell whether a design ended, or is about to end, where a better one did, from how far apart their points are."""
-    above = end.square - better.square
-    if apart <= _LIKE * problem.length:
-        return True
     if max(end.square, better.square) <= 1e-20:  # a square that is none
         return apart <= _LIKE * extent  # exact ones farther apart: see `jaxnc.synthesis.search.basins`
     if apart > 1e-2 * extent:  # 1e-2 of the size: a basin may be flat
         return False
     # ends whose errors differ by 1e-6 are one, and what has not ended, 1e-2 above, is on the way there
-    return above <= (1e-6 if end.converged else 1e-2) * better.square
+    return end.square - better.square <= (1e-6 if end.converged else 1e-2) * better.square
 
 
-def _group_designs(problem: Problem, moves: Iterable[MovedDesign], most: int) -> list[tuple[int, int]]:
-    """Group like designs: the first of each group, and how many there are in it."""
-    out: list[tuple[int, int]] = []
-    marks: list[np.ndarray] = []
-    for k, one in enumerate(moves):
-        mark = _mark(problem, one.motion)
-        like = [n for n, other in enumerate(marks) if np.max(np.abs(mark - other)) <= _LIKE * problem.length]
-        if like:
-            out[like[0]] = out[like[0]][0], out[like[0]][1] + 1
-        elif len(out) < most:
-            out.append((k, 1))
-            marks.append(mark)
-    return out
-
-
-def _mark(problem: Problem, motion: Motion) -> np.ndarray:
-    """Distances of a design's points at the targets, which stay when it is drawn in another pose.
+def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
+    """Distances of a design's points in its poses at the targets ``(targets, coordinates)``, however it is drawn.
 
     From each other, and from the middle of each other's way. Fixed points do not count: pivots follow from the points
     that turn about them, and where on a line a guide is drawn is of no interest. Functions of angles do not know how
     large a mechanism is either.
     """
-    return mark_of(problem, np.asarray(motion.q))
-
-
-def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
-    """Distances of points in poses ``(targets, coordinates)``; see `_mark`."""
     top = problem.system.topology
     q = q[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
     moving = ~np.array(top.fixed, bool)[: len(top.points) * top.dim].reshape(-1, top.dim).all(axis=1)
@@ -163,64 +152,20 @@ class _Look(NamedTuple):
     changes: np.ndarray  # (lanes, coordinates, n)
     good: np.ndarray  # (lanes,)
 
-    def of(self, some: "np.ndarray | np.integer") -> "_Look":
-        """Select some lanes."""
-        return _Look(*(part[some] for part in self))
-
 
 def list_once(problem: Problem, designs: Sequence[Design]) -> list[Design]:
     """Keep of each continuum of exact designs only the best, in the order of ranks."""
     exact = [design for design in designs if design.exact]
-    freedoms = _freedoms(problem, [design.x for design in exact])
-    free = [design for design, freedom in zip(exact, freedoms, strict=True) if freedom]
-    freedom = {id(design): number for design, number in zip(exact, freedoms, strict=True)}
-    best: dict[int, Design] = {}
-    for group in _group_continua(problem, [design.x for design in free]):
+    if not exact:
+        return list(designs)
+    eye = _Continua(problem)
+    looks = eye.look(np.stack([design.x for design in exact]))
+    freedom = {id(d): eye.freedom(take(looks, [k])) if looks.good[k] else 0 for k, d in enumerate(exact)}
+    free, best = [design for design in exact if freedom[id(design)]], {}
+    for group in eye.group([design.x for design in free]):
         first, starts = free[group[0]], sum(free[k].starts for k in group)
         best[id(first)] = dataclasses.replace(first, starts=starts, freedom=freedom[id(first)])
     return [best.get(id(d), d) for d in designs if id(d) in best or not freedom.get(id(d), 0)]
-
-
-def _freedoms(problem: Problem, xs: Sequence[np.ndarray]) -> list[int]:
-    """Count the directions in which each exact design can change and stay exact; 0 for one that stands alone."""
-    if not len(xs):
-        return []
-    eye = _Continua(problem)
-    look = eye.look(np.stack(xs))
-    return [eye.freedom(look.of(np.array([k]))) if look.good[k] else 0 for k in range(len(xs))]
-
-
-def _group_continua(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int]]:
-    """Group designs by continuum, as numbers; the first of each group comes first."""
-    groups = [[k] for k in range(len(xs))]
-    if len(xs) < 2:
-        return groups
-    eye, rows, idle = _Continua(problem), np.stack(xs), 0
-    q = eye.look(rows).q
-    far = np.linalg.norm(q[:, None] - q, axis=2)
-    # 2 rounds of looking for ways between groups of designs, without one being found
-    while len(groups) > 1 and idle < 2:
-        # Each group looks for ways to the nearest design of another one, and to those of the largest other one.
-        for group in groups:
-            far[np.ix_(group, group)] = np.inf
-        pairs = set()
-        for group in groups:
-            most = max((other for other in groups if other is not group), key=len)
-            for others, count in ((list(range(len(xs))), 1), (most, 2)):  # each group looks for 2 ways in each round
-                part = far[np.ix_(group, others)]
-                nearest = np.argsort(part, axis=None, kind="stable")[:count]
-                ways = zip(*np.unravel_index(nearest, part.shape), strict=True)
-                pairs |= {(group[a], others[b]) for a, b in ways if part[a, b] < np.inf}
-        if not pairs:
-            break
-        begin, end = np.array(sorted(pairs)).T
-        found, far[begin, end] = eye.find_connected(rows[begin], rows[end]), np.inf
-        idle = 0 if found.any() else idle + 1
-        for a, b in zip(begin[found], end[found], strict=True):
-            one, other = (next(group for group in groups if k in group) for k in (a, b))
-            if one is not other:
-                groups = sorted([*(group for group in groups if group not in (one, other)), sorted(one + other)])
-    return groups
 
 
 class _Continua:
@@ -237,28 +182,22 @@ class _Continua:
         problem, n = self.problem, x.shape[1]
         errors, conditions, slopes, ok = self.evaluate(x, np.zeros((len(x), 0)), way="close")
         values = np.concatenate([errors, conditions], axis=1)[:, self.rows]
-        q, changes = [], []
+        q, changes, top = [], [], problem.system.topology
+        points = len(top.points) * top.dim  # coordinates of points come first
         for part in solve_changes(problem, x, 0, "close", LANES):
             count = len(part.q)
             moved = np.zeros((count, n, *part.q.shape[1:]))
             if part.changes is not None and part.by is not None:
                 own = np.asarray(part.by).transpose(0, 2, 1)[..., None] * part.changes[:, -1:]
                 moved[:] = np.concatenate([part.changes[:, :-1], own], axis=1) * self.scale[:, None, None]
-            places = self._places
-            q.append(part.q[..., places].reshape(count, -1))
-            changes.append(moved[..., places].reshape(count, n, -1).transpose(0, 2, 1))
+            q.append(part.q[..., :points].reshape(count, -1))
+            changes.append(moved[..., :points].reshape(count, n, -1).transpose(0, 2, 1))
         size = problem.length
         poses, moves = np.concatenate(q) / size, np.concatenate(changes) / size
         good = (
             ok & np.isfinite(values).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(poses).all(axis=1)
         )
         return _Look(x, values, slopes[:, self.rows], poses, moves, good & np.isfinite(moves).all(axis=(1, 2)))
-
-    @property
-    def _places(self) -> np.ndarray:
-        """Numbers of the points' coordinates among all coordinates."""
-        top = self.problem.system.topology
-        return np.arange(len(top.points) * top.dim)
 
     def freedom(self, look: _Look) -> int:
         """Count the directions in which a design can change, without those that only redraw it."""
@@ -280,6 +219,38 @@ class _Continua:
         values = np.linalg.svd(slopes, compute_uv=False)
         return int(np.sum(values > least))
 
+    def group(self, xs: Sequence[np.ndarray]) -> list[list[int]]:
+        """Group exact designs by continuum, as numbers; the first of each group comes first."""
+        groups = [[k] for k in range(len(xs))]
+        if len(xs) < 2:
+            return groups
+        rows, idle = np.stack(xs), 0
+        q = self.look(rows).q
+        far = np.linalg.norm(q[:, None] - q, axis=2)
+        # 2 rounds of looking for ways between groups of designs, without one being found
+        while len(groups) > 1 and idle < 2:
+            # Each group looks for ways to the nearest design of another one, and to those of the largest other one.
+            for group in groups:
+                far[np.ix_(group, group)] = np.inf
+            pairs = set()
+            for group in groups:
+                most = max((other for other in groups if other is not group), key=len)
+                for others, count in ((list(range(len(xs))), 1), (most, 2)):  # 1 and 2 ways in each round
+                    part = far[np.ix_(group, others)]
+                    nearest = np.argsort(part, axis=None, kind="stable")[:count]
+                    ways = zip(*np.unravel_index(nearest, part.shape), strict=True)
+                    pairs |= {(group[a], others[b]) for a, b in ways if part[a, b] < np.inf}
+            if not pairs:
+                break
+            begin, end = np.array(sorted(pairs)).T
+            found, far[begin, end] = self.find_connected(rows[begin], rows[end]), np.inf
+            idle = 0 if found.any() else idle + 1
+            for a, b in zip(begin[found], end[found], strict=True):
+                one, other = (next(group for group in groups if k in group) for k in (a, b))
+                if one is not other:
+                    groups = sorted([*(group for group in groups if group not in (one, other)), sorted(one + other)])
+        return groups
+
     def find_connected(self, x: np.ndarray, goals: np.ndarray) -> np.ndarray:
         """Find out for each of many exact designs whether it can be changed into its goal with all targets met."""
         goal, now = self.look(goals), self.look(x)
@@ -292,7 +263,7 @@ class _Continua:
             lanes = np.flatnonzero(live)
             if not len(lanes):
                 break
-            moves = np.stack([_continuum_step(now.of(k), goal.q[k], reach[k]) for k in lanes])
+            moves = np.stack([_continuum_step(take(now, k), goal.q[k], reach[k]) for k in lanes])
             new = self.look(now.x[lanes] + moves * self.scale)
             left = np.linalg.norm(goal.q[lanes] - new.q, axis=1)
             off, was = (np.sqrt(np.mean(part**2, axis=1)) for part in (new.errors, now.errors[lanes]))

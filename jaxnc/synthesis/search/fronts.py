@@ -90,12 +90,10 @@ class Front(Shown):
         """The designs as rows of words, under what their columns are called."""
         rows = [("", *self.names, "type", "transmission", "size", "end", "defects")]
         for k, (d, v) in enumerate(zip(self.designs, self.values, strict=True)):
-            size = " x ".join(f"{s:.3g}" for s in d.size)
-            angle = f"{np.degrees(d.transmission):.1f} deg"
             values = [f"{o:.4g}" for o in v]
             if d.exact and self.names[0] == "error":
                 values[0] = "exact"
-            rows.append((str(k + 1), *values, d.type or "-", angle, size, d.ending, "; ".join(d.defects) or "none"))
+            rows.append((str(k + 1), *values, *d.shape_words, d.ending, "; ".join(d.defects) or "none"))
         return rows
 
     def table(self) -> str:
@@ -110,10 +108,8 @@ class Front(Shown):
         lines = [f"{self.problem.name}, {' against '.join(self.names)}: {self.verdict} ({counts})"]
         return lines + ([f"the search was {self.stopped}"] if self.stopped else [])
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return "\n".join([*self.sentences, self.table()] if self.designs else self.sentences)
-
-    __repr__ = __str__
 
     def plot(self, path: str | Path | None = None) -> "Figure":
         """Draw the front, and the designs at its ends and its bend; see `jaxnc.viz.synthesis`."""
@@ -265,11 +261,10 @@ class _Search:
     def end(self, key: bytes) -> End:
         """End of a design, as far as it is known."""
         square, x = self.best[key]
-        nan = np.nan
         known = self.ends.get(key)
         if known is not None and known.row is x:
             return known
-        return End(x, square, nan, nan, nan, 0, self.stopped or "no step is possible")
+        return End.unknown(x, square, self.stopped or "no step is possible")
 
     def between(self, ends: list[_Place], low: np.ndarray, high: np.ndarray, points: int, begun: list) -> None:
         """Refine at bounds between the ends: from the ends, a few random designs, and then each other's designs."""

@@ -21,7 +21,7 @@ from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Evaluation, Problem
 from jaxnc.synthesis.pytree import Leaves, shapes
-from jaxnc.synthesis.search.stock import Sizes, Stock, with_measures
+from jaxnc.synthesis.search.stock import Sizes, Stock, relax
 from jaxnc.synthesis.validate import call_on_motion
 from jaxnc.types import Array, ArrayLike
 
@@ -48,7 +48,7 @@ class Goal(Leaves):
     def of(cls, problem: Problem) -> "Goal":
         """Make the goal of a search for the best designs of a problem."""
         stocks = tuple(c for c in problem.conditions if isinstance(c, Stock))
-        problem = with_measures(problem) if stocks else problem
+        problem = relax(problem, measured=True)
         ends = np.cumsum([0, *problem.counts])
         margins = tuple(
             (i, int(ends[i]), int(ends[i + 1]))
@@ -61,7 +61,7 @@ class Goal(Leaves):
     def several(cls, problem: Problem, others: Sequence[Callable[[Motion], ArrayLike]]) -> "Goal":
         """Make the goal of a search for a front: the problem's objectives and functions of its motion."""
         goal = cls(problem, others=tuple(others))
-        pieces = shapes(_objectives, goal, problem.still[0], problem.extras.home)
+        pieces = shapes(Goal.pieces, goal, problem.still[0], problem.extras.home)
         return dataclasses.replace(goal, objectives=tuple(p.shape[0] for p in pieces))
 
     # -- unknowns and arguments ------------------------------------------------------------------------------------
@@ -125,11 +125,6 @@ class Goal(Leaves):
     # -- what is evaluated -----------------------------------------------------------------------------------------
 
     @property
-    def poses(self) -> int:
-        """Number of poses over the range that are looked at."""
-        return self.problem.poses
-
-    @property
     def shape(self) -> tuple[int, int]:
         """Numbers of errors and of conditions in an evaluation."""
         errors, conditions = self.problem.shape
@@ -154,7 +149,7 @@ class Goal(Leaves):
         """
         problem, given = self.problem, self.arguments if arguments is None else arguments
         x, height = x[: problem.count], x[-1]
-        moves = problem.moves(x, self.poses) if moves is None else moves
+        moves = problem.moves(x) if moves is None else moves
         seen = problem.evaluate(x, moves)
         errors, conditions = seen.errors, seen.conditions
         if self.stocks:
@@ -222,11 +217,7 @@ class Goal(Leaves):
         return np.array([*(s.size(n) for s, n in zip(self.stocks, sizes, strict=True)), 1.0])
 
 
-def _objectives(goal: Goal, motion: Motion, extra: Array) -> list[Array]:
-    return goal.pieces(motion, extra)
-
-
-_compiled_objectives = jit(_objectives)
+_compiled_objectives = jit(Goal.pieces)
 
 
 @jit

@@ -30,9 +30,23 @@ class Linear(NamedTuple):
     points: int  # how many points there are
     spots: int  # how many points and markers
 
+    @property
+    def columns(self) -> list[tuple[int, bool]]:
+        """Numbers that are fitted, in order: of z0, w or w k (0, 1, 2), and whether its imaginary part."""
+        free = (*self.axes, self.scale, self.scale and self.turn, self.free, self.free)
+        return [(k // 2, k % 2 == 1) for k in range(6) if free[k]]
+
+    def join(self, parts: np.ndarray) -> np.ndarray:
+        """Place z0, similarity w and tracer w k of what is fitted ``(columns, …)``: complex, ``(3, …)``."""
+        found = np.zeros((3, *parts.shape[1:]), complex)
+        found[1] = not self.scale
+        for value, (k, turned) in zip(parts, self.columns, strict=True):
+            found[k] += 1j * value if turned else value
+        return found
+
 
 class LinearLimits(NamedTuple):
-    """Room that bounds leave of what is fitted, of designs; the columns are those of `fit_linear`."""
+    """Room that bounds leave of what is fitted, of designs; the columns are those of `Linear`."""
 
     rows: np.ndarray  # how bounded places depend on what is fitted, (B, bounds, columns)
     fixed: np.ndarray  # and what they are without it, (B, bounds)
@@ -41,6 +55,7 @@ class LinearLimits(NamedTuple):
     least: np.ndarray  # of the factor by which a design grows, (B,)
     most: np.ndarray  # (B,)
     extent: np.ndarray  # of the designs as they are drawn, (B,)
+    grown: list[int]  # columns of the similarity
 
     def of(self, at: np.ndarray) -> "LinearLimits":
         """Select some designs."""
@@ -146,19 +161,13 @@ def component_rows(found: Linear, flat: np.ndarray, at: np.ndarray) -> tuple[np.
     `flat` are all parameters of drawings, ``(B, n)``; `at` says of which components, ``(bounds,)``.
     """
     rides = found.free & (at // 2 == found.tracer)
-    spot = np.where(rides, found.base[0], at // 2)
-    x, y, up = flat[:, 2 * spot], flat[:, 2 * spot + 1], at % 2 == 1
-    columns = [np.broadcast_to(~up if axis == 0 else up, x.shape) for axis in (0, 1) if found.axes[axis]]
-    fixed = np.zeros(x.shape)
-    if found.scale:
-        columns += [np.where(up, y, x)] + ([np.where(up, x, -y)] if found.turn else [])
-    else:
-        fixed = np.where(up, y, x)
-    if found.free:
-        a, b = found.base
-        dx, dy = (np.where(rides, (flat[:, 2 * b + k] - flat[:, 2 * a + k])[:, None], 0.0) for k in (0, 1))
-        columns += [np.where(up, dy, dx), np.where(up, dx, -dy)]
-    return np.stack(columns, axis=-1).astype(float), fixed
+    spot, up = np.where(rides, found.base[0], at // 2), at % 2 == 1
+    a, b = (flat[:, 2 * k] + 1j * flat[:, 2 * k + 1] for k in found.base)
+    here: AnyArray = flat[:, 2 * spot] + 1j * flat[:, 2 * spot + 1]
+    by = [np.ones(here.shape, complex), here, np.where(rides, (b - a)[:, None], 0.0)]  # z0, w and w k
+    columns = [by[k] * 1j if turned else by[k] for k, turned in found.columns]
+    fixed = np.zeros(here.shape) if found.scale else np.where(up, here.imag, here.real)
+    return np.stack([np.where(up, c.imag, c.real) for c in columns], axis=-1), fixed
 
 
 def limits_of(boxes: Boxes, found: Linear, flat: np.ndarray) -> LinearLimits:
@@ -166,62 +175,8 @@ def limits_of(boxes: Boxes, found: Linear, flat: np.ndarray) -> LinearLimits:
     at = np.flatnonzero((np.isfinite(boxes.low) | np.isfinite(boxes.high))[: 2 * found.spots])
     rows, fixed = component_rows(found, flat, at)
     extent, least, most = boxes.room(flat, 2, found.tracer if found.free else -1)
-    return LinearLimits(rows, fixed, boxes.low[at], boxes.high[at], least, most, extent)
-
-
-def fit_linear(
-    found: Linear,
-    base: np.ndarray,
-    direction: np.ndarray,
-    target: np.ndarray,
-    weights: np.ndarray,
-    limits: LinearLimits | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Fit place z0, similarity w and tracer w·k of paths by least squares; the sum of squares left, ``(B, …)``.
-
-    `base` is the body's first point (or the tracer), and `direction` leads from it to the second point, both
-    ``(B, …, M)`` and complex; bounds are kept nearly.
-    """
-    # The real columns are complex ones, which come once as they are and once turned by a right angle.
-    spots = [(0, False)] * found.axes[0] + [(0, True)] * found.axes[1]
-    spots += [(1, False)] * found.scale + [(1, True)] * (found.scale and found.turn)
-    spots += [(2, False), (2, True)] if found.free else []
-    rest = target if found.scale else target - base
-    count = base.shape[-1]
-    heavy = np.broadcast_to(weights, (count,))
-    some: list[AnyArray] = [np.ones(count), base, direction, rest]
-    light = [np.conj(v) * heavy for v in some]
-    inner: dict[tuple[int, int], AnyArray] = {}
-    used = [*dict.fromkeys(k for k, _ in spots)]
-    for n, i in enumerate(used):
-        for j in [*used[n:], 3]:
-            inner[i, j] = _sum_products(light[i], some[j])
-            inner[j, i] = np.conj(inner[i, j])
-    total = np.broadcast_to(_sum_products(light[3], some[3]).real, base.shape[:-1])
-
-    def real(i: int, turned: bool, j: int, other: bool) -> np.ndarray:
-        value = inner[i, j]
-        return np.broadcast_to(value.real if turned == other else (-value.imag if other else value.imag), total.shape)
-
-    normal = np.stack([np.stack([real(*p, *q) for q in spots], axis=-1) for p in spots], axis=-2)
-    side = np.stack([real(*p, 3, False) for p in spots], axis=-1)
-    sizes = np.maximum(np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1)), 1e-12)
-    normal = normal / (sizes[..., :, None] * sizes[..., None, :]) + 1e-10 * np.eye(len(spots))
-    side = (side / sizes)[..., None]
-    y = _solve_finite(normal, side)
-    missed = 0.0
-    if limits is not None:
-        # what bounds miss is 1e3 times as heavy as errors, before it is cut off
-        missed = _pull_inside(found, limits, normal, side, sizes, y, 1e3 * float(weights.sum()))
-    left = total + np.sum(y * (normal @ y - 2.0 * side), axis=(-2, -1))
-    left = np.where(left > 0.0, left, 0.0 * left) + missed
-    parts = list(np.moveaxis(y[..., 0] / sizes, -1, 0))
-    z0 = (parts.pop(0) if found.axes[0] else 0.0) + 1j * (parts.pop(0) if found.axes[1] else np.zeros(left.shape))
-    w = np.ones(left.shape, complex)
-    if found.scale:
-        w = parts.pop(0) + 1j * (parts.pop(0) if found.turn else np.zeros(left.shape))
-    k = parts[0] + 1j * parts[1] if found.free else np.zeros(left.shape, complex)
-    return z0, w, k, left
+    grown = [n for n, (k, _) in enumerate(found.columns) if k == 1]
+    return LinearLimits(rows, fixed, boxes.low[at], boxes.high[at], least, most, extent, grown)
 
 
 def _sum_products(a: np.ndarray, b: np.ndarray) -> AnyArray:
@@ -239,21 +194,14 @@ def _solve_finite(normal: np.ndarray, side: np.ndarray) -> np.ndarray:
 
 
 def _pull_inside(
-    found: Linear,
-    limits: LinearLimits,
-    normal: np.ndarray,
-    side: np.ndarray,
-    sizes: np.ndarray,
-    y: np.ndarray,
-    weight: float,
+    limits: LinearLimits, normal: np.ndarray, side: np.ndarray, sizes: np.ndarray, y: np.ndarray, weight: float
 ) -> np.ndarray:
     """Pull solutions `y` that miss bounds into them, in place; by how much they still miss them, weighted."""
     shape, n = y.shape[:-2], y.shape[-2]
     design = np.broadcast_to(np.arange(shape[0]).reshape(-1, *[1] * (len(shape) - 1)), shape).reshape(-1)
     flat_y, sizes = y.reshape(-1, n), sizes.reshape(-1, n)
     normal, side = normal.reshape(-1, n, n), side.reshape(-1, n)
-    first = sum(found.axes)
-    grown = slice(first, first + (1 + found.turn if found.scale else 0))
+    columns, scale = np.array(limits.grown, int), bool(limits.grown)
     missed = np.zeros(len(flat_y))
     lanes: AnyArray = np.arange(len(flat_y))
     most = 6  # times that what is out of bounds is looked for
@@ -263,10 +211,10 @@ def _pull_inside(
         place = np.einsum("lbc,lc->lb", limits.rows[own], real) + limits.fixed[own]
         goal: AnyArray = np.clip(place, limits.low, limits.high)
         off: AnyArray = goal - place
-        w: AnyArray = real[:, grown]
-        long: AnyArray = np.maximum(np.linalg.norm(w, axis=1), 1e-300) if found.scale else np.ones(len(lanes))
+        w: AnyArray = real[:, columns]
+        long: AnyArray = np.maximum(np.linalg.norm(w, axis=1), 1e-300) if scale else np.ones(len(lanes))
         factor: AnyArray = np.clip(long, limits.least[own], limits.most[own]) / long
-        far: AnyArray = np.abs(factor - 1.0) * long * limits.extent[own] if found.scale else np.zeros(len(lanes))
+        far: AnyArray = np.abs(factor - 1.0) * long * limits.extent[own] if scale else np.zeros(len(lanes))
         missed[lanes] = weight * (np.sum(off**2, axis=1) + far**2)
         out: AnyArray = (off != 0.0).any(axis=1) | (far > 1e-9 * long * limits.extent[own])
         if turn == most or not out.any():
@@ -275,11 +223,10 @@ def _pull_inside(
         active = limits.rows[own] / sizes[lanes, None, :] * (off != 0.0)[..., None]
         more = weight * np.swapaxes(active, 1, 2) @ active
         aim = weight * np.einsum("lbc,lb->lc", active, goal - limits.fixed[own])
-        if found.scale:
+        if scale:
             heavy = np.where(far > 0.0, weight * limits.extent[own] ** 2, 0.0)[:, None]
-            columns = np.arange(n)[grown]
-            more[:, columns, columns] += heavy / sizes[lanes][:, grown] ** 2
-            aim[:, columns] += heavy * factor[:, None] * w / sizes[lanes][:, grown]
+            more[:, columns, columns] += heavy / sizes[lanes][:, columns] ** 2
+            aim[:, columns] += heavy * factor[:, None] * w / sizes[lanes][:, columns]
         flat_y[lanes] = _solve_finite(normal[lanes] + more, (side[lanes] + aim)[..., None])[..., 0]
     y[...] = flat_y.reshape(y.shape)
     return missed.reshape(shape)
@@ -296,11 +243,7 @@ def nearest_move(
     heavy = np.where(np.arange(n) < first, 1.0, extent[:, None] ** 2) * 1e-9
     normal = np.swapaxes(rows, 1, 2) @ rows + heavy[:, None, :] * np.eye(n)
     side = np.einsum("lbc,lb->lc", rows, goal) + heavy * home
-    parts = list(_solve_finite(normal, side[..., None])[..., 0].T)
-    z0 = (parts.pop(0) if found.axes[0] else 0.0) + 1j * (parts.pop(0) if found.axes[1] else np.zeros(len(rows)))
-    w = np.ones(len(rows), complex)
-    if found.scale:
-        w = parts.pop(0) + 1j * (parts.pop(0) if found.turn else np.zeros(len(rows)))
+    z0, w, _ = found.join(_solve_finite(normal, side[..., None])[..., 0].T)
     return z0, w
 
 
@@ -374,7 +317,7 @@ class PlanarFit:
     ) -> Any:
         """Fit place, similarity, tracer and turn of designs ``(B, …)`` to some targets; the squares left."""
         base, along, seen = rows
-        z0, w, k, left = fit_linear(self.free, base, along, self.target[some], self.problem.weights[some], limits)
+        z0, w, k, left = self._fit_places(base, along, limits, some)
         by = np.ones(left.shape, complex)
         if self.wanted is not None:
             heavy, wanted = self.heavy[some], self.wanted[some]
@@ -405,6 +348,50 @@ class PlanarFit:
             place = z0 + w * a + k * (b - a)
         turn = (np.angle(w) - np.angle(by))[:, None] if self.own else np.zeros((len(z), 0))
         return move_whole(self.problem, self.free, flat, z0, w, place), turn, np.abs(w)
+
+    def _fit_places(
+        self, base: np.ndarray, direction: np.ndarray, limits: LinearLimits | None, some: slice | np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Fit place z0, similarity w and tracer w·k of paths by least squares; the sum of squares left, ``(B, …)``.
+
+        `base` is the body's first point (or the tracer), and `direction` leads from it to the second point, both
+        ``(B, …, M)`` and complex; bounds are kept nearly.
+        """
+        found, target, weights = self.free, self.target[some], self.problem.weights[some]
+        # The real columns are complex ones, which come once as they are and once turned by a right angle.
+        spots = found.columns
+        rest = target if found.scale else target - base
+        count = base.shape[-1]
+        heavy = np.broadcast_to(weights, (count,))
+        every: list[AnyArray] = [np.ones(count), base, direction, rest]
+        light = [np.conj(v) * heavy for v in every]
+        inner: dict[tuple[int, int], AnyArray] = {}
+        used = [*dict.fromkeys(k for k, _ in spots)]
+        for n, i in enumerate(used):
+            for j in [*used[n:], 3]:
+                inner[i, j] = _sum_products(light[i], every[j])
+                inner[j, i] = np.conj(inner[i, j])
+        total = np.broadcast_to(_sum_products(light[3], every[3]).real, base.shape[:-1])
+
+        def real(i: int, turned: bool, j: int, other: bool) -> np.ndarray:
+            value = inner[i, j]
+            return np.broadcast_to(
+                value.real if turned == other else (-value.imag if other else value.imag), total.shape
+            )
+
+        normal = np.stack([np.stack([real(*p, *q) for q in spots], axis=-1) for p in spots], axis=-2)
+        side = np.stack([real(*p, 3, False) for p in spots], axis=-1)
+        sizes = np.maximum(np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1)), 1e-12)
+        normal = normal / (sizes[..., :, None] * sizes[..., None, :]) + 1e-10 * np.eye(len(spots))
+        side = (side / sizes)[..., None]
+        y = _solve_finite(normal, side)
+        missed = 0.0
+        if limits is not None:
+            # what bounds miss is 1e3 times as heavy as errors, before it is cut off
+            missed = _pull_inside(limits, normal, side, sizes, y, 1e3 * float(weights.sum()))
+        left = total + np.sum(y * (normal @ y - 2.0 * side), axis=(-2, -1))
+        left = np.where(left > 0.0, left, 0.0 * left) + missed
+        return *found.join(np.moveaxis(y[..., 0] / sizes, -1, 0)), left
 
     def _body_direction(self, q: np.ndarray) -> np.ndarray:
         if self.wanted is None:

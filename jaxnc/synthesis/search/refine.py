@@ -82,19 +82,17 @@ def advance(
     return lanes
 
 
-def _augment(
-    errors: np.ndarray, conditions: np.ndarray, multipliers: np.ndarray, penalty: np.ndarray, equal: np.ndarray
-) -> np.ndarray:
+def _augment(now: LaneState, errors: np.ndarray, conditions: np.ndarray, equal: np.ndarray) -> np.ndarray:
     """Join errors and what is left of the conditions to a vector whose half square is the merit."""
-    share = multipliers / penalty[:, None] - conditions
+    share = now.multipliers / now.penalty[:, None] - conditions
     share = np.where(equal, share, np.maximum(share, 0.0))
-    return np.concatenate([errors, np.sqrt(penalty)[:, None] * share], axis=1)
+    return np.concatenate([errors, np.sqrt(now.penalty)[:, None] * share], axis=1)
 
 
 def _propose(now: LaneState, equal: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Do the first half of an iteration: where every lane tries next, and the gain that is expected there."""
     m = now.errors.shape[1]
-    r = _augment(now.errors, now.conditions, now.multipliers, now.penalty, equal)
+    r = _augment(now, now.errors, now.conditions, equal)
     active = np.where(equal | (r[:, m:] > 0.0), -np.sqrt(now.penalty)[:, None], 0.0)
     slopes = np.concatenate([now.slopes[:, :m], active[:, :, None] * now.slopes[:, m:]], axis=1)
     gradient = np.einsum("bmn,bm->bn", slopes, r)
@@ -119,9 +117,9 @@ def _decide(now: LaneState, x: np.ndarray, expected: np.ndarray, evaluated: Eval
     """Do the second half of an iteration: which lanes take the step, and how they go on."""
     m, moved = now.errors.shape[1], x - now.x
     errors, conditions, tried, ok = evaluated
-    old = _augment(now.errors, now.conditions, now.multipliers, now.penalty, equal)
+    old = _augment(now, now.errors, now.conditions, equal)
     merit = 0.5 * np.sum(old * old, axis=1)
-    new = _augment(errors, conditions, now.multipliers, now.penalty, equal)
+    new = _augment(now, errors, conditions, equal)
     better = 0.5 * np.sum(new * new, axis=1)
     finite = np.all(np.isfinite(tried), axis=(1, 2)) & np.isfinite(better)
     broken = now.broken + (ok & ~finite)

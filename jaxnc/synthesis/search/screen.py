@@ -161,11 +161,12 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     guesses = problem.guesses(rng, count * each).reshape(count, each, len(problem.extras.names))
     some = range(0, count, width)
     # 0.25 of the shapes are looked at again, with all
-    screened = _fit_timed if timed else _Timings(problem, fit, max(0.25, 2.0 * most / count)).best
+    screening = _Screening(problem, fit, max(0.25, 2.0 * most / count))
+    screened = screening.fit_timed if timed else screening.fit_best
 
     def part(k: int) -> tuple[np.ndarray, np.ndarray, int]:
         with np.errstate(all="ignore"):
-            return screened(problem, fit, z[k : k + width], guesses[k : k + width])
+            return screened(z[k : k + width], guesses[k : k + width])
 
     parts = map_threads(part, some)
     x, merit = (np.concatenate([one[k] for one in parts]) for k in (0, 1))
@@ -187,17 +188,6 @@ def choose_fit(problem: Problem) -> PlanarFit | Spatial | None:
     return (PlanarFit if problem.system.topology.dim == 2 else Spatial).of(problem)
 
 
-def _fit_timed(
-    problem: PathGeneration, fit: PlanarFit | Spatial, z: np.ndarray, guesses: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Fit designs whose timings are known: unknowns, errors that are left, and how many do not move."""
-    seen = solve_poses(problem, np.concatenate([z, guesses[:, 0]], axis=1), 0)
-    limits: AnyArray = fit.limits(z)
-    parts, left = fit.fit(fit.rows(z, seen.q), limits)
-    good = np.all(seen.status == 0, axis=1)
-    return *_place_designs(problem, fit, z, parts, np.zeros((len(z), 0)), left, good), int(np.sum(~good))
-
-
 class _Curves(NamedTuple):
     """Tables of shapes: what is fitted, each ``(B, poses, …)``, the input in the first pose, and what bounds leave."""
 
@@ -211,8 +201,8 @@ class _Curves(NamedTuple):
         return _Curves(tuple(row[at] for row in self.rows), self.begin[at], limits)
 
 
-class _Timings:
-    """A fit of designs whose timings are taken from their curves."""
+class _Screening:
+    """A fit of designs to targets whose timings are known, or are taken from the designs' curves."""
 
     def __init__(self, problem: PathGeneration, fit: PlanarFit | Spatial, share: float):
         self.problem, self.fit, self.share = problem, fit, share
@@ -225,10 +215,17 @@ class _Timings:
         # What lies between those that were looked at is moved in proportion.
         self.spread = np.stack([np.interp(self.every, self.few, row) for row in np.eye(len(self.few))])
 
-    def best(
-        self, problem: PathGeneration, fit: PlanarFit | Spatial, z: np.ndarray, guesses: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, int]:
+    def fit_timed(self, z: np.ndarray, guesses: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+        """Fit designs whose timings are known: unknowns, errors that are left, and how many do not move."""
+        seen = solve_poses(self.problem, np.concatenate([z, guesses[:, 0]], axis=1), 0)
+        limits: AnyArray = self.fit.limits(z)
+        parts, left = self.fit.fit(self.fit.rows(z, seen.q), limits)
+        good = np.all(seen.status == 0, axis=1)
+        return *self._place(z, parts, np.zeros((len(z), 0)), left, good), int(np.sum(~good))
+
+    def fit_best(self, z: np.ndarray, guesses: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
         """Fit the better part of designs, each with its best guess: unknowns, errors left, how many do not move."""
+        problem, fit = self.problem, self.fit
         q, good, begin = solve_curves(problem, z, _TABLE + 1)
         good = np.all(good, axis=1)
         unfit = int(np.sum(~good))
@@ -246,7 +243,17 @@ class _Timings:
         if problem.timing is None:
             extra = np.concatenate([u[..., :1], np.diff(u, axis=-1)], axis=-1)
         at = np.arange(len(z)), np.argmin(np.where(np.isfinite(left), left, np.inf), axis=1)
-        return *_place_designs(problem, fit, z, tuple(part[at] for part in parts), extra[at], left[at], good), unfit
+        return *self._place(z, tuple(part[at] for part in parts), extra[at], left[at], good), unfit
+
+    def _place(
+        self, z: np.ndarray, parts: Any, extra: np.ndarray, left: np.ndarray, ok: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Move mechanisms to where they were fitted: unknowns, and merit."""
+        flat, turn, grown = self.fit.place_mechanisms(z, parts)
+        var = self.problem.variables
+        x = np.concatenate([np.clip(flat[:, var.at], var.low, var.high), extra, turn], axis=1)
+        good = ok & np.isfinite(left) & (grown > 1e-6) & np.isfinite(x).all(axis=1)
+        return np.where(np.isfinite(x), x, 0.0), np.where(good, left / self.problem.size**2, np.inf)
 
     def _likely(self, z: np.ndarray, good: np.ndarray, table: _Curves, u: np.ndarray) -> AnyArray:
         """Select shapes and timings for a closer look, by a quick one at a part of the targets."""
@@ -330,23 +337,6 @@ class _Timings:
         return np.concatenate([new[..., :1], new[..., :1] + way * np.cumsum(steps, axis=-1)], axis=-1)
 
 
-def _place_designs(
-    problem: PathGeneration,
-    fit: PlanarFit | Spatial,
-    z: np.ndarray,
-    parts: Any,
-    extra: np.ndarray,
-    left: np.ndarray,
-    ok: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Move mechanisms to where they were fitted: unknowns, and merit."""
-    flat, turn, grown = fit.place_mechanisms(z, parts)
-    drawing = np.clip(flat[:, problem.variables.at], problem.variables.low, problem.variables.high)
-    x = np.concatenate([drawing, extra, turn], axis=1)
-    good = ok & np.isfinite(left) & (grown > 1e-6) & np.isfinite(x).all(axis=1)
-    return np.where(np.isfinite(x), x, 0.0), np.where(good, left / problem.size**2, np.inf)
-
-
 # -- targets without order ---------------------------------------------------------------------------------------------
 
 _CURVE_POSES = 361  # of the curve
@@ -427,8 +417,5 @@ def _tracer_places(problem: PathGeneration, x: np.ndarray, q: np.ndarray) -> np.
         place: AnyArray = marker_places(problem, x[:, : len(problem.variables.names)], q, number)
         return np.stack([place.real, place.imag], axis=-1)
     none, zero = np.zeros(q.shape[1], int), np.zeros(q.shape[1])
-    ways = [
-        make_motion(problem.design(one), problem.driven, problem.hold, p, none, zero, zero, zero)
-        for one, p in zip(x, q, strict=True)
-    ]
+    ways = [make_motion(problem, problem.design(one), p, none, zero, zero) for one, p in zip(x, q, strict=True)]
     return np.stack([np.asarray(way[problem.point]) for way in ways])

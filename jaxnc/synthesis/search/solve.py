@@ -20,7 +20,7 @@ from jaxnc.synthesis.search.refine import LEVEL, ROUGH, Refinement
 from jaxnc.synthesis.search.screen import initial_guess, reseat_targets, screen
 from jaxnc.synthesis.search.sqp import End, Sqp
 from jaxnc.synthesis.search.stock import best_sizes, relax
-from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts, check_enough
+from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts, check_limit
 from jaxnc.types import Array
 
 _INTERRUPTED = "interrupted"
@@ -72,7 +72,7 @@ def solve(
     refuse_fork()
     check_problem("solve", problem)
     check_counts("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
-    check_enough("solve", enough)
+    check_limit("solve", "an error to stop at, 0 or a positive number", enough=enough)
     course = Course(problem, as_time_limit("solve", seconds), checkpoint)
     try:
         with interruptible():
@@ -127,13 +127,11 @@ def solve(
         with interruptible():
             if goal.stocks and found and basins is None:
                 still = {"still": LEVEL} if problem.minimax else {}
-                loose = _end_seated(free, goal, reseat_targets(free, _begin_levelling(free, goal, found)), end)
+                loose = _end_seated(free, goal, found, end)
                 begin = functools.partial(Refinement, goal, iterations, refine, **still)
                 found = [x for _, x in best_sizes(goal, [v.end.row for v in loose], begin)]
             if basins is None:
-                basins = _end_seated(
-                    problem, goal, reseat_targets(problem, _begin_levelling(problem, goal, found)), end
-                )
+                basins = _end_seated(problem, goal, found, end)
                 again = functools.partial(Sqp(goal, run.width).run, most=iterations)
                 first = max(keep, sum(_exact(problem, basin) for basin in basins))  # exact ones have no order yet
                 basins = [*_tighten_margins(problem, goal, basins[:first], again), *basins[first:]]
@@ -192,7 +190,10 @@ def starting_rows(
     bounded = np.stack(reseat_targets(problem, list(bounded)))
     behind = run.goal.row[problem.count :]
     bounded = np.concatenate([bounded, np.broadcast_to(behind, (len(bounded), len(behind)))], axis=1)
-    likely = _best_starts(run, bounded[: len(own)]) if len(own) > 1 else bounded[:1]
+    likely = bounded[:1]
+    if len(own) > 1:
+        rows, merit = run.merits(bounded[: len(own)])
+        likely = rows[np.argsort(merit, kind="stable")[:8]]  # 8 at most
     bounded = np.concatenate([run.suit(likely, len(problem.variables.names)), bounded])
     bounded, merit = run.merits(bounded)
     idle = [name for name in run.idle if name in problem.variables.names]
@@ -216,9 +217,10 @@ def starting_rows(
     return list(bounded[order[np.isfinite(merit[order])]][:refine])
 
 
-def _end_seated(problem: Problem, goal: Goal, rows: list[np.ndarray], end: Callable[..., list[Basin]]) -> list[Basin]:
+def _end_seated(problem: Problem, goal: Goal, found: list[np.ndarray], end: Callable[..., list[Basin]]) -> list[Basin]:
     """Bring designs to their ends, again where a target without order has come nearer to another part of the curve."""
     basins: list[Basin] = []
+    rows = reseat_targets(problem, _begin_levelling(problem, goal, found))
     for _ in range(4):  # designs are brought to their ends 4 times, at most
         basins = end(problem, goal, rows)
         old = [basin.end.row for basin in basins]
@@ -259,12 +261,6 @@ def _tighten_margins(
             else:
                 done.append(basin)
     return done + left
-
-
-def _best_starts(run: Refinement, rows: np.ndarray) -> np.ndarray:
-    """Select the most promising of a few starts, at most eight."""
-    rows, merit = run.merits(rows)
-    return rows[np.argsort(merit, kind="stable")[:8]]
 
 
 def _begin_levelling(problem: Problem, goal: Goal, found: list[np.ndarray]) -> list[np.ndarray]:

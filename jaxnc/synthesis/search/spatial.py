@@ -15,6 +15,7 @@ from jaxnc.kinematics.design import with_geometry
 from jaxnc.synthesis.bounds import Boxes
 from jaxnc.synthesis.evaluate import assemble_drawings
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix, rotation_vector
+from jaxnc.synthesis.pytree import take
 from jaxnc.synthesis.search.planar import Pairs, all_parameters, length_dimensions
 from jaxnc.system.topology import Segment
 
@@ -62,10 +63,6 @@ class Sums(NamedTuple):
             turns,
             np.full(count, 0.0 if t is None else reach**2 * np.sum(w)),
         )
-
-    def some(self, lanes: np.ndarray) -> "Sums":
-        """Select some designs."""
-        return Sums(*(part[lanes] for part in self))
 
     def join(self, other: "Sums") -> "Sums":
         """Add the sums over other targets."""
@@ -303,9 +300,6 @@ class Spatial:
         flat = all_parameters(self.problem, z)
         drawn = flat[:, : 3 * (self.points + self.vectors)][:, None]
         count = q.shape[1]
-        turns = np.broadcast_to(np.eye(3), (*q.shape[:2], 3, 3))
-        if self.segments:
-            turns = np.swapaxes(self._axes(self.segments, q), -1, -2) @ self._axes(self.segments, drawn)
         if self.origin >= 0:
             way = q[..., 3 * self.origin : 3 * self.origin + 3]
         else:  # a marker that is not free
@@ -315,7 +309,7 @@ class Spatial:
             axes, home = self._axes(m.segments, q), self._axes(m.segments, drawn)
             way = q[..., 3 * m.origin : 3 * m.origin + 3]
             way = way + ((home @ arm[:, None, :, None])[..., 0].repeat(count, 1)[..., None, :] @ axes)[..., 0, :]
-        return way - self.centre, turns
+        return way - self.centre, self._turns(q, drawn)
 
     def limits(self, z: np.ndarray) -> Room:
         """Room that bounds leave of designs, and their tracers."""
@@ -420,6 +414,12 @@ class Spatial:
         second = unit(second - np.sum(second * first, axis=-1, keepdims=True) * first)
         return np.stack([first, second, np.cross(first, second)], axis=-2)
 
+    def _turns(self, q: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+        """How the tracer's body is turned in poses ``(…, N)`` from the drawing, ``(…, 3, 3)``."""
+        if not self.segments:
+            return np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3))
+        return np.swapaxes(self._axes(self.segments, q), -1, -2) @ self._axes(self.segments, drawn)
+
     def _find_carrier(self, may: np.ndarray) -> None:
         """Find the points that carry the tracer, and whether its place may be fitted."""
         problem, top = self.problem, self.problem.system.topology
@@ -463,7 +463,7 @@ class Spatial:
         lanes = np.arange(len(left))
         most = 6  # times that what is out of bounds is looked for
         for turn in range(most + 1):
-            own, now = room.of(lanes), Fit(*(part[lanes] for part in fit))
+            own, now = room.of(lanes), take(fit, lanes)
             arm = now.grown[:, None, None] * own.spots + room.rides[:, None] * now.tracer[:, None]
             place = self.centre + now.place[:, None] + arm @ np.swapaxes(now.turn, 1, 2)
             goal = np.clip(place, room.low, room.high)
@@ -474,8 +474,8 @@ class Spatial:
             lanes, own, goal, place = lanes[out], own.of(out), goal[out], place[out]
             heavy = weight * (goal != place).any(axis=2)
             rides = np.broadcast_to(room.rides[:, None, None] * np.eye(3), (*heavy.shape, 3, 3))
-            both = sums.some(lanes).join(Sums.of(own.spots, rides, goal - self.centre, heavy))
-            now, rest = fit_sums(self.free, both, Fit(*(part[out] for part in now)), own.least, own.most)
+            both = take(sums, lanes).join(Sums.of(own.spots, rides, goal - self.centre, heavy))
+            now, rest = fit_sums(self.free, both, take(now, out), own.least, own.most)
             for part, new in zip(fit, now, strict=True):
                 part[lanes] = new
             left[lanes] = rest
@@ -514,11 +514,7 @@ class Spatial:
         problem = self.problem
         poses = 37  # at which it is tried whether a mechanism moves, turns and grows as a whole
         motion = problem.sweep(with_geometry(problem.system, flat[0]), np.linspace(*problem.travel, poses))
-        q = np.asarray(motion.q)
-        turns = np.broadcast_to(np.eye(3), (poses, 3, 3))
-        if self.segments:
-            drawn = flat[:, : 3 * (self.points + self.vectors)]
-            turns = np.swapaxes(self._axes(self.segments, q), -1, -2) @ self._axes(self.segments, drawn)
+        turns = self._turns(np.asarray(motion.q), flat[:, : 3 * (self.points + self.vectors)])
         return np.asarray(motion[problem.point]), turns, np.asarray(motion.converged)
 
 

@@ -234,6 +234,11 @@ class End:
     iterations: int  # of second order that it took
     reason: str  # why it is no end, in words; "" where it is one
 
+    @classmethod
+    def unknown(cls, row: np.ndarray, square: float, reason: str) -> "End":
+        """Where a design was left that was not followed to its end."""
+        return cls(row, square, np.nan, np.nan, np.nan, 0, reason)
+
     @property
     def converged(self) -> bool:
         """True if it is an end."""

@@ -14,11 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError
 from jaxnc.kinematics.design import geometry_components, geometry_vector
 from jaxnc.kinematics.inputs import positive
-from jaxnc.synthesis.conditions import Condition, Seen
+from jaxnc.synthesis.conditions import Condition, Seen, check_points
 from jaxnc.synthesis.problem import Problem, with_fields
+from jaxnc.synthesis.validate import as_floats, check_name
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -64,17 +65,13 @@ class Stock(Condition):
 
     def prepare(self, system: System, driven: str) -> "Stock":
         top = system.topology
-        points = (*top.points, *(m.name for m in top.markers))
         every = [part for _, part, _ in geometry_components(system)]
         if isinstance(self.what, str) and self.what in every:
             return dataclasses.replace(self, place=every.index(self.what))
         ends = self.what.partition("-")[::2] if isinstance(self.what, str) else self.what
         if isinstance(self.what, str) and not ends[1]:
-            raise InputError(f"{self.name}: {top.name!r} has no design variable {self.what!r}; "
-                             f"{nearest(self.what, every)}")  # fmt: skip
-        for name in ends:
-            if name not in points:
-                raise InputError(f"{self.name}: {top.name!r} has no point {name!r}; {nearest(name, points)}")
+            check_name(self.what, every, f"{self.name}: {top.name!r} has no design variable {self.what!r}")
+        check_points(system, self.name, *ends)
         return dataclasses.replace(self, what=tuple(ends))
 
     def value(self, seen: Seen) -> Array:
@@ -124,10 +121,7 @@ class Range(Condition):
     """A range for the value of a stock condition: from its smallest to its largest size."""
 
     stock: Stock
-
-    @property
-    def name(self) -> str:
-        return f"{self.stock.label} in the range of its sizes"
+    words = "{0.stock.label} in the range of its sizes"
 
     def values(self, seen: Seen) -> Array:
         value = self.stock.value(seen)
@@ -147,10 +141,7 @@ def stock(what: tuple[str, str] | str, sizes: Sequence[float]) -> Stock:
     Raises:
         InputError: no sizes, or sizes that are not finite or, of a length, not positive.
     """
-    try:
-        found = np.unique(np.asarray(sizes, dtype=float))
-    except (TypeError, ValueError, OverflowError):
-        found = np.zeros(0)
+    found = np.unique(as_floats(sizes))
     if found.ndim != 1 or not found.size or not np.isfinite(found).all():
         raise InputError(f"stock({what!r}): sizes must be a list of finite numbers, got {sizes!r}")
     _check_what(what, "stock")
@@ -181,25 +172,15 @@ def _check_what(what: object, caller: str) -> None:
         raise InputError(f"{caller}: give two points, or the name of a design variable; got {what!r}")
 
 
-def relax(problem: Problem) -> Problem:
-    """Allow any dimension within the range of its sizes; a problem without stock conditions stays as it is."""
-    stocks, others = _stocks(problem)
-    return with_fields(problem, conditions=(*_size_ranges(stocks), *others)) if stocks else problem
+def relax(problem: Problem, measured: bool = False) -> Problem:
+    """Allow any dimension within the range of its sizes; a problem without stock conditions stays as it is.
 
-
-def with_measures(problem: Problem) -> Problem:
-    """Put what stock conditions look at first, to be compared with sizes that a search gives, and their ranges next."""
-    stocks, others = _stocks(problem)
-    return with_fields(problem, conditions=(*(Measure(s) for s in stocks), *_size_ranges(stocks), *others))
-
-
-def _stocks(problem: Problem) -> tuple[list[Stock], list[Condition]]:
+    Where `measured`, what stock conditions look at comes first, to be compared with sizes that a search gives.
+    """
     stocks = [c for c in problem.conditions if isinstance(c, Stock)]
-    return stocks, [c for c in problem.conditions if not isinstance(c, Stock)]
-
-
-def _size_ranges(stocks: Sequence[Stock]) -> list[Condition]:
-    return [Range(s) for s in stocks if s.sizes or s.place is None]
+    rows = [*(Measure(s) for s in stocks if measured), *(Range(s) for s in stocks if s.sizes or s.place is None)]
+    others = [c for c in problem.conditions if not isinstance(c, Stock)]
+    return with_fields(problem, conditions=(*rows, *others)) if stocks else problem
 
 
 def best_sizes(

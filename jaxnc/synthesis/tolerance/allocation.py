@@ -77,7 +77,7 @@ class Allocation:
     active: tuple[tuple[str, int, float], ...]
     residual: float
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         lines = [f"{self.name}: cheapest tolerances, {self.rule}; cost {self.cost:.6g}"]
         for name, t in self.tolerances.items():
             lines.append(f"  {name:<16} ± {t:.6g} {self.units[name]}   cost {self.costs[name]:.4g}")
@@ -86,8 +86,6 @@ class Allocation:
         for name, pose, multiplier in self.active[:4]:
             lines.append(f"  decided by {name} in pose {pose} (multiplier {multiplier:.4g})")
         return "\n".join(lines)
-
-    __repr__ = __str__
 
 
 @public
@@ -127,10 +125,8 @@ def allocate_tolerances(
     Source: the problem is that of M. F. Spotts (1973) and K. W. Chase and W. H. Greenwood (1988), here with any number
     of limits, by a primal-dual interior-point method (S. Boyd and L. Vandenberghe, Convex Optimization, section 11.7).
     """
-    rules = {"rss": RULES[0], **{r: r for r in RULES}}
-    if rule not in rules:
+    if rule not in RULES:
         raise InputError(f"allocation: rule={rule!r}; use {' or '.join(map(repr, RULES))}")
-    rule = rules[rule]
     for name, cost in costs.items():
         if not isinstance(cost, Cost) or not (cost.b > 0 and cost.power > 0 and math.isfinite(cost.a + cost.b)):
             raise InputError(

@@ -12,8 +12,9 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
-from jaxnc.kinematics.design import shift_geometry
+from jaxnc.kinematics.design import geometry_vector, shift_geometry
 from jaxnc.synthesis.tolerance.sampling import make_question, variable_components
+from jaxnc.synthesis.validate import check_name
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs, Numbers
@@ -70,8 +71,7 @@ class Calibration:
 
     def __getitem__(self, name: str) -> tuple[float, float]:
         """Value and standard error of a variable."""
-        if name not in self.variables:
-            raise InputError(f"calibration: no variable {name!r}; {nearest(name, self.variables)}")
+        check_name(name, self.variables, f"calibration: no variable {name!r}")
         k = self.variables.index(name)
         return float(self.values[k]), float(self.standard_errors[k])
 
@@ -81,6 +81,9 @@ class Calibration:
         spread = np.sqrt(np.diag(self.covariance))
         spread = np.where(spread > 0, spread, 1.0)
         return self.covariance / np.outer(spread, spread)
+
+    def __repr__(self) -> str:
+        return self.table()
 
     def table(self) -> str:
         """The report as text."""
@@ -109,11 +112,6 @@ class Calibration:
                 f"{', '.join(self.undetermined)}; leave some out of variables=, or measure something else"
             )
         return "\n".join(lines)
-
-    def __str__(self) -> str:
-        return self.table()
-
-    __repr__ = __str__
 
 
 @public
@@ -179,7 +177,7 @@ def calibrate(
     count = sum(int((w > 0).sum()) for w in weights.values())
     if count < 1:
         raise InputError("calibration: every measurement is NaN; there is nothing to fit")
-    size = _drawing_size(system)
+    size = float(np.max(np.ptp(np.asarray(system.parameters.points), axis=0))) or 1.0
     scales = np.array([size if unit != "rad" else 1.0 for unit in units])
     angular = tuple(n for n in measured if top.is_angle(n))
 
@@ -232,7 +230,7 @@ def calibrate(
         shown = (w > 0) & np.broadcast_to(_align(good, w), w.shape)
         residuals[name] = np.where(shown, block / np.where(w > 0, w, 1.0), np.nan)
         rms[name] = float(np.sqrt(np.nanmean(residuals[name] ** 2))) if shown.any() else math.nan
-    drawn = _flat_parameters(system)[at]
+    drawn = np.asarray(geometry_vector(system))[at]
     return Calibration(
         system=shift_geometry(system, at, jnp.asarray(x)),
         variables=names,
@@ -285,25 +283,11 @@ def _align(good: Numbers, like: Numbers) -> Numbers:
 
 
 def _variables(system: System, variables: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
-    names: list[str] = []
-    at: list[int] = []
-    units: list[str] = []
-    for name in [variables] if isinstance(variables, str) else variables:
-        for part, place, unit in zip(*variable_components("calibration", system, name), strict=True):
-            if part not in names:
-                names.append(part)
-                at.append(int(place))
-                units.append(unit)
-    if not names:
+    wanted = [variables] if isinstance(variables, str) else variables
+    found = dict.fromkeys(
+        row for name in wanted for row in zip(*variable_components("calibration", system, name), strict=True)
+    )
+    if not found:
         raise InputError("calibration: no variables; name the dimensions to be fitted")
-    return tuple(names), np.array(at), tuple(units)
-
-
-def _drawing_size(system: System) -> float:
-    size = float(np.max(np.ptp(np.asarray(system.parameters.points), axis=0)))
-    return size if size > 0 else 1.0
-
-
-def _flat_parameters(system: System) -> np.ndarray:
-    p = system.parameters
-    return np.concatenate([np.ravel(leaf) for leaf in (p.points, p.vectors, p.markers, p.dimensions)])
+    names, at, units = zip(*found, strict=True)
+    return names, np.array(at), units

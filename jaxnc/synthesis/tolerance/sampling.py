@@ -18,6 +18,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.sensitivity import Outputs, design_components
 from jaxnc.solvers.assembly import derive, settle
+from jaxnc.synthesis.validate import as_floats
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Float, Inputs
@@ -71,27 +72,20 @@ def read_variation(
     sigmas = float(sigmas)
     if not isinstance(tolerances, Mapping) or not tolerances:
         raise InputError(f"{what}: no tolerances; give tolerances={{'crank.A-B': 0.01, …}} by design variable")
-    names: list[str] = []
-    at: list[int] = []
-    units: list[str] = []
-    widths: list[float] = []
+    rows: list[tuple[str, int, str, float]] = []
     for name, value in tolerances.items():
-        parts, places, labels = variable_components(what, system, name)
-        width = _width(what, name, value, len(parts))
-        for part, place, label, w in zip(parts, places, labels, width, strict=True):
-            if part in names:
-                raise InputError(f"{what}: {part!r} has two tolerances; give it one")
-            names.append(part)
-            at.append(int(place))
-            units.append(label)
-            widths.append(float(w))
+        found = variable_components(what, system, name)
+        rows += zip(*found, _width(what, name, value, len(found[0])), strict=True)
+    names, at, units, widths = zip(*rows, strict=True)
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"{what}: {twice[0]!r} has two tolerances; give it one")
     half = np.array(widths)
     spread = half / sigmas if distribution == "normal" else half / math.sqrt(3.0)
     matrix = np.diag(spread**2)
     if covariance is not None:
         matrix = _covariance(what, covariance, names, distribution)
         half = sigmas * np.sqrt(np.diag(matrix))
-    return Variation(tuple(names), np.array(at), tuple(units), half, matrix, distribution)
+    return Variation(names, np.array(at), units, half, matrix, distribution)
 
 
 def variable_components(what: str, system: System, name: str) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
@@ -103,10 +97,7 @@ def variable_components(what: str, system: System, name: str) -> tuple[tuple[str
 
 
 def _width(what: str, name: str, value: object, count: int) -> np.ndarray:
-    try:
-        width = np.asarray(value, float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{what}: tolerance of {name!r} must be a number, got {value!r}") from None
+    width = as_floats(value, f"{what}: tolerance of {name!r} must be a number, got {value!r}")
     if width.shape not in ((), (count,)):
         raise InputError(f"{what}: tolerance of {name!r} has shape {width.shape}; give a number or one for each of "
                          f"its {count} components")  # fmt: skip
@@ -115,7 +106,7 @@ def _width(what: str, name: str, value: object, count: int) -> np.ndarray:
     return np.broadcast_to(width, (count,))
 
 
-def _covariance(what: str, covariance: ArrayLike, names: list[str], distribution: str) -> np.ndarray:
+def _covariance(what: str, covariance: ArrayLike, names: tuple[str, ...], distribution: str) -> np.ndarray:
     if distribution != "normal":
         raise InputError(f"{what}: covariance= is for distribution='normal'; leave it out for {distribution!r}")
     matrix = as_array(covariance, f"{what}: covariance")

@@ -8,11 +8,11 @@ import jax
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import AssemblyError, InputError, counted, nearest
+from jaxnc.errors import AssemblyError, InputError, counted
 from jaxnc.kinematics.inputs import whole
 from jaxnc.kinematics.sensitivity import Outputs, sensitivity
 from jaxnc.synthesis.tolerance.sampling import by_component, make_question, move_nominal, read_variation, sample_outputs
-from jaxnc.synthesis.validate import as_seed
+from jaxnc.synthesis.validate import as_seed, check_name
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
@@ -79,8 +79,7 @@ class Tolerance:
     distribution: str
 
     def __getitem__(self, name: str) -> Spread:
-        if name not in self.outputs:
-            raise InputError(f"tolerance: no output {name!r}; {nearest(name, self.outputs)}")
+        check_name(name, self.outputs, f"tolerance: no output {name!r}")
         return self.outputs[name]
 
     @property
@@ -138,10 +137,8 @@ class Tolerance:
             lines.append(f"    variance from  {', '.join(named) or 'nothing'}")
         return "\n".join(lines)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return self.table()
-
-    __repr__ = __str__
 
     def plot(self, name: str | None = None, **options):
         """Draw how far an output strays over the input, and the dimensions' shares; see `jaxnc.viz.band`."""
