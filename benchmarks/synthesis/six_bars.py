@@ -16,8 +16,14 @@ import numpy as np
 import jaxnc as nc
 from jaxnc import synthesis as syn
 from jaxnc.continuation.monodromy import is_new
-from jaxnc.synthesis.exact.six_bar_paths import PAIRS, AngleStarts, SixBarPaths, find_angle_starts
-from jaxnc.synthesis.exact.six_bars import PLACES, describe_six_bar
+from jaxnc.synthesis.exact.six_bars import (
+    PAIRS,
+    PLACES,
+    AngleStarts,
+    SixBarPaths,
+    describe_six_bar,
+    find_angle_starts,
+)
 
 RANGE = 1.2  # radians, of the input
 FINITE = 1e4  # beside unknowns of size one: Newton's method goes astray to infinity too

@@ -32,10 +32,10 @@ from jaxnc.synthesis.exact.freudenstein import FunctionDesigns as FunctionDesign
 from jaxnc.synthesis.exact.freudenstein import chebyshev_points as chebyshev_points
 from jaxnc.synthesis.exact.freudenstein import function_four_bars as function_four_bars
 from jaxnc.synthesis.exact.freudenstein import precision_four_bars as precision_four_bars
+from jaxnc.synthesis.exact.freudenstein import slider_crank_function as slider_crank_function
 from jaxnc.synthesis.exact.linkage import FourBar as FourBar
 from jaxnc.synthesis.exact.linkage import GuidedFourBar as GuidedFourBar
 from jaxnc.synthesis.exact.linkage import SliderCrank as SliderCrank
-from jaxnc.synthesis.exact.linkage import slider_crank_function as slider_crank_function
 from jaxnc.synthesis.exact.nearest import NearestDyads as NearestDyads
 from jaxnc.synthesis.exact.precision_points import PathDesigns as PathDesigns
 from jaxnc.synthesis.exact.precision_points import path_four_bars as path_four_bars

@@ -8,9 +8,9 @@ import pytest
 import jaxnc as nc
 from jaxnc import synthesis as syn
 from jaxnc.continuation.monodromy import SAME, is_new
-from jaxnc.synthesis.exact import six_bar_paths, six_bars
+from jaxnc.synthesis.exact import six_bars
 from jaxnc.synthesis.exact.bar_paths import MIRRORED
-from jaxnc.synthesis.exact.six_bar_paths import AngleStarts, SixBarPaths, draw_bend, draw_linkage, find_angle_starts
+from jaxnc.synthesis.exact.six_bars import AngleStarts, SixBarPaths, draw_bend, draw_linkage, find_angle_starts
 
 MET = 1e-9  # of the size: joints found again, and rows of sizes about one
 
@@ -161,7 +161,7 @@ def test_paths_that_are_lost_are_counted(monkeypatch):
 @pytest.mark.parametrize("kind", KINDS)
 def test_loops_find_solutions_and_go_on_where_they_were_interrupted(kind, monkeypatch, tmp_path):
     monkeypatch.setenv("JAXNC_CACHE", str(tmp_path))
-    monkeypatch.setattr(six_bar_paths, "_DRAWS", 4)
+    monkeypatch.setattr(six_bars, "_DRAWS", 4)
     told = []
 
     def stop(known, at):
@@ -176,7 +176,7 @@ def test_loops_find_solutions_and_go_on_where_they_were_interrupted(kind, monkey
     (file,) = tmp_path.rglob("*.npz")
     with np.load(file) as kept:
         z = kept["z"]
-        task = six_bar_paths.AngleTask(*(kept[name] for name in six_bar_paths.FIELDS))
+        task = six_bars.AngleTask(*(kept[name] for name in six_bars.FIELDS))
     assert z.shape[1] == told[-1] and is_new(z[:, :0], z).all()
     # Lengths of bars, from first principles: what q, q' and the turns are at every pair.
     w, last = SixBarPaths(kind, task, task).polish(z, steps=1)

@@ -17,16 +17,24 @@ four-bar linkages, J. Mech. Des. 114 (1992) 153-159.
 
 import abc
 import dataclasses
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from jaxnc import progress
+from jaxnc.continuation.monodromy import is_new
 from jaxnc.continuation.quadratic import inverses
 from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds, follow
 from jaxnc.continuation.twofold import Twofold
+from jaxnc.synthesis.evaluate import map_threads
 
 ORDER = 5
 """Terms of power series after the first."""
+
+BLOCK = 384
+"""Paths that are followed together."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -213,6 +221,95 @@ def end_elsewhere(out: PathEnds, met: np.ndarray, none: np.ndarray, last: bool) 
     next_to = (1.0 - out.at < 1e-8) | ((out.size > FAR) & (out.growth < 1.2))
     there = (met & none) | out.at_infinity & next_to
     return there | (out.arrived & ~met) | out.singular & next_to if last else there
+
+
+@dataclasses.dataclass(frozen=True)
+class Attempt:
+    """How those paths are followed that were lost before."""
+
+    pace: Pace
+    wide: bool = True
+    cognate: int = 0  # which of the three members of a class of nine points goes
+    bend: complex = 0.0  # where the way bends next to its end, as a part of all of it: about what is singular there
+
+
+def follow_all(
+    z: np.ndarray,
+    attempts: Sequence[Attempt],
+    follow: Callable[[Attempt, np.ndarray], PathEnds],
+    here: BarPaths,
+    are_none: Callable[[np.ndarray], np.ndarray],
+    keys: Callable[[np.ndarray], np.ndarray] = np.asarray,
+    label: str = "",
+) -> tuple[np.ndarray, int]:
+    """Follow all paths from solutions, and those that are lost again, by one attempt after another.
+
+    Returns the regular finite ends `here`, told apart by their `keys`, and how many paths are lost: they ended neither
+    there nor at infinity, nor in a singular solution or a linkage that is none. With a label a bar shows how far an
+    attempt is.
+    """
+    every = np.arange(z.shape[1])
+    ends, good, elsewhere = np.array(z), every < 0, every < 0
+
+    def alone(order: np.ndarray) -> np.ndarray:
+        """Mark the good ends that are none of those before them."""
+        out, lanes = np.zeros(len(good), bool), order[good[order]]
+        out[lanes] = mark_distinct(ends[:, lanes], keys)
+        return out
+
+    for attempt in attempts:
+        rest = np.flatnonzero(~good & ~elsewhere)
+        if not len(rest):
+            break
+        blocks = np.array_split(rest, max(1, len(rest) // BLOCK))
+        with progress.bar(len(rest), label, "path", None if label else False, leave=False) as shown:
+            found = map_threads(functools.partial(_follow_and_show, follow, attempt, shown.update), blocks)
+        for lanes, out in zip(blocks, found, strict=True):
+            w, last = here.polish(out.w)
+            with np.errstate(all="ignore"):
+                none = are_none(w[:8])
+            met = out.arrived & (last < SINGULAR)
+            ends[:, lanes], good[lanes] = w[:8], met & ~none
+            if attempt.wide:  # else rounding passes for growth
+                elsewhere[lanes] = end_elsewhere(out, met, none, attempt is attempts[-1])
+        if attempt.wide:  # what is known stays, and what is met again was lost
+            good = alone(np.concatenate([np.setdiff1d(every, rest), rest]))
+        else:  # of two paths that met in one end either may have left its own
+            good = alone(every) & alone(every[::-1])
+    return ends[:, good], int((~good & ~elsewhere).sum())
+
+
+def _follow_and_show(
+    follow: Callable[[Attempt, np.ndarray], PathEnds],
+    attempt: Attempt,
+    show: Callable[[int], object],
+    lanes: np.ndarray,
+) -> PathEnds:
+    out = follow(attempt, lanes)
+    show(len(lanes))
+    return out
+
+
+def mark_distinct(z: np.ndarray, keys: Callable[[np.ndarray], np.ndarray] = np.asarray) -> np.ndarray:
+    """Mark the solutions that are none of those before them, by numbers that tell them apart."""
+    known = keys(z)
+    return is_new(known[:, :0], known)
+
+
+def follow_routes(
+    route: Callable[[int], tuple[np.ndarray, int]],
+    most: int,
+    expected: int,
+    keys: Callable[[np.ndarray], np.ndarray] = np.asarray,
+) -> tuple[np.ndarray, int, int]:
+    """Follow all paths on ways of their own until none is lost: the ends, how many ways, how many ends are missing."""
+    ends, routes = np.zeros((8, 0), complex), 0
+    while routes < most and ends.shape[1] < expected:
+        found, lost = route(routes)
+        ends = np.concatenate([ends, found], axis=1)
+        ends = ends[:, mark_distinct(ends, keys)]
+        routes, expected = routes + 1, min(expected, found.shape[1] + lost)
+    return ends, routes, max(expected - ends.shape[1], 0)
 
 
 class BarEnds:

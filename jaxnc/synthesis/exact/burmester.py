@@ -10,8 +10,9 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import whole
-from jaxnc.synthesis.exact.linkage import GuidedFourBar, Point, complex_of, guide_four_bar, point_of
+from jaxnc.synthesis.exact.linkage import GuidedFourBar, Listed, Point, complex_of, guide_four_bar, point_of
 from jaxnc.synthesis.exact.nearest import NearestDyads, find_stationary
+from jaxnc.synthesis.validate import as_floats
 from jaxnc.types import ArrayLike, Float
 
 # -- two conics --------------------------------------------------------------------------------------------------------
@@ -59,14 +60,10 @@ def common_points(p: Float[np.ndarray, "3 3"], q: Float[np.ndarray, "3 3"]) -> l
 # -- the circle-point curve --------------------------------------------------------------------------------------------
 
 
-def _centre_matrix(forms: np.ndarray, b: np.ndarray | complex) -> np.ndarray:
-    x, y = np.real(b), np.imag(b)
-    return np.einsum("jkl,...l->...jk", forms, np.stack([x, y, np.ones(np.shape(b))], axis=-1))
-
-
 def cubic_value(forms: Float[np.ndarray, "3 3 3"], b: np.ndarray | complex) -> np.ndarray:
     """The cubic at points b, complex: the determinant of the three equations of the centre."""
-    return np.linalg.det(_centre_matrix(forms, b))
+    place = np.stack([np.real(b), np.imag(b), np.ones(np.shape(b))], axis=-1)
+    return np.linalg.det(np.einsum("jkl,...l->...jk", forms, place))
 
 
 def cubic_slope(forms: np.ndarray, b: complex) -> complex:
@@ -176,19 +173,17 @@ class Dyad:
     length: float
     residual: float
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         (x, y), (u, v) = self.moving, self.fixed
         return (
             f"moving ({x:.6g}, {y:.6g}), fixed ({u:.6g}, {v:.6g}), length {self.length:.6g}, "
             f"residual {self.residual:.1e}"
         )
 
-    __repr__ = __str__
-
 
 @public
 @dataclasses.dataclass(frozen=True)
-class BurmesterPairs:
+class BurmesterPairs(Listed[Dyad]):
     """All dyads through five poses; ``print()`` lists them.
 
     Attributes:
@@ -209,23 +204,12 @@ class BurmesterPairs:
         """True if all four solutions that five poses in general have were found, each with an exact residual."""
         return len(self.pairs) + self.complex_pairs + self.at_infinity == 4 and self.residual <= EXACT
 
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-    def __iter__(self):
-        return iter(self.pairs)
-
-    def __getitem__(self, index):
-        return self.pairs[index]
-
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         head = (
             f"{len(self.pairs)} real Burmester pairs, {self.complex_pairs} complex, {self.at_infinity} at infinity; "
             f"residual {self.residual:.1e}"
         )
         return "\n".join([head, *(f"  {pair}" for pair in self.pairs)])
-
-    __repr__ = __str__
 
 
 @public
@@ -267,10 +251,7 @@ class Guidance:
     """
 
     def __init__(self, poses: ArrayLike):
-        try:
-            given = np.array(poses, float)
-        except (TypeError, ValueError, OverflowError):
-            raise InputError("guidance: poses must be numbers (x, y, angle)") from None
+        given = np.array(as_floats(poses, "guidance: poses must be numbers (x, y, angle)"))
         if given.ndim != 2 or given.shape[1] != 3:
             raise InputError(f"guidance: poses must have shape (n, 3): x, y, angle; got {given.shape}")
         if len(given) < 2:
@@ -395,7 +376,8 @@ class Guidance:
         Raises:
             InputError: not four poses.
         """
-        forms = self._curve_forms()
+        self._check_count(4, "curve_dyad()")
+        forms = self._forms()
         b = nearest_on_cubic(forms, self._inwards(complex_of("guidance", "near", near)))
         return self._dyad(b, complex(_partners(forms, np.array([b]))[0]))
 
@@ -478,18 +460,12 @@ class Guidance:
         with contextlib.suppress(InputError):  # too special
             pairs = [(complex(*pair.moving), complex(*pair.fixed)) for pair in some.pairs()]
         known = self._inwards(np.array(pairs, complex).reshape(-1, 2))
-        found = find_stationary(self._turn, self._shift, known)
-        dyads = tuple(self._dyad(complex(b), complex(a)) for b, a in found.bars)
+        bars, minima, proved, others, complete = find_stationary(self._turn, self._shift, known)
+        dyads = tuple(self._dyad(complex(b), complex(a)) for b, a in bars)
         errors = np.array([np.hypot(*(dyad.places - dyad.fixed).T).std() for dyad in dyads])
         order = np.argsort(errors, kind="stable")
-        return NearestDyads(
-            tuple(dyads[k] for k in order),
-            errors[order],
-            found.minima[order],
-            found.proved[order],
-            found.complex_points,
-            found.complete,
-        )
+        best = tuple(dyads[k] for k in order)
+        return NearestDyads(best, errors[order], minima[order], proved[order], others, complete)
 
     # -- four-bars -------------------------------------------------------------------------------------------------
 
@@ -543,10 +519,6 @@ class Guidance:
         if len(self.poses) != count:
             more = "; of more than 5 see nearest_dyads()" if len(self.poses) > 5 else ""
             raise InputError(f"guidance: {what} needs {count} poses, this has {len(self.poses)}{more}")
-
-    def _curve_forms(self) -> np.ndarray:
-        self._check_count(4, "curve_dyad()")
-        return self._forms()
 
     def _forms(self) -> Float[np.ndarray, "n 3 3"]:
         """For each pose but the first a matrix T: (a, 1) T (b, 1) = 0 where b keeps its distance from a."""

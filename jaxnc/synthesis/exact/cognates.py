@@ -148,12 +148,10 @@ def distinct(
     curves = [coupler_curve(linkage, point) for linkage in linkages]
     groups: list[list[int]] = []
     for i, curve in enumerate(curves):
-        for group in groups:
-            if _curve_gap(curves[group[0]], curve) <= tolerance:
-                group.append(i)
-                break
-        else:
-            groups.append([i])
+        like = next((group for group in groups if _curve_gap(curves[group[0]], curve) <= tolerance), None)
+        if like is None:
+            groups.append(like := [])
+        like.append(i)
     return groups
 
 

@@ -10,9 +10,9 @@ from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import one_number
 from jaxnc.kinematics.instant import transmission_angle
-from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
-from jaxnc.synthesis.exact.linkage import ExactDesigns, FourBar, wrap_angle
+from jaxnc.synthesis.exact.linkage import FourBar, Listed, SliderCrank, sweep_through, wrap_angle
+from jaxnc.synthesis.validate import as_floats
 from jaxnc.system.system import System
 from jaxnc.types import Any, ArrayLike, Float
 from jaxnc.validate import as_shape, call_user
@@ -86,7 +86,7 @@ class FunctionDesign:
         """Largest structural error over the range, radians; NaN where the range is not passed."""
         return float(np.abs(self.structural_error).max()) if len(self.structural_error) else self.error
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         sizes = ", ".join(f"{name} {value:.6g}" for name, value in self.linkage.lengths.items())
         state = ", ".join(self.defects) + " defect" if self.defects else "works"
         return (
@@ -96,12 +96,10 @@ class FunctionDesign:
             f"transmission angle ≥ {math.degrees(self.transmission):.1f}°; {state}"
         )
 
-    __repr__ = __str__
-
 
 @public
 @dataclasses.dataclass(frozen=True)
-class FunctionDesigns(ExactDesigns[FunctionDesign]):
+class FunctionDesigns(Listed[FunctionDesign]):
     """All four-bars that meet the precision points, those without defects first, by structural error.
 
     Attributes:
@@ -109,6 +107,7 @@ class FunctionDesigns(ExactDesigns[FunctionDesign]):
         rejected: why other solutions of the equations are no linkages, a sentence each.
     """
 
+    designs: tuple[FunctionDesign, ...]
     rejected: tuple[str, ...]
 
     @property
@@ -122,12 +121,10 @@ class FunctionDesigns(ExactDesigns[FunctionDesign]):
             raise InputError(f"no four-bar meets these precision points: {'; '.join(self.rejected) or 'no real root'}")
         return self.designs[0]
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         lines = [f"{counted(len(self.designs), 'four-bar')} through the precision points"]
         lines += [f"  {k + 1}. {design}" for k, design in enumerate(self.designs)]
         return "\n".join([*lines, *(f"  no linkage: {why}" for why in self.rejected)])
-
-    __repr__ = __str__
 
 
 @public
@@ -263,6 +260,48 @@ def function_four_bars(
     return precision_four_bars(inputs, scaled(inputs), input_start, output_start, ground, (0.0, input_range), scaled)
 
 
+@public
+def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[SliderCrank, float]:
+    """The slider-crank whose slider stands at three given places when its crank stands at three given angles.
+
+    With the crank pivot as origin, the guide parallel to the x axis at height e and the slider at s:
+    s² = K1 s cos φ + K2 sin φ + K3, with K1 = 2 crank, K2 = 2 crank e, K3 = conrod² - crank² - e²; linear.
+
+    Args:
+        inputs: crank angles φ from the x axis, radians, ``(3,)``, in order.
+        outputs: places s of the slider along x from the crank pivot, lengths, ``(3,)``.
+
+    Returns:
+        The slider-crank, drawn at the first angle, and the largest deviation of s after really moving it through the
+        three angles, a length; NaN if a dead point stops it, as large as it is if it changes its branch.
+
+    Raises:
+        InputError: not three angles and places, or a crank without length.
+
+    Source: F. Freudenstein (1955) by analogy; R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages (1964),
+    chapter 10.
+    """
+    phi, s = check_points("slider_crank_function", inputs, outputs)
+    if len(phi) != 3:
+        raise InputError(f"slider_crank_function: {len(phi)} inputs and outputs; there must be three of each")
+    matrix = np.stack([s * np.cos(phi), np.sin(phi), np.ones(3)], axis=1)
+    if np.linalg.cond(matrix) > 1e13:
+        raise InputError("slider_crank_function: the three equations do not determine the bars; choose other inputs")
+    k = np.linalg.solve(matrix, s * s)
+    crank = 0.5 * k[0]
+    if abs(crank) < 1e-12 * np.abs(s).max():
+        raise InputError("slider_crank_function: the crank would have no length; choose other outputs")
+    offset = 0.5 * k[1] / crank
+    pin = crank * np.exp(1j * phi[0])
+    found = SliderCrank((0.0, 0.0), (pin.real, pin.imag), (float(s[0]), float(offset)))
+    turned = phi + (math.pi if crank < 0 else 0.0)
+    turned = turned - 2 * np.pi * np.round((turned[0] - np.angle(pin)) / (2 * np.pi))
+    motion, at = sweep_through(found.system, turned, 30)
+    if not np.asarray(motion.converged).all():
+        return found, math.nan
+    return found, float(np.abs(np.asarray(motion["C"])[at, 0] - s).max())
+
+
 def _call_function(function: Callable[[np.ndarray], Any], x: np.ndarray, what: str) -> np.ndarray:
     """Values of the user's function, one for each of its arguments."""
     return as_shape(call_user(function, f"{what}: function", "x", x), f"{what}: what its function returns", *x.shape)
@@ -388,7 +427,7 @@ def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
     k1, k2, _, phi0, psi0 = solution
     bars = (phi0 + (math.pi if k1 < 0 else 0.0), psi0 + (math.pi if k2 < 0 else 0.0))
     grid = np.linspace(over[0], over[1], POSES)
-    outputs, angles, _ = _sweep_scale(linkage, bars, x)
+    outputs, angles = _sweep_scale(linkage, bars, x)
     gap = wrap_angle(outputs - bars[1] - y)
     error = float(np.abs(gap).max())
     defects = []
@@ -396,7 +435,7 @@ def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
         defects.append("dead point")
     elif error > 1e-9:  # radians: a precision point further off, after really moving there, is a defect
         defects.append("branch")
-    found, ranged, _ = _sweep_scale(linkage, bars, grid)
+    found, ranged = _sweep_scale(linkage, bars, grid)
     wanted = _call_function(function, grid, "precision_four_bars") if function is not None else None
     if not np.isfinite(found).all() and "dead point" not in defects:
         defects.append("dead point")
@@ -416,9 +455,7 @@ def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
     )
 
 
-def _sweep_scale(
-    linkage: FourBar, bars: tuple[float, float], scale: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, Motion]:
+def _sweep_scale(linkage: FourBar, bars: tuple[float, float], scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rocker angles and transmission angles at values of the input scale, NaN where not reached; from the drawing."""
     a, b, *_ = linkage.z
     start = float(np.angle(b - a))
@@ -428,15 +465,13 @@ def _sweep_scale(
     motion = sweep(linkage.system, {"phi": wanted})
     good = np.asarray(motion.converged)
     angles = np.where(good, np.asarray(transmission_angle(motion, "B", "C", "D")), np.nan)
-    return np.where(good, np.asarray(motion["psi"]), np.nan)[: len(scale)], angles[: len(scale)], motion
+    return np.where(good, np.asarray(motion["psi"]), np.nan)[: len(scale)], angles[: len(scale)]
 
 
 def check_points(what: str, inputs: ArrayLike, outputs: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Precision points that a function was called with: arrays of one length, the inputs in order."""
-    try:
-        x, y = np.asarray(inputs, float), np.asarray(outputs, float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{what}: inputs and outputs must be arrays of numbers, radians") from None
+    words = f"{what}: inputs and outputs must be arrays of numbers, angles in radians"
+    x, y = as_floats(inputs, words), as_floats(outputs, words)
     if x.ndim != 1 or x.shape != y.shape:
         raise InputError(f"{what}: inputs {x.shape} and outputs {y.shape} must be two sequences of one length")
     for name, value in (("inputs", x), ("outputs", y)):

@@ -4,20 +4,22 @@ import cmath
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, overload
 
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.instant import transmission_angle
 from jaxnc.kinematics.mobility import Grashof, grashof_type
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
+from jaxnc.pickling import fields_of
 from jaxnc.solvers.assembly import derive, settle
+from jaxnc.synthesis.validate import check_name
 from jaxnc.system.frames import marker_rates
 from jaxnc.system.system import System
 from jaxnc.types import Any, ArrayLike, Inputs
@@ -28,33 +30,25 @@ if TYPE_CHECKING:
 Point = tuple[float, float]
 
 
-class Judged(Protocol):
-    """A linkage that was moved through what it is to pass."""
-
-    @property
-    def defects(self) -> tuple[str, ...]:
-        """Why it does not pass; empty if it does."""
-        ...
+T = TypeVar("T")
 
 
-D = TypeVar("D", bound=Judged)
-
-
-@dataclasses.dataclass(frozen=True)
-class ExactDesigns(Sequence[D], Generic[D]):
-    """All linkages that solve a task exactly; see its kinds."""
-
-    designs: tuple[D, ...]
+class Listed(Sequence[T], Generic[T]):
+    """A dataclass that is the sequence of what its first field holds."""
 
     @overload
-    def __getitem__(self, index: int) -> D: ...
+    def __getitem__(self, index: int) -> T: ...
     @overload
-    def __getitem__(self, index: slice) -> tuple[D, ...]: ...
-    def __getitem__(self, index: int | slice) -> D | tuple[D, ...]:
-        return self.designs[index]
+    def __getitem__(self, index: slice) -> tuple[T, ...]: ...
+    def __getitem__(self, index: int | slice) -> T | tuple[T, ...]:
+        return self._items[index]
 
     def __len__(self) -> int:
-        return len(self.designs)
+        return len(self._items)
+
+    @property
+    def _items(self) -> tuple[T, ...]:
+        return next(iter(fields_of(self).values()))
 
 
 def complex_of(what: str, name: str, value: Any) -> complex:
@@ -73,18 +67,70 @@ def point_of(z: complex) -> Point:
     return (float(z.real), float(z.imag))
 
 
-def _place_points(linkage: Any, noun: str) -> None:
-    """Make pairs of floats of whatever a user gave as points, and B the coupler point where none is given."""
-    for field in dataclasses.fields(linkage):
-        given = getattr(linkage, field.name)
-        given = linkage.B if field.name == "P" and given is None else given
-        # The linkage is frozen, and an own __init__ would have to do the same: Python's documentation of dataclasses.
-        object.__setattr__(linkage, field.name, point_of(complex_of(noun, field.name, given)))
+def describe_linkage(
+    name: str, places: Mapping[str, ArrayLike], fixed: str, bodies: Mapping[str, str], angles: Mapping[str, str]
+) -> Mechanism:
+    """Describe a linkage whose joints have a letter each; those that are `fixed` are on the ground."""
+    m = Mechanism(name)
+    for joint, at in places.items():
+        (m.ground if joint in fixed else m.point)(joint, at)
+    for body, joints in bodies.items():
+        m.body(body, list(joints))
+    for angle, (at, to) in angles.items():
+        m.angle(angle, at=at, to=to)
+    return m
+
+
+class DrawnLinkage:
+    """A linkage given by the places of its joints in one pose."""
+
+    noun: ClassVar[str]
+    bars: ClassVar[tuple[str, ...]]  # those that need a length, by the joints at their ends
+    example: ClassVar[tuple[Point, ...]]  # one that can be compiled
+    B: Point
+    C: Point
+    P: Point | None
+
+    def __post_init__(self):
+        # Pairs of floats of whatever a user gave as points; B is the coupler point where none is given.
+        for name, given in fields_of(self).items():
+            given = self.B if name == "P" and given is None else given
+            # The linkage is frozen, and an own __init__ would do the same: Python's documentation of dataclasses.
+            object.__setattr__(self, name, point_of(complex_of(self.noun, name, given)))
+        for one, other in self.bars:
+            if getattr(self, one) == getattr(self, other):
+                raise InputError(f"{self.noun}: {one} and {other} are drawn at the same place; its bars need a length")
+
+    @property
+    def ratio(self) -> complex:
+        """Shape of the coupler, or connecting rod: (P - B) / (C - B) as a complex number."""
+        b, c, p = (complex(*v) for v in (self.B, self.C, self.P or self.B))
+        return (p - b) / (c - b)
+
+    @property
+    def places(self) -> dict[str, Point]:
+        """Places of the joints of its mechanism."""
+        raise NotImplementedError
+
+    def mechanism(self) -> Mechanism:
+        """The linkage as a description that can be changed, compiled and saved."""
+        raise NotImplementedError
+
+    @property
+    def system(self) -> System:
+        """The compiled linkage, with the coordinates of `mechanism`."""
+        return _shared_system(type(self)).replace({name: np.array(at) for name, at in self.places.items()})
+
+
+@functools.cache
+def _shared_system(kind: type[DrawnLinkage]) -> System:
+    """A compiled linkage that all of a kind share."""
+    return kind(*kind.example).mechanism().compile()
 
 
 @public
 @dataclasses.dataclass(frozen=True)
-class FourBar:
+class FourBar(DrawnLinkage):
     """A four-bar linkage A-B-C-D as drawn in one pose; the crank is A-B, the ground A-D.
 
     Args:
@@ -95,17 +141,14 @@ class FourBar:
         P: the coupler point; B if not given.
     """
 
+    noun = "four-bar"
+    bars = "AB", "BC", "CD", "AD"
+    example = (0.0, 0.0), (0.3, 0.8), (2.1, 1.9), (2.5, 0.0), (1.0, 2.0)
     A: Point
     B: Point
     C: Point
     D: Point
     P: Point | None = None
-
-    def __post_init__(self):
-        _place_points(self, "four-bar")
-        for one, other in ("AB", "BC", "CD", "AD"):
-            if getattr(self, one) == getattr(self, other):
-                raise InputError(f"four-bar: {one} and {other} are drawn at the same place; its bars need a length")
 
     @property
     def z(self) -> tuple[complex, complex, complex, complex, complex]:
@@ -124,37 +167,22 @@ class FourBar:
         """Type and margin, see `jaxnc.kinematics.grashof_type`."""
         return grashof_type(**self.lengths)
 
-    @property
-    def ratio(self) -> complex:
-        """Shape of the coupler: (P - B) / (C - B) as a complex number."""
-        _, b, c, _, p = self.z
-        return (p - b) / (c - b)
-
     def reversed(self) -> "FourBar":
         """Exchange A and D, B and C: the linkage with the rocker as its crank."""
         return FourBar(self.D, self.C, self.B, self.A, self.P)
 
-    def mechanism(self, name: str = "four-bar") -> Mechanism:
-        """The linkage as a description that can be changed, compiled and saved; see `system` for its coordinates."""
-        m = Mechanism(name)
-        m.ground("A", self.A)
-        m.ground("D", self.D)
-        m.point("B", self.B)
-        m.point("C", self.C)
-        assert self.P is not None
-        m.point("P", self.P)
-        m.body("crank", ["A", "B"])
-        m.body("coupler", ["B", "C", "P"])
-        m.body("rocker", ["C", "D"])
-        m.angle("phi", at="A", to="B")
-        m.angle("psi", at="D", to="C")
-        m.angle("theta", at="B", to="C")
-        return m
-
     @property
-    def system(self) -> System:
-        """The compiled linkage: angles of crank ``phi``, rocker ``psi`` and coupler ``theta``, all from the x axis."""
-        return _four_bar_template().replace({name: np.array(getattr(self, name)) for name in "ABCDP"})
+    def places(self) -> dict[str, Point]:
+        """Places of the joints."""
+        return {name: getattr(self, name) for name in "ADBCP"}
+
+    def mechanism(self, name: str = "four-bar") -> Mechanism:
+        """The linkage as a description that can be changed, compiled and saved.
+
+        It has the angles ``phi`` of the crank, ``psi`` of the rocker and ``theta`` of the coupler, from the x axis.
+        """
+        bodies = {"crank": "AB", "coupler": "BCP", "rocker": "CD"}
+        return describe_linkage(name, self.places, "AD", bodies, {"phi": "AB", "psi": "DC", "theta": "BC"})
 
     def move(self, inputs: Inputs) -> Motion:
         """Sweep the linkage from its drawing; inputs as in `jaxnc.sweep`, one of phi, psi and theta."""
@@ -179,8 +207,7 @@ class FourBar:
         if top.dim != 2:
             raise InputError(f"{top.name!r} is spatial; a four-bar with a coupler curve is planar")
         markers = {m.name: m for m in top.markers}
-        if point not in (*top.points, *markers):
-            raise InputError(f"{top.name!r} has no coupler point {point!r}; {nearest(point, (*top.points, *markers))}")
+        check_name(point, (*top.points, *markers), f"{top.name!r} has no coupler point {point!r}")
         fixed = {i for i in range(len(top.points)) if all(top.fixed[2 * i : 2 * i + 2])}
         bars = [b for b in top.bodies if len(set(b.points) & fixed) == 1]
         others = [b for b in top.bodies if not set(b.points) & fixed]
@@ -206,12 +233,6 @@ class FourBar:
         return cls(*(point_of(complex(*place[name])) for name in names))
 
 
-@functools.cache
-def _four_bar_template() -> System:
-    """A compiled four-bar that all of them share."""
-    return FourBar((0.0, 0.0), (0.3, 0.8), (2.1, 1.9), (2.5, 0.0), (1.0, 2.0)).mechanism().compile()
-
-
 def wrap_angle(angle: ArrayLike) -> Any:
     """An angle between -π and π, radians."""
     return np.angle(np.exp(1j * np.asarray(angle)))
@@ -222,12 +243,18 @@ def turn_vector(z: complex, angle: float) -> complex:
     return z * cmath.rect(1.0, angle)
 
 
-_POSES = 61
+def sweep_through(system: System, inputs: np.ndarray, parts: int, least: int = 0) -> tuple[Motion, np.ndarray]:
+    """Sweep from each value of ``phi`` to the next in equal parts: the motion, and the numbers of these values' poses.
+
+    The last pose is there more than once, until there are at least so many steps.
+    """
+    at = np.arange(len(inputs)) * parts
+    return sweep(system, {"phi": np.interp(np.arange(max(least, at[-1]) + 1), at, inputs)}), at
 
 
 @public
 @dataclasses.dataclass(frozen=True)
-class SliderCrank:
+class SliderCrank(DrawnLinkage):
     """A slider-crank A-B-C as drawn in one pose; C slides along a fixed line.
 
     Args:
@@ -238,6 +265,9 @@ class SliderCrank:
         P: point of the connecting rod; B if not given.
     """
 
+    noun = "slider-crank"
+    bars = "AB", "BC"
+    example = (0.0, 0.0), (0.3, 0.8), (2.1, 0.1), (1.0, 0.0), (1.0, 1.0)
     A: Point
     B: Point
     C: Point
@@ -245,103 +275,24 @@ class SliderCrank:
     P: Point | None = None
 
     def __post_init__(self):
-        _place_points(self, "slider-crank")
+        super().__post_init__()
         if self.direction == (0.0, 0.0):
             raise InputError("slider-crank: direction = (0, 0) has no direction; give the line's, such as (1, 0)")
-        for one, other in ("AB", "BC"):
-            if getattr(self, one) == getattr(self, other):
-                raise InputError(f"slider-crank: {one} and {other} are drawn at the same place; bars need a length")
 
     @property
-    def ratio(self) -> complex:
-        """Shape of the connecting rod: (P - B) / (C - B) as a complex number."""
-        b, c, p = (complex(*v) for v in (self.B, self.C, self.P or self.B))
-        return (p - b) / (c - b)
-
-    @property
-    def _line(self) -> complex:
-        """From the slider along its guide, as long as the connecting rod."""
-        way = complex(*self.direction)
-        return way / abs(way) * abs(complex(*self.C) - complex(*self.B))
+    def places(self) -> dict[str, Point]:
+        """Places of the joints, and of two points G and H of the line, as far apart as the connecting rod is long."""
+        b, c, way = (complex(*v) for v in (self.B, self.C, self.direction))
+        line = point_of(c + way / abs(way) * abs(c - b))
+        return {"A": self.A, "G": self.C, "H": line, "B": self.B, "C": self.C, "P": self.P or self.B}
 
     def mechanism(self, name: str = "slider-crank") -> Mechanism:
         """A description with the angles ``phi`` of the crank and ``theta`` of the connecting rod, from the x axis."""
-        m = Mechanism(name)
-        m.ground("A", self.A)
-        m.ground("G", self.C)
-        m.ground("H", point_of(complex(*self.C) + self._line))
-        m.point("B", self.B)
-        m.point("C", self.C)
-        m.point("P", self.P or self.B)
-        m.body("crank", ["A", "B"])
-        m.body("conrod", ["B", "C", "P"])
+        angles = {"phi": "AB", "theta": "BC"}
+        m = describe_linkage(name, self.places, "AGH", {"crank": "AB", "conrod": "BCP"}, angles)
         m.slot("guide", "C", ("G", "H"))
         m.body("slider", ["C"])
-        m.angle("phi", at="A", to="B")
-        m.angle("theta", at="B", to="C")
         return m
-
-    @property
-    def system(self) -> System:
-        """The compiled slider-crank: angles ``phi`` and ``theta``, all from the x axis."""
-        places = {name: np.array(getattr(self, name)) for name in "ABCP"}
-        c, line = complex(*self.C), self._line
-        return _slider_crank_template().replace(places | {"G": places["C"], "H": np.array(point_of(c + line))})
-
-
-@functools.cache
-def _slider_crank_template() -> System:
-    """A compiled slider-crank that all of them share."""
-    return SliderCrank((0.0, 0.0), (0.3, 0.8), (2.1, 0.1), (1.0, 0.0), (1.0, 1.0)).mechanism().compile()
-
-
-@public
-def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[SliderCrank, float]:
-    """The slider-crank whose slider stands at three given places when its crank stands at three given angles.
-
-    With the crank pivot as origin, the guide parallel to the x axis at height e and the slider at s:
-    s² = K1 s cos φ + K2 sin φ + K3, with K1 = 2 crank, K2 = 2 crank e, K3 = conrod² - crank² - e²; linear.
-
-    Args:
-        inputs: crank angles φ from the x axis, radians, ``(3,)``, in order.
-        outputs: places s of the slider along x from the crank pivot, lengths, ``(3,)``.
-
-    Returns:
-        The slider-crank, drawn at the first angle, and the largest deviation of s after really moving it through the
-        three angles, a length; NaN if a dead point stops it, as large as it is if it changes its branch.
-
-    Raises:
-        InputError: not three angles and places, or a crank without length.
-
-    Source: F. Freudenstein (1955) by analogy; R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages (1964),
-    chapter 10.
-    """
-    phi, s = np.asarray(inputs, float), np.asarray(outputs, float)
-    if phi.shape != (3,) or s.shape != (3,) or not (np.isfinite(phi).all() and np.isfinite(s).all()):
-        raise InputError(
-            f"slider_crank_function: inputs {phi.shape} and outputs {s.shape} must be three finite numbers each"
-        )
-    if not (np.all(np.diff(phi) > 0) or np.all(np.diff(phi) < 0)):
-        raise InputError("slider_crank_function: inputs must increase (or decrease) from one angle to the next")
-    matrix = np.stack([s * np.cos(phi), np.sin(phi), np.ones(3)], axis=1)
-    if np.linalg.cond(matrix) > 1e13:
-        raise InputError("slider_crank_function: the three equations do not determine the bars; choose other inputs")
-    k = np.linalg.solve(matrix, s * s)
-    crank = 0.5 * k[0]
-    if abs(crank) < 1e-12 * np.abs(s).max():
-        raise InputError("slider_crank_function: the crank would have no length; choose other outputs")
-    offset = 0.5 * k[1] / crank
-    pin = crank * np.exp(1j * phi[0])
-    found = SliderCrank((0.0, 0.0), (pin.real, pin.imag), (float(s[0]), float(offset)))
-    turned = phi + (math.pi if crank < 0 else 0.0)
-    turned = turned - 2 * np.pi * np.round((turned[0] - np.angle(pin)) / (2 * np.pi))
-    way = np.concatenate([np.linspace(turned[0], turned[1], _POSES // 2, endpoint=False),
-                          np.linspace(turned[1], turned[2], _POSES - _POSES // 2)])  # fmt: skip
-    motion = sweep(found.system, {"phi": way})
-    if not np.asarray(motion.converged).all():
-        return found, math.nan
-    moved = np.asarray(motion["C"])[[0, _POSES // 2, -1], 0]
-    return found, float(np.abs(moved - s).max())
 
 
 _STEPS = 48  # between first and last of 2 to 5 poses: one shape, so that it is compiled once
@@ -373,13 +324,11 @@ class GuidedFourBar:
         """The compiled linkage: drive ``phi`` through `inputs`."""
         return self.linkage.system
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         sizes = ", ".join(f"{name} {value:.6g}" for name, value in self.linkage.lengths.items())
         state = f"{', '.join(self.defects)} defect" if self.defects else f"works, error {self.error:.1e}"
         angle = f"; transmission angle ≥ {math.degrees(self.transmission):.1f}°" if not self.defects else ""
         return f"four-bar: {sizes}; {self.linkage.grashof.type}; {state}{angle}"
-
-    __repr__ = __str__
 
 
 def _draw_exact(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
@@ -456,9 +405,7 @@ def _move_through(
         The error in the poses, the smallest transmission angle, and whether the assembly that it moves in is the one
         that is nearer; infinite, 0, false if it stops.
     """
-    parts = max(1, _STEPS // (len(poses) - 1))
-    at = np.arange(len(poses)) * parts
-    motion = linkage.move({"phi": np.interp(np.arange(max(_STEPS, at[-1]) + 1), at, inputs)})
+    motion, at = sweep_through(linkage.system, inputs, max(1, _STEPS // (len(poses) - 1)), _STEPS)
     if not np.asarray(motion.converged).all():
         return math.inf, 0.0, False
     place = np.asarray(motion["P"])[at]

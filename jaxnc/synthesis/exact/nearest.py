@@ -13,7 +13,6 @@ Mach. Theory 176 (2022) 104932.
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from jaxnc.calls import public
 from jaxnc.continuation.certificate import certify
 from jaxnc.continuation.monodromy import is_new, solve_by_degree
 from jaxnc.errors import InputError, counted
+from jaxnc.synthesis.exact.linkage import Listed
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.exact.burmester import Dyad
@@ -31,7 +31,7 @@ _TRIES = 3  # ways from a start system to the poses, each about two origins
 
 @public
 @dataclasses.dataclass(frozen=True)
-class NearestDyads(Sequence["Dyad"]):
+class NearestDyads(Listed["Dyad"]):
     """All bars for which the least-squares error is stationary, the best first; ``print()`` lists them.
 
     Attributes:
@@ -51,12 +51,6 @@ class NearestDyads(Sequence["Dyad"]):
     complex_points: int
     complete: bool
 
-    def __len__(self) -> int:
-        return len(self.dyads)
-
-    def __getitem__(self, index):
-        return self.dyads[index]
-
     @property
     def statement(self) -> str:
         """What is known of the number of stationary points."""
@@ -70,26 +64,16 @@ class NearestDyads(Sequence["Dyad"]):
             known = f"{counted(total, 'stationary point')}; there may be more, since some are singular or not alone."
         return f"{known} Proved to exist: {int(self.proved.sum())} of {len(self.dyads)} real ones."
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         lines = [f"{counted(len(self.dyads), 'stationary bar')}, {int(self.minima.sum())} of them minima"]
         for dyad, error, least in zip(self.dyads, self.errors, self.minima, strict=True):
             lines.append(f"  {'minimum' if least else 'saddle '}  error {error:.3g}  {dyad}")
         return "\n".join([*lines, f"  {self.statement}"])
 
-    __repr__ = __str__
 
-
-class StationaryPoints(NamedTuple):
-    """Stationary bars of poses ``turn z + shift``, with the circle point z and the centre a."""
-
-    bars: np.ndarray  # z and a of the real ones, complex ``(k, 2)``
-    minima: np.ndarray
-    proved: np.ndarray
-    complex_points: int
-    complete: bool
-
-
-def find_stationary(turn: np.ndarray, shift: np.ndarray, known: np.ndarray) -> StationaryPoints:
+def find_stationary(
+    turn: np.ndarray, shift: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int, bool]:
     """Find all bars whose least-squares error is stationary.
 
     Bars are sought about the body's origin, and about the point that moves least: where the body turns little, or its
@@ -98,7 +82,11 @@ def find_stationary(turn: np.ndarray, shift: np.ndarray, known: np.ndarray) -> S
     Args:
         turn: of the body in each pose, a complex number of unit size.
         shift: its place.
-        known: bars ``(k, 2)`` that may be near others, as z and a.
+        known: bars ``(k, 2)`` that may be near others, as circle point z and centre a.
+
+    Returns:
+        The real bars ``(k, 2)``, which of them are minima and which are proved, how many stationary points are complex,
+        and whether these are all.
 
     Raises:
         InputError: the body turns about one point.
@@ -124,7 +112,7 @@ def find_stationary(turn: np.ndarray, shift: np.ndarray, known: np.ndarray) -> S
     minima = np.array(
         [_is_minimum(_expand(b + shift[0] - a, b, turn - 1.0, shift - shift[0])[1]) for b, a in bars], bool
     )
-    return StationaryPoints(bars, minima, proved, complex_points, agreed > 0)
+    return bars, minima, proved, complex_points, agreed > 0
 
 
 class _Ends(NamedTuple):

@@ -8,30 +8,29 @@ and imaginary parts of a number and of its primed one are what stands for the tw
 import collections
 import dataclasses
 from collections.abc import Sequence
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from jaxnc.continuation.certificate import are_disjoint, certify
 from jaxnc.continuation.twofold import Twofold
 from jaxnc.errors import counted
-from jaxnc.synthesis.exact.bar_paths import Places
-from jaxnc.synthesis.exact.linkage import D, ExactDesigns
+from jaxnc.synthesis.exact.bar_paths import BarPaths
+from jaxnc.synthesis.exact.linkage import Listed
 
 
-def certify_designs(
-    w: np.ndarray, pairs: Sequence[tuple[int, int]], known: Places, others: Sequence[np.ndarray]
-) -> tuple[np.ndarray, bool]:
+def certify_designs(here: BarPaths, w: np.ndarray, others: Sequence[np.ndarray]) -> tuple[np.ndarray, bool]:
     """Find which real solutions are proved to exist and to be alone, and whether those are all proved different.
 
     Args:
+        here: the equations of bars and turns, those at the end.
         w: solutions and their turns.
-        pairs: bars, and the vectors r that their places are sums of.
-        known: what is known of the places.
-        others: the equations that are none of bars and turns, as quadratic forms of 1, q, q', r and r', ``(9, 9)``.
+        others: the other equations, as quadratic forms of 1, q, q', r and r', ``(9, 9)``.
 
     The proof is of equations with these very numbers, where places are sums of several but for one rounding of each
     coefficient: conditions of 1e9 leave none for others beside them.
     """
+    (known,), pairs = here.places(np.ones(1), 0), here.pairs
     count = known.c[0].shape[1]
     z, turns = w[:8].reshape(4, 2, -1), w[8:].reshape(2, count, -1)
     made = [np.stack([z[side][bar] * z[3 - side][k] for bar, k in pairs]) for side in (0, 1)]  # q r' and q' r
@@ -107,10 +106,23 @@ def _as_real(forms: np.ndarray) -> np.ndarray:
     return np.real(turn.T @ forms @ turn)
 
 
+class Judged(Protocol):
+    """A linkage that was moved through what it is to pass."""
+
+    @property
+    def defects(self) -> tuple[str, ...]:
+        """Why it does not pass; empty if it does."""
+        ...
+
+
+D = TypeVar("D", bound=Judged)
+
+
 @dataclasses.dataclass(frozen=True)
-class FollowedDesigns(ExactDesigns[D]):
+class FollowedDesigns(Listed[D]):
     """All real solutions of a task whose complex ones were followed there; see its kinds."""
 
+    designs: tuple[D, ...]
     expected: int
     found: int
     routes: int

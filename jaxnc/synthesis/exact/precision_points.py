@@ -18,14 +18,15 @@ import importlib.resources
 import numpy as np
 
 from jaxnc.calls import public
+from jaxnc.continuation.monodromy import SAME
 from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds
 from jaxnc.continuation.twofold import Twofold
 from jaxnc.errors import InputError, counted
-from jaxnc.synthesis.evaluate import map_threads
-from jaxnc.synthesis.exact.bar_paths import SINGULAR, BarPaths, Places, end_elsewhere
+from jaxnc.synthesis.exact.bar_paths import Attempt, BarPaths, Places, follow_all, follow_routes, mark_distinct
 from jaxnc.synthesis.exact.burmester import Dyad
 from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_of
 from jaxnc.synthesis.exact.path_certificate import FollowedDesigns, certify_designs
+from jaxnc.synthesis.validate import as_floats
 from jaxnc.types import Any, ArrayLike
 
 _NONE = np.zeros((2, 1, 1)), np.zeros((2, 1, 1))  # of the pivots is known
@@ -100,7 +101,6 @@ def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL, wide
 
 # -- linkages through points -------------------------------------------------------------------------------------------
 
-_SAME = 1e-6  # relative difference of two ends that are one solution
 _OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
 
 _LEVEL = {"6-21": 170, "7-11": 988}  # solutions of bases with A and D on one level, or one above the other
@@ -131,11 +131,9 @@ class PathDesigns(FollowedDesigns[GuidedFourBar]):
     curves: tuple[int, ...]
     residual: float
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         curves = counted(len(set(self.curves)), "coupler curve")
         return self.describe(f"{counted(len(self), 'four-bar')} with {curves}")
-
-    __repr__ = __str__
 
 
 @public
@@ -171,23 +169,17 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     exchanged = len(given[1]) > len(given[0])
     task = _make_task(places, given[::-1] if exchanged else given, size)
     name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
-    expected, ends, most = _expected_count(name, given), np.zeros((8, 0), complex), np.inf
-    routes = 0
-    while routes < 3 and ends.shape[1] < min(expected, most):
-        found, lost = _route(name, task, 1.0 + 2.4 * routes)
-        ends = distinct_solutions(np.concatenate([ends, found], axis=1), len(places))
-        routes, most = routes + 1, min(most, found.shape[1] + lost)
-    missing = int(max(min(expected, most) - ends.shape[1], 0))
+    expected, keys = _expected_count(name, given), functools.partial(_solution_keys, count=len(places))
+    ends, routes, missing = follow_routes(lambda k: _route(name, task, 1.0 + 2.4 * k), 3, expected, keys)
     here = _PointPaths(task, task, wide=True)
     real = here.find_real(ends)
     if given[0] == given[1]:  # each linkage is met again with its bars exchanged
         real = real[:, ~np.triu(_match_solutions(real[:8], real[_OTHER])).any(axis=0)]
-    exact, disjoint = certify_designs(real, here.pairs, here.places(np.ones(1), 0)[0], list(_base_forms(task)))
+    exact, disjoint = certify_designs(here, real, list(_base_forms(task)))
     turned = np.vstack([np.ones(real.shape[1]), 1.0 + real[8 : 7 + len(places)]])
     designs, curves, residual = _linkages(places, size * (real[_OTHER] if exchanged else real[:8]), turned, size)
     proved = tuple(bool(exact[curve]) for curve in curves)
-    found = ends.shape[1]
-    return PathDesigns(designs, expected, found, routes, missing, proved, disjoint, curves, residual)
+    return PathDesigns(designs, expected, ends.shape[1], routes, missing, proved, disjoint, curves, residual)
 
 
 def _base_forms(task: Task) -> np.ndarray:
@@ -222,10 +214,7 @@ def stored_starts(name: str) -> tuple[np.ndarray, Task]:
 
 
 def _check_task(points: ArrayLike, A: Any, D: Any) -> tuple[np.ndarray, list[dict[str, float]]]:
-    try:
-        given = np.asarray(points, float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError("path_four_bars: points must be numbers (x, y)") from None
+    given = as_floats(points, "path_four_bars: points must be numbers (x, y)")
     if given.ndim != 2 or given.shape[1] != 2:
         raise InputError(f"path_four_bars: points must have shape (n, 2), got {given.shape}")
     if not np.isfinite(given).all():
@@ -274,64 +263,40 @@ def _make_task(places: np.ndarray, base: list[dict[str, float]], size: float) ->
 # -- solutions ---------------------------------------------------------------------------------------------------------
 
 
-@dataclasses.dataclass(frozen=True)
-class _Attempt:
-    """How those paths are followed that were lost before."""
-
-    pace: Pace
-    wide: bool = True
-    cognate: int = 0  # which of the three members of a class of nine points goes
-    bend: complex = 0.0  # where the way bends next to its end, as a part of all of it: about what is singular there
-
-
 _ATTEMPTS = (
-    _Attempt(Pace(1e-4, 0.01, 1e-6), wide=False),
-    _Attempt(Pace(2e-5, 0.01, 1e-6)),
-    _Attempt(Pace(1e-5, 0.01, 1e-6), cognate=1),
-    _Attempt(Pace(1e-5, 0.01, 1e-6), cognate=2, bend=0.0005 + 0.001j),
-    _Attempt(Pace(1e-5, 0.01, 1e-6), cognate=1, bend=0.0005 - 0.001j),
-    _Attempt(Pace(1e-5, 0.01, 1e-6), bend=1e-5j),
-    _Attempt(Pace(1e-5, 0.01, 1e-6), bend=1e-8j),
-    _Attempt(Pace(1e-5, 0.01, 1e-6), bend=-1e-8j),
+    Attempt(Pace(1e-4, 0.01, 1e-6), wide=False),
+    Attempt(Pace(2e-5, 0.01, 1e-6)),
+    Attempt(Pace(1e-5, 0.01, 1e-6), cognate=1),
+    Attempt(Pace(1e-5, 0.01, 1e-6), cognate=2, bend=0.0005 + 0.001j),
+    Attempt(Pace(1e-5, 0.01, 1e-6), cognate=1, bend=0.0005 - 0.001j),
+    Attempt(Pace(1e-5, 0.01, 1e-6), bend=1e-5j),
+    Attempt(Pace(1e-5, 0.01, 1e-6), bend=1e-8j),
+    Attempt(Pace(1e-5, 0.01, 1e-6), bend=-1e-8j),
 )
 
 
 def _route(name: str, task: Task, angle: float) -> tuple[np.ndarray, int]:
     """Follow all paths from the stored task to this one, turned by an angle: another way for each.
 
-    Returns the regular finite ends, and how many paths are lost: they ended neither there nor at infinity, nor in a
-    linkage that is none. A class of nine points is lost if all three of its cognates are.
+    See `follow_all` for what it returns; a class of nine points is lost if all three of its cognates are.
     """
     count = int(name[0])
     z, start = stored_starts(name)
     turn = np.exp(1j * angle)
     spun = Task(task.d * turn, task.e / turn, task.matrix * [1 / turn, 1 / turn, turn, turn], task.right)
-    ends, good, elsewhere = np.array(z), np.zeros(z.shape[1], bool), np.zeros(z.shape[1], bool)
-    for attempt in _ATTEMPTS:
-        rest = np.flatnonzero(~good & ~elsewhere)
-        if not len(rest):
-            break
-        begin = _cognate(z, attempt.cognate if count == 9 else 0)
-        blocks = np.array_split(rest, max(1, len(rest) // 384))  # 384 lanes are followed together
-        work = functools.partial(_follow_block, begin, start, spun, attempt)
-        for lanes, out in zip(blocks, map_threads(work, blocks), strict=True):
-            new, last = polish(out.w, spun)
-            with np.errstate(all="ignore"):
-                none = _degenerate(new) | (np.abs(new).max(axis=0) >= 10 * FAR)
-            met = out.arrived & (last < SINGULAR)
-            ends[:, lanes], good[lanes] = new, met & ~none
-            if attempt.wide:  # else rounding passes for growth
-                elsewhere[lanes] = end_elsewhere(out, met, none, attempt is _ATTEMPTS[-1])
-        if attempt.wide:  # what is known stays, and what is met again was lost
-            order = np.concatenate([np.setdiff1d(np.arange(len(good)), rest), rest])
-            good[order] = _first_of_kind(ends[:, order], good[order], count)
-        else:  # of two paths that met in one end either may have left its own
-            good = _first_of_kind(ends, good, count) & _first_of_kind(ends[:, ::-1], good[::-1], count)[::-1]
-    back = np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None]
-    return ends[:, good] * back, int((~good & ~elsewhere).sum())
+
+    def follow(attempt: Attempt, lanes: np.ndarray) -> PathEnds:
+        return _follow_block(_cognate(z, attempt.cognate if count == 9 else 0), start, spun, attempt, lanes)
+
+    def are_none(z: np.ndarray) -> np.ndarray:
+        return _degenerate(z) | (np.abs(z).max(axis=0) >= 10 * FAR)
+
+    here, keys = _PointPaths(spun, spun, wide=True), functools.partial(_solution_keys, count=count)
+    ends, lost = follow_all(z, _ATTEMPTS, follow, here, are_none, keys)
+    return ends * np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None], lost
 
 
-def _follow_block(z: np.ndarray, start: Task, end: Task, attempt: _Attempt, lanes: np.ndarray) -> PathEnds:
+def _follow_block(z: np.ndarray, start: Task, end: Task, attempt: Attempt, lanes: np.ndarray) -> PathEnds:
     z = z[:, lanes]
     if not attempt.bend:
         return follow_paths(z, start, end, attempt.pace, attempt.wide)
@@ -374,32 +339,14 @@ def _solution_keys(z: np.ndarray, count: int) -> np.ndarray:
     return np.stack([a + b + c, aa + bb + cc, a * b + b * c + c * a, aa * bb + bb * cc + cc * aa])
 
 
-def _first_of_kind(z: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
-    """Mark the solutions that are the first of their kind."""
-    lanes = np.flatnonzero(which)
-    keys = _solution_keys(z[:, lanes], count)
-    scale = 1.0 + np.abs(keys).max(axis=0, initial=0.0)
-    order = np.argsort(keys[0].real)
-    new = np.ones(len(lanes), bool)
-    for place, i in enumerate(order):
-        for j in order[place + 1 :]:
-            if keys[0, j].real - keys[0, i].real > _SAME * scale[j]:
-                break
-            if np.abs(keys[:, i] - keys[:, j]).max() <= _SAME * min(scale[i], scale[j]):
-                new[max(i, j)] = False
-    out = np.zeros(len(which), bool)
-    out[lanes[new]] = True
-    return out
-
-
 def distinct_solutions(z: np.ndarray, count: int) -> np.ndarray:
     """Each solution once; of nine points cognates are one."""
-    return z[:, _first_of_kind(z, np.ones(z.shape[1], bool), count)]
+    return z[:, mark_distinct(z, functools.partial(_solution_keys, count=count))]
 
 
 def _match_solutions(z: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Which of some solutions are which of others, ``(lanes, lanes)``."""
-    return np.abs(z[:, :, None] - other[:, None, :]).max(axis=0) < _SAME * np.abs(z).max(axis=0)[:, None]
+    return np.abs(z[:, :, None] - other[:, None, :]).max(axis=0) < SAME * np.abs(z).max(axis=0)[:, None]
 
 
 # -- linkages ----------------------------------------------------------------------------------------------------------
