@@ -234,7 +234,9 @@ class Descent(Shown, Leaves):
                     f"{what}: batch={batch} of {problem.targets} targets; leave it out, or give a smaller number"
                 )
         # Of a batch conditions at the targets have fewer numbers.
-        motions = problem.still if batch is None else [repeat_drawing(problem, n) for n in (batch, problem.poses)]
+        motions = problem.still
+        if batch is not None:
+            motions = repeat_drawing(problem, batch), repeat_drawing(problem, problem.poses)
         vars(self).update(
             problem=problem,
             optimiser=Optimiser(what, optimiser),

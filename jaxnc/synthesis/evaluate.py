@@ -380,8 +380,11 @@ class _SweptDesigns:
                 values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
             motions = [problem.sweep(system, v) for v in values]
             ways.append([(np.asarray(m.q), np.asarray(m.status), v) for m, v in zip(motions, values, strict=True)])
-        # Of each way of a design its three parts.
-        found, *turn = (DesignPoses(*map(np.stack, zip(*way, strict=True))) for way in zip(*ways, strict=True))
+        found, *turn = (
+            DesignPoses(q, status, values)
+            for way in zip(*ways, strict=True)
+            for q, status, values in [map(np.stack, zip(*way, strict=True))]
+        )
         return found._replace(turn=turn[0]) if turn else found
 
     def curve(self, count: int) -> DesignPoses:

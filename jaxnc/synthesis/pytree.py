@@ -33,7 +33,7 @@ class Leaves:
 class Static:
     """A value that belongs to the structure, and a key by which it is compared."""
 
-    def __init__(self, value: object, key: object):
+    def __init__(self, value: Any, key: object):
         self.value, self.key = value, key
 
     @classmethod

@@ -233,13 +233,20 @@ class Attempt:
     bend: complex = 0.0  # where the way bends next to its end, as a part of all of it: about what is singular there
 
 
+Follow = Callable[[Attempt, np.ndarray], PathEnds]
+"""Follows the paths of some numbers by an attempt."""
+
+Read = Callable[[np.ndarray], np.ndarray]
+"""Reads numbers, or marks, off solutions."""
+
+
 def follow_all(
     z: np.ndarray,
     attempts: Sequence[Attempt],
-    follow: Callable[[Attempt, np.ndarray], PathEnds],
+    follow: Follow,
     here: BarPaths,
-    are_none: Callable[[np.ndarray], np.ndarray],
-    keys: Callable[[np.ndarray], np.ndarray] = np.asarray,
+    are_none: Read,
+    keys: Read = np.asarray,
     label: str = "",
 ) -> tuple[np.ndarray, int]:
     """Follow all paths from solutions, and those that are lost again, by one attempt after another.
@@ -279,28 +286,20 @@ def follow_all(
     return ends[:, good], int((~good & ~elsewhere).sum())
 
 
-def _follow_and_show(
-    follow: Callable[[Attempt, np.ndarray], PathEnds],
-    attempt: Attempt,
-    show: Callable[[int], object],
-    lanes: np.ndarray,
-) -> PathEnds:
+def _follow_and_show(follow: Follow, attempt: Attempt, show: Callable, lanes: np.ndarray) -> PathEnds:
     out = follow(attempt, lanes)
     show(len(lanes))
     return out
 
 
-def mark_distinct(z: np.ndarray, keys: Callable[[np.ndarray], np.ndarray] = np.asarray) -> np.ndarray:
+def mark_distinct(z: np.ndarray, keys: Read = np.asarray) -> np.ndarray:
     """Mark the solutions that are none of those before them, by numbers that tell them apart."""
     known = keys(z)
     return is_new(known[:, :0], known)
 
 
 def follow_routes(
-    route: Callable[[int], tuple[np.ndarray, int]],
-    most: int,
-    expected: int,
-    keys: Callable[[np.ndarray], np.ndarray] = np.asarray,
+    route: Callable[[int], tuple[np.ndarray, int]], most: int, expected: int, keys: Read = np.asarray
 ) -> tuple[np.ndarray, int, int]:
     """Follow all paths on ways of their own until none is lost: the ends, how many ways, how many ends are missing."""
     ends, routes = np.zeros((8, 0), complex), 0

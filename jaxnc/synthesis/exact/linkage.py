@@ -4,7 +4,7 @@ import cmath
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, overload
 
 import numpy as np
@@ -68,7 +68,7 @@ def point_of(z: complex) -> Point:
 
 
 def describe_linkage(
-    name: str, places: Mapping[str, ArrayLike], fixed: str, bodies: Mapping[str, str], angles: Mapping[str, str]
+    name: str, places: Mapping[str, Point], fixed: str, bodies: Mapping[str, str], angles: Mapping[str, str]
 ) -> Mechanism:
     """Describe a linkage whose joints have a letter each; those that are `fixed` are on the ground."""
     m = Mechanism(name)
@@ -125,7 +125,8 @@ class DrawnLinkage:
 @functools.cache
 def _shared_system(kind: type[DrawnLinkage]) -> System:
     """A compiled linkage that all of a kind share."""
-    return kind(*kind.example).mechanism().compile()
+    make: Callable[..., DrawnLinkage] = kind
+    return make(*kind.example).mechanism().compile()
 
 
 @public

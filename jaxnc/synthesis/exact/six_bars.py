@@ -546,7 +546,7 @@ def _move_six_bar(kind: str, points: dict[str, Point], proved: bool, x: np.ndarr
     return dataclasses.replace(design, error=error, defects=() if error < 1e-8 else ("branch",))
 
 
-def describe_six_bar(kind: str, points: Mapping[str, Any]) -> Mechanism:
+def describe_six_bar(kind: str, points: Mapping[str, Point]) -> Mechanism:
     """Describe a six-bar of a kind with its joints at some places: angles ``phi`` and ``psi`` are input and output."""
     angles = {"phi": "AD", "psi": "CH" if kind == "Stephenson II" else "CG"}
     return describe_linkage(kind, points, "ABC", _BODIES[kind], angles)

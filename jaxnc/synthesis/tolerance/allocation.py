@@ -242,16 +242,13 @@ def _dimension_groups(found: Sensitivity, costs: Mapping[str, Cost]) -> dict[str
 
 
 def _bounds(costs: Mapping[str, Cost], bounds: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
-    for name in bounds:
+    for name, (finest, coarsest) in bounds.items():
         if name not in costs:
             raise InputError(f"allocation: bounds of {name!r}, which has no cost; dimensions are {', '.join(costs)}")
-    low, high = np.zeros(len(costs)), np.full(len(costs), np.inf)
-    for k, name in enumerate(costs):
-        if name in bounds:
-            low[k], high[k] = bounds[name]
-            if not 0 <= low[k] < high[k]:
-                raise InputError(f"allocation: bounds of {name!r} must be (finest, coarsest), increasing, got "
-                                 f"{bounds[name]!r}")  # fmt: skip
+        if not 0 <= finest < coarsest:
+            raise InputError(f"allocation: bounds of {name!r} must be (finest, coarsest), increasing, got "
+                             f"{bounds[name]!r}")  # fmt: skip
+    low, high = np.array([bounds.get(name, (0.0, np.inf)) for name in costs], float).T
     return low, high
 
 

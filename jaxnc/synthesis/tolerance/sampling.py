@@ -72,7 +72,7 @@ def read_variation(
     sigmas = float(sigmas)
     if not isinstance(tolerances, Mapping) or not tolerances:
         raise InputError(f"{what}: no tolerances; give tolerances={{'crank.A-B': 0.01, …}} by design variable")
-    rows: list[tuple[str, int, str, float]] = []
+    rows: list = []
     for name, value in tolerances.items():
         found = variable_components(what, system, name)
         rows += zip(*found, _width(what, name, value, len(found[0])), strict=True)
