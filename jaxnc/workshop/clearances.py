@@ -95,22 +95,12 @@ def complex_points(motion: Motion, unit: float, q: np.ndarray | None = None) -> 
     return x[:, ::2] + 1j * x[:, 1::2]
 
 
-@dataclass(frozen=True)
-class NearPair:
-    """Two things that may come near each other."""
-
-    kind: str  # "parts", "pin and part", "pins" (their spacers) or "slot" (pins in one slot)
-    one: int  # number of the first, a pin where there is one
-    other: int  # number of the second
-    radii: float  # of both together, mm: what their outlines are rounded by
-
-
 @dataclass
 class Gaps:
     """Distances of pairs of things over a course."""
 
     course: PartCourse  # the stretches between poses
-    pairs: list[NearPair]
+    radii: np.ndarray  # of each pair, what the outlines of both together are rounded by, mm
     shapes: list[tuple[np.ndarray, np.ndarray]]  # of each pair, which places of the course are the corners of both
     ends: np.ndarray  # distance at both ends of each stretch, (2, K, pairs), mm; not positive where they overlap
     ways: np.ndarray  # direction of the distance at both ends, complex, (2, K, pairs); 0 where they overlap
@@ -118,10 +108,10 @@ class Gaps:
     unsure: bool = False  # whether poses could not be looked at finely enough somewhere
 
     @classmethod
-    def of(cls, course: PartCourse, pairs: list[NearPair], shapes: list[tuple[np.ndarray, np.ndarray]]) -> "Gaps":
+    def of(cls, course: PartCourse, radii: np.ndarray, shapes: list[tuple[np.ndarray, np.ndarray]]) -> "Gaps":
         """Measure all pairs at all poses."""
         none = np.zeros((2, 0, 0))
-        found = cls(course, pairs, shapes, none, none, none[0])
+        found = cls(course, radii, shapes, none, none, none[0])
         both = [found.measure(z) for z in course.z]
         found.ends, found.ways = np.stack([b[0] for b in both]), np.stack([b[1] for b in both])
         found.low = found.bounds(np.arange(course.s.shape[1]))
@@ -129,11 +119,10 @@ class Gaps:
 
     def measure(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return distances and their directions ``(K, pairs)`` at places ``(K, places)``."""
-        out, ways = np.zeros((len(z), len(self.pairs))), np.zeros((len(z), len(self.pairs)), complex)
-        for k, (pair, (one, other)) in enumerate(zip(self.pairs, self.shapes, strict=True)):
-            gap, ways[:, k] = distance(z[:, one], z[:, other])
-            out[:, k] = gap - pair.radii
-        return out, ways
+        out, ways = np.zeros((len(z), len(self.radii))), np.zeros((len(z), len(self.radii)), complex)
+        for k, (one, other) in enumerate(self.shapes):
+            out[:, k], ways[:, k] = distance(z[:, one], z[:, other])
+        return out - self.radii, ways
 
     def bounds(self, at: np.ndarray) -> np.ndarray:
         """Bound the distance in some stretches from below, ``(L, pairs)``.
@@ -142,8 +131,8 @@ class Gaps:
         ends, and how far corners leave these lines is known.
         """
         z, sags = self.course.z[:, at], self.course.sags[at]
-        out = np.full((len(at), len(self.pairs)), -np.inf)
-        for k, (pair, (one, other)) in enumerate(zip(self.pairs, self.shapes, strict=True)):
+        out = np.full((len(at), len(self.radii)), -np.inf)
+        for k, (one, other) in enumerate(self.shapes):
             first, last = self.ways[0, at, k], self.ways[1, at, k]
             middle = first + last
             middle = middle / np.where(middle == 0, 1.0, np.abs(middle))
@@ -151,7 +140,7 @@ class Gaps:
                 along = np.conj(u)[None, :, None]
                 gap = (z[..., other] * along).real.min(axis=-1) - (z[..., one] * along).real.max(axis=-1)
                 out[:, k] = np.maximum(out[:, k], np.where(u == 0, -np.inf, gap.min(axis=0)))
-            out[:, k] -= sags[:, one].max(axis=1) + sags[:, other].max(axis=1) + pair.radii
+            out[:, k] -= sags[:, one].max(axis=1) + sags[:, other].max(axis=1) + self.radii[k]
         return np.minimum(out, self.ends[:, at].min(axis=0))
 
     def touching(self, clearance: float) -> np.ndarray:
@@ -182,7 +171,7 @@ class Gaps:
             if not self.halve(which):
                 self.unsure = True
                 break
-        flat = self.ends.reshape(-1, len(self.pairs))
+        flat = self.ends.reshape(-1, len(self.radii))
         return self.low.min(axis=0, initial=np.inf), self.course.s.reshape(-1)[flat.argmin(axis=0)]
 
     def halve(self, which: np.ndarray) -> bool:

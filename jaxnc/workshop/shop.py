@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, fields
 from numbers import Integral, Real
+from typing import Any
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
@@ -14,7 +15,7 @@ _MAY_BE_ZERO = ("clearance", "play", "washer")
 
 
 @public
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shop:
     """Sizes in a workshop, all in mm.
 
@@ -25,67 +26,48 @@ class Shop:
         clearance: what stays between parts that pass each other in one layer, at least.
         play: what holes and slots are wider than pins.
         washer: thickness of the washers between layers; may be 0.
-        spacer: outer diameter of washers and spacers.
-        unit: how long a unit of length of the mechanism is.
+        spacer: outer diameter of washers and spacers; twice the pin's if not given to `of`.
+        unit: how long a unit of length of the mechanism is, 1000 for metres; by its label if not given to `of`.
         layers: how many layers there may be above the ground plate; as many as there are parts if None.
-        density: of the plates, kg/m³; None if no masses are asked for.
+        density: of the plates, kg/m³: 7850 for steel, 2700 for aluminium, 1190 for acrylic glass; None if no masses are
+            asked for.
     """
 
     width: float
     pin: float
     thickness: float
-    clearance: float
-    play: float
-    washer: float
+    clearance: float = 1.0
+    play: float = 0.1
+    washer: float = 0.5
     spacer: float
     unit: float
-    layers: int | None
-    density: float | None
+    layers: int | None = None
+    density: float | None = None
 
     @classmethod
-    def of(
-        cls,
-        length_unit: str,
-        width: float,
-        pin: float,
-        thickness: float,
-        clearance: float = 1.0,
-        play: float = 0.1,
-        washer: float = 0.5,
-        spacer: float | None = None,
-        unit: float | None = None,
-        layers: int | None = None,
-        density: float | None = None,
-    ) -> "Shop":
+    def of(cls, length_unit: str, **sizes: Any) -> "Shop":
         """Check the sizes, and put in those that follow from others.
 
         Args:
             length_unit: label of the mechanism's unit of length.
-            width: as the attributes above, in mm.
-            pin: diameter, mm.
-            thickness: of plates, mm.
-            clearance: mm.
-            play: mm.
-            washer: thickness, mm.
-            spacer: diameter, mm; twice the pin's if not given.
-            unit: mm, 1000 for metres; by the label if not given.
-            layers: how many there may be.
-            density: kg/m³: 7850 for steel, 2700 for aluminium, 1190 for acrylic glass.
+            **sizes: the attributes above by name: `width`, `pin`, `thickness`, and any others.
 
         Raises:
             InputError: a size that is none, or sizes that do not go together.
         """
-        if unit is None and length_unit not in MILLIMETRES:
-            raise InputError(
-                f"to_parts(): how long is a {length_unit or 'unit of length'!r} in mm? Give unit=, or use one of "
-                f"{', '.join(MILLIMETRES)} in Mechanism(length_unit=)"
-            )
-        unit = MILLIMETRES[length_unit] if unit is None else unit
+        if sizes.get("unit") is None:
+            if length_unit not in MILLIMETRES:
+                raise InputError(
+                    f"to_parts(): how long is a {length_unit or 'unit of length'!r} in mm? Give unit=, or use one of "
+                    f"{', '.join(MILLIMETRES)} in Mechanism(length_unit=)"
+                )
+            sizes["unit"] = MILLIMETRES[length_unit]
+        if sizes.get("spacer") is None:
+            sizes["spacer"] = 2.0 * sizes["pin"] if _is_finite(sizes["pin"]) else sizes["pin"]
+        found = cls(**sizes)
+        layers, density = found.layers, found.density
         if layers is not None and (not isinstance(layers, Integral) or isinstance(layers, bool) or layers < 1):
             raise InputError(f"to_parts(): layers={layers!r}; give how many there may be, a whole number from 1")
-        if spacer is None:
-            spacer = 2.0 * pin if _is_finite(pin) else pin
-        found = cls(width, pin, thickness, clearance, play, washer, spacer, unit, layers, density)
         for item in fields(found)[:-2]:
             value, may_be_zero = getattr(found, item.name), item.name in _MAY_BE_ZERO
             if not _is_finite(value) or value < 0 or (value == 0 and not may_be_zero):
@@ -97,8 +79,8 @@ class Shop:
         least = found.hole + 2 * found.wall
         if found.width < least:
             raise InputError(
-                f"to_parts(): width={width:g} leaves no wall around holes of {found.hole:g} mm; make links at least "
-                f"{least:g} wide, or the pins thinner"
+                f"to_parts(): width={found.width:g} leaves no wall around holes of {found.hole:g} mm; make links at "
+                f"least {least:g} wide, or the pins thinner"
             )
         if not found.hole < found.spacer <= found.width:
             raise InputError(

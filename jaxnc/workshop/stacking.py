@@ -13,7 +13,7 @@ from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.status import Status
 from jaxnc.workshop.assembly import Assembly, Passing, check_formats
-from jaxnc.workshop.clearances import Gaps, NearPair, PartCourse, complex_points
+from jaxnc.workshop.clearances import Gaps, PartCourse, complex_points
 from jaxnc.workshop.shop import SIZES, Shop
 from jaxnc.workshop.stock import PartStock, Pin
 
@@ -22,14 +22,15 @@ _MOST = 1_500_000  # looked at before the search is given up
 
 @dataclass(frozen=True)
 class Rule:
-    """Two things that a stack must not bring together."""
+    """Two things that a stack must not bring together, if they come close."""
 
     # "parts": two parts are not in one layer; "pin and part": a part is not between two parts of a pin; "pins": two
-    # pins do not pass through one space between layers.
+    # pins (their spacers) do not pass through one space between layers; "slot": pins in one slot, which do in any case.
     kind: str
     one: tuple[int, ...]  # parts that the rule is about: one part, or those of a pin
     other: tuple[int, ...]  # the other part, or those of the other pin
     pair: int  # number of the pair of things that come close; -1 of parts that share a pin
+    names: tuple[str, str] = ("", "")  # what both things are called
 
     def broken(self, level: dict[int, int]) -> bool:
         """Tell whether levels of some of the parts break the rule, whatever those of the others are."""
@@ -41,7 +42,7 @@ class Rule:
             return mine == others
         if self.kind == "pin and part":
             return min(mine) < others[0] < max(mine)
-        return max(min(mine), min(others)) < min(max(mine), max(others))
+        return self.kind == "slot" or max(min(mine), min(others)) < min(max(mine), max(others))
 
 
 class TooMany(Exception):
@@ -191,40 +192,44 @@ class _Stacking:
         self.parts, self.pins = stock.parts, [p for p in stock.pins if len(p.parts) > 1]
         for pin in self.pins:
             pin.parts.sort()
-        pairs, shapes, rows = self._pairs(stock)
+        self.near, radii, shapes, rows = self._pairs(stock)
         weights, constant = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
-        self.gaps = Gaps.of(PartCourse.of(motion, weights, constant, shop.unit), pairs, shapes)
+        self.gaps = Gaps.of(PartCourse.of(motion, weights, constant, shop.unit), np.array(radii), shapes)
 
-    def _pairs(self, stock: PartStock) -> tuple[list[NearPair], list[tuple[np.ndarray, np.ndarray]], list[tuple]]:
-        """List what might come close, the corners of both by number, and all corners as functions of the points."""
+    def _pairs(self, stock: PartStock) -> tuple[list[Rule], list[float], list[tuple[np.ndarray, np.ndarray]], list]:
+        """List what might come close, the radii and corners of both, and all corners as functions of the points."""
         parts, pins, shop = self.parts, self.pins, self.shop
         rows, corners = [], []
         for frame, places in [*((p.frame, p.corners) for p in parts), *((parts[p.part].frame, [p.at]) for p in pins)]:
             corners.append(np.arange(len(rows), len(rows) + len(places)))
             rows += [frame.row(complex(w), self.z.shape[1]) for w in places]
-        pairs, shapes, moving = [], [], range(1, len(parts))
+        near, radii, shapes, moving = [], [], [], range(1, len(parts))
+        things = [((k,), part.name) for k, part in enumerate(parts)]
+        things += [(tuple(pin.parts), f"pin {pin.name}") for pin in pins]
 
-        def add(kind: str, one: int, other: int, first: int, second: int, radii: float) -> None:
-            pairs.append(NearPair(kind, one, other, radii))
+        def add(kind: str, first: int, second: int, both: float) -> None:
+            (one, name), (other, called) = things[first], things[second]
+            near.append(Rule(kind, one, other, len(near), (name, called)))
+            radii.append(both)
             shapes.append((corners[first], corners[second]))
 
         for i, j in itertools.combinations(moving, 2):
             if not self._shared_pin(i, j):
-                add("parts", i, j, i, j, shop.width)
+                add("parts", i, j, shop.width)
         for k, pin in enumerate(pins):
             for j in moving:
                 if j not in pin.parts:
-                    add("pin and part", k, j, len(parts) + k, j, 0.5 * (shop.spacer + shop.width))
+                    add("pin and part", len(parts) + k, j, 0.5 * (shop.spacer + shop.width))
         for k, m in itertools.combinations(range(len(pins)), 2):
-            add("pins", k, m, len(parts) + k, len(parts) + m, shop.spacer)
+            add("pins", len(parts) + k, len(parts) + m, shop.spacer)
         number = {id(pin): k for k, pin in enumerate(pins)}
         rigid = [{h.pin for h in part.holes} for part in parts]
         for slot in (slot for part in parts for slot in part.slots):
             for i, j in itertools.combinations(sorted(set(slot.pins)), 2):
                 if not any({i, j} <= held for held in rigid):  # pins that slide, and are not in holes of one part
                     k, m = number[id(stock.pins[i])], number[id(stock.pins[j])]
-                    add("slot", k, m, len(parts) + k, len(parts) + m, shop.pin)
-        return pairs, shapes, rows
+                    add("slot", len(parts) + k, len(parts) + m, shop.pin)
+        return near, radii, shapes, rows
 
     def _shared_pin(self, i: int, j: int) -> Pin | None:
         """Find a pin that goes through two parts."""
@@ -244,10 +249,10 @@ class _Stacking:
         if answer is None:
             raise AssemblyError(self._impossible(search, most))
         level = answer[0]
-        only = np.array([self._passes(pair, level) for pair in gaps.pairs], dtype=bool)
+        only = np.array([self._passes(rule, level) for rule in self.near], dtype=bool)
         low, poses = gaps.least(only, self.shop.clearance)
         passing = [
-            Passing(*self._names(gaps.pairs[k]), float(low[k]), float(poses[k]))
+            Passing(*self.near[k].names, float(low[k]), float(poses[k]))
             for k in sorted(np.flatnonzero(only).tolist(), key=lambda k: low[k])
         ]
         count, levels = len(np.unique(gaps.course.s)), tuple(level[k] for k in range(len(parts)))
@@ -262,35 +267,23 @@ class _Stacking:
             for i, j in itertools.combinations(range(1, len(self.parts)), 2)
             if self._shared_pin(i, j)
         ]
-        close = np.flatnonzero(self.gaps.touching(self.shop.clearance)).tolist()
-        for k in close:
-            pair = self.gaps.pairs[k]
-            if pair.kind == "slot":
-                one, other = self._names(pair)
+        for k in np.flatnonzero(self.gaps.touching(self.shop.clearance)).tolist():
+            rule = self.near[k]
+            if rule.kind == "slot":
+                one, other = rule.names
                 raise AssemblyError(
                     f"to_parts(): {self.name!r}: {one} and {other} come too close in the slot that they share "
                     f"({self._closest(k)}); pins cannot pass each other there. Let it move less, or give one another "
                     f"guide"
                 )
-            rules.append(Rule(pair.kind, *self._parts_of(pair), k))
+            rules.append(rule)
         return rules
 
-    def _parts_of(self, pair: NearPair) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Return the parts of two things: a part itself, or those that a pin goes through."""
-        one = (pair.one,) if pair.kind == "parts" else tuple(self.pins[pair.one].parts)
-        return one, tuple(self.pins[pair.other].parts) if pair.kind in ("pins", "slot") else (pair.other,)
-
-    def _passes(self, pair: NearPair, level: dict[int, int]) -> bool:
+    def _passes(self, rule: Rule, level: dict[int, int]) -> bool:
         """Tell whether two things are in one layer, or one space between layers."""
-        one, other = self._parts_of(pair)
-        if pair.kind == "pins" and {*one} & {*other}:
+        if rule.kind == "pins" and {*rule.one} & {*rule.other}:
             return False  # nothing passes: they are in one part, and were drilled far enough from each other
-        return pair.kind == "slot" or Rule(pair.kind, one, other, -1).broken(level)
-
-    def _names(self, pair: NearPair) -> tuple[str, str]:
-        one = self.parts[pair.one].name if pair.kind == "parts" else f"pin {self.pins[pair.one].name}"
-        pin = pair.kind in ("pins", "slot")
-        return one, f"pin {self.pins[pair.other].name}" if pin else self.parts[pair.other].name
+        return rule.broken(level)
 
     def _closest(self, pair: int) -> str:
         """Say where two things are closest, and how far they are apart there if they are."""
@@ -329,8 +322,7 @@ class _Stacking:
             pin = self._shared_pin(i, j)
             assert pin is not None
             return f"{self.parts[i].name} and {self.parts[j].name} share pin {pin.name}"
-        one, other = self._names(self.gaps.pairs[rule.pair])
-        where = self._closest(rule.pair)
+        (one, other), where = rule.names, self._closest(rule.pair)
         if rule.kind == "parts":
             return f"{one} and {other} come too close ({where}) and cannot lie in one layer"
         if rule.kind == "pins":
