@@ -7,22 +7,24 @@ from collections.abc import Callable
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import msgspec
 import numpy as np
 
 from jaxnc.cli.output import list_files, write_files
 from jaxnc.cli.question import Question, read_number, read_pair
 from jaxnc.dynamics.simulate import simulate
-from jaxnc.dynamics.simulation import Simulation, append_run, join, load_states
+from jaxnc.dynamics.simulation import Simulation, join
 from jaxnc.errors import InputError
 from jaxnc.io.drives import check_driven
-from jaxnc.io.tables import to_csv, to_npz
+from jaxnc.io.tables import load_npz, to_csv, to_npz
 from jaxnc.io.target import stem
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.progress import step_bar
 from jaxnc.reporting.outcome import enter_simulation, in_radians, outputs_of
+from jaxnc.system.system import System
 
 _TABLE = "-simulation.npz"
 
@@ -37,7 +39,7 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
     first, earlier = 0.0, None
     state, rates = (in_radians(mechanism, values) or None for values in (section.start, section.rates))
     if options.resume:
-        earlier = load_states(system, options.resume)
+        earlier = _load_states(system, options.resume)
         state, rates = earlier.pose(-1), None
         first = float(np.asarray(earlier.time)[-1])
         if first >= section.duration:
@@ -52,7 +54,7 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
     def whole() -> Motion:
         """The motion of an earlier table, and what was added to it."""
         run = join(parts)
-        return run if earlier is None else append_run(earlier, run)
+        return run if earlier is None else _append_run(earlier, run)
 
     with step_bar(count) as step:
         for k in range(count):
@@ -81,6 +83,33 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
         tasks = _simulation_files(mechanism, whole(), options)
         print(list_files(write_files(options.out, mechanism.name, tasks), options.verdict))
     return int(bool(np.asarray(run.status).any()))
+
+
+def _load_states(system: System, path: str) -> Motion:
+    """Read the states of a table that a simulation wrote, as far as they were reached; the last one resumes it."""
+    top, table = system.topology, load_npz(path)
+    names = (*top.points, *top.vectors, *top.scalars)
+    orders = [found for found in (table.positions, table.velocities, table.accelerations) if found]
+    if table.time is None or len(orders) < 2:
+        raise InputError(f"{path}: this table carries no time or no velocities; resume from one that simulate wrote")
+    if any(name not in found for name in names for found in orders):
+        raise InputError(f"{path}: this table is of another mechanism than {top.name!r}")
+    good = np.flatnonzero(table.status == 0)
+    if not len(good):
+        raise InputError(f"{path}: no time of it was reached")
+    columns = ([found[name].reshape(len(table.status), -1) for name in names] for found in orders)
+    q, *rates = (jnp.asarray(np.concatenate(x, axis=1)[good]) for x in columns)
+    residual, time = (jnp.asarray(x[good]) for x in (table.residual, table.time))
+    none, right = jnp.zeros((len(good), 0)), jnp.zeros(len(good), int)
+    return Motion(system, (), (), q, tuple(rates), none, right, residual, None, time)
+
+
+def _append_run(earlier: Motion, run: Motion) -> Motion:
+    """Join an earlier motion and a run that begins where it ends."""
+    orders = min(len(earlier.rates), len(run.rates))
+    parts = [(m.q, m.rates[:orders], m.asked, m.status, m.residual, None, m.time) for m in (earlier, run)]
+    q, rates, *rest = jax.tree.map(lambda a, b: jnp.concatenate([a, b[1:]]), *parts)
+    return Motion(run.system, run.driven, (), q, rates, *rest)
 
 
 def _simulation_section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simulation:

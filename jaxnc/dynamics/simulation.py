@@ -1,11 +1,10 @@
 """`Simulation`: a motion under forces, with its multipliers, its energy, and what the integration says of itself.
 
-Simulations are put together from parts, and taken up again from a table that was saved.
+Simulations are put together from parts.
 """
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -16,13 +15,11 @@ from jax.core import Tracer
 from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.dynamics.energy import EnergyBalance, energy, energy_balance
-from jaxnc.errors import InputError, ModelFileError
 from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.status import Status
-from jaxnc.system.system import System
 from jaxnc.types import Array, PyTree
 
 
@@ -148,51 +145,3 @@ def join(parts: Sequence[Simulation]) -> Simulation:
     fields = join_fields([{"poses": part.q, **{name: getattr(part, name) for name in names}} for part in parts])
     time = np.concatenate([np.asarray(part.time)[bool(k) :] for k, part in enumerate(parts)])
     return dataclasses.replace(parts[0], time=on_device(time), **fields)
-
-
-def load_states(system: System, path: str | Path) -> Motion:
-    """Read the states of a table that `Motion.to_npz` wrote, as far as they were reached.
-
-    Returns:
-        Poses with their rates and times; accelerations too, if the table has them. The last one resumes the motion.
-    """
-    top = system.topology
-    try:
-        with np.load(path) as table:
-            data = dict(table)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or "it is no npz file"
-        raise ModelFileError(f"{path}: no table of a simulation can be read there ({why})") from None
-    names = (*top.points, *top.vectors, *top.scalars)
-    orders = _orders(data)
-    if "time" not in data or len(orders) < 2:
-        raise InputError(f"{path}: this table carries no time or no velocities; resume from one that simulate wrote")
-    if any(f"{order}/{n}" not in data for n in names for order in orders):
-        raise InputError(f"{path}: this table is of another mechanism than {top.name!r}")
-    good = np.flatnonzero(data["status"] == 0)
-    if not len(good):
-        raise InputError(f"{path}: no time of it was reached")
-    count = len(data["status"])
-    q, *rates = (
-        jnp.asarray(np.concatenate([data[f"{order}/{n}"].reshape(count, -1) for n in names], axis=1)[good])
-        for order in orders
-    )
-    zero, residual, time = jnp.zeros(len(good)), *(jnp.asarray(data[k])[good] for k in ("residual", "time"))
-    none = jnp.zeros((len(good), 0))
-    return Motion(system, (), (), q, tuple(rates), none, zero.astype(int), residual, None, time)
-
-
-def append_run(earlier: Motion, run: Motion) -> Motion:
-    """Join an earlier motion and a run that begins where it ends."""
-    orders = min(len(earlier.rates), len(run.rates))
-    residual = None if earlier.residual is None else run.residual
-    both = (earlier, earlier.residual), (run, residual)
-    parts = [(m.q, m.rates[:orders], m.asked, m.status, size, None, m.time) for m, size in both]
-    q, rates, *rest = jax.tree.map(lambda a, b: jnp.concatenate([a, b[1:]]), *parts)
-    return Motion(run.system, run.driven, (), q, rates, *rest)
-
-
-def _orders(data: dict) -> list[str]:
-    """List the folders of the table in the order of differentiation."""
-    found = {k.split("/")[0] for k in data if "/" in k}
-    return [o for o in ("position", "velocity", "acceleration") if o in found]
