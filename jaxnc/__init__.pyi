@@ -14,9 +14,9 @@ from jaxnc import viz as viz
 from jaxnc import workshop as workshop
 from jaxnc.compiling import jit as jit
 from jaxnc.dynamics.equilibrium import equilibrium as equilibrium
-from jaxnc.dynamics.inverse import inverse_dynamics as inverse_dynamics
-from jaxnc.dynamics.inverse import reactions as reactions
 from jaxnc.dynamics.linear import linearise as linearise
+from jaxnc.dynamics.reactions import inverse_dynamics as inverse_dynamics
+from jaxnc.dynamics.reactions import reactions as reactions
 from jaxnc.dynamics.simulate import simulate as simulate
 from jaxnc.errors import AssemblyError as AssemblyError
 from jaxnc.errors import CallError as CallError

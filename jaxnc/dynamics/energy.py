@@ -14,7 +14,6 @@ from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, jit, on_device
 from jaxnc.dynamics.extended import extended, is_concrete, lift_states
 from jaxnc.dynamics.friction import friction_forces, has_friction
-from jaxnc.dynamics.inverse import reactions
 from jaxnc.dynamics.model import (
     Dynamics,
     check_loads,
@@ -25,7 +24,7 @@ from jaxnc.dynamics.model import (
     force_variables,
     potential,
 )
-from jaxnc.dynamics.reactions import open_forces
+from jaxnc.dynamics.reactions import open_forces, reactions
 from jaxnc.dynamics.wrenches import cross
 from jaxnc.errors import InputError
 from jaxnc.internals import outermost

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import jit, on_device
+from jaxnc.compiling import on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.reading import function, rate
 from jaxnc.remembered import by_identity, with_owner
@@ -90,11 +90,11 @@ def _normal_formula() -> Formula:
 
 
 @functools.cache
-def _normal_rate(order: int) -> Callable:
-    """Read the time derivative of a normal of some order on NumPy's lanes, of both segments and their rates."""
+def _normal_rate(order: int, host: bool) -> Callable:
+    """Read a time derivative of a normal on lanes, NumPy's or JAX's, of both segments and their rates."""
     program = _normal_formula().program
     assert program is not None
-    return function(rate(program, range(6), order))
+    return function(rate(program, range(6), order), np if host else jnp)
 
 
 def _spans(top: Topology, points: Numbers, vectors: Numbers) -> list[tuple[Numbers, Numbers]]:
@@ -152,14 +152,9 @@ def lift(top: Topology, q: Any) -> Any:
     return xp.concatenate([q[:split], across_vectors(top, points, vectors).reshape(-1, *tail), q[split:]])
 
 
-def lift_rates(top: Topology, q: Array, v: Array) -> Array:
+def lift_rates(top: Topology, q: Any, v: Any) -> Any:
     """Give rates ``(N,)`` those of the hidden vectors."""
-    return v if top.extended is None else jax.jvp(lambda x: lift(top, x), (q,), (v,))[1]
-
-
-def lift_second_rates(top: Topology, q: Array, v: Array, a: Array) -> Array:
-    """Give accelerations ``(N,)`` those of the hidden vectors."""
-    return a if top.extended is None else jax.jvp(lambda q, v: lift_rates(top, q, v), (q, v), (v, a))[1]
+    return v if top.extended is None else lift_states(top, q[None], v[None])[1][0]
 
 
 def lift_states(top: Topology, q: Any, v: Any, *a: Any) -> tuple[Any, ...]:
@@ -167,20 +162,12 @@ def lift_states(top: Topology, q: Any, v: Any, *a: Any) -> tuple[Any, ...]:
     states = (q, v, *a)
     if top.extended is None:
         return states
-    if not isinstance(q, np.ndarray):
-        return _lift_traced(top, q, v, *a)
+    host = all(isinstance(x, np.ndarray) for x in states)
+    xp: Any = np if host else jnp
     split, lanes, out = (len(top.points) + len(top.vectors)) * top.dim, [], []
     for order, x in enumerate(states):
-        pairs = _spans(top, *(np.moveaxis(np.asarray(part), 0, -1) for part in spread(top, x)))
-        lanes += list(np.stack([np.concatenate(pair) for pair in pairs], axis=1))
-        hidden = np.stack(_normal_rate(order)(lanes), axis=1)
-        out.append(np.concatenate([x[:, :split], hidden.reshape(-1, len(q)).T, x[:, split:]], axis=1))
+        pairs = _spans(top, *(xp.moveaxis(xp.asarray(part), 0, -1) for part in spread(top, x)))
+        lanes += list(xp.stack([xp.concatenate(pair) for pair in pairs], axis=1))
+        hidden = xp.stack(_normal_rate(order, host)(lanes), axis=1)
+        out.append(xp.concatenate([x[:, :split], hidden.reshape(-1, len(q)).T, x[:, split:]], axis=1))
     return tuple(out)
-
-
-@functools.partial(jit, static_argnums=0)
-def _lift_traced(top: Topology, q: Array, v: Array, *a: Array) -> tuple[Array, ...]:
-    def one(q: Array, v: Array, *a: Array) -> tuple[Array, ...]:
-        return (lift(top, q), lift_rates(top, q, v), *(lift_second_rates(top, q, v, x) for x in a))
-
-    return jax.vmap(one)(q, v, *a)

@@ -11,8 +11,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics.extended import extended, is_concrete, lift, lift_rates, lower
-from jaxnc.dynamics.flow import POSITION, VELOCITY, Flow
-from jaxnc.dynamics.friction import accelerate_with_friction
+from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow
 from jaxnc.dynamics.model import State, check_loads, check_mass, dynamics
 from jaxnc.dynamics.simulate import hoist_drives
 from jaxnc.dynamics.simulation import Simulation
@@ -250,7 +249,7 @@ def _rates(field: VectorField, t: Array, q: Array, v: Array) -> tuple[Array, Arr
     x, w = flow.impose(t, lift(top, q), lift_rates(top, q, v))
     back, slower = flow.solve_stage(POSITION, t, x, w), flow.solve_stage(VELOCITY, t, x, w)
     met = w + slower.change
-    bent = accelerate_with_friction(flow, t, x, met)
+    bent = flow.solve_stage(ACCELERATION, t, x, met)
     # JAX cannot go back through a linear solve of which a part is not looked at: diffrax's BacksolveAdjoint asks it to.
     nothing = sum(0.0 * jnp.sum(found.multipliers) for found in (back, slower, bent))
     speed, change = met + field.stabilise * back.change, bent.change + field.stabilise * slower.change
@@ -292,7 +291,7 @@ def _motion(field: VectorField, t: Array, q: Array, v: Array) -> Simulation:
 
     def one(t, q, v):
         x, w = flow.impose(t, lift(top, q), lift_rates(top, q, v))
-        found = accelerate_with_friction(flow, t, x, w)
+        found = flow.solve_stage(ACCELERATION, t, x, w)
         return lower(top, w), lower(top, found.change), flow.place_multipliers(found.multipliers), found.gap, found.slip
 
     v, a, multipliers, gap, slip = jax.vmap(one)(t, q, v)

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.constraints import Kind
+from jaxnc.dynamics.friction import friction_forces, has_friction
 from jaxnc.dynamics.model import Dynamics, forces
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError, nearest
@@ -254,7 +255,31 @@ class Flow:
 
     # -- motion ---------------------------------------------------------------------------------------------------
 
-    def solve_stage(
+    def solve_stage(self, stage: ArrayLike, t: Array | float, q: Coordinates, v: Coordinates) -> StageSolution:
+        """Solve a stage as `solve_frictionless`, for accelerations with friction if there is any."""
+
+        def settle(state, _):  # a loop, so that accelerations are compiled once
+            total, _ = state
+            found = self.solve_frictionless(ACCELERATION, t, q, v, total)
+            rows = self.place_multipliers(found.multipliers)
+            return (friction_forces(self.dyn, q, v, found.change, rows, total, t), found), None
+
+        def accelerate() -> StageSolution:
+            zero = jnp.zeros_like(q)
+            start = zero, StageSolution(zero, self.zero_multipliers(), jnp.zeros(()), jnp.zeros(()))
+            # Six times accelerations and friction are made consistent.
+            return jax.lax.scan(settle, start, None, length=7)[0][1]
+
+        def project() -> StageSolution:
+            return self.solve_frictionless(stage, t, q, v)
+
+        if not has_friction(self.dyn):
+            return project()
+        if isinstance(stage, int):
+            return accelerate() if stage == ACCELERATION else project()
+        return jax.lax.cond(stage == ACCELERATION, accelerate, project)
+
+    def solve_frictionless(
         self, stage: ArrayLike, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
     ) -> StageSolution:
         """Solve for accelerations, or for the changes that bring a pose or rates back onto the constraints.
@@ -282,7 +307,7 @@ class Flow:
         """Return the scaled system of a stage: its jacobian ``(m, n)``, and right-hand sides ``(n,)`` and ``(m,)``.
 
         Behind these come the change of the driven coordinates ``(N,)``, and the largest residuals of rows and rates.
-        Arguments are those of `solve_stage`.
+        Arguments are those of `solve_frictionless`.
         """
         view, dyn, u = self.view, self.dyn, self.view.unknown
         r, j, known, slip, bent = self.rows(q, v)
@@ -309,17 +334,17 @@ class Flow:
     def accelerate(
         self, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
     ) -> tuple[Coordinates, Array]:
-        """Solve for accelerations ``(N,)`` and multipliers of the plan's rows and of rows on velocities ``(m,)``."""
-        return self.solve_stage(ACCELERATION, t, q, v, extra)[:2]
+        """Solve for accelerations without friction ``(N,)``, and multipliers of the rows, those on velocities last."""
+        return self.solve_frictionless(ACCELERATION, t, q, v, extra)[:2]
 
-    def project_position(self, q: Coordinates, iterations: int = 2) -> Coordinates:
+    def project_position(self, q: Coordinates, iterations: int) -> Coordinates:
         """Project a pose on the constraints: to the nearest one by the masses, from one close by."""
         still = jnp.zeros_like(q)
 
         def closer(q, _):
             return q + self.solve_stage(POSITION, 0.0, q, still).change, None
 
-        return closer(q, None)[0] if iterations == 1 else jax.lax.scan(closer, q, None, length=iterations)[0]
+        return jax.lax.scan(closer, q, None, length=iterations)[0]
 
     def project_velocity(self, q: Coordinates, v: Coordinates) -> Coordinates:
         """Project rates on the constraints, with the least change in kinetic energy."""

@@ -1,13 +1,14 @@
-"""Reactions: what passes through each joint, also where the joint is a shared point and no row stands for it.
+"""Reactions: what passes through each joint, also where no row stands for it; and the efforts of prescribed motions.
 
 The wrenches themselves are made in `jaxnc.dynamics.wrenches`; here they are asked for by name. Beside them stand the
 loads by name (springs, dampers, actuators), and all forces of a mechanism at the places where they are drawn.
 """
 
+import dataclasses
 import functools
 from collections import Counter
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -15,13 +16,15 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
-from jaxnc.compiling import filter_jit
+from jaxnc.compiling import filter_jit, refuse_fork
 from jaxnc.constraints.elementary import ratio
 from jaxnc.constraints.kind import dot, norm
 from jaxnc.dynamics.extended import extended, is_concrete, lift_states, shown_places
+from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.friction import friction_forces, frictions, has_friction
 from jaxnc.dynamics.mass import inertias
-from jaxnc.dynamics.model import Dynamics, dynamics, force_variables, forces
+from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, force_variables, forces
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.wrenches import (
     Ledger,
     Masses,
@@ -38,15 +41,14 @@ from jaxnc.forces import COUPLE, EFFORT
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
-from jaxnc.system.equations import coefficients
+from jaxnc.solvers.assembly import evaluate
+from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.equations import coefficients, refuse_rates
 from jaxnc.system.frames import spread, turns
 from jaxnc.system.identity import Owner, Thing, addresses, find
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import AnyArray, Array, Numbers
-
-if TYPE_CHECKING:
-    from jaxnc.solvers.plan import Plan
+from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
 
 
 @public
@@ -357,9 +359,6 @@ class Reactions:
             (their `support`), and driven and held coordinates (their effort); ``"joint phi"`` and ``"coordinate phi"``
             where two have one name.
         """
-        from jaxnc.solvers.assembly import evaluate
-        from jaxnc.solvers.plan import plan
-
         outside(self.motion, "unique()")
         motion, system = self.motion, extended(self.motion.system)
         top, dyn = system.topology, dynamics(system)
@@ -440,16 +439,23 @@ def _open_forces(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Arr
     return jax.vmap(lambda t, q, v, a, lam: open_forces(dyn, t, q, v, a, lam))(t, q, v, a, lam)
 
 
-def open_forces(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
-    """Return what rows and known forces leave open in one pose: efforts of inputs, and what holds the ground."""
+def open_forces(
+    dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array, rubbing: Array | None = None
+) -> Array:
+    """Return what rows and known forces leave open in one pose: efforts of inputs, and what holds the ground.
+
+    `rubbing` are the forces of friction, if they are known.
+    """
     top = dyn.topology
     out = dyn.mass @ a + row_forces(dyn.eq, np.arange(len(top.rows)), q, lam) - forces(dyn, t, q, v)
     if top.rates:
         out = out + lam[len(top.rows) :] @ coefficients(top, dyn.rates, q)
-    return out - friction_forces(dyn, q, v, a, lam, None, t) if has_friction(dyn) else out
+    if rubbing is None and has_friction(dyn):
+        rubbing = friction_forces(dyn, q, v, a, lam, None, t)
+    return out if rubbing is None else out - rubbing
 
 
-def _stress_reaches(dyn: Dynamics, view: "Plan", q: Array, stress: np.ndarray) -> dict[str, np.ndarray]:
+def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> dict[str, np.ndarray]:
     """Return what multipliers ``(k, rows)`` alone put on joints, supports and inputs, named as by `unique`."""
     top, count = dyn.topology, len(stress) + 1
     rest = jnp.zeros((count, len(q)))
@@ -522,6 +528,147 @@ def _point(top: Topology, name: str) -> int:
         raise InputError(f"{top.name!r} has no point {name!r}; {nearest(name, top.points)}")
     return top.points.index(name)
 
+
+# -- inverse dynamics -------------------------------------------------------------------------------------------------
+
+
+@public
+@record
+class InverseDynamics:
+    """Efforts and multipliers of a prescribed motion.
+
+    ``result["phi"]`` is the effort on the driven coordinate phi, a torque on an angle, a force on a distance.
+
+    Attributes:
+        motion: the motion.
+        efforts: efforts on driven and held coordinates, ``(..., inputs)``, N m or N.
+        multipliers: Lagrange multipliers of all rows, ``(..., rows)`` (M q̈ + Φ_qᵀ λ = Q + efforts), last those of rows
+            on velocities.
+        supports: forces of the ground on all coordinates, zero where they are not fixed, ``(..., N)``.
+    """
+
+    motion: Motion
+    efforts: Array
+    multipliers: Array
+    supports: Array
+
+    def __getitem__(self, name: str) -> Array:
+        """Effort on a driven or held coordinate, ``(...,)``."""
+        return self.reactions.effort(name)
+
+    @property
+    def power(self) -> Array:
+        """Power of all efforts together, W, ``(...,)``."""
+        top = self.motion.system.topology
+        at = [top.position[name] for name in (*self.motion.driven, *self.motion.held)]
+        return jnp.sum(self.efforts * self.motion.rates[0][..., jnp.array(at, dtype=int)], axis=-1)
+
+    @property
+    def reactions(self) -> Reactions:
+        """Reactions in the joints."""
+        return Reactions(self.motion, self.multipliers, self.efforts)
+
+
+@public
+def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
+    """Find the efforts of the inputs for a prescribed motion, and the reactions in every joint.
+
+    Args:
+        system: the system; its bodies have masses. It may be the motion's own, or one with other masses and forces.
+        motion: poses with velocities and accelerations: of `jaxnc.motion`, or of `jaxnc.sweep` with rates.
+
+    Returns:
+        Efforts, multipliers and reactions, differentiable. Where a pose failed they are zero.
+
+    Raises:
+        InputError: a motion without rates; nothing has a mass.
+
+    Source: J. García de Jalón, E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, ch. 6.
+    """
+    check_loads(system, "inverse_dynamics()")
+    if not isinstance(motion, Motion):
+        raise InputError(f"inverse_dynamics() needs a motion, of motion() or sweep(); got {type(motion).__name__}")
+    if len(motion.rates) < 2:
+        raise InputError(
+            "inverse_dynamics needs velocities and accelerations: make the motion with motion(system, {'phi': f}, t) "
+            "or pass rates= to sweep"
+        )
+    if motion.q.shape[-1] != len(system.topology.coordinates):
+        raise InputError(
+            f"inverse_dynamics(): the motion is one of {motion.system.name!r}, and {system.name!r} has other "
+            f"coordinates; give inverse_dynamics(motion.system, motion), or the same mechanism with other masses"
+        )
+    inner = extended(system)
+    dyn = dynamics(inner)
+    view = plan(inner.topology, motion.driven, motion.held)
+    if len(motion.driven) + len(motion.held) + len(inner.topology.rate_rows) > system.degrees_of_freedom:
+        refuse_rates(
+            inner.topology,
+            "inverse_dynamics",
+            "with every freedom driven nothing says which part of a force they take. Drive as many fewer in "
+            "simulate(inputs=) and hand over that run",
+        )
+    t = 0.0 if motion.time is None else motion.time
+    flow = Flow(dyn, view, (), len(view.rows) + len(dyn.topology.rate_rows) > len(view.unknown))
+    efforts, lam, supports = _inverse(system, flow, t, motion.q, *motion.rates[:2], motion.status == 0)
+    if system is not motion.system:  # reactions are those of the masses and forces that were asked for
+        motion = dataclasses.replace(motion, system=system)
+    return InverseDynamics(motion, efforts, lam, supports)
+
+
+@filter_jit
+def _inverse(system: System, flow: Flow, t: ArrayLike, q: Array, v: Array, a: Array, ok: Array):
+    """Find efforts, multipliers and supports of poses ``(..., N)``; zero of poses that are not `ok`."""
+    top, lead, dyn, view = system.topology, q.shape[:-1], flow.dyn, flow.view
+    t, ok = jnp.broadcast_to(t, lead).reshape(-1), ok.reshape(-1, 1)
+    states = lift_states(top, *(x.reshape(-1, x.shape[-1]) for x in (q, v, a)))
+    weight, size, inner = flow.scale()
+
+    def one(t, x, dx, ddx):
+        right = forces(dyn, t, x, dx) - dyn.mass @ ddx
+        solve = saddle(inner + 1e-6 * jnp.eye(len(weight)), flow.rows(x, dx).unknown / weight, flow.redundant)
+
+        def multipliers(right):
+            y = solve(right[view.unknown] / (weight * size), flow.zero_multipliers())[1]
+            return flow.place_multipliers(y * size)
+
+        lam, rubbing = multipliers(right), jnp.zeros_like(x)
+        if has_friction(dyn):
+            for _ in range(4):  # the forces of friction change the reactions that they are proportional to
+                rubbing = friction_forces(dyn, x, dx, ddx, lam, rubbing, t)
+                lam = multipliers(right + rubbing)
+        whole = open_forces(dyn, t, x, dx, ddx, lam, rubbing)
+        supports = jnp.zeros_like(whole).at[view.fixed].set(whole[view.fixed])
+        return whole[view.known], lam, supports[shown_places(top)]
+
+    return tuple(jnp.where(ok, x, 0.0).reshape(*lead, -1) for x in jax.vmap(one)(t, *states))
+
+
+@public
+def reactions(motion: Motion | InverseDynamics | Reactions) -> Reactions:
+    """The reactions in the joints of a simulation, or of a motion that its inputs drive.
+
+    Args:
+        motion: a simulation, a motion with rates (its inputs then take the efforts that it needs), or the result of
+            `jaxnc.inverse_dynamics`.
+
+    Returns:
+        The reactions; ``.at("B", on="coupler")`` is the wrench on a body at a shared point.
+    """
+    refuse_fork()
+    if isinstance(motion, Reactions):
+        return motion
+    if isinstance(motion, InverseDynamics):
+        return motion.reactions
+    if not isinstance(motion, Motion):
+        raise InputError(f"reactions() takes a simulation, or a motion with rates, got {type(motion).__name__}")
+    multipliers = getattr(motion, "multipliers", None)  # of a simulation
+    if multipliers is not None:
+        return motion_reactions(motion, multipliers)
+    return inverse_dynamics(motion.system, motion).reactions
+
+
+# -- forces at their places -------------------------------------------------------------------------------------------
 
 KINDS = ("weight", "applied", "reaction")
 """Forces that are drawn: gravity; springs, dampers, stops and loads; what joints and the ground do."""

@@ -12,8 +12,8 @@ from jax import lax
 from jaxnc import progress
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lower
-from jaxnc.dynamics.flow import Flow, StageSolution
-from jaxnc.dynamics.friction import FrictionFlow, accelerate_with_friction, has_friction
+from jaxnc.dynamics.flow import ACCELERATION, Flow, StageSolution
+from jaxnc.dynamics.friction import has_friction
 from jaxnc.dynamics.integrate import START, Control, Event, History, Integration, equal_steps, integrate
 from jaxnc.dynamics.model import State, dynamics
 from jaxnc.dynamics.simulation import join_fields
@@ -156,7 +156,7 @@ def prepare_form(form: Flow | WrittenFlow) -> tuple[Flow, Moving]:
     if isinstance(form, WrittenFlow):
         return form.flow.prepare(), form
     flow = form.prepare()
-    return flow, FrictionFlow(flow) if has_friction(flow.dyn) else flow
+    return flow, flow
 
 
 def keeps_trail(form: Flow | WrittenFlow, spec: SimulationSpec, times: int) -> bool:
@@ -243,7 +243,7 @@ def run_equal(
     else:
         states, more = equal_steps(
             lambda at, h, carry: (alpha_step(flow, at, h, carry), ()),
-            lambda at, carry: MotionState(carry.q, carry.v, *accelerate_with_friction(flow, at, carry.q, carry.v)),
+            lambda at, carry: MotionState(carry.q, carry.v, *flow.solve_stage(ACCELERATION, at, carry.q, carry.v)),
             t, start_alpha(flow, t[0], first.q, first.v), steps,
         )  # fmt: skip
     if keep:

@@ -193,7 +193,7 @@ def forces(motion: Motion) -> Forces | None:
     if resting:
         still = dict.fromkeys(motion.driven, 0.0)
         motion = sweep(motion.system, dict(motion.inputs), rates=still, hold=motion.held, throw=False)
-    from jaxnc.dynamics.inverse import inverse_dynamics
+    from jaxnc.dynamics.reactions import inverse_dynamics
 
     found = inverse_dynamics(motion.system, motion)
     top = motion.system.topology

@@ -64,7 +64,7 @@ class Poses:
         """Reactions: what passes through the joints."""
         if self.found is None and len(self.motion.rates) < 2:
             self.motion.acceleration(self.topology.points[0])  # says what is missing
-        from jaxnc.dynamics.inverse import reactions
+        from jaxnc.dynamics.reactions import reactions
 
         return reactions(self.motion if self.found is None else self.found)
 
@@ -81,8 +81,7 @@ class Poses:
 
     def with_reactions(self, found: object) -> "Poses":
         """Add reactions that were found already."""
-        from jaxnc.dynamics.inverse import InverseDynamics
-        from jaxnc.dynamics.reactions import Reactions
+        from jaxnc.dynamics.reactions import InverseDynamics, Reactions
 
         known = found.reactions if isinstance(found, InverseDynamics) else found
         if not isinstance(known, Reactions):

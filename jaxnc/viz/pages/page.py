@@ -22,8 +22,7 @@ from jaxnc.viz.style import BODIES, DARK, INK, LIGHT, colour_of
 from jaxnc.viz.svg import draw_still
 
 if TYPE_CHECKING:
-    from jaxnc.dynamics.inverse import InverseDynamics
-    from jaxnc.dynamics.reactions import Reactions
+    from jaxnc.dynamics.reactions import InverseDynamics, Reactions
     from jaxnc.kinematics.modes import Modes, ModesMap
 
 _SVG = '<svg id="drawing" role="group" aria-label="Drawing of the mechanism"></svg>'
