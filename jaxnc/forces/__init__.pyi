@@ -1,0 +1,12 @@
+from jaxnc.forces.kind import CATALOGUE as CATALOGUE
+from jaxnc.forces.kind import COORDINATE_DAMPER as COORDINATE_DAMPER
+from jaxnc.forces.kind import COORDINATE_SPRING as COORDINATE_SPRING
+from jaxnc.forces.kind import COORDINATE_STOP as COORDINATE_STOP
+from jaxnc.forces.kind import COUPLE as COUPLE
+from jaxnc.forces.kind import DAMPER as DAMPER
+from jaxnc.forces.kind import EFFORT as EFFORT
+from jaxnc.forces.kind import FORCE as FORCE
+from jaxnc.forces.kind import FORCE_IN_SPACE as FORCE_IN_SPACE
+from jaxnc.forces.kind import SPRING as SPRING
+from jaxnc.forces.kind import STOP as STOP
+from jaxnc.forces.kind import ForceKind as ForceKind
