@@ -17,7 +17,7 @@ from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import blame_force, check_loads, dynamics, forces, potential
 from jaxnc.dynamics.reactions import Reactions, motion_reactions
 from jaxnc.dynamics.saddle import saddle
-from jaxnc.dynamics.start import start_pose
+from jaxnc.dynamics.start import assemble_pose, check_pose
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside
 from jaxnc.kinematics.motion import Motion
@@ -129,7 +129,7 @@ def equilibrium(
     flow = Flow.of(dyn, system.degrees_of_freedom, drives)
     if hold and state is None and len(hold) == system.degrees_of_freedom:
         state = hold  # nothing else to find: the drawing's branch is followed to there
-    begin = lift(system.topology, start_pose(system, state))
+    begin = lift(system.topology, assemble_pose(system, check_pose(system, state)))
     q, rows, values, left, gap, status = _find(flow, begin, method == "minimum")
     q = lower(system.topology, q)
     zero, asked, least = on_device(
@@ -173,12 +173,6 @@ def _stiffness(flow: Flow, q: Array, lam: Array) -> Array:
     return jax.jacfwd(lambda x: _residual_forces(flow, q.at[u].set(x), lam))(q[u]) / (weight[:, None] * weight[None])
 
 
-def _symmetric_stiffness(flow: Flow, q: Array, lam: Array) -> Array:
-    """Return the stiffness that a potential would have."""
-    k = _stiffness(flow, q, lam)
-    return 0.5 * (k + k.T)
-
-
 def _project_admissible(j: Array) -> Array:
     """Return the projection on the motions that rows ``(m, n)`` admit."""
     eye = jnp.eye(j.shape[1])
@@ -191,13 +185,19 @@ def _largest_stiffness(k: Array) -> Array:
     return jnp.where(size > 0, size, 1.0)
 
 
-def _indifferent(k: Array, p: Array) -> Array:
-    """Project on the admissible motions that meet no force: a step along them is not determined, and left out.
+def _admissible_stiffness(k: Array, p: Array) -> tuple[Array, Array]:
+    """Return stiffnesses on the admissible motions, smallest first, and these as columns.
 
-    The stiffness `k` ``(n, n)`` is of size one, or zero; `p` is the projection on what is admissible.
+    The stiffness `k` ``(n, n)`` is of size one, or zero; `p` is the projection on what is admissible. Other motions are
+    made stiffer than any of these, and come last.
     """
     stiff = p @ k @ p + 4.0 * len(k) * (jnp.eye(len(k)) - p)
-    values, vectors = dense.symmetric_eigen(0.5 * (stiff + stiff.T))
+    return dense.symmetric_eigen(0.5 * (stiff + stiff.T))
+
+
+def _indifferent(k: Array, p: Array) -> Array:
+    """Project on the admissible motions that meet no force: a step along them is not determined, and left out."""
+    values, vectors = _admissible_stiffness(k, p)
     return (vectors * (jnp.abs(values) < _NEUTRAL)) @ vectors.T
 
 
@@ -226,27 +226,16 @@ def _balanced_change(_: None, found: tuple[Array, Array], args: tuple, changes: 
 
 @record
 class _Place:
-    """A place on the way to an equilibrium.
+    """A place on the way to an equilibrium."""
 
-    Attributes:
-        f: forces on the unknowns, coordinates as lengths.
-        free: what the rows leave of them.
-        lam: multipliers of the rows.
-        j: derivatives of the rows, coordinates as lengths.
-        k: stiffness that a potential would have.
-        p: projection on the motions that the rows admit.
-        energy: the potential, where it has to fall.
-        other: forces that have none.
-    """
-
-    f: Array
-    free: Array
-    lam: Array
-    j: Array
-    k: Array
-    p: Array
-    energy: Array
-    other: Array
+    f: Array  # forces on the unknowns, coordinates as lengths
+    free: Array  # what the rows leave of them
+    lam: Array  # multipliers of the rows
+    j: Array  # derivatives of the rows, coordinates as lengths
+    k: Array  # stiffness that a potential would have
+    p: Array  # projection on the motions that the rows admit
+    energy: Array  # the potential, where it has to fall
+    other: Array  # forces that have none
 
 
 def _gain(old: _Place, new: _Place, way: Array) -> Array:
@@ -274,8 +263,8 @@ def _find(flow: Flow, q: Array, downhill: bool):
         j = j / weight
         free, lam = saddle(eye, j, True)(f, jnp.zeros(j.shape[0]))
         energy, slope = jax.value_and_grad(lambda x: potential(fixed.dyn, x))(q) if downhill else (jnp.zeros(()), q)
-        k = _symmetric_stiffness(fixed, q, lam)
-        return _Place(f, free, lam, j, k, _project_admissible(j), energy, every + slope)
+        k = _stiffness(fixed, q, lam)
+        return _Place(f, free, lam, j, 0.5 * (k + k.T), _project_admissible(j), energy, every + slope)
 
     def more(state):
         i, *_, stop = state
@@ -318,9 +307,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     rounding = jnp.maximum(1e-11 * 1e3 * jnp.maximum(largest(f), 1e-300), 1e-14 * largest(k) * length)
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))
     q, lam = attach(_balanced_change, None, (q, lam), flow, status == 0)
-    # Motions that the constraints do not admit are made stiffer than any other, and come last.
-    stiff = p @ k @ p + 4.0 * len(u) * spread * (eye - p)
-    values, _ = dense.symmetric_eigen(0.5 * (stiff + stiff.T))
-    values = jnp.where(jnp.abs(values) > _NEUTRAL * spread, values, 0.0)  # rounding is no stiffness
+    values, _ = _admissible_stiffness(k / spread, p)
+    values = jnp.where(jnp.abs(values) > _NEUTRAL, spread * values, 0.0)  # rounding is no stiffness
     rows = jnp.zeros(len(flow.dyn.topology.rows)).at[view.rows].set(lam)
     return q, rows, values, left, gap, status

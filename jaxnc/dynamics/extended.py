@@ -28,7 +28,7 @@ from jaxnc.system.on_lanes import reading
 from jaxnc.system.structure import Formula
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Numbers
+from jaxnc.types import AnyArray, Array, Numbers
 
 
 def is_concrete(*trees: object) -> bool:
@@ -152,14 +152,13 @@ def lift(top: Topology, q: Any) -> Any:
     return xp.concatenate([q[:split], across_vectors(top, points, vectors).reshape(-1, *tail), q[split:]])
 
 
-def lift_rates(top: Topology, q: Any, v: Any) -> Any:
+def lift_rates(top: Topology, q: Numbers, v: Numbers) -> AnyArray:
     """Give rates ``(N,)`` those of the hidden vectors."""
     return v if top.extended is None else lift_states(top, q[None], v[None])[1][0]
 
 
-def lift_states(top: Topology, q: Any, v: Any, *a: Any) -> tuple[Any, ...]:
+def lift_states(top: Topology, *states: AnyArray) -> tuple[AnyArray, ...]:
     """Give poses, rates and (if given) accelerations ``(P, N)`` those of the hidden vectors: in NumPy, if they are."""
-    states = (q, v, *a)
     if top.extended is None:
         return states
     host = all(isinstance(x, np.ndarray) for x in states)
@@ -169,5 +168,5 @@ def lift_states(top: Topology, q: Any, v: Any, *a: Any) -> tuple[Any, ...]:
         pairs = _spans(top, *(xp.moveaxis(xp.asarray(part), 0, -1) for part in spread(top, x)))
         lanes += list(xp.stack([xp.concatenate(pair) for pair in pairs], axis=1))
         hidden = xp.stack(_normal_rate(order, host)(lanes), axis=1)
-        out.append(xp.concatenate([x[:, :split], hidden.reshape(-1, len(q)).T, x[:, split:]], axis=1))
+        out.append(xp.concatenate([x[:, :split], hidden.reshape(-1, len(x)).T, x[:, split:]], axis=1))
     return tuple(out)

@@ -21,6 +21,7 @@ from jaxnc.constraints.directions import unit
 from jaxnc.dynamics.extended import extended, is_concrete
 from jaxnc.remembered import by_identity
 from jaxnc.system.design import design, design_numbers
+from jaxnc.system.frames import orthonormal_axes
 from jaxnc.system.loads import InertiaIndex
 from jaxnc.system.on_lanes import reading
 from jaxnc.system.structure import Formula
@@ -69,23 +70,10 @@ def sum_inertias(top: Topology, found: Sequence[tuple[np.ndarray, Numbers, Numbe
     mass, moments = xp.zeros((size, size, *tail), dtype), xp.zeros((dim, size, *tail), dtype)
     total = xp.zeros(tail, dtype)
     for at, local, first, m in found:
-        pairs, ends = _places(dim, at)
-        mass, moments = add(mass, pairs, local.reshape(-1, *tail)), add(moments, ends, first.reshape(-1, *tail))
+        mass = add(mass, (at[:, :, None], at[:, None]), local)
+        moments = add(moments, (np.arange(dim)[:, None], at[:, None]), first)
         total = total + xp.sum(m, axis=0)
     return mass, moments, xp.asarray(total, dtype)
-
-
-def _places(dim: int, at: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Return places of a group's mass matrices (rows, columns) and of its first moments (axes, coordinates)."""
-    count, width = at.shape
-    square, flat = (count, width, width), (count, dim, width)
-    return (
-        (np.broadcast_to(at[:, :, None], square).reshape(-1), np.broadcast_to(at[:, None, :], square).reshape(-1)),
-        (
-            np.broadcast_to(np.arange(dim)[None, :, None], flat).reshape(-1),
-            np.broadcast_to(at[:, None, :], flat).reshape(-1),
-        ),
-    )
 
 
 def inertias(system: System) -> list[tuple[np.ndarray, Numbers, Numbers, Numbers]]:
@@ -235,7 +223,7 @@ def _body_inertia(dim: int, shape: str, made: np.ndarray, x: dict[str, Array]) -
         blocks = jnp.stack([jnp.stack([m * eye, cross]), jnp.stack([cross.T, polar * eye])])
         moments = jnp.stack([m * eye, cross])
     else:
-        axes = _axes(x["frame"])
+        axes = orthonormal_axes(x["frame"])
         base = axes @ x["spans"].T
         inverse = _invert(base)
         c = inverse @ com
@@ -251,17 +239,6 @@ def _body_inertia(dim: int, shape: str, made: np.ndarray, x: dict[str, Array]) -
     return local, first
 
 
-def _axes(frame: Array) -> Array:
-    """Return orthonormal axes as rows from the spans of a frame: two in the plane, three in space, one for a bar."""
-    first = unit(frame[0])
-    if frame.shape[1] == 2:
-        return jnp.stack([first, jnp.stack([-first[1], first[0]])])
-    if frame.shape[0] == 1:
-        return first[None]
-    second = unit(frame[1] - jnp.dot(frame[1], first) * first)
-    return jnp.stack([first, second, jnp.cross(first, second)])
-
-
 def _invert(a: Array) -> Array:
     """Invert a matrix of three rows, or of one, by its cofactors."""
     if a.shape[0] == 1:
@@ -272,7 +249,7 @@ def _invert(a: Array) -> Array:
 
 def _moments(dim: int, shape: str, x: dict[str, Array]) -> tuple[Array, Array]:
     """Return the centre of mass from the origin, and second moments ``∫ r rᵀ dm`` about it, in the body's axes."""
-    m, axes = x["mass"], _axes(x["frame"])
+    m, axes = x["mass"], orthonormal_axes(x["frame"])
     corners = (x["corners"] - x["drawn"]) @ axes.T
     com, second = jnp.mean(corners, axis=0), jnp.zeros((axes.shape[0], axes.shape[0]))
     if shape == "rod":
@@ -295,10 +272,10 @@ def _moments(dim: int, shape: str, x: dict[str, Array]) -> tuple[Array, Array]:
         xx, yy, zz, xy, xz, yz = x["inertia"]
         tensor = jnp.stack([jnp.stack([xx, xy, xz]), jnp.stack([xy, yy, yz]), jnp.stack([xz, yz, zz])])
         second = 0.5 * jnp.trace(tensor) * jnp.eye(3) - tensor
-        home = _axes(x["home_frame"])
+        home = orthonormal_axes(x["home_frame"])
         second = home @ second @ home.T
     if x["com"].shape[0]:
-        com = _axes(x["home_frame"]) @ (x["com"] - x["home"])
+        com = orthonormal_axes(x["home_frame"]) @ (x["com"] - x["home"])
     return com, second
 
 

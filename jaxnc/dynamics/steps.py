@@ -20,7 +20,6 @@ from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, StageSol
 from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.solvers import dense
-from jaxnc.system.equations import weights
 from jaxnc.types import AnyArray, Array, ArrayLike, PyTree
 
 
@@ -354,8 +353,7 @@ def alpha_step(flow: Flow, t: Array, h: Array, old: AlphaState) -> AlphaState:
     am, af = (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
     gamma = 0.5 + af - am
     beta = 0.25 * (gamma + 0.5) ** 2
-    mass, weight = flow.dyn.mass[u[:, None], u[None]], weights(flow.dyn.eq)[u]
-    size = jnp.max(jnp.diagonal(mass) / weight**2)
+    weight, size, inner = flow.scale()
 
     def state(real: Array) -> tuple[Array, Array, Array]:
         a = ((1.0 - af) * real + af * old.real - am * old.a) / (1.0 - am)
@@ -374,7 +372,7 @@ def alpha_step(flow: Flow, t: Array, h: Array, old: AlphaState) -> AlphaState:
         q, v, _ = state(carried[0])
         j = flow.rows(q, v).unknown
         k, c = jax.jacfwd(push, argnums=(0, 1))(q[u], v[u], q, v)
-        tangent = (mass - to_v * c - to_q * k) / (weight[:, None] * weight[None] * size)
+        tangent = inner - (to_v * c + to_q * k) / (weight[:, None] * weight[None] * size)
         solve = saddle(0.5 * (tangent + tangent.T), j / weight, flow.redundant)
 
         def improve(carried, _):

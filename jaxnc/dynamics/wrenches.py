@@ -507,6 +507,11 @@ class Ledger:
         if c >= self.first_scalar:
             self.coordinate(("coordinate", self.top.coordinates[c]), c, -force)
 
+    def on_scalars(self, key: Key, block: "Block | ForceBlock", i: int, force: Numbers) -> None:
+        """Put the last of the forces ``(P, variables)`` of an instance on the coordinates that it takes."""
+        for k, c in enumerate(block.scalars[i]):
+            self.on_scalar(key, c, force[:, k - len(block.scalars[i])])
+
     def _joints(self) -> None:
         """Put what the rows of joints transmit, and rows on velocities."""
         top = self.top
@@ -514,9 +519,7 @@ class Ledger:
             for b, i in joint_instances(top, j):
                 pull = self.pull(b, i)
                 self.instance(key_of(joint), b, i, pull)
-                for k, c in enumerate(top.blocks[b].scalars[i]):
-                    self.on_scalar(key_of(joint), c, pull[:, k - len(top.blocks[b].scalars[i])])
-
+                self.on_scalars(key_of(joint), top.blocks[b], i, pull)
         for block, layout in zip(top.rates, top.rate_layout, strict=True):
             for i, owners in enumerate(block.owners):
                 key = owners[0].thing.noun, top.called(owners[0])
@@ -524,8 +527,7 @@ class Ledger:
                 # A point named twice has the whole of its coordinates' forces already.
                 for item, f in dict(self.split(block, i, force)).items():
                     self.put(owner_of(top, item), key, item, f)
-                for k, c in enumerate(block.scalars[i]):
-                    self.on_scalar(key, c, force[:, k - len(block.scalars[i])])
+                self.on_scalars(key, block, i, force)
 
     def _loads(self) -> None:
         """Put springs, dampers, stops, forces and functions."""
@@ -536,8 +538,7 @@ class Ledger:
                 for item, f in self.split(block, i, local[:, i]):
                     body = owner_of_segment(top, instance_items(block, i)) if couple else owner_of(top, item)
                     self.put(body, key, item, f, not couple)
-                for k, c in enumerate(block.scalars[i]):
-                    self.on_scalar(key, c, local[:, i, k - len(block.scalars[i])])
+                self.on_scalars(key, block, i, local[:, i])
         for f, out in zip(top.loads.functions, self.parts.functions, strict=True):
             places = range(f.at * top.dim, (f.at + 1) * top.dim) if f.acts == "force" else [f.at]
             for c in range(len(top.coordinates)) if f.acts == "load" else places:
@@ -720,18 +721,14 @@ def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]
     pull = ledger.pull(b, i)
     couple = pull[..., -2]
     centres = [ledger.points[..., side[0], :] for side in top.joints[j].sides[:2]]
-    apart = centres[1] - centres[0]
-    if top.dim == 2:
-        # Of both couples, so that the sign of the row is its own: R1 φ1 ± R2 φ2.
-        ratio = (1.0 if top.joints[j].type == "gear" else -1.0) * constants[1] / constants[0]
-        place = centres[0] + apart / (1.0 + ratio)
-        arm = place - centres[0]
-        along = xp.stack([-arm[..., 1], arm[..., 0]], -1)
-        generator = arm * 0.0
+    if top.dim == 2:  # as in space, about axes across the plane; the sign of the row, R1 φ1 ± R2 φ2, is its own
+        centres = [xp.concatenate([x, x[..., :1] * 0.0], -1) for x in centres]
+        axes = [np.array([0.0, 0.0, 1.0]) + x * 0.0 for x in centres]
+        constants = [*constants[:2], 1.0 if top.joints[j].type == "gear" else -1.0]
     else:
         axes = [_axis(ledger, side[1:]) for side in top.joints[j].sides[:2]]
-        place, arm, generator, ratio = _pitch(xp, centres, axes, constants)
-        along = cross(axes[0], arm)
+    place, arm, generator, ratio = _pitch(xp, centres, axes, constants)
+    along = cross(axes[0], arm)
     force = along * (couple / (arm * arm).sum(-1))[..., None]
     pressure = ledger.parts.pressure.get(j)
     if pressure is not None:
@@ -739,11 +736,11 @@ def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]
         across = arm - generator * (arm * generator).sum(-1)[..., None]
         ring = xp.where((ratio < 0.0) & (ratio > -1.0), -1.0, 1.0)[..., 0]
         force = force - _unit(across) * (ring * xp.tan(pressure) * magnitude(force))[..., None]
-    return place, force
+    return place[..., : top.dim], force[..., : top.dim]
 
 
 def _pitch(
-    xp: ModuleType, centres: Sequence[Numbers], axes: Sequence[Numbers], constants: Sequence[Numbers]
+    xp: ModuleType, centres: Sequence[Numbers], axes: Sequence[Numbers], constants: Sequence[Numbers | float]
 ) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """Return the pitch point in space, its arm from the first axis, the pitch line, and signed ratio of the radii."""
     (a, b), w = axes, centres[1] - centres[0]

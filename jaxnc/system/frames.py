@@ -44,10 +44,11 @@ def _span(segment: Segment, points: Array, vectors: Array) -> Array:
 
 def body_axes(segments: tuple[Segment, ...], points: Array, vectors: Array) -> Array:
     """Orthonormal axes of a body as rows: ``(dim, dim)``, or ``(1, dim)`` for a bar in space."""
-    return _orthonormal_axes([_span(s, points, vectors) for s in segments])
+    return orthonormal_axes([_span(s, points, vectors) for s in segments])
 
 
-def _orthonormal_axes(spans: Sequence[Array]) -> Array:
+def orthonormal_axes(spans: Sequence[Array] | Array) -> Array:
+    """Axes as rows from the spans of a frame: two in the plane, three in space, one for a bar."""
     first = unit(spans[0])
     if first.shape[-1] == 2:
         return stacked([first, stacked([-first[1], first[0]])])
@@ -64,7 +65,7 @@ def frame(top: Topology, segments: tuple[Segment, ...], q: Array) -> Array:
 
 def carried(spans: Sequence[Array], w: Array, drawn: Array, direction: bool) -> Array:
     """Components ``(dim,)`` of a marker's arm (or direction) w in the frame that a body's segments span."""
-    axes = _orthonormal_axes(spans)
+    axes = orthonormal_axes(spans)
     w = unit(w) if direction else w
     if w.shape[0] == 2:
         w = w * ratio(1.0, norm(drawn))

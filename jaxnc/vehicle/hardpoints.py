@@ -1,5 +1,6 @@
 """Hardpoints of suspensions: the library's names for them, the book's numbers, and what the trade calls them."""
 
+import itertools
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -45,14 +46,10 @@ _TRADE = {
     "upper_front": "UCA front",
     "upper_rear": "UCA rear",
     "upper_ball": "upper ball joint",
-    "lower_front_inner": "lower front link, inner",
-    "lower_front_outer": "lower front link, outer",
-    "lower_rear_inner": "lower rear link, inner",
-    "lower_rear_outer": "lower rear link, outer",
-    "upper_front_inner": "upper front link, inner",
-    "upper_front_outer": "upper front link, outer",
-    "upper_rear_inner": "upper rear link, inner",
-    "upper_rear_outer": "upper rear link, outer",
+    **{
+        f"{level}_{side}_{end}": f"{level} {side} link, {end}"
+        for level, side, end in itertools.product(("lower", "upper"), ("front", "rear"), ("inner", "outer"))
+    },
     "strut_lower": "strut lower",
     "strut_top": "strut top",
     "tie_inner": "tie rod inner",

@@ -224,10 +224,12 @@ def suspension_report(
     found = suspension(motion, **options)
     given = Options(**options)
     layout, still = resolve(motion, given), _as_drawn(motion)
-    static = wheel_numbers(still, layout, NUMBERS, given.radius)
     by, along, travels = _report_axis(motion, layout, still)
-    slopes = wheel_numbers(still, layout, NUMBERS, given.radius, by=by)
-    per = float(_known_number(slopes, "wheel_travel")) if travels else 1.0
+    static, slopes = (
+        {name: float(v) for name, v in found.items() if v is not None and name != "contact"}
+        for found in (wheel_numbers(still, layout, NUMBERS, given.radius, by=to) for to in (None, by))
+    )
+    per = slopes["wheel_travel"] if travels else 1.0
     known = found.length_unit in METRES
     mm, unit = (METRES[found.length_unit] * 1e3, "mm") if known else (1.0, found.length_unit)
     far, metre = ("m", 1e3) if known else (unit, 1.0)
@@ -236,21 +238,19 @@ def suspension_report(
     curves: dict[str, np.ndarray] = {}
     rows: list[SuspensionRow] = []
     for name in LABELS:
-        if static.get(name) is None or name in (_NOT_OVER_TRAVEL if travels else _NOT_OVER_STEERING):
+        if name not in static or name in (_NOT_OVER_TRAVEL if travels else _NOT_OVER_STEERING):
             continue
         kind = ATTITUDE.get(name, "")
         factor, shown = {"angle": (180.0 / math.pi, "deg"), "length": (mm, unit)}.get(kind, (1.0, ""))
         values = np.where(good, np.asarray(getattr(found, name), float) * factor, np.nan)
         curves[name] = np.where(np.abs(values) < _NOTHING, 0.0, values)
-        slope = float(_known_number(slopes, name)) / per * factor / mm
+        slope = slopes[name] / per * factor / mm
         slope, below = (slope, unit) if kind == "length" else (slope * metre, far)
         label = _number_label(name, layout.axle)
-        drawn = float(_known_number(static, name)) * factor
+        drawn = static[name] * factor
         rows.append(_report_row(name, label, shown, drawn, slope, f"{shown or 1}/{below}", curves[name], along))
     if not travels:
-        turns = _turn_differences(
-            curves["steer"], along, float(_known_number(static, "track")) * mm, layout.side, wheelbase, mm
-        )
+        turns = _turn_differences(curves["steer"], along, static["track"] * mm, layout.side, wheelbase, mm)
         curves |= turns
         for name, values in turns.items():
             shown = "%" if name == "ackermann" else "deg"
@@ -289,12 +289,6 @@ def _report_axis(motion: Motion, layout: Layout, still: Motion) -> tuple[str, np
     look = f"{layout.names.wheel_centre}.z" if travels else by
     values = motion.inputs[by] if look == by else np.where(motion.converged, motion[look], np.nan)
     return by, np.asarray(values, float) - float(still[look]), travels
-
-
-def _known_number(found: Mapping[str, np.ndarray | None], name: str) -> np.ndarray:
-    values = found[name]
-    assert values is not None
-    return values
 
 
 def _number_label(name: str, axle: str) -> str:
@@ -342,7 +336,7 @@ def _turn_differences(
 
 
 def _anti_percentages(
-    static: Mapping[str, np.ndarray], axle: str, wheelbase: float | None, height: float | None, shares: tuple
+    static: Mapping[str, float], axle: str, wheelbase: float | None, height: float | None, shares: tuple
 ) -> dict[str, float]:
     """Which part of the load transfer the suspension takes up in braking and driving, percent."""
     if wheelbase is None or height is None:
@@ -352,7 +346,7 @@ def _anti_percentages(
         angle = static.get(f"{name}_support_angle")
         if share is not None and angle is not None:
             verb = "braking" if name == "brake" else "driving"
-            out[f"{label.removesuffix(' angle')}, {verb}"] = 100.0 * share * math.tan(float(angle)) * wheelbase / height
+            out[f"{label.removesuffix(' angle')}, {verb}"] = 100.0 * share * math.tan(angle) * wheelbase / height
     return out
 
 

@@ -17,7 +17,7 @@ from jaxnc.internals import outermost
 from jaxnc.kinematics.design import Pose, PoseReading, read_poses
 from jaxnc.kinematics.inputs import METRES, doubtful_size, one_number, outside
 from jaxnc.kinematics.motion import Motion
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Shown, align_columns
 from jaxnc.records import record, static
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.topology import Topology
@@ -145,14 +145,9 @@ class Suspension(Shown):
         at = range(len(good))
         if rows is not None and len(good) > rows:
             at = np.unique(np.linspace(0, len(good) - 1, rows).round().astype(int)).tolist()
-        lines = [header] + [
-            [f"{c[i]:.4f}" if good[i] else "-" for c in columns] + ([] if good[i] else ["not found"]) for i in at
-        ]
-        widths = [max(map(len, c)) for c in zip(*[line[: len(header)] for line in lines], strict=True)]
-        return "\n".join(
-            "  ".join([*(c.rjust(w) for c, w in zip(line, widths, strict=False)), *line[len(widths) :]])
-            for line in lines
-        )
+        lines = [[*header, ""]]
+        lines += [[*(f"{c[i]:.4f}" if good[i] else "-" for c in columns), "" if good[i] else "not found"] for i in at]
+        return "\n".join(align_columns(lines, (len(header),)))
 
     def to_csv(self, path: "str | Path") -> "Path":
         """Write all poses and all numbers as a table, units as in `table`; poses that failed have empty cells.
