@@ -24,7 +24,7 @@ from jaxnc.dynamics.model import (
     force_variables,
     potential,
 )
-from jaxnc.dynamics.reactions import open_forces, reactions
+from jaxnc.dynamics.reactions import open_forces, reactions, states_of
 from jaxnc.dynamics.wrenches import cross
 from jaxnc.errors import InputError
 from jaxnc.internals import outermost
@@ -275,7 +275,7 @@ def _works(motion: Motion, count: int) -> tuple[np.ndarray, np.ndarray]:
     those through the nearest eight (four) times.
     """
     found = reactions(motion)
-    dyn, *states = found._states()
+    dyn, *states = states_of(motion)
     t, q, v, a, lam = (np.asarray(x)[:count] for x in (*states, found.multipliers))
     often = 8  # times that multipliers between two of them are read off, if there are as many
     inner = [_between(t, q, v, a, lam, s, 3, often) for s in _NODES]
@@ -323,7 +323,6 @@ def _between(
 def _powers(dyn: Dynamics, at: tuple[int, ...], t: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
     """Return powers of inputs (coordinates `at`), loads, dampers and friction in states ``(P, N)``: ``(4, P)``."""
     top = dyn.topology
-    pushing, damping = _only(dyn, "force"), _only(dyn, "dissipation")
 
     def one(t, q, v, a, lam):
         driving = rubbing = jnp.zeros(())
@@ -334,29 +333,14 @@ def _powers(dyn: Dynamics, at: tuple[int, ...], t: Array, q: Array, v: Array, a:
             driving = driving - lam[len(top.rows) :] @ target
         if has_friction(dyn):
             rubbing = friction_forces(dyn, q, v, a, lam, None, t) @ v
-        return jnp.stack([driving, _power(pushing, t, q, v), _power(damping, t, q, v), rubbing])
+        return jnp.stack([driving, *(_power(dyn, t, q, v, part) for part in ("force", "dissipation")), rubbing])
 
     return jax.vmap(one)(t, q, v, a, lam).T
 
 
-def _only(dyn: Dynamics, part: str) -> Dynamics:
-    """Keep one part of the kinds of force of a dynamics; functions go with what pushes."""
-    top = dyn.topology
-    nothing = {"potential": None, "dissipation": None, "force": None}
-    kept = [k for k, b in enumerate(top.loads.forces) if getattr(b.kind, part) is not None]
-    forces = tuple(
-        dataclasses.replace(b, kind=dataclasses.replace(b.kind, **nothing | {part: getattr(b.kind, part)}))
-        for b in (top.loads.forces[k] for k in kept)
-    )
-    functions = top.loads.functions if part == "force" else ()
-    loads = dataclasses.replace(top.loads, forces=forces, functions=functions)
-    system = dataclasses.replace(dyn.system, topology=dataclasses.replace(top, loads=loads))
-    own = dyn.own if functions else ()
-    return dataclasses.replace(dyn, system=system, constants=tuple(dyn.constants[k] for k in kept), own=own)
-
-
-def _power(dyn: Dynamics, t: Array, q: Array, v: Array) -> Array:
-    local, functions = force_values(dyn, t, q, v)
+def _power(dyn: Dynamics, t: Array, q: Array, v: Array, part: str) -> Array:
+    """Return the power of what kinds of force state as a part."""
+    local, functions = force_values(dyn, t, q, v, part)
     total: Any = jnp.zeros(())
     for number, values in enumerate(local):
         total = total + jnp.sum(values * v[force_variables(dyn.topology, number)])

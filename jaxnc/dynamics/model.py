@@ -15,8 +15,9 @@ from jaxnc.dynamics.mass import inertias, sum_inertias
 from jaxnc.errors import InputError, nearest
 from jaxnc.forces import CATALOGUE, ForceKind
 from jaxnc.kinematics.inputs import check_parameters, check_system
+from jaxnc.kinematics.motion import coordinates_of
 from jaxnc.reading import OutOfRange, Unreadable, trace
-from jaxnc.records import record
+from jaxnc.records import record, static
 from jaxnc.remembered import by_identity, with_owner
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.equations import Equations, equations, rate_constants
@@ -31,6 +32,7 @@ from jaxnc.validate import as_real, as_scalars, call_user
 
 
 @public
+@record
 class State:
     """Position and velocity of a mechanism at one time, by name: the state that is handed to a user's force.
 
@@ -41,8 +43,10 @@ class State:
         v: their rates, ``(N,)``.
     """
 
-    def __init__(self, topology: Topology, t: ArrayLike, q: Array, v: Array):
-        self.topology, self.t, self.q, self.v = topology, t, q, v
+    topology: Topology = static()
+    t: ArrayLike
+    q: Array
+    v: Array
 
     def __getitem__(self, name: str) -> Array:
         """A point ``(dim,)``, a vector ``(3,)``, a coordinate, or a single component such as ``"P.x"``."""
@@ -53,19 +57,11 @@ class State:
         return self._pick(self.v, name)
 
     def _pick(self, x: Array, name: str) -> Array:
-        top = self.topology
-        spread = (*top.points, *top.vectors)
-        if name in spread:
-            i = spread.index(name) * top.dim
-            return x[i : i + top.dim]
-        if name in top.position:
-            return x[top.position[name]]
-        raise InputError(f"{top.name!r} has no point or coordinate {name!r}; {nearest(name, (*spread, *top.scalars))}")
-
-
-jax.tree_util.register_pytree_node(
-    State, lambda s: ((s.t, s.q, s.v), s.topology), lambda top, parts: State(top, *parts)
-)
+        top, at = self.topology, coordinates_of(self.topology, name)
+        if at is None:
+            names = (*top.points, *top.vectors, *top.scalars)
+            raise InputError(f"{top.name!r} has no point or coordinate {name!r}; {nearest(name, names)}")
+        return x[at]
 
 
 @record
@@ -280,8 +276,10 @@ def forces(dyn: Dynamics, t: Array, q: Coordinates, v: Coordinates) -> Float[Arr
     return sum(functions, out)
 
 
-def force_values(dyn: Dynamics, t: Array, q: Array, v: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """Evaluate the forces one by one.
+def force_values(
+    dyn: Dynamics, t: Array, q: Array, v: Array, only: str | None = None
+) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Evaluate the forces one by one, or that part of them alone which kinds state as `only`; functions are a force.
 
     Returns:
         Forces of each block on their own variables, ``(forces, variables)``; forces that are functions, on all
@@ -289,17 +287,23 @@ def force_values(dyn: Dynamics, t: Array, q: Array, v: Array) -> tuple[tuple[Arr
     """
     top, local = dyn.topology, []
     for number, block in enumerate(top.loads.forces):
-        at, each = force_variables(top, number), functools.partial(instance_force, top.dim, block.kind, t)
+        at = force_variables(top, number)
+        each = functools.partial(instance_force, top.dim, block.kind, t, only=only)
         local.append(jax.vmap(each)(q[at], v[at], dyn.constants[number]))
-    return tuple(local), tuple(function_forces(dyn, t, q, v))
+    return tuple(local), tuple(function_forces(dyn, t, q, v)) if only in (None, "force") else ()
 
 
-def instance_force(dim: int, kind: ForceKind, t: ArrayLike, x: Array, dx: Array, c: Array) -> Array:
-    """Evaluate one force of a kind on its own variables: of these, their rates and its parameters."""
+def instance_force(
+    dim: int, kind: ForceKind, t: ArrayLike, x: Array, dx: Array, c: Array, only: str | None = None
+) -> Array:
+    """Evaluate one force of a kind on its own variables: of these, their rates and its parameters.
+
+    Of potential, dissipation and force `only` one counts, or all.
+    """
     total = jnp.zeros_like(x)
-    if kind.potential is not None:
+    if kind.potential is not None and only in (None, "potential"):
         total = total - jax.grad(lambda y: _instance_energy(kind, dim, y, c))(x)
-    if loss := kind.dissipation:
+    if (loss := kind.dissipation) and only in (None, "dissipation"):
         what, at = f"kind {kind.name!r}: dissipation=", _split(dim, kind, x)
 
         def dissipate(dy: Array) -> Array:
@@ -307,7 +311,7 @@ def instance_force(dim: int, kind: ForceKind, t: ArrayLike, x: Array, dx: Array,
             return as_real(found, what, "one number", ())
 
         total = total - jax.grad(dissipate)(dx)
-    if kind.force is not None:
+    if kind.force is not None and only in (None, "force"):
         what, returns = f"kind {kind.name!r}: force=", "forces on its points, vectors and scalars, an array of each"
         at = *_split(dim, kind, x), *_split(dim, kind, dx)
         found = call_user(kind.force, what, "t, p, v, s, dp, dv, ds, c", t, *at, c)

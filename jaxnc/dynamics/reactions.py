@@ -75,13 +75,13 @@ def _load_by_name(top: Topology, found: Parts, v: Array, name: str, seen: np.nda
         hint = nearest(name, known) if known else "it has no springs, dampers, forces or frictions"
         raise InputError(f"{top.name!r} has no load {name!r}; {hint}")
     plain = top.names[owner.thing][owner.number]
-    blocks = [b for b, block in enumerate(top.loads.forces) if plain in block.names]
-    if owner.thing is not Thing.FRICTION and blocks:
-        return _load_of_kind(top, found, v, blocks[0], top.loads.forces[blocks[0]].names.index(plain), seen)
     at: Any = seen
     if owner.thing is Thing.FRICTION:
         force = sum(found.friction[[index.name for index in top.loads.friction].index(plain)], v * 0.0)
     else:
+        for b, block in enumerate(top.loads.forces):
+            if plain in block.names:
+                return _load_of_kind(top, found, v, b, block.names.index(plain), seen)
         number = [f.name for f in top.loads.functions].index(plain)
         function, force = top.loads.functions[number], found.functions[number]
         if function.acts == "effort":
@@ -180,8 +180,8 @@ class Reactions:
 
     Attributes:
         motion: the motion.
-        multipliers: Lagrange multipliers of all rows, ``(..., rows)``.
-        efforts: efforts on driven and held coordinates, ``(..., inputs)``.
+        multipliers: Lagrange multipliers of all rows, ``(..., rows)``, last those of rows on velocities.
+        efforts: efforts on driven and held coordinates, ``(..., inputs)``, N m or N.
     """
 
     motion: Motion
@@ -377,15 +377,12 @@ class Reactions:
     # -- inside ---------------------------------------------------------------------------------------------------
 
     @property
-    def _q(self) -> Array:
-        return self._states()[2]
-
-    def _states(self) -> tuple[Dynamics, AnyArray, AnyArray, AnyArray, AnyArray]:
-        return states_of(self.motion)
+    def _q(self) -> AnyArray:
+        return states_of(self.motion)[2]
 
     def _flat(self) -> tuple[Dynamics, AnyArray, AnyArray, AnyArray, AnyArray, AnyArray]:
         """Return equations of motion, and times, states and multipliers of all poses, one after another."""
-        dyn, t, *states = self._states()
+        dyn, t, *states = states_of(self.motion)
         q, v, a, lam = (x.reshape(t.size, x.shape[-1]) for x in (*states, self.multipliers))
         return dyn, t.reshape(-1), q, v, a, lam
 
@@ -501,7 +498,7 @@ def motion_reactions(motion: Motion, multipliers: Array) -> Reactions:
     return Reactions(motion, multipliers, efforts)
 
 
-def states_of(motion: Motion) -> tuple[Dynamics, Numbers, Numbers, Numbers, Numbers]:
+def states_of(motion: Motion) -> tuple[Dynamics, AnyArray, AnyArray, AnyArray, AnyArray]:
     """Return equations of motion, times, and poses, rates and accelerations in the coordinates of the dynamics.
 
     The latter are NumPy's where they are known.
@@ -534,27 +531,15 @@ def _point(top: Topology, name: str) -> int:
 
 @public
 @record
-class InverseDynamics:
-    """Efforts and multipliers of a prescribed motion.
+class InverseDynamics(Reactions):
+    """Reactions of a prescribed motion, with the efforts that it takes: M q̈ + Φ_qᵀ λ = Q + efforts.
 
     ``result["phi"]`` is the effort on the driven coordinate phi, a torque on an angle, a force on a distance.
-
-    Attributes:
-        motion: the motion.
-        efforts: efforts on driven and held coordinates, ``(..., inputs)``, N m or N.
-        multipliers: Lagrange multipliers of all rows, ``(..., rows)`` (M q̈ + Φ_qᵀ λ = Q + efforts), last those of rows
-            on velocities.
-        supports: forces of the ground on all coordinates, zero where they are not fixed, ``(..., N)``.
     """
-
-    motion: Motion
-    efforts: Array
-    multipliers: Array
-    supports: Array
 
     def __getitem__(self, name: str) -> Array:
         """Effort on a driven or held coordinate, ``(...,)``."""
-        return self.reactions.effort(name)
+        return self.effort(name)
 
     @property
     def power(self) -> Array:
@@ -566,7 +551,7 @@ class InverseDynamics:
     @property
     def reactions(self) -> Reactions:
         """Reactions in the joints."""
-        return Reactions(self.motion, self.multipliers, self.efforts)
+        return self
 
 
 @public
@@ -610,15 +595,15 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
         )
     t = 0.0 if motion.time is None else motion.time
     flow = Flow(dyn, view, (), len(view.rows) + len(dyn.topology.rate_rows) > len(view.unknown))
-    efforts, lam, supports = _inverse(system, flow, t, motion.q, *motion.rates[:2], motion.status == 0)
+    efforts, lam = _inverse(system, flow, t, motion.q, *motion.rates[:2], motion.status == 0)
     if system is not motion.system:  # reactions are those of the masses and forces that were asked for
         motion = dataclasses.replace(motion, system=system)
-    return InverseDynamics(motion, efforts, lam, supports)
+    return InverseDynamics(motion, lam, efforts)
 
 
 @filter_jit
 def _inverse(system: System, flow: Flow, t: ArrayLike, q: Array, v: Array, a: Array, ok: Array):
-    """Find efforts, multipliers and supports of poses ``(..., N)``; zero of poses that are not `ok`."""
+    """Find efforts and multipliers of poses ``(..., N)``; zero of poses that are not `ok`."""
     top, lead, dyn, view = system.topology, q.shape[:-1], flow.dyn, flow.view
     t, ok = jnp.broadcast_to(t, lead).reshape(-1), ok.reshape(-1, 1)
     states = lift_states(top, *(x.reshape(-1, x.shape[-1]) for x in (q, v, a)))
@@ -637,15 +622,13 @@ def _inverse(system: System, flow: Flow, t: ArrayLike, q: Array, v: Array, a: Ar
             for _ in range(4):  # the forces of friction change the reactions that they are proportional to
                 rubbing = friction_forces(dyn, x, dx, ddx, lam, rubbing, t)
                 lam = multipliers(right + rubbing)
-        whole = open_forces(dyn, t, x, dx, ddx, lam, rubbing)
-        supports = jnp.zeros_like(whole).at[view.fixed].set(whole[view.fixed])
-        return whole[view.known], lam, supports[shown_places(top)]
+        return open_forces(dyn, t, x, dx, ddx, lam, rubbing)[view.known], lam
 
     return tuple(jnp.where(ok, x, 0.0).reshape(*lead, -1) for x in jax.vmap(one)(t, *states))
 
 
 @public
-def reactions(motion: Motion | InverseDynamics | Reactions) -> Reactions:
+def reactions(motion: Motion | Reactions) -> Reactions:
     """The reactions in the joints of a simulation, or of a motion that its inputs drive.
 
     Args:
@@ -658,8 +641,6 @@ def reactions(motion: Motion | InverseDynamics | Reactions) -> Reactions:
     refuse_fork()
     if isinstance(motion, Reactions):
         return motion
-    if isinstance(motion, InverseDynamics):
-        return motion.reactions
     if not isinstance(motion, Motion):
         raise InputError(f"reactions() takes a simulation, or a motion with rates, got {type(motion).__name__}")
     multipliers = getattr(motion, "multipliers", None)  # of a simulation
@@ -686,7 +667,7 @@ def nodal_forces(found: Reactions) -> dict[str, tuple[Array, Array]]:
         them feels; joints that write rows of their own, and efforts on angles, have none.
     """
     motion = found.motion
-    dyn, t, q, v, _ = found._states()
+    dyn, t, q, v, _ = states_of(motion)
     top = dyn.topology
     count = len(motion.system.topology.points)
     places = spread(top, q)[0][..., :count, :]

@@ -81,15 +81,14 @@ class Poses:
 
     def with_reactions(self, found: object) -> "Poses":
         """Add reactions that were found already."""
-        from jaxnc.dynamics.reactions import InverseDynamics, Reactions
+        from jaxnc.dynamics.reactions import Reactions
 
-        known = found.reactions if isinstance(found, InverseDynamics) else found
-        if not isinstance(known, Reactions):
+        if not isinstance(found, Reactions):
             expected = "True, or what inverse_dynamics() or reactions() found of this motion"
             raise InputError(f"forces={found!r:.80}: expected {expected}")
-        if known.motion.names != self.motion.names or np.size(known.motion.status) != self.count:
-            raise InputError(f"forces= are those of another motion: {known.motion!r}, not {self.motion!r}")
-        return dataclasses.replace(self, found=known)
+        if found.motion.names != self.motion.names or np.size(found.motion.status) != self.count:
+            raise InputError(f"forces= are those of another motion: {found.motion!r}, not {self.motion!r}")
+        return dataclasses.replace(self, found=found)
 
     @cached_property
     def every_column(self) -> np.ndarray:
