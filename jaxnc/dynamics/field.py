@@ -12,25 +12,18 @@ from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics.extended import extended, is_concrete, lift, lift_rates, lower
 from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow
+from jaxnc.dynamics.integrate import History
 from jaxnc.dynamics.model import State, check_loads, check_mass, dynamics
-from jaxnc.dynamics.simulate import hoist_drives
+from jaxnc.dynamics.runs import Start, summarise
+from jaxnc.dynamics.simulate import read_drives
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.dynamics.start import (
-    Rates,
-    begin_pose,
-    check_count,
-    check_inertia,
-    check_inputs,
-    check_rates,
-    check_start,
-    start_rates,
-)
+from jaxnc.dynamics.start import Rates, begin_pose, check_begin, check_start, start_rates
+from jaxnc.dynamics.steps import MotionState
 from jaxnc.errors import InputError, brief, nearest
-from jaxnc.kinematics.inputs import doubt_degrees, in_radians, positive, worst_rows
+from jaxnc.kinematics.inputs import positive, worst_rows
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers.newton import largest
-from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs, PyTree
@@ -130,19 +123,12 @@ class VectorField:
             AssemblyError: the start does not assemble.
         """
         system, flow = self.system, self._flow
-        doubt_degrees(system, unit, state)
-        state, rates = in_radians(system, unit, state, rates)
-        given = check_start(system, state)
-        wanted = check_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
+        given, wanted = check_start(system, state, rates, unit)
         values = flow.drive_values(jnp.asarray(t, float))[0]
         q = begin_pose(system, given, {name: value for (name, _), value in zip(flow.drives, values, strict=True)})
-        single = is_concrete(system, q, t, flow.drive_args)
-        if single:
-            lifted = lift(system.topology, np.asarray(q))
-            check_inputs(flow, lifted)
-            check_inertia(flow, lifted)
-        places, numbers = wanted if isinstance(wanted, tuple) else (None, wanted)
-        return _consistent(system, flow, jnp.asarray(t, float), jnp.asarray(q), places, numbers)
+        if is_concrete(system, q, t, flow.drive_args):
+            check_begin(flow, lift(system.topology, np.asarray(q)))
+        return _consistent(system, flow, jnp.asarray(t, float), jnp.asarray(q), wanted)
 
     def state(self, t: ArrayLike, y: Phase) -> State:
         """Look at a state by name: ``state["C"]``, ``state.velocity("phi")``, for events, outputs and controls."""
@@ -266,19 +252,14 @@ def _off(field: VectorField, t: Array, q: Array, v: Array) -> tuple[Array, Array
 
 
 @filter_jit
-def _consistent(
-    system: System, flow: Flow, t: Array, q: Array, places: tuple[int, ...] | None, rates: Array | None
-) -> tuple[Array, Array]:
+def _consistent(system: System, flow: Flow, t: Array, q: Array, rates: Rates) -> tuple[Array, Array]:
     """A pose and rates on the constraints."""
     top = system.topology
     x = lift(top, q)
     x, w = flow.impose(t, x, jnp.zeros_like(x))
     x = flow.project_position(x, 3)
-    if places is not None:
-        given: Rates = (places, rates)
-        w = start_rates(top, flow, x, given)[0]
-    elif rates is not None:
-        w = lift_rates(top, lower(top, x), rates)
+    if rates is not None:
+        w = start_rates(top, flow, x, rates, driven=w)
     _, w = flow.impose(t, x, w)
     return lower(top, x), lower(top, flow.project_velocity(x, w))
 
@@ -291,29 +272,14 @@ def _motion(field: VectorField, t: Array, q: Array, v: Array) -> Simulation:
 
     def one(t, q, v):
         x, w = flow.impose(t, lift(top, q), lift_rates(top, q, v))
-        found = flow.solve_stage(ACCELERATION, t, x, w)
-        return lower(top, w), lower(top, found.change), flow.place_multipliers(found.multipliers), found.gap, found.slip
+        return MotionState(x, w, *flow.solve_stage(ACCELERATION, t, x, w))
 
-    v, a, multipliers, gap, slip = jax.vmap(one)(t, q, v)
-    apart = jnp.cumsum(~(whole & (gap <= _APART * flow.dyn.eq.length))) > 0
-    status = jnp.where(apart, int(Status.CAME_APART), int(Status.CONVERGED))
-    ok, none = ~apart[:, None], jnp.zeros(())
-    return Simulation(
-        system=field.system,
-        driven=tuple(name for name, _ in flow.drives),
-        held=(),
-        poses=q,
-        rates=(v, jnp.where(ok, a, 0.0)),
-        asked=jax.vmap(lambda t: flow.drive_values(t)[0])(t),
-        status=status,
-        residual=jnp.where(whole, gap, jnp.nan),
-        conditioning=None,
-        time=t,
-        multipliers=jnp.where(ok, multipliers, 0.0),
-        violation=(jnp.max(jnp.where(apart, 0.0, gap)), jnp.max(jnp.where(apart, 0.0, slip))),
-        correction=(none, none),
-        end=jnp.max(jnp.where(apart, t[0], t)),
-    )
+    states = jax.vmap(one)(t, q, v)
+    states = states._replace(gap=jnp.where(whole, states.gap, jnp.nan))
+    history, start = History(states, t, jnp.zeros(len(t)), jnp.zeros(len(t), int)), Start(states.q[0], None, None, None)
+    fields, status = summarise(top, flow, t, start, history, None, ())
+    fields |= {"system": field.system, "driven": tuple(name for name, _ in flow.drives), "poses": q, "status": status}
+    return Simulation(**fields, held=(), conditioning=None, time=t)
 
 
 @public
@@ -345,12 +311,7 @@ def vector_field(
     check_loads(system, "vector_field()")
     check_mass(system)
     positive(stabilise, "stabilise=", zero=True)
-    (driven,) = in_radians(system, unit, inputs or {})
-    for name, f in driven.items():
-        if not callable(f):
-            raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
-    check_count(system.topology, system.degrees_of_freedom, tuple(driven))
-    drives, more = hoist_drives(tuple(driven.items()))
+    drives, more = read_drives(system, inputs, unit)
     flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, drives, bool(singular))
     flow = dataclasses.replace(flow, drive_args=more)
     rate = stabilise if isinstance(stabilise, jax.Array) else on_device(np.asarray(stabilise, float))

@@ -14,9 +14,9 @@ from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow, evaluate_rows
 from jaxnc.dynamics.model import check_loads, check_mass, dynamics
 from jaxnc.dynamics.saddle import saddle
-from jaxnc.dynamics.start import Rates, check_rates, start_pose, start_rates
+from jaxnc.dynamics.start import Rates, assemble_pose, check_start, start_rates
 from jaxnc.errors import InputError, brief, nearest
-from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside
+from jaxnc.kinematics.inputs import array, finite, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
@@ -156,11 +156,8 @@ def linearise(
     check_loads(system, "linearise()")
     check_mass(system)
     top = system.topology
-    doubt_degrees(system, unit, state)
-    begin, rates = in_radians(system, unit, state.motion if isinstance(state, Equilibrium) else state, rates)
-    given = start_pose(system, begin)
-    known_rates = check_rates(system, rates if rates is not None else begin if isinstance(begin, Motion) else None)
-    flow, q, v = _steady(system, given, known_rates)
+    state, known_rates = check_start(system, state.motion if isinstance(state, Equilibrium) else state, rates, unit)
+    flow, q, v = _steady(system, assemble_pose(system, state), known_rates)
     view = _independent_plan(system, flow, q, coordinates)
     names = flow.dyn.topology.named(view.driven)
     for name in inputs:
@@ -194,7 +191,7 @@ def _steady(system: System, given: Array, rates: Rates) -> tuple[Flow, Array, Ar
     refuse_rates(system.topology, "linearise", "their independent coordinates are not independent rates: simulate() it")
     flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom)
     q = flow.project_position(lift(system.topology, given), 2)
-    return flow, q, start_rates(system.topology, flow, q, rates)[0]
+    return flow, q, start_rates(system.topology, flow, q, rates)
 
 
 def _independent_plan(system: System, flow: Flow, q: Array, names: Sequence[str] | None) -> Plan:

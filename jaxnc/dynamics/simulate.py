@@ -15,16 +15,16 @@ from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 from jaxnc.calls import public
 from jaxnc.dynamics.derivative import differentiable_run, run_known
 from jaxnc.dynamics.extended import is_concrete, lift, lift_rates
-from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.flow import Drive, Flow
 from jaxnc.dynamics.integrate import Control
 from jaxnc.dynamics.model import State, blame_force, check_loads, check_mass
 from jaxnc.dynamics.runs import RunNumbers, SimulationSpec, run_in_parts
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.dynamics.start import begin_pose, check_count, check_inertia, check_inputs, check_rates, check_start
+from jaxnc.dynamics.start import begin_pose, check_begin, check_start
 from jaxnc.dynamics.steps import count_steps
-from jaxnc.errors import AssemblyError, InputError, brief, nearest
+from jaxnc.errors import AssemblyError, InputError, brief, counted, nearest
 from jaxnc.internals import outermost
-from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside, positive, whole
+from jaxnc.kinematics.inputs import array, finite, in_radians, outside, positive, whole
 from jaxnc.kinematics.motion import Motion
 from jaxnc.status import Status
 from jaxnc.system.equations import refuse_rates
@@ -102,8 +102,6 @@ def simulate(
         raise InputError("rtol= and atol= are both 0, which no step can meet; give one of them")
     most = whole(most, "most=, the most steps,")
     singular = bool(singular)
-    if event is not None and not callable(event):
-        raise InputError(f"event= must be a function f(t, state), got {type(event).__name__}")
     if method not in (*ADAPTIVE, *FIXED):
         raise InputError(f"method={method!r}; {nearest(method, (*ADAPTIVE, *FIXED))}")
     t = array(t, "time t")
@@ -112,20 +110,13 @@ def simulate(
         raise InputError(f"time t must be a sequence of two values at least, shape (T,); got shape {t.shape}")
     if not isinstance(t, Tracer) and not np.all(np.diff(np.asarray(t, float)) > 0.0):
         raise InputError("time t must grow from value to value")
-    for name, f in (inputs or {}).items():
-        if not callable(f):
-            raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
-    doubt_degrees(system, unit, state)
-    state, rates, inputs = in_radians(system, unit, state, rates, inputs)
-    check_count(system.topology, system.degrees_of_freedom, tuple(inputs or ()))
+    drives, drive_args = read_drives(system, inputs, unit)
     fixed = method not in ADAPTIVE
     if fixed:
         _check_fixed(system, method, event, t, step)
-    given = check_start(system, state)
-    wanted = check_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
+    given, wanted = check_start(system, state, rates, unit)
     places, wanted = wanted if isinstance(wanted, tuple) else (None, wanted)
-    drives, drive_args = hoist_drives(tuple((inputs or {}).items()))
-    event, event_parameters = _hoist_event(system, _three_arguments(event), event_parameters)
+    event, event_parameters = _read_event(system, event, event_parameters)
     equal = 0 if not fixed else 1 if step is None else count_steps(np.asarray(t), step)
     control = Control(rtol, atol, 0.0 if first is None else first, most, equal)
     numbers = RunNumbers(system.parameters, given, wanted, t, event_parameters, drive_args, control)
@@ -139,9 +130,7 @@ def simulate(
         flow = spec.flow(system)
         driven = {name: np.asarray(f(jnp.asarray(t[0]))) for name, f in drives}
         numbers = numbers._replace(state=begin_pose(system, given, driven))
-        begin = lift(system.topology, np.asarray(numbers.state))
-        check_inputs(flow, begin)
-        check_inertia(flow, begin)
+        check_begin(flow, lift(system.topology, np.asarray(numbers.state)))
         run = functools.partial(run_known, flow=flow)
         fields = run_in_parts(run, spec.without_names(), numbers, system.topology.name)
     else:
@@ -187,13 +176,26 @@ def _check_drives(drives: tuple[tuple[str, Callable], ...], t: Array) -> None:
             jax.eval_shape(lambda t, f=f, what=what: call_user(f, what, "t", t), value)
 
 
-def hoist_drives(
-    drives: tuple[tuple[str, Callable], ...],
-) -> tuple[tuple[tuple[str, Callable], ...], tuple[tuple[Array, ...], ...]]:
-    """Return functions of time that close over nothing that is traced, and for each what it closed over."""
-    found = [_hoist(f, 0.0) for _, f in drives]
-    pure = tuple((name, f) for (name, _), (f, _) in zip(drives, found, strict=True))
-    return pure, tuple(more for _, more in found) if any(more for _, more in found) else ()
+def read_drives(
+    system: System, inputs: Mapping[str, Callable] | None, unit: str | None
+) -> tuple[tuple[Drive, ...], tuple[tuple[Array, ...], ...]]:
+    """Check functions of time by name, of angles in `unit`; return them as functions that close over nothing traced.
+
+    Angles are then in radians. Behind the functions come for each the numbers that it closed over, if any does.
+    """
+    for name, f in (inputs or {}).items():
+        if not callable(f):
+            raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
+    (driven,) = in_radians(system, unit, inputs or {})
+    freedom, extra = system.degrees_of_freedom, len(driven) - system.degrees_of_freedom
+    if extra > 0:
+        raise InputError(
+            f"too many inputs: {system.name!r} has {counted(freedom, 'degree')} of freedom, {len(driven)} inputs were "
+            f"given ({', '.join(driven)}). Leave {extra} of them out"
+        )
+    found = {name: _hoist(f, 0.0) for name, f in driven.items()}
+    pure, more = tuple((name, f) for name, (f, _) in found.items()), tuple(more for _, more in found.values())
+    return pure, more if any(more) else ()
 
 
 def _hoist(f: Callable, *example: PyTree) -> tuple[Callable, tuple]:
@@ -217,25 +219,21 @@ def _hoist(f: Callable, *example: PyTree) -> tuple[Callable, tuple]:
     return pure, tuple(c for c, traced in zip(found.consts, which, strict=True) if traced)
 
 
-def _hoist_event(system: System, event: Callable | None, parameters: PyTree) -> tuple[Callable | None, PyTree]:
-    """Return an event that closes over nothing traced; what it closed over comes with its parameters."""
+def _read_event(system: System, event: Callable | None, parameters: PyTree) -> tuple[Callable | None, PyTree]:
+    """Return an event of three arguments that closes over nothing traced; that comes with its parameters."""
     if event is None:
         return None, ()
-    top = system.topology if system.topology.extended is None else system.topology.extended
-    still: Any = np.zeros(len(top.coordinates))
-    pure, more = _hoist(event, 0.0, State(top, 0.0, still, still), parameters)
-    return (lambda t, state, p: pure(t, state, p[0], *p[1]), (parameters, more)) if more else (event, parameters)
-
-
-def _three_arguments(event: Callable | None) -> Callable | None:
-    """Give an event of two arguments a third one."""
-    if event is None:
-        return None
+    if not callable(event):
+        raise InputError(f"event= must be a function f(t, state), got {type(event).__name__}")
     try:
         wanted = len(inspect.signature(event).parameters)
     except (TypeError, ValueError):  # of what is no function of Python's
         raise InputError(f"event= is a function (t, state) or (t, state, parameters), got {brief(event)}") from None
-    return event if wanted >= 3 else _TwoArguments(event)
+    event = event if wanted >= 3 else _TwoArguments(event)
+    top = system.topology if system.topology.extended is None else system.topology.extended
+    still: Any = np.zeros(len(top.coordinates))
+    pure, more = _hoist(event, 0.0, State(top, 0.0, still, still), parameters)
+    return (lambda t, state, p: pure(t, state, p[0], *p[1]), (parameters, more)) if more else (event, parameters)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Where a simulation begins: poses and velocities made consistent, and motions refused that nothing determines."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
@@ -13,11 +13,11 @@ from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.mass import body_inertia
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, finite
+from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.solvers.assembly import derive, free_plan, rank_of, to_host
-from jaxnc.solvers.newton import attach_start, largest
+from jaxnc.solvers.newton import attach_start
 from jaxnc.status import Status
 from jaxnc.system.equations import coefficients, weights
 from jaxnc.system.system import System
@@ -34,8 +34,21 @@ Rates = Array | tuple[tuple[int, ...], Any] | None
 # -- poses ------------------------------------------------------------------------------------------------------------
 
 
-def check_start(system: System, state: Motion | Inputs | None) -> Any:
-    """Check what a user says of the start, and return a pose ``(N,)``, values by name, or None."""
+def check_start(
+    system: System, state: Motion | Inputs | None, rates: Motion | Inputs | None, unit: str | None
+) -> tuple[Any, Rates]:
+    """Check what a user says of the start and of the rates there, angles in `unit`; both then are in radians.
+
+    A pose that carries rates has them unless others are given.
+    """
+    doubt_degrees(system, unit, state)
+    state, rates = in_radians(system, unit, state, rates)
+    pose = check_pose(system, state)
+    return pose, check_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
+
+
+def check_pose(system: System, state: Motion | Inputs | None) -> Any:
+    """Check what a user says of a pose to start from, and return a pose ``(N,)``, values by name, or None."""
     top = system.topology
     if isinstance(state, Motion):
         if state.q.ndim != 1:
@@ -50,14 +63,18 @@ def check_start(system: System, state: Motion | Inputs | None) -> Any:
         raise InputError(f"state is an earlier pose, or values by name such as {{'phi': 0.3}}; got {state!r}")
     if not state:
         return None
-    values = {name: array(value, f"state of {name!r}") for name, value in state.items()}
     if not all(n in top.position for n in state):
-        return values
-    for name, value in values.items():
-        finite(value, f"state of {name!r}")
-        if value.shape != ():
-            raise InputError(f"state of {name!r} must be one number, got shape {value.shape}")
-    return values
+        return {name: array(value, f"state of {name!r}") for name, value in state.items()}
+    return {name: _read_numbers(value, f"state of {name!r}") for name, value in state.items()}
+
+
+def _read_numbers(value: object, what: str, *shape: int) -> Array:
+    """Read one finite number, or as many as a shape says."""
+    found = array(value, what)
+    finite(found, what)
+    if found.shape != shape:
+        raise InputError(f"{what} must be {f'{shape[0]} numbers' if shape else 'one number'}, got shape {found.shape}")
+    return found
 
 
 def _put_on_ground(system: System, q: Array) -> Array:
@@ -72,17 +89,13 @@ def _put_on_ground(system: System, q: Array) -> Array:
     return on_device(out)
 
 
-def start_pose(system: System, state: Motion | Inputs | None) -> Array:
-    """Find the pose ``(N,)`` that a simulation starts from.
-
-    `state` is a pose, with the ground where this design has it; or values of as many coordinates as there are freedoms,
-    which are met exactly; or places to start near to; or None for the assembled drawing.
-    """
-    return assemble_pose(system, check_start(system, state))
-
-
 def assemble_pose(system: System, state: PyTree, throw: bool = True) -> Array:
-    """Find the start from what `check_start` returns; nothing is raised if not `throw`, and in traced code."""
+    """Find the pose ``(N,)`` that a simulation starts from; nothing is raised if not `throw`, and in traced code.
+
+    `state` is what `check_pose` returns: a pose, with the ground where this design has it; or values of as many
+    coordinates as there are freedoms, which are met exactly; or places to start near to; or None for the assembled
+    drawing.
+    """
     if state is not None and not isinstance(state, Mapping):
         return state
     if state and determines_pose(system, state):
@@ -99,7 +112,7 @@ def assemble_pose(system: System, state: PyTree, throw: bool = True) -> Array:
 
 
 def begin_pose(system: System, state: PyTree, driven: Mapping[str, Numbers], throw: bool = True) -> Array:
-    """Find the start of a motion from what `check_start` returns and values of what is `driven`.
+    """Find the start of a motion from what `check_pose` returns and values of what is `driven`.
 
     Where all freedoms are, the drawing's branch is followed to these values, if it leads there.
     """
@@ -145,18 +158,13 @@ def check_rates(system: System, rates: Motion | Inputs | None) -> Rates:
         return None
     places, values = [], []
     for name, value in rates.items():
-        value = array(value, f"rate of {name!r}")
-        finite(value, f"rate of {name!r}")
+        what = f"rate of {name!r}"
         if name in (*top.points, *top.vectors):
-            if value.shape != (top.dim,):
-                raise InputError(f"rate of {name!r} must be {top.dim} numbers, got shape {value.shape}")
             places += [f"{name}.{axis}" for axis in "xyz"[: top.dim]]
-            values += [value[k] for k in range(top.dim)]
+            values += [*_read_numbers(value, what, top.dim)]
         elif name in top.position:
-            if value.shape != ():
-                raise InputError(f"rate of {name!r} must be one number, got shape {value.shape}")
             places.append(name)
-            values.append(value)
+            values.append(_read_numbers(value, what))
         else:
             names = (*top.points, *top.vectors, *top.scalars)
             raise InputError(f"rates: no point or coordinate {name!r}; {nearest(name, names)}")
@@ -168,8 +176,8 @@ def check_rates(system: System, rates: Motion | Inputs | None) -> Rates:
 
 def start_rates(
     top: Topology, flow: Flow, q: Array, rates: Rates, settled: bool = True, driven: Array | None = None
-) -> tuple[Array, Array]:
-    """Find consistent rates ``(N,)`` in the coordinates of the dynamics, and the largest correction of given ones.
+) -> Array:
+    """Find consistent rates ``(N,)`` in the coordinates of the dynamics.
 
     Freedoms of which nothing is said move so that the kinetic energy is least. Rates given by name may be `settled`:
     brought onto the constraints once more, as they are solved for. The rates of driven coordinates, zero elsewhere, are
@@ -177,9 +185,9 @@ def start_rates(
     """
     if rates is None:
         _, v = flow.impose(flow.dyn.total * 0.0, q, jnp.zeros_like(q))
-        return flow.project_velocity(q, v), jnp.zeros(())
+        return flow.project_velocity(q, v)
     if not isinstance(rates, tuple):
-        return lift_rates(top, lower(top, q), rates), jnp.zeros(())
+        return lift_rates(top, lower(top, q), rates)
     at, wanted = np.array(rates[0]), rates[1]
     u = flow.view.unknown
     weight = weights(flow.dyn.eq)
@@ -191,8 +199,7 @@ def start_rates(
     right = jnp.concatenate([-slip, wanted * weight[at]])
     x, _ = saddle(mass / jnp.max(jnp.diagonal(mass)), rows, True)(jnp.zeros(len(u)), right)
     v = driven.at[u].set(x / weight[u])
-    v = flow.project_velocity(q, v) if settled else v
-    return v, largest(v[at] - wanted)
+    return flow.project_velocity(q, v) if settled else v
 
 
 def rates_on_host(flow: Flow, q: np.ndarray, rates: tuple[tuple[int, ...], Numbers]) -> np.ndarray:
@@ -245,31 +252,21 @@ def _slip_coefficients(top: Topology, constants: tuple[Array, ...], q: Array) ->
 # -- what nothing determines ------------------------------------------------------------------------------------------
 
 
-def check_count(top: Topology, freedom: int, names: Sequence[str]) -> None:
-    """Refuse more inputs than freedoms."""
-    if len(names) > freedom:
-        degrees = f"{freedom} degree{'s' * (freedom != 1)} of freedom"
-        raise InputError(
-            f"too many inputs: {top.name!r} has {degrees}, {len(names)} inputs were given ({', '.join(names)}). Leave "
-            f"{len(names) - freedom} of them out"
-        )
-
-
-def check_inputs(flow: Flow, q: Array) -> None:
-    """Refuse inputs that cannot all be prescribed at the start."""
-    if not flow.drives:
-        return
+def check_begin(flow: Flow, q: Array) -> None:
+    """Refuse inputs that cannot all be prescribed at the start, and a motion without inertia."""
     j, known = _host_slopes(flow, q)
-    if rank_of(np.concatenate([j, known], axis=1))[0] > rank_of(j)[0]:
+    if flow.drives and rank_of(np.concatenate([j, known], axis=1))[0] > rank_of(j)[0]:
         raise InputError(
             f"{flow.dyn.topology.name!r}: the inputs {', '.join(name for name, _ in flow.drives)} cannot be prescribed "
             f"where the motion begins: they depend on each other there, or it is a dead point of them. Leave one out, "
             f"or begin elsewhere with state="
         )
 
+    _check_inertia(flow, j)
 
-def check_inertia(flow: Flow, q: Array) -> None:
-    """Refuse a mechanism of which an admissible motion has no inertia: its acceleration is not determined."""
+
+def _check_inertia(flow: Flow, slopes: np.ndarray) -> None:
+    """Refuse a mechanism of which a motion that the rows admit has no inertia: its acceleration is not determined."""
     none = 1e-13  # of the largest inertia: a motion has none below
     top, view = flow.dyn.topology, flow.view
     whole = np.asarray(flow.dyn.mass)
@@ -282,7 +279,7 @@ def check_inertia(flow: Flow, q: Array) -> None:
                 )
     u, weight = view.unknown, to_host(flow.dyn.eq).weights
     mass = whole[np.ix_(u, u)] / np.outer(weight[u], weight[u])
-    _, null = rank_of(_host_slopes(flow, q)[0])
+    _, null = rank_of(slopes)
     if not len(null):
         return
     reduced = null @ mass @ null.T

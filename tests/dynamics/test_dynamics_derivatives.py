@@ -15,7 +15,7 @@ from jaxnc.dynamics.design import DERIVED, DesignChanges, host_differentiates
 from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.flow import Flow, Law
 from jaxnc.dynamics.model import dynamics
-from jaxnc.dynamics.start import start_pose
+from jaxnc.dynamics.start import assemble_pose
 
 T = np.linspace(0.0, 0.2, 4)
 
@@ -72,12 +72,12 @@ def test_the_host_knows_how_the_numbers_of_a_motion_change_with_the_design():
     system = swing()
     assert host_differentiates(system.topology)
     eq = dynamics(extended(system)).eq
-    carried, q = DesignChanges(system, eq), np.asarray(lift(system.topology, np.asarray(start_pose(system, None))))
+    carried, q = DesignChanges(system, eq), np.asarray(lift(system.topology, np.asarray(assemble_pose(system, None))))
 
     def numbers(par):
         changed = nc.System(system.topology, par, system.degrees_of_freedom, system.independent)
         flow = Flow.of(dynamics(extended(changed)), system.degrees_of_freedom)
-        return Law.of(flow), lift(system.topology, start_pose(changed, None))
+        return Law.of(flow), lift(system.topology, assemble_pose(changed, None))
 
     law, pose = jax.jit(jax.jacfwd(numbers))(system.parameters)
     mine = carried.law()
