@@ -22,10 +22,9 @@ from jaxnc.autodiff import attach as attach_derivative
 from jaxnc.compiling import filter_jit, is_outermost, jit, on_device
 from jaxnc.dynamics.design import Origin, host_differentiates, join_parameters, pull_back_design, request_pull_back
 from jaxnc.dynamics.extended import is_concrete, lift, lift_rates, lower
-from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, Law, StageSolution
+from jaxnc.dynamics.flow import Flow, Law, StageSolution
 from jaxnc.dynamics.friction import has_friction
 from jaxnc.dynamics.integrate import START, Control, History, Integration, pull_back
-from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.runs import (
     Run,
     RunNumbers,
@@ -66,13 +65,13 @@ _WHOLE = ("violation", "correction", "steps", "end")
 
 
 class StageMiss(NamedTuple):
-    """Misses of the equations of a stage, ``M c + Jᵀ λ = f, J c = g``; or changes of them, the adjoint."""
+    """Misses of the scaled equations of a stage, ``M c + Jᵀ λ = f, J c = g``; or changes of them, the adjoint."""
 
     forces: Array  # of the unknown coordinates (n,)
     rows: Array  # (m,)
     gap: Array  # the largest residual of the rows
     slip: Array  # the largest of their rates
-    driven: Array  # accelerations of the driven coordinates (driven,)
+    driven: Array  # changes of the driven coordinates (driven,)
 
 
 @record
@@ -111,28 +110,19 @@ def _replay_back(args: tuple, change: StageSolution) -> tuple:
     # One refinement does: after a thousand steps a gradient is as good as with three, to 1e-13.
     solve = saddle(inner, flow.stage_equations(stage, t, q, v)[0], flow.redundant, 1)
     a, b = solve(change.change[u] / weight, change.multipliers * size)
-    push = a / (weight * size)
-    # What is driven moves the others too: its accelerations stand in both equations.
-    of_drives = change.change[driven] - law.mass[driven[:, None], u[None]] @ push - flow.rows(q, v).known.T @ b
-    of_drives = jnp.where(stage == ACCELERATION, of_drives, 0.0)
     _, pull = jax.vjp(lambda *x: _miss(flow, stage, known, *x), law, t, q, v)
-    of_law, *of_state = pull(StageMiss(push, -b, change.gap, change.slip, of_drives))
+    of_law, *of_state = pull(StageMiss(a, b, change.gap, change.slip, change.change[driven]))
     return None, of_law, None, *of_state, None
 
 
 def _miss(flow: Flow, stage: Array, known: StageSolution, law: Law, t: Array, q: Array, v: Array) -> StageMiss:
     """Return what the equations of a stage are off by where its solution is `known`."""
-    view, now = flow.view, law.put(flow)
-    u, c, lam = view.unknown, known.change, known.multipliers
-    accelerating, placing, moving = (jnp.where(stage == k, 1.0, 0.0) for k in (ACCELERATION, POSITION, VELOCITY))
-    rows = now.rows(q, v)
-    behind = np.arange(len(lam)) >= len(view.rows)  # rows on velocities say nothing of where a pose belongs
-    part = jnp.where(behind, 1.0 - placing, 1.0)
-    gaps = jnp.concatenate([rows.values, jnp.zeros(len(lam) - len(view.rows))])
-    off = part * (rows.unknown @ c[u] + rows.known @ c[view.known])
-    off = off + accelerating * rows.bent + placing * gaps + moving * rows.slip
-    pushed = (accelerating * forces(now.dyn, t, q, v) - law.mass @ c)[u] - (part * lam) @ rows.unknown
-    return StageMiss(pushed, off, _peak(rows.values), _peak(rows.slip), now.drive_values(t)[2])
+    u, driven, (weight, size, _) = flow.view.unknown, flow.view.known, flow.scale()
+    j, f, g, base, rows = law.put(flow).stage_equations(stage, t, q, v)
+    # What is driven stands in the right-hand sides.
+    pushed = (law.mass @ known.change.at[driven].set(0.0))[u] / (weight * size) + j.T @ (known.multipliers / size)
+    off = g - j @ (weight * known.change[u])
+    return StageMiss(f - pushed, off, _peak(rows.values), _peak(rows.slip), base[driven])
 
 
 def _peak(r: Array) -> Array:
@@ -157,20 +147,19 @@ class _Question(NamedTuple):
 
     def numbers(self, x: PyTree, rest: PyTree) -> RunNumbers:
         """Return all numbers, from those that are differentiated and those that are not."""
-        count = len(Control._fields)
-        each, others = iter(x), iter(rest[: len(rest) - count])
-        leaves = [next(each) if real else next(others) for real in self.smooth]
-        return jax.tree.unflatten(self.structure, leaves)._replace(control=Control(*rest[len(rest) - count :]))
+        each, others = iter(x), iter(rest)
+        return jax.tree.unflatten(self.structure, [next(each) if real else next(others) for real in self.smooth])
 
 
 def differentiable_run(spec: SimulationSpec, numbers: RunNumbers) -> dict[str, PyTree]:
     """Return the fields of a `Simulation`, differentiable in both directions."""
-    leaves, structure = jax.tree.flatten(numbers._replace(control=None))
-    smooth = tuple(map(_is_real, leaves))
+    leaves, structure = jax.tree.flatten(numbers)
+    count = len(Control._fields)  # which come last
+    smooth = (*map(_is_real, leaves[:-count]), *(False,) * count)
     each = list(zip(leaves, smooth, strict=True))
     x = [a if isinstance(a, jax.Array) else on_device(np.asarray(a)) for a, real in each if real]
     rest = [a for a, real in each if not real]
-    found, other = custom_jvp_vjp(_RULES, _Question(spec, structure, smooth), x, [*rest, *numbers.control])
+    found, other = custom_jvp_vjp(_RULES, _Question(spec, structure, smooth), x, rest)
     fields = jax.tree.unflatten(_SMOOTH, found[: _SMOOTH.num_leaves])
     return fields | jax.tree.unflatten(_OTHER, other[: _OTHER.num_leaves])
 
@@ -228,7 +217,8 @@ def run_known(spec: SimulationSpec, numbers: RunNumbers, flow: Flow | None = Non
             spec.system(numbers.parameters), numbers.state, _evaluate_drives(found, jnp.asarray(t[0])), throw=False
         )
     )
-    start = _start(spec, found, lift(top, pose), numbers.rates, t, _compiled_rates)
+    rates = jax.tree.map(np.asarray, numbers.rates)
+    start = _start(spec, found, lift(top, pose), rates, t, _compiled_rates)
     form = choose_form(found, spec)
     steps = spec.steps if flow is None and keeps_trail(form, spec, count) else 0
     if spec.steps and method != "rk4":
@@ -297,7 +287,7 @@ def _named_rates(flow: Flow, q: Array, rates: Rates, t: Array, settled: bool = T
     q, driven = flow.impose(t, q, jnp.zeros_like(q))
     if settled:
         q = flow.project_position(q, 3 if flow.drives else 2)
-    return start_rates(flow.dyn.topology, flow, q, rates, settled, driven)[0]
+    return start_rates(flow.dyn.topology, flow, q, rates, settled, driven)
 
 
 _compiled_rates = filter_jit(_named_rates)
@@ -306,13 +296,12 @@ _compiled_rates = filter_jit(_named_rates)
 # -- derivatives ------------------------------------------------------------------------------------------------------
 
 
-def _tangent(question: _Question, x: PyTree, rest: PyTree, smooth: PyTree, other: PyTree, change: PyTree) -> list:
-    return _push_forward(question, *map(list, (x, rest, change)))
-
-
 @functools.partial(jit, static_argnums=0)
-def _push_forward(question: _Question, x: list, rest: list, change: list) -> list:
-    return jax.jvp(lambda x: _leaves(_run_traced(question.spec, question.numbers(x, rest)))[0], (x,), (change,))[1]
+def _tangent(question: _Question, x: PyTree, rest: PyTree, smooth: PyTree, other: PyTree, change: PyTree) -> list:
+    def value(x: list) -> list:
+        return _leaves(_run_traced(question.spec, question.numbers(x, rest)))[0]
+
+    return jax.jvp(value, (list(x),), (list(change),))[1]
 
 
 def _cotangent(question: _Question, x: PyTree, rest: PyTree, smooth: PyTree, other: PyTree, change: PyTree) -> list:
@@ -330,16 +319,20 @@ def _pull_back_traced(question: _Question, x: list, rest: list, smooth: list, ot
     if len(bare) == len(other):
         return _pull_back_all(question, x, rest, smooth, other, change)
     found = _pull_back_all(question, *lax.stop_gradient((x, rest, smooth, other, change)))
-    return attach_derivative(_change_of_pull_back, question, found, x, rest, smooth, bare, change)
+    return attach_derivative(_change, (_pull_back_all, question, (0, 2, 4)), found, x, rest, smooth, bare, change)
 
 
-def _change_of_pull_back(question: _Question, value: list, args: tuple, changes: tuple) -> list:
-    x, rest, smooth, other, change = args
+def _change(static: tuple[Callable, _Question, tuple[int, ...]], value: list, args: tuple, changes: tuple) -> list:
+    """Differentiate a pull back that was made elsewhere by some of its arguments, which are real numbers."""
+    f, question, moving = static
 
-    def pull(x: list, smooth: list, change: list) -> list:
-        return _pull_back_all(question, x, rest, smooth, other, change)
+    def pull(*moved: PyTree) -> list:
+        now = dict(zip(moving, moved, strict=True))
+        return f(question, *(now.get(k, x) for k, x in enumerate(args)))
 
-    return jax.jvp(pull, (x, smooth, change), (changes[0], changes[2], changes[4]))[1]
+    with numbers_as(jax.tree.leaves(args[2])[0]):
+        at, along = (tuple(x[k] for k in moving) for x in (args, changes))
+        return jax.jvp(pull, at, along)[1]
 
 
 def _pull_back_all(question: _Question, x: list, rest: list, smooth: list, other: list, change: list) -> list:
@@ -410,16 +403,9 @@ def _requested_pull_back(question: _Question) -> Callable[[list, list, Equations
 
     def back(x: list, rest: list, eq: Equations, at: Array, bars: tuple) -> list:
         value = request(*lax.stop_gradient((x, rest, eq, at, bars)))
-        return attach_derivative(_request_change, question, value, x, rest, at, bars)
+        return attach_derivative(_change, (_pull_back_beginning, question, (0, 2, 3)), value, x, rest, at, bars)
 
     return back
-
-
-def _request_change(question: _Question, value: list, args: tuple, changes: tuple) -> list:
-    x, rest, at, bars = args
-    with numbers_as(at):
-        by = (x, at, bars), (changes[0], changes[2], changes[3])
-        return jax.jvp(lambda x, at, bars: _pull_back_beginning(question, x, rest, at, bars), *by)[1]
 
 
 def _collect_bars(question: _Question, numbers: RunNumbers, found: Numbers, bars: tuple, by_known: bool) -> list:
@@ -437,7 +423,7 @@ def _collect_bars(question: _Question, numbers: RunNumbers, found: Numbers, bars
     event = _with_real(numbers.event, event_bar)
     made = RunNumbers(of_design, pose_bar, rates_bar, t_bar, event, law_bar.drive_args, None)
     whole = jax.tree.leaves(made), jax.tree.leaves(numbers._replace(control=None)), question.smooth
-    return [a.astype(jnp.result_type(b)) for a, b, real in zip(*whole, strict=True) if real]
+    return [a.astype(jnp.result_type(b)) for a, b, real in zip(*whole, strict=False) if real]
 
 
 def _origin(spec: SimulationSpec, state: Any) -> Origin:

@@ -296,24 +296,26 @@ class Flow:
             extra: further generalised forces ``(N,)``.
         """
         u = self.view.unknown
-        j, f, g, base, miss = self.stage_equations(stage, t, q, v, extra)
+        j, f, g, base, rows = self.stage_equations(stage, t, q, v, extra)
         weight, size, inner = self.scale()
         x, y = saddle(inner, j, self.redundant)(f, g)
-        return StageSolution(base.at[u].set(x / weight), y * size, *miss)
+        return StageSolution(base.at[u].set(x / weight), y * size, largest(rows.values), largest(rows.slip))
 
     def stage_equations(
         self, stage: ArrayLike, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None
-    ) -> tuple[Array, Array, Array, Array, tuple[Array, Array]]:
+    ) -> tuple[Array, Array, Array, Array, RowValues]:
         """Return the scaled system of a stage: its jacobian ``(m, n)``, and right-hand sides ``(n,)`` and ``(m,)``.
 
-        Behind these come the change of the driven coordinates ``(N,)``, and the largest residuals of rows and rates.
+        Behind these come the change of the driven coordinates ``(N,)``, and the rows in the state.
         Arguments are those of `solve_frictionless`.
         """
         view, dyn, u = self.view, self.dyn, self.view.unknown
-        r, j, known, slip, bent = self.rows(q, v)
+        rows = self.rows(q, v)
+        r, j, known, slip, bent = rows
         gaps, still = jnp.concatenate([r, jnp.zeros(len(slip) - len(r))]), jnp.zeros_like(q)
         weight, size, _ = self.scale()
 
+        @functools.cache
         def drive() -> Array:
             return still.at[view.known].set(self.drive_values(jnp.asarray(t, float))[2])
 
@@ -329,7 +331,7 @@ class Flow:
         if len(slip) > len(r):  # rows on velocities say nothing of where a pose belongs
             j = j.at[len(r) :].multiply(select_stage(stage, lambda: 1.0, lambda: 0.0, lambda: 1.0))
         base = select_stage(stage, drive, lambda: still, lambda: still)
-        return j / weight, f, g, base, (largest(r), largest(slip))
+        return j / weight, f, g, base, rows
 
     def accelerate(
         self, t: Array | float, q: Coordinates, v: Coordinates, extra: Array | None = None

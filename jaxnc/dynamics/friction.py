@@ -82,7 +82,7 @@ def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Arr
     top = now.dyn.topology
     coefficient, speed, radius = numbers
     assert index.bodies is not None
-    turns = [_turning(top, body, now.q, now.v) for body in index.bodies]
+    turns = [_spin_and_couple(top, body, now.q, now.v) for body in index.bodies]
     against = coefficient * radius * _oppose((turns[0][0] - turns[1][0]) * radius, speed)
     moving = next(body for body in index.bodies if body != GROUND)
     k = index.bodies.index(moving)
@@ -96,7 +96,7 @@ def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Arr
     return normal * turns[0][1](against), -normal * turns[1][1](against)
 
 
-def _turning(top: Topology, body: int, q: Array, v: Array) -> tuple[Array, Callable[[Array], Array]]:
+def _spin_and_couple(top: Topology, body: int, q: Array, v: Array) -> tuple[Array, Callable[[Array], Array]]:
     """Return a body's angular velocity, and the generalised force of a couple on it by virtual power.
 
     Both have one component in the plane, and three in space.
