@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.library import spatial_loops
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
@@ -134,7 +134,7 @@ def bricard() -> Mechanism:
 
     Source: IFToMM benchmark A04.
     """
-    m = CATALOGUE["bricard"](1.0)
+    m = spatial_loops.bricard(1.0)
     for k in range(1, 6):
         m.mass(f"link{k}", 1.0, shape="box", size=(1.0, 0.1, 0.1))
     return _prepare(m, 10.0, gravity=(0.0, -_EARTH, 0.0))

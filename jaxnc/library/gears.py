@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jaxnc.library.catalogue import Length, offer
 from jaxnc.library.drawing import (
     TURN,
+    Length,
     Misfit,
     Vector,
     X,
@@ -19,6 +19,7 @@ from jaxnc.library.drawing import (
     drive,
     hardpoints,
     lay_out,
+    offer,
     place_along,
     polar,
     rotate,

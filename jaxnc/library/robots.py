@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jaxnc.library.catalogue import Length, offer
 from jaxnc.library.drawing import (
     TURN,
+    Length,
     Misfit,
     Point,
     Vector,
@@ -20,6 +20,7 @@ from jaxnc.library.drawing import (
     lay_out,
     lay_out_joints,
     meet,
+    offer,
     place_along,
     polar,
     rotate,

@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from jaxnc.library.catalogue import Length, offer
 from jaxnc.library.drawing import (
     FLAT,
     TURN,
+    Length,
     Misfit,
     Vector,
     X,
@@ -23,6 +23,7 @@ from jaxnc.library.drawing import (
     drive,
     hardpoints,
     lay_out,
+    offer,
     reach,
     revolve_point,
     rotate,

@@ -11,8 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from jaxnc.library.catalogue import Length, offer
-from jaxnc.library.drawing import Misfit, Vector, Z, across_axis, as_places, check_apart, drive, lay_out
+from jaxnc.library.drawing import Length, Misfit, Vector, Z, across_axis, as_places, check_apart, drive, lay_out, offer
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.model import Place
 from jaxnc.vehicle.hardpoints import FIGURE_42

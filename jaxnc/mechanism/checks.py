@@ -173,15 +173,16 @@ class Checks:
             raise MechanismError(f"{what} is the zero vector, which has no direction; give one component at least")
         return place
 
-    def finite(self, value: Any, what: str) -> float:
+    @staticmethod
+    def finite(value: Any, what: str, error: type[MechanismError] = MechanismError) -> float:
         """Check a number."""
         try:
             number = float(value)
         except (TypeError, ValueError, OverflowError):
             why = drawn_with_numbers(value) or f", got {brief(value)}"
-            raise MechanismError(f"{what} must be a number{why}") from None
+            raise error(f"{what} must be a number{why}") from None
         if not abs(number) <= LARGEST:
-            raise MechanismError(f"{what} must be a finite number, at most {LARGEST:g}, got {brief(value)}")
+            raise error(f"{what} must be a finite number, at most {LARGEST:g}, got {brief(value)}")
         return number
 
     def positive(self, value: object, what: str) -> float:
