@@ -1,5 +1,6 @@
 """Every kind of constraint the library knows, by name."""
 
+from functools import partial
 from itertools import product as every
 
 from jaxnc.constraints import bodies, coordinates, joints
@@ -7,9 +8,9 @@ from jaxnc.constraints.kind import Kind, RateKind
 from jaxnc.pickling import register_by_name
 
 
-def _all(make, count: int) -> list[Kind]:
-    """Make a kind for every choice of vectors and segments."""
-    return [make("".join(forms)) for forms in every("pv", repeat=count)]
+def _all(make, count: int, *options) -> list[Kind]:
+    """Make a kind for every choice of vectors and segments, and of further options."""
+    return [make("".join(forms), *chosen) for forms in every("pv", repeat=count) for chosen in every(*options)]
 
 
 CATALOGUE: dict[str, Kind] = {
@@ -48,20 +49,16 @@ CATALOGUE: dict[str, Kind] = {
         *_all(joints.parallel, 2),
         *_all(joints.no_turn, 3),
         *_all(joints.constant_velocity, 4),
-        *(joints.bevel("".join(forms), internal) for forms in every("pv", repeat=2) for internal in (False, True)),
-        *(joints.rack("".join(forms), rolls) for forms in every("pv", repeat=2) for rolls in (False, True)),
+        *_all(joints.bevel, 2, (False, True)),
+        *_all(joints.rack, 2, (False, True)),
         *joints.SCREW.values(),
         *_all(joints.contact, 2),
-        *(
-            coordinates.angle_about(form, "".join(forms))
-            for form in coordinates.ANGLE_ABOUT_FORMS
-            for forms in every("pv", repeat=3)
-        ),
+        *(kind for form in coordinates.ANGLE_ABOUT_FORMS for kind in _all(partial(coordinates.angle_about, form), 3)),
         *_all(coordinates.angle_from_drawing, 2),
         *(
-            coordinates.distance_along(form, direction)
+            kind
             for form in coordinates.DISTANCE_ALONG_FORMS
-            for direction in "pv"
+            for kind in _all(partial(coordinates.distance_along, form), 1)
         ),
     )
 }

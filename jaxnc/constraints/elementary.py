@@ -200,28 +200,6 @@ def cos(x: Scalar) -> Any:
     return _cos(x) if jnp.result_type(x) in _WRITTEN else lax.cos(jnp.asarray(x, float))
 
 
-@jax.custom_jvp
-def _sin(x):
-    return sine_in_full(x)
-
-
-@jax.custom_jvp
-def _cos(x):
-    return cosine_in_full(x)
-
-
-@_sin.defjvp
-def _sin_jvp(primals, tangents):
-    (x,), (dx,) = primals, tangents
-    return _sin(x), _cos(x) * dx
-
-
-@_cos.defjvp
-def _cos_jvp(primals, tangents):
-    (x,), (dx,) = primals, tangents
-    return _cos(x), -_sin(x) * dx
-
-
 # Functions that are compiled apart are traced once for each type: a mechanism asks for them dozens of times.
 # `jaxnc.reading` knows them by these names, and reads the operation that they stand for.
 
@@ -236,6 +214,11 @@ def sine_in_full(x):
 def cosine_in_full(x):
     """Cosine, written out."""
     return _shifted_sine(x, 1)
+
+
+_sin, _cos = jax.custom_jvp(sine_in_full), jax.custom_jvp(cosine_in_full)
+_sin.defjvps(lambda dx, sine, x: _cos(x) * dx)
+_cos.defjvps(lambda dx, cosine, x: -_sin(x) * dx)
 
 
 def _shifted_sine(x, quarters: int):
