@@ -510,33 +510,45 @@ class Mechanism(Drawn):
         self._check.new_name(name, self.model.constraints, "constraint")
         if not hasattr(kind, "scalars"):
             raise MechanismError(f"{what}: after its name comes a kind of constraint, a Kind; got {kind!r}")
+        given = self._check_instance(self.kinds, kind, what, points, vectors, scalars, constants, "constant")
+        self.model.constraints[name] = record.Constraint(kind.name, *given)
+        return name
+
+    def _check_instance(
+        self,
+        kinds: dict,
+        kind: "Kind | RateKind | ForceKind",
+        what: str,
+        points: Sequence[str],
+        vectors: Sequence[str],
+        scalars: Sequence[str],
+        values: Mapping[str, float] | None,
+        noun: str,
+    ) -> tuple[list[str], list[str], list[str], dict[str, float]]:
+        """Check the points, vectors, scalars and values of an instance of a kind, which is then one of `kinds`.
+
+        `noun` is what the kind calls its values, "constant" or "parameter".
+        """
         points = self._check.names(points, self.all_points, what)
         vectors = self._check.names(vectors, self.all_vectors, what, "vector")
         scalars = self._check.names(scalars, self.scalar_names, what, "scalar")
         if (len(points), len(vectors), len(scalars)) != (kind.points, kind.vectors, kind.scalars):
-            takes = f"{kind.points} points and {kind.scalars} scalars" + (
-                f", {kind.vectors} vectors" * bool(kind.vectors)
-            )
             raise MechanismError(
-                f"{what}: kind {kind.name!r} takes {takes}, got {len(points)} and {len(scalars)}"
-                + (f", {len(vectors)} vectors" if vectors or kind.vectors else "")
+                f"{what}: kind {kind.name!r} takes {kind.points} points, {kind.vectors} vectors and {kind.scalars} "
+                f"scalar coordinates, got {len(points)}, {len(vectors)} and {len(scalars)}"
             )
-        for p in points:
-            self._check.point(p, what)
-        for u in vectors:
-            self._check.vector(u, what)
-        for s in scalars:
-            self._check.scalar(s, what)
-        for c, value in (constants or {}).items():
-            if c not in kind.constants:
-                raise MechanismError(f"{what}: unknown constant {c!r}; {nearest(c, kind.constants)}")
-            self._check.finite(value, f"{what}: constant {c!r}")
-        if self.kinds.setdefault(kind.name, kind) != kind:
+        for names, check in ((points, self._check.point), (vectors, self._check.vector), (scalars, self._check.scalar)):
+            for one in names:
+                check(one, what)
+        known, positive, checked = getattr(kind, f"{noun}s"), getattr(kind, "positive", ()), {}
+        for key, value in (values or {}).items():
+            if key not in known:
+                raise MechanismError(f"{what}: unknown {noun} {key!r}; {nearest(key, known)}")
+            check = self._check.not_negative if key in positive else self._check.finite
+            checked[key] = check(value, f"{what}: {key}")
+        if kinds.setdefault(kind.name, kind) != kind:
             raise MechanismError(f"{what}: another kind is already called {kind.name!r}; give yours its own name")
-        self.model.constraints[name] = record.Constraint(
-            kind.name, list(points), list(vectors), list(scalars), {k: float(v) for k, v in (constants or {}).items()}
-        )
-        return name
+        return points, vectors, scalars, checked
 
     # -- joints -------------------------------------------------------------------------------------------------------
 
@@ -1151,31 +1163,10 @@ class Mechanism(Drawn):
         if not hasattr(kind, "potential"):
             raise MechanismError(f"force {name!r}: after its name comes a kind of force, a ForceKind; got {kind!r}")
         what = f"{kind.name} {name!r}"
-        points = self._check.names(points, self.all_points, what)
-        vectors = self._check.names(vectors, self.all_vectors, what, "vector")
-        scalars = self._check.names(scalars, self.scalar_names, what, "scalar")
-        if (len(points), len(vectors), len(scalars)) != (kind.points, kind.vectors, kind.scalars):
-            raise MechanismError(
-                f"{what}: takes {kind.points} points, {kind.vectors} vectors and {kind.scalars} coordinates, got "
-                f"{len(points)}, {len(vectors)} and {len(scalars)}"
-            )
-        for p in points:
-            self._check.point(p, what)
-        if len(set(points)) != len(points):
-            raise MechanismError(f"{what} needs different points, got {', '.join(points)}")
-        for u in vectors:
-            self._check.vector(u, what)
-        for s in scalars:
-            self._check.scalar(s, what)
-        values = {}
-        for key, value in (parameters or {}).items():
-            if key not in kind.parameters:
-                raise MechanismError(f"{what}: unknown parameter {key!r}; {nearest(key, kind.parameters)}")
-            check = self._check.not_negative if key in kind.positive else self._check.finite
-            values[key] = check(value, f"{what}: {key}")
-        if self.force_kinds.setdefault(kind.name, kind) != kind:
-            raise MechanismError(f"{what}: another kind is already called {kind.name!r}; give yours its own name")
-        self.model.forces[name] = record.Force(kind.name, list(points), list(vectors), list(scalars), values)
+        given = self._check_instance(self.force_kinds, kind, what, points, vectors, scalars, parameters, "parameter")
+        if len(set(given[0])) != len(given[0]):
+            raise MechanismError(f"{what} needs different points, got {', '.join(given[0])}")
+        self.model.forces[name] = record.Force(kind.name, *given)
         return name
 
     def _function(self, name, kind, points, scalars, function, parameters) -> str:
