@@ -101,7 +101,8 @@ def formulate(
     system = mechanism.compile()
     parts = Parts(mechanism)
     if family == "reference":
-        planner = Reference(parts, system, keep, orientation, reference)
+        planner = Reference(parts, system, keep, orientation)
+        planner.refer(reference)
         planner.plan()
         return compile_family(planner, system, family)
     if family == "relative":
@@ -117,8 +118,12 @@ def plan_relative(
     closed: str = "joint",
 ) -> Relative | SpatialRelative:
     """Plan relative coordinates, in the plane or in space."""
-    flat = parts.dim == 2
-    planner = Relative(parts, natural, keep) if flat else SpatialRelative(parts, natural, keep, orientation, closed)
+    if parts.dim == 2:
+        planner = Relative(parts, natural, keep)
+    else:
+        parts.drop_rods()
+        planner = SpatialRelative(parts, natural, keep, orientation)
+        planner.closed = closed
     planner.plan()
     return planner
 
@@ -155,7 +160,7 @@ def _formulate_independent(mechanism: Mechanism, parts: Parts, natural: System, 
             f"{natural.name!r} has {freedom} degrees of freedom; name as many of its angles, distances or coordinates "
             f"of points as independent coordinates, keep=[…]; got {len(names)}"
         )
-    chosen = Reference(parts, natural, names, reference="middle")
+    chosen = Reference(parts, natural, names)
     chosen.choose("independent")
     system, listed = chosen.system(), tuple(chosen.variables.values())
     return Independent(natural, "independent", system.topology, listed, None, freedom, system.independent)
@@ -170,15 +175,10 @@ def _without_scalars(mechanism: Mechanism, keep: tuple[str, ...]) -> Mechanism:
     gone = set(mechanism.scalar_names) - set(keep)
     used: list[tuple[str, Sequence[str]]] = []
     for name, joint in m.joints.items():
-        if isinstance(joint, record.Gear | record.BevelGear):
-            used.append((f"the gear pair {name!r}", joint.angles))
+        if isinstance(joint, record.Wheels):
+            used.append((f"the {joint.noun} {name!r}", joint.angles))
         elif isinstance(joint, record.Rolling | record.Screw | record.RackAndPinion):
-            noun = (
-                "rack and pinion"
-                if isinstance(joint, record.RackAndPinion)
-                else f"{joint.__class__.__name__.lower()} joint"
-            )
-            used.append((f"the {noun} {name!r}", (joint.angle, joint.distance)))
+            used.append((f"the {joint.noun} {name!r}", (joint.angle, joint.distance)))
     used += [(f"the relation {n!r}", [s for s in x.terms if s in gone]) for n, x in m.relations.items()]
     for noun, table in (("constraint", m.constraints), ("force", m.forces)):
         used += [(f"the {noun} {n!r}", [s for s in x.scalars if s in gone]) for n, x in table.items()]

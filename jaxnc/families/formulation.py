@@ -167,18 +167,13 @@ class Formulation:
         p, v = q[:first].reshape(-1, dim), q[first:last].reshape(-1, dim)
         home, directions = eq.home[:first].reshape(-1, dim), eq.home[first:last].reshape(-1, dim)
         out = []
-        for one, (b, i) in zip(self.listed, self.topology.measures, strict=True):
-            if one.name in top.scalars:
+        for one in self.listed:
+            if one.reading is None or one.name in top.scalars:
                 out.append(q[top.position[one.name]])
                 continue
-            if one.reading is not None:
-                reading, at, along = one.reading
-                points, vectors = np.array(at, int), np.array(along, int)
-                out.append(reading(p[points], v[vectors], reading.drawn(home[points], directions[vectors])))
-                continue
-            block, layout = self.topology.blocks[b], self.topology.layout[b]
-            assert block.kind.measure is not None
-            out.append(block.kind.measure(p[np.array(block.points[i], int)], v[layout.vectors[i]], eq.constants[b][i]))
+            reading, at, along = one.reading
+            points, vectors = np.array(at, int), np.array(along, int)
+            out.append(reading(p[points], v[vectors], reading.drawn(home[points], directions[vectors])))
         return jnp.stack([jnp.asarray(x) for x in out])
 
     def _numbers(self, x: ArrayLike, what: str) -> Array:

@@ -37,7 +37,7 @@ from jaxnc.solvers.assembly import derive, with_degrees_of_freedom
 from jaxnc.system.assemble import Instance, grouped
 from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.system import Parameters, System
-from jaxnc.system.topology import Topology
+from jaxnc.system.topology import Loads, Topology
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class Variable:
     meaning: str  # what it is, in words
     angle: bool = False  # whether it is an angle
     pure: bool = False  # whether it is no length
-    # How it is read off a pose, with its points and vectors, where that is not its kind's measure.
-    reading: tuple | None = None
+    # How it is read off a pose, with its points and vectors; None for a coordinate of the user's.
+    reading: tuple[Reading | Between, tuple[int, ...], tuple[int, ...]] | None = None
 
 
 @dataclass(frozen=True)
@@ -287,10 +287,9 @@ class Planner(ABC):
         """Note a variable, and how it is read off a pose."""
         if name in self.variables:
             raise InputError(f"two variables would be called {name!r}; rename the body or point of that name")
-        counted = None if isinstance(reading, Reading) else (reading, points, vectors)
-        self.variables[name] = Variable(name, meaning, angle, pure or angle, counted)
+        self.variables[name] = Variable(name, meaning, angle, pure or angle, (reading, points, vectors))
         kind = variable_kind(reading, len(points), len(vectors))
-        at, along = ((), ()) if counted else (points, vectors)
+        at, along = (points, vectors) if isinstance(reading, Reading) else ((), ())
         self.readings[name] = Instance(kind, at, (name,), (), at, along)  # pyright: ignore[reportArgumentType]
 
     def own(self, name: str, meaning: str) -> None:
@@ -580,9 +579,9 @@ class Planner(ABC):
         counted = any(
             i >= self.a.first_scalar for d in self.a.instances if not d.kind.measure for i in d.scalars
         ) or any(isinstance(d.kind.residual, Program) and d.kind.residual.kind is EQUAL for d in listed)
-        topology = Topology(
+        topology = replace(
+            top,
             name=f"{top.name}, {self.family}",
-            dim=top.dim,
             points=tuple(shown[: len(top.points)]),
             vectors=tuple(shown[len(top.points) :]),
             scalars=names,
@@ -591,16 +590,13 @@ class Planner(ABC):
             measures=tuple(where[id(self.readings[n])] for n in names),
             fixed=(True,) * first + (False,) * len(names),
             blocks=blocks,
-            shapes=top.shapes,
             bodies=(),
             markers=(),
             joints=(),
-            dimensions=top.dimensions,
-            given=top.given,
-            names=top.names,
-            length_unit=top.length_unit,
-            angle_unit=top.angle_unit,
-            sparse=top.sparse,
+            loads=Loads(),
+            rates=(),
+            extended=None,
+            special=None,
         )
         return with_degrees_of_freedom(System(topology, fit_parameters(self.natural.parameters, topology)))
 

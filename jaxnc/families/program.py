@@ -417,23 +417,20 @@ AT = tuple(map(_at_kind, range(3)))
 HELD = tuple(map(_held_kind, range(3)))
 COORDINATE = {vector: tuple(_coordinate_kind(axis, vector) for axis in range(3)) for vector in (False, True)}
 
-NORM = Kind(
-    "Euler parameters",
-    lambda p, v, s, c: (s[0] * s[0] + s[1] * s[1] + s[2] * s[2] + s[3] * s[3] - 1.0,),
-    rows=("unit length",),
-    powers=(0,),
-    scalars=4,
-    source="normalisation of Euler parameters",
-)
 
-DIRECTION = Kind(
-    "direction of a bar",
-    lambda p, v, s, c: (s[0] * s[0] + s[1] * s[1] + s[2] * s[2] - 1.0,),
-    rows=("unit length",),
-    powers=(0,),
-    scalars=3,
-    source="§4: a unit vector",
-)
+def _unit_kind(name: str, count: int, source: str) -> Kind:
+    return Kind(
+        name,
+        lambda p, v, s, c: (sum(s[i] * s[i] for i in range(count)) - 1.0,),
+        rows=("unit length",),
+        powers=(0,),
+        scalars=count,
+        source=source,
+    )
+
+
+NORM = _unit_kind("Euler parameters", 4, "normalisation of Euler parameters")
+DIRECTION = _unit_kind("direction of a bar", 3, "§4: a unit vector")
 
 
 def _orthonormal(p, v, s, c):

@@ -7,7 +7,7 @@ import numpy as np
 from jaxnc.constraints import ALIGNED, FIXED_ANGLE, SCALAR_PRODUCT
 from jaxnc.dynamics.mass import body_inertia
 from jaxnc.errors import InputError, nearest
-from jaxnc.families.bodies import Joined, Origin, Part, Parts
+from jaxnc.families.bodies import Joined, Origin, Part
 from jaxnc.families.planner import Planner
 from jaxnc.families.program import EQUAL, PROJECTION, Frame, Scribe, fixed
 from jaxnc.mechanism import model as record
@@ -20,23 +20,9 @@ from jaxnc.system.system import System
 
 
 class Reference(Planner):
-    """Variables and rows of reference-point coordinates.
-
-    `reference` is ``"mass"``, ``"middle"``, or the reference points of some bodies; see `formulate`.
-    """
+    """Variables and rows of reference-point coordinates. The points are in the middle until `refer` is called."""
 
     family = "reference point"
-
-    def __init__(
-        self,
-        parts: Parts,
-        natural: System,
-        keep: tuple[str, ...] = (),
-        orientation: str = "euler parameters",
-        reference: str | Mapping[str, str | Spot] = "mass",
-    ):
-        super().__init__(parts, natural, keep, orientation)
-        self.refer(reference)
 
     def _frame(self, scribe: Scribe, k: int) -> Frame:
         return self.free_frame(scribe, k)
@@ -112,7 +98,11 @@ class Reference(Planner):
     # -- reference points -----------------------------------------------------------------------------------------
 
     def refer(self, reference: str | Mapping[str, str | Spot]) -> None:
-        """Set the reference points of all parts: the centre of mass, the middle, or any place (source text §2.2)."""
+        """Set the reference points of all parts (source text §2.2).
+
+        Args:
+            reference: ``"mass"``, ``"middle"``, or the points of some bodies; see `formulate`.
+        """
         parts, natural = self.parts, self.natural
         chosen = {} if isinstance(reference, str) else dict(reference)
         if isinstance(reference, str) and reference not in ("mass", "middle"):

@@ -15,7 +15,6 @@ from jaxnc.families.bodies import (
     Joined,
     Line,
     Origin,
-    Parts,
     PlanarEdge,
     SpatialEdge,
     join,
@@ -29,7 +28,6 @@ from jaxnc.families.program import SAME_TURN, Arm, Frame, Linear, Place, Scribe,
 from jaxnc.families.shapes import Between, Reading, Recipe
 from jaxnc.mechanism import model as record
 from jaxnc.system.assemble import Instance
-from jaxnc.system.system import System
 
 
 @dataclass
@@ -51,10 +49,7 @@ class Relative(Planner):
     """Variables and rows of relative coordinates in the plane."""
 
     family = "relative"
-
-    def __init__(self, parts: Parts, natural: System, keep: tuple[str, ...] = ()):
-        super().__init__(parts, natural, keep)
-        self.hung: dict[int, HungInPlane] = {}
+    hung: dict[int, HungInPlane]
 
     # -- places -------------------------------------------------------------------------------------------------
 
@@ -152,6 +147,7 @@ class Relative(Planner):
             part = self.parts.parts[k]
             return PlanarEdge(how="free", first=0, second=k, point=part.points[0], owner=part.owner)
 
+        self.hung = {}
         found = sorted(planar_edges(self.parts), key=lambda e: (lacking(e), e.freedoms))
         for edge, parent, child in spanning_tree(len(self.parts.parts), found, free):
             self.hang(edge, parent, child)
@@ -250,19 +246,8 @@ class SpatialRelative(Planner):
     """Variables and rows of relative coordinates in space."""
 
     family = "relative"
-
-    def __init__(
-        self,
-        parts: Parts,
-        natural: System,
-        keep: tuple[str, ...] = (),
-        orientation: str = "euler parameters",
-        closed: str = "joint",
-    ):
-        parts.drop_rods()
-        super().__init__(parts, natural, keep, orientation)
-        self.closed = closed
-        self.hung: dict[int, HungInSpace] = {}
+    closed = "joint"  # how a loop is closed: by a "joint" that is left out, or through a "body"
+    hung: dict[int, HungInSpace]
 
     # -- places -------------------------------------------------------------------------------------------------
 
@@ -367,7 +352,7 @@ class SpatialRelative(Planner):
 
     def place_parts(self, points: Joined, vectors: Joined) -> None:
         """Hang every part, along a spanning tree of the joints; with `closed` "body" on the joints left out as well."""
-        parts = self.parts.parts
+        parts, self.hung = self.parts.parts, {}
 
         def free(k: int) -> SpatialEdge:
             at = (parts[k].points or (0,))[0]

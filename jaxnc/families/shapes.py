@@ -16,7 +16,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxnc.constraints.directions import about, unit
-from jaxnc.constraints.elementary import cos, ratio, sin
+from jaxnc.constraints.elementary import angle, cos, ratio, sin
 from jaxnc.constraints.kind import cross, dot, norm
 from jaxnc.system.frames import body_axes, quaternions
 from jaxnc.types import AnyArray, Array, Components, Numbers, Scalar
@@ -50,25 +50,19 @@ def values(recipe: Recipe, p: Components, v: Components) -> tuple[Scalar, ...]:
     return _HOW[recipe.how][0]([p[i] for i in recipe.points], [v[i] for i in recipe.vectors], recipe.extra)
 
 
-def angle(x: Any, y: Any) -> Any:
-    """Angle of a plane vector from the x axis, with a finite derivative where it has none."""
-    safe = (x != 0) | (y != 0)
-    return jnp.arctan2(jnp.where(safe, y, 0.0), jnp.where(safe, x, 1.0))
-
-
 def _read_length(p, v, extra):
     return (norm(p[1] - p[0]),)
 
 
 def _read_direction(p, v, extra):
     d = p[1] - p[0]
-    return (angle(d[0], d[1]),)
+    return (angle(d[1], d[0]),)
 
 
 def _read_between(p, v, extra):
     """Angle from p[0] -> p[1] to p[2] -> p[3]."""
     d, w = p[1] - p[0], p[3] - p[2]
-    return (angle(dot(d, w), cross(d, w)),)
+    return (angle(cross(d, w), dot(d, w)),)
 
 
 def _find_origin(p, v, how):
@@ -126,7 +120,7 @@ def _read_normal(p, v, extra):
     The angle is in (-π/2, π/2], the distance from the origin that is made of the rest.
     """
     line, axis = p[1] - p[0], p[3] - p[2]
-    gamma, side = _fold_normal(angle(dot(axis, line), cross(axis, line)))
+    gamma, side = _fold_normal(angle(cross(axis, line), dot(axis, line)))
     n = side * jnp.stack([-line[1], line[0]]) * ratio(1.0, norm(line))
     return gamma, dot(n, p[0] - _find_origin(p[4:], v, extra))
 
@@ -147,7 +141,7 @@ def _read_prismatic(p, v, extra):
     """
     axis, on, line = p[1] - p[0], p[3] - p[2], p[5] - p[4]
     along = _turn_back(on, p[7] - p[6], p[9] - p[8])
-    gamma, side = _fold_normal(angle(dot(axis, along), cross(axis, along)))
+    gamma, side = _fold_normal(angle(cross(axis, along), dot(axis, along)))
     mine, other = p[10 : 10 + extra[0]], p[10 + extra[0] :]
     n = side * jnp.stack([-along[1], along[0]])
     m = side * jnp.stack([-line[1], line[0]]) * ratio(1.0, norm(line))
@@ -183,7 +177,7 @@ def _read_about(p, v, extra):
 
     axis, start, to = (read(x) for x in extra)
     co, si = about(unit(axis), start, to)
-    return (angle(co, si),)
+    return (angle(si, co),)
 
 
 def _read_from(p, v, extra):
@@ -291,18 +285,8 @@ def parameters(how: str, r: Array) -> tuple[Array, ...]:
     if how == "rotation matrix":
         return tuple(r.reshape(-1))
     if how == "bryant angles":
-        return _atan2(-r[1, 2], r[2, 2]), _atan2(r[0, 2], _hypot(r[0, 0], r[0, 1])), _atan2(-r[0, 1], r[0, 0])
-    return _atan2(-r[0, 1], r[1, 1]), _atan2(_hypot(r[2, 0], r[2, 2]), -r[2, 1]), _atan2(r[2, 0], r[2, 2])
-
-
-def _atan2(y, x):
-    safe = (x != 0) | (y != 0)
-    return jnp.arctan2(jnp.where(safe, y, 0.0), jnp.where(safe, x, 1.0))
-
-
-def _hypot(x, y):
-    square = x * x + y * y
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+        return angle(-r[1, 2], r[2, 2]), angle(r[0, 2], norm(r[0, :2])), angle(-r[0, 1], r[0, 0])
+    return angle(-r[0, 1], r[1, 1]), angle(norm(r[2, ::2]), -r[2, 1]), angle(r[2, 0], r[2, 2])
 
 
 @dataclass(frozen=True)
@@ -311,6 +295,10 @@ class Reading:
 
     recipe: Recipe
     part: int = 0
+
+    def drawn(self, p: Components, v: Components) -> tuple:
+        """Nothing: it is read off the pose alone."""
+        return ()
 
     def __call__(self, p: Components, v: Components, c: Components) -> Scalar:
         """The variable's value."""
@@ -356,7 +344,8 @@ class Between:
             return jnp.dot(parent.T @ (p[self.at[1]] - p[self.at[0]]) - c[24:27], a)
         if self.how == "about":
             return _angle_about(turn, a)
-        first = angle(*about(a, b, turn @ b))
+        co, si = about(a, b, turn @ b)
+        first = angle(si, co)
         if self.part == 0:
             return first
         # The rest of the rotation, after the first one is taken back, is about the second arm.
@@ -374,14 +363,12 @@ def _unit_along(line: tuple[int, ...], p: Components, v: Components) -> Array:
 def _angle_about(turn: Array, axis: AnyArray) -> AnyArray:
     """Angle of a rotation about a known axis."""
     axial = 0.5 * jnp.stack([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    return angle(0.5 * (jnp.trace(turn) - 1.0), jnp.dot(axial, axis))
+    return angle(jnp.dot(axial, axis), 0.5 * (jnp.trace(turn) - 1.0))
 
 
 def skew_matrix(a: Numbers) -> Array:
     """The matrix ``(3, 3)`` of the vector product with a vector from the left."""
-    x, y, z = a
-    half = jnp.array([[0.0, 0.0, 0.0]] * 3).at[0, 1].set(-z).at[0, 2].set(y).at[1, 2].set(-x)
-    return half - half.T
+    return jnp.cross(jnp.asarray(a), jnp.eye(3)).T
 
 
 def rotation(axis: AnyArray, angle: AnyArray) -> AnyArray:

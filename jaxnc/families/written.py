@@ -103,10 +103,11 @@ def _symbol(base: str, digit: str, index: list[str], variable: bool, value: floa
 
 
 class _EquationWriter:
-    """Symbols of one system."""
+    """Symbols of one system; with `numbers` the numbers of its constants."""
 
-    def __init__(self, top: Topology, eq: Numbers, variables: set[int], names: dict[str, str]):
-        self.top, self.eq, self.variables, self.names = top, eq, variables, names
+    def __init__(self, top: Topology, eq: Numbers, numbers: bool, names: dict[str, str]):
+        self.top, self.eq, self.numbers, self.names = top, eq, numbers, names
+        self.variables = set(map(int, top.unknown))
         self.home = np.asarray(eq.home)
         self.known: dict[str, float] = {}
         self.used: set[str] = set()
@@ -117,8 +118,10 @@ class _EquationWriter:
         return self.top.points[i].removesuffix(" drawn")
 
     def final(self, made: Symbol) -> Expression:
-        """A symbol under the name that the user gave it."""
+        """A symbol under the name that the user gave it, or its number."""
         self.used.add(made.name)
+        if self.numbers and not made.variable and made.value is not None:
+            return Expression.of(made.value)
         given = self.names.get(made.name)
         if given is None:
             return Expression.of(made)
@@ -135,10 +138,8 @@ class _EquationWriter:
 
     def constant(self, letter: str, index: list[str], value: float, angle: bool = False) -> Expression:
         """A constant of the drawing; a plain number where it is one."""
-        if angle:
-            halves = round(value / (np.pi / 2))
-            if abs(value - halves * np.pi / 2) < _NEAR:
-                return Expression.of(PI) * (halves / 2)
+        if angle and (count := _right_angles(value)) is not None:
+            return Expression.of(PI) * (count / 2)
         near = round(value)
         plain = (-1, 0, 1) if letter in _PURE else () if letter == "L" else (0,)
         if near in plain and abs(value - near) < _NEAR * (1.0 if letter in _PURE else self.size):
@@ -213,9 +214,10 @@ class _EquationWriter:
             own = tuple(block.points[i][k] for k in kind.residual.own)
         names = kind.constants[first:]
         if names == ("cosine", "sine"):
-            turn = self.constant("α", [owned], float(np.arctan2(c[first + 1], c[first])), True)
-            if _is_plain(turn):
+            angle = float(np.arctan2(c[first + 1], c[first]))
+            if _right_angles(angle) is not None:
                 return [*out, *(Expression.of(float(round(x))) for x in c[first:])]
+            turn = self.constant("α", [owned], angle, True)
             return [*out, turn.apply("cos"), turn.apply("sin")]
         for k, name in enumerate(names):
             value = float(c[first + k])
@@ -261,26 +263,18 @@ class _EquationWriter:
         return [Expression.of(r) for r in rows]
 
 
-def _is_plain(turn: Expression) -> bool:
-    return all(factors in ((), ((PI, 1),)) for _, factors in turn.terms)
+def _right_angles(angle: float) -> int | None:
+    """The number of right angles that an angle is; None for any other."""
+    count = round(angle / (np.pi / 2))
+    return count if abs(angle - count * np.pi / 2) < _NEAR else None
 
 
 def write_equations(formulation: "Formulation", numbers: bool, names: dict[str, str]) -> Equations:
     """The equations of a formulation; see `Formulation.equations`."""
     system = formulation.system
-    top = system.topology
-    writer = _EquationWriter(top, derive(system), set(map(int, top.unknown)), names)
+    writer = _EquationWriter(system.topology, derive(system), numbers, names)
     lines = list(writer.lines())
     for name in names:
         if name not in writer.used:
             raise InputError(f"names={{{name!r}: …}}: there is no such symbol; {nearest(name, writer.used)}")
-    if numbers:
-        lines = [
-            EquationLine(x.row, None if x.expression is None else x.expression.map(_put_number), x.otherwise)
-            for x in lines
-        ]
     return Equations(lines)
-
-
-def _put_number(letter: Symbol) -> float | Symbol:
-    return letter if letter.variable or letter.value is None or letter == PI else letter.value
