@@ -75,7 +75,7 @@ GUIDES = {
     "workshop": "docs/files.md",
 }
 PACKAGES = tuple(name for name in nc.__all__ if inspect.ismodule(getattr(nc, name)))
-LAZY = ("dynamics", "io", "kinematics", "robots", "synthesis", "system", "vehicle", "viz", "workshop")
+LAZY = ("constraints", "dynamics", "io", "kinematics", "robots", "synthesis", "system", "vehicle", "viz", "workshop")
 
 
 def text(path):

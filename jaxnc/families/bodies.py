@@ -134,36 +134,27 @@ class Parts:
 
     def _merge(self) -> list[list[str]]:
         """Bodies by part, in order; those that are the ground become part of it."""
-        specs = {b.name: b for b in self.a.bodies if self.dim == 3 or len(b.points) > 1}
-        members: dict[str, tuple[set[int], set[int]]] = {n: (set(b.points), set(b.vectors)) for n, b in specs.items()}
-        welds = [set(j.bodies) for j in self.model.joints.values() if isinstance(j, record.Weld)]
         ground = self.parts[0]
-        held = (set(ground.points), set(ground.vectors))
-        groups = [[n] for n in specs]
+        members = {b.name: (set(b.points), set(b.vectors)) for b in self.a.bodies if self.dim == 3 or len(b.points) > 1}
+        welds = [set(j.bodies) for j in self.model.joints.values() if isinstance(j, record.Weld)]
+        groups = [[ground.name], *([name] for name in members)]
+        members[ground.name] = set(ground.points), set(ground.vectors)
 
         def whole(group: list[str]) -> tuple[set[int], set[int]]:
             return set().union(*(members[n][0] for n in group)), set().union(*(members[n][1] for n in group))
 
-        merging = True
-        while merging:
-            merging = False
-            for g in list(groups):
-                mine = whole(g)
-                if self._rigid(mine[0] & held[0], mine[1] & held[1]) and not any(n in self.a.redrawn for n in g):
-                    held = (held[0] | mine[0], held[1] | mine[1])
-                    groups.remove(g)
-                    merging = True
-            for g, h in combinations(groups, 2):
-                a, b = whole(g), whole(h)
-                welded = any(w & set(g) and w & set(h) for w in welds)
-                free = not any(n in self.a.redrawn for n in (*g, *h))
-                if free and (welded or self._rigid(a[0] & b[0], a[1] & b[1])):
-                    g.extend(h)
-                    groups.remove(h)
-                    merging = True
-                    break
-        ground.points, ground.vectors = tuple(sorted(held[0])), tuple(sorted(held[1]))
-        return groups
+        def one_part(g: list[str], h: list[str]) -> bool:
+            if any(n in self.a.redrawn for n in (*g, *h)):
+                return False
+            a, b = whole(g), whole(h)
+            return any(w & set(g) and w & set(h) for w in welds) or self._rigid(a[0] & b[0], a[1] & b[1])
+
+        while pair := next((pair for pair in combinations(groups, 2) if one_part(*pair)), None):
+            pair[0].extend(pair[1])
+            groups.remove(pair[1])
+        points, vectors = whole(groups[0])
+        ground.points, ground.vectors = tuple(sorted(points)), tuple(sorted(vectors))
+        return groups[1:]
 
     def _part(self, members: list[str]) -> Part:
         found = [b for b in self.a.bodies if b.name in members]

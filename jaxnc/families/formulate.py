@@ -34,8 +34,9 @@ from jaxnc.mechanism.model import Place as Spot
 from jaxnc.records import record as recorded
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.status import Status
+from jaxnc.system.equations import Equations
 from jaxnc.system.system import System
-from jaxnc.types import Array, ArrayLike
+from jaxnc.types import Array
 
 FAMILIES = ("independent", "relative", "reference", "natural", "mixed")
 
@@ -197,19 +198,16 @@ def _without_scalars(mechanism: Mechanism, keep: tuple[str, ...]) -> Mechanism:
 
 @recorded
 class Independent(Formulation):
-    """A closed chain in independent coordinates."""
+    """A closed chain in independent coordinates: poses follow by the position problem, on the drawing's assembly."""
 
-    def to_natural(self, z: ArrayLike) -> Array:
-        """Natural coordinates from the independent ones, on the drawing's assembly; by solving the position problem."""
-        z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
-        self._check(z.shape, len(self.listed), "variables of the family")
+    def _place_all(self, z: Array) -> Array:
         flat = z.reshape(-1, z.shape[-1])
         found = solve_position(self.natural, {v.name: flat[:, k] for k, v in enumerate(self.listed)}, throw=False)
         return found.q.reshape(*z.shape[:-1], -1)
 
-    def pose(self, z: Array) -> Array:
+    def place(self, eq: Equations, z: Array) -> Array:
         """`to_natural` of one pose."""
-        return self.to_natural(z)
+        return self._place_all(z)
 
     def assemblies(self, values: dict[str, float], starts: int | None = None, seed: int = 0) -> Motion:
         """All poses with these values of the independent coordinates: those of `jaxnc.modes`, which has the proof too.

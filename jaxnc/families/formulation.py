@@ -1,6 +1,7 @@
 """`Formulation`: a mechanism in one family of coordinates, with the maps to natural ones and back."""
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -111,14 +112,14 @@ class Formulation:
         """
         z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else self._numbers(z, "to_natural(): z")
         self._check(z.shape, len(self.listed), "variables of the family")
+        return self._place_all(z)
+
+    def _place_all(self, z: Array) -> Array:
+        """All coordinates of `natural`, from variables ``(..., n)``."""
         return _place_poses(self, derive(self.natural), z)
 
-    def pose(self, z: Array) -> Array:
-        """`to_natural` of one pose, ``(n,)``."""
-        return self.place(derive(self.natural), self._numbers(z, "pose(): z"))
-
     def place(self, eq: Numbered, z: Array) -> Array:
-        """`pose`, with the equations of `natural` at hand."""
+        """`to_natural` of one pose, ``(n,)``, with the equations of `natural` at hand."""
         top, par = self.natural.topology, self.natural.parameters
         if self.atlas is None:
             q = eq.home.at[np.array([top.position[v.name] for v in self.listed], int)].set(z)
@@ -194,9 +195,9 @@ class Formulation:
         """
         if not isinstance(found, Motion):
             raise InputError(f"motion() takes one that solve_position or sweep made of .system, got {brief(found)}")
-        z = found.q[..., self.topology.unknown]
+        z, place = found.q[..., self.topology.unknown], functools.partial(self.place, derive(self.natural))
         rates = tuple(
-            along(self.pose, z, tuple(x[..., self.topology.unknown] for x in found.rates[: k + 1]))
+            along(place, z, tuple(x[..., self.topology.unknown] for x in found.rates[: k + 1]))
             for k in range(len(found.rates))
         )
         return Motion(

@@ -360,13 +360,12 @@ class Planner(ABC):
             return scribe.s(name)
         data = self.a.measured[name]
         if name in self.a.model.distances or not self.is_angle(name):
-            kind = data.kind
-            constants = []
-            for c in kind.constants:
-                i, j = (int(p) for p in data.lengths[c])
-                constants.append(scribe.c("length", tuple(self._pair_redrawn(scribe, p) for p in (i, j)))[0])
-            places, directions = self.carry(scribe, data)
-            return Measured(kind, places, directions, tuple(constants))
+            # A length is read in the drawing, or between the places that points have in a redrawn shape.
+            points = {drawn: p for places in self.a.redrawn.values() for p, drawn in places.items()}
+            ends = [map(int, data.lengths[c]) for c in data.kind.constants]
+            pairs = [tuple(scribe.pair(points.get(drawn, drawn), drawn) for drawn in two) for two in ends]
+            constants = [scribe.c("length", pair)[0] for pair in pairs]
+            return Measured(data.kind, *self.carry(scribe, data), tuple(constants))
         if self.parts.dim == 3:
             return None
         ends = data.points
@@ -599,14 +598,6 @@ class Planner(ABC):
             special=None,
         )
         return with_degrees_of_freedom(System(topology, fit_parameters(self.natural.parameters, topology)))
-
-    def _pair_redrawn(self, scribe: Scribe, drawn: int) -> int:
-        """A place in the drawing or in a redrawn shape, and the point that it is of."""
-        for places in self.a.redrawn.values():
-            for point, where in places.items():
-                if where == drawn:
-                    return scribe.pair(point, drawn)
-        return scribe.pair(drawn, drawn)
 
 
 def drawn_angle(home: np.ndarray, ends: tuple[int, ...]) -> float:

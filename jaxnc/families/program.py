@@ -92,8 +92,9 @@ class Evaluator:
         """A linear form; None for an empty one."""
         out: Any = None
         for factor, what, i in value:
-            if what == "1":
-                term = _in_pi(factor, self.s)
+            if what == "1":  # an angle; a multiple of π where symbols are written
+                written = len(self.s) and isinstance(self.s[0], Expression)
+                term = Expression.of(PI) * (factor / np.pi) if written else float(factor)
             else:
                 x = self.s[i] if what == "s" else self.c[i] if what == "c" else self.p[i]["xyz".index(what)]
                 term = x if factor == 1.0 else -x if factor == -1.0 else factor * x
@@ -167,13 +168,6 @@ def _fill_zero(value: Scalar | None, numbers: Evaluator) -> Scalar:
         return value
     some = numbers.s[0] if len(numbers.s) else numbers.p[0][0]
     return 0.0 * some
-
-
-def _in_pi(factor: float, s: Components) -> Scalar:
-    """A fixed number; a multiple of π where symbols are written."""
-    if len(s) and isinstance(s[0], Expression):
-        return Expression.of(PI) * (factor / np.pi)
-    return float(factor)
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ class Chain:
         gravity = np.zeros(3)
         gravity[: m.dim] = m.gravity or (0.0,) * m.dim
         self.gravity = jnp.array(gravity)
-        specs = {n: b if isinstance(b, record.Body) else record.Body(b) for n, b in m.bodies.items()}
+        specs = {name: record.whole(body) for name, body in m.bodies.items()}
         self._efforts, self._mass = jit(self._recurse), jit(self._compose)
         self.inertias: dict[int, np.ndarray] = {}
         for k, part in enumerate(planner.parts.parts):

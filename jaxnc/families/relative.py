@@ -281,17 +281,12 @@ class SpatialRelative(Planner):
         turn = before
         if hung.distance:
             s = self.displacement(scribe, hung)
-            origin = (*origin, *self.offset(scribe, hung), Arm(Turn("times", (s,), (), before), axis))
+            # From the parent's point of the joint to the part's, as drawn, and then along the axis.
+            offset = Arm(before, tuple(scribe.c("from", scribe.at((edge.at[other], edge.at[mine])))))
+            origin = (*origin, offset, Arm(Turn("times", (s,), (), before), axis))
         if hung.angles:
             turn = Turn("about", (self.rotation(scribe, hung),), axis, before)
         return Frame(origin, turn)
-
-    def offset(self, scribe: Scribe, hung: HungInSpace) -> Place:
-        """From the parent's point of a sliding joint to the part's, as drawn."""
-        mine, other = hung.sides
-        at = scribe.at((hung.edge.at[other], hung.edge.at[mine]))
-        turn = self.frame(scribe, hung.parent).turn
-        return (Arm(turn, tuple(scribe.c("from", at))),)
 
     def rotation(self, scribe: Scribe, hung: HungInSpace) -> Linear:
         """The rotation from the drawing about the joint's axis on the parent."""
@@ -310,7 +305,7 @@ class SpatialRelative(Planner):
         lines = (about, start, to)
         points = tuple(i for line in lines for i in scribe.at(line[0]))
         vectors = tuple(scribe.v(v) for line in lines for v in line[1])
-        (before,) = scribe.c("about", points, vectors, tuple(int(bool(line[1])) for line in lines))
+        (before,) = scribe.c("about", points, vectors, ("".join("v" if line[1] else "p" for line in lines),))
         return scale(phi + scale(before, -1.0), sign)
 
     def angle_ends(self, hung: HungInSpace, name: str) -> tuple[Line, Line | None, Line]:

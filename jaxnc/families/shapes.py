@@ -15,7 +15,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxnc.constraints.directions import about, unit
+from jaxnc.constraints.directions import about, reader, unit
 from jaxnc.constraints.elementary import angle, cos, ratio, sin
 from jaxnc.constraints.kind import cross, dot, norm
 from jaxnc.system.frames import body_axes, quaternions
@@ -73,10 +73,7 @@ def _find_origin(p, v, how):
             origin = origin + place
         return origin / len(p)
     forms, *factors = how
-    points, vectors = iter(p[1:]), iter(v)
-    axes = []
-    for form in forms:
-        axes.append(next(vectors) if form == "v" else -next(points) + next(points))
+    axes = reader(forms, 1)(p, v)
     if len(p[0]) == 2:
         axes.append(jnp.stack([-axes[0][1], axes[0][0]]))
     elif len(axes) == 2:
@@ -166,16 +163,8 @@ def _read_agree(p, v, extra):
 
 
 def _read_about(p, v, extra):
-    """Angle about an axis, of which `extra` says for axis, start and end whether they are vectors."""
-    points, vectors = iter(p), iter(v)
-
-    def read(vector):
-        if vector:
-            return next(vectors)
-        start = next(points)
-        return next(points) - start
-
-    axis, start, to = (read(x) for x in extra)
+    """Angle about an axis; ``extra[0]`` are the forms of axis, start and end."""
+    axis, start, to = reader(extra[0])(p, v)
     co, si = about(unit(axis), start, to)
     return (angle(si, co),)
 

@@ -152,12 +152,9 @@ class _EquationWriter:
 
     def length(self, i: int, j: int, value: float) -> Expression:
         """A length between two points, by their names."""
-        ends = sorted((self.called(i), self.called(j)), key=self.top_order)
+        drawn = [self.called(k) for k in range(len(self.top.points))]
+        ends = sorted((self.called(i), self.called(j)), key=drawn.index)
         return self.constant("L", ["".join(ends)], value)
-
-    def top_order(self, name: str) -> int:
-        """Where a point stands in the drawing."""
-        return [self.called(i) for i in range(len(self.top.points))].index(name)
 
     def read(
         self, recipe: Recipe, points: tuple[int, ...], vectors: tuple[int, ...], c: np.ndarray
@@ -184,17 +181,13 @@ class _EquationWriter:
             offset = length * (round(2 * part) / 2) if plain else self.constant("d", [who[4] + who[5]], c[1])
             return [self.constant("γ", [who[4] + who[5]], c[0], True), offset]
         if recipe.how == "normal":
-            return [
-                self.constant("γ", [who[0] + who[1]], c[0], True),
-                self.constant("d", [who[0] + who[1]], c[1]),
-            ]
+            line = [who[0] + who[1]]
+            return [self.constant("γ", line, c[0], True), self.constant("d", line, c[1])]
         named = who[:1]
         if recipe.how not in ("from", "signed"):
             named = [self.top.vectors[vectors[v]] for v in recipe.vectors]
         named = [w.removesuffix(" drawn") for w in named] or ["".join(who[:2])]
-        letters = recipe.names if recipe.how == "across" else [_LETTERS[n] for n in recipe.names]
-        if recipe.how == "unit":
-            letters = list(recipe.names)
+        letters = recipe.names if recipe.how in ("across", "unit") else [_LETTERS[n] for n in recipe.names]
         return [self.constant(letter, named, x) for letter, x in zip(letters, c, strict=True)]
 
     def place(self, point: int) -> np.ndarray:
@@ -237,18 +230,15 @@ class _EquationWriter:
         for b, block in enumerate(self.top.blocks):
             kind = block.kind
             for i in range(block.count if kind.rows else 0):
-                labels = [next(row) for _ in kind.rows]
+                labels = [next(row).replace(" drawn", "") for _ in kind.rows]
                 try:
                     found = self.rows(block, b, i)
                 except (TypeError, AttributeError, ValueError, IndexError):
                     at = [self.called(p) for p in block.points[i]] + [self.top.coordinates[s] for s in block.scalars[i]]
-                    found = [None] * len(labels)
                     said = f"{kind.name}({', '.join(dict.fromkeys(at))}) = 0"
-                    yield from (EquationLine(label.replace(" drawn", ""), None, said) for label in labels)
+                    yield from (EquationLine(label, None, said) for label in labels)
                     continue
-                yield from (
-                    EquationLine(label.replace(" drawn", ""), e) for label, e in zip(labels, found, strict=True)
-                )
+                yield from (EquationLine(label, e) for label, e in zip(labels, found, strict=True))
 
     def rows(self, block: Block, b: int, i: int) -> list[Expression]:
         """The rows of one instance."""

@@ -6,11 +6,10 @@ from typing import Literal
 
 import numpy as np
 
+from jaxnc.library.dimensions import Length, Misfit, offer
 from jaxnc.library.drawing import (
     FLAT,
     TURN,
-    Length,
-    Misfit,
     Vector,
     X,
     Y,
@@ -23,7 +22,6 @@ from jaxnc.library.drawing import (
     drive,
     hardpoints,
     lay_out,
-    offer,
     reach,
     revolve_point,
     rotate,

@@ -11,7 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from jaxnc.library.drawing import Length, Misfit, Vector, Z, across_axis, as_places, check_apart, drive, lay_out, offer
+from jaxnc.library.dimensions import Length, Misfit, offer
+from jaxnc.library.drawing import Vector, Z, across_axis, as_places, check_apart, drive, lay_out
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.model import Place
 from jaxnc.vehicle.hardpoints import FIGURE_42

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from jaxnc.constraints import Kind, RateKind
     from jaxnc.forces import ForceKind
     from jaxnc.kinematics.motion import Motion
-    from jaxnc.mechanism.model import Body
     from jaxnc.robots import Exported
     from jaxnc.system.system import System
 
@@ -359,7 +358,7 @@ class Mechanism(Drawn):
     def _bodies_by_members(self) -> dict[tuple[frozenset, frozenset], str]:
         """Which body has which points and vectors; made anew when the model was changed from outside."""
         if len(self.members) != len(self.model.bodies):
-            specs = {n: b if isinstance(b, record.Body) else record.Body(b) for n, b in self.model.bodies.items()}
+            specs = {name: record.whole(body) for name, body in self.model.bodies.items()}
             self.members = {(frozenset(b.points), frozenset(b.vectors)): n for n, b in specs.items()}
         return self.members
 
@@ -919,10 +918,8 @@ class Mechanism(Drawn):
         """
         if body not in self.model.bodies:
             raise MechanismError(f"mass: unknown body {body!r}; {nearest(body, self.model.bodies)}")
-        spec = self.model.bodies[body]
-        spec = spec if isinstance(spec, record.Body) else record.Body(spec)
         plain = {"mass": None, "com": None, "inertia": None, "shape": None, "size": ()}
-        spec = msgspec.structs.replace(spec, **plain)
+        spec = msgspec.structs.replace(record.whole(self.model.bodies[body]), **plain)
         self._inertia(spec, f"body {body!r}", mass, com, inertia, shape, size)
         self.model.bodies[body] = spec
         return body
@@ -996,14 +993,8 @@ class Mechanism(Drawn):
         Raises:
             MechanismError: unknown point or coordinate, name already taken, numbers that no spring has.
         """
-        return self._apply_named(
-            "spring",
-            name,
-            start,
-            to,
-            {"stiffness": stiffness, "free": free, "preload": preload, "cubic": cubic},
-            ("free",),
-        )
+        values = {"stiffness": stiffness, "free": free, "preload": preload, "cubic": cubic}
+        return self._apply_named("spring", name, start, to, values, ("free",))
 
     def damper(self, name: str, start: str, to: str | None = None, *, damping: float, quadratic: float = 0.0) -> str:
         """Add a damper between two points, or on a coordinate; its force is ``damping u + quadratic u|u|``.
@@ -1052,25 +1043,21 @@ class Mechanism(Drawn):
         Source: K. H. Hunt and F. R. E. Crossley, Coefficient of restitution interpreted as damping in vibroimpact, J.
         Appl. Mech. 42 (1975).
         """
+        what = f"stop {name!r}"
         if lower is None and upper is None:
-            raise MechanismError(f"stop {name!r}: give lower=, upper= or both")
+            raise MechanismError(f"{what}: give lower=, upper= or both")
         if lower is not None and upper is not None:
-            low, high = (
-                self._check.finite(lower, f"stop {name!r}: lower"),
-                self._check.finite(upper, f"stop {name!r}: upper"),
-            )
+            low, high = self._check.finite(lower, f"{what}: lower"), self._check.finite(upper, f"{what}: upper")
             if low >= high:
-                raise MechanismError(f"stop {name!r}: lower = {low:g} must be below upper = {high:g}")
+                raise MechanismError(f"{what}: lower = {low:g} must be below upper = {high:g}")
         if (restitution is None) != (speed is None) or (restitution is not None and damping):
-            raise MechanismError(
-                f"stop {name!r}: give damping=, or restitution= together with the speed= at which it holds"
-            )
+            raise MechanismError(f"{what}: give damping=, or restitution= together with the speed= at which it holds")
         if restitution is not None and speed is not None:
-            part = self._check.positive(restitution, f"stop {name!r}: restitution")
+            part = self._check.positive(restitution, f"{what}: restitution")
             if part > 1:
-                raise MechanismError(f"stop {name!r}: restitution = {part:g} would make energy; at most 1")
-            rate = self._check.positive(speed, f"stop {name!r}: speed")
-            damping = stop_loss(part) * self._check.positive(stiffness, f"stop {name!r}: stiffness") / rate
+                raise MechanismError(f"{what}: restitution = {part:g} would make energy; at most 1")
+            rate = self._check.positive(speed, f"{what}: speed")
+            damping = stop_loss(part) * self._check.positive(stiffness, f"{what}: stiffness") / rate
         values = {"stiffness": stiffness, "lower": lower, "upper": upper, "damping": damping}
         return self._apply_named("stop", name, start, to, values, ("lower", "upper"))
 
@@ -1239,7 +1226,7 @@ class Mechanism(Drawn):
                     raise MechanismError(f"{what}: {at!r} is no point of the ground")
             elif body not in self.model.bodies:
                 raise MechanismError(f"{what}: unknown body {body!r}; {nearest(body, self.model.bodies)}")
-            elif at not in _body_points(self.model.bodies[body]):
+            elif at not in record.whole(self.model.bodies[body]).points:
                 raise MechanismError(f"{what}: body {body!r} has no point {at!r}; name a point that both bodies share")
         radius = self._check.positive(radius, f"{what}: radius")
         self.model.friction[name] = record.Friction(**values, bodies=(pair[0], pair[1]), point=at, radius=radius)
@@ -1322,10 +1309,6 @@ def _as_pair(end: object) -> Any:
 def _coincident(point: str | None, other: str | None) -> Any:
     """Two coincident points of a joint, one of each body; None where neither is given."""
     return None if point is None and other is None else (point, other)
-
-
-def _body_points(body: "Body | list[str]") -> list[str]:
-    return body.points if isinstance(body, record.Body) else body
 
 
 def stop_loss(restitution: float) -> float:

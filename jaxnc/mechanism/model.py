@@ -53,6 +53,11 @@ class Body(_ModelRecord):
     size: tuple[float, ...] = ()
 
 
+def whole(body: Body | list[str]) -> Body:
+    """The record of a body, also of one that is written as a list of its points."""
+    return body if isinstance(body, Body) else Body(body)
+
+
 class Marker(_ModelRecord):
     """A point (`at`) or a unit vector (`direction`) that rides on a body and adds no unknowns."""
 
@@ -653,8 +658,7 @@ def in_form(model: Model, form: Any, angle: Any, distance: Any) -> Model:
     text = form == "text"
     out = copy.deepcopy(model)
     for name, body in out.bodies.items():
-        if not isinstance(body, Body):
-            body = out.bodies[name] = Body(list(body))
+        body = out.bodies[name] = whole(body)
         body.form = form
     for joint in out.joints.values():
         if isinstance(joint, Prismatic) or (isinstance(joint, Rolling) and out.dim == 2):
