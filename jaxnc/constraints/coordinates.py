@@ -178,34 +178,25 @@ ANGLE_ABOUT_FORMS = tuple(_ANGLE_ABOUT_SOURCES)
 @factory
 def angle_about(form: str, forms: str) -> Kind:
     """The signed angle about an axis from one direction to another (forms of axis, start, to), (143)-(146)."""
-    read = reader(forms)
+    directions = reader(forms)
 
-    def parts(p, v, c):
-        axis, a, b = read(p, v)
-        return about(unit_of(axis, forms[0]), a, b)
+    def read(p, v):
+        axis, a, b = directions(p, v)
+        return unit_of(axis, forms[0]), a, b
 
     def sizes(p, v, s, c):
         axis, a, b = read(p, v)
-        axis = unit_of(axis, forms[0])
         return (radius(axis, a), radius(axis, b))
 
     def residual(p, v, s, c):
         axis, a, b = read(p, v)
-        axis, f = unit_of(axis, forms[0]), s[0]
-        co, si = about(axis, a, b)
-        if form == "exact":
-            return (co * sin(f) - si * cos(f),)
-        size = c[0] * c[1]
-        cosine, sine = co - size * cos(f), si - size * sin(f)
-        if form in ("cosine", "sine"):
-            return (cosine if form == "cosine" else sine,)
-        if form == "switched":
-            return (where(abs(sin(f)) >= abs(cos(f)), cosine, sine),)
-        across_a, across_b = a - dot(a, axis) * axis, b - dot(b, axis) * axis
-        n = cross3(across_a, across_b)
+        size, (co, si), f = None if form == "exact" else c[0] * c[1], about(axis, a, b), s[0]
+        if form in ("exact", "cosine", "sine", "switched"):
+            return _ANGLE_FORMS[form](co, si, size, f)
+        n = cross3(a - dot(a, axis) * axis, b - dot(b, axis) * axis)
         sines = tuple(n[i] - size * sin(f) * axis[i] for i in range(3))
         if form == "redundant":
-            return (cosine, *sines)
+            return (co - size * cos(f), *sines)
         return sines if form == "sines" else (sines["xyz".index(form[-1])],)
 
     labels = {"sines": ("sine x", "sine y", "sine z"), "redundant": ("cosine", "sine x", "sine y", "sine z")}
@@ -219,7 +210,7 @@ def angle_about(form: str, forms: str) -> Kind:
         scalars=1,
         constants=() if form == "exact" else ("radius1", "radius2"),
         drawn=None if form == "exact" else sizes,
-        **_measured_angle(parts),
+        **_measured_angle(lambda p, v, c: about(*read(p, v))),
         source=_ANGLE_ABOUT_SOURCES[form],
     )
 
@@ -233,13 +224,9 @@ def angle_from_drawing(forms: str) -> Kind:
         axis, b = read(p, v)
         return about(unit_of(axis, forms[0]), c, b)
 
-    def residual(p, v, s, c):
-        co, si = parts(p, v, c)
-        return (co * sin(s[0]) - si * cos(s[0]),)
-
     return Kind(
         f"angle from the drawing {forms}",
-        residual,
+        lambda p, v, s, c: _ANGLE_FORMS["exact"](*parts(p, v, c), None, s[0]),
         rows=("angle",),
         powers=(2 * power(forms[1]),),
         **counts(forms),

@@ -4,7 +4,7 @@ import csv
 import functools
 import io
 import json
-import time
+import timeit
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 
@@ -182,15 +182,12 @@ def _starts(natural: System, home: np.ndarray, seed: int) -> np.ndarray:
     top = natural.topology
     rng = np.random.default_rng(seed)
     size = float(derive(natural).length)
-    out = [home]
     first = top.dim * len(top.points)
     free = np.array([i for i in top.unknown if i < first + top.dim * len(top.vectors)], int)
-    for spread in SPREADS:
-        for _ in range(_STARTS):
-            q = home.copy()
-            q[free] += np.where(free < first, size, 1.0) * spread * rng.normal(size=len(free)) / np.sqrt(top.dim)
-            out.append(q)
-    return np.asarray(measure_all(natural, np.array(out)))
+    off = np.where(free < first, size, 1.0) * np.repeat(SPREADS, _STARTS)[:, None]
+    out = np.tile(home, (1 + len(off), 1))
+    out[1:, free] += off * rng.normal(size=off.shape) / np.sqrt(top.dim)
+    return np.asarray(measure_all(natural, out))
 
 
 def _count_family(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formulation:
@@ -224,21 +221,13 @@ def _solve_family(
     jacobian = np.asarray(evaluate(eq, q[0])[1])[np.ix_(view.rows, view.unknown)]
     values = np.linalg.svd(jacobian / np.asarray(weights(eq))[view.unknown], compute_uv=False)
     row.condition = float(values[0] / values[-1]) if values.size and values[-1] > 0 else None
-    target = q.copy()
-    target[:, at] += [moved[n] for n in names]
     row.solved = len(view.unknown)
-    poses = jnp.array(q)
     # The first lane is the displacement, from the drawing; all others solve for the drawing's own inputs.
-    poses = poses.at[0].set(target[0])
-    most = 30  # steps of Newton
-    found = jax.block_until_ready(_attempt(view, eq, poses, most))
-    spent = []
-    for _ in range(3):
-        begin = time.perf_counter()
-        jax.block_until_ready(_attempt(view, eq, poses, most))
-        spent.append(time.perf_counter() - begin)
+    q[0, at] += [moved[n] for n in names]
+    poses, most = jnp.array(q), 30  # steps of Newton
+    end, needed = (np.asarray(x) for x in _attempt(view, eq, poses, most))
+    spent = timeit.repeat(lambda: jax.block_until_ready(_attempt(view, eq, poses, most)), number=1, repeat=3)
     row.microseconds = 1e6 * float(np.median(spent)) / len(starts)
-    end, needed = (np.asarray(x) for x in found)
     row.iterations = int(needed[0]) if needed[0] <= most else None
     good = needed[1:] <= most
     natural = np.asarray(f.to_natural(end[1:][:, top.unknown]))

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from jaxnc.library import spatial_loops
+from jaxnc.library.drawing import lay_out
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
@@ -29,10 +30,8 @@ def pendulum(length: float = 1.0, mass: float = 1.0) -> Mechanism:
 
     Source: IFToMM benchmark A01.
     """
-    m = Mechanism("simple pendulum", description="Point mass on a massless rod.")
-    m.ground("O", (0, 0))
-    m.point("P", (-length, 0))
-    m.body("rod", ["O", "P"])
+    said = "Point mass on a massless rod."
+    m = lay_out("simple pendulum", said, {"O": (0.0, 0.0)}, {"P": (-length, 0.0)}, {"rod": "O P"})
     m.point_mass("mass at P", "P", mass)
     m.angle("phi", at="O", to="P")
     return _prepare(m, 10.0)
@@ -48,12 +47,10 @@ def double_pendulum(mass: float = 1.0, length: float = 1.0) -> Mechanism:
     Returns:
         The mechanism; n = 6, g = 2, coordinates ``alpha`` and ``beta`` are the angles from the x axis.
     """
-    m = Mechanism("double pendulum", description="Two rods in a row.")
-    m.ground("O", (0, 0))
-    m.point("P", (length, 0))
-    m.point("Q", (2 * length, 0))
-    m.body("first", ["O", "P"], mass=mass)
-    m.body("second", ["P", "Q"], mass=mass)
+    moving = {"P": (length, 0.0), "Q": (2.0 * length, 0.0)}
+    m = lay_out("double pendulum", "Two rods in a row.", {"O": (0.0, 0.0)}, moving, {"first": "O P", "second": "P Q"})
+    for rod in m.model.bodies:
+        m.mass(rod, mass)
     m.angle("alpha", at="O", to="P")
     m.angle("beta", at="P", to="Q")
     return _prepare(m, 10.0)
@@ -106,11 +103,9 @@ def andrews() -> Mechanism:
     # Bodies BDE and AH are measured from an axis a quarter turn behind their angle.
     h = a + turn(epsilon - math.pi / 2, 0.04, 0.0)
     d = b + turn(gamma - math.pi / 2, 0.018, 0.02)
-    m = Mechanism("Andrews' squeezer", description="Seven bodies, one freedom, driven against a spring.")
-    for name, at in {"O": (0.0, 0.0), "A": a, "B": b, "C": c}.items():
-        m.ground(name, at)
-    for name, at in {"F": f, "E": e, "G": g, "H": h, "D": d}.items():
-        m.point(name, at)
+    said = "Seven bodies, one freedom, driven against a spring."
+    ground, moving = {"O": (0.0, 0.0), "A": a, "B": b, "C": c}, {"F": f, "E": e, "G": g, "H": h, "D": d}
+    m = lay_out("Andrews' squeezer", said, ground, moving, {})
     m.body("K1", ["O", "F"], mass=0.04325, com=turn(beta, 0.00092, 0.0), inertia=2.194e-6)
     m.body("K2", ["F", "E"], mass=0.00365, com=f + 0.0115 / 0.028 * (e - f), inertia=4.410e-7)
     m.body("K3", ["B", "E", "D"], mass=0.02373, com=b + turn(gamma - math.pi / 2, 0.01874, 0.01043), inertia=5.255e-6)
