@@ -250,17 +250,12 @@ def variable_kind(reading: Reading | Between, points: int, vectors: int) -> Kind
 
     What is counted from the drawing is known there, and nothing of it need be compiled.
     """
-    counted = not isinstance(reading, Reading)
-    return Kind(
-        "variable, " + (f"counted from {reading.home:g}" if counted else f"{reading.recipe.how} {reading.part}"),
-        _no_rows,
-        rows=(),
-        powers=(),
-        points=0 if counted else points,
-        vectors=0 if counted else vectors,
-        scalars=1,
-        measure=_constant_measure(reading.home) if counted else reading,
-    )
+    if isinstance(reading, Reading):
+        how, measure = f"{reading.recipe.how} {reading.part}", lambda p, v, c: reading.read(p, v)
+    else:
+        how, measure, points, vectors = f"counted from {reading.home:g}", _constant_measure(reading.home), 0, 0
+    takes = {"points": points, "vectors": vectors, "scalars": 1}
+    return Kind(f"variable, {how}", _no_rows, rows=(), powers=(), **takes, measure=measure)
 
 
 @functools.cache

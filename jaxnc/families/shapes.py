@@ -285,12 +285,8 @@ class Reading:
     recipe: Recipe
     part: int = 0
 
-    def drawn(self, p: Components, v: Components) -> tuple:
-        """Nothing: it is read off the pose alone."""
-        return ()
-
-    def __call__(self, p: Components, v: Components, c: Components) -> Scalar:
-        """The variable's value."""
+    def read(self, p: Components, v: Components, *drawn: Components) -> Scalar:
+        """The variable's value in a pose."""
         return values(self.recipe, p, v)[self.part]
 
 
@@ -313,24 +309,16 @@ class Between:
         """Its value in the drawing."""
         return HOME[self.how][self.part] if self.how in HOME else 0.0
 
-    def drawn(self, p: Components, v: Any) -> Any:
-        """Both frames, the axes and the distance, as drawn."""
-        frames = [_frame(x, p, v).reshape(-1) for x in (self.parent, self.child)]
-        axes = [_unit_along(x, p, v) for x in self.axes] or [jnp.zeros(3)] * 2
-        shift = p[self.at[1]] - p[self.at[0]] if self.at else jnp.zeros(3)
-        return tuple(jnp.concatenate([*frames, *axes, shift]))
-
-    def __call__(self, p: Components, v: Any, c: Any) -> Any:
-        """The variable's value."""
-        c = jnp.stack(list(c))
-        parent, child = (
-            _frame(x, p, v).T @ c[9 * k : 9 * k + 9].reshape(3, 3) for k, x in enumerate((self.parent, self.child))
-        )
-        turn, a, b = parent.T @ child, c[18:21], c[21:24]
+    def read(self, p: Components, v: Components, p_drawn: Components, v_drawn: Components) -> Any:
+        """The variable's value in a pose, from the points and vectors of the pose and those of the drawing."""
+        parent, child = (_frame(x, p, v).T @ _frame(x, p_drawn, v_drawn) for x in (self.parent, self.child))
+        turn = parent.T @ child
         if self.how in PARAMETERS:
             return parameters(self.how, turn)[self.part]
+        a, b = (_unit_along(x, p_drawn, v_drawn) for x in self.axes)
         if self.how == "slide":
-            return jnp.dot(parent.T @ (p[self.at[1]] - p[self.at[0]]) - c[24:27], a)
+            start, end = self.at
+            return jnp.dot(parent.T @ (p[end] - p[start]) - (p_drawn[end] - p_drawn[start]), a)
         if self.how == "about":
             return _angle_about(turn, a)
         co, si = about(a, b, turn @ b)
