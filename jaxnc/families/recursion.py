@@ -38,8 +38,7 @@ class ChainJoint:
 
     before: int  # the joint before it; -1 for none
     variable: int  # which variable it is
-    sign: float  # +1 if the variable grows with it
-    axis: np.ndarray  # along or about which it moves, as drawn
+    axis: np.ndarray  # along or about which it moves as the variable grows, as drawn
     point: np.ndarray  # a point of that axis
     slides: bool  # whether it is a slide, and not a turn
 
@@ -93,20 +92,19 @@ class Chain:
                 at = np.array([_three(planner.a.home[p]) for p in planner.a.at(*specs[n].points)])
                 self.inertias[k] = self.inertias.get(k, np.zeros((6, 6))) + _inertia(n, specs[n], at, m.dim)
 
-    def _add(self, k: int, before: int, name: str, axis: np.ndarray, point: np.ndarray, slides: bool, sign: float):
-        self.joints.append(ChainJoint(before, self.names.index(name), sign, _three(axis), _three(point), slides))
+    def _add(self, k: int, name: str, axis: np.ndarray, point: np.ndarray, slides: bool, sign: float = 1.0) -> None:
+        self.joints.append(ChainJoint(self.last[k], self.names.index(name), sign * _three(axis), _three(point), slides))
         self.last[k] = len(self.joints) - 1
 
     def _plane(self, planner: Relative, k: int) -> None:
         hung, home = planner.hung[k], planner.a.home
-        edge, before = hung.edge, self.last[hung.parent]
-        self.last[k] = before
+        edge, self.last[k] = hung.edge, self.last[hung.parent]
         if edge.how == "free":
             part = planner.parts.parts[k]
             where = home[list(part.points)].mean(axis=0)
             for axis, name in zip(np.eye(2), (f"{part.name}.x", f"{part.name}.y"), strict=True):
-                self._add(k, self.last[k], name, axis, where, True, 1.0)
-            self._add(k, self.last[k], part.angle or f"{part.name}.psi", np.array([0.0, 0.0, 1.0]), where, False, 1.0)
+                self._add(k, name, axis, where, True)
+            self._add(k, part.angle or f"{part.name}.psi", np.array([0.0, 0.0, 1.0]), where, False)
             return
         if hung.distance:
             line = home[edge.line[1]] - home[edge.line[0]]
@@ -117,10 +115,10 @@ class Chain:
                 raise InputError(
                     f"{planner.a.text(edge.owner)!r}: the recursion takes a pin in a slot from the slot's side only"
                 )
-            self._add(k, self.last[k], hung.distance, line / np.linalg.norm(line), home[edge.point], True, sign)
+            self._add(k, hung.distance, line / np.linalg.norm(line), home[edge.point], True, sign)
         if hung.angle:
             sign = -1.0 if hung.backwards else 1.0
-            self._add(k, self.last[k], hung.angle, np.array([0.0, 0.0, 1.0]), home[edge.point], False, sign)
+            self._add(k, hung.angle, np.array([0.0, 0.0, 1.0]), home[edge.point], False, sign)
 
     def _space(self, planner: SpatialRelative, k: int) -> None:
         hung, home = planner.hung[k], planner.a.home
@@ -134,13 +132,13 @@ class Chain:
         axis = planner.parts.unit_along(edge.axes[mine])
         if hung.distance:
             sign = float(next(f for f, what, _ in planner.displacement(Scribe(), hung) if what == "s"))
-            self._add(k, self.last[k], hung.distance, axis, home[edge.at[mine]], True, sign)
+            self._add(k, hung.distance, axis, home[edge.at[mine]], True, sign)
         for i, name in enumerate(hung.angles):
             about = axis if i == 0 else planner.parts.unit_along(edge.axes[other])
             sign = 1.0
             if edge.how != "universal":
                 sign = float(next(f for f, what, _ in planner.rotation(Scribe(), hung) if what == "s"))
-            self._add(k, self.last[k], name, about, home[edge.at[mine]], False, sign)
+            self._add(k, name, about, home[edge.at[mine]], False, sign)
 
     # -- recursion ----------------------------------------------------------------------------------------------
 
@@ -150,12 +148,12 @@ class Chain:
         for joint in self.joints:
             r, t = places[joint.before] if joint.before >= 0 else (jnp.eye(3), jnp.zeros(3))
             axis, point = r @ joint.axis, r @ joint.point + t
-            by = joint.sign * (z[joint.variable] - self.home[joint.variable])
+            by = z[joint.variable] - self.home[joint.variable]
             if joint.slides:
-                screws.append(joint.sign * jnp.concatenate([jnp.zeros(3), axis]))
+                screws.append(jnp.concatenate([jnp.zeros(3), axis]))
                 places.append((r, t + by * axis))
                 continue
-            screws.append(joint.sign * jnp.concatenate([axis, jnp.cross(point, axis)]))
+            screws.append(jnp.concatenate([axis, jnp.cross(point, axis)]))
             turn = rotation(axis, by)
             places.append((turn @ r, turn @ (t - point) + point))
         return screws, places
