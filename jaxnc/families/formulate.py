@@ -35,6 +35,7 @@ from jaxnc.records import record as recorded
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
+from jaxnc.system.frames import spread
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -245,8 +246,7 @@ class Independent(Formulation):
         asked = jnp.broadcast_to(jnp.array(list(values.values())), (lanes, len(values)))
         found = _Poses(home, len(top.coordinates) - len(top.scalars))
         while found.starts < starts if starts else not found.stable:
-            spread = _SPREADS[found.starts // lanes % len(_SPREADS)]
-            begun = _rigid_starts(system, home, lanes, rng, spread)
+            begun = _rigid_starts(system, home, lanes, rng, _SPREADS[found.starts // lanes % len(_SPREADS)])
             one = analyse_traced(view, "guess", eq, jnp.array(begun), asked, ())
             count = lanes if starts is None else min(lanes, starts - found.starts)
             found.add(*(np.asarray(a)[:count] for a in (one.q, one.status, one.size, one.conditioning)))
@@ -302,32 +302,28 @@ class _Poses:
         return tuple(a[np.argsort(away, kind="stable")] for a in self.known)
 
 
-def _rigid_starts(system: System, home: np.ndarray, starts: int, rng: np.random.Generator, spread: float) -> np.ndarray:
+def _rigid_starts(system: System, home: np.ndarray, starts: int, rng: np.random.Generator, width: float) -> np.ndarray:
     """Poses ``(starts, N)`` in which every body is as long and wide as it is, turned and placed at random.
 
     A body that shares a point with the ground, or with a body before it, hangs on that point; others lie in a box that
-    is `spread` times as wide as the drawing's.
+    is `width` times as wide as the drawing's.
     """
     top = system.topology
-    dim, count = top.dim, len(top.points)
-    points = home[: count * dim].reshape(count, dim)
-    vectors = home[count * dim : count * dim + len(top.vectors) * dim].reshape(len(top.vectors), dim)
+    points, vectors = map(np.asarray, spread(top, home))
     fixed = np.array(top.fixed)
-    fixed_points = np.asarray(fixed[: count * dim].reshape(count, dim).all(axis=1))
-    fixed_vectors = np.asarray(fixed[count * dim : (count + len(top.vectors)) * dim].reshape(-1, dim).all(axis=1))
-    size, middle = spread * float(np.ptp(points, axis=0).max()), points.mean(axis=0)
+    placed, directed = (np.asarray(x).all(axis=1) for x in spread(top, fixed))
+    size, middle = width * float(np.ptp(points, axis=0).max()), points.mean(axis=0)
     out = np.broadcast_to(home, (starts, len(home))).copy()
-    p = middle + size * rng.uniform(-1.0, 1.0, (starts, count, dim))
+    p = middle + size * rng.uniform(-1.0, 1.0, (starts, *points.shape))
     v = np.broadcast_to(vectors, (starts, *vectors.shape)).copy()
-    p[:, fixed_points] = points[fixed_points]
-    placed, directed = fixed_points.copy(), fixed_vectors.copy()
+    p[:, placed] = points[placed]
     waiting = list(top.bodies)
     while waiting:
         # Bodies that hang on something come first.
         body = next((b for b in waiting if placed[list(b.points)].any()), waiting[0])
         waiting.remove(body)
         own, axes = list(body.points), list(body.vectors)
-        turn = _draw_rotations(rng, starts, dim)
+        turn = _draw_rotations(rng, starts, top.dim)
         hung = [k for k in own if placed[k]][:1]
         if own:
             pivot, where = (points[hung[0]], p[:, hung[0]]) if hung else (points[own].mean(axis=0), p[:, own[0]])

@@ -21,7 +21,7 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.equations import Equations as Numbered
 from jaxnc.system.equations import measured
-from jaxnc.system.frames import along, over
+from jaxnc.system.frames import along, over, spread
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Numbers
@@ -126,16 +126,14 @@ class Formulation:
             return measure_scalars(top, eq, q, [n for n in top.scalars if n not in self.variables])
         at = self.atlas
         drawing = design_numbers(top, par, 1)[design(top).drawing]
-        first = top.dim * len(top.points)
-        p = eq.home[:first].reshape(-1, top.dim)
-        v = eq.home[first : first + top.dim * len(top.vectors)].reshape(-1, top.dim)
+        p, v = spread(top, eq.home)
         p_drawn, v_drawn = drawing[np.array(at.drawn, int)], v[np.array(at.vectors, int)]
         c = [x for r in at.recipes for x in values(r, p_drawn, v_drawn)]
         numbers = Evaluator(p[np.array(at.points, int)], v_drawn, z[np.array(at.variables, int)], c)
-        spread = [x for place in at.places for x in numbers.place(place)]
-        spread += [x for arm in at.directions for x in numbers.arm(arm)]
+        found = [x for place in at.places for x in numbers.place(place)]
+        found += [x for arm in at.directions for x in numbers.arm(arm)]
         scalars = [jnp.zeros(()) if s is None else numbers.scalar(s) for s in at.scalars]
-        q = jnp.stack([jnp.asarray(x) for x in (*spread, *scalars)])
+        q = jnp.stack([jnp.asarray(x) for x in (*found, *scalars)])
         return measure_scalars(top, eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
 
     def from_natural(self, q: Numbers, continuous: bool = True) -> Array:
@@ -162,12 +160,7 @@ class Formulation:
         top = self.natural.topology
         if self.atlas is None:
             return q[np.array([top.position[v.name] for v in self.listed], int)]
-        dim = top.dim
-        first = len(top.points) * dim
-        last = first + len(top.vectors) * dim
-        p, v = q[:first].reshape(-1, dim), q[first:last].reshape(-1, dim)
-        home, directions = eq.home[:first].reshape(-1, dim), eq.home[first:last].reshape(-1, dim)
-        out = []
+        (p, v), (home, directions), out = spread(top, q), spread(top, eq.home), []
         for one in self.listed:
             if one.reading is None or one.name in top.scalars:
                 out.append(q[top.position[one.name]])

@@ -279,10 +279,7 @@ class Checks:
         if values.shape == (3,):
             values = np.diag(values)
         elif values.shape == (6,):
-            full = np.zeros((3, 3))
-            for (i, j), value in zip(TENSOR, values, strict=True):
-                full[i, j] = full[j, i] = value
-            values = full
+            values = values[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
         if values.shape != (3, 3):
             raise MechanismError(
                 f"{what}: in space inertia is a matrix (3, 3), its diagonal, or (xx, yy, zz, xy, xz, yz); got shape "
