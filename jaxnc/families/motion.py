@@ -25,6 +25,7 @@ from jaxnc.families.formulation import Formulation
 from jaxnc.kinematics.inputs import array, finite, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
+from jaxnc.solvers import assembly
 from jaxnc.solvers.assembly import derive, free_plan
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.status import Status
@@ -47,8 +48,7 @@ def mass_matrix(formulation: Formulation, z: ArrayLike) -> Array:
     Raises:
         InputError: nothing has a mass, or a closed chain in independent coordinates.
     """
-    _check_formulation(formulation)
-    return _mass(formulation, _derive_known(formulation), jnp.asarray(as_shape(z, "the variables z", formulation.n)))
+    return _mass(_family(formulation), jnp.asarray(as_shape(z, "the variables z", formulation.n)))
 
 
 @public
@@ -67,10 +67,9 @@ def accelerations(formulation: Formulation, z: ArrayLike, dz: ArrayLike, t: floa
     Raises:
         InputError: as `mass_matrix`; the mechanism has friction.
     """
-    _check_formulation(formulation)
-    n = formulation.n
+    family, n = _family(formulation), formulation.n
     z, dz = (jnp.asarray(as_shape(x, what, n)) for x, what in ((z, "the variables z"), (dz, "their rates dz")))
-    return _accelerations(formulation, _derive_known(formulation), jnp.asarray(as_shape(t, "time t")), z, dz)
+    return _accelerations(family, jnp.asarray(as_shape(t, "time t")), z, dz)
 
 
 @public
@@ -93,7 +92,7 @@ def simulate(formulation: Formulation, t: ArrayLike, z: object = None, dz: objec
         InputError: as `accelerations`; times that do not grow.
         AssemblyError: it breaks off.
     """
-    _check_formulation(formulation)
+    family = _family(formulation)
     times = np.asarray(array(t, "time t"), float)
     finite(times, "time t")
     if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
@@ -102,15 +101,13 @@ def simulate(formulation: Formulation, t: ArrayLike, z: object = None, dz: objec
     step = float(step)
     top = formulation.topology
     if z is None:
-        from jaxnc.solvers.assembly import settle
-
-        z = settle(derive(formulation.system), np.zeros(len(top.coordinates))).q[top.unknown]
+        z = assembly.settle(family.own, np.zeros(len(top.coordinates))).q[top.unknown]
     z = jnp.asarray(as_shape(z, "the variables z", formulation.n))
     dz = jnp.zeros_like(z) if dz is None else jnp.asarray(as_shape(dz, "their rates dz", formulation.n))
     for what, x in (("z", z), ("dz", dz)):
         finite(x, what)
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
-    qs, vs, accs, gaps = _integrate(formulation, _derive_known(formulation), jnp.array(times), z, dz, count)
+    qs, vs, accs, gaps = _integrate(family, jnp.array(times), z, dz, count)
     bad = np.flatnonzero(~np.isfinite(np.asarray(gaps)) | (np.asarray(gaps) > 1.0))
     if len(bad):
         raise AssemblyError(
@@ -123,34 +120,60 @@ def simulate(formulation: Formulation, t: ArrayLike, z: object = None, dz: objec
                   jnp.array(times))  # fmt: skip
 
 
-def _check_formulation(formulation: Formulation) -> None:
-    if isinstance(formulation, Independent):
-        raise InputError(
-            "a closed chain in independent coordinates has no map to natural ones without solving for it; use "
-            "family='relative', or nc.simulate on the mechanism"
-        )
-    if not formulation.natural.topology.loads.any:
-        raise InputError(f"{formulation.natural.name!r}: nothing in it has a mass; give bodies mass= before compile()")
-    if formulation.natural.topology.loads.friction:
-        raise InputError("friction needs the reactions of natural coordinates; use nc.simulate on the mechanism")
-
-
 @record
-class _Known:
-    """The numbers of a design that do not depend on the pose: derived once, by programs that others need too."""
+class _Family:
+    """The motion of a design in the variables of a family, as `jaxnc.dynamics.steps` integrates it.
 
+    The numbers that do not depend on the pose are derived once, by programs that others need too.
+    """
+
+    formulation: Formulation
     dyn: Dynamics
     natural: Equations
     own: Equations
 
+    def lift(self, z: Array) -> Array:
+        """Coordinates of the dynamics, with hidden vectors."""
+        return lift(self.formulation.natural.topology, self.formulation.place(self.natural, z))
 
-def _derive_known(f: Formulation) -> _Known:
-    return _Known(dynamics(extended(f.natural)), derive(f.natural), derive(f.system))
+    def rows(self, z: Array) -> Array:
+        """Residuals of the family's constraints."""
+        top = self.formulation.topology
+        return residual(self.own, self.own.home.at[top.unknown].set(z))[free_plan(top).rows]
+
+    def impose(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
+        """The state: nothing is driven."""
+        return q, v
+
+    def solve_stage(self, stage: ArrayLike, t: Array, q: Array, v: Array) -> StageSolution:
+        """Solve a stage as `jaxnc.dynamics.flow.Flow` does: one system of equations with other right-hand sides."""
+        z, dz, f, dyn = q, v, self.formulation, self.dyn
+        q, v = jax.jvp(self.lift, (z,), (dz,))
+        j, slope = jax.jacfwd(self.lift)(z), jax.jacfwd(self.rows)(z)
+        mass, rows, rates = j.T @ dyn.mass @ j, self.rows(z), slope @ dz
+        size = jnp.max(jnp.diagonal(mass))
+
+        def push() -> Array:
+            return j.T @ (forces(dyn, t, q, v) - dyn.mass @ _second_derivative(self.lift, z, dz)) / size
+
+        right = select_stage(stage, push, lambda: jnp.zeros_like(z), lambda: jnp.zeros_like(z))
+        wanted = select_stage(stage, lambda: -_second_derivative(self.rows, z, dz), lambda: -rows, lambda: -rates)
+        change, multipliers = saddle(mass / size, slope, f.rows > f.r)(right, wanted)
+        return StageSolution(change, multipliers * size, largest(rows), largest(rates))
 
 
-def _lift(f: Formulation, known: _Known, z: Array) -> Array:
-    """Coordinates of the dynamics, with hidden vectors."""
-    return lift(f.natural.topology, f.place(known.natural, z))
+def _family(f: Formulation) -> _Family:
+    """The motion of a formulation; refused where a family has none."""
+    if isinstance(f, Independent):
+        raise InputError(
+            "a closed chain in independent coordinates has no map to natural ones without solving for it; use "
+            "family='relative', or nc.simulate on the mechanism"
+        )
+    if not f.natural.topology.loads.any:
+        raise InputError(f"{f.natural.name!r}: nothing in it has a mass; give bodies mass= before compile()")
+    if f.natural.topology.loads.friction:
+        raise InputError("friction needs the reactions of natural coordinates; use nc.simulate on the mechanism")
+    return _Family(f, dynamics(extended(f.natural)), derive(f.natural), derive(f.system))
 
 
 def _second_derivative(function, x: Array, v: Array) -> Array:
@@ -159,74 +182,36 @@ def _second_derivative(function, x: Array, v: Array) -> Array:
 
 
 @jit
-def _mass(f: Formulation, known: _Known, z: Array) -> Array:
-    j = jax.jacfwd(lambda x: _lift(f, known, x))(z)
-    return j.T @ known.dyn.mass @ j
+def _mass(family: _Family, z: Array) -> Array:
+    j = jax.jacfwd(family.lift)(z)
+    return j.T @ family.dyn.mass @ j
 
 
 @jit
-def _accelerations(f: Formulation, known: _Known, t: Array, z: Array, dz: Array) -> Array:
-    return _Family(f, known).solve_stage(ACCELERATION, t, z, dz).change
+def _accelerations(family: _Family, t: Array, z: Array, dz: Array) -> Array:
+    return family.solve_stage(ACCELERATION, t, z, dz).change
 
 
-def _family_rows(f: Formulation, known: _Known, z: Array) -> Array:
-    eq = known.own
-    view = free_plan(f.topology)
-    return residual(eq, eq.home.at[f.topology.unknown].set(z))[view.rows]
-
-
-@record
-class _Family:
-    """The motion of a design in the variables of a family, as `jaxnc.dynamics.steps` integrates it."""
-
-    formulation: Formulation
-    known: _Known
-
-    def impose(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
-        """The state: nothing is driven."""
-        return q, v
-
-    def solve_stage(self, stage: ArrayLike, t: Array, q: Array, v: Array) -> StageSolution:
-        """Solve a stage as `jaxnc.dynamics.flow.Flow` does: one system of equations with other right-hand sides."""
-        z, dz = q, v
-        f, known, dyn = self.formulation, self.known, self.known.dyn
-        lift_z, rows_z = functools.partial(_lift, f, known), functools.partial(_family_rows, f, known)
-        q, v = jax.jvp(lift_z, (z,), (dz,))
-        j, slope = jax.jacfwd(lift_z)(z), jax.jacfwd(rows_z)(z)
-        mass, rows, rates = j.T @ dyn.mass @ j, rows_z(z), slope @ dz
-        size = jnp.max(jnp.diagonal(mass))
-
-        def push() -> Array:
-            return j.T @ (forces(dyn, t, q, v) - dyn.mass @ _second_derivative(lift_z, z, dz)) / size
-
-        right = select_stage(stage, push, lambda: jnp.zeros_like(z), lambda: jnp.zeros_like(z))
-        wanted = select_stage(stage, lambda: -_second_derivative(rows_z, z, dz), lambda: -rows, lambda: -rates)
-        change, multipliers = saddle(mass / size, slope, f.rows > f.r)(right, wanted)
-        return StageSolution(change, multipliers * size, largest(rows), largest(rates))
-
-
-@functools.partial(jit, static_argnums=5)
-def _integrate(
-    f: Formulation, known: _Known, times: Array, z: Array, dz: Array, steps: int
-) -> tuple[Array, Array, Array, Array]:
-    eq, held, moving = known.own, f.rows > 0, _Family(f, known)
+@functools.partial(jit, static_argnums=4)
+def _integrate(family: _Family, times: Array, z: Array, dz: Array, steps: int) -> tuple[Array, Array, Array, Array]:
+    f, eq, held = family.formulation, family.own, family.formulation.rows > 0
     zero, none = jnp.zeros(()), jnp.zeros(len(free_plan(f.topology).rows))
-    first = settle(moving, times[0], MotionState(z, dz, jnp.zeros_like(z), none, zero, zero))
+    first = settle(family, times[0], MotionState(z, dz, jnp.zeros_like(z), none, zero, zero))
     states, _ = equal_steps(
-        lambda t, h, state: (step(moving, "rk4", held, t, h, state)[0], ()),
+        lambda t, h, state: (step(family, "rk4", held, t, h, state)[0], ()),
         lambda t, state: state,
         times,
         first,
         steps,
     )
-    place = functools.partial(f.place, known.natural)
+    place = functools.partial(f.place, family.natural)
 
     def keep(state: MotionState) -> tuple[Array, Array, Array, Array]:
         z, dz, a = state.q, state.v, state.a
         q, v = jax.jvp(place, (z,), (dz,))
         acceleration = jax.jvp(place, (z,), (a,))[1] + _second_derivative(place, z, dz)
         full = eq.home.at[f.topology.unknown].set(z)
-        gap = largest(_family_rows(f, known, z)) / tolerance(eq, full) if held else 0.0 * z[0]
+        gap = largest(family.rows(z)) / tolerance(eq, full) if held else 0.0 * z[0]
         return q, v, acceleration, gap
 
     return lax.map(keep, jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, states))
