@@ -220,12 +220,15 @@ class Parts:
         d = self.a.vectors[vectors[0]] if vectors else self.a.home[points[1]] - self.a.home[points[0]]
         return d / np.linalg.norm(d)
 
-    def ends(self, angle: record.Angle) -> tuple[Line, Line | None, Line] | None:
-        """Axis, start and end of an angle about an axis."""
-        if angle.about is None:
-            return None
+    def parallel(self, one: Line, other: Line) -> bool:
+        """Say whether two directions are drawn parallel."""
+        return bool(np.linalg.norm(np.cross(self.unit_along(one), self.unit_along(other))) < PARALLEL)
+
+    def ends(self, angle: record.Angle) -> tuple[Line | None, Line | None, Line]:
+        """Axis, start and end of an angle; without an axis in the plane."""
+        about = None if angle.about is None else self.line(angle.about)
         start = None if angle.start is None else self.line(angle.start, angle.at)
-        return self.line(angle.about), start, self.line(angle.to, angle.at)
+        return about, start, self.line(angle.to, angle.at)
 
     def along(self, distance: record.Distance) -> Line:
         """The direction of a distance along a line."""
@@ -372,24 +375,31 @@ def planar_edges(parts: Parts) -> list[PlanarEdge]:
                 if j != i
             ]
     for edge in found:
-        _name_planar(parts, edge)
+        if edge.how != "prismatic":
+            _name_angle(parts, edge)
+        for name, data in parts.a.measured.items():
+            ends: tuple[int, ...] = data.points
+            if name in parts.model.distances and edge.how in ("prismatic", "slot") and not edge.distance:
+                along = len(ends) == 4 and set(ends[2:]) == set(edge.line)
+                if along and ends[0] in edge.line and ends[1] == edge.point:
+                    edge.distance, edge.start, edge.line = name, ends[0], (ends[2], ends[3])
     return found
 
 
-def _name_planar(parts: Parts, edge: PlanarEdge) -> None:
-    """Find the user's coordinates of a joint."""
-    for name, data in parts.a.measured.items():
-        ends: tuple[int, ...] = data.points
-        if name in parts.model.angles and edge.how in ("revolute", "slot", "held") and not edge.angle:
-            start = 0 if len(ends) == 2 else parts.holder((ends[0], ends[1]))
-            to = parts.holder((ends[-2], ends[-1]))
-            turn = "no" not in (parts.parts[edge.first].turns, parts.parts[edge.second].turns)
-            if start is not None and to is not None and turn and {start, to} == {edge.first, edge.second}:
-                edge.angle = name
-        if name in parts.model.distances and edge.how in ("prismatic", "slot") and not edge.distance:
-            along = len(ends) == 4 and set(ends[2:]) == set(edge.line)
-            if along and ends[0] in edge.line and ends[1] == edge.point:
-                edge.distance, edge.start, edge.line = name, ends[0], parts.a.pair([parts.point(p) for p in ends[2:]])
+def _name_angle(parts: Parts, edge: Edge, axis: Line | None = None) -> None:
+    """Find the user's angle that is a joint's, in space about its axis."""
+    pair = {edge.first, edge.second}
+    for name, angle in parts.model.angles.items():
+        about, start, to = parts.ends(angle)
+        one = 0 if start is None else parts.holder(*start, turning=True)
+        other = parts.holder(*to, turning=True)
+        if start is not None and {one, other} != pair:
+            # A direction that several parts hold: any pair will do.
+            one = next((k for k in pair if parts.parts[k].holds(*start)), None)
+            other = next((k for k in pair if k != one and parts.parts[k].holds(*to)), None)
+        along = about is None or axis is None or parts.parallel(about, axis)
+        if along and not edge.angle and one is not None and other is not None and {one, other} == pair:
+            edge.angle = name
 
 
 def spatial_edges(parts: Parts) -> list[SpatialEdge]:
@@ -416,7 +426,10 @@ def spatial_edges(parts: Parts) -> list[SpatialEdge]:
             found.append(edge(how="spherical", shared=(points, ())))
     found += described
     for edge in found:
-        _name_spatial(parts, edge)
+        if edge.how in ("revolute", "cylindrical") and not edge.angle:
+            _name_angle(parts, edge, edge.axes[0])
+        if edge.how in ("prismatic", "cylindrical"):
+            _name_distance(parts, edge)
     return found
 
 
@@ -485,33 +498,13 @@ def _hold_line(
     return parts.holder(points, vectors, but, True)
 
 
-def _name_spatial(parts: Parts, edge: SpatialEdge) -> None:
-    """Find the user's coordinates that are a joint's."""
-    pair = {edge.first, edge.second}
-
-    def parallel(line: Line) -> bool:
-        return bool(np.linalg.norm(np.cross(parts.unit_along(line), parts.unit_along(edge.axes[0]))) < PARALLEL)
-
-    if edge.how in ("revolute", "cylindrical"):
-        for name, angle in parts.model.angles.items():
-            ends = parts.ends(angle)
-            if edge.angle or ends is None:
-                continue
-            about, start, to = ends
-            one = 0 if start is None else parts.holder(*start, turning=True)
-            other = parts.holder(*to, turning=True)
-            if start is not None and {one, other} != pair:
-                # A direction that several parts hold: any pair will do.
-                one = next((k for k in pair if parts.parts[k].holds(*start)), None)
-                other = next((k for k in pair if k != one and parts.parts[k].holds(*to)), None)
-            if parallel(about) and one is not None and other is not None and {one, other} == pair:
-                edge.angle = name
-    if edge.how in ("prismatic", "cylindrical"):
-        for name, distance in parts.model.distances.items():
-            if edge.distance or distance.along is None:
-                continue
-            start, to = parts.a.pair((distance.start, distance.to))
-            along, sides = parts.along(distance), [parts.parts[k] for k in (edge.first, edge.second)]
-            held = any(i.holds((start,)) and j.holds((to,)) for i, j in (sides, sides[::-1]))
-            if parallel(along) and held and any(part.holds(*along) for part in sides):
-                edge.distance = name
+def _name_distance(parts: Parts, edge: SpatialEdge) -> None:
+    """Find the user's distance that a joint slides by."""
+    for name, distance in parts.model.distances.items():
+        if edge.distance or distance.along is None:
+            continue
+        start, to = parts.a.pair((distance.start, distance.to))
+        along, sides = parts.along(distance), [parts.parts[k] for k in (edge.first, edge.second)]
+        held = any(i.holds((start,)) and j.holds((to,)) for i, j in (sides, sides[::-1]))
+        if parts.parallel(along, edge.axes[0]) and held and any(part.holds(*along) for part in sides):
+            edge.distance = name

@@ -311,9 +311,9 @@ class SpatialRelative(Planner):
     def angle_ends(self, hung: HungInSpace, name: str) -> tuple[Line, Line | None, Line]:
         """Axis, start and end of a user's angle, or of a screw's."""
         if name in self.a.model.angles:
-            found = self.parts.ends(self.a.model.angles[name])
-            assert found is not None
-            return found
+            about, start, to = self.parts.ends(self.a.model.angles[name])
+            assert about is not None
+            return about, start, to
         joint = self.parts.joint(hung.edge.owner)
         assert isinstance(joint, record.Screw)
         first, second = map(self.parts.line, joint.directions)

@@ -76,22 +76,14 @@ def _tie_contact(tree: "ExportTree", name: str) -> None:
 def _sum_of_joints(tree: "ExportTree", name: str) -> dict[str, float] | None:
     """Write an angle, or a distance along a line, as a sum of joints; None if it is none."""
     parts, model = tree.parts, tree.mechanism.model
-    planar = parts.dim == 2
     if name in model.angles:
-        if planar:
-            ends = parts.a.measured[name].points
-            start, to, axis = (None if len(ends) == 2 else (ends[:2], ())), (ends[-2:], ()), np.eye(3)[2]
-        else:
-            lines = parts.ends(model.angles[name])
-            assert lines is not None
-            about, start, to = lines
-            axis = tree.home.along(about)
+        about, start, to = parts.ends(model.angles[name])
+        axis = np.eye(3)[2] if about is None else tree.home.along(about)
         return _sum_of_hinges(tree, [0] if start is None else _holders(tree, start), _holders(tree, to), axis)
     if name in model.distances:
         distance = model.distances[name]
         p, q = parts.a.pair((distance.start, distance.to))
-        line = (parts.a.measured[name].points[-2:], ()) if planar else parts.along(distance)
-        axis = tree.home.along(line)
+        axis = tree.home.along(parts.along(distance))
         return next(filter(None, (_sum_of_slides(tree, i, q, axis) for i in parts.of_point[p])), None)
     for joint_name, joint in model.joints.items():  # an angle or distance that a rolling joint or a screw makes
         if not isinstance(joint, record.Rolling | record.Screw) or name not in (joint.angle, joint.distance):
