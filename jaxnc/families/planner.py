@@ -11,13 +11,13 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Joined, Origin, Part, Parts, apart, closures
 from jaxnc.families.program import (
     AT,
-    COORDINATE,
     DIRECTION,
     EQUAL,
     HELD,
     NORMALISED,
     PAIR,
     Arm,
+    Coordinate,
     Frame,
     Linear,
     Measured,
@@ -438,11 +438,10 @@ class Planner(ABC):
             at, axis = divmod(i, self.parts.dim)
             v = at - len(self.a.names)
             if v >= 0:
-                arm = self.direction(scribe, self.parts.of_vector[v][0], v)
-                scalars.append(Measured(COORDINATE[True][axis], (), (arm,)))
+                place: Place = (self.direction(scribe, self.parts.of_vector[v][0], v),)
             else:
                 place = self.place(scribe, self.parts.best((at,))[0], at)
-                scalars.append(Measured(COORDINATE[False][axis], (place,)))
+            scalars.append(Coordinate(place, axis))
         self.write(data.kind, data.owners, scribe, places, tuple(scalars), directions, data, name is not None)
 
     def keep_variable(self, name: str) -> None:

@@ -54,7 +54,7 @@ class Vector:
     index: int
 
 
-Place = tuple[Arm, ...]
+Place = tuple[Arm | Vector, ...]
 """A point, the sum of its pieces."""
 
 
@@ -74,6 +74,14 @@ class Measured:
     places: tuple[Place, ...]
     directions: tuple["Arm | Vector", ...] = ()
     constants: tuple[Linear, ...] = ()
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A scalar that is a coordinate of a point, or a component of an arm by itself."""
+
+    of: Place
+    axis: int
 
 
 def scale(value: Linear, factor: float) -> Linear:
@@ -132,8 +140,10 @@ class Evaluator:
         parts = [self.arm(arm) for arm in place]
         return [_fill_zero(_add_up(x for x in column if x is not None), self) for column in zip(*parts, strict=True)]
 
-    def scalar(self, scalar: "Linear | Measured") -> Scalar:
-        """A linear form, or a measure."""
+    def scalar(self, scalar: "Linear | Measured | Coordinate") -> Scalar:
+        """A linear form, a measure, or a coordinate."""
+        if isinstance(scalar, Coordinate):
+            return self.place(scalar.of)[scalar.axis]
         if not isinstance(scalar, Measured):
             return _fill_zero(self.linear(scalar), self)
         assert scalar.kind.measure is not None
@@ -177,7 +187,7 @@ class Program:
     kind: Kind  # the kind of the constraint, whose points are these places
     places: tuple[Place, ...]  # its points
     directions: tuple[Arm | Vector, ...]
-    scalars: tuple["Linear | Measured", ...]
+    scalars: tuple[Linear | Measured | Coordinate, ...]
     recipes: tuple[Recipe, ...]  # how the constants of places are read off the drawing
     own: tuple[int, ...]  # its own points among those of the instance, from which its own constants are read
     own_vectors: tuple[int, ...]  # its own vectors likewise
@@ -378,19 +388,6 @@ def _held_kind(axis: int) -> Kind:
 
 
 @factory
-def _coordinate_kind(axis: int, vector: bool) -> Kind:
-    return Kind(
-        f"coordinate {'xyz'[axis]}",
-        lambda p, v, s, c: (),
-        rows=(),
-        powers=(),
-        points=int(not vector),
-        vectors=int(vector),
-        measure=lambda p, v, c: (v if vector else p)[0][axis],
-    )
-
-
-@factory
 def _at_kind(axis: int) -> Kind:
     return Kind(
         f"at {'xyz'[axis]}",
@@ -404,7 +401,6 @@ def _at_kind(axis: int) -> Kind:
 
 AT = tuple(map(_at_kind, range(3)))
 HELD = tuple(map(_held_kind, range(3)))
-COORDINATE = {vector: tuple(_coordinate_kind(axis, vector) for axis in range(3)) for vector in (False, True)}
 
 
 def _unit_kind(name: str, count: int, source: str) -> Kind:
