@@ -157,6 +157,17 @@ class Expression:
         """How many sines and cosines of variables are written in it."""
         return sum(_trigonometric(atom) for _, factors in self.terms for atom, _ in factors)
 
+    def map(self, change: Callable[[Symbol], "Number | Atom"]) -> "Expression":
+        """The expression with its symbols replaced."""
+        out = ZERO
+        for c, factors in self.terms:
+            term = Expression.of(c)
+            for atom, power in factors:
+                new = Expression.of(change(atom)) if isinstance(atom, Symbol) else _map_inside(atom, change)
+                term = term * (new**power if power > 0 else Expression.of(1.0) / new**-power)
+            out = out + term
+        return out
+
     def text(self, latex: bool = False, digits: int = 6) -> str:
         """Write the expression as plain text, or in LaTeX."""
         varying = [t for t in self.terms if _varies(t)]
@@ -179,6 +190,10 @@ class Expression:
 
 ZERO = Expression(())
 _FUNCTIONS: dict[str, Callable[[float], float]] = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt}
+
+
+def _map_inside(atom: "Function | Expression", change: Callable) -> Expression:
+    return atom.of.map(change).apply(atom.name) if isinstance(atom, Function) else atom.map(change)
 
 
 def _atom_degree(atom: Atom) -> int | None:

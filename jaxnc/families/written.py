@@ -103,10 +103,10 @@ def _symbol(base: str, digit: str, index: list[str], variable: bool, value: floa
 
 
 class _EquationWriter:
-    """Symbols of one system; with `numbers` the numbers of its constants."""
+    """Symbols of one system."""
 
-    def __init__(self, top: Topology, eq: Numbers, numbers: bool, names: dict[str, str]):
-        self.top, self.eq, self.numbers, self.names = top, eq, numbers, names
+    def __init__(self, top: Topology, eq: Numbers, names: dict[str, str]):
+        self.top, self.eq, self.names = top, eq, names
         self.variables = set(map(int, top.unknown))
         self.home = np.asarray(eq.home)
         self.known: dict[str, float] = {}
@@ -118,10 +118,8 @@ class _EquationWriter:
         return self.top.points[i].removesuffix(" drawn")
 
     def final(self, made: Symbol) -> Expression:
-        """A symbol under the name that the user gave it, or its number."""
+        """A symbol under the name that the user gave it."""
         self.used.add(made.name)
-        if self.numbers and not made.variable and made.value is not None:
-            return Expression.of(made.value)
         given = self.names.get(made.name)
         if given is None:
             return Expression.of(made)
@@ -262,9 +260,15 @@ def _right_angles(angle: float) -> int | None:
 def write_equations(formulation: "Formulation", numbers: bool, names: dict[str, str]) -> Equations:
     """The equations of a formulation; see `Formulation.equations`."""
     system = formulation.system
-    writer = _EquationWriter(system.topology, derive(system), numbers, names)
+    writer = _EquationWriter(system.topology, derive(system), names)
     lines = list(writer.lines())
     for name in names:
         if name not in writer.used:
             raise InputError(f"names={{{name!r}: …}}: there is no such symbol; {nearest(name, writer.used)}")
+    if numbers:
+        lines = [EquationLine(x.row, x.expression and x.expression.map(_put_number), x.otherwise) for x in lines]
     return Equations(lines)
+
+
+def _put_number(letter: Symbol) -> float | Symbol:
+    return letter if letter.variable or letter.value is None or letter == PI else letter.value
