@@ -227,8 +227,7 @@ class Mechanism(Drawn):
         """
         what = f"marker {name!r}"
         self._check.new_quantity(name, "marker")
-        if on not in self.model.bodies:
-            raise MechanismError(f"{what}: unknown body {on!r}; {nearest(on, self.model.bodies)}")
+        self._check.known(on, self.model.bodies, "body", what)
         if (at is None) == (direction is None):
             raise MechanismError(f"{what}: say where it is drawn with at=, or give a unit vector with direction=")
         if direction is not None:
@@ -541,8 +540,7 @@ class Mechanism(Drawn):
                 check(one, what)
         known, positive, checked = getattr(kind, f"{noun}s"), getattr(kind, "positive", ()), {}
         for key, value in (values or {}).items():
-            if key not in known:
-                raise MechanismError(f"{what}: unknown {noun} {key!r}; {nearest(key, known)}")
+            self._check.known(key, known, noun, what)
             check = self._check.not_negative if key in positive else self._check.finite
             checked[key] = check(value, f"{what}: {key}")
         if kinds.setdefault(kind.name, kind) != kind:
@@ -916,8 +914,7 @@ class Mechanism(Drawn):
         Raises:
             MechanismError: unknown body, or an inertia that it cannot have.
         """
-        if body not in self.model.bodies:
-            raise MechanismError(f"mass: unknown body {body!r}; {nearest(body, self.model.bodies)}")
+        self._check.known(body, self.model.bodies, "body", "mass")
         plain = {"mass": None, "com": None, "inertia": None, "shape": None, "size": ()}
         spec = msgspec.structs.replace(record.whole(self.model.bodies[body]), **plain)
         self._inertia(spec, f"body {body!r}", mass, com, inertia, shape, size)
@@ -1224,9 +1221,9 @@ class Mechanism(Drawn):
             if body == "ground":
                 if at not in self.model.ground:
                     raise MechanismError(f"{what}: {at!r} is no point of the ground")
-            elif body not in self.model.bodies:
-                raise MechanismError(f"{what}: unknown body {body!r}; {nearest(body, self.model.bodies)}")
-            elif at not in record.whole(self.model.bodies[body]).points:
+                continue
+            self._check.known(body, self.model.bodies, "body", what)
+            if at not in record.whole(self.model.bodies[body]).points:
                 raise MechanismError(f"{what}: body {body!r} has no point {at!r}; name a point that both bodies share")
         radius = self._check.positive(radius, f"{what}: radius")
         self.model.friction[name] = record.Friction(**values, bodies=(pair[0], pair[1]), point=at, radius=radius)

@@ -33,6 +33,12 @@ class Checks:
         if self.model.dim != 3:
             raise MechanismError(f"{what} is for mechanisms in space, Mechanism(dim=3)" + (instead and f"; {instead}"))
 
+    @staticmethod
+    def known(name: str, names: Iterable[str], noun: str, what: str) -> None:
+        """Refuse a name that is none of those that there are."""
+        if name not in names:
+            raise MechanismError(f"{what}: unknown {noun} {name!r}; {nearest(name, names)}")
+
     def vector(self, name: str, what: str) -> None:
         """Refuse what is not the name of a vector."""
         if not isinstance(name, str) or name not in self.model.all_vectors:

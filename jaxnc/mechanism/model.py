@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 import msgspec
 import numpy as np
 
-from jaxnc.errors import MechanismError, nearest
+from jaxnc.errors import MechanismError
 
 if TYPE_CHECKING:
     from jaxnc.mechanism.checks import Checks
@@ -194,8 +194,7 @@ class Wheels(JointRecord):
         """Check what gears have in the plane and in space."""
         self.internal, self.pressure_angle = bool(self.internal), check.pressure(self.pressure_angle, what)
         for angle in self.angles:
-            if angle not in check.model.angles:
-                raise MechanismError(f"{what}: unknown angle {angle!r}; {nearest(angle, check.model.angles)}")
+            check.known(angle, check.model.angles, "angle", what)
         if self.angles[0] == self.angles[1]:
             raise MechanismError(f"{what}: both wheels use the angle {self.angles[0]!r}; give each its own")
         if self.radii is None:
@@ -282,8 +281,7 @@ class Weld(JointRecord, tag_field="joint", tag="weld"):
 
     def check(self, check: "Checks", what: str) -> "Joint":
         for body in self.bodies:
-            if body not in check.model.bodies:
-                raise MechanismError(f"{what}: unknown body {body!r}; {nearest(body, check.model.bodies)}")
+            check.known(body, check.model.bodies, "body", what)
         if self.bodies[0] == self.bodies[1]:
             raise MechanismError(f"{what}: a body cannot be welded to itself ({self.bodies[0]!r})")
         return self
@@ -397,12 +395,8 @@ class RackAndPinion(JointRecord, tag_field="joint", tag="rack and pinion"):
     pressure_angle: float | None = None
 
     def check(self, check: "Checks", what: str) -> "Joint":
-        for noun, coordinate, known in (
-            ("angle", self.angle, check.model.angles),
-            ("distance", self.distance, check.model.distances),
-        ):
-            if coordinate not in known:
-                raise MechanismError(f"{what}: unknown {noun} {coordinate!r}; {nearest(coordinate, known)}")
+        check.known(self.angle, check.model.angles, "angle", what)
+        check.known(self.distance, check.model.distances, "distance", what)
         self.radius = check.radius(self.radius, what)
         self.pressure_angle = check.pressure(self.pressure_angle, what)
         return self
