@@ -180,16 +180,16 @@ def angle_about(form: str, forms: str) -> Kind:
     """The signed angle about an axis from one direction to another (forms of axis, start, to), (143)-(146)."""
     directions = reader(forms)
 
-    def read(p, v):
+    def axis_and_ends(p, v):
         axis, a, b = directions(p, v)
         return unit_of(axis, forms[0]), a, b
 
     def sizes(p, v, s, c):
-        axis, a, b = read(p, v)
+        axis, a, b = axis_and_ends(p, v)
         return (radius(axis, a), radius(axis, b))
 
     def residual(p, v, s, c):
-        axis, a, b = read(p, v)
+        axis, a, b = axis_and_ends(p, v)
         size, (co, si), f = None if form == "exact" else c[0] * c[1], about(axis, a, b), s[0]
         if form in ("exact", "cosine", "sine", "switched"):
             return _ANGLE_FORMS[form](co, si, size, f)
@@ -210,7 +210,7 @@ def angle_about(form: str, forms: str) -> Kind:
         scalars=1,
         constants=() if form == "exact" else ("radius1", "radius2"),
         drawn=None if form == "exact" else sizes,
-        **_measured_angle(lambda p, v, c: about(*read(p, v))),
+        **_measured_angle(lambda p, v, c: about(*axis_and_ends(p, v))),
         source=_ANGLE_ABOUT_SOURCES[form],
     )
 

@@ -167,7 +167,7 @@ class Formulation:
                 continue
             reading, at, along = one.reading
             points, vectors = np.array(at, int), np.array(along, int)
-            out.append(reading.read(p[points], v[vectors], home[points], directions[vectors]))
+            out.append(reading.evaluate(p[points], v[vectors], home[points], directions[vectors]))
         return jnp.stack([jnp.asarray(x) for x in out])
 
     def _numbers(self, x: ArrayLike, what: str) -> Array:

@@ -261,7 +261,7 @@ def variable_kind(reading: Reading | Between, points: int, vectors: int) -> Kind
     What is counted from the drawing is known there, and nothing of it need be compiled.
     """
     if isinstance(reading, Reading):
-        how, measure = f"{reading.recipe.how} {reading.part}", lambda p, v, c: reading.read(p, v)
+        how, measure = f"{reading.recipe.how} {reading.part}", lambda p, v, c: reading.evaluate(p, v)
     else:
         how, measure, points, vectors = f"counted from {reading.home:g}", _constant_measure(reading.home), 0, 0
     takes = {"points": points, "vectors": vectors, "scalars": 1}

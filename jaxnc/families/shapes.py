@@ -285,7 +285,7 @@ class Reading:
     recipe: Recipe
     part: int = 0
 
-    def read(self, p: Components, v: Components, *drawn: Components) -> Scalar:
+    def evaluate(self, p: Components, v: Components, *drawn: Components) -> Scalar:
         """The variable's value in a pose."""
         return values(self.recipe, p, v)[self.part]
 
@@ -309,7 +309,7 @@ class Between:
         """Its value in the drawing."""
         return HOME[self.how][self.part] if self.how in HOME else 0.0
 
-    def read(self, p: Components, v: Components, p_drawn: Components, v_drawn: Components) -> Any:
+    def evaluate(self, p: Components, v: Components, p_drawn: Components, v_drawn: Components) -> Any:
         """The variable's value in a pose, from the points and vectors of the pose and those of the drawing."""
         parent, child = (_frame(x, p, v).T @ _frame(x, p_drawn, v_drawn) for x in (self.parent, self.child))
         turn = parent.T @ child

@@ -227,7 +227,7 @@ class Mechanism(Drawn):
         """
         what = f"marker {name!r}"
         self._check.new_quantity(name, "marker")
-        self._check.known(on, self.model.bodies, "body", what)
+        self._check.refuse_unknown(on, self.model.bodies, "body", what)
         if (at is None) == (direction is None):
             raise MechanismError(f"{what}: say where it is drawn with at=, or give a unit vector with direction=")
         if direction is not None:
@@ -540,7 +540,7 @@ class Mechanism(Drawn):
                 check(one, what)
         known, positive, checked = getattr(kind, f"{noun}s"), getattr(kind, "positive", ()), {}
         for key, value in (values or {}).items():
-            self._check.known(key, known, noun, what)
+            self._check.refuse_unknown(key, known, noun, what)
             check = self._check.not_negative if key in positive else self._check.finite
             checked[key] = check(value, f"{what}: {key}")
         if kinds.setdefault(kind.name, kind) != kind:
@@ -914,7 +914,7 @@ class Mechanism(Drawn):
         Raises:
             MechanismError: unknown body, or an inertia that it cannot have.
         """
-        self._check.known(body, self.model.bodies, "body", "mass")
+        self._check.refuse_unknown(body, self.model.bodies, "body", "mass")
         plain = {"mass": None, "com": None, "inertia": None, "shape": None, "size": ()}
         spec = msgspec.structs.replace(record.whole(self.model.bodies[body]), **plain)
         self._inertia(spec, f"body {body!r}", mass, com, inertia, shape, size)
@@ -1222,7 +1222,7 @@ class Mechanism(Drawn):
                 if at not in self.model.ground:
                     raise MechanismError(f"{what}: {at!r} is no point of the ground")
                 continue
-            self._check.known(body, self.model.bodies, "body", what)
+            self._check.refuse_unknown(body, self.model.bodies, "body", what)
             if at not in record.whole(self.model.bodies[body]).points:
                 raise MechanismError(f"{what}: body {body!r} has no point {at!r}; name a point that both bodies share")
         radius = self._check.positive(radius, f"{what}: radius")

@@ -34,7 +34,7 @@ class Checks:
             raise MechanismError(f"{what} is for mechanisms in space, Mechanism(dim=3)" + (instead and f"; {instead}"))
 
     @staticmethod
-    def known(name: str, names: Iterable[str], noun: str, what: str) -> None:
+    def refuse_unknown(name: str, names: Iterable[str], noun: str, what: str) -> None:
         """Refuse a name that is none of those that there are."""
         if name not in names:
             raise MechanismError(f"{what}: unknown {noun} {name!r}; {nearest(name, names)}")

@@ -194,7 +194,7 @@ class Wheels(JointRecord):
         """Check what gears have in the plane and in space."""
         self.internal, self.pressure_angle = bool(self.internal), check.pressure(self.pressure_angle, what)
         for angle in self.angles:
-            check.known(angle, check.model.angles, "angle", what)
+            check.refuse_unknown(angle, check.model.angles, "angle", what)
         if self.angles[0] == self.angles[1]:
             raise MechanismError(f"{what}: both wheels use the angle {self.angles[0]!r}; give each its own")
         if self.radii is None:
@@ -281,7 +281,7 @@ class Weld(JointRecord, tag_field="joint", tag="weld"):
 
     def check(self, check: "Checks", what: str) -> "Joint":
         for body in self.bodies:
-            check.known(body, check.model.bodies, "body", what)
+            check.refuse_unknown(body, check.model.bodies, "body", what)
         if self.bodies[0] == self.bodies[1]:
             raise MechanismError(f"{what}: a body cannot be welded to itself ({self.bodies[0]!r})")
         return self
@@ -395,8 +395,8 @@ class RackAndPinion(JointRecord, tag_field="joint", tag="rack and pinion"):
     pressure_angle: float | None = None
 
     def check(self, check: "Checks", what: str) -> "Joint":
-        check.known(self.angle, check.model.angles, "angle", what)
-        check.known(self.distance, check.model.distances, "distance", what)
+        check.refuse_unknown(self.angle, check.model.angles, "angle", what)
+        check.refuse_unknown(self.distance, check.model.distances, "distance", what)
         self.radius = check.radius(self.radius, what)
         self.pressure_angle = check.pressure(self.pressure_angle, what)
         return self
