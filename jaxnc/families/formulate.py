@@ -37,7 +37,7 @@ from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.frames import spread
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import AnyArray, Array
 
 FAMILIES = ("independent", "relative", "reference", "natural", "mixed")
 
@@ -302,15 +302,15 @@ class _Poses:
         return tuple(a[np.argsort(away, kind="stable")] for a in self.known)
 
 
-def _rigid_starts(system: System, home: np.ndarray, starts: int, rng: np.random.Generator, width: float) -> np.ndarray:
+def _rigid_starts(system: System, home: AnyArray, starts: int, rng: np.random.Generator, width: float) -> np.ndarray:
     """Poses ``(starts, N)`` in which every body is as long and wide as it is, turned and placed at random.
 
     A body that shares a point with the ground, or with a body before it, hangs on that point; others lie in a box that
     is `width` times as wide as the drawing's.
     """
     top = system.topology
-    points, vectors = map(np.asarray, spread(top, home))
-    fixed = np.array(top.fixed)
+    points, vectors = spread(top, home)
+    fixed: AnyArray = np.array(top.fixed)
     placed, directed = (np.asarray(x).all(axis=1) for x in spread(top, fixed))
     size, middle = width * float(np.ptp(points, axis=0).max()), points.mean(axis=0)
     out = np.broadcast_to(home, (starts, len(home))).copy()

@@ -264,8 +264,7 @@ def variable_kind(reading: Reading | Between, points: int, vectors: int) -> Kind
         how, measure = f"{reading.recipe.how} {reading.part}", lambda p, v, c: reading.evaluate(p, v)
     else:
         how, measure, points, vectors = f"counted from {reading.home:g}", _constant_measure(reading.home), 0, 0
-    takes = {"points": points, "vectors": vectors, "scalars": 1}
-    return Kind(f"variable, {how}", _no_rows, rows=(), powers=(), **takes, measure=measure)
+    return Kind(f"variable, {how}", _no_rows, (), (), points=points, vectors=vectors, scalars=1, measure=measure)
 
 
 @functools.cache
