@@ -311,7 +311,7 @@ def _rigid_starts(system: System, home: AnyArray, starts: int, rng: np.random.Ge
     top = system.topology
     points, vectors = spread(top, home)
     fixed: AnyArray = np.array(top.fixed)
-    placed, directed = (np.asarray(x).all(axis=1) for x in spread(top, fixed))
+    placed, directed = (np.asarray(x.all(axis=1)) for x in spread(top, fixed))
     size, middle = width * float(np.ptp(points, axis=0).max()), points.mean(axis=0)
     out = np.broadcast_to(home, (starts, len(home))).copy()
     p = middle + size * rng.uniform(-1.0, 1.0, (starts, *points.shape))
