@@ -3,7 +3,6 @@
 import argparse
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ import msgspec
 import numpy as np
 
 import jaxnc as nc
-from jaxnc.cli.output import list_files, write_files
+from jaxnc.cli.output import Task, list_files, write_files
 from jaxnc.cli.question import Question, report_path
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.io.source import SUFFIXES
@@ -94,26 +93,20 @@ def do_compare(question: Question, options: argparse.Namespace, importing: float
         for row in comparison.families
     ]
     print(comparison)
-    if options.out is None:
-        print("  no files written; --out DIR writes tables, a plot and the equations")
-        return 0
-    chapters = [f"# {model.name}: constraint equations"]
-    for name, f in comparison.formulations.items():
-        chapters.append(f"## {name}: n = {f.n}, r = {f.r}, g = {f.g}\n\n{f.equations().markdown()}")
-    tasks: list[tuple[str, str, Callable[[Path], object]]] = [
+
+    def write_equations(path: Path) -> Path:
+        chapters = [f"# {model.name}: constraint equations"]
+        for name, f in comparison.formulations.items():
+            chapters.append(f"## {name}: n = {f.n}, r = {f.r}, g = {f.g}\n\n{f.equations().markdown()}")
+        return write(path, ("\n\n".join(chapters) + "\n").encode())
+
+    tasks: list[Task] = [
         ("-families.csv", "the table", lambda p: write(p, comparison.to_csv().encode())),
         ("-families.json", "the same", lambda p: write(p, comparison.to_json().encode())),
-        (
-            "-equations.md",
-            "the equations of every family",
-            lambda p: write(p, ("\n\n".join(chapters) + "\n").encode()),
-        ),
+        ("-equations.md", "the equations of every family", write_equations),
+        ("-families.png", "the plot", lambda p: nc.viz.plot_families(comparison, p)),
     ]
-    if not options.no_pictures:
-        from jaxnc.viz.studies import plot_families
-
-        tasks.append(("-families.png", "the plot", lambda p: plot_families(comparison, p)))
-    print(list_files(write_files(options.out, model.name, tasks), verdict))
+    write_files(options, model.name, tasks, "tables, a plot and the equations")
     return 0
 
 
@@ -134,7 +127,7 @@ def do_export(question: Question, options: argparse.Namespace, importing: float)
         verdict.add("left-out", "note", text)
     print("\n".join(str(exported).splitlines()[1:]))
     counts = f"{len(exported.links)} links, {len(exported.joints)} joints, {len(exported.loops)} loops"
-    print(list_files([(path, f"{counts}, {purpose}")], verdict))
+    list_files([(path, f"{counts}, {purpose}")], verdict)
     return 0
 
 
@@ -153,7 +146,7 @@ def do_report(question: Question, options: argparse.Namespace, importing: float)
     print("\n".join(str(report).splitlines()[1:]))
     if not report.verdict.errors:
         print(f"  {report.verdict.summary}")
-    print(list_files([(path, "the page: opens in any browser, prints on A4")], options.verdict))
+    list_files([(path, "the page: opens in any browser, prints on A4")], options.verdict)
     return report.verdict.exit
 
 
@@ -175,18 +168,15 @@ def do_synthesise(question: Question, options: argparse.Namespace, importing: fl
     print(result)
     print(f"  time       {time.perf_counter() - begin:.1f} s")
     print(f"  importing  {importing:.2f} s")
-    if options.out is None:
-        print("  no files written; --out DIR writes the designs as model files, and pictures")
-        return _search_code(result, options)
-    place = Path(options.out)
-    result.save(place)
-    files = [(place / "designs.txt", "the table"), (place / "result.npz", "the numbers, for jaxnc.synthesis.load")]
-    files += [(place / f"design_{k + 1}.toml", "a model file") for k in range(len(result.designs[:3]))]
-    if result.designs and not options.no_pictures:
-        pictures = ("-designs.png", "the best designs", result.gallery)
-        course = ("-convergence.png", "the best error over time", result.convergence)
-        files += write_files(place, problem.system.name, [pictures, course])
-    print(list_files(files, options.verdict))
+    files = []
+    if options.out is not None:
+        place = result.save(options.out)
+        files = [(place / "designs.txt", "the table"), (place / "result.npz", "the numbers, for jaxnc.synthesis.load")]
+        files += [(place / f"design_{k + 1}.toml", "a model file") for k in range(len(result.designs[:3]))]
+    gallery = ("-designs.png", "the best designs", result.gallery)
+    course = ("-convergence.png", "the best error over time", result.convergence)
+    pictures = [gallery, course] if result.designs else []
+    write_files(options, problem.system.name, pictures, "the designs as model files, and pictures", files)
     return _search_code(result, options)
 
 
@@ -218,15 +208,9 @@ def do_trace(question: Question, options: argparse.Namespace, importing: float) 
     if not designs:
         verdict.add("no-design", "error", "no linkage meets the conditions")
         return _search_code(result, options)
-    if options.out is None:
-        print("  no files written; --out DIR writes the linkages as model files, and a picture")
-        return _search_code(result, options)
-    place, tasks = Path(options.out), []
-    for k, design in enumerate(result.designs[:3], 1):
-        tasks.append((f"-{k}.toml", f"a model file: {design.name}", design.save))
-    if not options.no_pictures:
-        tasks.append(("-linkages.png", "the best linkages", result.plot))
-    print(list_files(write_files(place, question.mechanism.name, tasks), verdict))
+    tasks = [(f"-{k}.toml", f"a model file: {d.name}", d.save) for k, d in enumerate(result.designs[:3], 1)]
+    tasks.append(("-linkages.png", "the best linkages", result.plot))
+    write_files(options, question.mechanism.name, tasks, "the linkages as model files, and a picture")
     return _search_code(result, options)
 
 

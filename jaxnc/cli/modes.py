@@ -5,13 +5,12 @@ import csv
 import io
 import itertools
 import operator
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 import jaxnc as nc
-from jaxnc.cli.output import list_files, write_files
+from jaxnc.cli.output import Task, write_files
 from jaxnc.cli.question import Question
 from jaxnc.errors import counted
 from jaxnc.io.drives import unit_of as unit_in_radians
@@ -27,9 +26,6 @@ from jaxnc.reporting.quantity import quantities, shown_in, unit_of
 from jaxnc.reporting.verdict import Assemblies, BranchEnds
 
 _first = operator.itemgetter(0)
-
-
-_Tasks = list[tuple[str, str, Callable[[Path], object]]]
 
 
 def do_modes(question: Question, options: argparse.Namespace, importing: float) -> int:
@@ -59,15 +55,12 @@ def do_modes(question: Question, options: argparse.Namespace, importing: float) 
         verdict.add("not-known", "warning", "paths were lost or solutions are not isolated: there may be others")
     if not some:
         verdict.add("does-not-assemble", "error", f"{top.name!r} has no assembly there")
-    elif options.out is None:
-        print("  no files written; --out DIR writes a table and a picture")
     else:
-        kept = [task for task in tasks if not (options.no_pictures and task[0].endswith(".png"))]
-        print(list_files(write_files(options.out, mechanism.name, kept), verdict))
+        write_files(options, mechanism.name, tasks, "a table and a picture")
     return int(not some)
 
 
-def _list_modes(found: Modes, question: Question, options: argparse.Namespace) -> _Tasks:
+def _list_modes(found: Modes, question: Question, options: argparse.Namespace) -> list[Task]:
     """Print the statement and a table of the assemblies, and enter them; returns what can be written."""
     options.verdict.assemblies = Assemblies(
         statement=found.statement, complete=found.complete, count=[len(found)], values=[], branches=[]
@@ -93,7 +86,7 @@ def _list_modes(found: Modes, question: Question, options: argparse.Namespace) -
     ]
 
 
-def _list_circuits(found: Circuits, system: nc.System, options: argparse.Namespace) -> _Tasks:
+def _list_circuits(found: Circuits, system: nc.System, options: argparse.Namespace) -> list[Task]:
     """Print circuits and their branches, and how many assemblies there are where; enter them."""
     unit, factor = shown_in(system.topology, found.name)
     values = found.values * factor

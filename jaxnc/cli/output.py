@@ -1,5 +1,6 @@
 """Output of commands: the report of an analysis, short and aligned, in the units of the model; files."""
 
+import argparse
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -203,30 +204,42 @@ def _duration(seconds: float) -> str:
 # -- files ----------------------------------------------------------------------------------------------------------
 
 
+Task = tuple[str, str, Callable[[Path], object]]
+"""A file to be written: the end of its name, a description, and the function that writes it."""
+
+
 def write_files(
-    out: str | Path, name: str, tasks: Sequence[tuple[str, str, Callable[[Path], object]]]
-) -> list[tuple[Path, str]]:
-    """Write files, with a progress bar where someone is watching.
+    options: argparse.Namespace,
+    name: str,
+    tasks: Iterable[Task],
+    what: str,
+    written: Sequence[tuple[Path, str]] = (),
+) -> None:
+    """Write files where ``--out`` says, with a progress bar where someone is watching, and list them.
 
     Args:
-        out: the folder.
+        options: of the command; without ``--out`` nothing is written, with ``--no-pictures`` no picture.
         name: of the mechanism, with which every file name begins.
-        tasks: of each file the end of its name, a description, and the function that writes it.
-
-    Returns:
-        Paths with their descriptions.
+        tasks: the files.
+        what: said of ``--out`` where it is not given.
+        written: paths and descriptions of files that are there already, and are listed first.
     """
-    base = folder(out) / stem(name)
-    paths = [base.with_name(base.name + ending) for ending, _, _ in tasks]
-    with step_bar(len(tasks)) as step:
-        for path, (_, _, write) in zip(paths, tasks, strict=True):
+    if options.out is None:
+        print(f"  no files written; --out DIR writes {what}")
+        return
+    chosen = [task for task in tasks if not (task[0].endswith(".png") and options.no_pictures)]
+    base, files = folder(options.out) / stem(name), list(written)
+    with step_bar(len(chosen)) as step:
+        for ending, said, write in chosen:
+            path = base.with_name(base.name + ending)
             step(f"writing {path.name}")
             write(path)
-    return [(path, what) for path, (_, what, _) in zip(paths, tasks, strict=True)]
+            files.append((path, said))
+    list_files(files, options.verdict)
 
 
-def list_files(files: Sequence[tuple[Path, str]], verdict: Verdict) -> str:
+def list_files(files: Sequence[tuple[Path, str]], verdict: Verdict) -> None:
     """List the files that were written, one a line, and enter them into the verdict."""
     verdict.files += [File(path=str(path), what=what) for path, what in files]
     width = max(len(str(path)) for path, _ in files)
-    return "\n".join(["  files:", *(f"    {str(path).ljust(width)}  {what}" for path, what in files)])
+    print("\n".join(["  files:", *(f"    {str(path).ljust(width)}  {what}" for path, what in files)]))

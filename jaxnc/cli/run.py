@@ -2,13 +2,13 @@
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import jax
 import numpy as np
 
-from jaxnc.cli.output import Analysis, list_files, report_lines, write_files
+from jaxnc.cli.output import Analysis, Task, report_lines, write_files
 from jaxnc.cli.question import Question
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.io.drives import SweepArguments, sweep_arguments
@@ -51,11 +51,8 @@ def do_run(question: Question, options: argparse.Namespace, importing: float) ->
         print(line, flush=True)
     for line in judge(verdict, motion, options.expect):
         print(line)
-    if options.out is None:
-        print("  no files written; --out DIR writes tables, pictures and a page")
-    else:
-        tasks = _motion_files(analysis, outputs, suspensions, options)
-        print(list_files(write_files(options.out, question.mechanism.name, tasks), verdict))
+    tasks = _motion_files(analysis, outputs, suspensions, options)
+    write_files(options, question.mechanism.name, tasks, "tables, pictures and a page")
     return int(bool(verdict.errors))
 
 
@@ -70,13 +67,11 @@ def do_parts(question: Question, options: argparse.Namespace, importing: float) 
     parts = motion.to_parts(options.out, formats=formats, **sizes)
     options.verdict.does = True
     print(parts)
-    if options.out is None:
-        print("  no files written; --out DIR writes drawings of the parts, and this table")
-        return 0
     files = [(f"{d.name}.{ending}", f"{d.title}, at true scale") for d in parts.drawings() for ending in formats]
     files += [("parts.csv", "the table of parts"), ("pins.csv", "what lies on each pin")]
     files += [("parts.txt", "both, to be read"), ("assembly.png", "a picture of the stack")]
-    print(list_files([(Path(options.out) / name, what) for name, what in files], options.verdict))
+    written = [(Path(options.out or "") / name, what) for name, what in files]
+    write_files(options, question.mechanism.name, (), "drawings of the parts, and this table", written)
     return 0
 
 
@@ -122,33 +117,29 @@ def _move_mechanism(system: System, analysis: str, arguments: SweepArguments) ->
 
 def _motion_files(
     analysis: Analysis, outputs: Sequence[str], suspensions: Sequence[SuspensionReport], options: argparse.Namespace
-) -> list[tuple[str, str, Callable[[Path], object]]]:
-    """Tables and pictures of an analysis, for `write_files`."""
+) -> Iterator[Task]:
+    """Yield tables and pictures of an analysis, for `write_files`."""
     from jaxnc import viz
 
-    motion, top, pictures = analysis.motion, analysis.system.topology, not options.no_pictures
+    motion, top = analysis.motion, analysis.system.topology
     trace = [name for name in outputs if name in (*top.points, *(m.name for m in top.markers))]
     good = np.flatnonzero(np.asarray(motion.converged))
-    tasks: list[tuple[str, str, Callable[[Path], object]]] = [
-        (".csv", "every pose, as a table", lambda p: to_csv(motion, p)),
-        (".npz", "the same as arrays, for numpy", lambda p: to_npz(motion, p)),
-    ]
+    yield ".csv", "every pose, as a table", lambda p: to_csv(motion, p)
+    yield ".npz", "the same as arrays, for numpy", lambda p: to_npz(motion, p)
     if suspensions:
-        tasks.append(("-report.json", "camber, toe and the rest with gradients, as data", suspensions[0].to_json))
-    if pictures and len(good):
+        yield "-report.json", "camber, toe and the rest with gradients, as data", suspensions[0].to_json
+    if len(good):
         pose = int(good[len(good) // 8])  # not the first: many mechanisms start where their bars lie in line
-        tasks.append((".png", "the mechanism, drawn", lambda p: viz.draw(motion, pose=pose, path=p, trace=trace)))
-    if pictures and len(good) > 1:
-        for found in suspensions:
-            what = f"toe, camber, caster and the rest over {found.over}"
-            tasks.append(("-plots.png" if found.travels else "-steering.png", what, found.plot))
-        if not suspensions:
-            what = f"{', '.join(outputs)} over the input"
-            tasks.append(("-plots.png", what, lambda p: viz.plot(motion, *outputs, path=p)))
-        if not options.no_html:
-            what = "a page where it is dragged and changed, opens in any browser"
-            model = analysis.question.mechanism
-            tasks.append((".html", what, lambda p: viz.to_html(motion, p, trace=trace, model=model)))
-        if options.animate:
-            tasks.append((".gif", "the motion", lambda p: viz.animate(motion, p, trace=trace)))
-    return tasks
+        yield ".png", "the mechanism, drawn", lambda p: viz.draw(motion, pose=pose, path=p, trace=trace)
+    if len(good) < 2:
+        return
+    for found in suspensions:
+        what = f"toe, camber, caster and the rest over {found.over}"
+        yield "-plots.png" if found.travels else "-steering.png", what, found.plot
+    if not suspensions:
+        yield "-plots.png", f"{', '.join(outputs)} over the input", lambda p: viz.plot(motion, *outputs, path=p)
+    if not (options.no_html or options.no_pictures):
+        what, model = "a page where it is dragged and changed, opens in any browser", analysis.question.mechanism
+        yield ".html", what, lambda p: viz.to_html(motion, p, trace=trace, model=model)
+    if options.animate and not options.no_pictures:
+        yield ".gif", "the motion", lambda p: viz.animate(motion, p, trace=trace)

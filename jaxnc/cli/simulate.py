@@ -3,7 +3,7 @@
 import argparse
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import msgspec
 import numpy as np
 
-from jaxnc.cli.output import list_files, write_files
+from jaxnc.cli.output import Task, write_files
 from jaxnc.cli.question import Question, read_number, read_pair
 from jaxnc.dynamics.simulate import simulate
 from jaxnc.dynamics.simulation import Simulation, join
@@ -77,11 +77,7 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
         print(f"  taken up              at {first:g} s from {options.resume}; files hold what came before as well")
     print(f"  time                  {seconds:.2f} s, of which {compiling:.2f} s to compile and for the first part")
     print(f"  importing             {importing:.2f} s")
-    if options.out is None:
-        print("  no files written; --out DIR writes tables and pictures")
-    else:
-        tasks = _simulation_files(mechanism, whole(), options)
-        print(list_files(write_files(options.out, mechanism.name, tasks), options.verdict))
+    write_files(options, mechanism.name, _simulation_files(mechanism, whole(), options), "tables and pictures")
     return int(bool(np.asarray(run.status).any()))
 
 
@@ -134,30 +130,23 @@ def _simulation_section(mechanism: Mechanism, options: argparse.Namespace) -> re
     return section
 
 
-def _simulation_files(
-    mechanism: Mechanism, run: Motion, options: argparse.Namespace
-) -> list[tuple[str, str, Callable[[Path], object]]]:
-    """Tables and pictures of a simulation, for `write_files`."""
+def _simulation_files(mechanism: Mechanism, run: Motion, options: argparse.Namespace) -> Iterator[Task]:
+    """Yield tables and pictures of a simulation, for `write_files`."""
     from jaxnc import viz
 
     top = run.system.topology
     outputs = outputs_of(run, mechanism.model.run.outputs)
     trace = [name for name in outputs if name in (*top.points, *(m.name for m in top.markers))]
-    tasks: list[tuple[str, str, Callable[[Path], object]]] = [
-        ("-simulation.csv", "every time kept, as a table", lambda p: to_csv(run, p)),
-        (_TABLE, "the same as arrays; --resume goes on from its last state", lambda p: None),  # saved part by part
-    ]
-    if not options.no_pictures:
-        courses = f"{', '.join(outputs)} over time"
-        tasks += [
-            ("-energy.png", "energies over time", lambda p: viz.plot_energy(run, p)),
-            ("-start.png", "the mechanism at the start", lambda p: viz.draw(run, pose=0, path=p, trace=trace)),
-            ("-simulation-plots.png", courses, lambda p: viz.plot(run, *outputs, against="time", path=p)),
-        ]
-        if not options.no_html:
-            page = "a page where the motion is played, opens in any browser"
-            tasks.append(("-simulation.html", page, lambda p: viz.to_html(run, p, trace=trace, model=mechanism)))
+    yield "-simulation.csv", "every time kept, as a table", lambda p: to_csv(run, p)
+    # The arrays were saved part by part.
+    yield _TABLE, "the same as arrays; --resume goes on from its last state", lambda p: None
+    yield "-energy.png", "energies over time", lambda p: viz.plot_energy(run, p)
+    yield "-start.png", "the mechanism at the start", lambda p: viz.draw(run, pose=0, path=p, trace=trace)
+    courses = f"{', '.join(outputs)} over time"
+    yield "-simulation-plots.png", courses, lambda p: viz.plot(run, *outputs, against="time", path=p)
+    if not (options.no_html or options.no_pictures):
+        page = "a page where the motion is played, opens in any browser"
+        yield "-simulation.html", page, lambda p: viz.to_html(run, p, trace=trace, model=mechanism)
     if options.animate:
         what = "the motion, in real time where that can be followed"
-        tasks.append(("-simulation.gif", what, lambda p: viz.animate(run, p, trace=trace)))
-    return tasks
+        yield "-simulation.gif", what, lambda p: viz.animate(run, p, trace=trace)
