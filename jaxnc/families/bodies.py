@@ -14,7 +14,7 @@ import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -312,7 +312,14 @@ class SpatialEdge(Edge):
     drops: bool = False  # whether the rows of its name are met by its variables
 
 
-_AnyEdge = TypeVar("_AnyEdge", bound=Edge)
+class _Joint(Protocol):
+    """A joint between two parts, by their numbers."""
+
+    first: int
+    second: int
+
+
+_AnyEdge = TypeVar("_AnyEdge", bound=_Joint)
 
 
 def spanning_tree(

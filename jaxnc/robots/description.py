@@ -5,6 +5,7 @@ directions are those of the ground in one pose, the home pose. A planar mechanis
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -58,6 +59,13 @@ class Link:
     joints: list[ElementaryJoint] = field(default_factory=list)  # between the parent and the link
     sites: dict[str, Vec] = field(default_factory=dict)  # places by name
     inertia: Inertia | None = None  # None without mass
+    # Of an exported mechanism, whose links have frames parallel to the ground's at home, and all joints at zero there:
+    # the part of the mechanism that the link is; of a link that only closes a loop the part that it moves with.
+    part: int = -1
+    reference: int = -1  # of a link that moves with a point and keeps its parent's orientation, that point; else -1
+    lines: list[tuple[Vec, Vec]] = field(default_factory=list)  # pairs of places, to be shown
+    auxiliary: bool = False  # whether the link is no part of the mechanism but a piece of a joint
+    spinless: bool = False  # whether the link is a bar that slides or turns about its own line, as its parent is turned
 
 
 @dataclass
@@ -122,6 +130,15 @@ class Description:
         if name not in self.actuated:
             self.actuated.append(name)
         return True
+
+
+def unused(name: str, taken: Collection[str], between: str = " ") -> str:
+    """Return a name as it is, or with a number behind it if it is taken."""
+    k, out = 1, name
+    while out in taken:
+        k += 1
+        out = f"{name}{between}{k}"
+    return out
 
 
 def join_inertias(pieces: list[Inertia]) -> Inertia | None:

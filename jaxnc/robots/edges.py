@@ -21,7 +21,7 @@ class TreeEdge:
 
     name: str  # what it is called after: a joint, or the point that is shared
     # "revolute", "spherical", "prismatic", "cylindrical", "universal", "slot" (a point of the second slides along
-    # `axes` of the first), "planar", "rolling".
+    # `axes` of the first), "planar", "rolling", "free" (the second hangs on nothing).
     how: str
     first: int  # a part; the one that carries the line, the plane, or the ground
     second: int  # the other part
@@ -61,6 +61,10 @@ class TreeEdge:
                 return at, [("slide", self.axes[0]), ("hinge", self.axes[-1])]
             case "universal":
                 return at, [("hinge", a) for a in (self.axes if forward else self.axes[::-1])]
+            case "free":
+                if self.turns and dim == 3:
+                    return at, [("free", Z)]
+                return at, [*(("slide", axis) for axis in np.eye(3)[:dim]), *([("hinge", Z)] if self.turns else [])]
             case "planar":
                 normal = self.axes[0]
                 one = perpendicular(normal)
@@ -85,30 +89,22 @@ def find_edges(parts: Parts, home: TreePose) -> tuple[list[TreeEdge], dict[str, 
     return found, lost
 
 
-def _can_turn(parts: Parts, *ks: int) -> bool:
+def can_turn(parts: Parts, *ks: int) -> bool:
+    """Tell whether all of some parts have an orientation."""
     return all(parts.parts[k].turns != "no" for k in ks)
 
 
 def _planar_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
     found = []
     for e in planar_edges(parts):
-        name = parts.a.text(e.owner)
-        wanted = bool(e.angle or e.distance)
-        if e.how == "revolute":
-            found.append(
-                TreeEdge(name, "revolute", e.first, e.second, (e.point, e.point), [Z], (e.point,), wanted=wanted)
-            )
-        elif e.how == "prismatic":
-            at = (e.line[0], e.on[0])
-            found.append(
-                TreeEdge(name, "prismatic", e.first, e.second, at, [home.span(e.line)], user=True, wanted=wanted)
-            )
-        elif e.how == "slot":
-            turns = _can_turn(parts, e.second)
-            found.append(TreeEdge(name, "slot", e.first, e.second, (e.point, e.point), [home.span(e.line)], user=True,
-                              wanted=wanted, turns=turns))  # fmt: skip
-        else:
+        if e.how == "held":
             found.append(_edge_of_fixed_point(parts, e.second, e.point))
+            continue
+        pin = e.how == "revolute"
+        at = (e.line[0], e.on[0]) if e.how == "prismatic" else (e.point, e.point)
+        axes, shared = ([Z], (e.point,)) if pin else ([home.span(e.line)], ())
+        found.append(TreeEdge(parts.a.text(e.owner), e.how, e.first, e.second, at, axes, shared, user=not pin,
+                          wanted=bool(e.angle or e.distance), turns=e.turns))  # fmt: skip
     for name, joint in parts.model.joints.items():
         if isinstance(joint, record.Revolute) and joint.points:
             p, q = parts.a.pair(joint.points)
@@ -121,7 +117,7 @@ def _planar_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
 def _edge_of_fixed_point(parts: Parts, k: int, p: int) -> TreeEdge:
     """Make the edge of a point that slides with fixed coordinates."""
     axes = [np.eye(3)[i] for i in range(parts.dim) if not parts.a.fixed[p][i]]
-    return TreeEdge(parts.point(p), "slot", 0, k, (p, p), axes, holder=p, turns=_can_turn(parts, k))
+    return TreeEdge(parts.point(p), "slot", 0, k, (p, p), axes, holder=p, turns=can_turn(parts, k))
 
 
 def _spatial_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
@@ -139,7 +135,7 @@ def _spatial_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
         fixed = parts.a.fixed[p]
         if fixed.any() and not fixed.all():
             found += [_edge_of_fixed_point(parts, k, p) for k in holders if k]
-        loose = [k for k in holders if not _can_turn(parts, k)]
+        loose = [k for k in holders if not can_turn(parts, k)]
         found += [TreeEdge(parts.point(p), "spherical", i, j, (p, p), [], (p,)) for i, j in combinations(holders, 2)
                   if loose and not (i in loose and j in loose)]  # fmt: skip
     for name, joint in parts.model.joints.items():
@@ -148,7 +144,7 @@ def _spatial_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
             i, axis = _find_carrier(parts, home, joint.line)
             for j in parts.of_point[pin]:
                 if i is not None and j != i:
-                    found.append(TreeEdge(name, "slot", i, j, (pin, pin), [axis], user=True, turns=_can_turn(parts, j)))
+                    found.append(TreeEdge(name, "slot", i, j, (pin, pin), [axis], user=True, turns=can_turn(parts, j)))
         elif isinstance(joint, record.Planar):
             i, normal = _find_carrier(parts, home, joint.plane)
             other = (joint.on, joint.plane[1]) if isinstance(joint.on, str) else joint.on
@@ -183,6 +179,6 @@ def _rolling_edges(parts: Parts, home: TreePose, name: str, joint: record.Rollin
     centre, contact = parts.a.index[joint.centre], parts.a.index[joint.contact]
     out = [TreeEdge(name, "rolling", i, j, (contact, centre), [along, axis], user=True)]
     for k in parts.of_point[contact]:
-        if not _can_turn(parts, k):
+        if not can_turn(parts, k):
             out.append(TreeEdge(f"{name} contact", "slot", i, k, (contact, contact), [along], user=True, turns=False))
     return out

@@ -1,14 +1,13 @@
 """A mechanism as a tree of links: which joints hang links on each other, which close loops, what links weigh."""
 
-from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from jaxnc.dynamics.extended import extended, lift
-from jaxnc.dynamics.mass import inertias
-from jaxnc.families.bodies import Joined, Parts, apart, join, root
+from jaxnc.dynamics.mass import body_inertia
+from jaxnc.families.bodies import Joined, Parts, apart, join, root, spanning_tree
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.robots.description import (
@@ -20,25 +19,14 @@ from jaxnc.robots.description import (
     Vec,
     cross_matrix,
     join_inertias,
+    unused,
 )
-from jaxnc.robots.edges import TreeEdge, find_edges
+from jaxnc.robots.edges import TreeEdge, can_turn, find_edges
 from jaxnc.robots.joint_coordinates import JointSum, add_coordinates
 from jaxnc.robots.pose import TreePose, joint_values
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.frames import marker_along
 from jaxnc.system.system import System
-
-
-@dataclass
-class TreeLink(Link):
-    """A link of an exported mechanism. Its frame is parallel to the ground's at home, where all joints are at zero."""
-
-    # The part of the mechanism that the link is; of a link that only closes a loop the part that it moves with.
-    part: int = -1
-    reference: int = -1  # of a link that moves with a point and keeps its parent's orientation, that point; else -1
-    lines: list[tuple[Vec, Vec]] = field(default_factory=list)  # pairs of places, to be shown
-    auxiliary: bool = False  # whether the link is no part of the mechanism but a piece of a joint
-    spinless: bool = False  # whether the link is a bar that slides or turns about its own line, as its parent is turned
 
 
 class ExportTree:
@@ -56,8 +44,8 @@ class ExportTree:
         self.parts = Parts(mechanism)
         self.home = TreePose(self.parts, q)
         self.size = float(np.linalg.norm(np.ptp(self.home.points, axis=0))) or 1.0
-        self.links = [TreeLink("ground", -1, np.zeros(3), part=0)]
-        self.description = Description(mechanism.name)
+        self.links = [Link("ground", -1, np.zeros(3), part=0)]
+        self.description = Description(mechanism.name, self.links)
         self.coordinates: dict[str, JointSum] = {}
         self.cables: dict[str, list[str]] = {}
         self.link_of = {0: 0}
@@ -74,7 +62,6 @@ class ExportTree:
         add_coordinates(self)
         self._add_masses()
         self._leave_out_rest()
-        self.description.links[:] = self.links
 
     def joint_values(self, q: np.ndarray) -> np.ndarray:
         """Return values of all joints ``(..., nq)`` of poses ``(..., N)``, hinges counted on through whole turns."""
@@ -87,9 +74,9 @@ class ExportTree:
     @property
     def joints(self) -> dict[str, ElementaryJoint]:
         """All joints by name, in their order."""
-        return {j.name: j for link in self.links for j in link.joints}
+        return self.description.joints
 
-    def path(self, i: int, j: int) -> list[tuple[float, TreeLink]]:
+    def path(self, i: int, j: int) -> list[tuple[float, Link]]:
         """List the links on the way from one part to another, with the sign of their joints."""
         one, other = (self._way(self.link_of[k]) for k in (i, j))
         while one and other and one[0] == other[0]:
@@ -107,52 +94,37 @@ class ExportTree:
     # -- the tree -----------------------------------------------------------------------------------------------
 
     def _hang(self) -> list[TreeEdge]:
-        """Hang every part on another, or free on the ground; the joints that are left close loops."""
+        """Hang every part on another, or free on the ground; the joints that are left close loops.
+
+        A joint is called after the user's, or after its point and the part that hangs on it.
+        """
         parts, dim = self.parts, self.parts.dim
-        group = {k: k for k in range(len(parts.parts))}
-        chosen, left = [], []
-        for edge in sorted(self.edges, key=lambda e: (not e.wanted, e.freedoms(dim))):
-            a, b = root(group, edge.first), root(group, edge.second)
-            if a == b:
-                left.append(edge)
-                continue
-            group[b] = a
-            chosen.append(edge)
-        waiting = [k for k, part in enumerate(parts.parts) if k and part.points]
-        while waiting:
-            step = next((e for e in chosen if (e.first in self.link_of) != (e.second in self.link_of)), None)
-            if step is None:
-                self._free(next(k for k in waiting if k not in self.link_of))
-            else:
-                self._hang_on(step)
-            waiting = [k for k in waiting if k not in self.link_of]
-        return left
+        edges = sorted(self.edges, key=lambda e: (not e.wanted, e.freedoms(dim)))
+        count = 1 + sum(bool(part.points) for part in parts.parts[1:])  # after these come vectors of no body
 
-    def _hang_on(self, edge: TreeEdge) -> None:
-        """Hang one part on the other; a joint is called after the user's, or after its point and the part."""
-        parent, child = (edge.first, edge.second) if edge.first in self.link_of else (edge.second, edge.first)
-        at, sequence = edge.sequence(parent, self.parts.dim)
-        name = edge.name if edge.user else f"{edge.name} {self.parts.parts[child].name}"
-        self._add(child, self.link_of[parent], at, sequence, name)
-        self._note_shared(edge)
+        def free(k: int) -> TreeEdge:
+            at = parts.parts[k].points[0]
+            return TreeEdge(parts.parts[k].name, "free", 0, k, (at, at), turns=can_turn(parts, k), user=True)
 
-    def _free(self, k: int) -> None:
-        part, dim = self.parts.parts[k], self.parts.dim
-        sequence = [("slide", axis) for axis in np.eye(3)[:dim]]
-        if part.turns != "no":
-            sequence = [*sequence, ("hinge", np.eye(3)[2])] if dim == 2 else [("free", np.eye(3)[2])]
-        self._add(k, 0, part.points[0], sequence, part.name)
+        tree: list[TreeEdge] = []
+        for edge, parent, child in spanning_tree(count, edges, free):
+            name = edge.name if edge.user else f"{edge.name} {parts.parts[child].name}"
+            self._add(child, self.link_of[parent], *edge.sequence(parent, dim), name)
+            if edge.how != "free":
+                self._note_shared(edge)
+            tree.append(edge)
+        return [edge for edge in edges if not any(edge is hung for hung in tree)]
 
     def _add(self, k: int, parent: int, at: int, sequence: list[tuple[str, Vec]], name: str) -> None:
         part = self.parts.parts[k]
-        link = TreeLink(_new_name(part.name, self.links), parent, self.home.points[at].copy(), part=k)
+        link = Link(_new_name(part.name, self.links), parent, self.home.points[at].copy(), part=k)
         link.reference = at if part.turns == "no" else -1
         link.spinless = part.turns == "bar" and all(kind in ("hinge", "slide") for kind, _ in sequence)
         self.link_of[k] = len(self.links)
         self.links.append(link)
         self._add_joints(link, sequence, name)
 
-    def _add_joints(self, link: TreeLink, sequence: list[tuple[str, Vec]], name: str) -> None:
+    def _add_joints(self, link: Link, sequence: list[tuple[str, Vec]], name: str) -> None:
         kinds = [kind for kind, _ in sequence]
         for i, (kind, axis) in enumerate(sequence):
             more = f" {kind}" if len(sequence) > 1 else ""
@@ -211,7 +183,7 @@ class ExportTree:
         """Add a link without mass that has moved by some of a joint's freedoms."""
         name, point = _new_name(f"{edge.name} piece", self.links), edge.at[1]
         place = self.home.points[point].copy()
-        link = TreeLink(name, self.link_of[edge.first], place, part=edge.second, auxiliary=True)
+        link = Link(name, self.link_of[edge.first], place, part=edge.second, auxiliary=True)
         if all(kind == "slide" for kind, _ in sequence):
             link.reference = point
         self.links.append(link)
@@ -224,7 +196,7 @@ class ExportTree:
 
     def _sort_in_depth(self) -> None:
         """Put the links in the order of a file: each followed by what hangs on it."""
-        links, order = self.links, [0]
+        links, order = list(self.links), [0]
         waiting = [k for k in range(len(links) - 1, 0, -1) if links[k].parent == 0]
         while waiting:
             k = waiting.pop()
@@ -233,7 +205,7 @@ class ExportTree:
         new = {old: i for i, old in enumerate(order)} | {-1: -1}
         for link in links:
             link.parent = new[link.parent]
-        self.links = [links[k] for k in order]
+        self.links[:] = [links[k] for k in order]
         self.link_of = {part: new[k] for part, k in self.link_of.items()}
         for loop in self.description.loops:
             loop.first, loop.second = new[loop.first], new[loop.second]
@@ -271,9 +243,9 @@ class ExportTree:
 
     def _add_masses(self) -> None:
         """Give the links the masses of the mechanism; those without get little, or none if no body has any."""
-        groups, notes = inertias(extended(self.system)), self.description.notes
+        inner, notes = extended(self.system), self.description.notes
         for k, number in self.link_of.items():
-            pieces = [self._body_inertia(groups, body) for body in self.parts.parts[k].bodies]
+            pieces = [self._body_inertia(inner, body) for body in self.parts.parts[k].bodies]
             pieces += self._point_masses(k)
             self.links[number].inertia = join_inertias([p for p in pieces if p is not None and p.mass > 0])
         moving = [link for link in self.links[1:] if not link.auxiliary]
@@ -297,15 +269,12 @@ class ExportTree:
         """Of capsules where no body has a mass: so much that MuJoCo takes their inertias, whatever their unit."""
         return max(1000.0, 2e-3 / self.size**5)
 
-    def _body_inertia(self, groups: list[Any], body: str) -> Inertia | None:
+    def _body_inertia(self, inner: System, body: str) -> Inertia | None:
         """Return mass, centre of mass and inertia of a body in the home pose, by its own mass matrix."""
-        inner = extended(self.system)
         dim, top = self.parts.dim, inner.topology
-        places = [(g, i) for g, group in enumerate(top.loads.inertias) for i, x in enumerate(group) if x.body == body]
-        if not places:
+        if not top.loads.inertias:
             return None
-        (group, i), *_ = places
-        at, local, first, m = (np.asarray(x)[i] for x in groups[group])
+        at, local, first, m = map(np.asarray, body_inertia(inner, body))
         if not float(m):
             return None
         q = np.asarray(lift(self.system.topology, self.home.q))[at]
@@ -372,9 +341,4 @@ class ExportTree:
 
 def _new_name(name: str, things: "list[Any]") -> str:
     """Return a name that none of some things has, and that is not "world"."""
-    taken = {"world", *(thing.name for thing in things)}
-    k, out = 1, name
-    while out in taken:
-        k += 1
-        out = f"{name} {k}"
-    return out
+    return unused(name, {"world", *(thing.name for thing in things)})

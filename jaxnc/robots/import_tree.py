@@ -21,6 +21,7 @@ from jaxnc.robots.description import (
     Vec,
     join_inertias,
     perpendicular,
+    unused,
 )
 
 _CLEAR = 0.2  # sine from which a direction is good to count an angle by
@@ -128,10 +129,7 @@ class ImportTree:
     def _word(self, name: str) -> str:
         """Return a name as the mechanism may have it, that nothing has yet."""
         clean = "".join("_" if c in PUNCTUATION or not c.isprintable() else c for c in name) or "part"
-        k, out = 1, clean
-        while out in self._taken:
-            k += 1
-            out = f"{clean}_{k}"
+        out = unused(clean, self._taken, "_")
         self._taken.add(out)
         return out
 

@@ -19,7 +19,7 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.system.frames import quaternions
 
 if TYPE_CHECKING:
-    from jaxnc.robots.export_tree import ExportTree, TreeLink
+    from jaxnc.robots.export_tree import ExportTree
     from jaxnc.robots.import_tree import ImportTree, MovedPlaces
     from jaxnc.system.loads import ForceBlock
 
@@ -416,7 +416,7 @@ class MjcfWriter:
         ET.indent(self.root)
         return ET.tostring(self.root, encoding="unicode") + "\n"
 
-    def _add_body(self, link: "TreeLink") -> None:
+    def _add_body(self, link: Link) -> None:
         before = self.tree.links[link.parent]
         body = add_element(self.elements[link.parent], "body", name=link.name, pos=link.origin - before.origin)
         self.elements.append(body)
@@ -434,7 +434,7 @@ class MjcfWriter:
             add_element(body, "geom", type="sphere")
         self._add_sites(link, body)
 
-    def _add_inertial(self, link: "TreeLink", inertia: Inertia, body: ET.Element) -> None:
+    def _add_inertial(self, link: Link, inertia: Inertia, body: ET.Element) -> None:
         # By principal axes: MuJoCo before 3.17 finds them to seven digits only.
         values, axes = np.linalg.eigh(inertia.tensor)
         axes[:, 2] *= np.sign(np.linalg.det(axes))
@@ -447,7 +447,7 @@ class MjcfWriter:
                 f"it moves as if it had that; draw so small a mechanism in a smaller unit, such as mm in place of m"
             )
 
-    def _add_sites(self, link: "TreeLink", body: ET.Element) -> None:
+    def _add_sites(self, link: Link, body: ET.Element) -> None:
         for name, place in link.sites.items():
             add_element(body, "site", name=name, pos=place - link.origin)
             self.sites.add(name)

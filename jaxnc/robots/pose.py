@@ -1,16 +1,12 @@
 """Where the links of an exported tree are in a pose of the mechanism, and the joint values that put them there."""
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxnc.families.bodies import Part, Parts
-from jaxnc.robots.description import ElementaryJoint, Vec, cross_matrix, perpendicular, rotate_about
+from jaxnc.robots.description import ElementaryJoint, Link, Vec, cross_matrix, perpendicular, rotate_about
 from jaxnc.system.frames import quaternions
-
-if TYPE_CHECKING:
-    from jaxnc.robots.export_tree import TreeLink
 
 
 class TreePose:
@@ -76,7 +72,7 @@ def _angle_about(axis: Vec, start: Vec, end: Vec) -> float:
     return math.atan2(float(np.cross(a, b) @ axis), float(a @ b))
 
 
-def _frames(links: "list[TreeLink]", pose: TreePose) -> list[tuple[np.ndarray, Vec]]:
+def _frames(links: list[Link], pose: TreePose) -> list[tuple[np.ndarray, Vec]]:
     """Find the rotation from home and the origin of every link in a pose."""
     out = [(np.eye(3), links[0].origin)]
     for link in links[1:]:
@@ -91,7 +87,7 @@ def _frames(links: "list[TreeLink]", pose: TreePose) -> list[tuple[np.ndarray, V
     return out
 
 
-def joint_values(links: "list[TreeLink]", pose: TreePose, before: np.ndarray | None = None) -> np.ndarray:
+def joint_values(links: list[Link], pose: TreePose, before: np.ndarray | None = None) -> np.ndarray:
     """Find the values of all joints, in their order, of a pose: numbers of hinges and slides, a quaternion of a ball.
 
     Hinges are counted on from the values `before`.
@@ -111,7 +107,7 @@ def joint_values(links: "list[TreeLink]", pose: TreePose, before: np.ndarray | N
     return values
 
 
-def _link_values(link: "TreeLink", relative: np.ndarray, moved: Vec) -> list[float]:
+def _link_values(link: Link, relative: np.ndarray, moved: Vec) -> list[float]:
     """Find the values of the joints of one link from its rotation and displacement in its parent's frame."""
     joints, out = link.joints, {i: [0.0] for i in range(len(link.joints))}
     if len(joints) == 1 and joints[0].kind == "free":

@@ -21,11 +21,12 @@ from jaxnc.robots.description import (
     Vec,
     perpendicular,
     rotate_about,
+    unused,
 )
 from jaxnc.robots.mjcf import add_element, xml_text
 
 if TYPE_CHECKING:
-    from jaxnc.robots.export_tree import ExportTree, TreeLink
+    from jaxnc.robots.export_tree import ExportTree
     from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 
 _KINDS = {
@@ -88,12 +89,18 @@ class UrdfFile:
 
     def _numbers(self, element: ET.Element | None, key: str, default: Sequence[float], what: str) -> np.ndarray:
         """Read the numbers of an attribute."""
-        text = None if element is None else element.get(key)
+        return self._read(None if element is None else element.get(key), default, f"{what}: {key}")
+
+    def _read(self, text: str | None, default: Sequence[float], what: str) -> np.ndarray:
+        """Read the numbers of a text, as many as there are by default."""
         if text is None:
             return np.array(default, dtype=float)
-        values = _floats(text)
+        try:
+            values = np.array([float(x) for x in text.split()])
+        except ValueError:
+            values = np.zeros(0)
         if len(values) != len(default) or not np.all(np.isfinite(values)):
-            raise self.fault(f"{what}: {key}={text!r} should be {len(default)} finite numbers")
+            raise self.fault(f"{what}={text!r} should be {len(default)} finite numbers")
         return values
 
     def _number(self, element: ET.Element | None, key: str, default: float, what: str) -> float:
@@ -101,9 +108,8 @@ class UrdfFile:
 
     def _pose(self, element: ET.Element | None, what: str) -> tuple[Vec, np.ndarray]:
         """Read place and axes of an ``<origin>`` (or anything with xyz and rpy)."""
-        return self._numbers(element, "xyz", (0, 0, 0), what), _rotation_of_rpy(
-            self._numbers(element, "rpy", (0, 0, 0), what)
-        )
+        place, rpy = (self._numbers(element, key, (0, 0, 0), what) for key in ("xyz", "rpy"))
+        return place, _rotation_of_rpy(rpy)
 
     def _end(self, joint: ET.Element, tag: str, what: str) -> str:
         """Find the link at one end of a joint, which must be there."""
@@ -237,16 +243,12 @@ class UrdfFile:
 
     def _gazebo_joint(self, element: ET.Element, what: str) -> "tuple[list[_End], Vec]":
         one, other = (self._number_of[self._end(element, tag, what)] for tag in ("parent", "child"))
-        values = _floats(element.findtext("pose") or "0 0 0 0 0 0")
-        if len(values) != 6 or not np.all(np.isfinite(values)):
-            raise self.fault(f"{what}: its pose should be six finite numbers")
+        values = self._read(element.findtext("pose") or None, (0, 0, 0, 0, 0, 0), f"{what}: pose")
         place, turn = values[:3], _rotation_of_rpy(values[3:])
         a, b = self.description.links[one], self.description.links[other]
         at = b.origin + b.turn @ place  # the pose is that on the child; the parent has it there at home
         local = (one, a.turn.T @ (at - a.origin), a.turn.T @ b.turn @ turn)
-        axis = _floats(element.findtext("axis/xyz") or "1 0 0")
-        if len(axis) != 3 or not np.all(np.isfinite(axis)):
-            raise self.fault(f"{what}: its axis should be three finite numbers")
+        axis = self._read(element.findtext("axis/xyz") or None, (1, 0, 0), f"{what}: axis/xyz")
         return [local, (other, place, turn)], axis
 
     def _loop(self, name: str, kind: str, ends: "list[_End]", axis: Vec) -> None:
@@ -384,14 +386,6 @@ def _link_elements(loop: ET.Element) -> list[ET.Element]:
     return [e for e in loop if e.tag in ("link1", "link2")]
 
 
-def _floats(text: str) -> np.ndarray:
-    """Read numbers; none at all if one is not a number."""
-    try:
-        return np.array([float(x) for x in text.split()])
-    except ValueError:
-        return np.zeros(0)
-
-
 def _rotation_of_rpy(rpy: Sequence[float] | np.ndarray) -> np.ndarray:
     roll, pitch, yaw = rpy
     x, y, z = np.eye(3)
@@ -444,14 +438,11 @@ class UrdfWriter:
         return '<?xml version="1.0"?>\n' + ET.tostring(self.root, encoding="unicode") + "\n"
 
     def _new_name(self, name: str) -> str:
-        k, out = 1, xml_text(name)
-        while out in self.taken:
-            k += 1
-            out = f"{xml_text(name)} {k}"
+        out = unused(xml_text(name), self.taken)
         self.taken.add(out)
         return out
 
-    def _add_body(self, name: str, link: "TreeLink") -> None:
+    def _add_body(self, name: str, link: Link) -> None:
         pieces = [piece for joint in link.joints for piece in pieces_of(joint)]
         chain = [
             self.names[link.parent],
@@ -480,7 +471,7 @@ class UrdfWriter:
             add_element(joint, "limit", lower=f"-{far}", upper=far, effort="1e6", velocity="1e6")
         self.joints[name] = joint
 
-    def _add_link(self, name: str, link: "TreeLink") -> None:
+    def _add_link(self, name: str, link: Link) -> None:
         element = add_element(self.root, "link", name=name)
         if link.inertia is not None and not link.auxiliary:
             inertial, i = add_element(element, "inertial"), link.inertia.tensor
