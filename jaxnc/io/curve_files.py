@@ -33,7 +33,7 @@ def load_curve(path: str | Path) -> tuple[np.ndarray, bool | None]:
         found = outline(path, 400)  # points of a path
         return found.points, found.closed
     try:
-        points = np.load(path) if suffix == ".npy" else _read_table(path)
+        points = np.load(path) if suffix == ".npy" else read_numbers(path, 2)
     except (OSError, ValueError, EOFError) as error:
         raise ModelFileError(f"{path} cannot be read ({getattr(error, 'strerror', None) or error})") from None
     if points.ndim != 2 or points.shape[-1] < 2:
@@ -41,18 +41,24 @@ def load_curve(path: str | Path) -> tuple[np.ndarray, bool | None]:
     return points[:, :2].astype(float), None
 
 
-def _read_table(path: Path) -> np.ndarray:
-    """Read numbers line by line; lines before the first numbers are headings."""
+def read_numbers(path: Path, first: int | None = None) -> np.ndarray:
+    """Read the numbers of a table, the `first` of each line or all; lines before the first numbers are headings.
+
+    Raises:
+        ValueError: a line that is no row of numbers, or has another number of them; its message says which.
+    """
     rows: list[list[float]] = []
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         words = [word for word in re.split(r"[,;\s]+", line.strip()) if word]
         if not words or line.lstrip().startswith("#"):
             continue
         try:
-            rows.append([float(word) for word in words[:2]])
+            rows.append([float(word) for word in words[:first]])
         except ValueError:
             if rows:
-                raise ValueError(f"line {number}: {line.strip()[:40]!r} is no pair of numbers") from None
-    if any(len(row) != 2 for row in rows):
-        raise ValueError("each line needs two numbers, x and y")
-    return np.array(rows, dtype=float).reshape(-1, 2)
+                raise ValueError(f"line {number}: {line.strip()[:40]!r} is not a row of numbers") from None
+            continue
+        if len(rows[-1]) != len(rows[0]) or len(rows[0]) < (first or 1):
+            wanted = f"each line needs {first}" if first else "a table has as many in each row"
+            raise ValueError(f"line {number}: {len(rows[-1])} numbers, and {wanted}")
+    return np.array(rows)

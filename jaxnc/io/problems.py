@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.errors import ModelFileError
+from jaxnc.io.curve_files import read_numbers
 from jaxnc.io.drives import unit_of
 from jaxnc.io.files import load
 from jaxnc.io.source import Source
@@ -154,7 +154,14 @@ def _target(said: ProblemFile, folder: Path, source: Source) -> tuple[Any, bool]
             f'a drawing needs the number of points: target = {{ svg = "{target}", points = 60 }}', ("target",)
         )
     if isinstance(target, str):
-        return _read_csv(folder / target, source), bool(said.closed)
+        try:
+            numbers = read_numbers(folder / target)
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise source.fault(f"target {target!r} cannot be read ({why})", ("target",)) from None
+        if not len(numbers):
+            raise source.fault(f"target {target!r} holds no numbers", ("target",))
+        return numbers, bool(said.closed)
     if isinstance(target, SvgTarget):
         if said.kind == "function":
             raise source.fault(
@@ -165,23 +172,3 @@ def _target(said: ProblemFile, folder: Path, source: Source) -> tuple[Any, bool]
             found = outline(folder / d.svg, d.points, d.id, d.piece, d.size, d.centre, d.up)
         return found.points, found.closed if said.closed is None else said.closed
     return target, bool(said.closed)
-
-
-def _read_csv(path: Path, source: Source) -> np.ndarray:
-    """Read the numbers of a CSV file; lines that do not begin with a number are headings."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise source.fault(f"target {path.name!r} cannot be read ({error.strerror})", ("target",)) from None
-    rows = []
-    for number, line in enumerate(lines, 1):
-        cells = [c for c in line.replace(";", ",").split(",") if c.strip()]
-        try:
-            rows.append([float(c) for c in cells])
-        except ValueError:
-            if rows:
-                raise ModelFileError(f"{path}, line {number}: {line.strip()!r} is not a row of numbers") from None
-    rows = [r for r in rows if r]
-    if not rows or len({len(r) for r in rows}) != 1:
-        raise ModelFileError(f"{path}: a target is a table of numbers with as many in each row")
-    return np.array(rows)
