@@ -5,12 +5,14 @@ their centres as its appendix B.2.4 has it.
 """
 
 import dataclasses
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, ModelFileError, nearest
@@ -179,35 +181,24 @@ class _Segment:
     angles: tuple[float, float] | None = None  # of an arc: where it begins, and how far it goes
 
     @classmethod
-    def through(cls, *p: np.ndarray) -> "_Segment":
+    def through(cls, *points: np.ndarray) -> "_Segment":
         """Make a Bézier curve of its control points."""
-        a = np.array(p)
-        if len(p) == 2:
-            return cls(np.array([a[0], a[1] - a[0]]))
-        if len(p) == 3:
-            return cls(np.array([a[0], 2 * (a[1] - a[0]), a[0] - 2 * a[1] + a[2]]))
-        return cls(np.array([a[0], 3 * (a[1] - a[0]), 3 * (a[0] - 2 * a[1] + a[2]), a[3] - a[0] + 3 * (a[1] - a[2])]))
+        degree = len(points) - 1
+        return cls(np.array([math.comb(degree, k) * np.diff(points, k, axis=0)[0] for k in range(degree + 1)]))
 
     def map(self, matrix: np.ndarray, shift: np.ndarray) -> "_Segment":
         out = self.coefficients @ matrix.T
         out[0] += shift
         return dataclasses.replace(self, coefficients=out)
 
-    def at(self, t: np.ndarray) -> np.ndarray:
+    def at(self, t: np.ndarray, order: int = 0) -> np.ndarray:
+        """Return points ``(..., 2)``, or with an order of 1 their derivatives by t."""
         if self.angles is None:
-            basis = [t**k for k in range(len(self.coefficients))]
-        else:
-            angle = self.angles[0] + t * self.angles[1]
-            basis = [np.ones_like(t), np.cos(angle), np.sin(angle)]
+            powers = polynomial.polyder(self.coefficients, order)
+            return np.stack([t**k for k in range(len(powers))], axis=-1) @ powers
+        angle, sweep = self.angles[0] + t * self.angles[1] + order * np.pi / 2, self.angles[1]
+        basis = [np.full_like(t, 1 - order), sweep**order * np.cos(angle), sweep**order * np.sin(angle)]
         return np.stack(basis, axis=-1) @ self.coefficients
-
-    def rate(self, t: np.ndarray) -> np.ndarray:
-        if self.angles is None:
-            basis = [k * t ** (k - 1) for k in range(1, len(self.coefficients))]
-        else:
-            angle, sweep = self.angles[0] + t * self.angles[1], self.angles[1]
-            basis = [-sweep * np.sin(angle), sweep * np.cos(angle)]
-        return np.stack(basis, axis=-1) @ self.coefficients[1:]
 
 
 def _arc(a: np.ndarray, rx: float, ry: float, tilt: float, large: bool, forward: bool, b: np.ndarray) -> _Segment:
@@ -348,4 +339,4 @@ def _arc_length(segment: _Segment, begin: np.ndarray, end: np.ndarray) -> np.nda
     """Measure parts of a segment, by Gauss's rule."""
     half = 0.5 * (end - begin)
     t = begin[:, None] + half[:, None] * (_NODES + 1.0)
-    return half * (np.linalg.norm(segment.rate(t), axis=-1) @ _WEIGHTS)
+    return half * (np.linalg.norm(segment.at(t, 1), axis=-1) @ _WEIGHTS)
