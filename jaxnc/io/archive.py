@@ -10,7 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError
@@ -89,6 +91,16 @@ def _map_arrays(path: str | Path) -> dict[str, np.ndarray]:
     return arrays
 
 
+class _Index(msgspec.Struct):
+    """How far the files of a table on its way are valid, and what the table is of."""
+
+    question: dict[str, Any]
+    rows: int = 0
+    inputs: dict[str, int] = {}  # checksums of what was asked for so far
+    counts: dict[str, int] = {}  # of poses, by status
+    columns: dict[str, tuple[str, list[int]]] = {}  # by name the type of a number and the shape of a row
+
+
 class PartialTable:
     """A long table on its way: one file for each array, and an index that says how far the files are valid.
 
@@ -108,11 +120,7 @@ class PartialTable:
 
     def __init__(self, path: Path, question: Mapping[str, object], go_on: bool = True):
         self.path, self.folder = path, path.with_name(path.name + ".part")
-        self.rows: int = 0
-        self.inputs: dict[str, int] = {}
-        self.counts: dict[str, int] = {}
-        self._question = json.loads(json.dumps(question))
-        self._columns: dict[str, tuple[str, list[int]]] = {}
+        self.index = _Index(json.loads(json.dumps(question)))
         with self._writing():
             if not go_on and self.folder.exists():
                 shutil.rmtree(self.folder)
@@ -122,50 +130,42 @@ class PartialTable:
 
     def _read_index(self) -> None:
         try:
-            index = json.loads((self.folder / _INDEX).read_text(encoding="utf-8"))
-            self.rows, self.inputs, self.counts = index["rows"], index["inputs"], index["counts"]
-            self._columns, question = index["columns"], index["question"]
-            for k, (dtype, shape) in enumerate(self._columns.values()):
-                if (self.folder / f"{k}.bin").stat().st_size < self.rows * _row_bytes(dtype, shape):
+            index = msgspec.json.decode((self.folder / _INDEX).read_bytes(), type=_Index)
+            for k, (dtype, shape) in enumerate(index.columns.values()):
+                if (self.folder / f"{k}.bin").stat().st_size < index.rows * _row_bytes(dtype, shape):
                     raise ValueError
-        except (ValueError, KeyError, TypeError, FileNotFoundError):
+        except (ValueError, TypeError, FileNotFoundError):
             raise ModelFileError(
                 f"{self.folder} is what an interrupted call left, and it is damaged; delete it, or pass resume=False"
             ) from None
-        keys = {**question, **self._question}
-        if other := [key for key in keys if question.get(key) != self._question.get(key)]:
+        before, now = index.question, self.index.question
+        if other := [key for key in {**before, **now} if before.get(key) != now.get(key)]:
             raise InputError(
                 f"{self.folder} is what an interrupted call left, and that was another question ({', '.join(other)} "
                 f"differ); finish that one, or delete the folder, or pass resume=False to begin anew"
             )
+        self.index = index
 
     def append(self, arrays: Mapping[str, np.ndarray], inputs: dict[str, int], counts: Mapping[str, int]) -> None:
         """Write a chunk."""
-        if not self._columns:
-            self._columns = {name: (a.dtype.str, list(a.shape[1:])) for name, a in arrays.items()}
+        index = self.index
+        index.columns = index.columns or {name: (a.dtype.str, list(a.shape[1:])) for name, a in arrays.items()}
         with self._writing():
-            for k, (name, (dtype, shape)) in enumerate(self._columns.items()):
+            for k, (name, (dtype, shape)) in enumerate(index.columns.items()):
                 # What lies beyond the index was written by a call that did not come as far as to count it.
-                with (self.folder / f"{k}.bin").open("r+b" if self.rows else "wb") as file:
-                    file.seek(self.rows * _row_bytes(dtype, shape))
+                with (self.folder / f"{k}.bin").open("r+b" if index.rows else "wb") as file:
+                    file.seek(index.rows * _row_bytes(dtype, shape))
                     file.write(np.ascontiguousarray(arrays[name]).data)
                     file.truncate()
-            self.rows += len(next(iter(arrays.values())))
-            self.inputs, self.counts = inputs, dict(counts)
-            index = {
-                "rows": self.rows,
-                "inputs": inputs,
-                "counts": self.counts,
-                "columns": self._columns,
-                "question": self._question,
-            }
-            write(self.folder / _INDEX, json.dumps(index).encode())
+            index.rows += len(next(iter(arrays.values())))
+            index.inputs, index.counts = inputs, dict(counts)
+            write(self.folder / _INDEX, msgspec.json.encode(index))
 
     def finish(self, more: Mapping[str, np.ndarray]) -> None:
         """Put the table together, and clear away the files that it was made of."""
         columns = {
-            name: Column(self.folder / f"{k}.bin", np.dtype(dtype), (self.rows, *shape))
-            for k, (name, (dtype, shape)) in enumerate(self._columns.items())
+            name: Column(self.folder / f"{k}.bin", np.dtype(dtype), (self.index.rows, *shape))
+            for k, (name, (dtype, shape)) in enumerate(self.index.columns.items())
         }
         with self._writing():
             whole = self.folder / "whole.npz"  # in there, so that nothing stays beside the table if this is ended

@@ -10,8 +10,8 @@ import numpy as np
 from jaxnc.dynamics.energy import kinetic_energy, potential_energy
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError
-from jaxnc.io.tables import AXES, ORDERS, PER, SHORT, arrays_of, list_columns, select_quantities
-from jaxnc.kinematics.inputs import angle_unit, outside
+from jaxnc.io.tables import AXES, ORDERS, PER, SHORT, list_columns, read_quantities
+from jaxnc.kinematics.inputs import outside
 from jaxnc.status import Status
 
 if TYPE_CHECKING:
@@ -80,7 +80,6 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
     outside(motion, "to_xarray()")
     xarray = _package("xarray", "to_xarray()")
     top = motion.system.topology
-    angles = angle_unit(top.angle_unit if unit is None else unit)
     status = np.asarray(motion.status)
     lanes = status.ndim - 1
     over = tuple(["lane"] if lanes == 1 else [f"lane {k + 1}" for k in range(lanes)]) + ("pose",) * (status.ndim > 0)
@@ -89,23 +88,17 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
     vectors: list[tuple[list[str], list[np.ndarray]]] = [([], []) for _ in ORDERS]
     numbers: dict[str, tuple] = {}
     inputs: dict[str, tuple] = {}
-    for order, entries in enumerate(arrays_of(motion, select_quantities(motion, names))):
-        for name, values in entries.items():
-            own = motion.system.topology.unit(name)
-            values = np.where((status != 0).reshape(status.shape + (1,) * (values.ndim - status.ndim)), np.nan, values)
-            if values.ndim > status.ndim:
-                kind = (vectors if own == "1" else points)[order]
-                kind[0].append(name)
-                kind[1].append(values)
-                continue
-            turned = own == "rad" and angles == "deg"
-            attrs = {"units": (angles if own == "rad" else own) + PER[order], "long_name": _long_name(name, order)}
-            if order == 0 and name in motion.driven:
-                asked = np.asarray(motion.inputs[name], float)
-                inputs[name] = over, np.rad2deg(asked) if turned else asked, attrs
-            else:
-                label = f"{SHORT[order]}({name})" if order else name
-                numbers[label] = over, np.rad2deg(values) if turned else values, attrs
+    for order, name, own, values in read_quantities(motion, names, unit):
+        if values.ndim > status.ndim:
+            kind = (vectors if top.is_direction(name) else points)[order]
+            kind[0].append(name)
+            kind[1].append(values)
+            continue
+        attrs = {"units": own, "long_name": f"{ORDERS[order]} of {name}" if order else name}
+        if order == 0 and name in motion.driven:
+            inputs[name] = over, values, attrs
+        else:
+            numbers[f"{SHORT[order]}({name})" if order else name] = over, values, attrs
     arrays: dict[str, tuple] = {}
     more: dict[str, object] = {"axis": axes}
     for dimension, own, kinds in (("point", top.length_unit, points), ("vector", "1", vectors)):
@@ -169,10 +162,6 @@ def designs_to_frame(result: "Result") -> "pandas.DataFrame":
     units |= {label: length for label in frame.columns if label.startswith(("size ", "length "))}
     frame.attrs = {"name": problem.name, "units": units}
     return frame
-
-
-def _long_name(name: str, order: int) -> str:
-    return name if not order else f"{ORDERS[order]} of {name}"
 
 
 def _energies(motion: "Motion") -> dict[str, np.ndarray]:

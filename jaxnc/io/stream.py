@@ -15,7 +15,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted, nearest
 from jaxnc.io.archive import PartialTable, checksums
-from jaxnc.io.tables import ORDERS, Table, arrays_of, load_npz, select_quantities
+from jaxnc.io.tables import Table, arrays_of, load_npz, select_quantities, table_arrays, table_head
 from jaxnc.io.target import file_name
 from jaxnc.kinematics.inputs import angle_unit, array, check_system, doubt_degrees, in_radians, make_plan, whole
 from jaxnc.kinematics.motion import Motion
@@ -155,16 +155,14 @@ def stream(
     }
     path = file_name(path)
     parts = PartialTable(path, question, resume)
-    resumed = parts.rows
+    resumed = parts.index.rows
     with progress_bar(total, system.name, " poses", progress, initial=resumed, unit_scale=True) as bar:
         _solve_blocks(parts, bar, blocks, lambda block: _solve_block(system, block, chunk, settings), shown)
-    if not parts.rows:
+    if not parts.index.rows:
         raise InputError("the inputs are empty; give at least one pose")
-    units = np.array([drawn.system.topology.unit(name) for name in shown], dtype=np.str_)
-    driven, words = np.array(names, dtype=np.str_), np.array(shown, dtype=np.str_)
-    parts.finish({"name": np.array(system.name), "driven": driven, "names": words, "units": units})
-    statuses = {Status[name]: count for name, count in parts.counts.items()}
-    return Streamed(system.name, path, parts.rows, statuses, resumed)
+    parts.finish(table_head(drawn, shown))
+    statuses = {Status[name]: count for name, count in parts.index.counts.items()}
+    return Streamed(system.name, path, parts.index.rows, statuses, resumed)
 
 
 def _in_radians(system: System, blocks: Iterator[Block]) -> Iterator[Block]:
@@ -179,9 +177,9 @@ def _solve_blocks(
     parts: PartialTable, bar: "tqdm", blocks: Iterator[Block], solve: Callable, shown: Sequence[str]
 ) -> None:
     """Solve block by block; while one is being solved, the one before is written."""
-    seen, solved = parts.inputs, None
+    seen, solved = parts.index.inputs, None
     for block in _not_done(blocks, parts):
-        first = parts.rows + (solved[1] if solved else 0)
+        first = parts.index.rows + (solved[1] if solved else 0)
         try:
             motion = solve(block)
         except InputError as error:
@@ -201,17 +199,11 @@ def _write_block(
     fields = ("q", "rates", "status", "residual", "conditioning")
     got = {name: jax.tree.map(lambda x: np.asarray(x)[:lanes], getattr(motion, name)) for name in fields}
     motion = dataclasses.replace(motion, poses=got.pop("q"), **got)
-    status = got["status"]
-    arrays = {name: got[name] for name in ("status", "residual", "conditioning")}
-    for order, entries in zip(ORDERS, arrays_of(motion, shown), strict=False):
-        for name, numbers in entries.items():
-            numbers[status != 0] = np.nan
-            arrays[f"{order}/{name}"] = numbers
-    counts = dict(parts.counts)
-    for kind, number in zip(*np.unique(status, return_counts=True), strict=True):
+    counts = dict(parts.index.counts)
+    for kind, number in zip(*np.unique(got["status"], return_counts=True), strict=True):
         name = Status(int(kind)).name
         counts[name] = counts.get(name, 0) + int(number)
-    parts.append(arrays, seen, counts)
+    parts.append(table_arrays(motion, shown), seen, counts)
     bar.update(lanes)
 
 
@@ -225,18 +217,18 @@ def _solve_block(system: System, block: Block, chunk: int, settings: Mapping[str
 
 def _not_done(blocks: Iterator[Block], parts: PartialTable) -> Iterator[Block]:
     """Leave out of blocks the poses that an earlier call has written, whose inputs must be the same."""
-    left, seen = parts.rows, {}
+    left, seen = parts.index.rows, {}
     for block in blocks:
         done = min(left, count_lanes(block))
         if done:
             seen = checksums(take_lanes(block, 0, done), seen)
             left -= done
-            if not left and seen != parts.inputs:
-                raise InputError(_OTHER.format(parts=parts.folder, what="differ from those", rows=parts.rows))
+            if not left and seen != parts.index.inputs:
+                raise InputError(_OTHER.format(parts=parts.folder, what="differ from those", rows=parts.index.rows))
         if done < count_lanes(block):
             yield take_lanes(block, done, count_lanes(block))
     if left:
-        raise InputError(_OTHER.format(parts=parts.folder, what="are fewer than those", rows=parts.rows))
+        raise InputError(_OTHER.format(parts=parts.folder, what="are fewer than those", rows=parts.index.rows))
 
 
 def drawing_as_motion(system: System, driven: tuple[str, ...], held: tuple[str, ...]) -> Motion:

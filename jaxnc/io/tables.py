@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -111,26 +111,38 @@ def list_columns(motion: "Motion", names: Sequence[str] | None, unit: str | None
         what: what is asked for, for messages.
     """
     outside(motion, what)
-    angles = angle_unit(motion.system.topology.angle_unit if unit is None else unit)
     status = np.asarray(motion.status)
-    failed = status.reshape(-1) != 0
     places = np.indices(status.shape).reshape(status.ndim, -1) if status.ndim else np.zeros((1, 1), dtype=int)
     columns: dict[str, tuple[str, np.ndarray]] = {}
     if motion.time is not None:
         columns["time"] = "s", np.broadcast_to(np.asarray(motion.time, float), status.shape).reshape(-1)
+    for order, name, own, array in read_quantities(motion, names, unit):
+        for label, column in _columns_of(name, array, status.ndim):
+            # An input "P.x" has been entered with the values asked for.
+            if order or label == name or label not in motion.driven:
+                columns[f"{SHORT[order]}({label})" if order else label] = own, column
+    residual = np.where(status != 0, np.nan, np.asarray(motion.residual, float)).reshape(-1)
+    return MotionColumns(places, columns, status.reshape(-1), residual)
+
+
+def read_quantities(
+    motion: "Motion", names: Sequence[str] | None, unit: str | None
+) -> Iterator[tuple[int, str, str, np.ndarray]]:
+    """Yield every quantity, inputs first, then its time derivatives: order, name, unit, and values in each pose.
+
+    Angles are in what `unit` says. Where poses failed inputs are those asked for, and all else is NaN.
+    """
+    top, failed = motion.system.topology, np.asarray(motion.status) != 0
+    angles = angle_unit(top.angle_unit if unit is None else unit)
     for order, entries in enumerate(arrays_of(motion, select_quantities(motion, names))):
         for name, array in entries.items():
-            own = motion.system.topology.unit(name)
+            if order == 0 and name in motion.driven:
+                array = np.asarray(motion.inputs[name], float)
+            else:
+                array[failed] = np.nan
+            own = top.unit(name)
             turned = own == "rad" and angles == "deg"
-            own = (angles if own == "rad" else own) + PER[order]
-            for label, column in _columns_of(name, np.rad2deg(array) if turned else array, status.ndim):
-                if order == 0 and label in motion.driven:
-                    asked = np.asarray(motion.inputs[label], float).reshape(-1)
-                    columns[label] = own, np.rad2deg(asked) if turned else asked
-                else:
-                    columns[f"{SHORT[order]}({label})" if order else label] = own, np.where(failed, np.nan, column)
-    residual = np.where(failed, np.nan, np.asarray(motion.residual, float).reshape(-1))
-    return MotionColumns(places, columns, status.reshape(-1), residual)
+            yield order, name, (angles if turned else own) + PER[order], np.rad2deg(array) if turned else array
 
 
 def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = None, unit: str | None = None) -> Path:
@@ -184,27 +196,33 @@ def to_npz(motion: "Motion", path: str | Path) -> Path:
         OutputError: the file cannot be written.
     """
     outside(motion, "to_npz()")
-    top = motion.system.topology
-    failed = np.asarray(motion.status) != 0
-    contents = {
-        "name": np.array(top.name),
-        "driven": np.array(motion.driven, dtype=np.str_),
-        "names": np.array(motion.names, dtype=np.str_),
-        "units": np.array([motion.system.topology.unit(name) for name in motion.names], dtype=np.str_),
-        "status": np.asarray(motion.status),
-        "residual": np.full(failed.shape, np.nan) if motion.residual is None else np.asarray(motion.residual),
-    }
-    if motion.conditioning is not None:
-        contents["conditioning"] = np.asarray(motion.conditioning)
+    contents = {**table_head(motion, motion.names), **table_arrays(motion, motion.names)}
     if motion.time is not None:
         contents["time"] = np.asarray(motion.time)
-    for order, entries in zip(ORDERS, arrays_of(motion, motion.names), strict=False):
-        for name, array in entries.items():
-            array[failed] = np.nan
-            contents[f"{order}/{name}"] = array
     raw = io.BytesIO()
     np.savez_compressed(raw, **contents)
     return write(path, raw.getvalue())
+
+
+def table_head(motion: "Motion", names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return what an npz table says of all its poses, as `load_npz` reads it."""
+    units = [motion.system.topology.unit(name) for name in names]
+    words = {"driven": motion.driven, "names": names, "units": units}
+    return {"name": np.array(motion.system.name), **{key: np.array(v, dtype=np.str_) for key, v in words.items()}}
+
+
+def table_arrays(motion: "Motion", names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return the arrays of an npz table, NaN where a pose failed."""
+    status = np.asarray(motion.status)
+    residual = np.full(status.shape, np.nan) if motion.residual is None else np.asarray(motion.residual)
+    out = {"status": status, "residual": residual}
+    if motion.conditioning is not None:
+        out["conditioning"] = np.asarray(motion.conditioning)
+    for order, entries in zip(ORDERS, arrays_of(motion, names), strict=False):
+        for name, array in entries.items():
+            array[status != 0] = np.nan
+            out[f"{order}/{name}"] = array
+    return out
 
 
 @public

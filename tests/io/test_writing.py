@@ -24,7 +24,7 @@ def swept():
 def stream_parts(motion, path):
     """What `stream` does when all poses are found."""
     parts = PartialTable(path, {"question": 1})
-    if not parts.rows:
+    if not parts.index.rows:
         with no_limit():
             parts.append({"x": np.arange(100.0)}, {}, {})
     parts.finish({})
