@@ -1,10 +1,12 @@
 """The text of a model file: parsed into plain data and records; errors name the line of what is wrong."""
 
+import functools
 import json
+import operator
 import re
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -154,19 +156,15 @@ def _toml_line(text: str, place: Place) -> int | None:
             data = tomllib.loads("\n".join(rows[:count]))
         except tomllib.TOMLDecodeError:
             continue  # in the midst of a statement
-        if _has(data, place):
+        with suppress(KeyError, IndexError, TypeError):
+            _entry(data, place)
             return first
         first = count + 1
     return None
 
 
-def _has(data: Any, place: Place) -> bool:
-    for key in place:
-        try:
-            data = data[key]
-        except (KeyError, IndexError, TypeError):
-            return False
-    return True
+def _entry(data: Any, place: Place) -> Any:
+    return functools.reduce(operator.getitem, place, data)
 
 
 def _json_lines(text: str) -> Iterator[tuple[Place, int]]:
@@ -259,12 +257,10 @@ def _resolve(tokens: list[tuple[str, str]], data: Any, message: str) -> Place:
     """Find the keys that a path stands for: an unnamed one is the key that, alone in its table, is still refused."""
     place: Place = ()
     for name, index in tokens:
-        node = data
-        for key in place:
-            node = node[key]
         if name or index != "...":
             place += (name or int(index),)
             continue
+        node = _entry(data, place)
         for key in node:
             try:
                 msgspec.convert(_replace(data, place, {key: node[key]}), Model)

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jaxnc.errors import list_first
+
 Vec = np.ndarray
 
 
@@ -119,8 +121,7 @@ class Description:
     def leave_out(self, what: str, names: list[str]) -> None:
         """Say that things of one sort were not taken over, if there are any."""
         if names:
-            shown = ", ".join(names[:8]) + (f", … ({len(names)} in all)" if len(names) > 8 else "")
-            self.left_out.append(f"{what}: {shown}")
+            self.left_out.append(f"{what}: {list_first(names, 8)}")
 
     def drive(self, name: str) -> bool:
         """Note that a motor drives a joint, if that is a hinge or slide that moves; return whether it is."""
