@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxnc.cli.output import Analysis, Task, report_lines, write_files
+from jaxnc.cli.output import Analysis, Task, list_files, report_lines, write_files
 from jaxnc.cli.question import Question
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.io.drives import SweepArguments, sweep_arguments
@@ -67,11 +67,13 @@ def do_parts(question: Question, options: argparse.Namespace, importing: float) 
     parts = motion.to_parts(options.out, formats=formats, **sizes)
     options.verdict.does = True
     print(parts)
+    if options.out is None:
+        print("  no files written; --out DIR writes drawings of the parts, and this table")
+        return 0
     files = [(f"{d.name}.{ending}", f"{d.title}, at true scale") for d in parts.drawings() for ending in formats]
     files += [("parts.csv", "the table of parts"), ("pins.csv", "what lies on each pin")]
     files += [("parts.txt", "both, to be read"), ("assembly.png", "a picture of the stack")]
-    written = [(Path(options.out or "") / name, what) for name, what in files]
-    write_files(options, question.mechanism.name, (), "drawings of the parts, and this table", written)
+    list_files([(Path(options.out) / name, what) for name, what in files], options.verdict)
     return 0
 
 

@@ -3,7 +3,7 @@
 import argparse
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import jax
@@ -77,7 +77,7 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
         print(f"  taken up              at {first:g} s from {options.resume}; files hold what came before as well")
     print(f"  time                  {seconds:.2f} s, of which {compiling:.2f} s to compile and for the first part")
     print(f"  importing             {importing:.2f} s")
-    write_files(options, mechanism.name, _simulation_files(mechanism, whole(), options), "tables and pictures")
+    write_files(options, mechanism.name, _simulation_files(mechanism, whole, options), "tables and pictures")
     return int(bool(np.asarray(run.status).any()))
 
 
@@ -130,10 +130,11 @@ def _simulation_section(mechanism: Mechanism, options: argparse.Namespace) -> re
     return section
 
 
-def _simulation_files(mechanism: Mechanism, run: Motion, options: argparse.Namespace) -> Iterator[Task]:
+def _simulation_files(mechanism: Mechanism, whole: Callable[[], Motion], options: argparse.Namespace) -> Iterator[Task]:
     """Yield tables and pictures of a simulation, for `write_files`."""
     from jaxnc import viz
 
+    run = whole()
     top = run.system.topology
     outputs = outputs_of(run, mechanism.model.run.outputs)
     trace = [name for name in outputs if name in (*top.points, *(m.name for m in top.markers))]

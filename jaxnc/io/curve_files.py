@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxnc.errors import ModelFileError
+from jaxnc.errors import ModelFileError, counted
 from jaxnc.io.svg import outline
 from jaxnc.io.target import file_name
 
@@ -60,5 +60,5 @@ def read_numbers(path: Path, first: int | None = None) -> np.ndarray:
             continue
         if len(rows[-1]) != len(rows[0]) or len(rows[0]) < (first or 1):
             wanted = f"each line needs {first}" if first else "a table has as many in each row"
-            raise ValueError(f"line {number}: {len(rows[-1])} numbers, and {wanted}")
+            raise ValueError(f"line {number}: {counted(len(rows[-1]), 'number')}, and {wanted}")
     return np.array(rows)
