@@ -208,7 +208,7 @@ def do_trace(question: Question, options: argparse.Namespace, importing: float) 
     if not designs:
         verdict.add("no-design", "error", "no linkage meets the conditions")
         return _search_code(result, options)
-    tasks = [(f"-{k}.toml", f"a model file: {d.name}", d.save) for k, d in enumerate(result.designs[:3], 1)]
+    tasks: list[Task] = [(f"-{k}.toml", f"a model file: {d.name}", d.save) for k, d in enumerate(result.designs[:3], 1)]
     tasks.append(("-linkages.png", "the best linkages", result.plot))
     write_files(options, question.mechanism.name, tasks, "the linkages as model files, and a picture")
     return _search_code(result, options)

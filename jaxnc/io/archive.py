@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -94,7 +93,7 @@ def _map_arrays(path: str | Path) -> dict[str, np.ndarray]:
 class _Index(msgspec.Struct):
     """How far the files of a table on its way are valid, and what the table is of."""
 
-    question: dict[str, Any]
+    question: dict
     rows: int = 0
     inputs: dict[str, int] = {}  # checksums of what was asked for so far
     counts: dict[str, int] = {}  # of poses, by status

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -196,7 +196,7 @@ def to_npz(motion: "Motion", path: str | Path) -> Path:
         OutputError: the file cannot be written.
     """
     outside(motion, "to_npz()")
-    contents = {**table_head(motion, motion.names), **table_arrays(motion, motion.names)}
+    contents: dict[str, Any] = {**table_head(motion, motion.names), **table_arrays(motion, motion.names)}
     if motion.time is not None:
         contents["time"] = np.asarray(motion.time)
     raw = io.BytesIO()

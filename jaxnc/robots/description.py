@@ -133,7 +133,7 @@ class Description:
         return True
 
 
-def unused(name: str, taken: Collection[str], between: str = " ") -> str:
+def free_name(name: str, taken: Collection[str], between: str = " ") -> str:
     """Return a name as it is, or with a number behind it if it is taken."""
     k, out = 1, name
     while out in taken:

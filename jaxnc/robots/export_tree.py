@@ -1,7 +1,7 @@
 """A mechanism as a tree of links: which joints hang links on each other, which close loops, what links weigh."""
 
+from collections.abc import Iterable
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -16,10 +16,11 @@ from jaxnc.robots.description import (
     Inertia,
     Link,
     LoopClosure,
+    Tie,
     Vec,
     cross_matrix,
+    free_name,
     join_inertias,
-    unused,
 )
 from jaxnc.robots.edges import TreeEdge, can_turn, find_edges
 from jaxnc.robots.joint_coordinates import JointSum, add_coordinates
@@ -339,6 +340,6 @@ class ExportTree:
             d.notes.append(f"lengths are in {model.units.length} as in the mechanism, and numbers are not converted")
 
 
-def _new_name(name: str, things: "list[Any]") -> str:
+def _new_name(name: str, things: Iterable[Link | ElementaryJoint | LoopClosure | Tie]) -> str:
     """Return a name that none of some things has, and that is not "world"."""
-    return unused(name, {"world", *(thing.name for thing in things)})
+    return free_name(name, {"world", *(thing.name for thing in things)})

@@ -19,9 +19,9 @@ from jaxnc.robots.description import (
     Inertia,
     LoopClosure,
     Vec,
+    free_name,
     join_inertias,
     perpendicular,
-    unused,
 )
 
 _CLEAR = 0.2  # sine from which a direction is good to count an angle by
@@ -129,7 +129,7 @@ class ImportTree:
     def _word(self, name: str) -> str:
         """Return a name as the mechanism may have it, that nothing has yet."""
         clean = "".join("_" if c in PUNCTUATION or not c.isprintable() else c for c in name) or "part"
-        out = unused(clean, self._taken, "_")
+        out = free_name(clean, self._taken, "_")
         self._taken.add(out)
         return out
 

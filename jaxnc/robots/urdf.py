@@ -19,9 +19,9 @@ from jaxnc.robots.description import (
     Link,
     LoopClosure,
     Vec,
+    free_name,
     perpendicular,
     rotate_about,
-    unused,
 )
 from jaxnc.robots.mjcf import add_element, xml_text
 
@@ -89,9 +89,9 @@ class UrdfFile:
 
     def _numbers(self, element: ET.Element | None, key: str, default: Sequence[float], what: str) -> np.ndarray:
         """Read the numbers of an attribute."""
-        return self._read(None if element is None else element.get(key), default, f"{what}: {key}")
+        return self._parse_numbers(None if element is None else element.get(key), default, f"{what}: {key}")
 
-    def _read(self, text: str | None, default: Sequence[float], what: str) -> np.ndarray:
+    def _parse_numbers(self, text: str | None, default: Sequence[float], what: str) -> np.ndarray:
         """Read the numbers of a text, as many as there are by default."""
         if text is None:
             return np.array(default, dtype=float)
@@ -243,12 +243,12 @@ class UrdfFile:
 
     def _gazebo_joint(self, element: ET.Element, what: str) -> "tuple[list[_End], Vec]":
         one, other = (self._number_of[self._end(element, tag, what)] for tag in ("parent", "child"))
-        values = self._read(element.findtext("pose") or None, (0, 0, 0, 0, 0, 0), f"{what}: pose")
+        values = self._parse_numbers(element.findtext("pose") or None, (0, 0, 0, 0, 0, 0), f"{what}: pose")
         place, turn = values[:3], _rotation_of_rpy(values[3:])
         a, b = self.description.links[one], self.description.links[other]
         at = b.origin + b.turn @ place  # the pose is that on the child; the parent has it there at home
         local = (one, a.turn.T @ (at - a.origin), a.turn.T @ b.turn @ turn)
-        axis = self._read(element.findtext("axis/xyz") or None, (1, 0, 0), f"{what}: axis/xyz")
+        axis = self._parse_numbers(element.findtext("axis/xyz") or None, (1, 0, 0), f"{what}: axis/xyz")
         return [local, (other, place, turn)], axis
 
     def _loop(self, name: str, kind: str, ends: "list[_End]", axis: Vec) -> None:
@@ -438,7 +438,7 @@ class UrdfWriter:
         return '<?xml version="1.0"?>\n' + ET.tostring(self.root, encoding="unicode") + "\n"
 
     def _new_name(self, name: str) -> str:
-        out = unused(xml_text(name), self.taken)
+        out = free_name(xml_text(name), self.taken)
         self.taken.add(out)
         return out
 
