@@ -32,6 +32,13 @@ class Shown:
         return door("show_html")(self)
 
 
+class Reported(Shown):
+    """A result whose ``repr`` is its report, as ``print`` writes it; a dataclass of it has ``repr=False``."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
 class Drawn(Shown):
     """A mechanism, as it was typed, assembled or moved."""
 

@@ -127,10 +127,6 @@ class QuadraticPaths:
                 inner.append(g + self._apply([(weights[0], terms[m])], lanes))
         return [term.T for term in terms[1:]]
 
-    def select(self, linear: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Select lanes of a derivative."""
-        return linear[which]
-
     def size(self, w: np.ndarray) -> np.ndarray:
         """Largest unknown of each path."""
         return np.abs(w[1:]).max(axis=0, initial=0.0) / np.abs(w[0])

@@ -107,10 +107,6 @@ class Sections:
             every.append([np.sum([last[i] * s[m - i] for i in range(m + 1)], axis=0) for m in range(len(s))])
         return [np.stack([power[m] for power in every], axis=1) for m in range(len(s))]
 
-    def select(self, linear: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Select lanes of a derivative."""
-        return linear[which]
-
     def size(self, w: np.ndarray) -> np.ndarray:
         """Largest unknown of each path."""
         return np.maximum(np.abs(w[1:-1]).max(axis=0, initial=0.0) / np.abs(w[0]), np.abs(w[-1]))

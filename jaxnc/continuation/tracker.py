@@ -30,16 +30,12 @@ class Problem(Protocol):
     ) -> tuple[np.ndarray, Any, np.ndarray]:
         """Take one of Newton's steps: the result, the derivative used, the step's size beside the unknowns.
 
-        The derivative may be left out if it is not to be kept.
+        The derivative may be left out if it is not to be kept; indexing selects some of its lanes.
         """
         ...
 
     def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: Any) -> list[np.ndarray]:
         """First coefficients of the paths' power series, by the derivative at (or beside) their points."""
-        ...
-
-    def select(self, linear: Any, which: np.ndarray) -> Any:
-        """Select lanes of a derivative."""
         ...
 
     def size(self, w: np.ndarray) -> np.ndarray:
@@ -128,7 +124,7 @@ def follow(problem: Problem, w: np.ndarray, pace: Pace = USUAL, most: int = 3000
             h = np.minimum(h * np.where(good, factor, np.minimum(0.5, factor)), _LONGEST)
             if good.any():
                 w[:, good], at[good] = trial[:, good], then[good]
-                new = problem.series(w[:, good], at[good], alive[good], problem.select(linear, good))
+                new = problem.series(w[:, good], at[good], alive[good], linear[good])
                 for term, value in zip(series, new, strict=True):
                     term[:, good] = value
             done = good & last

@@ -10,12 +10,11 @@ from jaxnc.calls import public
 from jaxnc.constraints import DISTANCE_BETWEEN
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.inputs import (
-    array,
     check_parameters,
     check_system,
     dense_only,
     doubt_degrees,
-    finite,
+    finite_array,
     in_radians,
     make_plan,
     whole,
@@ -23,7 +22,7 @@ from jaxnc.kinematics.inputs import (
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.kinematics.position import solve_position, start_of
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Reported
 from jaxnc.solvers.assembly import derive, meets
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.curve import LONGEST, TracedCurve, first_tangent, step_along, trace_curve, turning_point
@@ -68,8 +67,8 @@ class Interval:
 
 
 @public
-@dataclass(frozen=True)
-class Travel(Shown):
+@dataclass(frozen=True, repr=False)
+class Travel(Reported):
     """How far an input can go from the drawing, along the drawing's circuit; ``str()`` is a report.
 
     Between two dead points the input goes one way; where a circuit has several such intervals, `lower` and `upper` are
@@ -114,8 +113,6 @@ class Travel(Shown):
             lines.append(f"  {hint}")
         return "\n".join(lines)
 
-    __repr__ = __str__
-
 
 @public
 @widened
@@ -150,11 +147,9 @@ def travel(system: System, name: str, hold: Sequence[str] = (), start: Motion | 
         pieces.append((trace_curve(view, q, -t), -1.0))
     met: list[tuple[float, str]] = []
     poses: list[np.ndarray] = []
-    limits = {"maximum": np.inf, "minimum": -np.inf}
     steady = all(abs(c.t[0][place]) > 1e-9 for c, _ in pieces)
     ahead = 0  # how many of them lie ahead
     for curve, way in pieces:
-        first = True
         for a in range(len(curve.s) - 1):
             ta, tb = curve.t[a][place], curve.t[a + 1][place]
             if ta == 0.0 or ta * tb >= 0.0:
@@ -167,29 +162,18 @@ def travel(system: System, name: str, hold: Sequence[str] = (), start: Motion | 
             value = float(x[index])
             met.append((value, kind))
             poses.append(x)
-            if first and steady:
-                limits[kind] = min(limits[kind], value) if kind == "maximum" else max(limits[kind], value)
             ahead += way > 0
-            first = False
-    if forward.closed and met:
-        # Going round once meets the limit ahead first and the limit behind last.
-        limits = {"maximum": np.inf, "minimum": -np.inf}
-        for value, kind in (met[0], met[-1]):
-            limits[kind] = value
     turns = not met and forward.closed
-    positive = (
-        system.topology.blocks[system.topology.measures[system.topology.scalars.index(name)][0]].kind
-        is (DISTANCE_BETWEEN)
-        if name in system.topology.scalars
-        else False
-    )
-    least = 0.0 if positive else -np.inf  # of two points' distance: its mirror image is no motion of it
-    limits["minimum"] = max(limits["minimum"], least)
+    top, least = system.topology, -np.inf
+    if name in top.scalars and top.blocks[top.measures[top.scalars.index(name)][0]].kind is DISTANCE_BETWEEN:
+        least = 0.0  # of two points' distance: its mirror image is no motion of it
     intervals = _intervals(met, ahead, forward.closed, least)
+    drawn = next((i for i in intervals if i.drawn), None) if steady or forward.closed else None
+    lower, upper = (least, np.inf) if drawn is None else (drawn.lower, drawn.upper)
     all_poses = _pose(system, (name,), hold, np.array(poses)) if met else None
     shown = [k for k, (value, _) in enumerate(met) if value >= least]
     found = [DeadPoint(*met[k], all_poses.pose(k)) for k in shown] if all_poses is not None else []
-    return Travel(name, limits["minimum"], limits["maximum"], turns, tuple(found), forward.closed, intervals, system)
+    return Travel(name, lower, upper, turns, tuple(found), forward.closed, intervals, system)
 
 
 def _intervals(dead: list[tuple[float, str]], ahead: int, closed: bool, least: float) -> tuple[Interval, ...]:
@@ -269,8 +253,7 @@ def circuit(
 
 
 def _input_range(between: object) -> tuple[float, float]:
-    values = array(between, "circuit(): between")
-    finite(values, "circuit(): between")
+    values = finite_array(between, "circuit(): between")
     if values.shape != (2,):
         raise InputError(f"circuit(): between={between!r}; give the input's first and last value, such as (0.2, 1.4)")
     return float(values[0]), float(values[1])

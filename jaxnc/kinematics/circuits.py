@@ -16,11 +16,11 @@ from jaxnc.calls import public
 from jaxnc.continuation.tracker import CAREFUL
 from jaxnc.doors import door
 from jaxnc.errors import AssemblyError, InputError, counted
-from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, named, stack
+from jaxnc.kinematics.inputs import check_inputs, check_system
 from jaxnc.kinematics.modes import MOST, Design, Family, Targets, prepare, to_motion
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Reported
 from jaxnc.process import one_thread
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
@@ -53,8 +53,8 @@ class Branch:
 
 
 @public
-@dataclasses.dataclass(frozen=True)
-class Circuits(Shown):
+@dataclasses.dataclass(frozen=True, repr=False)
+class Circuits(Reported):
     """All assemblies over a range of an input; ``len()`` counts the circuits, ``print()`` says what they are.
 
     Attributes:
@@ -126,8 +126,6 @@ class Circuits(Shown):
             )
         return text
 
-    __repr__ = __str__
-
     def draw(self, path: object = None, **options: Any):
         """Draw the branches over the input; see `jaxnc.viz.draw_circuits`."""
         return door("Circuits.draw")(self, path, **options)
@@ -162,11 +160,8 @@ def circuits(
     """
     one_thread("numpy")
     check_system(system, "circuits()")
-    doubt_degrees(system, unit, inputs)
-    (inputs,) = in_radians(system, unit, inputs)
-    view = make_plan(system, named(inputs), hold)
-    names, values, shape = stack(inputs)
-    values = np.asarray(values, float)
+    view, values, _ = check_inputs(system, inputs, hold, unit)
+    names, values, shape = tuple(inputs), np.asarray(values, float), values.shape[:-1]
     moving = [n for n in names if np.ndim(inputs[n])]
     if len(moving) != 1 or len(shape) != 1 or shape[0] < 2:
         raise InputError(
@@ -177,7 +172,6 @@ def circuits(
     k = names.index(moving[0])
     if not (np.diff(values[:, k]) > 0.0).all():
         raise InputError(f"circuits(): the values of {moving[0]!r} must ascend, each one greater than the one before")
-    check_parameters(system)
     order = tuple(system.topology.position[n] for n in names)
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most)
     range_ = _Range(design, family, order, values, k, seed)

@@ -11,18 +11,9 @@ from jax.core import Tracer
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted, nearest
-from jaxnc.kinematics.inputs import (
-    REDUNDANCY,
-    check_parameters,
-    dense_only,
-    doubt_degrees,
-    in_radians,
-    make_plan,
-    named,
-    stack,
-)
+from jaxnc.kinematics.inputs import REDUNDANCY, check_inputs, dense_only
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import held_as_drawn, start_poses
+from jaxnc.kinematics.position import begin_at
 from jaxnc.records import record, static
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.newton import largest, tolerance
@@ -185,29 +176,18 @@ def closed(
     Raises:
         InputError: unknown, too many or too few inputs, values that are not finite, several values of one input.
     """
-    doubt_degrees(system, unit, inputs, start)
-    inputs, start = in_radians(system, unit, inputs, start)
     if redundancy not in REDUNDANCY:
         raise InputError(f"redundancy={redundancy!r}; {nearest(redundancy, REDUNDANCY)}")
-    view = make_plan(system, named(inputs), hold)
-    names, values, shape = stack(inputs)
-    if shape:
+    view, values, start = check_inputs(system, inputs, hold, unit, start)
+    if shape := values.shape[:-1]:
         raise InputError(
             f"closed() is of one pose, and its inputs have the shape {shape}: map it over them, such as "
-            f"jax.vmap(lambda x: nc.system.closed(system, {{{names[0]!r}: x}}))(values)"
+            f"jax.vmap(lambda x: nc.system.closed(system, {{{next(iter(inputs))!r}: x}}))(values)"
         )
-    check_parameters(system)
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(system))
     eq = derived(system, differentiate_scales=True) if traced else derive(system)
     drawn = settle(eq, np.zeros(len(system.topology.coordinates))).q
-    if start is None:
-        q = held_as_drawn(system.topology, view, eq, drawn, drawn)
-    else:
-        top, known = system.topology, dict(zip(names, values, strict=True))
-        q = start_poses(top, eq, drawn, start, known, top.named(view.held))
-        if isinstance(start, Mapping):
-            q = held_as_drawn(system.topology, view, eq, drawn, q, start)
-    q = jnp.asarray(q)
+    q = jnp.asarray(begin_at(system, view, eq, drawn, start, values))
     known = jnp.concatenate([jnp.asarray(values, q.dtype), q[np.array(view.held, int)]])
     chosen = None if redundancy == REDUNDANCY[0] and not view.square else _solved_rows(view)
     return ClosedEquations(system, known, lax.stop_gradient(q[view.unknown]), eq, view, chosen)

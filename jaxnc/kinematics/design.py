@@ -18,7 +18,7 @@ from jax.core import Tracer
 
 from jaxnc.compiling import jit, on_device
 from jaxnc.errors import InputError
-from jaxnc.kinematics.instant import ScrewAxis, as_jax, screw_axis
+from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, screw_axis
 from jaxnc.kinematics.motion import Motion, coordinates_of
 from jaxnc.kinematics.traced import pose_rates
 from jaxnc.solvers import host
@@ -123,12 +123,11 @@ class Pose(NamedTuple):
 
     def angular_velocity(self, body: str) -> Array:
         """Angular velocity of a body in space."""
-        found = next(b for b in self.topology.bodies if b.name == body)
-        return spins(self.topology, found.segments, self.q, self.rates)
+        return spins(self.topology, body_of(self.topology, body).segments, self.q, self.rates)
 
     def screw_axis(self, body: str) -> ScrewAxis:
         """Screw axis of a body's motion."""
-        base = self.topology.points[next(b for b in self.topology.bodies if b.name == body).points[0]]
+        base = self.topology.points[body_of(self.topology, body).points[0]]
         return screw_axis(self[base], self.velocity(base), self.angular_velocity(body))
 
 

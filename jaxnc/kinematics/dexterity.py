@@ -1,33 +1,26 @@
 """`dexterity`: how well a mechanism of several inputs moves its hand: manipulability and conditioning."""
 
 import dataclasses
-import functools
 import math
 from collections.abc import Sequence
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.compiling import jit
 from jaxnc.doors import door
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.design import tangents
 from jaxnc.kinematics.inputs import outside, positive
+from jaxnc.kinematics.instant import body_of
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.traced import pose_rates
-from jaxnc.notebooks import Shown
-from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import Equations
+from jaxnc.notebooks import Reported
 from jaxnc.system.system import characteristic_length
-from jaxnc.types import Array
 
 
 @public
-@dataclasses.dataclass(frozen=True)
-class Dexterity(Shown):
+@dataclasses.dataclass(frozen=True, repr=False)
+class Dexterity(Reported):
     """How a hand moves with its actuators, pose by pose.
 
     All of it is dimensionless: velocities are divided by the characteristic length, and so are the rates of actuators
@@ -65,8 +58,6 @@ class Dexterity(Shown):
         least, most = float(some.min()), float(some.max())
         return f"{name}: {some.size} of {good.size} poses, dexterity {least:.3g} … {most:.3g}, length {self.length:.4g}"
 
-    __repr__ = __str__
-
     def draw(self, path: object = None, **options: Any):
         """Draw a measure over two inputs, with the singularity loci; see `jaxnc.viz.draw_dexterity`."""
         return door("Dexterity.draw")(self, path, **options)
@@ -103,7 +94,7 @@ def dexterity(
     281-290, for both kinds of singular positions.
     """
     outside(motion, "dexterity()")
-    system, top = motion.system, motion.system.topology
+    top = motion.system.topology
     names = tuple(motion.driven if actuators is None else actuators)
     if motion._designs or not motion.driven:
         raise InputError("dexterity() is of poses of one design whose inputs are driven, as sweep() gives them")
@@ -115,15 +106,13 @@ def dexterity(
             f"dexterity(): {len(names)} actuators ({', '.join(names)}) for {len(motion.driven)} inputs "
             f"({', '.join(motion.driven)}); there must be as many"
         )
-    view = plan(top, motion.driven, motion.held, system.degrees_of_freedom)
     shape, good = motion.status.shape, np.asarray(motion.converged).reshape(-1)
-    rates = _rates_by_inputs(view, derive(system), jnp.asarray(motion.q).reshape(good.size, -1), jnp.asarray(good))
     parts: list[tuple[np.ndarray, np.ndarray]] = []
     if length is None:
         length = _length(motion, point, body)
     positive(length, "dexterity(): length")
-    for k in range(len(view.driven)):
-        one = dataclasses.replace(motion, rates=(rates[k].reshape(*shape, -1),))
+    for name in motion.driven:
+        one = dataclasses.replace(motion, rates=(tangents(motion, {name: 1.0})[0],))
         place = np.asarray(one.velocity(point)).reshape(good.size, -1) / length
         turn = [] if body is None else [np.asarray(one.angular_velocity(body)).reshape(good.size, -1)]
         acts = [np.asarray(one.velocity(n)).reshape(-1) / (1.0 if top.is_angle(n) else length) for n in names]
@@ -149,21 +138,10 @@ def dexterity(
     )
 
 
-@functools.partial(jit, static_argnums=0)
-def _rates_by_inputs(view: Plan, eq: Equations, q: Array, good: Array) -> Array:
-    """Derivatives of all coordinates by each of the inputs, ``(inputs, poses, N)``."""
-    every = jnp.eye(len(view.known))[: len(view.driven)]
-    lane = jax.vmap(lambda q, ok: jnp.stack([pose_rates(view, eq, q, (one,), ok)[0] for one in every]))
-    return jnp.moveaxis(lane(q, good), 1, 0)
-
-
 def _length(motion: Motion, point: str, body: str | None) -> float:
     top, drawn = motion.system.topology, motion.system.parameters.points
     if body is None:
         return float(characteristic_length(drawn))
-    known = next((b for b in top.bodies if b.name == body), None)
-    if known is None:
-        raise InputError(f"dexterity(): no body {body!r}; {nearest(body, [b.name for b in top.bodies])}")
-    places = np.asarray(drawn)[list(known.points)]
+    places = np.asarray(drawn)[list(body_of(top, body).points)]
     away = places - np.asarray(motion.system[point])
     return math.sqrt(float((away**2).sum(axis=1).mean()))

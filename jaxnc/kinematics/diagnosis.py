@@ -8,19 +8,10 @@ import numpy as np
 from jaxnc import constraints as kinds
 from jaxnc.calls import public
 from jaxnc.errors import InputError
-from jaxnc.kinematics.inputs import (
-    check_parameters,
-    check_system,
-    dense_only,
-    doubt_degrees,
-    in_radians,
-    make_plan,
-    outside,
-    stack,
-)
+from jaxnc.kinematics.inputs import check_inputs, check_parameters, check_system, dense_only, outside
 from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.kinematics.position import solve_position
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Reported
 from jaxnc.solvers.assembly import derive, free_plan, meets, settle
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.matrices import least_squares
@@ -72,8 +63,8 @@ class Remedy:
 
 
 @public
-@dataclass(frozen=True)
-class Diagnosis(Shown):
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Reported):
     """A finding whether a mechanism assembles at its inputs, and if not why; ``str()`` is a report.
 
     Attributes:
@@ -121,8 +112,6 @@ class Diagnosis(Shown):
             lines.append("  no change of a single bar, cable, radius or ground coordinate was found that closes it")
         return "\n".join(lines)
 
-    __repr__ = __str__
-
 
 @public
 @widened
@@ -147,34 +136,32 @@ def diagnose(
     check_system(system, "diagnose")
     top = system.topology
     dense_only(system.topology, "diagnose")
-    check_parameters(system)
+    if inputs is None:
+        check_parameters(system)
+        plan, values = free_plan(top), np.zeros(0)
+    else:
+        plan, values, _ = check_inputs(system, inputs, hold, unit)
+        if values.shape[:-1]:
+            raise InputError(f"diagnose looks at one pose: give single values, got inputs of shape {values.shape[:-1]}")
+        outside(values, "diagnose")
+    asked = dict(zip(inputs or (), np.asarray(values).tolist(), strict=True))
     eq = derive(system)
     inner = from_jax(eq)
-    doubt_degrees(system, unit, inputs)
-    (inputs,) = in_radians(system, unit, inputs)
-    names, values, shape = stack(inputs or {})
-    if shape != ():
-        raise InputError(f"diagnose looks at one pose: give single values, got inputs of shape {shape}")
-    outside(values, "diagnose")
-    reached: dict[str, float] = {}
-    reachable = True
+    view, reached, reachable = HostView(plan, inner), {}, True
+    drawn, size, _ = settle(eq, np.zeros(len(top.coordinates)))
+    assembles = meets(eq, drawn, float(size))
     if inputs is None:
-        q, size, _ = settle(eq, np.zeros(len(top.coordinates)))
-        q, assembles, view = np.asarray(q), meets(eq, q, float(size)), HostView(free_plan(top), inner)
-        rows, columns = np.arange(len(view.plan.rows)), np.arange(len(view.plan.unknown))
+        q, rows, columns = np.asarray(drawn), np.arange(len(plan.rows)), np.arange(len(plan.unknown))
     else:
-        view = HostView(make_plan(system, names, hold), inner)
-        pose = solve_position(system, inputs, hold=hold, throw=False)
+        pose = solve_position(system, asked, hold=hold, throw=False, unit="rad")
+        q, drawn_assembles = np.array(pose.q), assembles
         assembles = reachable = int(pose.status) in (int(Status.CONVERGED), int(Status.SINGULAR))
-        q = np.array(pose.q)
-        reached = {n: float(q[top.position[n]]) for n in names}
+        if assembles or drawn_assembles:
+            reached = {n: float(q[top.position[n]]) for n in asked}
         if not assembles:
-            drawn, size, _ = settle(eq, np.zeros(len(top.coordinates)))
-            reached = reached if meets(eq, drawn, float(size)) else {}
-            known = np.concatenate([np.asarray(values), q[view.plan.known[len(names) :]]])
+            known = np.concatenate([np.asarray(values), q[plan.known[len(asked) :]]])
             q, rows, columns = _as_far_as_possible(view, q, known)
             assembles = meets(eq, q, float(np.max(np.abs(inner.residual(q[:, None])), initial=0.0)))
-    asked = {n: float(v) for n, v in zip(names, np.asarray(values).reshape(-1), strict=True)}
     if assembles:
         return Diagnosis(top.name, asked, True, reachable, reached, 0.0, (), (), system)
     r = np.zeros(len(top.rows))

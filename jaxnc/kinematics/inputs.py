@@ -53,6 +53,13 @@ def finite(value: ArrayLike, what: str) -> None:
         raise InputError(f"{what}: {bad} of {np.size(value)} values are NaN or infinite")
 
 
+def finite_array(value: object, what: str) -> Any:
+    """An array as `array` makes it, of numbers that are `finite`."""
+    found = array(value, what)
+    finite(found, what)
+    return found
+
+
 def positive(value: Any, what: str, zero: bool = False) -> None:
     """Refuse what is no positive finite number, among values that are known."""
     if isinstance(value, Tracer):
@@ -306,31 +313,42 @@ def _levels() -> int:
     return levels
 
 
-def named(inputs: Inputs, what: str = "input") -> tuple[str, ...]:
-    """Names of a mapping of inputs."""
+def check_inputs(
+    system: System,
+    inputs: Inputs,
+    hold: Sequence[str],
+    unit: str | None,
+    start: object = None,
+    redundancy: str = REDUNDANCY[0],
+) -> tuple[Plan, Array, Any]:
+    """Check the inputs of an analysis, and bring them into one form.
+
+    Returns:
+        What is to be solved for; values of the inputs in radians and lengths ``(*batch, k)``; the start in radians.
+    """
+    doubt_degrees(system, unit, inputs, start)
+    inputs, start = in_radians(system, unit, inputs, start)
     if not isinstance(inputs, Mapping):
-        raise InputError(f"{what}s are given by name, such as {{'phi': 0.3}}; got {type(inputs).__name__}")
-    return tuple(inputs)
+        raise InputError(f"inputs are given by name, such as {{'phi': 0.3}}; got {type(inputs).__name__}")
+    view = make_plan(system, tuple(inputs), hold, redundancy)
+    values = _stack(inputs)
+    check_parameters(system)
+    return view, values, start
 
 
-def stack(inputs: Inputs, what: str = "input") -> tuple[tuple[str, ...], Array, tuple[int, ...]]:
-    """Names, values ``(*batch, k)`` and batch shape of a mapping of inputs; several arrays zip."""
-    names = named(inputs, what)
-    if names and all(type(v) is float and math.isfinite(v) for v in inputs.values()):  # one pose, as it is asked often
-        return names, np.array([*inputs.values()], active()), ()  # pyright: ignore[reportReturnType]
-    values = [array(v, f"{what} {n!r}") for n, v in inputs.items()]
-    for name, value in zip(names, values, strict=True):
-        finite(value, f"{what} {name!r}")
+def _stack(inputs: Inputs) -> Any:
+    """Put the values of inputs into one array, ``(*batch, k)``; several arrays zip."""
+    if all(type(v) is float and math.isfinite(v) for v in inputs.values()):  # one pose, as it is asked often
+        return np.array([*inputs.values()], active())
+    values = [finite_array(v, f"input {n!r}") for n, v in inputs.items()]
     try:
         shape = np.broadcast_shapes(*(v.shape for v in values))
     except ValueError:
-        shapes = ", ".join(f"{n}: {v.shape}" for n, v in zip(names, values, strict=True))
+        shapes = ", ".join(f"{n}: {v.shape}" for n, v in zip(inputs, values, strict=True))
         raise InputError(f"several inputs move together and need one shape; got {shapes}") from None
-    if not names:
-        return names, np.zeros(0, active()), ()  # pyright: ignore[reportReturnType]
-    if any(isinstance(v, jax.Array) for v in values):
-        return names, jnp.stack([jnp.broadcast_to(v, shape) for v in values], axis=-1), shape
-    return names, np.stack([np.broadcast_to(v, shape) for v in values], axis=-1), shape  # pyright: ignore[reportReturnType]
+    # What NumPy can put together compiles nothing.
+    xp = jnp if any(isinstance(v, jax.Array) for v in values) else np
+    return xp.stack([xp.broadcast_to(v, shape) for v in values], axis=-1)
 
 
 def rate_values(rates: Inputs | None, names: Sequence[str], shape: tuple[int, ...], what: str) -> Any:
@@ -344,16 +362,14 @@ def rate_values(rates: Inputs | None, names: Sequence[str], shape: tuple[int, ..
             raise InputError(f"{what}: {name!r} is not one of the inputs; {nearest(name, names)}")
     columns = []
     for name in names:
-        value = array(rates.get(name, 0.0), f"{what} of {name!r}")
-        finite(value, f"{what} of {name!r}")
+        value = finite_array(rates.get(name, 0.0), f"{what} of {name!r}")
         try:
             if np.broadcast_shapes(value.shape, shape) != shape:
                 raise ValueError
         except ValueError:
             raise InputError(f"{what} of {name!r} has shape {value.shape}, the inputs have {shape}") from None
         columns.append(value)
-    # What NumPy can put together compiles nothing.
-    xp = jnp if any(isinstance(x, jax.Array) for x in columns) else np
+    xp = jnp if any(isinstance(x, jax.Array) for x in columns) else np  # as of `_stack`
     return xp.stack([xp.broadcast_to(x, shape) for x in columns], axis=-1) if columns else np.zeros((*shape, 0))
 
 

@@ -15,7 +15,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.errors import InputError, nearest
 from jaxnc.system.on_lanes import on_host
-from jaxnc.system.topology import BodyIndex
+from jaxnc.system.topology import BodyIndex, Topology
 from jaxnc.types import AnyArray, Array, Numbers, PyTree
 
 if TYPE_CHECKING:
@@ -263,9 +263,8 @@ def seen_from(state: BodyState, other: BodyState) -> BodyState:
 # -- of a motion ------------------------------------------------------------------------------------------------------
 
 
-def body_of(motion: "Motion", body: str) -> BodyIndex:
+def body_of(top: Topology, body: str) -> BodyIndex:
     """A body by its name."""
-    top = motion.system.topology
     names = [b.name for b in top.bodies]
     if body not in names:
         raise InputError(f"{top.name!r} has no body {body!r}; {nearest(body, names)}")
@@ -281,7 +280,7 @@ def state_of(motion: "Motion", body: str | None = None, point: str | None = None
         The state, seen from the ground: NumPy's of a motion that the host has found, otherwise JAX's.
     """
     top = motion.system.topology
-    found = None if body is None else body_of(motion, body)
+    found = None if body is None else body_of(top, body)
     name = point or top.points[found.points[0] if found else 0]
     second = len(motion.rates) > 1
     given: list[AnyArray] = [motion[name], motion.velocity(name), motion.acceleration(name) if second else None]
@@ -421,22 +420,27 @@ def path_curvature(motion: "Motion", point: str, relative_to: str = GROUND) -> P
     return as_jax(curvature_of(state))
 
 
-def _lay_places(motion: "Motion", body: str, places: AnyArray, pose: int) -> AnyArray:
-    """Places ``(T, 2)`` that ride on a body, each in its own pose, as they lie in one pose."""
-    found, points = body_of(motion, body), motion.system.topology.points
-    a = _in_library_of(motion[points[found.points[0]]], places)
-    w = places - a
-    if found.base is None:
-        return a[pose] + w
-    d = _in_library_of(motion[points[found.base[1]]], places) - _in_library_of(motion[points[found.base[0]]], places)
-    length = _vector_norm(d)
-    e = _safe_ratio(d, length[..., None], (length > 0)[..., None])
-    along, across = (w * e).sum(axis=-1)[..., None], (w * quarter(e)).sum(axis=-1)[..., None]
-    return a[pose] + along * e[pose] + across * quarter(e[pose])
-
-
-def _in_library_of(x: Array, like: np.ndarray) -> np.ndarray:
-    return np.asarray(x) if isinstance(like, np.ndarray) else x
+def _lay_in_pose(motion: "Motion", body: str, pose: int, places: AnyArray, *directions: AnyArray) -> list[AnyArray]:
+    """Places and directions ``(T, dim)`` that ride on a body, each in its own pose, as they lie in one pose."""
+    top, given = motion.system.topology, [motion.position(body), places, *directions]
+    base = body_of(top, body).base
+    if top.dim == 3:
+        given.append(motion.orientation(body))
+    elif base is not None:
+        given.append(motion[top.points[base[1]]] - motion[top.points[base[0]]])
+    if on_host(np.zeros(()), given):
+        given = [np.asarray(x) for x in given]
+    own, *rest = given
+    if len(rest) == 1 + len(directions):  # it keeps the ground's orientation
+        return [own[pose] + (rest[0] - own), *rest[1:]]
+    turn = rest.pop()
+    if top.dim == 2:
+        length = _vector_norm(turn)[..., None]
+        along = _safe_ratio(turn, length, length > 0)
+        turn = _library_of(along).stack([along, quarter(along)], axis=-1)
+    back = turn[pose] @ turn.swapaxes(-1, -2)
+    places, *directions = ((back @ x[..., None])[..., 0] for x in (rest[0] - own, *rest[1:]))
+    return [own[pose] + places, *directions]
 
 
 @public
@@ -458,8 +462,11 @@ def centrodes(motion: "Motion", body: str, relative_to: str = GROUND, pose: int 
     _require_plane(motion, "centrodes()", "axodes()")
     sequence(motion, "centrodes()")
     found = instant_of(relative_state(motion, body, relative_to))
-    fixed = found.centre if relative_to == GROUND else _lay_places(motion, relative_to, found.centre, pose)
-    return as_jax(Centrodes(fixed, _lay_places(motion, body, found.centre, pose), found.finite))
+    fixed, moving = (
+        found.centre if name == GROUND else _lay_in_pose(motion, name, pose, found.centre)[0]
+        for name in (relative_to, body)
+    )
+    return as_jax(Centrodes(fixed, moving, found.finite))
 
 
 def relative_screw(motion: "Motion", body: str, relative_to: str) -> ScrewAxis:
@@ -491,22 +498,14 @@ def axodes(motion: "Motion", body: str, relative_to: str = "ground", pose: int =
     """
     sequence(motion, "axodes()")
     found = motion.screw_axis(body, relative_to)
-    fixed = found if relative_to == "ground" else _lay_axes(motion, relative_to, found, pose)
-    return as_jax(Axodes(fixed, _lay_axes(motion, body, found, pose)))
-
-
-def _lay_axes(motion: "Motion", body: str, axes: ScrewAxis, pose: int) -> ScrewAxis:
-    """Axes that ride on a body, each in its own pose, as they lie in one pose."""
-    given: list[AnyArray] = [motion.position(body), motion.orientation(body), axes.point, axes.direction]
-    if on_host(np.zeros(()), given):
-        given = [np.asarray(x) for x in given]
-    place, turn, point, direction = given
-    back = turn[pose] @ turn.swapaxes(-1, -2)
-
-    def carry(x: np.ndarray) -> np.ndarray:
-        return (back @ x[..., None])[..., 0]
-
-    return axes._replace(point=place[pose] + carry(point - place), direction=carry(direction))
+    fixed, moving = (
+        (found.point, found.direction)
+        if name == GROUND
+        else _lay_in_pose(motion, name, pose, found.point, found.direction)
+        for name in (relative_to, body)
+    )
+    axodes = (found._replace(point=point, direction=direction) for point, direction in (fixed, moving))
+    return as_jax(Axodes(*axodes))
 
 
 def sequence(motion: "Motion", what: str) -> None:

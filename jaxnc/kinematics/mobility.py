@@ -9,10 +9,11 @@ import jax
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError, list_first, nearest
+from jaxnc.errors import InputError, list_first
 from jaxnc.kinematics.freedoms import Freedoms, explain_lock, loose_motions
 from jaxnc.kinematics.inputs import check_system, dense_only
-from jaxnc.notebooks import Shown
+from jaxnc.kinematics.instant import body_of
+from jaxnc.notebooks import Reported
 from jaxnc.solvers.assembly import (
     Sample,
     derive,
@@ -40,8 +41,8 @@ _PART = 1e-6  # of the largest share of a row in a dependency: less is rounding
 
 
 @public
-@dataclass(frozen=True)
-class Mobility(Shown):
+@dataclass(frozen=True, repr=False)
+class Mobility(Reported):
     """A count of what a mechanism's constraints amount to; ``str()`` is a report.
 
     Attributes:
@@ -125,8 +126,6 @@ class Mobility(Shown):
         if self.solves:
             lines.append(f"  driven by {', '.join(self.driven)}: {self.solves}")
         return "\n".join(lines)
-
-    __repr__ = __str__
 
 
 @public
@@ -416,11 +415,7 @@ def grashof(system: System, crank: str, coupler: str, rocker: str) -> Grashof:
     """
     check_system(system, "grashof()")
     top = system.topology
-    names = [b.name for b in top.bodies]
-    for name in (crank, coupler, rocker):
-        if name not in names:
-            raise InputError(f"{top.name!r} has no body {name!r}; {nearest(name, names)}")
-    sets = {b.name: set(b.points) for b in top.bodies}
+    sets = {name: set(body_of(top, name).points) for name in (crank, coupler, rocker)}
     fixed = {i for i in range(len(top.points)) if all(top.fixed[i * top.dim : (i + 1) * top.dim])}
 
     def common_point(a: set[int], b: set[int], what: str) -> int:

@@ -21,18 +21,9 @@ from jaxnc.continuation.quadratic import QuadraticPaths, inverses
 from jaxnc.continuation.tracker import BOLD, CAREFUL
 from jaxnc.doors import door
 from jaxnc.errors import InputError, brief, counted
-from jaxnc.kinematics.inputs import (
-    check_parameters,
-    check_system,
-    doubt_degrees,
-    in_radians,
-    make_plan,
-    named,
-    stack,
-    whole,
-)
+from jaxnc.kinematics.inputs import check_inputs, check_system, whole
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.polynomial import ZERO, Member, NotPolynomial, Reading, read_polynomials
+from jaxnc.kinematics.polynomial import ZERO, Design, Member, NotPolynomial, Reading, describe, read_polynomials
 from jaxnc.kinematics.reduction import Placed, Reduction
 from jaxnc.kinematics.starts import (
     NoMember,
@@ -46,13 +37,11 @@ from jaxnc.kinematics.starts import (
     save_starts,
     structure_key,
 )
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Reported
 from jaxnc.process import one_thread
-from jaxnc.solvers.assembly import derive, settle, to_host
+from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
-from jaxnc.system.equations import pure_numbers
-from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs, Numbers
@@ -84,8 +73,8 @@ class Certificate:
 
 
 @public
-@dataclasses.dataclass(frozen=True)
-class Modes(Shown):
+@dataclasses.dataclass(frozen=True, repr=False)
+class Modes(Reported):
     """All assemblies of a mechanism for one set of inputs; ``len()`` counts the real ones, ``print()`` says all.
 
     Attributes:
@@ -178,53 +167,12 @@ class Modes(Shown):
             lines.append(f"  {k}: {proof} {system.topology.length_unit}, conditioning {c.conditioning:.1g}")
         return "\n".join(lines)
 
-    __repr__ = __str__
-
     def draw(self, path: object = None, **options: Any):
         """Draw all assemblies side by side; see `jaxnc.viz.draw_modes`."""
         return door("Modes.draw")(self, path, **options)
 
 
-# -- a mechanism in numbers --------------------------------------------------------------------------------------------
-
-
-@dataclasses.dataclass(frozen=True)
-class Design:
-    """A system in parts of its size: what the family's equations are made from."""
-
-    reading: Reading
-    host: HostEquations
-    unit: np.ndarray  # size of every coordinate
-    x: np.ndarray  # the assembled drawing, (N,)
-    constants: tuple[np.ndarray, ...]  # per block (instances, constants, 1)
-
-    def at(self, values: np.ndarray, inputs: Sequence[int]) -> tuple[Member, np.ndarray]:
-        """The members for values of the inputs ``(inputs, targets)``, and what is known of all coordinates."""
-        targets = values.shape[1]
-        x = np.repeat(self.x[:, None], targets, axis=1).astype(values.dtype)
-        x[list(inputs)] = values / self.unit[list(inputs), None]
-        constants = tuple(np.repeat(c, targets, axis=2) for c in self.constants)
-        self.reading.place_scalars(x, constants)
-        turns, sizes = self.reading.measure_turns(self.constants, self.x[:, None])
-        turns = np.repeat(turns, targets, axis=2)
-        for k, is_angle in enumerate(self.reading.top.angles):
-            s = self.reading.first + k
-            if is_angle and self.reading.known[s]:
-                turns[k] = np.cos(x[s]), np.sin(x[s])
-        sizes = np.repeat(self.reading.pair_sizes(sizes), targets, axis=1)
-        return Member(constants, np.where(self.reading.known[:, None], x, 0.0), turns, sizes), x
-
-
-def describe(system: System, reading: Reading) -> Design:
-    """A system in parts of its size."""
-    eq = derive(system)
-    host, top = to_host(eq), reading.top
-    drawn = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q, float)
-    spread = drawn[: len(top.points) * top.dim].reshape(-1, top.dim)
-    size = float(np.ptp(spread, axis=0).max(initial=0.0)) or 1.0
-    unit = np.where(pure_numbers(top), 1.0, size)
-    constants = tuple((c / size**p)[:, :, None] for c, p in zip(host.constants, reading.powers, strict=True))
-    return Design(reading, host, unit, drawn / unit, constants)
+# -- families ----------------------------------------------------------------------------------------------------------
 
 
 class Family:
@@ -267,24 +215,21 @@ def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, pro
     if (zeros, seed) not in known:
         base.check_cases(design.x, design.constants)
         rng = np.random.default_rng([seed, 33])
-        generic = draw_generic(base, design.x, design.constants, rng)
+        generic = draw_generic(design, rng)
         if base.freedoms(*generic) < len(inputs):
             raise NoMember  # overconstrained: generic dimensions do not move
         reading = base.paired(*generic)
-        key = structure_key(reading, design.constants, ZERO) + f"-{seed}"
+        key = structure_key(reading, design.constants, seed)
         starts = load_starts(reading, key)
         if starts is None:
-            own = dataclasses.replace(design, reading=reading)
-            member, _ = own.at((design.x * design.unit)[list(inputs), None], inputs)
-            starts = find_starts(reading, design.x, design.constants, member, rng, key, most)
+            starts = find_starts(dataclasses.replace(design, reading=reading), inputs, rng, key, most)
             save_starts(starts, key)
         known[zeros, seed] = Family(reading, starts)
     family = known[zeros, seed]
     if prove and not family.starts.proof:
         rng, own = np.random.default_rng([seed, 34]), dataclasses.replace(design, reading=family.reading)
-        member, _ = own.at((design.x * design.unit)[list(inputs), None], inputs)
-        family.starts = prove_starts(family.reading, design.x, design.constants, member, family.starts, rng)
-        save_starts(family.starts, structure_key(family.reading, design.constants, ZERO) + f"-{seed}")
+        family.starts = prove_starts(own, inputs, family.starts, rng)
+        save_starts(family.starts, structure_key(family.reading, design.constants, seed))
     return family
 
 
@@ -392,7 +337,8 @@ class Targets:
             self.member, self.x = designs[0].at(values.T, order)
         else:
             members, poses = zip(*(d.at(v[:, None], order) for d, v in zip(designs, values, strict=True)), strict=True)
-            self.member, self.x = join_members(members), np.concatenate(poses, axis=1)
+            self.member = members[0].each(lambda *side_by_side: np.concatenate(side_by_side, axis=-1), *members[1:])
+            self.x = np.concatenate(poses, axis=1)
         self.reduction, self.begin, self.end = family.reduction(self.member)
         self.places = self._solve()
 
@@ -464,8 +410,8 @@ class Targets:
 
 
 @public
-@dataclasses.dataclass(frozen=True)
-class ModesMap(Shown):
+@dataclasses.dataclass(frozen=True, repr=False)
+class ModesMap(Reported):
     """All real assemblies for many sets of inputs, or of many designs; `print` says how many there are where.
 
     Attributes:
@@ -508,18 +454,9 @@ class ModesMap(Shown):
     def __str__(self) -> str:
         return f"{self.poses.system.topology.name}: {self.statement}"
 
-    __repr__ = __str__
-
     def draw(self, path: object = None, **options: Any):
         """Draw the number of assemblies over two inputs, with the loci where it changes; see `jaxnc.viz`."""
         return door("ModesMap.draw")(self, path, **options)
-
-
-def join_members(members: Sequence[Member]) -> Member:
-    """Put members side by side, as samples of one."""
-    constants = tuple(np.concatenate(c, axis=-1) for c in zip(*(m.constants for m in members), strict=True))
-    rest = (np.concatenate([getattr(m, name) for m in members], axis=-1) for name in ("known", "turns", "sizes"))
-    return Member(constants, *rest)
 
 
 def _solve_map(
@@ -612,17 +549,13 @@ def modes(
     """
     one_thread("numpy")
     check_system(system, "modes()")
-    doubt_degrees(system, unit, inputs)
-    (inputs,) = in_radians(system, unit, inputs)
-    view = make_plan(system, named(inputs), hold)
-    names, values, shape = stack(inputs)
-    check_parameters(system)
-    values = np.asarray(values, float)
+    view, values, _ = check_inputs(system, inputs, hold, unit)
+    values, shape = np.asarray(values, float), values.shape[:-1]
     if shape or system.parameters.points.ndim > 2:
         if not math.prod(shape):
             raise InputError(f"modes(): inputs of the shape {shape} hold no value")
-        return _solve_map(system, view, names, values, seed, most, prove)
-    order = tuple(system.topology.position[n] for n in names)
+        return _solve_map(system, view, tuple(inputs), values, seed, most, prove)
+    order = tuple(system.topology.position[n] for n in inputs)
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most, prove)
     member, x = design.at(values[:, None], order)
     return _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))

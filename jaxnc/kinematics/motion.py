@@ -251,7 +251,7 @@ class Motion(Drawn):
 
     def _body(self, body: str) -> BodyIndex:
         """A body that knows its orientation."""
-        top, found = self.system.topology, body_of(self, body)
+        top, found = self.system.topology, body_of(self.system.topology, body)
         if not found.segments:
             raise InputError(f"body {body!r} has one point and keeps the ground's orientation; it does not turn")
         if top.dim == 3 and len(found.segments) == 1:
@@ -263,7 +263,8 @@ class Motion(Drawn):
 
     def position(self, body: str) -> Array:
         """Where a body's reference point is, its first one, ``(..., dim)``."""
-        return self[self.system.topology.points[body_of(self, body).points[0]]]
+        top = self.system.topology
+        return self[top.points[body_of(top, body).points[0]]]
 
     def orientation(self, body: str) -> Array:
         """Orientation of a body.

@@ -15,13 +15,17 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from jaxnc.constraints import Kind
 from jaxnc.reading import Builder, OutOfRange, Program, Unreadable, function, partials, polynomials
 from jaxnc.remembered import with_owner
+from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.system.equations import pure_numbers
+from jaxnc.system.host import HostEquations
 from jaxnc.system.structure import formula, program, size
+from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 
 RANK = 1e-9  # of the largest: a singular value below counts as zero
@@ -119,8 +123,7 @@ def _function_of(kind: Kind, which: str, dim: int) -> Function | None:
 # -- members -----------------------------------------------------------------------------------------------------------
 
 
-@dataclasses.dataclass(frozen=True)
-class Member:
+class Member(NamedTuple):
     """Numbers of a member of the family, in parts of the mechanism's size; each with a last axis of samples."""
 
     constants: tuple[np.ndarray, ...]  # per block (instances, constants, samples)
@@ -128,22 +131,13 @@ class Member:
     turns: np.ndarray  # cosine and sine of each scalar, (scalars, 2, samples)
     sizes: np.ndarray  # right-hand sides of the rows that tell angles from their half turns, (pairs, samples)
 
-    def each(self, f: Callable[[np.ndarray], np.ndarray]) -> "Member":
-        """Apply a function to all arrays."""
-        return Member(tuple(map(f, self.constants)), f(self.known), f(self.turns), f(self.sizes))
+    def each(self, f: Callable[..., np.ndarray], *others: "Member") -> "Member":
+        """Apply a function to all arrays, and to those of other members beside them."""
+        return jax.tree.map(f, self, *others)
 
     def mix(self, other: "Member", part: np.ndarray) -> "Member":
         """Members on the straight line to another one, `part` of the way, ``(samples,)``."""
-
-        def mixed(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-            return a + (b - a) * part
-
-        return Member(
-            tuple(map(mixed, self.constants, other.constants)),
-            mixed(self.known, other.known),
-            mixed(self.turns, other.turns),
-            mixed(self.sizes, other.sizes),
-        )
+        return self.each(lambda a, b: a + (b - a) * part, other)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -487,6 +481,49 @@ class Reading:
             inputs = self._inputs(part, x, constants, np.zeros((len(self.top.scalars), 2, x.shape[1])))
             slope = dict(zip((v for _, v in rows.slope_at), rows.slopes(inputs), strict=True))[k]
             x[at] = -np.broadcast_to(rows.values(inputs)[0], (1, x.shape[1]))[0] / slope
+
+
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """A system in parts of its size: what the family's equations are made from."""
+
+    reading: Reading
+    host: HostEquations
+    unit: np.ndarray  # size of every coordinate
+    x: np.ndarray  # the assembled drawing, (N,)
+    constants: tuple[np.ndarray, ...]  # per block (instances, constants, 1)
+
+    def at(self, values: np.ndarray, inputs: Sequence[int]) -> tuple[Member, np.ndarray]:
+        """The members for values of the inputs ``(inputs, targets)``, and what is known of all coordinates."""
+        targets = values.shape[1]
+        x = np.repeat(self.x[:, None], targets, axis=1).astype(values.dtype)
+        x[list(inputs)] = values / self.unit[list(inputs), None]
+        constants = tuple(np.repeat(c, targets, axis=2) for c in self.constants)
+        self.reading.place_scalars(x, constants)
+        turns, sizes = self.reading.measure_turns(self.constants, self.x[:, None])
+        turns = np.repeat(turns, targets, axis=2)
+        for k, is_angle in enumerate(self.reading.top.angles):
+            s = self.reading.first + k
+            if is_angle and self.reading.known[s]:
+                turns[k] = np.cos(x[s]), np.sin(x[s])
+        sizes = np.repeat(self.reading.pair_sizes(sizes), targets, axis=1)
+        return Member(constants, np.where(self.reading.known[:, None], x, 0.0), turns, sizes), x
+
+    def drawn(self, inputs: Sequence[int]) -> Member:
+        """The member for the values that the inputs have in the drawing."""
+        return self.at((self.x * self.unit)[list(inputs), None], inputs)[0]
+
+
+def describe(system: System, reading: Reading) -> Design:
+    """A system in parts of its size."""
+    eq = derive(system)
+    host, top = to_host(eq), reading.top
+    drawn = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q, float)
+    spread = drawn[: len(top.points) * top.dim].reshape(-1, top.dim)
+    size = float(np.ptp(spread, axis=0).max(initial=0.0)) or 1.0
+    unit = np.where(pure_numbers(top), 1.0, size)
+    constants = tuple((c / size**p)[:, :, None] for c, p in zip(host.constants, reading.powers, strict=True))
+    return Design(reading, host, unit, drawn / unit, constants)
 
 
 @with_owner

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -18,16 +18,15 @@ from jaxnc.internals import outermost
 from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,
-    array,
+    check_inputs,
     check_parameters,
     doubt_degrees,
     finite,
+    finite_array,
     in_radians,
     make_plan,
-    named,
     outside,
     rate_values,
-    stack,
     worst_rows,
 )
 from jaxnc.kinematics.motion import Columns, Motion, coordinates_of
@@ -143,14 +142,9 @@ def solve_position(
     count, driven = math.prod(shape), len(view.driven)
     flat = question.values.reshape(count, driven)
     orders = tuple(o.reshape(count, driven) for o in question.orders)
-    if start is None:
-        begin = held_as_drawn(system.topology, view, eq, q0, q0)
-    else:
-        top = system.topology
-        known = {name: question.values[..., k] for k, name in enumerate(top.named(view.driven))}
-        begin = start_poses(top, eq, q0, start, known, top.named(view.held), shape).reshape(count, -1)
-        if isinstance(start, Mapping):
-            begin = held_as_drawn(system.topology, view, eq, q0, begin, start)
+    begin = begin_at(system, view, eq, q0, start, question.values)
+    if start is not None:
+        begin = begin.reshape(count, -1)
     chosen = None if devices is None else choose(devices)
     found = _find_poses(view, "lanes" if start is None else "guess", eq, begin, flat, orders, repair, chosen)
     motion = question.answer(found)
@@ -251,8 +245,7 @@ def motion(
     Raises:
         InputError: as in `sweep`; also for an input that is neither a function nor a tuple of arrays.
     """
-    t = array(t, "time t")
-    finite(t, "time t")
+    t = finite_array(t, "time t")
     if t.ndim != 1 or t.shape[0] == 0:
         raise InputError(f"time t must be a sequence of values, shape (T,); got shape {t.shape}")
     if not isinstance(inputs, Mapping):
@@ -283,12 +276,10 @@ def _check_call(
     jerk: bool = False,
 ) -> tuple[_Question, Any]:
     """Check a call and bring it into one form; the start comes back in radians."""
-    doubt_degrees(system, unit, inputs, start)
-    inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
-    view = make_plan(system, named(inputs), hold, redundancy)
-    names, values, shape = stack(inputs)
-    check_parameters(system)
-    return _Question(system, view, values, _rate_orders(names, shape, rates, accelerations, jerk)), start
+    view, values, start = check_inputs(system, inputs, hold, unit, start, redundancy)
+    rates, accelerations = in_radians(system, unit, rates, accelerations)
+    orders = _rate_orders(tuple(inputs), values.shape[:-1], rates, accelerations, jerk)
+    return _Question(system, view, values, orders), start
 
 
 def _in_time(name: str, data: "Callable | tuple | ArrayLike", t: np.ndarray, count: int) -> list[Array]:
@@ -319,8 +310,7 @@ def _in_time(name: str, data: "Callable | tuple | ArrayLike", t: np.ndarray, cou
         )
     out = []
     for k, value in enumerate(data[:count]):
-        value = array(value, f"input {name!r}, part {k}")
-        finite(value, f"input {name!r}, part {k}")
+        value = finite_array(value, f"input {name!r}, part {k}")
         if value.shape not in ((), t.shape):
             raise InputError(f"input {name!r}, part {k}, has shape {value.shape}, the times have {t.shape}")
         out.append(jnp.broadcast_to(value, t.shape))
@@ -342,7 +332,7 @@ def _follow_inputs(question: _Question, start: Motion | Inputs | None, repair: b
     view, eq = question.view, derive(question.system)
     q0 = start_of(question.system, eq, start, repair=repair)
     if start is None:
-        q0 = held_as_drawn(question.system.topology, view, eq, q0, q0)
+        q0 = begin_at(question.system, view, eq, q0, None, question.values)
     found = _find_poses(view, "continuation", eq, q0, question.values, question.orders, repair)
     motion = _check_rolling(question.answer(found))
     if throw:
@@ -467,15 +457,22 @@ def start_of(
     return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home), repair).q
 
 
-def held_as_drawn(
-    top: Topology, view: Plan, eq: Equations, q0: Array, begin: Array, given: Collection[str] = ()
-) -> Array:
-    """Poses `begin`, whose held coordinates change in traced code with the drawing, as the start pose `q0` does.
+def begin_at(
+    system: System, view: Plan, eq: Equations, q0: AnyArray, start: Motion | Mapping[str, Any] | None, values: AnyArray
+) -> AnyArray:
+    """Find where poses for inputs ``(*shape, k)`` begin: at the drawing `q0`, ``(N,)``, or each nearest to a start.
 
-    But for those that are `given`, by their name or that of their point or vector; `top` has the names.
+    What is held changes in traced code with the drawing, unless the start gives it, or its point or vector, by name.
     """
+    top, begin, given = system.topology, q0, set()
+    if start is not None:
+        known = {name: values[..., k] for k, name in enumerate(top.named(view.driven))}
+        begin = start_poses(top, eq, q0, start, known, top.named(view.held), values.shape[:-1])
+        if isinstance(start, Motion):
+            return begin
+        given = {*start}
     names = [(c, top.coordinates[c]) for c in view.held]
-    held = np.array([c for c, name in names if not {name, name.rpartition(".")[0]} & {*given}], int)
+    held = np.array([c for c, name in names if not {name, name.rpartition(".")[0]} & given], int)
     if not len(held) or not any(isinstance(x, Tracer) for x in jax.tree.leaves(eq)):
         return begin
     from jaxnc.solvers.newton import attach_start  # with all that XLA needs, and the host does not
@@ -544,8 +541,7 @@ def start_poses(
 
 def _guess_entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], what: str) -> tuple[list[int], Array]:
     """Find the coordinates that a name of a guess stands for, and their values, ``(..., coordinates)``."""
-    value = array(value, f"{what} of {name!r}")
-    finite(value, f"{what} of {name!r}")
+    value = finite_array(value, f"{what} of {name!r}")
     at, batch = coordinates_of(top, name), f", or {(*shape, '...')} of them".replace("'", "") if shape else ""
     if isinstance(at, slice):
         if value.shape not in ((top.dim,), (*shape, top.dim)):

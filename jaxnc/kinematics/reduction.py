@@ -78,6 +78,10 @@ class Placed:
         member = self.member.each(lambda v: v[..., at])
         return Placed(member, self.maps[at], tuple(s[at] for s in self.straight), self.rows[at])
 
+    def lengthen(self, w: np.ndarray) -> np.ndarray:
+        """All unknowns of the first member, ``(unknowns, lanes)``, by those that stay, ``(n, lanes)``."""
+        return (self.maps[0] @ np.concatenate([np.ones((1, w.shape[1])), w]))[1:]
+
 
 def _rank(matrix: np.ndarray) -> int:
     if not matrix.size:

@@ -15,7 +15,7 @@ from jaxnc.kinematics.design import DesignDerivatives, OutputSet, geometry_compo
 from jaxnc.kinematics.inputs import angle_unit, check_system, dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Reported
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
@@ -28,8 +28,8 @@ Outputs = Output | Sequence[str] | Mapping[str, Output]
 
 
 @public
-@dataclasses.dataclass(frozen=True)
-class Sensitivity(Shown):
+@dataclasses.dataclass(frozen=True, repr=False)
+class Sensitivity(Reported):
     """Derivatives of outputs with respect to design variables; ``print()`` shows the largest of them.
 
     ``found["toe"]`` are the derivatives of an output with respect to every variable, ``(..., variables)``;
@@ -194,8 +194,6 @@ class Sensitivity(Shown):
 
     def __str__(self) -> str:
         return self.table()
-
-    __repr__ = __str__
 
 
 @public

@@ -20,7 +20,7 @@ from jaxnc.continuation.monodromy import Found, is_new, run_loops, solve_by_degr
 from jaxnc.continuation.quadratic import QuadraticPaths
 from jaxnc.continuation.sections import trace_solutions
 from jaxnc.errors import counted
-from jaxnc.kinematics.polynomial import Member, Reading
+from jaxnc.kinematics.polynomial import ZERO, Design, Member, Reading
 from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
 from jaxnc.process import cache_folder
 
@@ -56,29 +56,24 @@ class TooMany(Exception):
 
 
 def find_starts(
-    reading: Reading,
-    x: np.ndarray,
-    constants: Sequence[np.ndarray],
-    design: Member,
-    rng: np.random.Generator,
-    key: str,
-    most: float = np.inf,
+    design: Design, inputs: Sequence[int], rng: np.random.Generator, key: str, most: float = np.inf
 ) -> StartSet:
-    """Find all solutions of a generic member, from a pose ``(N,)`` of a design and its constants.
+    """Find all solutions of a generic member, from the drawing of a design.
 
     What is known is written into the cache on the way, and a later call with the same `key` goes on from there.
 
     Raises:
         TooMany: there are more than `most` solutions.
     """
+    reading, drawn = design.reading, design.drawn(inputs)
     begun = load_starts(reading, key + _PART)
     if begun is None:
-        own, pose = draw_generic(reading, x, constants, rng)
+        own, pose = draw_generic(design, rng)
         begun = StartSet(reading.member_of(pose, own), pose[reading.unknown], WAYS[0], 0, 0, "")
     else:
         rng = np.random.default_rng([*key.encode(), begun.loops])  # other loops than those that were run
     for way in WAYS[WAYS.index(begun.way) :]:
-        reduction = Reduction(reading, begun.member, design, way)
+        reduction = Reduction(reading, begun.member, drawn, way)
         placed = reduction.place(begun.member)
         freedoms = reduction.square_rows(placed, begun.x[:, 0], rng)
         if freedoms:
@@ -92,8 +87,7 @@ def find_starts(
             every = every[:, _meets_all(placed, every)]
             w = np.concatenate([w, every[:, is_new(w, every)]], axis=1)
 
-        draw = functools.partial(draw_generic, reading, x, constants, rng)
-        loop = functools.partial(_make_loop, reduction, placed, draw)
+        loop = functools.partial(_make_loop, reduction, placed, design, rng)
         last = way == WAYS[-1]
         search = _KeptLoops(placed, way, key + _PART, most)
         before = (begun.loops, begun.quiet) if way == begun.way else (0, 0)
@@ -117,9 +111,8 @@ class _KeptLoops:
 
     def state(self, found: Found) -> StartSet:
         """Write what is known as a start set."""
-        known = found.w[:, _meets_all(self.placed, found.w)]
-        one = np.concatenate([np.ones((1, known.shape[1])), known])
-        return StartSet(self.placed.member, (self.placed.maps[0] @ one)[1:], self.way, found.loops, found.quiet, "")
+        every = self.placed.lengthen(found.w[:, _meets_all(self.placed, found.w)])
+        return StartSet(self.placed.member, every, self.way, found.loops, found.quiet, "")
 
     def run(self, loops: Callable[..., Found]) -> Found:
         """Run loops, and keep what they have found if they are interrupted."""
@@ -146,44 +139,37 @@ class _KeptLoops:
             self.written = now
 
 
-def prove_starts(
-    reading: Reading,
-    x: np.ndarray,
-    constants: Sequence[np.ndarray],
-    design: Member,
-    starts: StartSet,
-    rng: np.random.Generator,
-) -> StartSet:
+def prove_starts(design: Design, inputs: Sequence[int], starts: StartSet, rng: np.random.Generator) -> StartSet:
     """Show by the trace test that a start set has all that hangs together with it; what it lacks is added.
 
     It comes back as it is where the test comes to no end.
     """
-    reduction = Reduction(reading, starts.member, design, starts.way)
+    reduction = Reduction(design.reading, starts.member, design.drawn(inputs), starts.way)
     placed = reduction.place(starts.member)
     reduction.square_rows(placed, starts.x[:, 0], rng)
-    own, pose = draw_generic(reading, x, constants, rng)
-    line = reduction.paths(placed, reduction.place(reading.member_of(pose, own)))
+    line = reduction.paths(placed, _place_generic(reduction, design, rng))
     w, shown = trace_solutions(line, reduction.shorten(starts.x), rng)
     w = w[:, _meets_all(placed, w)]
-    every = (placed.maps[0] @ np.concatenate([np.ones((1, w.shape[1])), w]))[1:]
-    return dataclasses.replace(starts, x=every, proof=_BY_TRACE) if shown else starts
+    return dataclasses.replace(starts, x=placed.lengthen(w), proof=_BY_TRACE) if shown else starts
 
 
-def draw_generic(reading: Reading, x: np.ndarray, constants: Sequence[np.ndarray], rng: np.random.Generator):
+def draw_generic(design: Design, rng: np.random.Generator) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
     """Draw the constants of a generic member, and a pose ``(N, 1)`` that it has."""
     for _ in range(20):
-        drawn = reading.draw_member(x, constants, rng)
+        drawn = design.reading.draw_member(design.x, design.constants, rng)
         if drawn is not None:
             return drawn
     raise NoMember
 
 
-def _make_loop(reduction: Reduction, generic: Placed, draw: Callable) -> list[QuadraticPaths]:
+def _place_generic(reduction: Reduction, design: Design, rng: np.random.Generator) -> Placed:
+    own, pose = draw_generic(design, rng)
+    return reduction.place(reduction.reading.member_of(pose, own))
+
+
+def _make_loop(reduction: Reduction, generic: Placed, design: Design, rng: np.random.Generator) -> list[QuadraticPaths]:
     """Three legs, by way of two other members and back."""
-    around = [generic]
-    for _ in range(2):
-        own, pose = draw()
-        around.append(reduction.place(reduction.reading.member_of(pose, own)))
+    around = [generic, *(_place_generic(reduction, design, rng) for _ in range(2))]
     return [reduction.paths(around[k], around[(k + 1) % 3]) for k in range(3)]
 
 
@@ -200,18 +186,18 @@ def _meets_all(placed: Placed, w: np.ndarray) -> np.ndarray:
 # -- kept --------------------------------------------------------------------------------------------------------------
 
 
-def structure_key(reading: Reading, constants: Sequence[np.ndarray], zero: float) -> str:
-    """A key of a structure with its inputs, without names; the same in every process."""
+def structure_key(reading: Reading, constants: Sequence[np.ndarray], seed: int) -> str:
+    """A key of a structure with its inputs, without names, and of a seed; the same in every process."""
     top = reading.top
     blocks = [
         (part.block, part.instances.tolist(), part.sizes is not None, part.rows.source.nodes, part.rows.source.outputs)
         for part in reading.parts
     ]
     index = [(b.points, b.vectors, b.scalars) for b in top.blocks]
-    zeros = [np.flatnonzero(np.abs(c) <= zero).tolist() for c in constants]
+    zeros = [np.flatnonzero(np.abs(c) <= ZERO).tolist() for c in constants]
     # 2 is the version of the files, and of what their keys mean.
     text = repr((2, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros))
-    return hashlib.sha256(text.encode()).hexdigest()[:40]
+    return f"{hashlib.sha256(text.encode()).hexdigest()[:40]}-{seed}"
 
 
 def load_starts(reading: Reading, key: str) -> StartSet | None:

@@ -27,7 +27,7 @@ from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.sensitivity import Sensitivity, sensitivity
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Reported
 from jaxnc.reporting.checked import assembly, count, drives, locking_parts, oddities, reach
 from jaxnc.reporting.expected import check_expected, judge
 from jaxnc.reporting.outcome import (
@@ -52,8 +52,8 @@ from jaxnc.viz.draft import POSES, whole_range
 
 
 @public
-@dataclass(frozen=True)
-class Report(Shown):
+@dataclass(frozen=True, repr=False)
+class Report(Reported):
     """All that is known of a mechanism: ``print()`` is short, `to_html` writes the page, `verdict` is for machines.
 
     Attributes:
@@ -105,8 +105,6 @@ class Report(Shown):
         lines += [f"  {e.quantity}: {_short(e.smallest)} to {_short(e.largest)} {e.unit}".rstrip() for e in v.extremes]
         lines += [f"  {f.level}: {f.text}" for f in v.findings]
         return "\n".join(lines)
-
-    __repr__ = __str__
 
     def to_html(self, path: str | Path) -> Path:
         """Write the page: one file that needs no network, for screens and for paper.

@@ -163,10 +163,6 @@ class BarPaths(abc.ABC):
                 ends.push(zs)
         return out
 
-    def select(self, linear: "Linearised", which: np.ndarray) -> "Linearised":
-        """Select lanes of a derivative."""
-        return linear.of(which)
-
     def size(self, w: np.ndarray) -> np.ndarray:
         """Largest unknown of each path, but for its turns."""
         return np.abs(w[:8]).max(axis=0, initial=0.0)
@@ -357,7 +353,7 @@ class Linearised:
         dgg = np.where(by_turn, (q * rest - bar * turn) / det, (v * left - u * right) / three)
         return dz, np.stack([dg, dgg])
 
-    def of(self, lanes: np.ndarray) -> "Linearised":
+    def __getitem__(self, lanes: np.ndarray) -> "Linearised":
         """Select some lanes."""
         parts = (part[..., lanes] for part in (self.q, self.u, self.uu, self.minors, self.slopes))
         return Linearised(self.paths, self.inverse[lanes], *parts)
