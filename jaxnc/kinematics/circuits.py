@@ -22,12 +22,14 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.notebooks import Reported
 from jaxnc.process import one_thread
+from jaxnc.solvers.host import HostView
+from jaxnc.solvers.host.curve import turning_point
+from jaxnc.solvers.plan import plan
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
 _SAME = 1e-5  # of the mechanism's size: poses that are one
-_REFINED = (0.1, 3e-3, 1e-5)  # of the step: intervals in which a dead point is found anew; each errs by its square
 
 
 @public
@@ -174,7 +176,7 @@ def circuits(
         raise InputError(f"circuits(): the values of {moving[0]!r} must ascend, each one greater than the one before")
     order = tuple(system.topology.position[n] for n in names)
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most)
-    range_ = _Range(design, family, order, values, k, seed)
+    range_ = _Range(design, family, order, values, k, seed, tuple(map(int, view.held)))
     angle = system.topology.is_angle(moving[0])
     turn = (values[-1, k] - values[0, k]) / (2.0 * math.pi)
     closes = angle and turn > 0.5 and abs(turn - round(turn)) < 1e-9  # a whole number of turns long
@@ -186,9 +188,20 @@ def circuits(
 class _Range(Targets):
     """A mechanism over the values of an input, the k-th one."""
 
-    def __init__(self, design: Design, family: Family, order: tuple[int, ...], values: np.ndarray, k: int, seed: int):
+    def __init__(
+        self,
+        design: Design,
+        family: Family,
+        order: tuple[int, ...],
+        values: np.ndarray,
+        k: int,
+        seed: int,
+        held: tuple[int, ...],
+    ):
         super().__init__([design], family, order, values, seed)
         self.design, self.k = design, k
+        still = design.reading.top.named((*np.delete(order, k).tolist(), *held))
+        self.free = HostView(plan(design.reading.top, (), still), design.host)
 
     def connect(self) -> list[np.ndarray]:
         """For every value but the last: which assembly at the next each one becomes, -1 for none."""
@@ -216,41 +229,16 @@ class _Range(Targets):
         return out
 
     def dead_point(self, k: int, one: np.ndarray, two: np.ndarray) -> float:
-        """Value of the input between the k-th and the next at which two solutions ``(n,)`` become one."""
-        low, high = self.values[k], self.values[k + 1]
-        y, move, at = 0.5 * (one + two).astype(complex), (one - two).astype(complex), 0.5
-        for width in (1.0, *_REFINED):
-            if width < 1.0:
-                value = low + (high - low) * at
-                reach = (self.values[k + 1] - self.values[k]) * width
-                low, high, at = value - reach, value + reach, 0.5
-            member, _ = self.design.at(np.stack([low, high], axis=1), self.order)
-            placed = self.reduction.place(member)
-            paths = self.reduction.paths(placed.choose([0]), placed.choose([1]))
-            y, move, at = _turning(paths, y, move, at)
-        return float(low[self.k] + (high[self.k] - low[self.k]) * at)
-
-
-def _turning(paths: Any, y: np.ndarray, move: np.ndarray, at: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Where two solutions of equations with a parameter meet, from nearby: place, direction and parameter."""
-    n, lane = len(y), np.zeros(1, int)
-    move = move / np.linalg.norm(move)
-    norm, h = move.conj(), 1e-6
-    for _ in range(12):
-        f, j = (v[0] for v in paths.evaluate(y[:, None], np.array([at]), lane))
-        f1, j1 = (v[0] for v in paths.evaluate(y[:, None], np.array([at + h]), lane))
-        f0, j0 = (v[0] for v in paths.evaluate(y[:, None], np.array([at - h]), lane))
-        bend = paths.evaluate((y + move)[:, None], np.array([at]), lane)[1][0] - j  # second derivatives are constant
-        whole = np.zeros((2 * n + 1, 2 * n + 1), complex)
-        whole[:n, :n], whole[:n, 2 * n] = j, (f1 - f0) / (2 * h)
-        whole[n : 2 * n, :n], whole[n : 2 * n, n : 2 * n] = bend, j
-        whole[n : 2 * n, 2 * n] = (j1 - j0) @ move / (2 * h)
-        whole[2 * n, n : 2 * n] = norm
-        step = np.linalg.lstsq(whole, -np.concatenate([f, j @ move, [norm @ move - 1.0]]), rcond=None)[0]
-        y, move, at = y + step[:n], move + step[n : 2 * n], at + float(step[2 * n].real)
-        if np.abs(step).max() < 1e-12:
-            break
-    return y, move, float(np.clip(at, -1.0, 2.0))
+        """Value of the input about the k-th one at which two assemblies there, ``(N,)``, become one."""
+        change = two - one
+        angles = self.design.reading.first + np.flatnonzero(self.design.reading.top.angles)
+        change[angles] -= 2.0 * np.pi * np.round(change[angles] / (2.0 * np.pi))
+        at = self.free.plan.unknown
+        along = change[at] * self.free.inner
+        index = self.order[self.k]
+        place = int(np.flatnonzero(at == index)[0])
+        pose, _ = turning_point(self.free, place, one + 0.5 * change, along / np.linalg.norm(along))
+        return float(pose[index])
 
 
 @dataclasses.dataclass
@@ -302,7 +290,7 @@ def _join(range_: _Range, closes: bool) -> tuple[list[_Strand], list[int]]:
                 begun.append(then[mode])
         for some, side, at, of in ((ended, "end", k, -1), (begun, "start", k + 1, 0)):
             for pair in _pairs(range_, strands, some, at):
-                one, two = (range_.places[at].w[:, strands[s].modes[of]] for s in pair)
+                one, two = (range_.places[at].q[:, strands[s].modes[of]] for s in pair)
                 value = range_.dead_point(k, one, two)
                 for s in pair:
                     setattr(strands[s], side, value)
