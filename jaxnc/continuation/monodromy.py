@@ -28,9 +28,7 @@ class Found:
     w: np.ndarray  # (n, solutions)
     loops: int  # how many loops there were
     quiet: int  # how many of them, at the end, without a new solution
-    lost: int  # paths that did not arrive, of all loops
     paths: int  # paths of all loops
-    diverged: int  # lost ones that went to infinity, which paths between generic members of a family do not
     estimate: float  # how many solutions there may be, from how many ends of a loop were known: capture and recapture
 
 
@@ -70,8 +68,8 @@ def run_loops(
     is given to `keep`.
     """
     loops, still = begun
-    lost = paths = diverged = 0
-    found = Found(w, loops, still, 0, 0, 0, np.inf)
+    paths = diverged = 0
+    found = Found(w, loops, still, 0, np.inf)
     while still < (2 if sure else _QUIET) and loops < _LOOPS:
         legs, done, before = loop(), 0, w.shape[1]
         whole, again = still < _WHOLE or before <= _FEW, 0  # of those known before, whose ends were known too
@@ -81,8 +79,7 @@ def run_loops(
             here = here[:, some] if first else here
             for leg in legs:
                 ends = leg.follow(here, BOLD)
-                paths, lost = paths + len(ends.arrived), lost + int(np.sum(~ends.arrived))
-                diverged += int(ends.at_infinity.sum())
+                paths, diverged = paths + len(ends.arrived), diverged + int(ends.at_infinity.sum())
                 here = ends.w[:, ends.arrived]
             new = is_new(w, here)
             again = int(np.sum(~new)) if first else again
@@ -90,7 +87,7 @@ def run_loops(
         loops += 1
         still = 0 if w.shape[1] > before else still + 1
         expected = before**2 / again if whole and again else found.estimate
-        found = Found(w, loops, still, lost, paths, diverged, expected)
+        found = Found(w, loops, still, paths, expected)
         if patience is not None and diverged > patience + 0.005 * paths:
             return dataclasses.replace(found, quiet=0)
         keep(found)

@@ -7,10 +7,11 @@ circuit is what can be reached without taking the mechanism apart: branches that
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from jaxnc.calls import public
 from jaxnc.continuation.tracker import CAREFUL
@@ -176,7 +177,7 @@ def circuits(
         raise InputError(f"circuits(): the values of {moving[0]!r} must ascend, each one greater than the one before")
     order = tuple(system.topology.position[n] for n in names)
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most)
-    range_ = _Range(design, family, order, values, k, seed, tuple(map(int, view.held)))
+    range_ = _Range(design, family, order, values, k, seed)
     angle = system.topology.is_angle(moving[0])
     turn = (values[-1, k] - values[0, k]) / (2.0 * math.pi)
     closes = angle and turn > 0.5 and abs(turn - round(turn)) < 1e-9  # a whole number of turns long
@@ -188,20 +189,15 @@ def circuits(
 class _Range(Targets):
     """A mechanism over the values of an input, the k-th one."""
 
-    def __init__(
-        self,
-        design: Design,
-        family: Family,
-        order: tuple[int, ...],
-        values: np.ndarray,
-        k: int,
-        seed: int,
-        held: tuple[int, ...],
-    ):
+    def __init__(self, design: Design, family: Family, order: tuple[int, ...], values: np.ndarray, k: int, seed: int):
         super().__init__([design], family, order, values, seed)
         self.design, self.k = design, k
-        still = design.reading.top.named((*np.delete(order, k).tolist(), *held))
-        self.free = HostView(plan(design.reading.top, (), still), design.host)
+
+    @functools.cached_property
+    def free(self) -> HostView:
+        """The mechanism with nothing driven, and everything held that is given but the input."""
+        top, given = self.design.reading.top, self.design.reading.inputs
+        return HostView(plan(top, (), top.named(c for c in given if c != self.order[self.k])), self.design.host)
 
     def connect(self) -> list[np.ndarray]:
         """For every value but the last: which assembly at the next each one becomes, -1 for none."""
@@ -228,17 +224,14 @@ class _Range(Targets):
                         out[-1][i] = int(apart.argmin())
         return out
 
-    def dead_point(self, k: int, one: np.ndarray, two: np.ndarray) -> float:
-        """Value of the input about the k-th one at which two assemblies there, ``(N,)``, become one."""
-        change = two - one
+    def dead_point(self, one: np.ndarray, two: np.ndarray) -> float:
+        """Value of the input, about that of two assemblies ``(N,)``, at which they become one."""
+        change, at = two - one, self.free.plan.unknown
         angles = self.design.reading.first + np.flatnonzero(self.design.reading.top.angles)
         change[angles] -= 2.0 * np.pi * np.round(change[angles] / (2.0 * np.pi))
-        at = self.free.plan.unknown
-        along = change[at] * self.free.inner
-        index = self.order[self.k]
-        place = int(np.flatnonzero(at == index)[0])
+        along, place = change[at] * self.free.inner, list(at).index(self.order[self.k])
         pose, _ = turning_point(self.free, place, one + 0.5 * change, along / np.linalg.norm(along))
-        return float(pose[index])
+        return float(pose[self.order[self.k]])
 
 
 @dataclasses.dataclass
@@ -260,16 +253,10 @@ def _join(range_: _Range, closes: bool) -> tuple[list[_Strand], list[int]]:
     """Strands, and which circuit each belongs to."""
     steps = range_.connect()
     strands: list[_Strand] = []
-    group: list[int] = []
-
-    def root(k: int) -> int:
-        while group[k] != k:
-            k = group[k]
-        return k
+    joined: list[tuple[int, int]] = []
 
     def begin(first: int, mode: int) -> int:
         strands.append(_Strand(first, [mode]))
-        group.append(len(group))
         return len(strands) - 1
 
     here = {m: begin(0, m) for m in range(range_.places[0].w.shape[1])}
@@ -291,14 +278,16 @@ def _join(range_: _Range, closes: bool) -> tuple[list[_Strand], list[int]]:
         for some, side, at, of in ((ended, "end", k, -1), (begun, "start", k + 1, 0)):
             for pair in _pairs(range_, strands, some, at):
                 one, two = (range_.places[at].q[:, strands[s].modes[of]] for s in pair)
-                value = range_.dead_point(k, one, two)
+                value = range_.dead_point(one, two)
                 for s in pair:
                     setattr(strands[s], side, value)
-                group[root(pair[0])] = root(pair[1])
+                joined.append(pair)
         here = then
     if closes:
-        _close(range_, strands, group, root)
-    return strands, [root(k) for k in range(len(strands))]
+        joined += _close(range_, strands)
+    graph = np.zeros((len(strands), len(strands)))
+    graph[tuple(np.array(joined, int).reshape(-1, 2).T)] = 1.0
+    return strands, connected_components(graph, directed=False)[1].tolist()
 
 
 def _pairs(range_: _Range, strands: list[_Strand], some: list[int], k: int) -> list[tuple[int, int]]:
@@ -318,8 +307,8 @@ def _pairs(range_: _Range, strands: list[_Strand], some: list[int], k: int) -> l
     return out
 
 
-def _close(range_: _Range, strands: list[_Strand], group: list[int], root: Any) -> None:
-    """Join what ends with a whole number of turns to what begins there."""
+def _close(range_: _Range, strands: list[_Strand]) -> Iterator[tuple[int, int]]:
+    """Join what ends with a whole number of turns to what begins there: pairs of strands."""
     first, last = range_.places[0], range_.places[-1]
     size = range_.design.reading.first
     unit = range_.design.unit[:size, None]
@@ -332,8 +321,8 @@ def _close(range_: _Range, strands: list[_Strand], group: list[int], root: Any) 
             mode = int(apart.argmin())
             for other, one in enumerate(strands):
                 if one.first == 0 and one.modes[0] == mode:
-                    group[root(k)] = root(other)
                     strand.turns = one.turns = True
+                    yield k, other
 
 
 def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, hold, angle: bool) -> Circuits:
@@ -343,14 +332,15 @@ def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, ho
     order: dict[int, int] = {} if drawn is None else {roots[drawn]: 0}
     for r in roots:
         order.setdefault(r, len(order))
-    values = range_.values[:, range_.k]
+    values, reading = range_.values[:, range_.k], range_.design.reading
     branches = []
     for strand, r in zip(strands, roots, strict=True):
         which = range(strand.first, strand.last + 1)
         places = [(range_.places[k], m) for k, m in zip(which, strand.modes, strict=True)]
         q = np.stack([p.q[:, m] for p, m in places], axis=1)
-        if angle:
-            q = _unwrapped(range_, q)
+        if angle:  # angles that only follow go on along a branch
+            turning = np.concatenate([np.zeros(reading.first, bool), reading.top.angles]) & reading.follows
+            q[turning] = np.unwrap(q[turning])
         gap, condition = (np.array([getattr(p, what)[m] for p, m in places]) for what in ("gap", "condition"))
         poses = motion(range_.values[strand.first : strand.last + 1], q, np.zeros(len(places), int), gap, condition)
         lower = values[strand.first] if strand.start is None else strand.start
@@ -365,16 +355,6 @@ def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, ho
     for s in strands:  # ends that found no other to meet: steps are too long there
         doubtful += (s.start is None and s.first > 0) + (s.end is None and s.last < len(values) - 1)
     return Circuits(name, values, tuple(branches), count, None if drawn is None else 0, tuple(points), doubtful, angle)
-
-
-def _unwrapped(range_: _Range, q: np.ndarray) -> np.ndarray:
-    """Angles that only follow go on along a branch."""
-    reading = range_.design.reading
-    for k, is_angle in enumerate(reading.top.angles):
-        s = reading.first + k
-        if is_angle and reading.follows[s]:
-            q[s] = np.unwrap(q[s])
-    return q
 
 
 def _drawn(system: System, range_: _Range, strands: list[_Strand], inputs: Inputs, hold, angle: bool) -> int | None:

@@ -113,11 +113,13 @@ def _measure_margins(view: Plan, motion: Motion) -> FlipMargin:
     distance = jnp.where(there, jnp.sqrt(jnp.where(there, far, 1.0)), jnp.where(good, jnp.inf, 0.0))
     unlimited = jnp.full(good.shape, jnp.inf)
     reach, dead_point = unlimited, unlimited
+    determinants = _determinants(view, core, eq, x, known, good)
+    most = jnp.pi if view.angles else eq.length
     if len(view.driven) == 1:
-        ahead = _way_to_dead_point(view, core, eq, x, known, good)
+        ahead = _way_to_dead_point(determinants, good, most)
         reach, dead_point = jnp.abs(ahead), known[0] + ahead
     elif len({k in view.angles for k in range(len(view.driven))}) == 1:
-        reach = _way_to_singularity(view, core, eq, x, known, good)
+        reach = _way_to_singularity(determinants, len(view.driven), good, most)
     reach = jnp.where(good, reach, 0.0)
     several = jnp.stack(other, axis=-1).reshape(*shape, len(other))
     return FlipMargin(distance.reshape(shape), reach.reshape(shape), dead_point.reshape(shape), several)
@@ -265,17 +267,14 @@ def _determinants(
     return evaluate
 
 
-def _way_to_singularity(
-    view: Plan, core: Kernel, eq: Equations, x: Lanes, known: tuple[Array, ...], good: Array
-) -> Array:
+def _way_to_singularity(determinants: Callable[..., tuple[Array, ...]], inputs: int, good: Array, most: Any) -> Array:
     """The shortest way of several inputs to a singular position, by the gradient of a determinant's square."""
-    determinants = _determinants(view, core, eq, x, known, good)
-    steps = tuple(jnp.zeros(good.shape) for _ in view.driven)
+    steps = tuple(jnp.zeros(good.shape) for _ in range(inputs))
     every = [
         tuple(jnp.ones_like(s) if j == k else jnp.zeros_like(s) for j, s in enumerate(steps)) for k in range(len(steps))
     ]
     slopes = [jax.jvp(determinants, steps, one)[1] for one in every]
-    nearest, most = jnp.full(good.shape, jnp.inf), jnp.pi if view.angles else eq.length
+    nearest = jnp.full(good.shape, jnp.inf)
     for k, d in enumerate(determinants(*steps)):
         square = sum(slope[k] ** 2 for slope in slopes)
         moves = good & (square > 0.0)
@@ -284,22 +283,19 @@ def _way_to_singularity(
     return nearest
 
 
-def _way_to_dead_point(
-    view: Plan, core: Kernel, eq: Equations, x: Lanes, known: tuple[Array, ...], good: Array
-) -> Array:
+def _way_to_dead_point(determinants: Callable[..., tuple[Array, ...]], good: Array, most: Any) -> Array:
     """How far the only driven input is from the nearest dead point, forwards positive; infinite where there is none.
 
     At a fold the square of a block's determinant is smooth in the input and vanishes: it is continued by its first and
     second derivative along the motion.
     """
-    determinants = _determinants(view, core, eq, x, known, good)
 
     def rates(step: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         return jax.jvp(determinants, (step,), (jnp.ones_like(step),))
 
     zero = jnp.zeros(good.shape)
     (values, first), (_, second) = jax.jvp(rates, (zero,), (jnp.ones_like(zero),))
-    nearest, most = jnp.full(good.shape, jnp.inf), jnp.pi if view.angles else eq.length
+    nearest = jnp.full(good.shape, jnp.inf)
     for d, d1, d2 in zip(values, first, second, strict=True):
         # D² / D(0)² = 1 + 2 a s + (a² + b) s², whose nearer root is wanted.
         regular = jnp.where(d == 0.0, 1.0, d)

@@ -7,12 +7,14 @@ be counted, and exchanged for others, one by one.
 """
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxnc.errors import counted
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, rank_of, sample_poses, settle, to_host
 from jaxnc.solvers.plan import plan
 from jaxnc.system.equations import Equations
@@ -96,7 +98,7 @@ def explain_lock(system: System) -> list[str]:
     least = count_freed({*without, last})
     rest, out = ([f"{o.thing.noun} {top.called(o)!r}" for o in some] for some in (others, sorted([last, *without])))
     also = f" (or {', '.join(rest[:_LISTED])}{', …' if len(rest) > _LISTED else ''})" if others and not without else ""
-    freedoms = f"{least} degree{'s' if least != 1 else ''} of freedom"
+    freedoms = counted(least, "degree of freedom", "degrees of freedom")
     locks = [*rest[:_LISTED], *out]
     together = f"{', '.join(locks)} lock each other" if len(locks) > 1 else f"{locks[0]} locks it"
     return [f"{together}; leave out {' and '.join(out)}{also} and it has {freedoms}"]
@@ -121,7 +123,7 @@ def undriven_freedoms(system: System) -> list[str]:
     names = bodies or [name for name, moves in zip(top.points, points, strict=True) if moves]
     if not names:
         return []
-    count = f"{len(null)} degree{'s' if len(null) != 1 else ''} of freedom"
+    count = counted(len(null), "degree of freedom", "degrees of freedom")
     return [
         f"with {', '.join(top.scalars[:_LISTED])} driven {count} would be left, of {', '.join(names[:_LISTED])}: "
         f"a body or a joint is missing there, or drive or hold as many coordinates more"
@@ -171,12 +173,7 @@ class JointTwists:
     axis: np.ndarray | None = None  # a direction of it, None where it has none
 
 
-def matrix_rank(matrix: np.ndarray) -> int:
-    """Numerical rank of a matrix."""
-    if not matrix.size:
-        return 0
-    values = np.linalg.svd(matrix, compute_uv=False)
-    return int(np.sum(values > 1e-7 * max(values[0], 1e-300)))  # 1e-7 of the largest singular value is none
+_rank = functools.partial(np.linalg.matrix_rank, rtol=1e-7)  # 1e-7 of the largest singular value is none
 
 
 class Freedoms:
@@ -208,7 +205,7 @@ class Freedoms:
     @property
     def grubler(self) -> int:
         """Freedoms by Grübler's count: velocities of the bodies less the conditions of each joint by itself."""
-        return self.count - sum(matrix_rank(joint.rows) for joint in self.joints)
+        return self.count - sum(_rank(joint.rows) for joint in self.joints)
 
     # -- velocities ---------------------------------------------------------------------------------------------
 
@@ -224,7 +221,7 @@ class Freedoms:
             arm = self.points[item] if item >= 0 else self.vectors[~item]
             if item >= 0:
                 out[:, at : at + 3] = np.eye(3)
-            out[:, at + 3 : at + 6] = -_cross_matrix(arm)
+            out[:, at + 3 : at + 6] = np.cross(np.eye(3), arm).T
         return out
 
     def holder(self, item: int) -> int | None:
@@ -327,19 +324,19 @@ class Freedoms:
         One sentence for each; empty if nothing is held twice or if no exchange of single joints helps.
         """
         joints = list(self.joints)
-        full = matrix_rank(np.vstack([j.rows for j in joints]))
+        full = _rank(np.vstack([j.rows for j in joints]))
         changed: dict[int, tuple[str, int]] = {}
-        while (excess := sum(matrix_rank(j.rows) for j in joints) - full) > 0:
+        while (excess := sum(_rank(j.rows) for j in joints) - full) > 0:
             best = None
             for k, joint in enumerate(joints):
                 if joint.bodies is None:
                     continue
                 for usual, kind, rows in self._freer(joint):
-                    gain = matrix_rank(joint.rows) - matrix_rank(rows)
+                    gain = _rank(joint.rows) - _rank(rows)
                     score = (usual, GROUND not in joint.bodies, gain, k)
                     if gain > excess or (best is not None and score <= best[0]):
                         continue
-                    if matrix_rank(np.vstack([rows, *(j.rows for i, j in enumerate(joints) if i != k)])) == full:
+                    if _rank(np.vstack([rows, *(j.rows for i, j in enumerate(joints) if i != k)])) == full:
                         best = (score, k, kind, rows)
             if best is None:
                 break
@@ -361,20 +358,16 @@ class Freedoms:
             if body in self.first:
                 relative[:, self.first[body] : self.first[body] + 6] = sign * np.eye(6)
         rows = joint.rows @ np.linalg.pinv(relative)
-        held = matrix_rank(rows)
+        held = _rank(rows)
         for usual, kind, twists in _joints_at(joint.point, joint.axis):
             allowed = np.array(twists)
             if len(allowed) > 6 - held:
                 # Whatever this joint allows must be allowed still.
                 _, _, right = np.linalg.svd(rows)
                 free = right[held:]
-                if matrix_rank(np.vstack([allowed, free])) == matrix_rank(allowed) == len(allowed):
+                if _rank(np.vstack([allowed, free])) == _rank(allowed) == len(allowed):
                     _, _, right = np.linalg.svd(allowed)
                     yield usual, kind, right[len(allowed) :] @ relative
-
-
-def _cross_matrix(a: np.ndarray) -> np.ndarray:
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def _joints_at(point: np.ndarray | None, axis: np.ndarray | None) -> Iterator[tuple[bool, str, list[np.ndarray]]]:

@@ -13,6 +13,7 @@ from jax.core import Tracer
 
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import to_host
+from jaxnc.solvers.host.view import largest_of_lanes
 from jaxnc.solvers.plan import Plan, by_lu, unwind
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
@@ -133,7 +134,7 @@ def solve_sequences(
         fresh, begin = _grounded(view, eq, np.broadcast_to(start, (designs, start.shape[-1])))
         inner = inner or fresh
         known = np.concatenate([values.transpose(1, 2, 0), _held_values(view, begin, total)], axis=1)
-        assembled = _largest_row(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
+        assembled = largest_of_lanes(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
         turns = np.where(first[:, None] > 0, 0.0, _count_turns(view, begin, values[:, 0]))
         turned = np.array(begin)
         turned[view.known[: turns.shape[1]]] += 2 * np.pi * turns.T
@@ -223,7 +224,7 @@ def _held_values(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
 def judge_start(view: Plan, eq: Equations, start: Numbers) -> int:
     """Judge a start pose: zero where branches can be followed from it, else the status of all poses."""
     inner, begin = _grounded(view, to_host(eq), np.asarray(start)[None])
-    assembled = _largest_row(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
+    assembled = largest_of_lanes(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
     status = 0 if assembled else int(Status.DID_NOT_ASSEMBLE)
     if any(block.kind.mirror for block in view.topology.blocks) and inner.eq.guards(begin)[1][0]:
         status = int(Status.MIRRORED)
@@ -276,10 +277,6 @@ def no_poses(eq: Equations, orders: tuple[Any, ...]) -> PoseBatch:
     none = np.zeros((0, len(eq.home)), eq.home.dtype)
     rates = tuple(none for _ in orders)
     return PoseBatch(none, none[:, 0], none[:, 0], status=np.zeros(0, np.int32), rates=rates)
-
-
-def _largest_row(r: np.ndarray) -> np.ndarray:
-    return np.max(np.abs(r), axis=0, initial=0.0)
 
 
 def _lost_in_order(found: PoseBatch, assembled: np.ndarray, total: int) -> np.ndarray:

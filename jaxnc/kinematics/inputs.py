@@ -351,10 +351,8 @@ def _stack(inputs: Inputs) -> Any:
     return xp.stack([xp.broadcast_to(v, shape) for v in values], axis=-1)
 
 
-def rate_values(rates: Inputs | None, names: Sequence[str], shape: tuple[int, ...], what: str) -> Any:
+def rate_values(rates: Inputs, names: Sequence[str], shape: tuple[int, ...], what: str) -> Any:
     """Rates of the inputs, ``(*batch, k)``; inputs without one stand still."""
-    if rates is None:
-        return None
     if not isinstance(rates, Mapping):
         raise InputError(f"{what} are given by name, such as {{'phi': 10.0}}; got {rates!r}")
     for name in rates:

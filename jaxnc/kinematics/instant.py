@@ -469,13 +469,6 @@ def centrodes(motion: "Motion", body: str, relative_to: str = GROUND, pose: int 
     return as_jax(Centrodes(fixed, moving, found.finite))
 
 
-def relative_screw(motion: "Motion", body: str, relative_to: str) -> ScrewAxis:
-    """The screw of a body over the ground or over another body; see `jaxnc.kinematics.Motion.screw_axis`."""
-    if motion.system.topology.dim != 3:
-        raise InputError("screw_axis() is for spatial mechanisms; in the plane see jaxnc.instant_centre")
-    return as_jax(screw_axis(*without_noise(relative_state(motion, body, relative_to))))
-
-
 @public
 def axodes(motion: "Motion", body: str, relative_to: str = "ground", pose: int = 0) -> Axodes:
     """Fixed and moving axode of a body over a motion in space.

@@ -12,7 +12,7 @@ from jaxnc.compiling import filter_jit, jit, on_device
 from jaxnc.doors import door
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
 from jaxnc.kinematics.inputs import dense_only, outside
-from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, relative_screw
+from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, relative_state, screw_axis, without_noise
 from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
@@ -329,7 +329,9 @@ class Motion(Drawn):
         Raises:
             InputError: unknown body, one without an orientation, a planar mechanism, or a motion without rates.
         """
-        return relative_screw(self, body, relative_to)
+        if self.system.topology.dim != 3:
+            raise InputError("screw_axis() is for spatial mechanisms; in the plane see jaxnc.instant_centre")
+        return as_jax(screw_axis(*without_noise(relative_state(self, body, relative_to))))
 
     # -- honesty ------------------------------------------------------------------------------------------------
 

@@ -163,7 +163,8 @@ class Reading:
     """A structure with its inputs, read as polynomials: which rows and unknowns there are."""
 
     def __init__(self, top: Topology, inputs: tuple[int, ...]):
-        self.top, self.dim, self.first = top, top.dim, len(top.coordinates) - len(top.scalars)
+        self.top, self.dim, self.inputs = top, top.dim, inputs
+        self.first = len(top.coordinates) - len(top.scalars)
         self.known = np.array(top.fixed, bool)
         self.known[list(inputs)] = True
         self.follows = np.zeros(len(top.coordinates), bool)

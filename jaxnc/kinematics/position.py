@@ -278,8 +278,15 @@ def _check_call(
     """Check a call and bring it into one form; the start comes back in radians."""
     view, values, start = check_inputs(system, inputs, hold, unit, start, redundancy)
     rates, accelerations = in_radians(system, unit, rates, accelerations)
-    orders = _rate_orders(tuple(inputs), values.shape[:-1], rates, accelerations, jerk)
-    return _Question(system, view, values, orders), start
+    if rates is None:
+        if accelerations is not None or jerk:
+            raise InputError("accelerations and jerk follow from rates: give rates={...} as well")
+        return _Question(system, view, values, ()), start
+    first, second = (
+        rate_values(given, tuple(inputs), values.shape[:-1], what)
+        for given, what in ((rates, "rates"), (accelerations or {}, "accelerations"))
+    )
+    return _Question(system, view, values, (first, second, 0.0 * first) if jerk else (first, second)), start
 
 
 def _in_time(name: str, data: "Callable | tuple | ArrayLike", t: np.ndarray, count: int) -> list[Array]:
@@ -315,16 +322,6 @@ def _in_time(name: str, data: "Callable | tuple | ArrayLike", t: np.ndarray, cou
             raise InputError(f"input {name!r}, part {k}, has shape {value.shape}, the times have {t.shape}")
         out.append(jnp.broadcast_to(value, t.shape))
     return out
-
-
-def _rate_orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]:
-    if rates is None:
-        if accelerations is not None or jerk:
-            raise InputError("accelerations and jerk follow from rates: give rates={...} as well")
-        return ()
-    first = rate_values(rates, names, shape, "rates")
-    second = rate_values(accelerations or {}, names, shape, "accelerations")
-    return (first, second, 0.0 * first) if jerk else (first, second)
 
 
 def _follow_inputs(question: _Question, start: Motion | Inputs | None, repair: bool, throw: bool) -> Motion:

@@ -84,10 +84,7 @@ class Placed:
 
 
 def _rank(matrix: np.ndarray) -> int:
-    if not matrix.size:
-        return 0
-    values = np.linalg.svd(matrix, compute_uv=False)
-    return int(np.sum(values > RANK * values[0])) if values[0] > 0 else 0
+    return int(np.linalg.matrix_rank(matrix, rtol=RANK)) if matrix.size else 0
 
 
 def _pivots(matrix: np.ndarray, rank: int) -> np.ndarray:

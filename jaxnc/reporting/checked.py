@@ -80,14 +80,14 @@ def count(verdict: Verdict, system: System, found: Mobility) -> None:
         verdict.add("singular", "note", "the drawn pose is singular: further rows lose their independence there")
 
 
-def apart(verdict: Verdict, found: Diagnosis, names: Sequence[str] = ()) -> None:
+def apart(verdict: Verdict, found: Diagnosis) -> None:
     """Enter why a mechanism does not assemble, and what would mend it."""
     at = ", ".join(f"{k} = {v:.6g}" for k, v in found.inputs.items()) or "its drawing"
     verdict.add(
         "does-not-assemble",
         "error",
         f"{found.name} does not assemble at {at}; the closest pose leaves a gap of {found.gap:.3g}",
-        names=list(names) or [v.row for v in found.violations],
+        names=[v.row for v in found.violations],
         remedies=[Change(dimension=r.dimension, value=r.value, becomes=r.value + r.change) for r in found.remedies],
     )
 
@@ -206,20 +206,17 @@ def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Fin
     if doubt := doubtful_size(system):
         yield Finding(code="doubtful-size", level="warning", text=doubt)
     tied = {p for block in top.blocks for points in block.points for p in points}
-    fixed = np.array(top.fixed[: len(top.points) * top.dim]).reshape(-1, top.dim)
-    for i, name in enumerate(top.points):
-        if i not in tied and not fixed[i].all():
-            text = f"point {name!r} is in no body, joint or coordinate; nothing holds it"
-            yield Finding(code="loose", level="warning", text=text, names=[name])
     used = {v for block in top.blocks for vectors in block.vectors for v in vectors}
+    fixed = np.array(top.fixed[: len(top.coordinates) - len(top.scalars)]).reshape(-1, top.dim).all(axis=1)
     still = () if mechanism is None else mechanism.model.ground_vectors
-    for i, name in enumerate(top.vectors):
-        at = slice((len(top.points) + i) * top.dim, (len(top.points) + i + 1) * top.dim)
-        if i not in used and name not in still and not all(top.fixed[at]):
-            text = f"vector {name!r} is in no body, joint or coordinate; nothing holds it"
+    held = [*(i in tied for i in range(len(top.points))), *(i in used for i in range(len(top.vectors)))]
+    for i, name in enumerate((*top.points, *top.vectors)):
+        if not held[i] and not fixed[i] and name not in still:
+            noun = "point" if i < len(top.points) else "vector"
+            text = f"{noun} {name!r} is in no body, joint or coordinate; nothing holds it"
             yield Finding(code="loose", level="warning", text=text, names=[name])
     tied |= {p for body in top.bodies for p in body.points}  # such as the centre of a spherical linkage
-    ground = {name for i, name in enumerate(top.points) if fixed[i].all() and i not in tied}
+    ground = {name for i, name in enumerate(top.points) if fixed[i] and i not in tied}
     if ground := sorted(ground if mechanism is None else ground & set(mechanism.model.ground)):
         text = f"nothing is attached to ground {', '.join(ground)}"
         yield Finding(code="unused", level="warning", text=text, names=ground)

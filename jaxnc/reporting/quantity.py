@@ -102,23 +102,21 @@ def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> Extr
     or the time, if that is given as `along`; otherwise it is that of a pose.
     """
     i = int(np.nanargmax(values) if largest else np.nanargmin(values))
+    of_pose = ExtremeValue(float(values[i]), i, False)
     if along is None or not 0 < i < len(values) - 1:
-        return ExtremeValue(float(values[i]), i, False)
+        return of_pose
     u, y = along[i - 1 : i + 2] - along[i], values[i - 1 : i + 2] - values[i]
     # The parabola y = b u + c u² through the neighbours of a pose that is put at the origin.
     width = u[0] * u[2] * (u[0] - u[2])
     if not (np.isfinite(y).all() and u[0] * u[2] < 0):
-        return ExtremeValue(float(values[i]), i, False)
+        return of_pose
     b = (y[2] * u[0] ** 2 - y[0] * u[2] ** 2) / width
     c = (y[0] * u[2] - y[2] * u[0]) / width
-    if c == 0.0:
-        return ExtremeValue(float(values[i]), i, False)
-    vertex = -b / (2.0 * c)
+    vertex = -b / (2.0 * c) if c else 0.0
     if abs(vertex) < 1e-6 * abs(u[2] - u[0]):
-        return ExtremeValue(float(values[i]), i, False)
-    return ExtremeValue(
-        float(values[i] - b * b / (4.0 * c)), i + float(vertex / (u[2] if vertex * u[2] > 0 else -u[0])), True
-    )
+        return of_pose
+    at = i + float(vertex / (u[2] if vertex * u[2] > 0 else -u[0]))
+    return ExtremeValue(float(values[i] - b * b / (4.0 * c)), at, True)
 
 
 def constant(values: np.ndarray) -> bool:

@@ -1,5 +1,6 @@
 """Transmission angles of a planar motion, where its joints have one: found by looking at what moves what."""
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -101,7 +102,11 @@ class _Chain:
         self.fixed = np.array(top.fixed[: 2 * len(top.points)]).reshape(-1, 2)
         self.still = {k for k in range(len(self.fixed)) if self.fixed[k].all()}
         self.slots = [((j.points[0], j.points[1]), j.points[2]) for j in top.joints if j.drawn and j.type == "slot"]
-        self.guides = [s for j in top.joints if j.drawn and j.type == "prismatic" for s in (j.sides[:2],)]
+        # Of each prismatic joint its line, and the points of what slides on what, either way round.
+        sliding = [(_Line(*j.sides[0][:2]), j.sides[:2]) for j in top.joints if j.drawn and j.type == "prismatic"]
+        self.guides = [
+            (line, set(a), set(b)) for line, (one, other) in sliding for a, b in ((one, other), (other, one))
+        ]
         self.bodies: set[int] = set()
         self.points, self.meetings = set(self.still), []
         self._take_driven(driven)
@@ -171,8 +176,7 @@ class _Chain:
         """Find the line along which a point slides, if that is on the ground or on what moves already."""
         if self.fixed[point].sum() == 1:
             return _Line(int(np.argmin(self.fixed[point])))
-        lines = (line for line, on in self.slots if on == point and self.points >= set(line))
-        return next((_Line(a, b) for a, b in lines), None)
+        return next((_Line(*way) for way, on in self.slots if on == point and self.points >= set(way)), None)
 
     def _follow(self) -> bool:
         """Find the next that is moved; tells whether there was one."""
@@ -188,12 +192,8 @@ class _Chain:
                     if self.bodies & set(a) and set(b) - self.bodies:
                         self._take(next(x for x in b if x not in self.bodies))
                         return True
-        return any(self._meet(*found) is None for found in self._next())
-
-    def _next(self) -> Iterator[tuple]:
-        yield from self._hinge_meetings()
-        yield from self._slider_meetings()
-        yield from self._pin_meetings()
+        meetings = itertools.chain(self._hinge_meetings(), self._slider_meetings(), self._pin_meetings())
+        return any(self._meet(*found) is None for found in meetings)
 
     def _hinge_meetings(self) -> Iterator[tuple]:
         """Find two links that share a joint and hang each by another: a coupler and what it turns."""
@@ -225,11 +225,7 @@ class _Chain:
     def _guide(self, body: int) -> _Line | None:
         """Find the line along which a body slides without turning, if it is on the ground or on what moves already."""
         held = set(self.top.bodies[body].points)
-        for one, other in self.guides:
-            for mine, theirs in ((one, other), (other, one)):
-                if set(mine) <= held and self.points >= set(theirs):
-                    return _Line(one[0], one[1])
-        return None
+        return next((line for line, mine, theirs in self.guides if mine <= held and self.points >= theirs), None)
 
     def _pin_meetings(self) -> Iterator[tuple]:
         """Find pins that move what they slide in: a slotted arm, a slider with a slot, a point where two ways cross."""
@@ -237,22 +233,18 @@ class _Chain:
         for line, pin in self.slots:
             for f in self._loose() if pin in self.points else ():
                 if set(line) <= set(self.top.bodies[f].points):
-                    yield from self._slot_meetings(
-                        f, _Line(line[0], line[1]), pin, f"the slot of {self.top.bodies[f].name}"
-                    )
-            ways = [_Line(a, b) for (a, b), on in self.slots if on == pin and self.points >= {a, b}]
+                    noun = f"the slot of {self.top.bodies[f].name}"
+                    yield from self._slot_meetings(f, _Line(*line), pin, noun)
+            ways = [_Line(*way) for way, on in self.slots if on == pin and self.points >= set(way)]
             ways += [way] if (way := self._way(pin)) and way.b is None else []
             if pin not in self.points and len(ways) == 2:
                 yield pin, f"the two ways of {names[pin]}", *ways
-        for one, other in self.guides:
-            for mine, theirs in ((one, other), (other, one)):
-                for c, f in ((c, f) for c in self._loose() for f in self._loose() if c != f):
-                    pin, bodies = self._hung(c), self.top.bodies
-                    if set(mine) <= set(bodies[c].points) and set(theirs) <= set(bodies[f].points) and pin is not None:
-                        for found in self._slot_meetings(
-                            f, _Line(one[0], one[1]), pin, f"the guide of {bodies[f].name}"
-                        ):
-                            yield *found, c
+        for line, mine, theirs in self.guides:
+            for c, f in itertools.permutations(self._loose(), 2):
+                pin, bodies = self._hung(c), self.top.bodies
+                if mine <= set(bodies[c].points) and theirs <= set(bodies[f].points) and pin is not None:
+                    for found in self._slot_meetings(f, line, pin, f"the guide of {bodies[f].name}"):
+                        yield *found, c
 
     def _slot_meetings(self, body: int, line: _Line, pin: int, noun: str) -> Iterator[tuple]:
         """Find how a pin moves a body along whose line it slides, or with which it slides."""

@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections.abc import Mapping
 from typing import Any, Literal
 
 import msgspec
@@ -312,7 +311,7 @@ class Verdict(_Record):
         Args:
             indent: spaces by which levels are set in; 0 for a single line.
         """
-        text = msgspec.json.encode(_finite(msgspec.to_builtins(self)))
+        text = msgspec.json.encode(self)  # numbers that are not finite as null
         return (msgspec.json.format(text, indent=indent) if indent else text).decode()
 
 
@@ -330,15 +329,6 @@ def schema() -> dict[str, object]:
 def number(value: Any) -> float | None:
     """Read a number; None where it is none or not finite."""
     return None if value is None or not math.isfinite(float(value)) else float(value)
-
-
-def _finite(value: object) -> object:
-    """Replace what is not finite by None, on all levels."""
-    if isinstance(value, Mapping):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_finite(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def parse_expectation(text: str) -> tuple[str, str, str, float]:
