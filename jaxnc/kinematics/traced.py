@@ -68,41 +68,35 @@ def analyse_traced(
     """
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
-    rates = ()
     if view.large:
         begin = begin.at[..., view.fixed].set(frozen.home[view.fixed])
-        if method == "guess":
-            found = _ask_large(view, method, frozen, begin, targets[:, : len(view.driven)])
-        else:
-            found = solve_traced(view, method, True, frozen, begin, targets)
-        good = found.status == int(Status.CONVERGED)
-        attached = lax.map(lambda lane: attach_pose(view, lane[0], eq, lane[1]), (found.q, known))
-        q = jnp.where(good[:, None], attached, found.q)
-        if orders:
-            rates = lax.map(lambda lane: tuple(pose_rates(view, eq, *lane)), (q, with_held(view, orders), good))
-        return found._replace(q=q, rates=rates)
-    if method == "guess":
-        found = in_chunks(jax.vmap(functools.partial(_near_guess, view, frozen)), _CHUNK, begin, targets)
-        good = found.status == int(Status.CONVERGED)
-        # A pose that was not asked for has no derivative: it is handed on as a constant.
-        q = jnp.where(good[:, None], jax.vmap(lambda x, u: attach_pose(view, x, eq, u))(found.q, known), found.q)
-        if orders:
-            rates = lane_rates(view, eq, q, with_held(view, orders), good)
-        return found._replace(q=q, rates=rates)
-    begin = jnp.where(np.isin(np.arange(len(frozen.home)), view.fixed), frozen.home, begin)
-    found = solve_traced(view, method, repair, frozen, begin, targets)
-    inputs = jnp.stack(found.known, axis=1) if len(view.known) else values
-    good = found.status == int(Status.CONVERGED)
-    if is_columnar(view):
-        x = attach_lanes(view, found.q, eq, tuple(known[:, k] for k in range(known.shape[1])), good)
-        # A pose that was not asked for has no derivative: it is handed on as a constant.
-        poses = columns_of(view, eq, q0, x, jnp.where(good[:, None], values, inputs[:, : values.shape[1]]))
+    elif method != "guess":
+        begin = jnp.where(np.isin(np.arange(len(frozen.home)), view.fixed), frozen.home, begin)
+    if method != "guess":
+        found = solve_traced(view, method, repair or view.large, frozen, begin, targets)
+    elif view.large:
+        found = _ask_large(view, method, frozen, begin, targets[:, : len(view.driven)])
     else:
-        q = jnp.broadcast_to(begin, (len(values), len(begin)))
-        for columns, numbers in ((view.unknown, found.q), (view.known, inputs)):
-            q = q.at[:, columns].set(numbers) if len(columns) else q
-        new = jax.vmap(lambda x, u, ok: attach_pose(view, x, eq, u, ok))(q, known, good)
-        poses = jnp.where(good[:, None], new, q)
+        found = in_chunks(jax.vmap(functools.partial(_near_guess, view, frozen)), _CHUNK, begin, targets)
+    good = found.status == int(Status.CONVERGED)
+    # A pose that was not asked for has no derivative: it is handed on as a constant.
+    if view.large:
+        attached = lax.map(lambda lane: attach_pose(view, lane[0], eq, lane[1]), (found.q, known))
+        poses = jnp.where(good[:, None], attached, found.q)
+    elif method == "guess":
+        poses = jnp.where(good[:, None], jax.vmap(lambda x, u: attach_pose(view, x, eq, u))(found.q, known), found.q)
+    else:
+        inputs = jnp.stack(found.known, axis=1) if len(view.known) else values
+        if is_columnar(view):
+            x = attach_lanes(view, found.q, eq, tuple(known[:, k] for k in range(known.shape[1])), good)
+            poses = columns_of(view, eq, q0, x, jnp.where(good[:, None], values, inputs[:, : values.shape[1]]))
+        else:
+            q = jnp.broadcast_to(begin, (len(values), len(begin)))
+            for columns, numbers in ((view.unknown, found.q), (view.known, inputs)):
+                q = q.at[:, columns].set(numbers) if len(columns) else q
+            new = jax.vmap(lambda x, u, ok: attach_pose(view, x, eq, u, ok))(q, known, good)
+            poses = jnp.where(good[:, None], new, q)
+    rates = ()
     if orders:
         whole = poses.whole() if isinstance(poses, Columns) else poses
         rates = lane_rates(view, eq, whole, with_held(view, orders), good)
@@ -583,6 +577,8 @@ def lane_rates(
     if plan.chosen_rows_suffice and writes_out(plan) and q.shape[0] >= fill.LEAST:
         # 2048 lanes of rates at a time, by elements that are written out
         return in_chunks(functools.partial(_written_out, plan, eq), 2048, q, tuple(known), ok)
+    if plan.large:
+        return lax.map(lambda lane: tuple(pose_rates(plan, eq, *lane)), (q, tuple(known), ok))
     one = jax.vmap(lambda *lane: tuple(pose_rates(plan, eq, *lane)))
     return in_chunks(one, _CHUNK, q, tuple(known), ok)
 
