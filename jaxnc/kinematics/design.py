@@ -20,13 +20,12 @@ from jaxnc.compiling import jit, on_device
 from jaxnc.errors import InputError
 from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, screw_axis
 from jaxnc.kinematics.motion import Motion, coordinates_of
-from jaxnc.kinematics.traced import pose_rates
+from jaxnc.kinematics.traced import batch_rates
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.design import carry_design
-from jaxnc.system.equations import Equations
 from jaxnc.system.frames import along, marker_place, spins
 from jaxnc.system.on_lanes import carrying, columns_on_lanes, needed_inputs, on_host, reading
 from jaxnc.system.precision import limits
@@ -217,7 +216,8 @@ def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> AnyA
     pace = np.array([paces.get(name, 0.0) for name in (*motion.driven, *motion.held)], q.dtype)
     orders = (pace, *[np.zeros_like(pace)] * (order - 1))
     if not on_host(np.zeros(()), motion):
-        return jnp.stack(_tangents(view, derive(motion.system), q, orders, good)).reshape(order, *motion.q.shape)
+        paces = tuple(jnp.broadcast_to(x, (len(q), len(x))) for x in orders)
+        return jnp.stack(batch_rates(view, derive(motion.system), q, paces, good)).reshape(order, *motion.q.shape)
     flat, good = np.asarray(q), np.asarray(good)
     out = np.zeros((order, *flat.shape), flat.dtype)
     if good.any():
@@ -226,11 +226,6 @@ def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> AnyA
         with np.errstate(all="ignore"):
             out[:, good] = np.stack(host.pose_rates(inner, flat[good].T, lanes)).transpose(0, 2, 1)
     return out.reshape(order, *motion.q.shape)
-
-
-@functools.partial(jit, static_argnums=0)
-def _tangents(view: Plan, eq: Equations, q: Array, paces: tuple[Array, ...], ok: Array) -> list[Array]:
-    return jax.vmap(lambda x, good: pose_rates(view, eq, x, paces, good))(q, ok)
 
 
 # -- outputs ----------------------------------------------------------------------------------------------------------
@@ -401,10 +396,10 @@ class DesignDerivatives:
             hash(output)
         except TypeError:  # a callable object that cannot be compared is compiled each time
             output = functools.partial(output)
-        given = self.motion, jnp.asarray(self.at), jnp.zeros(self.count), jnp.asarray(self.motion.q), self.motion.rates
-        shapes = jax.eval_shape(functools.partial(_outputs, output), *given)
+        shapes = jax.eval_shape(functools.partial(_outputs, output), self.motion)
         count = sum(int(np.prod(s.shape, dtype=int)) for s in jax.tree.leaves(shapes))
-        derivatives, values = _output_jacobian(output, count < self.count, *given, self._slopes())
+        given = self.motion, jnp.asarray(self.at), self._slopes()
+        derivatives, values = _output_jacobian(output, count < self.count, *given)
         return values, derivatives
 
     def _slopes(self) -> tuple[np.ndarray, ...]:
@@ -423,45 +418,21 @@ class DesignDerivatives:
         return tuple(x.reshape(self.count, *lead, width) for x in out)
 
 
-def _outputs(
-    output: Callable[[Motion], ArrayLike], motion: Motion, at: Array, changes: Array, q: Array, rates: tuple[Array, ...]
-) -> dict[str, Array]:
-    """Outputs of a changed design, with poses and rates that have changed with it."""
-    changed = shift_geometry(motion.system, at, changes)
-    return name_outputs(output(dataclasses.replace(motion, system=changed, poses=q, rates=rates)))
+def _outputs(output: Callable[[Motion], ArrayLike], motion: Motion) -> dict[str, Array]:
+    return name_outputs(output(motion))
 
 
 @functools.partial(jit, static_argnums=(0, 1))
 def _output_jacobian(
-    output: Callable[[Motion], ArrayLike],
-    back: bool,
-    motion: Motion,
-    at: Array,
-    still: Array,
-    q: Array,
-    rates: tuple[Array, ...],
-    slopes: tuple[Array, ...],
+    output: Callable[[Motion], ArrayLike], back: bool, motion: Motion, at: Array, slopes: tuple[Array, ...]
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    point = still, q, rates
+    """Outputs of a changed design, with poses and rates that change with it: their Jacobian, and they themselves."""
 
-    def outputs(*at_point: Any) -> tuple[dict[str, Array], dict[str, Array]]:
-        found = _outputs(output, motion, at, *at_point)
+    def outputs(changes: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+        given = zip((motion.q, *motion.rates), slopes, strict=True)
+        q, *rates = (x + jnp.tensordot(changes, slope, 1) for x, slope in given)
+        changed = shift_geometry(motion.system, at, changes)
+        found = _outputs(output, dataclasses.replace(motion, system=changed, poses=q, rates=tuple(rates)))
         return found, found
 
-    if not back:
-
-        def along(change: Array, dq: Array, *more: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-            _, found, values = jax.jvp(outputs, point, (change, dq, more), has_aux=True)
-            return found, values
-
-        return jax.vmap(along, out_axes=(-1, None))(jnp.eye(still.shape[0]), *slopes)
-    found, values = jax.jacrev(outputs, argnums=(0, 1, 2), has_aux=True)(*point)
-
-    def total(by: tuple[Array, Array, tuple[Array, ...]]) -> Array:
-        own, by_poses, by_rates = by
-        for bar, slope in zip((by_poses, *by_rates), slopes, strict=True):
-            axes = [*range(bar.ndim - q.ndim, bar.ndim)], [*range(1, slope.ndim)]
-            own = own + jnp.tensordot(bar, slope, axes)
-        return own
-
-    return {name: total(by) for name, by in found.items()}, values
+    return (jax.jacrev if back else jax.jacfwd)(outputs, has_aux=True)(jnp.zeros(at.shape))

@@ -173,7 +173,7 @@ class JointTwists:
     axis: np.ndarray | None = None  # a direction of it, None where it has none
 
 
-_rank = functools.partial(np.linalg.matrix_rank, rtol=1e-7)  # 1e-7 of the largest singular value is none
+_twist_rank = functools.partial(np.linalg.matrix_rank, rtol=1e-7)  # 1e-7 of the largest singular value is none
 
 
 class Freedoms:
@@ -205,7 +205,7 @@ class Freedoms:
     @property
     def grubler(self) -> int:
         """Freedoms by Grübler's count: velocities of the bodies less the conditions of each joint by itself."""
-        return self.count - sum(_rank(joint.rows) for joint in self.joints)
+        return int(self.count - sum(_twist_rank(joint.rows) for joint in self.joints))
 
     # -- velocities ---------------------------------------------------------------------------------------------
 
@@ -324,19 +324,19 @@ class Freedoms:
         One sentence for each; empty if nothing is held twice or if no exchange of single joints helps.
         """
         joints = list(self.joints)
-        full = _rank(np.vstack([j.rows for j in joints]))
+        full = _twist_rank(np.vstack([j.rows for j in joints]))
         changed: dict[int, tuple[str, int]] = {}
-        while (excess := sum(_rank(j.rows) for j in joints) - full) > 0:
+        while (excess := sum(_twist_rank(j.rows) for j in joints) - full) > 0:
             best = None
             for k, joint in enumerate(joints):
                 if joint.bodies is None:
                     continue
                 for usual, kind, rows in self._freer(joint):
-                    gain = _rank(joint.rows) - _rank(rows)
+                    gain = _twist_rank(joint.rows) - _twist_rank(rows)
                     score = (usual, GROUND not in joint.bodies, gain, k)
                     if gain > excess or (best is not None and score <= best[0]):
                         continue
-                    if _rank(np.vstack([rows, *(j.rows for i, j in enumerate(joints) if i != k)])) == full:
+                    if _twist_rank(np.vstack([rows, *(j.rows for i, j in enumerate(joints) if i != k)])) == full:
                         best = (score, k, kind, rows)
             if best is None:
                 break
@@ -358,14 +358,14 @@ class Freedoms:
             if body in self.first:
                 relative[:, self.first[body] : self.first[body] + 6] = sign * np.eye(6)
         rows = joint.rows @ np.linalg.pinv(relative)
-        held = _rank(rows)
+        held = _twist_rank(rows)
         for usual, kind, twists in _joints_at(joint.point, joint.axis):
             allowed = np.array(twists)
             if len(allowed) > 6 - held:
                 # Whatever this joint allows must be allowed still.
                 _, _, right = np.linalg.svd(rows)
                 free = right[held:]
-                if _rank(np.vstack([allowed, free])) == _rank(allowed) == len(allowed):
+                if _twist_rank(np.vstack([allowed, free])) == _twist_rank(allowed) == len(allowed):
                     _, _, right = np.linalg.svd(allowed)
                     yield usual, kind, right[len(allowed) :] @ relative
 

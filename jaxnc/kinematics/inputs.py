@@ -331,12 +331,12 @@ def check_inputs(
     if not isinstance(inputs, Mapping):
         raise InputError(f"inputs are given by name, such as {{'phi': 0.3}}; got {type(inputs).__name__}")
     view = make_plan(system, tuple(inputs), hold, redundancy)
-    values = _stack(inputs)
+    values = _zip_inputs(inputs)
     check_parameters(system)
     return view, values, start
 
 
-def _stack(inputs: Inputs) -> Any:
+def _zip_inputs(inputs: Inputs) -> Any:
     """Put the values of inputs into one array, ``(*batch, k)``; several arrays zip."""
     if all(type(v) is float and math.isfinite(v) for v in inputs.values()):  # one pose, as it is asked often
         return np.array([*inputs.values()], active())
@@ -367,7 +367,7 @@ def rate_values(rates: Inputs, names: Sequence[str], shape: tuple[int, ...], wha
         except ValueError:
             raise InputError(f"{what} of {name!r} has shape {value.shape}, the inputs have {shape}") from None
         columns.append(value)
-    xp = jnp if any(isinstance(x, jax.Array) for x in columns) else np  # as of `_stack`
+    xp = jnp if any(isinstance(x, jax.Array) for x in columns) else np  # as of `_zip_inputs`
     return xp.stack([xp.broadcast_to(x, shape) for x in columns], axis=-1) if columns else np.zeros((*shape, 0))
 
 

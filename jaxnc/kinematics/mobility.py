@@ -301,11 +301,17 @@ def _idle(matrix: np.ndarray) -> list[int]:
     return np.flatnonzero(slopes <= 1e-6 * slopes.max()).tolist()
 
 
-def _dependent_sparse(matrix: Any) -> tuple[list[int], list[int]]:
-    """Find dependent rows of a large mechanism, from the few combinations of rows that vanish."""
-    from jaxnc.solvers.sparse_matrix import dependencies
+def _dependent(matrix: Any) -> tuple[list[int], list[int]]:
+    """Find the rows that depend on earlier ones, and all rows that take part in a dependency.
 
-    left = dependencies(matrix)
+    They are read off the combinations of rows that vanish, which are few.
+    """
+    if isinstance(matrix, np.ndarray):
+        left = rank_of(matrix.T)[1].T
+    else:  # of a large mechanism
+        from jaxnc.solvers.sparse_matrix import dependencies
+
+        left = dependencies(matrix)
     involved = np.flatnonzero(np.abs(left).max(axis=1, initial=0.0) > _PART)
     redundant = []
     while left.shape[1]:
@@ -314,26 +320,6 @@ def _dependent_sparse(matrix: Any) -> tuple[list[int], list[int]]:
         redundant.append(last)
         left = left @ np.linalg.svd(left[last : last + 1], full_matrices=True)[2][1:].T
     return sorted(redundant), involved.tolist()
-
-
-def _dependent(matrix: np.ndarray) -> tuple[list[int], list[int]]:
-    """Find the rows that depend on earlier ones, and all rows that take part in a dependency."""
-    if not isinstance(matrix, np.ndarray):
-        return _dependent_sparse(matrix)
-    if not matrix.size:
-        return [], []
-    null = rank_of(matrix.T)[1]
-    involved = [i for i in range(len(matrix)) if np.abs(null[:, i]).max(initial=0.0) > 1e-6]
-    redundant, basis = [], np.zeros((matrix.shape[1], 0))
-    size = np.linalg.norm(matrix, axis=1).max()
-    for i, row in enumerate(matrix):
-        rest = row - basis @ (basis.T @ row)
-        rest = rest - basis @ (basis.T @ rest)
-        if np.linalg.norm(rest) <= 1e-6 * size:
-            redundant.append(i)
-        else:
-            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
-    return redundant, involved
 
 
 # -- four bars --------------------------------------------------------------------------------------------------------

@@ -31,6 +31,7 @@ from jaxnc.solvers.rows import any_lane
 from jaxnc.solvers.traced import Mapped, ask_host, ask_of_equations, in_lanes, shorten_equations
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards, residual
+from jaxnc.system.frames import along
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import farthest, limits
 from jaxnc.types import Array, Coordinates, Float, PyTree
@@ -168,7 +169,7 @@ def analyse_many(
     poses, rates = Columns(rest, found.q, driven, _column_places(view)), ()
     if orders:
         good = found.status == int(Status.CONVERGED)
-        rates = _batch_rates(view, eq, poses.whole(), with_held(view, orders), good)
+        rates = batch_rates(view, eq, poses.whole(), with_held(view, orders), good)
     return PoseBatch(poses, found.size, found.conditioning, status=found.status, rates=rates)
 
 
@@ -538,26 +539,11 @@ def pose_rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array]
     solve = plan.solver(jacobian, ok)
     still, nothing = jnp.zeros(len(plan.fixed)), jnp.zeros(len(plan.unknown))
     found: list[Coordinates] = []
-    for order, known_rate in enumerate(known, start=1):
-        terms = [*found, plan.join(nothing, known_rate, still)]
-
-        def along(t, terms=terms):
-            x, factor = q, jnp.ones(())
-            for k, term in enumerate(terms, start=1):
-                factor = factor * t / k
-                x = x + factor * term
-            return plan.residual(eq, x)
-
-        curve: Callable[[Array], Array] = along
-        for _ in range(order):
-            curve = _by_time(curve)
-        b = jnp.where(ok, curve(jnp.zeros(())), 0.0)
+    for known_rate in known:
+        left = along(lambda x: plan.residual(eq, x), q, (*found, plan.join(nothing, known_rate, still)))
+        b = jnp.where(ok, left, 0.0)
         found.append(plan.join(-solve(b), jnp.where(ok, known_rate, 0.0), still))
     return found
-
-
-def _by_time(f):
-    return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
 
 
 def with_held(plan: Plan, orders: Sequence[Float[Array, "T driven"]]) -> tuple[Float[Array, "T k"], ...]:
@@ -583,7 +569,7 @@ def lane_rates(
     return in_chunks(one, _CHUNK, q, tuple(known), ok)
 
 
-_batch_rates = jit(lane_rates, static_argnums=0)
+batch_rates = jit(lane_rates, static_argnums=0)
 
 
 def _written_out(plan: Plan, eq: Equations, q: Array, known: Sequence[Array], ok: Array) -> tuple[Array, ...]:
