@@ -230,8 +230,10 @@ def circuit(
     check_system(system, "circuit()")
     dense_only(system.topology, "circuit()")
     poses = whole(poses, "circuit(): poses=, how many are wanted,", 2, 10**8)
-    given = {} if between is None else {name: tuple(_input_range(between))}
-    doubt_degrees(system, unit, {n: np.asarray(ends) for n, ends in given.items()}, start)
+    given = {} if between is None else {name: finite_array(between, "circuit(): between")}
+    if any(ends.shape != (2,) for ends in given.values()):
+        raise InputError(f"circuit(): between={between!r}; give the input's first and last value, such as (0.2, 1.4)")
+    doubt_degrees(system, unit, given, start)
     ends, start = in_radians(system, unit, given, start)
     if between is None:
         view, q = _prepare(system, (name,), hold, start)
@@ -250,13 +252,6 @@ def circuit(
     at = np.clip(np.searchsorted(s, wanted, side="right") - 1, 0, len(s) - 1)
     found = step_along(view, np.array(nodes.q)[at].T, np.array(nodes.t)[at].T, wanted - s[at]).q.T
     return _pose(system, (name,), hold, np.ascontiguousarray(found))
-
-
-def _input_range(between: object) -> tuple[float, float]:
-    values = finite_array(between, "circuit(): between")
-    if values.shape != (2,):
-        raise InputError(f"circuit(): between={between!r}; give the input's first and last value, such as (0.2, 1.4)")
-    return float(values[0]), float(values[1])
 
 
 def _whole_curve(view: HostView, q: np.ndarray) -> TracedCurve:

@@ -18,6 +18,7 @@ from jax.core import Tracer
 
 from jaxnc.compiling import jit, on_device
 from jaxnc.errors import InputError
+from jaxnc.kinematics.host_solve import rates_of_poses
 from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, screw_axis
 from jaxnc.kinematics.motion import Motion, coordinates_of
 from jaxnc.kinematics.traced import batch_rates
@@ -214,18 +215,11 @@ def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> AnyA
     view = plan_of(motion)
     q, good = motion.q.reshape(-1, motion.q.shape[-1]), motion.converged.reshape(-1)
     pace = np.array([paces.get(name, 0.0) for name in (*motion.driven, *motion.held)], q.dtype)
-    orders = (pace, *[np.zeros_like(pace)] * (order - 1))
+    paces = tuple(np.broadcast_to(x, (len(q), len(x))) for x in (pace, *[np.zeros_like(pace)] * (order - 1)))
     if not on_host(np.zeros(()), motion):
-        paces = tuple(jnp.broadcast_to(x, (len(q), len(x))) for x in orders)
         return jnp.stack(batch_rates(view, derive(motion.system), q, paces, good)).reshape(order, *motion.q.shape)
-    flat, good = np.asarray(q), np.asarray(good)
-    out = np.zeros((order, *flat.shape), flat.dtype)
-    if good.any():
-        inner = host.view_of(view, to_host(derive(motion.system)))
-        lanes = [np.repeat(x[:, None], good.sum(), axis=1) for x in orders]
-        with np.errstate(all="ignore"):
-            out[:, good] = np.stack(host.pose_rates(inner, flat[good].T, lanes)).transpose(0, 2, 1)
-    return out.reshape(order, *motion.q.shape)
+    inner = host.view_of(view, to_host(derive(motion.system)))
+    return np.stack(rates_of_poses(inner, np.asarray(q), paces, np.asarray(good))).reshape(order, *motion.q.shape)
 
 
 # -- outputs ----------------------------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@
 
 import functools
 import weakref
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -91,16 +92,23 @@ def analyse_on_host(
         found = solve_sequences(view, known, start[None], values[None], inner=inner).each(lambda x: x[0])
     rates: tuple[np.ndarray, ...] = ()
     if inner is not None:
-        good = found.status == int(Status.CONVERGED)
         still = np.zeros((len(values), len(view.held)), known.dtype)
-        given = [np.concatenate([np.asarray(o, known.dtype), still], axis=1).T[:, good] for o in orders]
-        rates = tuple(np.zeros_like(found.q) for _ in orders)
-        if good.any():
-            with np.errstate(all="ignore"):
-                terms = host.pose_rates(inner, found.q[good].T, given)
-            for out, term in zip(rates, terms, strict=True):
-                out[good] = term.T
+        given = [np.concatenate([np.asarray(o, known.dtype), still], axis=1) for o in orders]
+        rates = rates_of_poses(inner, found.q, given, found.status == int(Status.CONVERGED))
     return found._replace(rates=rates)
+
+
+def rates_of_poses(
+    inner: host.HostView, q: np.ndarray, orders: Sequence[np.ndarray], good: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Time derivatives of all coordinates at poses ``(T, N)`` by those of the known, ``(T, k)``; zero if not `good`."""
+    rates = tuple(np.zeros_like(q) for _ in orders)
+    if good.any():
+        with np.errstate(all="ignore"):
+            terms = host.pose_rates(inner, q[good].T, [o[good].T for o in orders])
+        for out, term in zip(rates, terms, strict=True):
+            out[good] = term.T
+    return rates
 
 
 def solve_sequences(

@@ -285,14 +285,10 @@ def _curves(found: "Report", quantities: Sequence[Quantity]) -> str:
     most = 4  # curves in one chart
     for (unit, *_), group in groups.items():
         for k in range(0, len(group), most):
-            lines = [Curve(q.label, _clear_rounding(q.values, scales[q.unit])) for q in group[k : k + most]]
+            some = ((q, np.abs(q.values) <= ZERO * scales[q.unit]) for q in group[k : k + most])
+            lines = [Curve(q.label, np.where(rounding, 0.0, q.values)) for q, rounding in some]
             charts.append(chart(over[0], over[1], unit, lines))
     return _charts(charts)
-
-
-def _clear_rounding(values: np.ndarray, scale: float) -> np.ndarray:
-    """Replace values that are only rounding by zero."""
-    return np.where(np.abs(values) <= ZERO * scale, 0.0, values)
 
 
 def _at(at: dict[str, float]) -> str:
