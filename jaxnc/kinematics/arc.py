@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from jaxnc.kinematics.inputs import (
     make_plan,
     whole,
 )
-from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.motion import Motion, motion_of
 from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.notebooks import Reported
@@ -285,8 +284,4 @@ def _pose(system: System, names, hold, q: np.ndarray) -> Motion:
     inner = HostView(make_plan(system, names, hold), from_jax(derive(system)))
     sizes = np.max(np.abs(inner.eq.residual(q.T)), axis=0, initial=0.0)
     status = np.where(sizes <= inner.tolerance(q.T), int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))
-    index = [system.topology.position[name] for name in names]
-    found = (q, (), q[:, index], status, sizes, inner.conditioning(q.T))
-    values: Any = found  # of NumPy, as from every analysis of few poses
-    held = system.topology.named(inner.plan.held)
-    return Motion(system, tuple(names), held, *values)
+    return motion_of(system, inner.plan, q, q[:, inner.plan.driven], status, sizes, inner.conditioning(q.T))

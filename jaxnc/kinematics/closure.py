@@ -12,7 +12,7 @@ from jax.core import Tracer
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted, nearest
 from jaxnc.kinematics.inputs import REDUNDANCY, check_inputs, dense_only
-from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.motion import Motion, motion_of
 from jaxnc.kinematics.position import begin_at
 from jaxnc.records import record, static
 from jaxnc.solvers.assembly import derive, settle
@@ -117,9 +117,7 @@ class ClosedEquations:
             q, gap = self._scattered(x), largest(self._all_rows(x))
             met = gap <= tolerance(self._equations, q)
             status = jnp.where(met, int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))
-            names = self.system.topology.named
-            driven, held = names(self._plan.driven), names(self._plan.held)
-            return Motion(self.system, driven, held, q, (), self.known[: len(driven)], status, gap, None)
+            return motion_of(self.system, self._plan, q, self.known[: len(self._plan.driven)], status, gap, None)
 
     def _checked(self, x: Any) -> Array:
         count = len(self._plan.unknown)

@@ -157,11 +157,6 @@ class PoseReading(NamedTuple):
         return out
 
 
-def _read_by_name(name: str, motion: Motion) -> PoseReading:
-    """Say how a point, vector, marker or coordinate is read off a motion."""
-    return PoseReading(_pick_name, (name,))
-
-
 def _pick_name(top: Topology, name: str, state: Array, home: Array, markers: Array) -> Array:
     return Pose(top, markers, state)[name]
 
@@ -297,7 +292,7 @@ class OutputSet:
         out: dict[str, Callable[[Motion], PoseReading]] = {}
         for label, output in self.wanted:
             if isinstance(output, str):
-                out[label] = functools.partial(_read_by_name, output)
+                out[label] = lambda motion, name=output: PoseReading(_pick_name, (name,))
                 continue
             partial = isinstance(output, functools.partial) and not output.args
             read = getattr(output.func if partial else output, "pose_reading", None)

@@ -224,10 +224,6 @@ class Freedoms:
             out[:, at + 3 : at + 6] = np.cross(np.eye(3), arm).T
         return out
 
-    def holder(self, item: int) -> int | None:
-        """The first body that has an item."""
-        return next((k for k in range(len(self.items)) if item in self.items[k]), None)
-
     # -- joints -------------------------------------------------------------------------------------------------
 
     def _shared_joints(self) -> Iterator[JointTwists]:
@@ -289,7 +285,8 @@ class Freedoms:
         for item in self.fixed:
             at = 3 * (item if item >= 0 else len(top.points) + ~item)
             scale = self.size if item >= 0 else 1.0
-            motion[at : at + 3] = scale * self.velocity(item, self.holder(item))
+            holder = next((k for k, items in enumerate(self.items) if item in items), None)
+            motion[at : at + 3] = scale * self.velocity(item, holder)
         start = len(top.coordinates) - len(top.scalars)
         motion[start:, self.scalars :] = np.eye(len(top.scalars))
         groups: dict[Owner, list[int]] = {}

@@ -22,7 +22,7 @@ from jaxnc.continuation.tracker import BOLD, CAREFUL
 from jaxnc.doors import door
 from jaxnc.errors import InputError, brief, counted
 from jaxnc.kinematics.inputs import check_inputs, check_system, whole
-from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.motion import Motion, motion_of
 from jaxnc.kinematics.polynomial import ZERO, Design, Member, NotPolynomial, Reading, describe, read_polynomials
 from jaxnc.kinematics.reduction import Placed, Reduction
 from jaxnc.kinematics.starts import (
@@ -492,10 +492,8 @@ def _solve_map(
         q[k], status[k, :n] = design.x * design.unit, int(Status.CONVERGED)
         q[k, :n], gap[k, :n], condition[k, :n] = place.q.T[at], place.gap[at], place.condition[at]
     asked = np.broadcast_to(values[:, None], (len(values), most, values.shape[1]))
-    poses, asked, status, gap, condition = on_device(
-        tuple(a.reshape(*shape, *a.shape[1:]) for a in (q, asked, status, gap, condition))
-    )
-    motion = Motion(system, top.named(view.driven), top.named(view.held), poses, (), asked, status, gap, condition)
+    arrays = (a.reshape(*shape, *a.shape[1:]) for a in (q, asked, status, gap, condition))
+    motion = motion_of(system, view, *on_device(tuple(arrays)))
     return ModesMap(
         {n: values[:, k].reshape(shape) for k, n in enumerate(names)},
         count.reshape(shape),
@@ -688,7 +686,5 @@ def to_motion(
     conditioning: Numbers,
 ) -> Motion:
     """Poses ``(N, lanes)`` as a motion, at one set of inputs or a set ``(lanes, inputs)`` each."""
-    named, count = system.topology.named, q.shape[1]
-    asked = np.broadcast_to(values, (count, values.shape[-1]))
-    poses, asked, *rest = on_device((q.T, asked, status, residual, conditioning))
-    return Motion(system, named(view.driven), named(view.held), poses, (), asked, *rest)
+    asked = np.broadcast_to(values, (q.shape[1], values.shape[-1]))
+    return motion_of(system, view, *on_device((q.T, asked, status, residual, conditioning)))

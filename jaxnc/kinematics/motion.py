@@ -19,7 +19,7 @@ from jaxnc.records import record, static
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.host import HostView
-from jaxnc.solvers.plan import plan
+from jaxnc.solvers.plan import Plan, plan
 from jaxnc.status import Status
 from jaxnc.system.frames import marker_along, marker_in_lanes, quaternions, spins, turns
 from jaxnc.system.host import from_jax
@@ -27,7 +27,7 @@ from jaxnc.system.on_lanes import on_host
 from jaxnc.system.precision import numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import BodyIndex, Topology
-from jaxnc.types import Array, ArrayLike, Coordinates, Float
+from jaxnc.types import AnyArray, Array, ArrayLike, Coordinates, Float
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -447,6 +447,20 @@ class Motion(Drawn):
         except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
             state = "traced"
         return f"Motion({self.system.name!r}: {poses} driven by {', '.join(self.driven) or 'nothing'}, {state})"
+
+
+def motion_of(
+    system: System,
+    view: Plan,
+    poses: AnyArray,
+    asked: AnyArray,
+    *outcome: AnyArray,
+    rates: tuple = (),
+    time: Array | None = None,
+) -> Motion:
+    """Make a motion of poses found by a plan; the outcome is status, largest residual and conditioning of each."""
+    driven, held = (system.topology.named(at) for at in (view.driven, view.held))
+    return Motion(system, driven, held, poses, rates, asked, *outcome, time)
 
 
 @filter_jit

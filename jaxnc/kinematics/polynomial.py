@@ -50,7 +50,7 @@ class _Rows(NamedTuple):
 
     @property
     def per(self) -> int:
-        """Number of rows."""
+        """Number of rows of an instance."""
         return len(self.source.outputs)
 
 
@@ -148,11 +148,6 @@ class Part:
     instances: np.ndarray
     rows: _Rows
     sizes: np.ndarray | None = None  # numbers of the right-hand sides; None of ordinary rows
-
-    @property
-    def per(self) -> int:
-        """Number of rows of an instance."""
-        return self.rows.per
 
 
 class NotPolynomial(Exception):
@@ -262,13 +257,13 @@ class Reading:
         place = np.zeros(len(self.top.coordinates), int)  # of each coordinate among 1 and the unknowns
         place[self.unknown] = 1 + np.arange(len(self.unknown))
         square = wide * wide
-        count = sum(len(p.instances) * p.per for p in self.parts)
+        count = sum(len(p.instances) * p.rows.per for p in self.parts)
         out = np.zeros((count * square, samples), complex)
         row = 0
         for part in self.parts:
             x = self._inputs(part, member.known, member.constants, member.turns)
             at = place[self.top.layout[part.block].variables[part.instances]]  # (instances, variables)
-            base = (row + np.arange(len(at)) * part.per) * square
+            base = (row + np.arange(len(at)) * part.rows.per) * square
             for r, value in enumerate(part.rows.values(x)):
                 out[base + r * square] += value if part.sizes is None else value - member.sizes[part.sizes]
             for (r, v), value in zip(part.rows.slope_at, part.rows.slopes(x), strict=True):
@@ -280,7 +275,7 @@ class Reading:
                 moves = np.flatnonzero((at[:, u] > 0) & (at[:, v] > 0))
                 half = 0.5 * np.broadcast_to(value, (len(at), samples))[moves]
                 out[base[moves] + r * square + at[moves, u] * wide + at[moves, v]] += half
-            row += len(at) * part.per
+            row += len(at) * part.rows.per
         return np.moveaxis(out.reshape(count, wide, wide, samples), 3, 0)
 
     def _linearise(self, parts: Sequence[Part], x: np.ndarray, constants: Sequence[np.ndarray], turns: np.ndarray):
@@ -288,7 +283,7 @@ class Reading:
         values, slopes = [np.zeros(0)], [np.zeros((0, len(x)))]
         for part in parts:
             inputs, at = self._inputs(part, x, constants, turns), self.top.layout[part.block].variables[part.instances]
-            jacobian, shape = np.zeros((len(at), part.per, len(x)), complex), (len(at), 1)
+            jacobian, shape = np.zeros((len(at), part.rows.per, len(x)), complex), (len(at), 1)
             for value in part.rows.values(inputs):
                 values.append(np.broadcast_to(value, shape)[:, 0])
             for (r, v), value in zip(part.rows.slope_at, part.rows.slopes(inputs), strict=True):

@@ -29,7 +29,7 @@ from jaxnc.kinematics.inputs import (
     rate_values,
     worst_rows,
 )
-from jaxnc.kinematics.motion import Columns, Motion, coordinates_of
+from jaxnc.kinematics.motion import Columns, Motion, coordinates_of, motion_of
 from jaxnc.kinematics.spread import Devices, choose, solve_on
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
@@ -66,17 +66,14 @@ class _Question(NamedTuple):
 
     def answer(self, found: PoseBatch) -> Motion:
         """Make a motion of what was found."""
-        top, shape = self.system.topology, self.shape
-        return Motion(
-            system=self.system,
-            driven=top.named(self.view.driven),
-            held=top.named(self.view.held),
-            poses=found.q.with_axes(shape) if isinstance(found.q, Columns) else _with_lead(found.q, shape),
+        shape = self.shape
+        return motion_of(
+            self.system,
+            self.view,
+            found.q.with_axes(shape) if isinstance(found.q, Columns) else _with_lead(found.q, shape),
+            _with_lead(self.values, shape),
+            *(_with_lead(x, shape, 0) for x in (found.status, found.size, found.conditioning)),
             rates=tuple(_with_lead(r, shape) for r in found.rates),
-            asked=_with_lead(self.values, shape),
-            status=_with_lead(found.status, shape, 0),
-            residual=_with_lead(found.size, shape, 0),
-            conditioning=_with_lead(found.conditioning, shape, 0),
             time=self.time,
         )
 

@@ -159,9 +159,11 @@ class Reduction:
             best = _scaled(left[1 if _rank(_scaled(left[1])) == rank else 0])
             picked = _pivots(best.T, rank)
             solved = _pivots(best[picked], rank)
+            rest = empty
             if self.way == "determined":
                 picked, solved = _determined(left, picked, solved)
-            rest = empty if self.way != "determined" else self._undetermined(left, picked, solved)
+                other = np.setdiff1d(np.arange(n), solved)  # linear rows may say something about other unknowns
+                rest = np.setdiff1d(np.flatnonzero(left[:, :, other].any(axis=(0, 2))), picked)
         else:
             rest = np.setdiff1d(np.flatnonzero(~idle), picked)
         if not len(picked) and not idle.any():
@@ -171,12 +173,6 @@ class Reduction:
             return None
         free = np.setdiff1d(np.arange(n), solved)
         return Stage(kept, others[picked], basis, factors[picked], solved, free, straight)
-
-    @staticmethod
-    def _undetermined(left: np.ndarray, picked: np.ndarray, solved: np.ndarray) -> np.ndarray:
-        """Linear rows that say something about other unknowns than those solved."""
-        other = np.setdiff1d(np.arange(left.shape[2]), solved)
-        return np.setdiff1d(np.flatnonzero(left[:, :, other].any(axis=(0, 2))), picked)
 
     def place(self, member: Member, straight: tuple[np.ndarray, ...] | None = None) -> Placed:
         """Solve the linear rows of members; `straight` are solutions that are given."""

@@ -112,13 +112,14 @@ def _lane_axes(method: str) -> tuple[int | None, ...]:
 @functools.partial(jax.jit, static_argnums=(0, 1, 2, 3))
 def _solve_on_devices(devices, view, method, repair, eq, q0, *lanes):
     from jaxnc.kinematics import traced  # with all that XLA needs, and the host does not
+    from jaxnc.solvers.kernel import writes_out
 
     axes = _lane_axes(method)
 
     def solve(*arguments):
         return traced.analyse_traced(view, method, *arguments, repair)
 
-    if view.large or method == "guess" or not traced.is_columnar(view):
+    if view.large or method == "guess" or not writes_out(view):
         return _run_over(devices, solve, axes, (eq, q0, *lanes))
 
     def part(*arguments):

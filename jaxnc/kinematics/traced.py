@@ -63,9 +63,9 @@ def analyse_traced(
         repair: ask the host for what is not found (static).
 
     Returns:
-        Poses ``(T, N)``, or `Columns` where they are followed and plans are `is_columnar`: what is not looked at, as
-        most coordinates in traced code are, is then not put together either. With them their time derivatives, and of
-        each pose its status, largest residual and conditioning.
+        Poses ``(T, N)``, or `Columns` where they are followed and derivatives are written out: what is not looked at,
+        as most coordinates in traced code are, is then not put together either. With them their time derivatives, and
+        of each pose its status, largest residual and conditioning.
     """
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
@@ -88,7 +88,7 @@ def analyse_traced(
         poses = jnp.where(good[:, None], jax.vmap(lambda x, u: attach_pose(view, x, eq, u))(found.q, known), found.q)
     else:
         inputs = jnp.stack(found.known, axis=1) if len(view.known) else values
-        if is_columnar(view):
+        if writes_out(view):
             x = attach_lanes(view, found.q, eq, tuple(known[:, k] for k in range(known.shape[1])), good)
             poses = columns_of(view, eq, q0, x, jnp.where(good[:, None], values, inputs[:, : values.shape[1]]))
         else:
@@ -233,18 +233,13 @@ def _repair_on_host(
 # -- traced code ------------------------------------------------------------------------------------------------------
 
 
-def is_columnar(plan: Plan) -> bool:
-    """Say whether each coordinate is an array of its own in what follows: where derivatives are written out."""
-    return writes_out(plan)
-
-
 def solve_traced(
     plan: Plan, method: str, repair: bool, eq: Equations, q: Array, values: Float[Array, "T k"]
 ) -> PoseBatch:
     """Solve for poses of one design, in code that may be mapped.
 
-    Coordinates that are not known are an array each, where they are `is_columnar`; elsewhere one array ``(T, n)``, and
-    of a large system one of all coordinates, ``(T, N)``.
+    Coordinates that are not known are an array each where derivatives are written out; elsewhere one array ``(T, n)``,
+    and of a large system one of all coordinates, ``(T, N)``.
 
     The method is ``"continuation"`` (in order along one branch) or ``"lanes"`` (each from the start pose). What is not
     found is asked of the host, or without `repair` given up with `Status.TOO_FAR`.
@@ -295,7 +290,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
             return jax.ShapeDtypeStruct((*values.shape[:2], *more), dtype)
 
         n = len(plan.unknown)
-        x = (like(),) * n if is_columnar(plan) or not n else like(n)
+        x = (like(),) * n if writes_out(plan) or not n else like(n)
         if plan.large:
             x, known = like(q.shape[-1]), ()
         else:
@@ -457,13 +452,13 @@ def _to_table(found: PoseBatch, dtype: np.dtype) -> Array:
 
 def _stack_columns(plan: Plan, found: PoseBatch) -> PoseBatch:
     """Stack the columns into one array; separately stored, each would be a kernel of its own."""
-    return found if is_columnar(plan) or not found.q else found._replace(q=jnp.stack(found.q, axis=-1))
+    return found if writes_out(plan) or not found.q else found._replace(q=jnp.stack(found.q, axis=-1))
 
 
 def _from_table(plan: Plan, table: Array) -> PoseBatch:
     """Read a table of poses, ``(S, columns, T)``."""
     n = len(plan.unknown)
-    q = tuple(jnp.moveaxis(table[:, :n], 1, 0)) if is_columnar(plan) or not n else table[:, :n].swapaxes(1, 2)
+    q = tuple(jnp.moveaxis(table[:, :n], 1, 0)) if writes_out(plan) or not n else table[:, :n].swapaxes(1, 2)
     *known, size, conditioning, status = jnp.moveaxis(table[:, n:], 1, 0)
     return PoseBatch(q, size, conditioning, known=tuple(known), status=status.astype(np.int32))
 

@@ -135,7 +135,10 @@ def problems(mechanism: Mechanism, system: System) -> list[Finding]:
     for i, end in enumerate(("first", "last")):
         status = Status(int(found.status[i]))
         if status:
-            at = ", ".join(_value(mechanism, name, values[i]) for name, values in ends.items())
+            at = ", ".join(
+                f"{name} = {values[i] / unit_of(mechanism, name):.6g} {_unit(mechanism, name)}"
+                for name, values in ends.items()
+            )
             text = f"run.inputs: the {end} pose, {at}, is not found. {status.sentence}"
             out.append(Finding(code="not-found", level="error", text=text, names=asked))
     return out
@@ -238,10 +241,6 @@ def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Fin
         yield Finding(code="nothing-driven", level="warning", text=text)
         for text in undriven_freedoms(system):
             yield Finding(code="loose", level="warning", text=text)
-
-
-def _value(mechanism: Mechanism, name: str, value: float) -> str:
-    return f"{name} = {value / unit_of(mechanism, name):.6g} {_unit(mechanism, name)}"
 
 
 def _unit(mechanism: Mechanism, name: str) -> str:

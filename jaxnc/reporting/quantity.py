@@ -52,10 +52,11 @@ def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
     found = []
     paces = [np.max(np.abs(motion.velocity(name))) / _natural(motion, name) for name in motion.driven if motion.rates]
     pace = float(max(paces, default=0.0))
+    orders = [(motion.velocity, "v"), (motion.acceleration, "a")][: len(motion.rates)]
     for name in names:
         values, unit, factor = np.asarray(motion[name]), *unit_of(motion, name)
         scale = factor * _natural(motion, name)
-        rates = [(np.asarray(read(name)), letter) for read, letter in _orders(motion)]
+        rates = [(np.asarray(read(name)), letter) for read, letter in orders]
         if values.ndim > 1:
             axes = "xyz"[: values.shape[-1]]
             found += [Quantity(f"{name}.{axis}", unit, values[:, k], scale) for k, axis in enumerate(axes)]
@@ -130,10 +131,6 @@ def _natural(motion: Motion, name: str) -> float:
     if top.is_angle(name) or top.is_direction(name):
         return 1.0
     return float(characteristic_length(motion.system.parameters.points))
-
-
-def _orders(motion: Motion) -> list:
-    return [(motion.velocity, "v"), (motion.acceleration, "a")][: len(motion.rates)]
 
 
 # -- forces -----------------------------------------------------------------------------------------------------------
