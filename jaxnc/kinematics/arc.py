@@ -139,44 +139,37 @@ def travel(system: System, name: str, hold: Sequence[str] = (), start: Motion | 
     view, q = _prepare(system, (name,), hold, start)
     index = system.topology.position[name]
     place = int(np.flatnonzero(view.plan.unknown == index)[0])
-    t = first_tangent(view, q)
-    forward = trace_curve(view, q, t)
-    pieces = [(forward, 1.0)]
-    if not forward.closed:
-        pieces.append((trace_curve(view, q, -t), -1.0))
-    met: list[tuple[float, str]] = []
+    curve = _whole_curve(view, q)
+    drawn = curve.s.index(0.0)
+    line: list[tuple[float, str]] = []
     poses: list[np.ndarray] = []
-    steady = all(abs(c.t[0][place]) > 1e-9 for c, _ in pieces)
-    ahead = 0  # how many of them lie ahead
-    for curve, way in pieces:
-        for a in range(len(curve.s) - 1):
-            ta, tb = curve.t[a][place], curve.t[a + 1][place]
-            if ta == 0.0 or ta * tb >= 0.0:
-                continue
-            near = a if abs(ta) < abs(tb) else a + 1
-            x, left = turning_point(view, place, curve.q[near], curve.t[near])
-            if not left <= 1e-8 * view.eq.length:
-                continue
-            kind = "maximum" if ta > 0 else "minimum"
-            value = float(x[index])
-            met.append((value, kind))
+    behind = 0  # how many of them lie behind the drawing
+    for a in range(len(curve.s) - 1):
+        ta, tb = curve.t[a][place], curve.t[a + 1][place]
+        if ta == 0.0 or ta * tb >= 0.0:
+            continue
+        near = a if abs(ta) < abs(tb) else a + 1
+        x, left = turning_point(view, place, curve.q[near], curve.t[near])
+        if left <= 1e-8 * view.eq.length:
+            line.append((float(x[index]), "maximum" if ta > 0 else "minimum"))
             poses.append(x)
-            ahead += way > 0
-    turns = not met and forward.closed
+            behind += a < drawn
+    turns = not line and curve.closed
     top, least = system.topology, -np.inf
     if name in top.scalars and top.blocks[top.measures[top.scalars.index(name)][0]].kind is DISTANCE_BETWEEN:
         least = 0.0  # of two points' distance: its mirror image is no motion of it
-    intervals = _intervals(met, ahead, forward.closed, least)
-    drawn = next((i for i in intervals if i.drawn), None) if steady or forward.closed else None
-    lower, upper = (least, np.inf) if drawn is None else (drawn.lower, drawn.upper)
-    all_poses = _pose(system, (name,), hold, np.array(poses)) if met else None
-    shown = [k for k, (value, _) in enumerate(met) if value >= least]
-    found = [DeadPoint(*met[k], all_poses.pose(k)) for k in shown] if all_poses is not None else []
-    return Travel(name, lower, upper, turns, tuple(found), forward.closed, intervals, system)
+    intervals = _intervals(line, behind, curve.closed, least)
+    steady = abs(curve.t[drawn][place]) > 1e-9
+    own = next((i for i in intervals if i.drawn), None) if steady or curve.closed else None
+    lower, upper = (least, np.inf) if own is None else (own.lower, own.upper)
+    all_poses = _pose(system, (name,), hold, np.array(poses)) if line else None
+    met = [k for k in (*range(behind, len(line)), *range(behind - 1, -1, -1)) if line[k][0] >= least]
+    found = [DeadPoint(*line[k], all_poses.pose(k)) for k in met] if all_poses is not None else []
+    return Travel(name, lower, upper, turns, tuple(found), curve.closed, intervals, system)
 
 
-def _intervals(dead: list[tuple[float, str]], ahead: int, closed: bool, least: float) -> tuple[Interval, ...]:
-    """List the intervals between dead points, given as met: those ahead, then those behind, the nearest first."""
+def _intervals(dead: list[tuple[float, str]], behind: int, closed: bool, least: float) -> tuple[Interval, ...]:
+    """List the intervals between dead points in their order, of which so many lie behind the drawing."""
 
     def between(points: Sequence[tuple[float, str]], drawn: bool) -> Interval:
         lower = [value for value, kind in points if kind == "minimum"]
@@ -187,9 +180,7 @@ def _intervals(dead: list[tuple[float, str]], ahead: int, closed: bool, least: f
         return ()
     if closed:
         return tuple(between((dead[k - 1], dead[k]), k == 0) for k in range(len(dead)))
-    line = [*reversed(dead[ahead:]), *dead[:ahead]]
-    behind = len(dead) - ahead
-    ends = [line[max(k - 1, 0) : k + 1] for k in range(len(line) + 1)]
+    ends = [dead[max(k - 1, 0) : k + 1] for k in range(len(dead) + 1)]
     return tuple(between(points, k == behind) for k, points in enumerate(ends))
 
 

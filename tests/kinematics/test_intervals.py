@@ -32,7 +32,7 @@ def test_each_interval_of_a_circuit_has_its_own_limits():
 
 def test_intervals_of_a_circuit_that_was_not_followed_to_its_end():
     """Ahead a maximum at 2, then a minimum at 0; behind a minimum at -1."""
-    found = _intervals([(2.0, MAXIMUM), (0.0, MINIMUM), (-1.0, MINIMUM)], 2, False, -np.inf)
+    found = _intervals([(-1.0, MINIMUM), (2.0, MAXIMUM), (0.0, MINIMUM)], 1, False, -np.inf)
     assert [(i.lower, i.upper, i.drawn) for i in found] == [
         (-1.0, np.inf, False),
         (-1.0, 2.0, True),
