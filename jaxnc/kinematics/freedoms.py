@@ -181,7 +181,6 @@ class Freedoms:
 
     def __init__(self, top: Topology, eq: Equations, q: np.ndarray):
         self.eq, self.top, self.q = eq, top, np.asarray(q)
-        top = self.top
         at: Any = self.q
         points, vectors = (np.asarray(x) for x in spread(top, at))
         self.size = float(eq.length)
@@ -369,18 +368,12 @@ class Freedoms:
 
 def _joints_at(point: np.ndarray | None, axis: np.ndarray | None) -> Iterator[tuple[bool, str, list[np.ndarray]]]:
     """Twists (velocity of the origin, angular velocity) that joints allow at a point and an axis; usual ones marked."""
-
-    def spin(direction):
-        assert point is not None
-        return np.concatenate([np.cross(point, direction), direction])
-
-    def slide(direction):
-        return np.concatenate([direction, np.zeros(3)])
-
-    basis = np.eye(3)
-    if point is not None and axis is not None:
-        yield True, "cylindrical", [spin(axis), slide(axis)]
-    if point is not None:
-        yield True, "spherical", [spin(d) for d in basis]
-        if axis is not None:
-            yield False, "a ball in a groove (a point on a line)", [*(spin(d) for d in basis), slide(axis)]
+    if point is None:
+        return
+    spins = [np.concatenate([np.cross(point, d), d]) for d in np.eye(3)]
+    slide = [] if axis is None else [np.concatenate([axis, np.zeros(3)])]
+    if axis is not None:
+        yield True, "cylindrical", [np.concatenate([np.cross(point, axis), axis]), *slide]
+    yield True, "spherical", spins
+    if axis is not None:
+        yield False, "a ball in a groove (a point on a line)", [*spins, *slide]
