@@ -256,9 +256,8 @@ def _determinants(
     def evaluate(*steps: Array) -> tuple[Array, ...]:
         moved = (*(k + step for k, step in zip(known, steps, strict=False)), *known[len(steps) :])
         at = list(x)
-        for c, v in zip(view.unknown, attach_lanes(view, unknown, eq, moved, good), strict=True):
-            at[int(c)] = v
-        for c, v in zip(view.known, moved, strict=True):
+        new = *attach_lanes(view, unknown, eq, moved, good), *moved
+        for c, v in zip((*view.unknown, *view.known), new, strict=True):
             at[int(c)] = v
         every = zip(core.determinants(eq, at), core.blocks, strict=True)
         bent = [d for d, block in every if block.rows.form not in ("affine", "angle")]
