@@ -358,9 +358,8 @@ class Reading:
         moves = np.flatnonzero(~np.array(self.top.fixed, bool) & ~self.follows)
         turns, _ = self.measure_turns(constants, x)
         rows = self._linearise([p for p in self.parts if not p.rows.uses_cosine], x, constants, turns)[1][:, moves]
-        values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(0)
         angles = sum(len(p.instances) for p in self.parts if p.rows.uses_cosine)
-        return len(moves) - angles - int(np.sum(values > 1e-8 * values.max(initial=0.0)))
+        return len(moves) - angles - (int(np.linalg.matrix_rank(rows, rtol=1e-8)) if rows.size else 0)
 
     def pair_sizes(self, sizes: np.ndarray) -> np.ndarray:
         """Right-hand sides of the second rows of driven angles, from the products of lengths of all angles."""
