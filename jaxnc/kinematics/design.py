@@ -210,11 +210,11 @@ def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> AnyA
     view = plan_of(motion)
     q, good = motion.q.reshape(-1, motion.q.shape[-1]), motion.converged.reshape(-1)
     pace = np.array([paces.get(name, 0.0) for name in (*motion.driven, *motion.held)], q.dtype)
-    paces = tuple(np.broadcast_to(x, (len(q), len(x))) for x in (pace, *[np.zeros_like(pace)] * (order - 1)))
+    orders = tuple(np.broadcast_to(x, (len(q), len(x))) for x in (pace, *[np.zeros_like(pace)] * (order - 1)))
     if not on_host(np.zeros(()), motion):
-        return jnp.stack(batch_rates(view, derive(motion.system), q, paces, good)).reshape(order, *motion.q.shape)
+        return jnp.stack(batch_rates(view, derive(motion.system), q, orders, good)).reshape(order, *motion.q.shape)
     inner = host.view_of(view, to_host(derive(motion.system)))
-    return np.stack(rates_of_poses(inner, np.asarray(q), paces, np.asarray(good))).reshape(order, *motion.q.shape)
+    return np.stack(rates_of_poses(inner, np.asarray(q), orders, np.asarray(good))).reshape(order, *motion.q.shape)
 
 
 # -- outputs ----------------------------------------------------------------------------------------------------------

@@ -439,8 +439,8 @@ def _lay_in_pose(motion: "Motion", body: str, pose: int, places: AnyArray, *dire
         along = _safe_ratio(turn, length, length > 0)
         turn = _library_of(along).stack([along, quarter(along)], axis=-1)
     back = turn[pose] @ turn.swapaxes(-1, -2)
-    places, *directions = ((back @ x[..., None])[..., 0] for x in (rest[0] - own, *rest[1:]))
-    return [own[pose] + places, *directions]
+    arm, *turned = ((back @ x[..., None])[..., 0] for x in (rest[0] - own, *rest[1:]))
+    return [own[pose] + arm, *turned]
 
 
 @public

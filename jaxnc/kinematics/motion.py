@@ -460,7 +460,7 @@ def motion_of(
 ) -> Motion:
     """Make a motion of poses found by a plan; the outcome is status, largest residual and conditioning of each."""
     driven, held = (system.topology.named(at) for at in (view.driven, view.held))
-    return Motion(system, driven, held, poses, rates, asked, *outcome, time)
+    return Motion(system, driven, held, poses, rates, asked, *outcome, time=time)
 
 
 @filter_jit

@@ -210,7 +210,8 @@ def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Fin
         yield Finding(code="doubtful-size", level="warning", text=doubt)
     tied = {p for block in top.blocks for points in block.points for p in points}
     used = {v for block in top.blocks for vectors in block.vectors for v in vectors}
-    fixed = np.array(top.fixed[: len(top.coordinates) - len(top.scalars)]).reshape(-1, top.dim).all(axis=1)
+    places = np.array(top.fixed[: len(top.coordinates) - len(top.scalars)]).reshape(-1, top.dim)
+    fixed = np.logical_and.reduce(places, axis=1)
     still = () if mechanism is None else mechanism.model.ground_vectors
     held = [*(i in tied for i in range(len(top.points))), *(i in used for i in range(len(top.vectors)))]
     for i, name in enumerate((*top.points, *top.vectors)):

@@ -103,9 +103,9 @@ class _Chain:
         self.still = {k for k in range(len(self.fixed)) if self.fixed[k].all()}
         self.slots = [((j.points[0], j.points[1]), j.points[2]) for j in top.joints if j.drawn and j.type == "slot"]
         # Of each prismatic joint its line, and the points of what slides on what, either way round.
-        sliding = [(_Line(*j.sides[0][:2]), j.sides[:2]) for j in top.joints if j.drawn and j.type == "prismatic"]
+        sliding = [j.sides[:2] for j in top.joints if j.drawn and j.type == "prismatic"]
         self.guides = [
-            (line, set(a), set(b)) for line, (one, other) in sliding for a, b in ((one, other), (other, one))
+            (_Line(one[0], one[1]), set(a), set(b)) for one, other in sliding for a, b in ((one, other), (other, one))
         ]
         self.bodies: set[int] = set()
         self.points, self.meetings = set(self.still), []
