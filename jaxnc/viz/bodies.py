@@ -16,7 +16,8 @@ class Bodies:
     """Points, directions and bodies of a mechanism as index sets, and the colours of those that move."""
 
     def __init__(self, poses: Poses):
-        top, dim = poses.topology, poses.dim
+        self.top = top = poses.topology
+        dim = poses.dim
         n, v = len(top.points), len(top.vectors)
         fixed = np.array(top.fixed[: dim * (n + v)], dtype=bool).reshape(n + v, dim)
         self.fixed = fixed[:n]
@@ -54,6 +55,12 @@ class Bodies:
         """Find the colour of the moving body that holds all of these, or that of no body."""
         k = self.holding(*points, vectors=vectors)
         return INK if k is None else self.colours[k]
+
+    def column_colours(self) -> tuple[int, ...]:
+        """List the colours of points, and of markers that are places."""
+        markers = (m for m in self.top.markers if not m.direction)
+        points = (self.colour(p) for p in range(len(self.top.points)))
+        return (*points, *(self.colour_by_name.get(m.body, INK) for m in markers))
 
     def meeting(self, p: int) -> list[tuple[set[int], set[int], int]]:
         """List what meets at a point: points, vectors and group (-1 for the ground) of each."""

@@ -42,6 +42,11 @@ class Frame:
         size = float(np.hypot(*d))
         return origin, d / size if size > 0 else np.array([1.0, 0.0])
 
+    def place(self, places: np.ndarray, along: np.ndarray, across: np.ndarray | float) -> np.ndarray:
+        """Find what lies so far along and across in a pose, lengths ``(n,)``: places ``(n, 2)``."""
+        origin, e = self.stand(places)
+        return origin + along[:, None] * e + np.multiply.outer(np.broadcast_to(across, along.shape), (-e[1], e[0]))
+
 
 @dataclass(frozen=True)
 class Item:
@@ -91,10 +96,8 @@ class Stamp(Item):
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
         """Find the vertices in a pose, ``(vertices, 2)``."""
-        origin, e = self.frame.stand(places)
         v = np.array(self.vertices)
-        along, across = v[:, 0] + v[:, 1] * unit, v[:, 2] * unit
-        return origin + along[:, None] * e + across[:, None] * np.array([-e[1], e[0]])
+        return self.frame.place(places, v[:, 0] + v[:, 1] * unit, v[:, 2] * unit)
 
 
 @dataclass(frozen=True)
@@ -107,11 +110,9 @@ class Span(Item):
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
         """Find the vertices in a pose, ``(vertices, 2)``."""
-        a, b = self.ends
-        origin, e = Frame(a, self.ends).stand(places)
-        v = np.array(self.vertices)
-        along = v[:, 0] * np.hypot(*(places[b] - places[a])) + v[:, 1] * unit
-        return origin + along[:, None] * e + v[:, 2:] * unit * np.array([-e[1], e[0]])
+        (a, b), v = self.ends, np.array(self.vertices)
+        size = np.hypot(*(places[b] - places[a]))
+        return Frame(a, self.ends).place(places, v[:, 0] * size + v[:, 1] * unit, v[:, 2] * unit)
 
 
 @dataclass(frozen=True)
@@ -153,13 +154,12 @@ class Hatch(Item):
 
     def strokes(self, places: np.ndarray, unit: float) -> np.ndarray:
         """Find the strokes in a pose, ``(strokes, 2, 2)``."""
-        origin, e = self.frame.stand(places)
-        n = np.array([-e[1], e[0]])
         lo, hi = (length + units * unit for length, units in (self.start, self.end))
         count = max(2, round((hi - lo) / (0.85 * unit)))
         at = lo + (hi - lo) * (np.arange(count) + 0.75) / count
-        foot = origin + at[:, None] * e + self.offset * unit * n
-        return np.stack([foot, foot - 0.75 * unit * e + self.side * 0.95 * unit * n], axis=1)
+        foot = self.frame.place(places, at, self.offset * unit)
+        end = self.frame.place(places, at - 0.75 * unit, (self.offset + 0.95 * self.side) * unit)
+        return np.stack([foot, end], axis=1)
 
 
 @dataclass(frozen=True)

@@ -4,27 +4,13 @@ from collections import defaultdict
 
 import numpy as np
 
-from jaxnc.forces import COUPLE, EFFORT
+from jaxnc.forces import COUPLE
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.identity import Owner
 from jaxnc.system.topology import BodyIndex, JointIndex
-from jaxnc.viz.bodies import FLAT, Bodies, hull
+from jaxnc.viz.bodies import FLAT, Bodies, hull, inline
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.scene import (
-    Arc,
-    Casing,
-    Circle,
-    Frame,
-    Hatch,
-    Item,
-    Label,
-    Line,
-    Scene,
-    Span,
-    Stamp,
-    Vertex,
-    least_angle,
-)
+from jaxnc.viz.scene import Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Scene, Span, Stamp, least_angle
 from jaxnc.viz.style import INK, symbol
 
 _BLOCK = (2.3, 1.45)  # half length and half height of a slider block, units
@@ -48,12 +34,10 @@ def sketch_plane(poses: Poses) -> Scene:
 
 class _PlaneSketch:
     def __init__(self, poses: Poses):
-        self.poses, self.top = poses, poses.topology
+        self.poses, self.top, self.bodies = poses, poses.topology, Bodies(poses)
         self.x = poses.places[poses.extent_poses]
-        bodies = Bodies(poses)
-        self.fixed, self.ground, self.half = bodies.fixed, bodies.ground, bodies.half
-        self.holding, self.colour = bodies.holding, bodies.colour
-        self.bodies, self.colours = bodies, bodies.colour_by_name
+        self.ground, self.holding, self.colour = self.bodies.ground, self.bodies.holding, self.bodies.colour
+        self.colours = self.bodies.colour_by_name
         self.items: list[Item] = []
         self.meet: dict[int, set] = defaultdict(set)  # what is joined at a point
         self.pins: set[int] = set()  # drawn as a pin in any case
@@ -61,6 +45,10 @@ class _PlaneSketch:
         self.blocks: dict[int, tuple[Frame, int]] = {}
         self.guides: dict[tuple, list] = {}
         self.lengths: list[Label] = []  # names of driven distances
+        self.sliders: dict[int, BodyIndex] = {}  # bodies of one point, by that point
+        for body in self.top.bodies:
+            if len(body.points) == 1:
+                self.sliders.setdefault(body.points[0], body)
 
     # -- bodies -------------------------------------------------------------------------------------------------
 
@@ -103,16 +91,12 @@ class _PlaneSketch:
         first = len(self.top.points)
         points = np.array([*body.points, *(first + k for k, m in enumerate(self.top.markers) if m.body == body.name)])
         x = self.x[0, points]
-        order = hull(x)
-        d = x[:, None] - x[None]
-        i, j = np.unravel_index(int((d**2).sum(axis=-1).argmax()), d.shape[:2])
-        along = x[j] - x[i]
+        line, order = inline(x), hull(x)
+        along = x[line[-1]] - x[line[0]]
         size = float(np.hypot(*along))
-        across = np.abs((x - x[i]) @ np.array([-along[1], along[0]])) / max(size, 1e-300)
+        across = np.abs((x - x[line[0]]) @ np.array([-along[1], along[0]])) / max(size, 1e-300)
         if len(order) < 3 or across.max() <= FLAT * size:
-            rank = np.argsort((x - x[i]) @ along, kind="stable")
-            line = tuple(points[rank].tolist())
-            return Line("bar", line, body=colour)
+            return Line("bar", tuple(points[line].tolist()), body=colour)
         return Line("plate", tuple(points[order].tolist()), closed=True, body=colour)
 
     # -- joints -------------------------------------------------------------------------------------------------
@@ -141,13 +125,13 @@ class _PlaneSketch:
         a, b, pin = joint.points
         frame = Frame(a, (a, b))
         self.pins.add(pin)
-        slider = next((body for body in self.top.bodies if body.points == (pin,)), None)
         if self.ground[[a, b]].all():
-            self.guide((a, b), frame, self.along(pin, a, b), (pin, 0.0))
-            self.blocks[pin] = (Frame(pin, (a, b)), self.colours.get(slider.name, INK) if slider else INK)
+            self.guide((a, b), frame, self.along(pin, a, b), pin)
+            self.blocks[pin] = (Frame(pin, (a, b)), self.block_colour(pin))
             return
+        slider = self.sliders.get(pin)
         if slider is not None and slider.base == (a, b):
-            self.blocks[pin] = (Frame(pin, (a, b)), self.colours.get(slider.name, INK))
+            self.blocks[pin] = (Frame(pin, (a, b)), self.block_colour(pin))
             if self.holding(a, b) is None:
                 self.items.append(Line("centre line", (a, b)))
             return
@@ -156,16 +140,14 @@ class _PlaneSketch:
         if hi - lo <= 1e-9 * max(1.0, abs(hi)) and self.poses.single:  # one pose says nothing of the stroke
             size = float(np.hypot(*(self.x[0, b] - self.x[0, a])))
             lo, hi = min(lo, 0.15 * size), max(hi, 0.85 * size)
-        body = self.colour(a, b)
-        ends: tuple[Vertex, ...] = ((lo, -1.3, 0.0), (hi, 1.3, 0.0))
-        slides = ((pin, 0.0),)
-        self.items.append(Stamp("slotted bar", frame, ends, closed=False, reach=slides, body=body))
-        self.items.append(Stamp("channel", frame, ends, closed=False, reach=slides, body=body))
+        ends, slides = ((lo, -1.3, 0.0), (hi, 1.3, 0.0)), ((pin, 0.0),)
+        for role in ("slotted bar", "channel"):
+            self.items.append(Stamp(role, frame, ends, closed=False, reach=slides, body=self.colour(a, b)))
 
     def add_prismatic(self, joint: JointIndex) -> None:
         a, b, c, d = joint.points
         if self.ground[[a, b]].all():
-            self.guide((a, b), Frame(a, (a, b)), self.along(c, a, b), (c, 0.0))
+            self.guide((a, b), Frame(a, (a, b)), self.along(c, a, b), c)
         elif self.holding(a, b) is None:
             self.items.append(Line("centre line", (a, b)))
             self.used.update((a, b))
@@ -206,8 +188,7 @@ class _PlaneSketch:
             d, w = self.x[0, b] - self.x[0, a], self.x[0, centre] - self.x[0, a]
             side = -1 if d[0] * w[1] - d[1] * w[0] > 0 else 1
             t = self.along(contact, a, b)
-            reach = np.array([t.min() - 0.6 * radius, t.max() + 0.6 * radius])
-            self.guide((a, b, "rolling"), Frame(a, (a, b)), reach, (contact, 0.6 * radius), offset=0.0, side=side)
+            self.guide((a, b, "rolling"), Frame(a, (a, b)), t, contact, 0.6 * radius, 0.0, side)
         elif self.holding(a, b) is None:
             self.items.append(Line("centre line", (a, b)))
             self.used.update((a, b))
@@ -226,38 +207,33 @@ class _PlaneSketch:
         return ((self.x[:, p] - self.x[:, a]) * d).sum(axis=1) / size
 
     def guide(
-        self,
-        key: tuple,
-        frame: Frame,
-        reach: np.ndarray,
-        slides: tuple[int, float],
-        offset: float | None = None,
-        side: int = 0,
+        self, key: tuple, frame: Frame, t: np.ndarray, p: int, spare: float = 0.0, offset: float | None = None, side=0
     ) -> None:
-        """Note a hatched guide over a range along a frame fixed to the ground; ranges of one line are joined."""
-        lo, hi, old = float(reach.min()), float(reach.max()), ()
+        """Note a hatched guide along a fixed frame, where a point slides; those of one line are joined."""
+        lo, hi, old = float(t.min()) - spare, float(t.max()) + spare, ()
         if key in self.guides:
             _, low, high, _, _, old = self.guides[key]
             lo, hi = min(lo, low), max(hi, high)
-        self.guides[key] = [frame, lo, hi, offset, side, (*old, slides)]
+        self.guides[key] = [frame, lo, hi, offset, side, (*old, (p, spare))]
+
+    def block_colour(self, p: int) -> int:
+        """Find the colour of the block at a point: that of the body of this point alone."""
+        return self.colours.get(self.sliders[p].name, INK) if p in self.sliders else INK
 
     def add_sliders(self) -> None:
         """Draw blocks of points fixed in one coordinate, and of bodies of one point."""
-        for p in np.flatnonzero(self.half).tolist():
-            moves = 0 if self.fixed[p, 1] else 1
+        for p in np.flatnonzero(self.bodies.half).tolist():
+            moves = 0 if self.bodies.fixed[p, 1] else 1
             level = float(self.x[0, p, 1 - moves])
             at = (0.0, level) if moves == 0 else (level, 0.0)
             angle = 0.0 if moves == 0 else np.pi / 2
-            self.guide((moves, level), Frame(at, angle=angle), self.x[:, p, moves], (p, 0.0))
-            body = next((b for b in self.top.bodies if b.points == (p,)), None)
-            self.blocks[p] = (Frame(p, angle=angle), self.colours.get(body.name, INK) if body else INK)
-            if any(p in b.points and not self.half[list(b.points)].all() for b in self.top.bodies):
+            self.guide((moves, level), Frame(at, angle=angle), self.x[:, p, moves], p)
+            self.blocks[p] = (Frame(p, angle=angle), self.block_colour(p))
+            if any(p in b.points and not self.bodies.half[list(b.points)].all() for b in self.top.bodies):
                 self.meet[p].add("guide")
-        for body in self.top.bodies:
-            p = body.points[0]
-            if len(body.points) == 1 and p not in self.blocks and body.name in self.colours:
-                frame = Frame(p) if body.base is None else Frame(p, body.base)
-                self.blocks[p] = (frame, self.colours[body.name])
+        for p, body in self.sliders.items():
+            if p not in self.blocks and body.name in self.colours:
+                self.blocks[p] = (Frame(p, body.base), self.colours[body.name])
         a, b = _BLOCK
         corners = ((0.0, -a, -b), (0.0, a, -b), (0.0, a, b), (0.0, -a, b))
         for frame, colour in self.blocks.values():
@@ -295,7 +271,12 @@ class _PlaneSketch:
                 self.add_arc(name, points, self.poses.scalars[self.poses.extent_poses, k])
                 continue
             if len(points) == 2 and self.holding(*points) is None and not self.ground[list(points)].all():
-                self.add_cylinder(*points)
+                a, b = points
+                end = 0.78 * float(np.hypot(*(self.x[:, b] - self.x[:, a]).T).min())
+                tube = ((0.0, 1.4, -1.25), (end, 0.0, -1.25), (end, 0.0, 1.25), (0.0, 1.4, 1.25))
+                self.items += [Line("rod", (a, b)), Stamp("cylinder", Frame(a, (a, b)), tube)]
+                for p in points:
+                    self.meet[p].add("cylinder")
             if len(points) > 1 and not self.ground[list(points[:2])].all():
                 self.lengths.append(Label(points[0], symbol(name), to=points[1]))
                 if len(points) > 2 and self.ground[points[0]]:  # along a guide, which need not begin there
@@ -307,20 +288,10 @@ class _PlaneSketch:
         vertex = to[0]
         if start is not None and vertex not in start:
             return
-        first = Frame(vertex) if start is None else Frame(vertex, (start[0], start[1]))
-        self.items.append(Stamp("reference", first, ((0.0, 1.2, 0.0), (0.0, 7.0, 0.0)), closed=False))
         way = None if start is None else (start[0], start[1])
+        first = Frame(vertex, way)
+        self.items.append(Stamp("reference", first, ((0.0, 1.2, 0.0), (0.0, 7.0, 0.0)), closed=False))
         self.items.append(Arc("arc", vertex, way, (to[0], to[1]), 5.2, symbol(name), least_angle(values)))
-
-    def add_cylinder(self, a: int, b: int) -> None:
-        shortest = float(np.hypot(*(self.x[:, b] - self.x[:, a]).T).min())
-        frame = Frame(a, (a, b))
-        end = 0.78 * shortest
-        tube = ((0.0, 1.4, -1.25), (end, 0.0, -1.25), (end, 0.0, 1.25), (0.0, 1.4, 1.25))
-        self.items.append(Line("rod", (a, b)))
-        self.items.append(Stamp("cylinder", frame, tube))
-        for p in (a, b):
-            self.meet[p].add("cylinder")
 
     # -- forces -------------------------------------------------------------------------------------------------
 
@@ -329,30 +300,32 @@ class _PlaneSketch:
         loads, beside = self.top.loads, defaultdict(int)
         for block in loads.forces:
             word = block.kind.name.split()[-1]  # of "coordinate spring", and of a user's "leaf spring", a spring
-            for k in range(len(block.names)):
-                ends, scalars = block.points[k], block.scalars[k]
+            for ends, scalars in zip(block.points, block.scalars, strict=True):
                 angle = None
                 if scalars:
                     ends, angle = self.measured_points(scalars[0])
-                    if block.kind == EFFORT and angle is not None:
-                        self.items.extend(_torque_symbol(angle))
-                        continue
                 if block.kind == COUPLE:
-                    self.items.extend(_torque_symbol(ends, 0.5))
-                elif angle is not None and word == "spring":
-                    self.items.append(_spiral_symbol(angle))
-                elif angle is not None and word == "damper":
-                    self.items.append(Span("dashpot", angle, _arc_symbol(2.4, 0.6, 5.6)))
-                elif len(ends) == 2 and ends[0] != ends[1]:
+                    self.add_about("effort", ends[:2], 0.5)
+                elif angle is not None and word in _ABOUT:
+                    self.add_about(word, angle)
+                elif word in _BETWEEN and len(ends) == 2 and ends[0] != ends[1]:
                     both = (min(ends), max(ends))
-                    if word in _BETWEEN:
-                        self.items.extend(_BETWEEN[word](both, (0.0, 3.0, -3.0, 6.0)[beside[both] % 4]))
-                        beside[both] += 1
-                        self.used.update(both)
+                    aside = (0.0, 3.0, -3.0, 6.0)[beside[both] % 4]
+                    for role, path in _BETWEEN[word]:
+                        corners = tuple((s, 0.0, y + (aside if 0.0 < s < 1.0 else 0.0)) for s, y in path)
+                        self.items.append(Span(role, both, corners))
+                    beside[both] += 1
+                    self.used.update(both)
         for function in loads.functions:
             angle = self.measured_points(function.at)[1] if function.acts == "effort" else None
             if angle is not None:
-                self.items.extend(_torque_symbol(angle))
+                self.add_about("effort", angle)
+
+    def add_about(self, word: str, arm: tuple[int, ...], share: float = 0.0) -> None:
+        """Draw what turns about the start of an arm, or about a place that is a share of the way along it."""
+        for role, path in _ABOUT[word]:
+            corners = tuple((share, x, y) for x, y in path)
+            self.items.append(Span(role, (arm[0], arm[1]), corners, closed=role == "torque head"))
 
     def measured_points(self, coordinate: int) -> tuple[tuple[int, ...], tuple[int, int] | None]:
         """Find the points of an angle or distance, by its place among the coordinates; the arm of an angle."""
@@ -405,65 +378,47 @@ class _PlaneSketch:
         items = sorted([*edges, *self.items], key=lambda item: item.style.layer)
         visible = tuple(sorted(self.used)) or tuple(range(len(self.poses.names)))
         labels = tuple(Label(p, self.poses.names[p]) for p in visible) + tuple(self.lengths)
-        points = len(self.top.points)
-        colours = [self.colour(p) for p in range(points)]
-        colours += [self.colours.get(m.body, INK) for m in self.top.markers]
-        return Scene(tuple(items), labels, visible, ends, tuple(colours))
+        return Scene(tuple(items), labels, visible, ends, self.bodies.column_colours())
 
 
 # -- symbols of forces -----------------------------------------------------------------------------------------------
 
 
-def _arc_symbol(
-    radius: float, first: float, last: float, share: float = 0.0, growth: float = 0.0
-) -> tuple[Vertex, ...]:
-    """Draw an arc about one end of a span, or about a place between, units; its radius may grow, for a spiral."""
+def _arc_path(radius: float, first: float, last: float, growth: float = 0.0) -> list[tuple[float, float]]:
+    """Lay out an arc about the origin, units; its radius may grow, for a spiral."""
     turn = np.linspace(first, last, 2 + round(9 * (last - first)))
     r = radius + growth * (turn - first)
-    return tuple((share, float(x), float(y)) for x, y in zip(r * np.cos(turn), r * np.sin(turn), strict=True))
+    return list(zip((r * np.cos(turn)).tolist(), (r * np.sin(turn)).tolist(), strict=True))
 
 
-def _torque_symbol(arm: tuple[int, ...], share: float = 0.0) -> list[Item]:
-    """Draw the arrow of a torque, counter-clockwise."""
-    ends, r, tip = (arm[0], arm[1]), 3.4, 5.2
-    way = np.array([-np.sin(tip), np.cos(tip)])
-    at, out = r * np.array([np.cos(tip), np.sin(tip)]), np.array([np.cos(tip), np.sin(tip)])
-    head = [at + 1.5 * way, at - 0.75 * out - 0.3 * way, at + 0.75 * out - 0.3 * way]
-    corners = tuple((share, float(x), float(y)) for x, y in head)
-    return [Span("torque", ends, _arc_symbol(r, 0.8, tip, share)), Span("torque head", ends, corners, closed=True)]
+def _head_path(radius: float, angle: float) -> list[tuple[float, float]]:
+    """Lay out the head of an arrow that turns about the origin, units."""
+    out, way = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    corners = [radius * out + t * way + r * out for t, r in ((1.5, 0.0), (-0.3, -0.75), (-0.3, 0.75))]
+    return [(float(x), float(y)) for x, y in corners]
 
 
-def _spiral_symbol(arm: tuple[int, int]) -> Item:
-    """Draw a spring that turns about the start of an arm."""
-    return Span("spring", arm, _arc_symbol(1.5, 0.0, 4.5 * np.pi, growth=0.13))
+_COILS = [(0.2 + 0.05 * (k + 0.5), 1.25 if k % 2 else -1.25) for k in range(12)]
+_BETWEEN = {
+    "spring": [
+        ("spring", [(0.0, 0.0), (0.06, 0.0), (0.2, 0.0), *_COILS, (0.8, 0.0), (0.94, 0.0), (1.0, 0.0)]),
+    ],
+    "damper": [
+        ("dashpot", [(0.0, 0.0), (0.06, 0.0), (0.5, 0.0), (0.5, 0.88), (0.5, -0.88)]),
+        ("dashpot", [(0.35, 1.1), (0.66, 1.1), (0.66, -1.1), (0.35, -1.1)]),
+        ("dashpot", [(0.66, 0.0), (0.94, 0.0), (1.0, 0.0)]),
+    ],
+    "stop": [
+        ("dashpot", [(0.0, 0.0), (0.06, 0.0), (0.46, 0.0)]),
+        ("dashpot", [(0.54, 1.4), (0.54, -1.4), (0.54, 0.0), (0.94, 0.0), (1.0, 0.0)]),
+    ],
+}
+"""What is drawn between two points, by the last word in the name of a kind of force: shares of the way, and units
+across."""
 
-
-def _coil_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
-    """Draw a spring between two points, some units beside their line."""
-    coils, height = 6, 1.25
-    shares = 0.2 + 0.6 * (np.arange(2 * coils) + 0.5) / (2 * coils)
-    zigzag = [(float(s), 0.0, beside + height * (1 if k % 2 else -1)) for k, s in enumerate(shares)]
-    lead = [(0.0, 0.0, 0.0), (0.06, 0.0, beside), (0.2, 0.0, beside)]
-    back = [(0.8, 0.0, beside), (0.94, 0.0, beside), (1.0, 0.0, 0.0)]
-    return [Span("spring", ends, (*lead, *zigzag, *back))]
-
-
-def _dashpot_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
-    """Draw a damper between two points: a piston in a cylinder."""
-    h, y = 1.1, beside
-    rod = ((0.0, 0.0, 0.0), (0.06, 0.0, y), (0.5, 0.0, y), (0.5, 0.0, y + 0.8 * h), (0.5, 0.0, y - 0.8 * h))
-    case = ((0.35, 0.0, y + h), (0.66, 0.0, y + h), (0.66, 0.0, y - h), (0.35, 0.0, y - h))
-    tail = ((0.66, 0.0, y), (0.94, 0.0, y), (1.0, 0.0, 0.0))
-    return [Span("dashpot", ends, part) for part in (rod, case, tail)]
-
-
-def _stop_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
-    """Draw a stop between two points: a rod and the plate that it meets."""
-    y = beside
-    rod = ((0.0, 0.0, 0.0), (0.06, 0.0, y), (0.46, 0.0, y))
-    plate = ((0.54, 0.0, y + 1.4), (0.54, 0.0, y - 1.4), (0.54, 0.0, y), (0.94, 0.0, y), (1.0, 0.0, 0.0))
-    return [Span("dashpot", ends, rod), Span("dashpot", ends, plate)]
-
-
-_BETWEEN = {"spring": _coil_symbol, "damper": _dashpot_symbol, "stop": _stop_symbol}
-"""What is drawn between two points, by the last word in the name of a kind of force."""
+_ABOUT = {
+    "spring": [("spring", _arc_path(1.5, 0.0, 4.5 * np.pi, 0.13))],
+    "damper": [("dashpot", _arc_path(2.4, 0.6, 5.6))],
+    "effort": [("torque", _arc_path(3.4, 0.8, 5.2)), ("torque head", _head_path(3.4, 5.2))],
+}
+"""What is drawn about the vertex of an angle, likewise: units along its arm and across."""

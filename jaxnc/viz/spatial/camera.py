@@ -58,15 +58,12 @@ def choose_camera(
     pairs = np.array([(i, j) for i in range(len(columns)) for j in range(i)], dtype=int).reshape(-1, 2)
     apart = x[:, pairs[:, 0]] - x[:, pairs[:, 1]]
     along = np.stack([poses[:, b] - poses[:, a] for a, b in links], axis=1) if links else apart[:, :0]
+    seen = (2.0, along), (1.0, apart), (1.0, poses[:, list(axes)])  # what is to be seen at length, and how it counts
     best, least = Camera(_ELEVATIONS[0], _AZIMUTHS[0]), -math.inf
     for elevation in _ELEVATIONS:
         for rank, azimuth in enumerate(_AZIMUTHS):
             camera = Camera(elevation, azimuth)
-            score = (
-                2.0 * _visibility(along, camera)
-                + _visibility(apart, camera)
-                + _visibility(poses[:, list(axes)], camera)
-            )
+            score = sum(weight * _visibility(d, camera) for weight, d in seen)
             score -= 0.015 * rank + 0.002 * elevation
             if score > least + 1e-9:
                 best, least = camera, score

@@ -25,7 +25,7 @@ from jaxnc.viz.spatial.loads import CENTRE
 from jaxnc.viz.spatial.mesh import reach
 from jaxnc.viz.spatial.painter import Painter
 from jaxnc.viz.spatial.pen import Projection, Solids, SpacePen
-from jaxnc.viz.spatial.scene import Solid, SpaceFrame, Turn, Way
+from jaxnc.viz.spatial.scene import Solid, SpaceFrame, Turn, Way, segment
 from jaxnc.viz.spatial.sketch import sketch_space
 from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, axis_name, wide, wrap
 from jaxnc.viz.view import View
@@ -151,7 +151,12 @@ class SpaceView(View):
 
     def _explain(self, frame: bool | str) -> None:
         """Say what arrows stand for, and how long things are: a floor between axes, a bar in their place."""
-        self._add_keys()
+        line = 1.5 * NUMBERS / self.paper_size[1]
+        for k, item in enumerate(self.arrow_sets):
+            self.write(
+                self.top[0], self.top[1] - k * line, f"longest {item.longest}", transform=self.paper, ha="right",
+                va="top", fontsize=self.text_size, color=LIGHT[item.noun], gid=f"{item.noun} key",
+            )  # fmt: skip
         if frame is True:
             self._floor()
         elif frame == "scale":
@@ -311,15 +316,6 @@ class SpaceView(View):
         floor.set(zorder=1.0, gid="floor", clip_on=False)
         ax.add_collection(floor, autolim=False)
 
-    def _add_keys(self) -> None:
-        """Tell what the longest arrows stand for."""
-        line = 1.5 * NUMBERS / self.paper_size[1]
-        for k, item in enumerate(self.arrow_sets):
-            self.write(
-                self.top[0], self.top[1] - k * line, f"longest {item.longest}", transform=self.paper, ha="right",
-                va="top", fontsize=self.text_size, color=LIGHT[item.noun], gid=f"{item.noun} key",
-            )  # fmt: skip
-
     def add_arrows(self, found: list[Arrows]) -> None:
         """Add arrows to the scene; their tips, and feet that are no points, are further columns."""
         self.arrow_sets, items = found, list(self.scene.items)
@@ -330,18 +326,10 @@ class SpaceView(View):
                 feet = tuple(range(first, first + item.places.shape[1]))
             first = self.add_columns(item.places + np.nan_to_num(item.vectors))
             for tip, foot in enumerate(feet, first):
-                items.append(Solid(item.noun, SpaceFrame(foot, Way((foot, tip))), _ARROW))
+                items.append(segment(item.noun, foot, tip, _ARROW))
                 if item.noun == "weight":
                     items += [Solid(role, SpaceFrame(foot, _ACROSS_X, _ACROSS_Y), mesh) for role, mesh in CENTRE]
         self.scene = dataclasses.replace(self.scene, items=tuple(items))
-
-    def _painted_lines(self) -> tuple:
-        """Collect traces and further lines for the painter: places, colour, pattern of dashes and role."""
-        out = []
-        for column, body, turn in self.styled_traces():
-            x, dashes = self.data.path(column)[0], (0, 6, 3)[turn % 3]
-            out.append((_even_steps(x, 0.6 * self.unit) if dashes else x, body, dashes))
-        return (*out, *self.lines)
 
     def ghosts(self, others: Sequence[int]) -> None:
         """Draw the bodies of other poses faintly."""
@@ -359,7 +347,11 @@ class SpaceView(View):
         if set(some) != self.suited:
             self.place(some, self.unit)
         self.ax.computed_zorder = False
-        painter = Painter(self.scene, traces=self._painted_lines())
+        traces = []
+        for column, body, turn in self.styled_traces():
+            x, dashes = self.data.path(column)[0], (0, 6, 3)[turn % 3]
+            traces.append((_even_steps(x, 0.6 * self.unit) if dashes else x, body, dashes))
+        painter = Painter(self.scene, traces=(*traces, *self.lines))
         self.pen = SpacePen(self.ax, painter, self.scene.labels, self.unit, self.points)
         self.add_banner(self.corner[1] - 0.015, self.paper)
         self.show(k)

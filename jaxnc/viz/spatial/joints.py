@@ -6,23 +6,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxnc.solvers.assembly import derive
-from jaxnc.system.identity import Owner
-from jaxnc.system.system import System
-from jaxnc.system.topology import Block, JointIndex, Topology
+from jaxnc.system.topology import Block, JointIndex
 from jaxnc.viz.bodies import Bodies
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import least_angle
-from jaxnc.viz.spatial.mesh import Ring, block, cylinder, disc, line, revolve, stand, tube
-from jaxnc.viz.spatial.scene import Ball, Solid, SpaceFrame, SpaceItem, Turn, Way
+from jaxnc.viz.spatial.mesh import Ring, disc, drum, line, revolve, rod, stand, tube
+from jaxnc.viz.spatial.scene import Ball, Solid, SpaceFrame, SpaceItem, Turn, Way, segment
 from jaxnc.viz.style import INK, symbol
 
-_HINGE = cylinder(1.5, 0.95)
-_KNUCKLE = cylinder(0.85, 0.95)  # of a hinge between two points
-_SLEEVE = cylinder(2.3, 1.15)
+_HINGE = drum(-1.5, 1.5, 0.95)
+_KNUCKLE = drum(-0.85, 0.85, 0.95)  # of a hinge between two points
+_SLEEVE = drum(-2.3, 2.3, 1.15)
 _NUT = revolve(tuple(Ring(units=-2.3 + 0.92 * k, thick=1.25 if k % 2 else 1.05) for k in range(6)), 16)
-_BLOCK = block(2.2, 1.2)
-_ARM = cylinder(2.1, 0.5, 10)
-_PAD = revolve((Ring(units=-0.3, thick=2.6), Ring(units=0.3, thick=2.6)), 24)
+_BLOCK = drum(-2.2, 2.2, 1.2, 4, prism=True)
+_ARM = drum(-2.1, 2.1, 0.5, 10)
+_PAD = drum(-0.3, 0.3, 2.6, 24)
 _BEYOND = 3.4  # of a rod, past the ends of a sleeve's travel, units
 
 ROD = 0.36
@@ -44,74 +42,48 @@ class RowReading:
     ways: tuple[Way, ...]  # its directions
     vectors: tuple[int, ...]  # for each direction, the index of its unit vector; -1 for a segment
 
-    def constants(self, system: System, start: str) -> list[float]:
-        """List the values of those constants whose names start so."""
-        top, kind = system.topology, self.block.kind
-        values = np.asarray(derive(system).constants[top.blocks.index(self.block)])[self.instance]
-        return [float(values[i]) for i, name in enumerate(kind.constants) if name.startswith(start)]
-
-
-def read_rows(block: Block, instance: int, first: int) -> RowReading:
-    """Read one instance; `first` is the column of the first unit vector."""
-    words = block.kind.name.replace(",", " ").split()
-    forms = next((word for word in reversed(words) if set(word) <= {"p", "v"}), "")
-    points, vectors = list(block.points[instance]), list(block.vectors[instance])
-    leading = len(points) - 2 * forms.count("p")
-    rest = points[leading:]
-    ways, own = [], []
-    for form in forms:
-        if form == "v":
-            own.append(vectors.pop(0))
-            ways.append(Way((first + own[-1],)))
-        else:
-            ways.append(Way((rest.pop(0), rest.pop(0))))
-            own.append(-1)
-    return RowReading(block, instance, tuple(points[:leading]), tuple(ways), tuple(own))
-
-
-def owned_rows(top: Topology, owner: Owner, first: int) -> list[RowReading]:
-    """Read all instances that belong to a joint or coordinate."""
-    return [
-        read_rows(block, i, first) for block in top.blocks for i, owners in enumerate(block.owners) if owner in owners
-    ]
-
 
 class Joints:
-    """Symbols of joints.
+    """Symbols of joints of a motion; extents of rods follow from its right poses."""
 
-    `x` are the right poses, ``(T, columns, 3)``.
-    """
-
-    def __init__(self, poses: Poses, bodies: Bodies, x: np.ndarray):
-        self.poses, self.top, self.bodies, self.x = poses, poses.topology, bodies, x
-        self.first = len(poses.names)
+    def __init__(self, poses: Poses):
+        self.poses, self.top, self.bodies = poses, poses.topology, Bodies(poses)
+        self.x = poses.every_column[poses.extent_poses]  # (T, columns, 3)
+        self.first = len(poses.names)  # column of the first direction
         self.items: list[SpaceItem] = []
-        self.marked: set[int] = set()
-        """Points that have a symbol."""
-        self.supported: set[int] = set()
-        """Ground points that stand on the ground's symbol."""
-        self.hanging: set[int] = set()
-        """Points of the ground that are held by the shafts which meet there."""
-        self.shifts: dict[int, float] = {}
-        """How much lower it is, units."""
-        self.axes: dict[int, int] = {}
-        """Where the vectors that are axes of joints are shown."""
-        self.ends: dict[int, tuple[float, float]] = {}
-        """Where the rods along them end: a length and units along."""
-        self.struts: list[tuple[list[int], list[int]]] = []
-        """Points of both parts of every telescope, along its axis."""
-        self.near: dict[int, int] = {}
-        """Where other vectors may be."""
+        self.links: list[tuple[int, int]] = []  # pairs of columns that are joined
+        self.marked: set[int] = set()  # points that have a symbol
+        self.supported: set[int] = set()  # ground points that stand on the ground's symbol
+        self.hanging: set[int] = set()  # points of the ground that are held by the shafts which meet there
+        self.shifts: dict[int, float] = {}  # how much lower the ground's symbol is, units
+        self.axes: dict[int, int] = {}  # where the vectors that are axes of joints are shown
+        self.ends: dict[int, tuple[float, float]] = {}  # where the rods along them end: a length and units along
+        self.struts: set[frozenset[int]] = set()  # pairs of points of both parts of a telescope, along its axis
+        self.near: dict[int, int] = {}  # where other vectors may be
         self.extents: list[np.ndarray] = []
-        for joint in self.top.joints:
-            for v in joint.vectors:
-                for p in joint.points[:1]:
-                    self.near.setdefault(v, p)
-        for block_, _ in self.top.measures:
-            for points, vectors in zip(self.top.blocks[block_].points, self.top.blocks[block_].vectors, strict=True):
-                for v in vectors:
-                    for p in points[:1]:
-                        self.near.setdefault(v, p)
+        blocks = [self.top.blocks[k] for k, _ in self.top.measures]
+        holders = [(joint.points, joint.vectors) for joint in self.top.joints]
+        holders += [pair for block in blocks for pair in zip(block.points, block.vectors, strict=True)]
+        for points, vectors in holders:
+            for v in vectors if points else ():
+                self.near.setdefault(v, points[0])
+
+    def read_instance(self, block: Block, instance: int) -> RowReading:
+        """Read one instance of a block."""
+        words = block.kind.name.replace(",", " ").split()
+        forms = next((word for word in reversed(words) if set(word) <= {"p", "v"}), "")
+        points, vectors = list(block.points[instance]), list(block.vectors[instance])
+        leading = len(points) - 2 * forms.count("p")
+        rest = points[leading:]
+        ways, own = [], []
+        for form in forms:
+            if form == "v":
+                own.append(vectors.pop(0))
+                ways.append(self.way(own[-1]))
+            else:
+                ways.append(Way((rest.pop(0), rest.pop(0))))
+                own.append(-1)
+        return RowReading(block, instance, tuple(points[:leading]), tuple(ways), tuple(own))
 
     def way(self, v: int) -> Way:
         """Read a unit vector as a direction."""
@@ -122,30 +94,24 @@ class Joints:
     def add_listed(self) -> None:
         """Draw joints that the mechanism lists."""
         draw = {
-            "revolute": self.add_revolute,
-            "spherical": self.add_spherical,
-            "constant velocity": self.add_crossed,
-            "universal": self.add_crossed,
-            "cylindrical": self.add_sliding,
-            "prismatic": self.add_sliding,
-            "screw": self.add_sliding,
-            "slot": self.add_sliding,
-            "planar": self.add_planar,
-            "gear": self.add_wheels,
-            "internal gear": self.add_wheels,
-            "bevel gear": self.add_wheels,
-            "rack and pinion": self.add_wheels,
-            "rolling": self.add_wheels,
-            "cable": self.add_cable,
+            self.add_revolute: ("revolute",),
+            self.add_spherical: ("spherical",),
+            self.add_crossed: ("constant velocity", "universal"),
+            self.add_sliding: ("cylindrical", "prismatic", "screw", "slot"),
+            self.add_planar: ("planar",),
+            self.add_wheels: ("gear", "internal gear", "bevel gear", "rack and pinion", "rolling"),
+            self.add_cable: ("cable",),
         }
         for joint in self.top.joints:
-            if joint.drawn and joint.type in draw:
-                draw[joint.type](joint)
+            for add, types in draw.items():
+                if joint.drawn and joint.type in types:
+                    add(joint)
 
     def rows_of(self, joint: JointIndex, *kinds: str) -> RowReading | None:
         """Find the first rows of a joint whose kind is called so."""
-        rows = owned_rows(self.top, joint.owner, self.first)
-        return next((row for row in rows if row.block.kind.name.startswith(kinds)), None)
+        named = [rows for rows in self.top.blocks if rows.kind.name.startswith(kinds)]
+        mine = ((rows, i) for rows in named for i, owners in enumerate(rows.owners) if joint.owner in owners)
+        return next((self.read_instance(rows, i) for rows, i in mine), None)
 
     def centre(self, joint: JointIndex, rows: RowReading) -> int | None:
         """Find where a joint about directions is: the point it makes coincide, or the one that its bodies share."""
@@ -189,8 +155,7 @@ class Joints:
         if rows is None or p is None:
             return
         for way, v in zip(rows.ways, rows.vectors, strict=True) if universal else ():
-            holder = self.bodies.holding(vectors=(v,)) if v >= 0 else self.bodies.holding(*way.columns)
-            colour = INK if holder is None else self.bodies.colours[holder]
+            colour = self.bodies.colour(vectors=(v,)) if v >= 0 else self.bodies.colour(*way.columns)
             self.items.append(Solid("cross", SpaceFrame(p, way), _ARM, body=colour))
         self.axes |= {v: p for v in rows.vectors if v >= 0}
         self.items.append(Ball("ball", p, 0.85 if universal else 1.4))
@@ -208,9 +173,9 @@ class Joints:
         if holder is not None:
             others = [p for p in self.top.bodies[holder].points if p != on]
             side = Way((on, others[0])) if others else None
-        lo, hi = self.travel(start, axis, on)
-        nearest = self.travel(start, axis, on, start_in=False)[0]
-        before = 0.8 if nearest > 0.05 * self.extent() else _BEYOND
+        t = self.along(start, axis, on)
+        lo, hi = min(float(t.min()), 0.0), max(float(t.max()), 0.0)
+        before = 0.8 if t.min() > 0.05 * self.extent() else _BEYOND
         if v >= 0:
             line, fixed = self.bodies.holding(start, vectors=(v,)), bool(self.bodies.still[v])
             self.axes.setdefault(v, start)
@@ -221,13 +186,12 @@ class Joints:
         colour = INK if line is None else self.bodies.colours[line]
         if line is not None and holder is not None and self.add_strut(start, axis, line, holder):
             return
-        self.rod(start, axis, lo, hi, "rail" if fixed else "bar", colour, before)
+        self.rod(SpaceFrame(start, axis), lo, hi, "rail" if fixed else "bar", colour, before)
         mesh = {"cylindrical": _SLEEVE, "screw": _NUT, "prismatic": _BLOCK}.get(joint.type)
         if mesh is None:
             self.ball(on)
         else:
-            own = INK if holder is None else self.bodies.colours[holder]
-            self.items.append(Solid("block", SpaceFrame(on, axis, side), mesh, body=own))
+            self.items.append(Solid("block", SpaceFrame(on, axis, side), mesh, body=self.bodies.colour(on)))
         if fixed:
             self.supported.add(start)
         self.marked.update((start, on))
@@ -244,24 +208,25 @@ class Joints:
         pairs = list(itertools.product(outer, inner))
         gaps = [float(np.abs(self.along(q, axis, p)).mean()) for p, q in pairs]
         enters, end = pairs[int(np.argmin(gaps))]
-        self.items.append(Solid("bar", SpaceFrame(end, Way((end, enters))), _PISTON, body=self.bodies.colours[holder]))
+        self.items.append(segment("bar", end, enters, _PISTON, self.bodies.colours[holder]))
         colour = self.bodies.colours[line]
         inward = self.along(end, axis, enters).mean() > 0
-        mesh = revolve(tuple(Ring(units=u, thick=1.15) for u in ((-0.5, 4.1) if inward else (-4.1, 0.5))), 16)
+        mesh = drum(*((-0.5, 4.1) if inward else (-4.1, 0.5)), 1.15)
         self.items.append(Solid("block", SpaceFrame(enters, axis), mesh, body=colour))
         self.marked.update((start, enters))
-        self.struts.append((outer, inner))
+        self.struts.update(map(frozenset, pairs))
         return True
+
+    def direction(self, axis: Way) -> np.ndarray:
+        """Find the unit direction of an axis in every pose, ``(T, 3)``."""
+        d = axis.vector(self.x)
+        return d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
 
     def on_axis(self, k: int, start: int, axis: Way) -> list[int]:
         """Find the points of a body that lie on an axis in every pose."""
-        room, out = ONLINE * self.extent(), []
-        d = axis.vector(self.x)
-        d = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
-        for p in sorted(self.bodies.points[k]):
-            if (np.linalg.norm(np.cross(self.x[:, p] - self.x[:, start], d), axis=1) <= room).all():
-                out.append(p)
-        return out
+        room, d = ONLINE * self.extent(), self.direction(axis)
+        aside = {p: np.cross(self.x[:, p] - self.x[:, start], d) for p in sorted(self.bodies.points[k])}
+        return [p for p, x in aside.items() if (np.linalg.norm(x, axis=1) <= room).all()]
 
     def extent(self) -> float:
         """Measure the size of the mechanism, a length."""
@@ -269,34 +234,12 @@ class Joints:
 
     def along(self, start: int, axis: Way, on: int) -> np.ndarray:
         """Find how far a point is along an axis from a start, lengths ``(T,)``."""
-        d = axis.vector(self.x)
-        d = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
-        return ((self.x[:, on] - self.x[:, start]) * d).sum(axis=1)
+        return ((self.x[:, on] - self.x[:, start]) * self.direction(axis)).sum(axis=1)
 
-    def travel(self, start: int, axis: Way, on: int, start_in: bool = True) -> tuple[float, float]:
-        """Find the range of a point along an axis from a start, lengths; with the start in it or not."""
-        t = self.along(start, axis, on)
-        if not start_in:
-            return float(t.min()), float(t.max())
-        return min(float(t.min()), 0.0), max(float(t.max()), 0.0)
-
-    def rod(
-        self,
-        at: int | tuple[float, float, float],
-        axis: Way,
-        lo: float,
-        hi: float,
-        role: str,
-        body: int,
-        before: float = _BEYOND,
-    ) -> None:
+    def rod(self, frame: SpaceFrame, lo: float, hi: float, role: str, body: int, before: float = _BEYOND) -> None:
         """Draw a rod over a range along an axis, and a little beyond: `before` units at its start."""
-        count = 10
-        rings = tuple(
-            Ring(length=lo + (hi - lo) * k / count, units=-before + (before + _BEYOND) * k / count, thick=ROD)
-            for k in range(count + 1)
-        )
-        self.items.append(Solid(role, SpaceFrame(at, axis), revolve(rings, 8, lined=False), body=body))
+        ends = Ring(length=lo, units=-before, thick=ROD), Ring(length=hi, units=_BEYOND, thick=ROD)
+        self.items.append(Solid(role, frame, rod(*ends, 10), body=body))
 
     def add_planar(self, joint: JointIndex) -> None:
         """Draw a pad that lies in the plane."""
@@ -310,16 +253,16 @@ class Joints:
 
     def add_cable(self, joint: JointIndex) -> None:
         """Draw straight pieces between its points."""
-        self.items.extend(
-            Solid("cable", SpaceFrame(a, Way((a, b))), line(8)) for a, b in itertools.pairwise(joint.points)
-        )
+        self.items += [segment("cable", a, b, line(8)) for a, b in itertools.pairwise(joint.points)]
 
     def add_wheels(self, joint: JointIndex) -> None:
         """Draw pitch circles of gears, pinions and discs, from the constants of their rows."""
         rows = self.rows_of(joint, "contact in space", "bevel gear", "internal bevel gear", "rack")
         if rows is None:
             return
-        radii = [abs(r) for r in rows.constants(self.poses.motion.system, "radius")]
+        constants = derive(self.poses.motion.system).constants[self.top.blocks.index(rows.block)]
+        numbers = zip(rows.block.kind.constants, np.asarray(constants)[rows.instance].tolist(), strict=True)
+        radii = [abs(value) for name, value in numbers if name.startswith("radius")]
         ways, vectors = list(rows.ways), list(rows.vectors)
         if joint.type == "rolling":  # the line comes first, then the disc's axis
             ways, vectors = ways[::-1], vectors[::-1]
@@ -376,22 +319,15 @@ class Joints:
             free = np.flatnonzero(~self.bodies.fixed[p])
             if len(free) != 1:
                 continue
-            x, y, z = np.eye(3)[free[0]].tolist()
-            axis = Way(fixed=(x, y, z))
-            travel = self.x[:, p, free[0]]
-            middle = self.x[0, p].copy()
-            middle[free[0]] = 0.0
-            self.extents.append(np.stack([middle + travel.min() * np.eye(3)[free[0]], self.x[0, p]]))
-            self.extents.append((middle + travel.max() * np.eye(3)[free[0]])[None])
-            at = (float(middle[0]), float(middle[1]), float(middle[2]))
-            self.rod(at, axis, float(travel.min()), float(travel.max()), "rail", INK)
+            e = np.eye(3)[free[0]]
+            axis, middle = Way(fixed=_triple(e)), np.where(e > 0, 0.0, self.x[0, p])
+            low, high = (float(f(self.x[:, p, free[0]])) for f in (np.min, np.max))
+            self.extents.append(np.stack([middle + low * e, self.x[0, p], middle + high * e]))
+            self.rod(SpaceFrame(_triple(middle), axis), low, high, "rail", INK)
             upright = free[0] == 2
-            for end in [travel.min()] if upright else [travel.min(), travel.max()]:
-                foot = middle + float(end) * np.eye(3)[free[0]]
-                mesh = stand(_BEYOND + 2.4, 1.5) if upright else stand(2.4, 1.2)
-                self.items.append(
-                    Solid("support", SpaceFrame((float(foot[0]), float(foot[1]), float(foot[2])), Way()), mesh)
-                )
+            mesh = stand(_BEYOND + 2.4, 1.5) if upright else stand(2.4, 1.2)
+            for end in (low,) if upright else (low, high):
+                self.items.append(Solid("support", SpaceFrame(_triple(middle + end * e), Way()), mesh))
             self.items.append(Solid("block", SpaceFrame(p, axis), _BLOCK, body=self.bodies.colour(p)))
             if len(self.bodies.meeting(p)) > 1:
                 self.ball(p)
@@ -400,7 +336,7 @@ class Joints:
     def add_inputs(self) -> None:
         """Draw the arrow of every driven angle, where its direction starts or its axis is shown."""
         for name, k, angle, owner, instance in self.poses.driven_scalars():
-            rows = read_rows(owner, instance, self.first)
+            rows = self.read_instance(owner, instance)
             if angle and len(rows.ways) > 1:
                 axis, to = rows.ways[0], rows.ways[-1]
                 low = least_angle(self.poses.scalars[self.poses.extent_poses, k])
@@ -412,3 +348,9 @@ class Joints:
             return to.columns[0]
         shown = self.axes.get(axis.columns[0] - self.first)
         return self.near.get(axis.columns[0] - self.first, 0) if shown is None else shown
+
+
+def _triple(x: np.ndarray) -> tuple[float, float, float]:
+    """Write three numbers as what a frame or a direction takes."""
+    a, b, c = x.tolist()
+    return a, b, c

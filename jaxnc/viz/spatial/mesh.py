@@ -1,5 +1,6 @@
 """Small solids that symbols are made of: convex parts with outward faces, and the edges a draughtsman would show."""
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterable
@@ -200,21 +201,27 @@ def shell(profile: tuple[tuple[float, float], ...], sides: int) -> Mesh:
     return Mesh((Shell(profile, sides),))
 
 
+def _divide(start: Ring, end: Ring, parts: int) -> tuple[Ring, ...]:
+    """Divide the way from one cross-section to another into parts."""
+    a, b = np.array(dataclasses.astuple(start)), np.array(dataclasses.astuple(end))
+    return tuple(Ring(*(a + (b - a) * k / parts).tolist()) for k in range(parts + 1))
+
+
+def rod(start: Ring, end: Ring, parts: int = PARTS, sides: int = 8) -> Mesh:
+    """Make a round rod from one cross-section to another, in parts to be sorted by depth."""
+    return revolve(_divide(start, end, parts), sides, lined=False)
+
+
 def tube(thick: float, pieces: int, sides: int = 10) -> Mesh:
     """Make a round bar along the frame's segment, in pieces to be sorted by depth; its ends lie inside a joint."""
     inside = 0.85
-    rings = tuple(Ring(share=k / pieces, units=inside * (1 - 2 * k / pieces), thick=thick) for k in range(pieces + 1))
+    rings = _divide(Ring(units=inside, thick=thick), Ring(share=1.0, units=-inside, thick=thick), pieces)
     return revolve((Ring(thick=thick), *rings, Ring(share=1.0, thick=thick)), sides, lined=False)
 
 
-def cylinder(half: float, thick: float, sides: int = 16) -> Mesh:
-    """Make a cylinder about the frame's origin: half length and radius in units."""
-    return revolve((Ring(units=-half, thick=thick), Ring(units=half, thick=thick)), sides)
-
-
-def block(half: float, thick: float) -> Mesh:
-    """Make a square block about the frame's origin: half length and half width in units."""
-    return revolve((Ring(units=-half, thick=thick), Ring(units=half, thick=thick)), 4, prism=True)
+def drum(low: float, high: float, thick: float, sides: int = 16, share: float = 0.0, prism: bool = False) -> Mesh:
+    """Make a cylinder, or a prism, about a place of the frame's segment, from `low` to `high` units beside it."""
+    return revolve(tuple(Ring(share=share, units=u, thick=thick) for u in (low, high)), sides, prism)
 
 
 def disc(radius: float, half: float) -> Mesh:
@@ -224,24 +231,22 @@ def disc(radius: float, half: float) -> Mesh:
 
 def arrow(length: float, shaft: float, head: float, start: float = 0.0, further: float = 0.0, sides: int = 10) -> Mesh:
     """Make an arrow of a length in units along the frame's axis, from `start` units and a length `further` along."""
-    neck = start + length - 2.6 * head
-    rings = tuple(Ring(length=further, units=u, thick=shaft) for u in (start, 0.5 * (start + neck), neck))
-    point = Ring(length=further, units=start + length, thick=0.02)
-    tip = revolve((Ring(length=further, units=neck, thick=head), point), sides, lined=False)
-    return join(revolve(rings, sides, lined=False), tip)
+    neck = Ring(length=further, units=start + length - 2.6 * head, thick=shaft)
+    rings = _divide(Ring(length=further, units=start, thick=shaft), neck, 2)
+    return _shaft_and_head(rings, head, Ring(length=further, units=start + length, thick=0.02), sides)
 
 
 def reach(shaft: float, head: float, sides: int = 8) -> Mesh:
     """Make an arrow over the whole of the frame's segment."""
-    back = -2.6 * head
-    rings = tuple(Ring(share=s, units=back if s == 1.0 else 0.0, thick=shaft) for s in (0.0, 0.25, 0.5, 0.75, 1.0))
-    tip = revolve((Ring(share=1.0, units=back, thick=head), Ring(share=1.0, thick=0.02)), sides, lined=False)
+    neck = Ring(share=1.0, units=-2.6 * head, thick=shaft)
+    rings = (*_divide(Ring(thick=shaft), Ring(share=1.0, thick=shaft), 4)[:-1], neck)
+    return _shaft_and_head(rings, head, Ring(share=1.0, thick=0.02), sides)
+
+
+def _shaft_and_head(rings: tuple[Ring, ...], head: float, point: Ring, sides: int) -> Mesh:
+    """Make a shaft, and a head from where it ends to a point."""
+    tip = revolve((dataclasses.replace(rings[-1], thick=head), point), sides, lined=False)
     return join(revolve(rings, sides, lined=False), tip)
-
-
-def web(corners: tuple[tuple[float, float, float], ...]) -> Mesh:
-    """Make a flat polygon seen from both sides: corners in units along, across and up."""
-    return two_sided(tuple((0.0, 0.0, 0.0, 0.0, *c) for c in corners))
 
 
 def two_sided(corners: tuple[Vertex, ...], lined: bool = True) -> Mesh:
@@ -274,9 +279,9 @@ def lines(pairs: list[tuple[Vertex, Vertex]]) -> Mesh:
     return Mesh((Plain(vertices, (), tuple((2 * k, 2 * k + 1) for k in range(len(pairs))), True),))
 
 
-def in_units(start: tuple[float, float, float], end: tuple[float, float, float]) -> tuple[Vertex, Vertex]:
-    """Make the ends of a stroke, given in units along, across and up."""
-    return (0.0, 0.0, 0.0, 0.0, *start), (0.0, 0.0, 0.0, 0.0, *end)
+def in_units(along: float, across: float, up: float) -> Vertex:
+    """Make a vertex beside the frame's origin."""
+    return (0.0, 0.0, 0.0, 0.0, along, across, up)
 
 
 def join(*meshes: Mesh) -> Mesh:
@@ -287,14 +292,12 @@ def join(*meshes: Mesh) -> Mesh:
 def stand(height: float, wide: float) -> Mesh:
     """Make the ground's symbol below the frame's origin, its axis pointing up: a pyramid on a hatched slab."""
     foot = revolve((Ring(units=-height, thick=wide), Ring(units=-0.2, thick=0.12)), 4, prism=True)
-    slab = revolve(
-        (Ring(units=-height - 0.45, thick=1.45 * wide), Ring(units=-height, thick=1.45 * wide)), 4, prism=True
-    )
     pairs, edge, low = [], 1.45 * wide, -height - 0.45
+    slab = drum(low, -height, edge, 4, prism=True)
     for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1)):
         for k in range(5):
             t = edge * (-1.0 + (k + 0.9) * 0.4)
             start = (low, edge * x - t * y, edge * y + t * x)
             end = (low - 0.9, edge * x - (t - 0.7) * y, edge * y + (t - 0.7) * x)
-            pairs.append(in_units(start, end))
+            pairs.append((in_units(*start), in_units(*end)))
     return join(foot, slab, lines(pairs))

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxnc.viz.spatial.scene import SOLIDS, Ball, Plate, Solid, SpaceItem, SpaceScene, Turn
-from jaxnc.viz.style import INK, Style, colour_of
+from jaxnc.viz.spatial.scene import SOLIDS, Ball, Plate, Solid, SpaceScene, Turn
+from jaxnc.viz.style import INK, colour_of
 
 LIGHT_FROM = np.array([-0.38, 0.62, 0.69])
 """Where the light comes from: right, up, towards the viewer."""
@@ -45,26 +45,30 @@ class Painter:
     def _prepare(self) -> None:
         """Lay all faces and lines out as arrays of indices into one array of vertices, with their colours."""
         faces: list[tuple[int, ...]] = []
-        face_rows: list[tuple[int, Look, bool]] = []  # part, look, whether it is seen from both sides
+        face_rows: list[tuple[int, int, bool]] = []  # part, look, whether it is seen from both sides
         edges: list[tuple[int, int, int, int, bool]] = []
-        edge_rows: list[tuple[int, Look]] = []
+        edge_rows: list[tuple[int, int]] = []
+        looks: dict[tuple[str, int], int] = {}  # roles of bodies, numbered
         self.parts, first = 0, self.columns
 
-        def add_face(face: tuple[int, ...], look: Look) -> None:
+        def look_of(role: str, body: int = INK) -> int:
+            return looks.setdefault((role, body), len(looks))
+
+        def add_face(face: tuple[int, ...], look: int) -> None:
             faces.append(face)
             face_rows.append((self.parts, look, True))
             self.parts += 1
 
-        def add_line(a: int, b: int, look: Look) -> None:
+        def add_line(a: int, b: int, look: int) -> None:
             edges.append((a, b, -1, -1, True))
             edge_rows.append((self.parts, look))
             self.parts += 1
 
         for plate in self.plates:
             for face in plate.faces:
-                add_face(face, Look.of(plate))
+                add_face(face, look_of(plate.role, plate.body))
         for solid in self.solids:
-            mesh, look, base = solid.mesh.polygons, Look.of(solid), len(faces)
+            mesh, look, base = solid.mesh.polygons, look_of(solid.role, solid.body), len(faces)
             faces += [tuple(i + first for i in face) for face in mesh.faces]
             face_rows += [(self.parts + k, look, False) for k in mesh.face_parts]
             for a, b, f, g, sharp in mesh.edges:
@@ -74,19 +78,30 @@ class Painter:
             self.parts += mesh.parts
             first += len(mesh.vertices)
         for turn in self.turns:
-            look, head = Look.of(turn), first + _TURN
+            look, head = look_of(turn.role, turn.body), first + _TURN
             for k in range(first, head - 3):
                 add_line(k, k + 1, look)
-            add_line(head + 3, head + 4, Look.of(None, SOLIDS["reference"]))
+            add_line(head + 3, head + 4, look_of("reference"))
             add_face((head, head + 1, head + 2), look)
             first = head + 5
         for (x, body, dashes), role in zip(self.traces, self.roles, strict=True):
-            look = Look.of(None, SOLIDS[role], body)
+            look = look_of(role, body)
             for k in range(len(x) - 1):
                 if not dashes or k % dashes < dashes - dashes // 3:
                     add_line(first + k, first + k + 1, look)
             first += len(x)
+        self.ball_look = [look_of(ball.role, ball.body) for ball in self.balls]
 
+        styles = [(SOLIDS[role], body) for role, body in looks]
+        fills = [rgba(style.fill, body, style.opacity) for style, body in styles]
+        strokes = [
+            (*(0.62 * c for c in fill[:3]), 1.0) if style.stroke == "shade" else rgba(style.stroke, body)
+            for (style, body), fill in zip(styles, fills, strict=True)
+        ]
+        self.fills, self.strokes = (np.array(colours, dtype=float).reshape(-1, 4) for colours in (fills, strokes))
+        self.line_widths = np.array([style.width for style, _ in styles])
+        self.layers = np.array([style.layer for style, _ in styles], dtype=float)
+        self.fixed = np.array([style.fixed for style, _ in styles], dtype=bool)
         self.width = max([3, *(len(f) for f in faces)])
         self.faces = np.array([f + (f[-1],) * (self.width - len(f)) for f in faces], dtype=int).reshape(-1, self.width)
         self.face_part = np.array([part for part, *_ in face_rows], dtype=int)
@@ -94,16 +109,11 @@ class Painter:
         self.edges = np.array([edge[:4] for edge in edges], dtype=int).reshape(-1, 4)
         self.sharp = np.array([edge[4] for edge in edges], dtype=bool)
         self.edge_part = np.array([part for part, _ in edge_rows], dtype=int)
-        face_looks, edge_looks = [look for _, look, _ in face_rows], [look for _, look in edge_rows]
-        self.fill = np.array([look.fill for look in face_looks], dtype=float).reshape(-1, 4)
-        self.rim = np.array([look.stroke for look in edge_looks], dtype=float).reshape(-1, 4)
-        self.rim_width = np.array([look.width for look in edge_looks], dtype=float)
+        self.face_look = np.array([look for _, look, _ in face_rows], dtype=int)
+        self.edge_look = np.array([look for _, look in edge_rows], dtype=int)
         self.layer = np.zeros(self.parts)
-        for looks, parts in ((face_looks, self.face_part), (edge_looks, self.edge_part)):
-            self.layer[parts] = [look.layer for look in looks]
-        self.face_fixed = np.array([look.fixed for look in face_looks], dtype=bool)
-        self.edge_fixed = np.array([look.fixed for look in edge_looks], dtype=bool)
-        self.ball_look = [Look.of(ball) for ball in self.balls]
+        self.layer[self.face_part] = self.layers[self.face_look]
+        self.layer[self.edge_part] = self.layers[self.edge_look]
 
     def vertices(self, pose: np.ndarray, scalars: np.ndarray, unit: float) -> np.ndarray:
         """Find all vertices of a pose, ``(vertices, 3)``."""
@@ -139,7 +149,7 @@ class Painter:
         normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
         light = normal @ (axes.T @ LIGHT_FROM)
         light = np.where(self.both, np.abs(light), light)
-        face_colour = shade(self.fill, light)
+        face_colour = shade(self.fills[self.face_look], light)
         # Parts are sorted by the depth of their middle; a ball is a part of its own.
         total, number = np.zeros(self.parts), np.zeros(self.parts)
         mean = near[self.faces].mean(axis=1)
@@ -158,15 +168,16 @@ class Painter:
         strokes = np.repeat(flat[self.edges[shown, 1]][:, None], self.width, axis=1)
         strokes[:, 0] = flat[self.edges[shown, 0]]
         rounds, round_faces, round_edges, round_widths, round_depth = self._balls(pose, project, unit, scale, faded)
-        dim_face = np.where(self.face_fixed, 1.0, faded)[seen]
-        dim_edge = np.where(self.edge_fixed, 1.0, faded)[shown]
-        face_colour, rim = face_colour[seen].copy(), self.rim[shown].copy()
-        face_colour[:, 3] *= dim_face
-        rim[:, 3] *= dim_edge
+        dim = np.where(self.fixed, 1.0, faded)
+        face_look, edge_look = self.face_look[seen], self.edge_look[shown]
+        face_colour, rim = face_colour[seen], self.strokes[edge_look]
+        face_colour[:, 3] *= dim[face_look]
+        rim[:, 3] *= dim[edge_look]
         own = face_colour.copy()  # a hairline of its own colour closes the seam between two faces
         own[face_colour[:, 3] < 1.0] = 0.0
         width = max(self.width, _BALL if len(rounds) else 0)
-        everything = [_pad(x, width) for x in (corners[seen], strokes, rounds)]
+        every = (corners[seen], strokes, rounds)
+        everything = [np.pad(x, ((0, 0), (0, width - x.shape[1]), (0, 0)), mode="edge") for x in every]
         order_depth = np.concatenate([depth[self.face_part[seen]], depth[self.edge_part[shown]], round_depth])
         kind = np.concatenate([np.zeros(seen.sum()), np.ones(shown.sum()), np.tile([0.0, 1.0], len(rounds) // 2)])
         order = np.lexsort([kind, order_depth])
@@ -174,7 +185,7 @@ class Painter:
             np.concatenate(everything)[order],
             np.concatenate([face_colour, np.zeros((shown.sum(), 4)), round_faces])[order],
             np.concatenate([own, rim, round_edges])[order],
-            np.concatenate([np.full(seen.sum(), 0.06), self.rim_width[shown], round_widths])[order],
+            np.concatenate([np.full(seen.sum(), 0.06), self.line_widths[edge_look], round_widths])[order],
         )
 
     def _balls(self, pose: np.ndarray, project, unit: float, scale: float, faded: float) -> tuple[np.ndarray, ...]:
@@ -187,46 +198,22 @@ class Painter:
         rim = np.stack([np.cos(turn), np.sin(turn)], axis=1)
         body = centre[:, None] + radius[:, None, None] * rim
         spot = centre[:, None] + radius[:, None, None] * (0.42 * rim + 0.36 * LIGHT_FROM[:2])
-        fill = np.array([look.fill for look in self.ball_look])
-        stroke = np.array([look.stroke for look in self.ball_look])
-        widths = np.array([look.width for look in self.ball_look])
-        dim = np.where([look.fixed for look in self.ball_look], 1.0, faded)
+        fill, stroke = self.fills[self.ball_look], self.strokes[self.ball_look]
+        widths, dim = self.line_widths[self.ball_look], np.where(self.fixed[self.ball_look], 1.0, faded)
         base, glow = shade(fill, np.full(len(fill), 0.25)), shade(fill, np.full(len(fill), 1.0))
         for colour in (base, glow, stroke):
             colour[:, 3] *= dim
-        depth = near + unit * np.array([0.9 * look.layer for look in self.ball_look])
-        return (
-            np.stack([body, spot], axis=1).reshape(-1, _BALL, 2),
-            np.stack([base, glow], axis=1).reshape(-1, 4),
-            np.stack([stroke, np.zeros_like(stroke)], axis=1).reshape(-1, 4),
-            np.stack([widths, 0.0 * widths], axis=1).reshape(-1),
-            np.repeat(depth, 2),
-        )
+        depth = near + unit * 0.9 * self.layers[self.ball_look]
 
+        def both(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+            return np.stack([x, y], axis=1).reshape(-1, *x.shape[1:])
 
-@dataclass(frozen=True)
-class Look:
-    """Colours of an item, red, green, blue and opacity from 0 to 1, and the width of its lines, units."""
-
-    fill: tuple[float, ...]
-    stroke: tuple[float, ...]
-    width: float
-    layer: float
-    fixed: bool
-
-    @classmethod
-    def of(cls, item: SpaceItem | None, style: Style | None = None, body: int = INK) -> "Look":
-        """Find the look of an item, or of a style with a colour."""
-        if item is not None:
-            style, body = item.style, item.body
-        assert style is not None
-        fill = rgba(style.fill, body, style.opacity)
-        stroke = rgba(style.stroke, body) if style.stroke != "shade" else (*(0.62 * c for c in fill[:3]), 1.0)
-        return cls(fill, stroke, style.width, float(style.layer), style.fixed)
+        twice = both(base, glow), both(stroke, 0.0 * stroke), both(widths, 0.0 * widths)
+        return both(body, spot), *twice, np.repeat(depth, 2)
 
 
 def rgba(name: str, body: int, opacity: float = 1.0) -> tuple[float, ...]:
-    """Read a colour by name as numbers from 0 to 1; nothing for no name."""
+    """Read a colour by name as red, green, blue and opacity from 0 to 1; nothing for no name."""
     if not name:
         return (0.0, 0.0, 0.0, 0.0)
     text = colour_of(name, body)
@@ -241,7 +228,3 @@ def shade(colour: np.ndarray, light: np.ndarray) -> np.ndarray:
     out[:, :3] = out[:, :3] * (1.0 - dark)
     out[:, :3] += (1.0 - out[:, :3]) * bright
     return out
-
-
-def _pad(x: np.ndarray, width: int) -> np.ndarray:
-    return np.concatenate([x, np.repeat(x[:, -1:], width - x.shape[1], axis=1)], axis=1)

@@ -1,10 +1,13 @@
 """Drawing a painted scene in matplotlib's axes of three dimensions: one collection, sorted anew for every view."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.artist import allow_rasterization
 from matplotlib.collections import PolyCollection
 from matplotlib.patheffects import withStroke
-from matplotlib.text import Text
+from matplotlib.text import Annotation
+from matplotlib.transforms import Affine2D
 from mpl_toolkits.mplot3d import Axes3D
 
 from jaxnc.viz.labels import TEXT
@@ -73,43 +76,22 @@ class Solids(PolyCollection):
         super().draw(renderer)
 
 
-class Name(Text):
-    """A name that keeps beside its place while the view turns.
+class Name(Annotation):
+    """A name that keeps beside its place while the view turns; the shift is from there, points."""
 
-    The shift is from its place, points.
-    """
-
-    def __init__(self, text: str, shift: tuple[float, float], **look):
-        super().__init__(0.0, 0.0, text, ha="center", va="center", parse_math=False, **look)
-        self.shift, self.place = shift, np.zeros(3)
-        self.set_clip_on(False)
+    def __init__(self, text: str, shift: tuple[float, float], **look: Any):
+        self.place = np.zeros(3)
+        look |= {"ha": "center", "va": "center", "parse_math": False, "clip_on": False, "annotation_clip": False}
+        super().__init__(text, (0.0, 0.0), shift, xycoords=self._at_place, textcoords="offset points", **look)
         halo = withStroke(linewidth=0.25 * float(self.get_fontsize()), foreground=(1.0, 1.0, 1.0, 0.8))
         self.set_path_effects([halo])
 
-    def spot(self) -> np.ndarray:
-        """Find where its middle is, pixels."""
+    def _at_place(self, renderer: object) -> Affine2D:
+        """Bring the origin to where its place is now, pixels."""
         axes = self.axes
         assert isinstance(axes, Axes3D)
         flat, *_ = Projection(axes)(self.place[None])
-        per_point = axes.figure.dpi / 72.0
-        return axes.transData.transform(flat[0]) + per_point * np.array(self.shift)
-
-    def _put_in_place(self) -> bool:
-        if self.axes is None or not np.isfinite(self.place).all():
-            return False
-        self.set_transform(None)
-        self.set_position(tuple(self.spot()))
-        return True
-
-    def draw(self, renderer) -> None:
-        """Draw it where its place is now."""
-        if self._put_in_place():
-            super().draw(renderer)
-
-    def get_window_extent(self, renderer=None, dpi=None):
-        """Find its box in pixels, where its place is now."""
-        self._put_in_place()
-        return super().get_window_extent(renderer, dpi)
+        return Affine2D().translate(*axes.transData.transform(flat[0]))
 
 
 class SpacePen:
@@ -124,35 +106,29 @@ class SpacePen:
         self.solids.set_gid("mechanism")
         self.solids.set_zorder(10.0)
         axes.add_collection(self.solids, autolim=False)
-        self.labels: list[tuple[Label, Name]] = []
-        self.inputs: list[tuple[Turn, Name]] = []
-        for label in labels:
-            look = {"fontstyle": "italic", "fontweight": "bold"} if label.way else {"fontstyle": "italic"}
-            self.labels.append(
-                (label, self._name(axes, label, points, "ink" if label.to is None else "soft", "label", look))
-            )
-        for turn in painter.turns:
-            self.inputs.append((turn, self._name(axes, turn, points, "soft", "input", {})))
-
-    def _name(self, axes: Axes3D, of: Label | Turn, points: float, ink: str, gid: str, look: dict[str, str]) -> Name:
-        name = Name(
-            of.text, (of.dx * points, of.dy * points), color=colour_of(ink, -1), fontsize=TEXT * points, gid=gid,
-            zorder=12.0, **look,
-        )  # fmt: skip
-        axes.add_artist(name)
-        return name
+        self.names: list[tuple[Label | Turn, Name]] = []
+        for of in (*labels, *painter.turns):
+            look: dict[str, str] = {"gid": "input"}
+            if isinstance(of, Label):
+                look = {"gid": "label", "fontstyle": "italic", "fontweight": "bold" if of.way else "normal"}
+            colour = colour_of("ink" if isinstance(of, Label) and of.to is None else "soft", -1)
+            shift = of.dx * points, of.dy * points
+            name = Name(of.text, shift, color=colour, fontsize=TEXT * points, zorder=12.0, **look)
+            axes.add_artist(name)
+            self.names.append((of, name))
 
     @property
     def moving(self) -> list:
         """Artists that move, from the ground up."""
-        return [self.solids, *(name for _, name in self.labels), *(name for _, name in self.inputs)]
+        return [self.solids, *(name for _, name in self.names)]
 
     def move(self, pose: np.ndarray, scalars: np.ndarray, faded: bool) -> None:
         """Bring every artist to another pose ``(columns, 3)``, as a ghost if that is not right."""
         self.solids.move(pose, scalars, faded)
-        for label, name in self.labels:
-            name.place = label.foot(pose, self.unit)
-            name.set_alpha(0.25 if faded else 1.0)
-        for turn, name in self.inputs:
-            name.place = turn.spot(pose, float(scalars[turn.scalar]), self.unit)
+        for of, name in self.names:
+            if isinstance(of, Label):
+                name.place = of.foot(pose, self.unit)
+            else:
+                name.place = of.spot(pose, float(scalars[of.scalar]), self.unit)
+            name.set_visible(bool(np.isfinite(name.place).all()))
             name.set_alpha(0.25 if faded else 1.0)

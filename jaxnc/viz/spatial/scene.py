@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.viz.poses import evenly
 from jaxnc.viz.scene import Item, Scene, shown_angle
 from jaxnc.viz.spatial.mesh import Mesh, Shell
-from jaxnc.viz.style import Style
+from jaxnc.viz.style import INK, Style
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,11 @@ class Solid(SpaceItem):
         local = v[:, 1:4] + unit * v[:, 4:7]
         local[:, 0] += span * v[:, 0]
         return origin + local @ axes
+
+
+def segment(role: str, a: int, b: int, mesh: Mesh, body: int = INK) -> Solid:
+    """Put a mesh along the segment between two columns."""
+    return Solid(role, SpaceFrame(a, Way((a, b))), mesh, body=body)
 
 
 @dataclass(frozen=True)

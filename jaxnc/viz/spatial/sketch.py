@@ -5,13 +5,12 @@ import itertools
 import numpy as np
 
 from jaxnc.vehicle.hardpoints import number_names, usual
-from jaxnc.viz.bodies import Bodies, inline, outline, rank
+from jaxnc.viz.bodies import inline, outline, rank
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Label
-from jaxnc.viz.spatial.joints import Joints
 from jaxnc.viz.spatial.loads import Loads
-from jaxnc.viz.spatial.mesh import PARTS, arrow, in_units, join, line, lines, shell, stand, tube, two_sided, web
-from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceFrame, SpaceItem, SpaceScene, Way
+from jaxnc.viz.spatial.mesh import PARTS, arrow, in_units, join, line, lines, shell, stand, tube, two_sided
+from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceFrame, SpaceScene, Way, segment
 from jaxnc.viz.style import INK, symbol
 
 _BAR = tube(0.52, PARTS)
@@ -19,11 +18,7 @@ _EDGE = tube(0.3, PARTS, 8)
 _SHAFT, _HEAD, _REACH = 0.17, 0.62, 8.0  # of a unit vector, units
 _AXIS = arrow(_REACH, _SHAFT, _HEAD)
 _STAND = stand(2.9, 1.5)
-_CROSS = join(
-    lines([in_units((-1, 0, 0), (1, 0, 0))]),
-    lines([in_units((0, -1, 0), (0, 1, 0))]),
-    lines([in_units((0, 0, -1), (0, 0, 1))]),
-)
+_CROSS = lines([(in_units(*-way), in_units(*way)) for way in np.eye(3)])
 _THREAD = line(6)
 _ALONG, _ACROSS = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))
 _UP, _DOWN = Way(), Way(fixed=(0.0, 0.0, -1.0))
@@ -38,23 +33,23 @@ def sketch_space(poses: Poses) -> SpaceScene:
     """
     drawing = _SpaceSketch(poses)
     drawing.add_bodies()
-    drawing.add_joints()
+    drawing.add_listed()
+    drawing.add_sliders()
+    drawing.add_shared()
+    drawing.add_inputs()
+    drawing.add_distances()
+    drawing.add_forces()
     drawing.add_points()
     drawing.add_vectors()
     drawing.add_tyre()
     return drawing.scene()
 
 
-class _SpaceSketch:
+class _SpaceSketch(Loads):
     def __init__(self, poses: Poses):
-        self.poses, self.top = poses, poses.topology
-        self.x = poses.every_column[poses.extent_poses]
-        self.bodies = Bodies(poses)
-        self.items: list[SpaceItem] = []
-        self.links: list[tuple[int, int]] = []
-        self.joints = Joints(poses, self.bodies, self.x)
+        super().__init__(poses)
         self.names = {name: k for k, name in enumerate(poses.names)}
-        self.first = len(poses.names)  # column of the first direction
+        self.arrows: list[Label] = []
 
     # -- bodies -------------------------------------------------------------------------------------------------
 
@@ -75,7 +70,7 @@ class _SpaceSketch:
                 self.items.append(Plate("plate", columns, body=colour))
                 edges, role, mesh = [(points[a], points[b]) for a, b in pairs], "edge", _EDGE
             self.links.extend(edges)
-            self.items.extend(Solid(role, SpaceFrame(a, Way((a, b))), mesh, body=colour) for a, b in edges)
+            self.items += [segment(role, a, b, mesh, colour) for a, b in edges]
 
     def add_webs(self, p: int, vectors: list[int], colour: int) -> None:
         """Draw the plate that the unit vectors of a body of one point span, as far as its markers."""
@@ -88,25 +83,9 @@ class _SpaceSketch:
             tip = axes @ self.x[0, b]
             turn = np.arctan2(tip[1], tip[0]) * np.linspace(0.0, 1.0, 13 if size else 2)
             rim = [(float(np.cos(t)), float(np.sin(t))) for t in turn]
-            if size:
-                around = [(0.0, 0.0), *((size * x, size * y) for x, y in rim)]
-                mesh = two_sided(tuple((0.0, x, y, 0.0, 0.0, 0.0, 0.0) for x, y in around))
-            else:
-                mesh = web(((0.0, 0.0, 0.0), *((_REACH * x, _REACH * y, 0.0) for x, y in rim)))
-            self.items.append(Solid("web", frame, mesh, body=colour))
-
-    # -- joints -------------------------------------------------------------------------------------------------
-
-    def add_joints(self) -> None:
-        self.joints.add_listed()
-        self.joints.add_sliders()
-        self.joints.add_shared()
-        self.joints.add_inputs()
-        self.loads = Loads(self.joints, self.poses.motion.driven)
-        self.loads.add_distances()
-        self.loads.add_forces()
-        self.links.extend(self.loads.links)
-        self.items.extend(self.joints.items + self.loads.items)
+            around = [(0.0, 0.0), *(((size or _REACH) * x, (size or _REACH) * y) for x, y in rim)]
+            corners = tuple((0.0, x, y, 0.0, 0.0, 0.0, 0.0) if size else in_units(x, y, 0.0) for x, y in around)
+            self.items.append(Solid("web", frame, two_sided(corners), body=colour))
 
     def hangs(self, p: int) -> bool:
         """Tell whether everything at a point of the ground hangs down from it, in every pose."""
@@ -120,36 +99,32 @@ class _SpaceSketch:
     def add_points(self) -> None:
         for p in range(len(self.top.points)):
             if self.bodies.ground[p]:
-                if p in self.joints.supported:
-                    shift = self.joints.shifts.get(p, 0.0)
+                if p in self.supported:
+                    shift = self.shifts.get(p, 0.0)
                     mesh = stand(2.9 + shift, 1.5) if shift else _STAND
                     self.items.append(Solid("support", SpaceFrame(p, _DOWN if self.hangs(p) else _UP), mesh))
-                elif p not in self.joints.marked:
+                elif p not in self.marked:
                     self.items.append(Ball("ground ball", p, 0.5))
-            elif p not in self.joints.marked:
+            elif p not in self.marked:
                 self.items.append(Ball("dot", p, 0.78, body=self.bodies.colour(p)))
         for k in range(len(self.top.points), len(self.poses.names)):
             self.items.append(Solid("marker", SpaceFrame(k, _ALONG, _ACROSS), _CROSS))
             origin = next(m.origin for m in self.top.markers if m.name == self.poses.names[k])
-            self.items.append(Solid("reference", SpaceFrame(origin, Way((origin, k))), _THREAD))
+            self.items.append(segment("reference", origin, k, _THREAD))
 
     def add_vectors(self) -> None:
-        self.arrows: list[Label] = []
         for v, name in enumerate(self.poses.directions):
             column = self.first + v
             fixed = v < len(self.top.vectors) and bool(self.bodies.still[v])
             at, body = self._carrier(v)
             role = "ground axis" if fixed else "axis"
-            further, start = self.joints.ends.get(v, (0.0, 0.0)) if at == self.joints.axes.get(v) else (0.0, 0.0)
+            further, start = self.ends.get(v, (0.0, 0.0)) if at == self.axes.get(v) else (0.0, 0.0)
             if not further and self._along_a_bar(at, column):
                 start = -_REACH - 2.2
             mesh = arrow(_REACH, _SHAFT, _HEAD, start, further) if further or start else _AXIS
             self.items.append(Solid(role, SpaceFrame(at, Way((column,))), mesh, body=INK if fixed else body))
-            self.arrows.append(
-                Label(
-                    at, symbol(name), way=Way((column,)), reach=start + _REACH if start >= 0 else start, further=further
-                )
-            )
+            reach = start + _REACH if start >= 0 else start
+            self.arrows.append(Label(at, symbol(name), way=Way((column,)), reach=reach, further=further))
 
     def _along_a_bar(self, at: int, column: int) -> bool:
         """Tell whether an arrow at a point would lie inside a bar; then it stands on the other side."""
@@ -167,13 +142,13 @@ class _SpaceSketch:
         owners = [k for k, held in enumerate(self.bodies.vectors) if v in held]
         moving = [k for k in owners if self.bodies.moving[k]]
         colour = self.bodies.colours[moving[0]] if moving else INK
-        if v in self.joints.axes:
-            return self.joints.axes[v], colour
+        if v in self.axes:
+            return self.axes[v], colour
         for k in moving or owners:
-            free = [p for p in self.top.bodies[k].points if p not in self.joints.marked]
+            free = [p for p in self.top.bodies[k].points if p not in self.marked]
             return (free or list(self.top.bodies[k].points))[0], colour
         ground = np.flatnonzero(self.bodies.ground).tolist()
-        return self.joints.near.get(v, ground[0] if ground else 0), colour
+        return self.near.get(v, ground[0] if ground else 0), colour
 
     # -- the tyre -----------------------------------------------------------------------------------------------------
 
@@ -210,17 +185,8 @@ class _SpaceSketch:
         names = tuple(
             Label(p, f"{name} {trade[name]}" if name in trade else name) for p, name in enumerate(self.poses.names)
         )
-        places = len(self.poses.names)
-        riding = [m for m in self.top.markers if m.name in self.names]
-        colours = [self.bodies.colour(p) for p in range(len(self.top.points))]
-        colours += [self.bodies.colour_by_name.get(m.body, INK) for m in riding]
-        extents = np.concatenate([np.zeros((0, 3)), *self.joints.extents])
-        return SpaceScene(
-            tuple(self.items),
-            (*names, *self.arrows, *self.loads.labels),
-            tuple(range(places)),
-            extents,
-            tuple(colours),
-            tuple(self.links),
-            tuple((arrow.at, *arrow.way.columns) for arrow in self.arrows if arrow.way),
-        )
+        places, colours = tuple(range(len(self.poses.names))), self.bodies.column_colours()
+        extents = np.concatenate([np.zeros((0, 3)), *self.extents])
+        labels = (*names, *self.arrows, *self.labels)
+        shown = tuple((arrow.at, *arrow.way.columns) for arrow in self.arrows if arrow.way)
+        return SpaceScene(tuple(self.items), labels, places, extents, colours, tuple(self.links), shown)
