@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -136,22 +135,20 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
     return out
 
 
-class Shafts(NamedTuple):
-    """Arrows in some poses as what names keep clear of, and the symbols of centres of mass."""
-
-    ends: np.ndarray  # starts and ends, lengths, (S, shafts, 2, dim)
-    widths: np.ndarray  # half of each, units, (shafts,)
+Segments = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Starts and ends of segments in a pose, each ``(n, dim)``, and half of their widths, units, ``(n,)``."""
 
 
-def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> Shafts | None:
-    """Collect all arrows in some poses; None if there are none."""
-    ends = [np.stack([a.places, a.places + a.vectors], axis=2)[sampled] for a in drawn]
-    widths = [np.full(a.places.shape[1], 0.2) for a in drawn]  # half width of an arrow, units
-    for a in drawn:
-        if a.discs:
-            ends.append(np.stack([a.places, a.places], axis=2)[sampled])
-            widths.append(np.array(a.discs))
-    return Shafts(np.concatenate(ends, axis=1), np.concatenate(widths)) if ends else None
+def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> list[Segments]:
+    """Collect all arrows in some poses, and the symbols of centres of mass, as what names keep clear of; lengths."""
+    parts = [(a.places, a.places + a.vectors, 0.2) for a in drawn]  # half width of an arrow, units
+    parts += [(a.places, a.places, np.array(a.discs)) for a in drawn if a.discs]
+    if not parts:
+        return []
+    starts, ends = (np.concatenate([part[k] for part in parts], axis=1)[sampled] for k in (0, 1))
+    widths = np.concatenate([np.broadcast_to(width, places.shape[1]) for places, _, width in parts])
+    known = np.isfinite(starts + ends).all(axis=2)
+    return [(a[k], b[k], widths[k]) for a, b, k in zip(starts, ends, known, strict=True)]
 
 
 def nice(value: float) -> float:

@@ -23,11 +23,10 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
 from jaxnc.validate import as_array
-from jaxnc.viz.arrows import shafts
+from jaxnc.viz.arrows import Arrows, shafts
 from jaxnc.viz.draft import caption
 from jaxnc.viz.instant_overlay import PlaneOverlay, SpaceOverlay, Wish
 from jaxnc.viz.labels import label_boxes, place_labels, track_labels
-from jaxnc.viz.legend import Legend
 from jaxnc.viz.pen import Pen
 from jaxnc.viz.picture import Picture, Size, finish, inches, unit_on
 from jaxnc.viz.poses import Poses, evenly, poses
@@ -35,7 +34,7 @@ from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.spatial.camera import read_view
 from jaxnc.viz.spatial.drawing import SpaceView
 from jaxnc.viz.style import LIGHT, axis_name, colour_of, furnish, wide, wrap
-from jaxnc.viz.view import View
+from jaxnc.viz.view import Legend, View
 
 _MARGIN = 6.2  # around the mechanism, units
 _EDGE = 4.0  # of the paper, points
@@ -120,7 +119,9 @@ def draw(
     return finish(drawing.figure, path, dpi)
 
 
-def make_view(data: Poses, shown: Sequence[int], trace, labels: bool, view: Sequence[float] | None) -> View:
+def make_view(
+    data: Poses, shown: Sequence[int], trace, labels: bool, view: Sequence[float] | None
+) -> "PlaneView | SpaceView":
     """Make a view of the plane or of space, to be put in axes."""
     camera = read_view(data, view)
     if data.dim == 3:
@@ -135,8 +136,7 @@ class PlaneView(View):
 
     def __init__(self, data: Poses, shown: Sequence[int], trace: str | Iterable[str], labels: bool):
         super().__init__(data, shown, trace, labels, sketch_plane(data))
-        self.quivers: list[tuple[Quiver, np.ndarray, np.ndarray]] = []
-        self.centres: list[tuple[PathCollection, np.ndarray]] = []
+        self.marks: list[tuple[Quiver | PathCollection, Arrows]] = []  # arrows, and symbols of centres of mass
         self.paths: list[tuple[Line2D, int]] = []
         self.tails: list[tuple[Line2D, np.ndarray, np.ndarray]] = []
         self.offsets: np.ndarray | None = None  # of names in each pose, units
@@ -284,9 +284,9 @@ class PlaneView(View):
                     fontproperties={"size": self.text_size}, labelsep=0.8 * self.points / 72.0,
                 )  # fmt: skip
                 legend.text.set_parse_math(False)
-            self.quivers.append((quiver, item.places, item.vectors))
+            self.marks.append((quiver, item))
             if item.noun == "weight":
-                self.centres += [(marks, item.places) for marks in self._add_mass_symbols(start, item.discs)]
+                self.marks += [(symbol, item) for symbol in self._add_mass_symbols(start, item.discs)]
 
     def _add_mass_symbols(self, start: np.ndarray, radii: tuple[float, ...]) -> list[PathCollection]:
         """Draw the symbols of centres of mass under joints: a circle, two of its quarters full."""
@@ -301,16 +301,6 @@ class PlaneView(View):
             marks.set_gid("centre of mass")
         return [disc, full]
 
-    def _add_traces(self, opacity: float) -> None:
-        """Draw the traces over the whole motion."""
-        for column, body, turn in self.styled_traces():
-            (line,) = self.ax.plot(
-                *self.data.path(column)[0].T, color=colour_of("body", body), linewidth=0.24 * self.points,
-                linestyle=("-", (0, (4, 1.5)), (0, (1.5, 1)))[turn % 3], alpha=opacity, zorder=2.46, scalex=False,
-                scaley=False, gid=f"trace {self.data.names[column]}",
-            )  # fmt: skip
-            self.paths.append((line, column))
-
     def ghosts(self, others: Sequence[int]) -> None:
         """Draw the bodies of other poses faintly."""
         bare = dataclasses.replace(self.scene, labels=())
@@ -323,13 +313,18 @@ class PlaneView(View):
         """Artists that move, and those that lie over them, from the ground up."""
         lowest = min((a.get_zorder() for a in self.pen.moving), default=0.0)
         over = [a for a in self.pen.fixed if a.get_zorder() >= lowest]
-        marks = [artist for artist, *_ in (*self.quivers, *self.centres, *self.tails)]
+        marks = [artist for artist, *_ in (*self.marks, *self.tails)]
         return [*self.pen.moving, *over, *marks, self.banner]
 
     def film(self, k: int, sampled: Iterable[int]) -> None:
         """Make all artists for an animation: traces are faint, and their parts that have been run are drawn over."""
         self.draw(k, sampled, opacity=0.3)
-        self._let_names_give_way()
+        keys = evenly(self.data.extent_poses, 96)  # names give way to what comes near at 96 poses along a motion
+        if len(keys) > 1 and self.scene.labels and self.data.good.any():
+            near, places = shafts(self.arrow_sets, keys), self.columns[keys]
+            ways = track_labels(self.scene, places, self.unit, self.data.closed, near)
+            every = [np.interp(np.arange(self.data.count), keys, way) for way in ways.reshape(len(keys), -1).T]
+            self.offsets = np.stack(every, axis=1).reshape(self.data.count, -1, 2)
         self.show(k)
         for line, column in self.paths:
             tail = Line2D([], [], color=line.get_color(), linewidth=1.4 * line.get_linewidth())
@@ -337,22 +332,18 @@ class PlaneView(View):
             self.ax.add_artist(tail)
             self.tails.append((tail, *self.data.path(column)))
 
-    def _let_names_give_way(self) -> None:
-        """Let names give way to what comes near them over the motion."""
-        keys = evenly(self.data.extent_poses, 96)  # names give way at 96 poses along a motion
-        if len(keys) > 1 and self.scene.labels and self.data.good.any():
-            ways = track_labels(
-                self.scene, self.columns[keys], self.unit, self.data.closed, shafts(self.arrow_sets, keys)
-            ).reshape(len(keys), -1)
-            every = [np.interp(np.arange(self.data.count), keys, way) for way in ways.T]
-            self.offsets = np.stack(every, axis=1).reshape(self.data.count, -1, 2)
-
     def draw(self, k: int, sampled: Iterable[int] | None = None, opacity: float = 1.0) -> None:
         """Make all artists, in pose `k`; names are placed to suit the sampled poses, traces have an opacity."""
         some = [k] if sampled is None else list(sampled)
         paper = tuple(np.array([self.ax.get_xlim(), self.ax.get_ylim()]).T)
         self.scene = place_labels(self.scene, self.columns[some], self.unit, shafts(self.arrow_sets, some), paper)
-        self._add_traces(opacity)
+        for column, body, turn in self.styled_traces():
+            (line,) = self.ax.plot(
+                *self.data.path(column)[0].T, color=colour_of("body", body), linewidth=0.24 * self.points,
+                linestyle=("-", (0, (4, 1.5)), (0, (1.5, 1)))[turn % 3], alpha=opacity, zorder=2.46, scalex=False,
+                scaley=False, gid=f"trace {self.data.names[column]}",
+            )  # fmt: skip
+            self.paths.append((line, column))
         self.pen = Pen(self.ax, self.scene, self.columns[k], self.unit, self.points)
         self.add_banner(0.985, self.ax.transAxes)
         self.show(k)
@@ -363,10 +354,8 @@ class PlaneView(View):
         for tail, path, places in self.tails:
             tail.set_data(path[: places[k] + 1].T)
         self.pen.fade(not right)
-        for quiver, places, vectors in self.quivers:
-            quiver.set_offsets(places[k])
-            quiver.set_UVC(*np.nan_to_num(vectors[k]).T)
-            quiver.set_visible(right)
-        for marks, places in self.centres:
-            marks.set_offsets(places[k])
-            marks.set_visible(right)
+        for mark, item in self.marks:
+            mark.set_offsets(item.places[k])
+            mark.set_visible(right)
+            if isinstance(mark, Quiver):
+                mark.set_UVC(*np.nan_to_num(item.vectors[k]).T)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -21,11 +21,11 @@ from jaxnc.kinematics.instant import (
 )
 from jaxnc.types import Numbers
 from jaxnc.viz.bodies import Bodies
-from jaxnc.viz.legend import Legend
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.scene import Circle, Label, Line
 from jaxnc.viz.spatial.scene import Ball
 from jaxnc.viz.style import INK, LIGHT, colour_of
+from jaxnc.viz.view import Legend
 
 Wish = str | tuple[str, ...]
 
@@ -49,6 +49,7 @@ class Overlay:
         lower, upper = view.inner
         self.middle, self.size = 0.5 * (lower + upper), float(np.linalg.norm(upper - lower)) or 1.0
         self.inside: list[np.ndarray] = []  # what has to be in the picture
+        self.notes: list[tuple[str, str]] = []  # what is not in the picture, in words, and the colour of each
 
     def collect(self, show: Wish | Iterable[Wish]) -> None:
         """Collect what is asked for; see `jaxnc.viz.draw` for what there is to show."""
@@ -63,9 +64,8 @@ class Overlay:
     def _wishes(self, show: Wish | Iterable[Wish]) -> list[tuple[str, tuple[str, ...]]]:
         """Read what is asked for: nouns with names after them."""
         known = tuple(self.adders)
-        given = (
-            (show,) if isinstance(show, str) or (isinstance(show, tuple) and show[:1] and show[0] in known) else show
-        )
+        alone = isinstance(show, str) or (isinstance(show, tuple) and show[:1] and show[0] in known)
+        given = (show,) if alone else show
         bodies, out = [b.name for b in self.data.topology.bodies], []
         for wish in given:
             first = wish if isinstance(wish, str) else str(wish[0])
@@ -106,10 +106,10 @@ class Overlay:
 
     def note(self, text: str, body: int | None = None) -> None:
         """Add a line of text, in a body's colour if it is about one."""
-        raise NotImplementedError
+        self.notes.append((text, LIGHT["ink"] if body is None else colour_of("body", body)))
 
-    def curvature(self, point: str, other: str) -> tuple[np.ndarray, Any, float] | None:
-        """Find where a point is, its path's curvature and radius there, and note them; None where there is none."""
+    def curvature(self, point: str, other: str) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Find where a point is, its centre of curvature, and an arc about that; None where there is none."""
         place = self.data.places[self.pose, self.data.column(point, "show")]
         x = self.pick(path_curvature(self.motion, point, other))
         if not x.bent:
@@ -118,16 +118,16 @@ class Overlay:
             return None
         radius = 1.0 / abs(float(x.curvature))
         self.note(f"radius of curvature at {point}: {radius:.4g} {self.length_unit}".rstrip())
-        return place, x, radius
-
-    def arc_angles(self, radius: float) -> np.ndarray:
-        """Choose angles on either side of a point at which its circle of curvature is drawn."""
+        out = (place - x.centre) / radius
+        side = x.tangent if self.data.dim == 3 else np.array([-out[1], out[0]])
         # 0.5 radians on either side of a point, of its circle of curvature
-        return np.linspace(-1, 1, 61) * min(0.5, 0.25 * self.size / radius)
+        turn = np.linspace(-1, 1, 61)[:, None] * min(0.5, 0.25 * self.size / radius)
+        return place, x.centre, x.centre + radius * (np.cos(turn) * out + np.sin(turn) * side)
 
-    def paint(self) -> None:
-        """Draw curves and texts, once the view is open."""
-        raise NotImplementedError
+    def sides(self, noun: str, body: str, other: str) -> Iterator[tuple[str, int, str]]:
+        """List the fixed and the moving one of two curves or surfaces: which, its colour, and what it is called."""
+        yield "fixed", self.colour(other), f"fixed {noun}, on {'the ground' if other == GROUND else other}"
+        yield "moving", self.colour(body), f"moving {noun}, on {body}"
 
 
 @dataclass(frozen=True)
@@ -159,23 +159,18 @@ class PlaneOverlay(Overlay):
         self.curves: list[_Curve] = []
         self.points: list[tuple[np.ndarray, str]] = []
         self.keys: list[tuple[tuple[str, str], ...]] = []  # entries of the legend
-        self.notes: list[tuple[tuple[str, str], ...]] = []  # what is not in the picture, in words
 
     def collect(self, show: Wish | Iterable[Wish]) -> None:
         """Collect what is asked for; see `jaxnc.viz.draw` for what there is to show."""
         super().collect(show)
-        self.view.legend = Legend((*self.keys, *self.notes))
+        self.view.legend = Legend((*self.keys, *((note,) for note in self.notes)))
 
     def near(self, x: np.ndarray, share: float = 1.2) -> bool:
         """Tell whether a place is close enough to be drawn."""
         return bool(np.hypot(*(x - self.middle)) <= share * self.size)
 
-    def note(self, text: str, body: int | None = None) -> None:
-        """Add a line of text under the drawing."""
-        self.notes.append(((text, colour_of("ink", INK)),))
-
     def _key(self, dash: str, colour: str, text: str) -> None:
-        self.keys.append(((f"{dash} ", colour), (text, colour_of("ink", INK))))
+        self.keys.append(((f"{dash} ", colour), (text, LIGHT["ink"])))
 
     def _point(self, x: np.ndarray, text: str, role: str = "pole") -> None:
         """Mark a place with a dot and a name."""
@@ -187,6 +182,14 @@ class PlaneOverlay(Overlay):
         column = self.add_place(x)
         self.add_items(Circle(role, column, units=0.62))
         self.add_label(column, text)
+
+    def _mark(self, x: np.ndarray, text: str, role: str = "pole") -> bool:
+        """Mark a place that has to be in the picture; False if it is too far away for that."""
+        if not self.near(x):
+            return False
+        self._point(x, text, role)
+        self.inside.append(x)
+        return True
 
     def _line(self, a: np.ndarray, b: np.ndarray, role: str) -> None:
         self.add_items(Line(role, (self.add_place(a), self.add_place(b))))
@@ -218,7 +221,8 @@ class PlaneOverlay(Overlay):
         for pair, x in found.items():
             if not set(names) <= set(pair) <= set(number):
                 continue
-            text = _centre_name(*(number[name] for name in pair))
+            a, b = sorted(number[name] for name in pair)
+            text = f"P{a}{',' if b > 9 else ''}{b}".translate(_SUB)
             if x.finite and self.near(x.centre):
                 at = tuple(np.round(x.centre / self.size, 6).tolist())
                 spots.setdefault(at, (x.centre, []))[1].append(text)
@@ -256,12 +260,8 @@ class PlaneOverlay(Overlay):
         found = centrodes(self.motion, body, other, self.pose)
         rate = np.asarray(instant_motion(self.motion, body, other).rate)
         finite = np.asarray(found.finite) & self.data.good
-        on = "the ground" if other == GROUND else other
-        for name, x, colour, text in (
-            ("fixed", found.fixed, self.colour(other), f"fixed centrode, on {on}"),
-            ("moving", found.moving, self.colour(body), f"moving centrode, on {body}"),
-        ):
-            path = np.where(finite[:, None], np.asarray(x), np.nan)
+        for name, colour, text in self.sides("centrode", body, other):
+            path = np.where(finite[:, None], np.asarray(getattr(found, name)), np.nan)
             through = np.flatnonzero(np.diff(np.sign(rate)) != 0) + 1  # infinity
             path = np.insert(path, through, np.nan, axis=0)
             self.curves.append(_Curve(path, colour, 0.42, name=f"{name} centrode"))
@@ -269,9 +269,8 @@ class PlaneOverlay(Overlay):
             self.inside.extend(path[np.hypot(*(path - self.middle).T) <= _CURVE * self.size])
             self._key("──", colour_of("body", colour), text)
         here = self.pick(instant_motion(self.motion, body, other))
-        if here.finite and self.near(here.centre):
-            self._point(here.centre, "P")
-            self.inside.append(here.centre)
+        if here.finite:
+            self._mark(here.centre, "P")
 
     def _add_inflection(self, body: str, other: str = GROUND, noun: str = "inflection circle") -> Any:
         """Draw the inflection circle; returns the motion of the body, None where it has no such circle."""
@@ -287,9 +286,7 @@ class PlaneOverlay(Overlay):
         size = float(np.hypot(*x.inflection))
         text = f"inflection circle of {body}, diameter {size:.4g} {self.length_unit}".rstrip()
         self._key("– –", colour_of("body", colour), text)
-        if self.near(x.centre):
-            self._point(x.centre, "P")
-            self.inside.append(x.centre)
+        self._mark(x.centre, "P")
         pole = x.centre + x.inflection
         if self.near(pole) and size > 0:
             self._point(pole, "W")
@@ -306,9 +303,8 @@ class PlaneOverlay(Overlay):
             across = np.array([-x.inflection[1], x.inflection[0]]) * x.rate**2 / x.angular_acceleration
             self._circle("tangential", x.centre, across, self.colour(body))
             self._key("· · ·", colour_of("soft", INK), "points without tangential acceleration")
-        if x.accelerating and self.near(x.acceleration_pole):
-            self._point(x.acceleration_pole, "Q")
-            self.inside.append(x.acceleration_pole)
+        if x.accelerating:
+            self._mark(x.acceleration_pole, "Q")
 
     def _circle(self, role: str, start: np.ndarray, diameter: np.ndarray, body: int) -> None:
         centre, radius = start + 0.5 * diameter, 0.5 * float(np.hypot(*diameter))
@@ -317,21 +313,15 @@ class PlaneOverlay(Overlay):
             self.inside.extend((centre - radius, centre + radius))
 
     def _add_curvature(self, point: str, other: str = GROUND) -> None:
-        found = self.curvature(point, other)
-        if found is None:
+        if (found := self.curvature(point, other)) is None:
             return
-        place, x, radius = found
-        arm = place - x.centre
-        turn = np.arctan2(arm[1], arm[0]) + self.arc_angles(radius)
-        arc = x.centre + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        place, centre, arc = found
         name = f"circle of curvature at {point}"
         self.curves.append(_Curve(arc, self.colour(other), 0.24, (1.0, 0.6), name))
-        if self.near(x.centre):
-            self._point(x.centre, f"{point}₀", "ring")
-            self.inside.append(x.centre)
-            self._line(place, x.centre, "radius")
+        if self._mark(centre, f"{point}₀", "ring"):
+            self._line(place, centre, "radius")
         else:
-            self._arrow_away(place, -arm / radius, f"{point}₀")
+            self._arrow_away(place, (centre - place) / np.hypot(*(centre - place)), f"{point}₀")
 
     def paint(self) -> None:
         """Draw curves and the legend, once the view is open."""
@@ -359,11 +349,6 @@ class SpaceOverlay(Overlay):
     def __init__(self, view: Any, pose: int):
         super().__init__(view, pose)
         self.adders = {"screw axis": self._add_axis, "axodes": self._add_axodes, "curvature": self._add_curvature}
-        self.notes: list[tuple[str, str]] = []
-
-    def note(self, text: str, body: int | None = None) -> None:
-        """Add a line of text beside the drawing, in a body's colour if it is about one."""
-        self.notes.append((text, LIGHT["ink"] if body is None else colour_of("body", body)))
 
     def _point(self, place: np.ndarray, text: str, role: str) -> None:
         """Mark a place with a name, and a dot of a role if there is one."""
@@ -407,11 +392,8 @@ class SpaceOverlay(Overlay):
     def _add_axodes(self, body: str, other: str = GROUND) -> None:
         found = axodes(self.motion, body, other, self.pose)
         good = evenly(np.flatnonzero(self.data.good), 72)  # 72 lines of a ruled surface at most
-        on = "the ground" if other == GROUND else other
-        for surface, colour, text in (
-            (found.fixed, self.colour(other), f"fixed axode, on {on}"),
-            (found.moving, self.colour(body), f"moving axode, on {body}"),
-        ):
+        for name, colour, text in self.sides("axode", body, other):
+            surface = getattr(found, name)
             rate, point, way = (np.asarray(getattr(surface, k))[good] for k in ("rate", "point", "direction"))
             x = self._rulings(point, way)
             x[~(rate > 0)] = np.nan
@@ -441,16 +423,13 @@ class SpaceOverlay(Overlay):
         return out
 
     def _add_curvature(self, point: str, other: str = GROUND) -> None:
-        found = self.curvature(point, other)
-        if found is None:
+        if (found := self.curvature(point, other)) is None:
             return
-        place, x, radius = found
-        out, turn = (place - x.centre) / radius, self.arc_angles(radius)[:, None]
-        arc = x.centre + radius * (np.cos(turn) * out + np.sin(turn) * x.tangent)
+        place, centre, arc = found
         self.view.lines.append((arc, INK, 3, "trace"))
-        if np.linalg.norm(x.centre - self.middle) <= self.size:
-            self.view.lines.append((np.stack([place, x.centre]), INK, 0, "ruling"))
-            self._point(x.centre, f"{point}₀", "dot")
+        if np.linalg.norm(centre - self.middle) <= self.size:
+            self.view.lines.append((np.stack([place, centre]), INK, 0, "ruling"))
+            self._point(centre, f"{point}₀", "dot")
 
     def paint(self) -> None:
         """Write the notes beside the drawing, once the view is open."""
@@ -463,9 +442,3 @@ class SpaceOverlay(Overlay):
                 left, view.corner[1] - 1.45 * k * size / view.paper_size[1], text, transform=view.paper, ha="left",
                 va="top", fontsize=size, color=colour, gid="note", zorder=16.0,
             )  # fmt: skip
-
-
-def _centre_name(first: int, second: int) -> str:
-    """Name the centre of two bodies by their numbers: P₁₂."""
-    a, b = sorted((first, second))
-    return f"P{a},{b}".translate(_SUB) if b > 9 else f"P{a}{b}".translate(_SUB)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxnc.viz.arrows import Shafts
+from jaxnc.viz.arrows import Segments
 from jaxnc.viz.scene import Arc, Circle, Hatch, Item, Label, Line, Scene, Span, Stamp
 from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceScene, Turn
@@ -34,6 +34,7 @@ _BETWEEN = np.array(
 _SIGNS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 _STEPS = 9  # places along the arrow of an angle
 _DIRECTIONS = 24
+_WAYS = np.stack([f(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS) for f in (np.cos, np.sin)], axis=1)
 _RINGS = (0.0, 0.8, 1.7, 2.9, 4.4)  # extra distance from the point, units
 _NEXT = 1.75  # from a point to the edge of its name, units
 _NEAR = (0.0, 1.2, 2.9)  # as `_RINGS`, of names that give way
@@ -48,7 +49,7 @@ _TURN_STEPS = np.concatenate(
 
 
 def track_labels(
-    scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts: Shafts | None = None
+    scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts: Sequence[Segments] = ()
 ) -> np.ndarray:
     """Choose offsets of names, units ``(K, labels, 2)``, that stay until something comes near, and give way to it.
 
@@ -56,7 +57,7 @@ def track_labels(
 
     Places are poses along the motion, ``(K, columns, 2)``; `shafts` the arrows in them.
     """
-    obstacles, ways = _obstacles(scene, places, unit, shafts), _directions()
+    obstacles = _obstacles(scene, places, unit, shafts)
     turned = np.arange(_DIRECTIONS)
     apart = np.abs(turned[:, None] - turned)
     apart = np.tile(np.minimum(apart, _DIRECTIONS - apart), (len(_NEAR), len(_NEAR)))
@@ -70,11 +71,9 @@ def track_labels(
     out = np.zeros((len(places), len(scene.labels), 2))
     for k, label in enumerate(scene.labels):
         half, at = half_size(label.text), label.foot(places) / unit
-        steps = np.concatenate([ways * (_NEXT + np.abs(ways) @ half + ring)[:, None] for ring in _NEAR])
+        steps = _steps(half, _NEAR)
         first = 0.02 * np.hypot(*(steps - (label.dx, label.dy)).T) + 0.25 * rings
-        cost = np.stack([crowding(x + steps, half, *seen) for x, seen in zip(at, obstacles, strict=True)]) + first
-        cost += _overlaps(at, steps, half, taken)
-        chosen = _cheapest(cost, price, closed)
+        chosen = _cheapest(_prices(at[:, None] + steps, half, obstacles, taken) + first, price, closed)
         turn = np.unwrap(2 * np.pi * (chosen % _DIRECTIONS) / _DIRECTIONS)
         turn, ring = _smooth(turn, closed), _smooth(rings[chosen], closed)
         way = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -106,25 +105,13 @@ def _smooth(x: np.ndarray, closed: bool) -> np.ndarray:
     return np.convolve(wide, np.array([1, 2, 3, 4, 3, 2, 1]) / 16.0, mode="valid")
 
 
-def _directions() -> np.ndarray:
-    turn = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    return np.stack([np.cos(turn), np.sin(turn)], axis=1)
-
-
-def _obstacles(scene: Scene, places: np.ndarray, unit: float, shafts: Shafts | None) -> list:
-    """Collect what names keep clear of in each pose: starts, ends and half widths of segments, units."""
+def _obstacles(scene: Scene, places: np.ndarray, unit: float, shafts: Sequence[Segments]) -> list[Segments]:
+    """Collect what names keep clear of in each pose, units."""
     out = [segments(scene.items, x, unit) for x in places]
-    if shafts is None:
-        return out
-    known = [np.isfinite(s).all(axis=(1, 2)) for s in shafts.ends]
-    return [
-        (
-            np.concatenate([a, s[k, 0] / unit]),
-            np.concatenate([b, s[k, 1] / unit]),
-            np.concatenate([w, shafts.widths[k]]),
-        )
-        for (a, b, w), s, k in zip(out, shafts.ends, known, strict=True)
-    ]
+    for k, (start, end, width) in enumerate(shafts):
+        a, b, w = out[k]
+        out[k] = np.concatenate([a, start / unit]), np.concatenate([b, end / unit]), np.concatenate([w, width])
+    return out
 
 
 def label_boxes(scene: Scene, places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray]:
@@ -147,7 +134,7 @@ def place_labels(
     scene: Scene,
     places: np.ndarray,
     unit: float,
-    shafts: Shafts | None = None,
+    shafts: Sequence[Segments] = (),
     paper: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Scene:
     """Choose the offset of every label so that it keeps clear in the poses given.
@@ -166,26 +153,23 @@ def place_labels(
             taken.append((np.array([arc.spot(x, unit) for x in places]) / unit, half_size(arc.text)))
     scene = dataclasses.replace(scene, items=tuple(items))
     middle = places[:, list(scene.visible)].mean(axis=(0, 1))
-    ways, labels = _directions(), list(scene.labels)
+    labels = list(scene.labels)
     feet, halves = [label.foot(places) / unit for label in labels], [half_size(label.text) for label in labels]
     options = []
     for label, at, half in zip(labels, feet, halves, strict=True):
-        reach = _NEXT + np.abs(ways) @ half
-        steps = np.concatenate([ways * (reach + ring)[:, None] for ring in _RINGS])  # centres, units
+        steps = _steps(half, _RINGS)
         cost = np.repeat(np.array(_RINGS) * 0.25, _DIRECTIONS)
         outward = label.foot(places).mean(axis=0) - middle
         size = float(np.hypot(*outward))
         if size > 0:
-            cost = cost - 0.3 * np.tile(ways @ outward / size, len(_RINGS))
-        for foot, (a, b, width) in zip(at, obstacles, strict=True):
-            cost += (crowding(foot + steps, half, a, b, width) + _outside(foot + steps, half, edges)) / len(places)
-        options.append((steps, cost + _overlaps(at, steps, half, taken).mean(axis=0)))
+            cost = cost - 0.3 * np.tile(_WAYS @ outward / size, len(_RINGS))
+        options.append((steps, cost + _prices(at[:, None] + steps, half, obstacles, taken, edges).mean(axis=0)))
     for turn in range(3):  # each in turn keeps clear of the others, first of those before it
         moved = False
         for k, (steps, own) in enumerate(options):
             others = [i for i in range(len(labels) if turn else k) if i != k]
             around = [(feet[i] + (labels[i].dx, labels[i].dy), halves[i]) for i in others]
-            cost = own + _overlaps(feet[k], steps, halves[k], around).mean(axis=0)
+            cost = own + _overlaps(feet[k][:, None] + steps, halves[k], around).mean(axis=0)
             dx, dy = steps[int(np.argmin(cost))].tolist()
             moved |= (labels[k].dx, labels[k].dy) != (dx, dy)
             labels[k] = dataclasses.replace(labels[k], dx=dx, dy=dy)
@@ -194,17 +178,26 @@ def place_labels(
     return dataclasses.replace(scene, labels=tuple(labels))
 
 
-def _overlaps(at: np.ndarray, steps: np.ndarray, half: np.ndarray, taken: Sequence[_Box]) -> np.ndarray:
-    """Price of a name over others, beside feet ``(S, 2)``, for each step ``(n, 2)`` that it may be away: ``(S, n)``."""
-    cost = np.zeros((len(at), len(steps)))
+def _steps(half: np.ndarray, rings: tuple[float, ...]) -> np.ndarray:
+    """List where the middle of a name may be beside what it names, units: on rings, nearer and farther."""
+    return np.concatenate([_WAYS * (_NEXT + np.abs(_WAYS) @ half + ring)[:, None] for ring in rings])
+
+
+def _prices(
+    centres: np.ndarray, half: np.ndarray, obstacles: list, taken: Sequence[_Box], edges: np.ndarray | None = None
+) -> np.ndarray:
+    """Price of a name where its middle may be in poses, ``(S, n, 2)``, near things, other names, and edges: (S, n)."""
+    near = [crowding(x, half, *seen) + _outside(x, half, edges) for x, seen in zip(centres, obstacles, strict=True)]
+    return np.stack(near) + _overlaps(centres, half, taken)
+
+
+def _overlaps(centres: np.ndarray, half: np.ndarray, taken: Sequence[_Box]) -> np.ndarray:
+    """Price of a name over others, for each place ``(S, n, 2)`` that its middle may have: ``(S, n)``."""
+    cost = np.zeros(centres.shape[:2])
     for middle, size in taken:
-        cost += _overlap(half + size, at[:, None] + steps - middle[:, None])
+        apart = np.abs(centres - middle[:, None])
+        cost += 12.0 * np.maximum(np.minimum(half + size + _BETWEEN - apart, 4.0).min(axis=-1), 0.0)
     return cost
-
-
-def _overlap(halves: np.ndarray, apart: np.ndarray) -> np.ndarray:
-    """Price of names that lie on each other, by their half sizes together and how far apart their middles are."""
-    return 12.0 * np.maximum(np.minimum(halves + _BETWEEN - np.abs(apart), 4.0).min(axis=-1), 0.0)
 
 
 def _outside(centre: np.ndarray, half: np.ndarray, edges: np.ndarray | None) -> np.ndarray | float:
@@ -235,12 +228,8 @@ def _place_angle_name(
             if gap > 0 or 2 * depth < arc.units:
                 options.append(dataclasses.replace(option, beside=arc.units + gap + (depth if gap > 0 else -depth)))
     cost = np.arange(len(options)) * 0.02 + np.array([0.5 * abs(option.lead) for option in options])
-    for k, (x, (a, b, width)) in enumerate(zip(places, obstacles, strict=True)):
-        centre = np.stack([option.spot(x, unit) for option in options]) / unit
-        cost += crowding(centre, half, a, b, width) + _outside(centre, half, edges)
-        for middle, size in taken:
-            cost += _overlap(half + size, centre - middle[k])
-    return options[int(np.argmin(cost))]
+    centres = np.stack([[option.spot(x, unit) for option in options] for x in places]) / unit
+    return options[int(np.argmin(cost + _prices(centres, half, obstacles, taken, edges).sum(axis=0)))]
 
 
 def crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray, width: np.ndarray) -> np.ndarray:
@@ -270,7 +259,7 @@ def _squares(x: np.ndarray, y: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.n
     return x * x + y * y
 
 
-def segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> Segments:
     """List start, end and half width of every segment in a pose, in units."""
     parts, widths = [], []
     for item in items:
@@ -313,58 +302,49 @@ def place_names(scene: SpaceScene, poses: np.ndarray, scalars: np.ndarray, camer
     """
     if not np.isfinite(poses).all():
         return scene
-    columns = poses.shape[1]
-    seen = camera.axes[:2].T
-    tips = [label.foot(poses, unit)[:, None] for label in scene.labels if _has_own_place(label)]
-    solids = [item for item in scene.items if isinstance(item, Solid)]
-    stands = [item for item in solids if item.role == "support"]
-    feet = [np.stack([_foot(item, x, unit) for x in poses])[:, None] for item in stands]
-    rods = [item for item in solids if item.role in ("rail", "bar", "rod") and len(item.frame.along.columns) < 2]
-    ends = [np.stack([item.vertices(x, unit)[[0, -1]] for x in poses]) for item in rods]
-    turns = [item for item in scene.items if isinstance(item, Turn)]
-    values = [zip(poses, scalars[:, turn.scalar], strict=True) for turn in turns]
-    spots = [
-        np.stack([turn.spot(x, float(v), unit) for x, v in pairs])[:, None]
-        for turn, pairs in zip(turns, values, strict=True)
-    ]
-    curves = [
-        np.stack([turn.curve(x, float(v), unit, _STEPS) for x, v in zip(poses, scalars[:, turn.scalar], strict=True)])
-        for turn in turns
-    ]
-    springs = [
-        item.frame.along.columns for item in solids if item.role == "spring" and len(item.frame.along.columns) == 2
-    ]
-    rings = [(1.0 - s) * poses[:, a, None] + s * poses[:, b, None] for a, b in springs for s in _SPRING_RINGS]
-    flat = np.concatenate([poses, *tips, *feet, *spots, *ends, *curves, *rings], axis=1) @ seen
-    foot = columns + len(tips)
-    items: list[Item] = [Circle("pin", foot + k, 0.0, 2.7) for k in range(len(stands))]
-    first = foot + len(feet) + len(turns)
-    items += [Line("bar", (first + 2 * k, first + 2 * k + 1)) for k in range(len(rods))]
-    first += 2 * len(rods)
-    items += [Line("arc", tuple(range(first + _STEPS * k, first + _STEPS * (k + 1)))) for k in range(len(turns))]
-    items += [Circle("pin", flat.shape[1] - 1 - k, 0.0, 2.2) for k in range(len(rings))]
+    columns, items = [poses], []
+
+    def add(places: np.ndarray) -> tuple[int, ...]:
+        """Add places ``(S, n, 3)`` beside the columns; returns their numbers."""
+        first = sum(x.shape[1] for x in columns)
+        columns.append(places)
+        return tuple(range(first, first + places.shape[1]))
+
+    names, turns, spots = [], [], []
+    for label in scene.labels:
+        at = label.at
+        if label.way is not None or label.to is not None:  # it stands beside a place of its own, not beside a column
+            (at,) = add(label.foot(poses, unit)[:, None])
+        if label.way is not None:
+            items.append(Line("rod", (label.at, at)))
+        names.append(Label(at, label.text))
     for item in scene.items:
         if isinstance(item, Plate):
-            items.extend(Line("plate", face, closed=True) for face in item.faces if len(face) > 2)
+            items += [Line("plate", face, closed=True) for face in item.faces if len(face) > 2]
         elif isinstance(item, Ball):
             items.append(Circle("pin", item.at, 0.0, item.units))
-        elif isinstance(item, Solid) and isinstance(item.frame.at, int):
+        elif isinstance(item, Turn):
+            values = scalars[:, item.scalar].tolist()
+            pairs = list(zip(poses, values, strict=True))
+            items.append(Line("arc", add(np.stack([item.curve(x, v, unit, _STEPS) for x, v in pairs]))))
+            turns.append(item)
+            spots += add(np.stack([item.spot(x, v, unit) for x, v in pairs])[:, None])
+        elif isinstance(item, Solid):
             along = item.frame.along.columns
-            if len(along) == 2 and item.role in _STRAIGHT:
+            if item.role == "support":
+                items.append(Circle("pin", *add(np.stack([_foot(item, x, unit) for x in poses])[:, None]), 0.0, 2.7))
+            elif item.role in ("rail", "bar", "rod") and len(along) < 2:
+                items.append(Line("bar", add(np.stack([item.vertices(x, unit)[[0, -1]] for x in poses]))))
+            elif item.role == "spring" and len(along) == 2:
+                shares = np.array(_SPRING_RINGS)[:, None]
+                rings = add((1.0 - shares) * poses[:, along[:1]] + shares * poses[:, along[1:]])
+                items += [Circle("pin", ring, 0.0, 2.2) for ring in rings]
+            elif isinstance(item.frame.at, int) and len(along) == 2 and item.role in _STRAIGHT:
                 items.append(Line("bar", along))
-            elif item.role in ("hinge", "ground hinge", "block", "cross"):
+            elif isinstance(item.frame.at, int) and item.role in ("hinge", "ground hinge", "block", "cross"):
                 items.append(Circle("pin", item.frame.at, 0.0, 1.5))
-    names, tip = [], columns
-    for label in scene.labels:
-        if _has_own_place(label):
-            if label.way:
-                items.append(Line("rod", (label.at, tip)))
-            names.append(Label(tip, label.text))
-            tip += 1
-        else:
-            names.append(Label(label.at, label.text))
-    around = []
-    for spot, turn in enumerate(turns, foot + len(feet)):
+    flat, around = np.concatenate(columns, axis=1) @ camera.axes[:2].T, []
+    for spot, turn in zip(spots, turns, strict=True):
         around.append(_place_turn_name(turn, items, flat, spot, unit))
         flat[:, spot] += unit * np.array([around[-1].dx, around[-1].dy])
         items.append(Circle("pin", spot, 0.0, max(1.1, 0.3 + half_size(turn.text)[0])))
@@ -374,11 +354,6 @@ def place_names(scene: SpaceScene, poses: np.ndarray, scalars: np.ndarray, camer
     moved = dict(zip(turns, around, strict=True))
     kept = tuple(moved[item] if isinstance(item, Turn) else item for item in scene.items)
     return dataclasses.replace(scene, labels=names, items=kept)
-
-
-def _has_own_place(label: Label) -> bool:
-    """Tell whether a name stands beside a place of its own, not beside a column."""
-    return label.way is not None or label.to is not None
 
 
 def label_corners(label: Label, poses: np.ndarray, camera: Camera, unit: float, spare: float) -> np.ndarray:

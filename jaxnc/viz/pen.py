@@ -11,10 +11,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
 from matplotlib.patches import Patch, Polygon
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
 
 from jaxnc.viz.labels import TEXT
 from jaxnc.viz.scene import Arc, Casing, Circle, Hatch, Item, Label, Line, Scene, Span, Stamp
-from jaxnc.viz.style import colour_of
+from jaxnc.viz.style import Style, colour_of
 
 Move = Callable[[np.ndarray], None]
 
@@ -62,92 +63,63 @@ class Pen:
             artist.set_alpha(0.13 if faded else (None if self.opacity == 1.0 else self.opacity))
 
     def _add(self, item: Item, places: np.ndarray) -> None:
-        before = len(self.moves)
-        if isinstance(item, (Line, Stamp, Span)):
-            self._add_outline(item, places)
-        elif isinstance(item, Circle):
-            self._add_circle(item, places)
+        """Make the artists of an item."""
+        if isinstance(item, Circle):
+            disc = CirclePatch((0.0, 0.0), item.radius + item.units * self.unit)
+            self._finish(disc, item)
+            self._keep(item, places, lambda p: disc.set_center(tuple(p[item.at])), disc)
         elif isinstance(item, (Hatch, Casing)):
-            self._add_strokes(item, places)
+            colour, width = colour_of(item.style.stroke, item.body), item.style.width * self.points
+            strokes = LineCollection([], colors=[colour], linewidths=[width])
+            self._keep(item, places, lambda p: strokes.set_segments(list(item.strokes(p, self.unit))), strokes)
         elif isinstance(item, Arc):
             self._add_arc(item, places)
-        if item.style.fixed:
-            del self.moves[before:]
+        elif isinstance(item, (Line, Stamp, Span)) and item.closed:
+            area = Polygon(np.zeros((1, 2)), closed=True)
+            self._finish(area, item)
+            self._keep(item, places, lambda p: area.set_xy(item.outline(p, self.unit)), area)
+        elif isinstance(item, (Line, Stamp, Span)):
+            line = self._line(item)
+            self._keep(item, places, lambda p: line.set_data(item.outline(p, self.unit).T), line)
 
-    def _keep(self, item: Item, *artists: Artist) -> None:
+    def _keep(self, item: Item, places: np.ndarray, move: Move, *artists: Artist) -> None:
+        """Add artists to the axes, in a pose, with what moves them."""
         for artist in artists:
             self.axes.add_artist(artist)
             artist.set_zorder(2.0 + 0.1 * item.style.layer)
             artist.set_clip_on(True)
             artist.set_gid(item.role)
-        (self.fixed if item.style.fixed else self.moving).extend(artists)
+        move(places)
+        if item.style.fixed:
+            self.fixed.extend(artists)
+        else:
+            self.moving.extend(artists)
+            self.moves.append(move)
 
-    def _dashes(self, item: Item) -> tuple:
-        style = item.style
-        return (0, [max(d, 0.05) / style.width for d in style.dash]) if style.dash else (0, None)
+    def _dashes(self, style: Style) -> tuple:
+        return (0, [max(d, 0.05) / style.width for d in style.dash])
 
-    def _line(self, item: Item, x: np.ndarray) -> Line2D:
+    def _line(self, item: Item) -> Line2D:
         style = item.style
-        cap = "round" if style.width > 0.4 else "butt"
-        return Line2D(
-            x[:, 0],
-            x[:, 1],
-            color=colour_of(style.stroke, item.body),
-            linewidth=style.width * self.points,
-            linestyle=self._dashes(item) if style.dash else "-",
-            solid_capstyle=cap,
-            solid_joinstyle="round",
-            dash_capstyle="butt",
-        )
+        line = Line2D([], [], color=colour_of(style.stroke, item.body), linewidth=style.width * self.points)
+        line.set(solid_capstyle="round" if style.width > 0.4 else "butt", solid_joinstyle="round", dash_capstyle="butt")
+        if style.dash:
+            line.set_linestyle(self._dashes(style))
+        return line
 
     def _finish(self, patch: Patch, item: Item) -> None:
         style = item.style
-        face = (colour_of(style.fill, item.body), style.opacity) if style.fill else "none"
-        patch.set_facecolor(face)
+        patch.set_facecolor((colour_of(style.fill, item.body), style.opacity) if style.fill else "none")
         patch.set_edgecolor(colour_of(style.stroke, item.body) if style.stroke else "none")
-        patch.set_linewidth(style.width * self.points)
-        patch.set_joinstyle("round")
+        patch.set(linewidth=style.width * self.points, joinstyle="round")
         if style.dash:
-            patch.set_linestyle(self._dashes(item))
-
-    def _add_outline(self, item: Line | Stamp | Span, places: np.ndarray) -> None:
-        x = item.outline(places, self.unit)
-        if not item.closed:
-            line = self._line(item, x)
-            self._keep(item, line)
-            self.moves.append(lambda p: line.set_data(item.outline(p, self.unit).T))
-            return
-        patch = Polygon(x, closed=True)
-        self._finish(patch, item)
-        self._keep(item, patch)
-        self.moves.append(lambda p: patch.set_xy(item.outline(p, self.unit)))
-
-    def _add_circle(self, item: Circle, places: np.ndarray) -> None:
-        patch = CirclePatch(tuple(places[item.at]), item.radius + item.units * self.unit)
-        self._finish(patch, item)
-        self._keep(item, patch)
-        self.moves.append(lambda p: patch.set_center(tuple(p[item.at])))
-
-    def _add_strokes(self, item: Hatch | Casing, places: np.ndarray) -> None:
-        strokes = LineCollection(
-            list(item.strokes(places, self.unit)),
-            colors=[colour_of(item.style.stroke, item.body)],
-            linewidths=[item.style.width * self.points],
-        )
-        self._keep(item, strokes)
-        self.moves.append(lambda p: strokes.set_segments(list(item.strokes(p, self.unit))))
+            patch.set_linestyle(self._dashes(style))
 
     def _add_arc(self, item: Arc, places: np.ndarray) -> None:
         colour = colour_of(item.style.stroke, item.body)
-        line = self._line(item, np.zeros((1, 2)))
+        line = self._line(item)
         head = Polygon(np.zeros((3, 2)), closed=True, facecolor=colour, edgecolor="none")
-        text = self.axes.text(0, 0, item.text, color=colour, fontsize=TEXT * self.points, ha="center", va="center")
-        self._keep(item, line, head)
-        text.set_zorder(4.0)
-        text.set_gid("input")
-        text.set_path_effects([self._halo()])
-        text.set_clip_on(True)
-        self.moving.append(text)
+        text = self._write(item.text, colour, gid="input")
         radius = item.units * self.unit
 
         def move(p: np.ndarray) -> None:
@@ -162,22 +134,23 @@ class Pen:
             head.set_visible(long)
             text.set_position(tuple(item.spot(p, self.unit)))
 
-        move(places)
-        self.moves.append(move)
+        self._keep(item, places, move, line, head)
 
-    def _halo(self) -> withStroke:
-        return withStroke(linewidth=0.5 * self.points, foreground=(1.0, 1.0, 1.0, 0.8))
+    def _write(self, text: str, colour: str, **look: object) -> Text:
+        """Write a name on a halo; it is put in its place later."""
+        name = self.axes.text(0.0, 0.0, text, color=colour, fontsize=TEXT * self.points)
+        name.set(ha="center", va="center", zorder=4.0, clip_on=True, **look)
+        name.set_path_effects([withStroke(linewidth=0.5 * self.points, foreground=(1.0, 1.0, 1.0, 0.8))])
+        self.moving.append(name)
+        return name
 
     def _add_label(self, item: Label, places: np.ndarray) -> None:
         k = self.names = self.names + 1
+        text = self._write(item.text, colour_of("ink", -1), fontstyle="italic", gid="label", parse_math=False)
 
-        def spot(p: np.ndarray) -> tuple[float, float]:
+        def move(p: np.ndarray) -> None:
             offset = np.array([item.dx, item.dy]) if self.offsets is None else self.offsets[k]
-            x, y = item.foot(p) + offset * self.unit
-            return x, y
+            text.set_position(tuple(item.foot(p) + offset * self.unit))
 
-        text = self.axes.text(*spot(places), item.text, color=colour_of("ink", -1), fontsize=TEXT * self.points)
-        text.set(ha="center", va="center", fontstyle="italic", zorder=4.0, clip_on=True, gid="label", parse_math=False)
-        text.set_path_effects([self._halo()])
-        self.moving.append(text)
-        self.moves.append(lambda p: text.set_position(spot(p)))
+        move(places)
+        self.moves.append(move)

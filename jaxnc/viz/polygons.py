@@ -13,12 +13,12 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.bodies import Bodies, hull
 from jaxnc.viz.drawing import PlaneView
 from jaxnc.viz.labels import place_labels
-from jaxnc.viz.legend import Legend
 from jaxnc.viz.pen import Pen
 from jaxnc.viz.picture import Size, finish, inches
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Circle, Item, Label, Line, Scene
 from jaxnc.viz.style import INK, LIGHT, colour_of, symbol
+from jaxnc.viz.view import Legend
 
 _SHORT = 1e-3  # of it: parts shorter than this are not drawn
 KINDS = ("velocity", "acceleration")
@@ -35,9 +35,8 @@ class _Polygon:
     names: list[list[str]] = field(default_factory=lambda: [["o"]])  # what they are the image of
     # images of bodies: numbers of places, colour
     sides: list[tuple[tuple[int, ...], int]] = field(default_factory=list)
-    # arrows that a vector is put together from: start, end, colour
-    parts: list[tuple[np.ndarray, np.ndarray, int]] = field(default_factory=list)
-    kinds: list[str] = field(default_factory=list)
+    # arrows that a vector is put together from: start, end, colour, kind
+    parts: list[tuple[np.ndarray, np.ndarray, int, str]] = field(default_factory=list)
 
     def __post_init__(self):
         x = self.data.rates(self.order)[self.pose]
@@ -70,19 +69,14 @@ class _Polygon:
     def part(self, start: np.ndarray, way: np.ndarray, body: int, kind: str) -> np.ndarray:
         """Add an arrow that is a part of a vector; returns where it ends."""
         if np.linalg.norm(way) > _SHORT * self.longest:
-            self.parts.append((start, start + way, body))
-            self.kinds.append(kind)
+            self.parts.append((start, start + way, body, kind))
         return start + way
 
     def _body(self, body) -> None:
         top, places = self.data.topology, self.data.places[self.pose]
         points = [*body.points]
-        riding = [
-            k
-            for k, name in enumerate(self.data.names)
-            if any(m.name == name and m.body == body.name for m in top.markers)
-        ]
-        every = points + riding
+        riding = {m.name for m in top.markers if m.body == body.name}
+        every = points + [k for k, name in enumerate(self.data.names) if name in riding]
         order = [every[k] for k in hull(places[every])] if len(every) > 2 else every
         order = order if len(order) > 1 else every
         ends = tuple(dict.fromkeys(self.numbers[k] for k in order))
@@ -95,9 +89,8 @@ class _Polygon:
         base = (still or points)[0]
         for k in points:
             arm = places[k] - places[base]
-            whole = (
-                base in still and abs(rise) * np.hypot(*arm) <= _SHORT * self.longest
-            )  # the vector is the normal part
+            # the vector is the normal part, which is not drawn again
+            whole = base in still and abs(rise) * np.hypot(*arm) <= _SHORT * self.longest
             if k != base and not whole:
                 start = self.places[self.numbers[base]]
                 middle = self.part(start, -rate * rate * arm, self.found[body.name], "normal")
@@ -129,7 +122,7 @@ class _Polygon:
 
     def notes(self) -> list[str]:
         """List what is written under the polygon."""
-        still, parts = self.names[0][1:], list(dict.fromkeys(self.kinds))
+        still, parts = self.names[0][1:], list(dict.fromkeys(kind for *_, kind in self.parts))
         texts = [f"in the pole o: {', '.join(still)}"] if still else []
         return texts + ([f"dashed: {', '.join(parts)} part{'s' * (len(parts) > 1)}"] if parts else [])
 
@@ -137,7 +130,7 @@ class _Polygon:
         """Make a scene of images and names, and the places of its columns."""
         where, labels = list(self.places), []
         first = len(where)
-        for a, b, _ in self.parts:  # names keep clear of them
+        for a, b, *_ in self.parts:  # names keep clear of them
             where += [a, b]
         items: list[Item] = [Line("image", ends, closed=len(ends) > 2, body=body) for ends, body in self.sides]
         items += [Line("vector", (first + 2 * k, first + 2 * k + 1)) for k in range(len(self.parts))]
@@ -145,14 +138,10 @@ class _Polygon:
         items += [Circle("pole", k, units=0.5) for k in range(len(self.places))]
         mark = "′" if self.order == 2 else ""
         for k, names in enumerate(self.names):
-            text = ", ".join(_small(name) + mark for name in (names if k else names[:1]))
-            labels.append(Label(k, text))
+            small = [name[:1].lower() + name[1:] if len(name) < 4 else name for name in (names if k else names[:1])]
+            labels.append(Label(k, ", ".join(name + mark for name in small)))
         n = len(where)
         return Scene(tuple(items), tuple(labels), tuple(range(n)), np.zeros((0, 2)), (INK,) * n), np.array(where)
-
-
-def _small(name: str) -> str:
-    return name[:1].lower() + name[1:] if len(name) < 4 else name
 
 
 class _PolygonView(PlaneView):
@@ -218,7 +207,11 @@ def polygon(
     view.open(ax, inches(size), frame, _default_title(data, k, kind) if title is None else title)
     scene = place_labels(scene, where[None], view.unit)
     Pen(view.ax, scene, where, view.unit, view.points)
-    _arrows(view, plan, kind)
+    points = view.points
+    for end in plan.places[1:]:
+        _arrow(view.ax, np.zeros(2), end, LIGHT[kind], 0.4 * points, "-", points, f"{kind} vector")
+    for a, b, body, what in plan.parts:
+        _arrow(view.ax, a, b, colour_of("body", body), 0.24 * points, (0, (4, 2)), points, what)
     view.legend.paint(view.ax, float(view.paper[0]))
     unit = f"{data.topology.length_unit}/s" + ("²" if order == 2 else "")
     if frame:
@@ -231,20 +224,11 @@ def _default_title(data: Poses, pose: int, kind: str) -> str:
     texts = []
     for name, values in data.motion.inputs.items():
         value, top = float(np.asarray(values).reshape(-1)[pose]), data.topology
-        if name in top.scalars and top.angles[top.scalars.index(name)]:
+        if top.is_angle(name):
             texts.append(f"{symbol(name)} = {np.degrees(value):.4g}°")
         else:
             texts.append(f"{symbol(name)} = {value:.4g} {top.length_unit}")
     return f"{data.topology.name}: {'velocities' if kind == 'velocity' else 'accelerations'}, {', '.join(texts)}"
-
-
-def _arrows(view: _PolygonView, plan: _Polygon, kind: str) -> None:
-    """Draw the vectors, and their parts in dashes."""
-    points = view.points
-    for end in plan.places[1:]:
-        _arrow(view.ax, np.zeros(2), end, LIGHT[kind], 0.4 * points, "-", points, f"{kind} vector")
-    for (a, b, body), what in zip(plan.parts, plan.kinds, strict=True):
-        _arrow(view.ax, a, b, colour_of("body", body), 0.24 * points, (0, (4, 2)), points, what)
 
 
 def _arrow(

@@ -2,21 +2,24 @@
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.offsetbox import AnnotationBbox, HPacker, TextArea, VPacker
 from matplotlib.text import Text
 
 from jaxnc.viz.arrows import Arrows, arrows, nice
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.style import HEADING, LIGHT, NUMBERS
+from jaxnc.viz.style import HEADING, LIGHT, NUMBERS, wide, wrap
 
 if TYPE_CHECKING:
     from matplotlib.transforms import Transform
+
+_GAP = "    "  # between entries of a legend
 
 
 class View:
@@ -124,16 +127,6 @@ class View:
         if not right:
             self.banner.set_text(f"Pose {k} failed. {self.data.sentence(k)}")
 
-    # -- what views of the plane and of space do in their own way ------------------------------------------------------
-
-    def open(self, ax: Axes | None, size: tuple[float, float], frame: bool | str, title: str) -> None:
-        """Make or take axes, set their limits, and choose the size of a unit."""
-        raise NotImplementedError
-
-    def ghosts(self, others: Sequence[int]) -> None:
-        """Draw the bodies of other poses faintly."""
-        raise NotImplementedError
-
     def draw(self, k: int, sampled: Iterable[int] | None = None) -> None:
         """Make all artists, in pose `k`; names are placed to suit the sampled poses."""
         raise NotImplementedError
@@ -146,7 +139,48 @@ class View:
         """Bring all artists but the banner to pose `k`, as a ghost if it is not right."""
         raise NotImplementedError
 
-    @property
-    def moving(self) -> list[Artist]:
-        """Artists that move, and those that lie over them, from the ground up."""
-        raise NotImplementedError
+
+@dataclass(frozen=True)
+class Legend:
+    """Legend under a drawing, with what is not in the picture, in as many rows as it needs."""
+
+    entries: tuple[tuple[tuple[str, str], ...], ...] = ()  # each of one or several texts, (text, colour)
+
+    def rows(self, room: float) -> list[list[tuple[str, str]]]:
+        """Arrange the texts in rows of a width, points; an entry of one text that is longer than a row is cut."""
+        parts: list[tuple[tuple[str, str], ...]] = []
+        for entry in self.entries:
+            text, colour = entry[0]
+            parts += [entry] if len(entry) > 1 else [((part, colour),) for part in wrap(text, NUMBERS, room)]
+        out: list[list[tuple[str, str]]] = []
+        left = 0.0
+        for entry in parts:
+            takes = wide("".join(text for text, _ in entry) + _GAP, NUMBERS)
+            if not out or takes > left:
+                out.append([])
+                left = room
+            out[-1].extend((*entry, (_GAP, LIGHT["ink"])))
+            left -= takes
+        return out
+
+    def height(self, room: float) -> float:
+        """Measure the height of the rows in a width, points."""
+        return 1.5 * NUMBERS * len(self.rows(room))  # a row is 1.5 letters high
+
+    def paint(self, ax: Axes, room: float) -> None:
+        """Write the legend under axes of a width, points."""
+        look = {"fontsize": NUMBERS, "parse_math": False}
+        rows: list[Any] = [
+            HPacker(children=[TextArea(text, textprops={**look, "color": c}) for text, c in row], pad=0, sep=0)
+            for row in self.rows(room)
+        ]
+        if rows:
+            box = VPacker(children=rows, pad=0, sep=0.3 * NUMBERS)
+            # 3.4 letters for numbers and name of the axis above them
+            below = -(3.4 * NUMBERS + 6.0) if ax.axison else -2.0
+            ax.add_artist(
+                AnnotationBbox(
+                    box, (0.0, 0.0), (0.0, below), xycoords="axes fraction", boxcoords="offset points",
+                    box_alignment=(0.0, 1.0), frameon=False, pad=0.0, annotation_clip=False,
+                )
+            )  # fmt: skip
