@@ -23,7 +23,7 @@ from jaxnc.vehicle.hardpoints import trade_names
 from jaxnc.viz.pages.packing import fill_template
 from jaxnc.viz.pages.page import page_colours
 from jaxnc.viz.poses import poses
-from jaxnc.viz.repr_html import Page
+from jaxnc.viz.repr_html import ShownPath
 from jaxnc.viz.style import symbol
 from jaxnc.viz.svg import inline_pose
 
@@ -45,7 +45,7 @@ def write_page(found: "Report", path: str | Path) -> Path:
     )
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(text, encoding="utf-8", newline="\n")
-    return Page(Path(path).expanduser())
+    return ShownPath(Path(path).expanduser())
 
 
 def _body(found: "Report") -> Iterator[str]:

@@ -18,7 +18,7 @@ from jaxnc.progress import bar
 from jaxnc.viz.drawing import PlaneView, make_view
 from jaxnc.viz.picture import Size, inches
 from jaxnc.viz.poses import Poses, evenly, poses
-from jaxnc.viz.repr_html import Animation
+from jaxnc.viz.repr_html import ShownPath
 from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mix
 
 
@@ -83,7 +83,7 @@ def animate(
             _write_mp4(path, new, film, chosen, fps, ffmpeg)
         else:
             _write_gif(path, new, film, chosen, fps)
-    return Animation(path)
+    return ShownPath(path)
 
 
 def _choose_frames(data: Poses, frames: int | Sequence[int] | None, fps: float) -> list[int]:

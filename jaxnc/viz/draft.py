@@ -1,5 +1,6 @@
 """Motions of things that have none: a drawing as it was typed, and the range of a mechanism without a motion."""
 
+import contextlib
 from typing import Any
 
 import jax
@@ -73,21 +74,14 @@ def default_motion(thing: Any, inputs: Inputs | None, options: dict[str, Any]) -
         names = system.independent or drivable(system.topology)[: system.degrees_of_freedom]
         home = drawn.q[np.array([system.topology.position[name] for name in names], int)]
         inputs = {name: np.array([float(x)]) for name, x in zip(names, home, strict=True)}
-        if len(names) == 1:
-            inputs = {names[0]: _reachable(system, names[0], float(home[0]))}
+        if len(names) == 1:  # as far as it goes from the drawing
+            from jaxnc.kinematics.arc import travel
+
+            with contextlib.suppress(JaxncError):
+                found = travel(system, names[0])
+                values = whole_range(system, names[0], float(home[0]), found.lower, found.upper)
+                inputs = inputs if values is None else {names[0]: values}
     return sweep(system, inputs, throw=False, **options) if inputs else drawn
-
-
-def _reachable(system: System, name: str, home: float) -> np.ndarray:
-    """Choose the values of an input as far as it goes from the drawing."""
-    from jaxnc.kinematics.arc import travel
-
-    try:
-        found = travel(system, name)
-    except JaxncError:
-        return np.array([home])
-    values = whole_range(system, name, home, found.lower, found.upper)
-    return np.array([home]) if values is None else values
 
 
 def whole_range(system: System, name: str, home: float, lower: float, upper: float) -> np.ndarray | None:

@@ -17,7 +17,7 @@ from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.status import Status
 from jaxnc.system.system import System
-from jaxnc.system.topology import Block, MarkerIndex, Topology
+from jaxnc.system.topology import Block, Topology
 from jaxnc.types import ArrayLike
 from jaxnc.vehicle.hardpoints import usual
 from jaxnc.viz.draft import draft
@@ -151,16 +151,12 @@ class Poses:
             raise InputError(f"pose={index!r}: this motion of {self.topology.name!r} has {have}")
         return int(index) % self.count
 
-    def trace(self, column: int) -> np.ndarray:
-        """Find the path of a column, ``(T, dim)``, with gaps (NaN) where a pose is not right."""
-        return np.where(self.good[:, None], self.places[:, column], np.nan)
-
     def path(self, column: int) -> tuple[np.ndarray, np.ndarray]:
         """Find the path of a column to be drawn, ``(n, dim)``, and where each pose is on it, ``(T,)``.
 
         Where few poses would show chords, as near change points, it has further places between them.
         """
-        x = self.trace(column)
+        x = np.where(self.good[:, None], self.places[:, column], np.nan)
         if not chords(x, self.size).any():
             return x, np.arange(self.count)
         places, at = self._between
@@ -175,13 +171,13 @@ class Poses:
     def _between(self) -> tuple[np.ndarray, np.ndarray]:
         """Places of all columns in the poses and on the way from each to the next, and where the poses are there."""
         good, way = self.good, self._way()
-        x, at = np.where(good[:, None, None], self.places, np.nan), np.arange(self.count)
+        x = np.where(good[:, None, None], self.places, np.nan)
         if way is None:
-            return x, at
-        edges, runs = np.flatnonzero(np.diff(np.concatenate([[True], ~good, [True]]).astype(int))), []
-        for first, end in edges.reshape(-1, 2):  # poses that are right, in a row
-            parts, places, own = np.arange(float(first), float(end)), x[first:end], np.arange(end - first)
-            for _ in range(2):
+            return x, np.arange(self.count)
+        all_places, at = [], []
+        for run in np.split(np.arange(self.count), np.flatnonzero(np.diff(good)) + 1):  # of poses alike right or not
+            parts, places, own = run.astype(float), x[run], np.arange(len(run))
+            for _ in range(2 if good[run[0]] else 0):
                 coarse = np.any([chords(p, self.size) for p in np.swapaxes(places, 0, 1)], axis=0)
                 if not coarse.any():
                     break
@@ -189,17 +185,12 @@ class Poses:
                 finer = np.concatenate([*(np.linspace(a, b, n, endpoint=False) for a, b, n in ends), parts[-1:]])
                 there = np.concatenate([[0], np.cumsum(np.where(coarse, _BETWEEN, 1))])[own]
                 found = way(finer)
-                if found is None or np.abs(found[there] - x[first:end]).max() > 1e-6 * np.ptp(places):
+                if found is None or np.abs(found[there] - x[run]).max() > 1e-6 * np.ptp(places):
                     break  # or on another branch
                 parts, places, own = finer, found, there
-            runs.append((first, places, own))
-        parts, done, more = [], 0, 0  # what is not right stays between the runs
-        for first, places, own in runs:
-            parts += [x[done:first], places]
-            at[first : first + len(own)] = first + more + own
-            done, more = first + len(own), more + len(places) - len(own)
-            at[done:] = np.arange(done, self.count) + more
-        return np.concatenate([*parts, x[done:]]), at
+            at.append(own + sum(map(len, all_places)))
+            all_places.append(places)
+        return np.concatenate(all_places), np.concatenate(at)
 
     def _way(self) -> Callable[[np.ndarray], np.ndarray | None] | None:
         """Make a function that finds places of all columns ``(n, columns, dim)`` between poses; None if there is none.
@@ -236,7 +227,7 @@ class Poses:
         if len(self.motion.rates) < order:
             getattr(self.motion, _NOUNS[order])(self.topology.points[0])
         read = (self.motion.velocity, self.motion.acceleration, self.motion.jerk)[order - 1]
-        x = _place_columns(self.motion, np.asarray(self.motion.rates[order - 1]).reshape(self.count, -1), read)
+        x = _columns(self.motion, np.asarray(self.motion.rates[order - 1]).reshape(self.count, -1), read)
         return np.where(self.good[:, None, None], x, np.nan)
 
     def sentence(self, index: int) -> str:
@@ -343,33 +334,25 @@ def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses
     return Poses(
         motion=motion,
         topology=top,
-        names=(*top.points, *(m.name for m in _riding(top))),
-        places=_place_columns(motion, q, motion.__getitem__),
+        names=(*top.points, *(m.name for m in top.markers if not m.direction)),
+        places=_columns(motion, q, motion.__getitem__),
         scalars=q[:, len(top.coordinates) - len(top.scalars) :],
         status=status.reshape(-1),
         single=status.ndim == 0,
-        directions=(*top.vectors, *(m.name for m in top.markers if m not in _riding(top))),
-        axes=_axes(motion, q),
+        directions=(*top.vectors, *(m.name for m in top.markers if m.direction)),
+        axes=_columns(motion, q, motion.__getitem__, directions=True),
         angles=angle_unit(unit or top.angle_unit),
     )
 
 
-def _riding(top: Topology) -> tuple[MarkerIndex, ...]:
-    """List markers that are places, not directions."""
-    return tuple(m for m in top.markers if not m.direction)
+def _columns(motion: Motion, x: np.ndarray, read: Callable[[str], ArrayLike], directions: bool = False) -> np.ndarray:
+    """Read places of points and markers, or directions of unit vectors and markers, ``(T, columns, dim)``.
 
-
-def _place_columns(motion: Motion, x: np.ndarray, read: Callable[[str], ArrayLike]) -> np.ndarray:
+    Those of points and vectors are in the coordinates ``(T, coordinates)``, or rates of them.
+    """
     top = motion.system.topology
-    places = x[:, : len(top.points) * top.dim].reshape(len(x), -1, top.dim)
-    found = [np.asarray(read(m.name), float).reshape(len(x), 1, top.dim) for m in _riding(top)]
-    return np.concatenate([places, *found], axis=1)
-
-
-def _axes(motion: Motion, q: np.ndarray) -> np.ndarray:
-    top = motion.system.topology
-    first = len(top.points) * top.dim
-    vectors = q[:, first : first + len(top.vectors) * top.dim].reshape(len(q), -1, top.dim)
-    markers = [m for m in top.markers if m not in _riding(top)]
-    found = [np.asarray(motion[m.name], float).reshape(len(q), 1, top.dim) for m in markers]
-    return np.concatenate([vectors, *found], axis=1)
+    points, both = len(top.points), len(top.points) + len(top.vectors)
+    own = x[:, points * top.dim : both * top.dim] if directions else x[:, : points * top.dim]
+    names = [m.name for m in top.markers if m.direction == directions]
+    found = [np.asarray(read(name), float).reshape(len(x), 1, top.dim) for name in names]
+    return np.concatenate([own.reshape(len(x), -1, top.dim), *found], axis=1)

@@ -1,6 +1,5 @@
 """Quantities that can be plotted: positions, coordinates, rates, forces and energies by name, with their units."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -62,7 +61,8 @@ def quantity(poses: Poses, name: str) -> Quantity:
     motion, top = poses.motion, poses.topology
     if not isinstance(name, str):
         raise InputError(f"quantities are named by strings, plot('P', 'velocity P'), got {name!r}")
-    noun, what = _split_noun(name, (*_TURNS, *EXERTED, *_RATES))
+    nouns = (*_TURNS, *EXERTED, *_RATES)
+    noun, what = next(((n, name.removeprefix(f"{n} ")) for n in nouns if name.startswith(f"{n} ")), ("", name))
     if noun in _TURNS:
         return _turning(poses, noun, _TURNS[noun], what)
     if name == "time" and name not in motion.names:
@@ -78,22 +78,18 @@ def quantity(poses: Poses, name: str) -> Quantity:
     return _coordinate(poses, name, _RATES.get(noun, 0), what)
 
 
-def _split_noun(name: str, nouns: Iterable[str]) -> tuple[str, str]:
-    """Split a name into the noun that it begins with, or none, and what follows."""
-    return next(((noun, name.removeprefix(f"{noun} ")) for noun in nouns if name.startswith(f"{noun} ")), ("", name))
-
-
 def _coordinate(poses: Poses, name: str, order: int, what: str) -> Quantity:
     """Read a coordinate, place or direction, or a rate of one."""
     motion, top, axes = poses.motion, poses.topology, "xyz"[: poses.dim]
     scalar, angle = what in top.scalars, top.is_angle(what)
     stem, _, axis = (what, "", "") if scalar else what.partition(".")
     direction = stem in poses.directions
-    if not scalar and (stem not in (*poses.names, *poses.directions) or axis not in ("", *axes)):
-        raise InputError(f"plot: {top.name!r} has no quantity {name!r}; {nearest(what, quantity_names(poses))}")
+    named = (*poses.names, *poses.directions)
+    if not scalar and (stem not in named or axis not in ("", *axes)):
+        names = (*named, *(f"{p}.{axis}" for p in named for axis in axes), *top.scalars)
+        raise InputError(f"plot: {top.name!r} has no quantity {name!r}; {nearest(what, names)}")
     read = (motion.__getitem__, motion.velocity, motion.acceleration, motion.jerk)[order]
-    values = np.asarray(read(stem), float).reshape(poses.count, -1)
-    values = np.where(poses.good[:, None], values, np.nan)
+    values = _right_values(poses, read(stem))
     if scalar or axis:
         values = values[:, axes.index(axis) if axis else 0]
     rate = ("", *_RATES)[order]
@@ -106,10 +102,14 @@ def _coordinate(poses: Poses, name: str, order: int, what: str) -> Quantity:
     return _in_units(poses, name, label, noun, order, angle, values, kind)
 
 
+def _right_values(poses: Poses, values: Numbers) -> np.ndarray:
+    """Bring values over the poses to the host, ``(T, n)``, NaN where a pose is not right."""
+    return np.where(poses.good[:, None], np.asarray(values, float).reshape(poses.count, -1), np.nan)
+
+
 def _plain_quantity(poses: Poses, name: str, dimension: str, unit: str, values: Numbers) -> Quantity:
     """Make a quantity of its own unit; a vector if it has components."""
-    values = np.asarray(values, float).reshape(poses.count, -1)
-    values = np.where(poses.good[:, None], values, np.nan)
+    values = _right_values(poses, values)
     vector = values.shape[1] == poses.dim
     return Quantity(name, name, dimension, unit, values if vector else values[:, 0], "vector" if vector else "number")
 
@@ -120,7 +120,7 @@ def _force(poses: Poses, noun: str, what: str) -> Quantity:
     values = force_values(poses.reactions, name)
     if values.ndim > poses.motion.status.ndim and values.shape[-1] != poses.dim:
         raise InputError(f"plot: {name!r} acts on all coordinates, and is no curve; plot what it does to one of them")
-    turns = noun == "effort" and what in top.scalars and top.angles[top.scalars.index(what)]
+    turns = noun == "effort" and top.is_angle(what)
     turns = turns or (noun == "load" and _couple(poses, what))
     return _plain_quantity(poses, name, *(("torque", "N m") if turns else ("force", "N")), values)
 
@@ -189,9 +189,8 @@ def _turning(poses: Poses, noun: str, order: int, body: str) -> Quantity:
             "angle, or the components of a unit vector of the body"
         )
     read = (motion.orientation, motion.angular_velocity, motion.angular_acceleration)[order]
-    shape, kind = ((poses.count, 1), "number") if poses.dim == 2 else ((poses.count, 3), "vector")
-    values = np.where(poses.good[:, None], np.asarray(read(body), float).reshape(shape), np.nan)
-    values = values[:, 0] if kind == "number" else values
+    values = _right_values(poses, read(body))
+    values, kind = (values[:, 0], "number") if poses.dim == 2 else (values, "vector")
     dimension = "angle" if order == 0 else noun
     return _in_units(poses, f"{noun} {body}", f"{noun} of {body}", dimension, order, True, values, kind)
 
@@ -203,12 +202,6 @@ def _in_units(poses: Poses, name, label, dimension, order, angle, values, kind) 
         unit = "°" if order == 0 else "°" + _PER[order]
         values = np.degrees(values)
     return Quantity(name, label, dimension, unit, values, kind)
-
-
-def quantity_names(poses: Poses) -> tuple[str, ...]:
-    """List the names that `quantity` understands, besides their rates."""
-    named = (*poses.names, *poses.directions)
-    return (*named, *(f"{p}.{axis}" for p in named for axis in "xyz"[: poses.dim]), *poses.topology.scalars)
 
 
 def running(motion: Motion) -> str | None:
@@ -270,9 +263,6 @@ def _looked_at_point(data: Poses) -> int:
     turning = {b.name for b in top.bodies if ground & set(b.points)}
     markers = {m.name: m.body for m in top.markers}
     moving = [k for k in range(len(data.names)) if k not in ground] or [len(data.names) - 1]
-    free = [
-        k
-        for k in moving
-        if markers.get(data.names[k]) not in turning and not any(k in b.points for b in top.bodies if b.name in turning)
-    ]
+    turned = {k for b in top.bodies if b.name in turning for k in b.points}
+    free = [k for k in moving if k not in turned and markers.get(data.names[k]) not in turning]
     return (free or moving)[-1]

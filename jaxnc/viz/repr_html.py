@@ -38,7 +38,8 @@ def show_html(thing: object) -> str:
     except Exception as error:
         words, rows, report = f"{type(thing).__name__}: {error}", (), ""
     try:
-        picture = _picture(thing)
+        drawn = _subject(thing)
+        picture = "" if drawn is None else inline_pose(poses(drawn), paper=True)
     except Exception as error:
         picture, words = "", f"{words}\n(not drawn: {error})"
     parts = [picture and f'<div style="max-width:480px">{picture}</div>']
@@ -94,12 +95,6 @@ def _table(rows: Rows) -> str:
     return f'<div style="overflow-x:auto"><table style="{_TABLE}"><tbody>{"".join(lines)}</tbody></table></div>'
 
 
-def _picture(thing: object) -> str:
-    """Draw a thing, or what it is about; nothing of what is numbers only."""
-    drawn = _subject(thing)
-    return "" if drawn is None else inline_pose(poses(drawn), paper=True)
-
-
 def _subject(thing: Any) -> Mechanism | System | Motion | None:
     """Find what there is to be drawn."""
     if isinstance(thing, (Mechanism, System, Motion)):
@@ -109,33 +104,19 @@ def _subject(thing: Any) -> Mechanism | System | Motion | None:
     return thing.problem.system if hasattr(thing, "problem") else getattr(thing, "system", None)
 
 
-class _ShownPath(type(Path())):
-    """The path of a file, which a notebook shows as what is in it; the path itself where that cannot be read."""
+class ShownPath(type(Path())):
+    """The path of a page or an animation, which a notebook shows as what is in it; as text where it cannot be read."""
 
     def _repr_html_(self) -> str:
         try:
-            return self._show(self.read_bytes())
+            content = self.read_bytes()
         except OSError:
             return html.escape(str(self))
-
-    def _show(self, content: bytes) -> str:
-        raise NotImplementedError
-
-
-class Page(_ShownPath):
-    """The path of a page."""
-
-    def _show(self, content: bytes) -> str:
-        look = "width:100%;height:760px;border:0"
-        page = html.escape(content.decode("utf-8"))
+        kind = self.suffix.lower()
+        if kind == ".mp4":
+            return f'<video controls loop src="data:video/mp4;base64,{base64.b64encode(content).decode()}"></video>'
+        if kind == ".gif":
+            data = base64.b64encode(content).decode()
+            return f'<img alt="{html.escape(self.name)}" src="data:image/gif;base64,{data}">'
+        look, page = "width:100%;height:760px;border:0", html.escape(content.decode("utf-8"))
         return f'<iframe style="{look}" sandbox="allow-scripts allow-downloads" srcdoc="{page}"></iframe>'
-
-
-class Animation(_ShownPath):
-    """The path of an animation."""
-
-    def _show(self, content: bytes) -> str:
-        data = base64.b64encode(content).decode()
-        if self.suffix.lower() == ".mp4":
-            return f'<video controls loop src="data:video/mp4;base64,{data}"></video>'
-        return f'<img alt="{html.escape(self.name)}" src="data:image/gif;base64,{data}">'

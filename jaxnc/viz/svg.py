@@ -5,6 +5,7 @@ import html
 import io
 import re
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,13 +74,14 @@ def draw_still(data: Poses, paper: bool = False, traces: Sequence[int] = (), pos
     size = np.maximum(upper - lower, 1e-9 * float(np.max(upper - lower, initial=0.0)) + 1e-300)
     room = (_NARROW if paper else _WIDTH) * np.array([1.0, 0.8]) - 16 * _UNIT
     scale = float(np.min(room / size)) if np.any(upper > lower) else 1.0
-    drawing = _Still(x, _UNIT / scale, scale, lower, upper, colour_of if paper else page_colour)
+    low, high = lower - 8 * _UNIT / scale, upper + 8 * _UNIT / scale
+    drawing = _Still(x, _UNIT / scale, scale, (low[0], high[1]), colour_of if paper else page_colour)
     scene = place_labels(scene, x[None], drawing.unit)
     parts = [drawing.trace(data.path(column)[0], scene.bodies[column]) for column in traces]
     parts += [drawing.item(item) for item in scene.items]
     for label in scene.labels:
         parts.append(drawing.text(label.foot(x) + drawing.unit * np.array([label.dx, label.dy]), label.text, "ink"))
-    width, height = (drawing.high - drawing.low) * scale
+    width, height = (high - low) * scale
     if paper:
         parts.insert(0, element("rect", width="100%", height="100%", fill=LIGHT["paper"]))
     box = f"0 0 {width:.0f} {height:.0f}"
@@ -91,24 +93,19 @@ def page_colour(name: str, body: int) -> str:
     return f"var(--{name}-{'ink' if body < 0 else body % 10})" if name in ("body", "tint") else f"var(--{name})"
 
 
+@dataclass(frozen=True)
 class _Still:
-    """Items of a planar scene in a pose ``(columns, 2)``, as elements."""
+    """Items of a planar scene in a pose, as elements."""
 
-    def __init__(
-        self,
-        x: np.ndarray,
-        unit: float,
-        scale: float,
-        lower: np.ndarray,
-        upper: np.ndarray,
-        paint: Callable[[str, int], str],
-    ):
-        self.x, self.unit, self.scale, self.paint = x, unit, scale, paint
-        self.low, self.high = lower - 8 * unit, upper + 8 * unit
+    x: np.ndarray  # the pose, (columns, 2)
+    unit: float  # length of a unit
+    scale: float  # pixels per length
+    corner: tuple[float, float]  # the upper left one of the drawing
+    paint: Callable[[str, int], str]  # finds the colour of a name, for a body
 
     def at(self, places: np.ndarray) -> np.ndarray:
         """Find the places in the drawing, pixels."""
-        return (places - (self.low[0], self.high[1])) * (self.scale, -self.scale)
+        return (places - self.corner) * (self.scale, -self.scale)
 
     def path(self, points: np.ndarray, closed: bool = False) -> str:
         return path_data(self.at(points), closed)
@@ -173,7 +170,14 @@ def inline_pose(data: Poses, pose: int | None = None, traces: Sequence[int] = ()
         if len(drawn) <= _LARGEST[paper]:
             return drawn
     k = int(data.extent_poses[0]) if pose is None else pose
-    pixels = draw_pixels(data.motion, k) if paper else _draw_large(data.motion, k)
+    if paper:
+        pixels = draw_pixels(data.motion, k)
+    else:
+        from jaxnc.viz.drawing import draw
+
+        raw = io.BytesIO()
+        draw(data.motion, pose=k, title="", size=_SIZE).savefig(raw, format="png", dpi=_DPI)
+        pixels = base64.b64encode(raw.getvalue()).decode()
     return f'<img alt="{"" if paper else "the mechanism"}" src="data:image/png;base64,{pixels}">'
 
 
@@ -201,15 +205,6 @@ def _draw_in_space(data: Poses, pose: int, traces: Sequence[int]) -> str:
     for name in ("ink", "soft", "paper"):
         drawn = drawn.replace(LIGHT[name], f"var(--{name})")
     return drawn
-
-
-def _draw_large(motion: "Motion", pose: int) -> str:
-    """Draw a pose as a PNG, in the letters of base64."""
-    from jaxnc.viz.drawing import draw
-
-    raw = io.BytesIO()
-    draw(motion, pose=pose, title="", size=_SIZE).savefig(raw, format="png", dpi=_DPI)
-    return base64.b64encode(raw.getvalue()).decode()
 
 
 def draw_pixels(drawn: "Mechanism | System | Motion", pose: int = 0, trace: Sequence[str] = ()) -> str:

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Sequence
-from typing import Any, NotRequired, TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -11,69 +11,18 @@ from jaxnc.viz.arrows import LONGEST, Arrows, arrows, shafts
 from jaxnc.viz.labels import place_labels
 from jaxnc.viz.pages.packing import pack, pack_places, quantum_of, round_numbers
 from jaxnc.viz.poses import Poses, evenly
-from jaxnc.viz.quantities import ENERGIES, EXERTED, Quantity, attitudes, default_plots, forces_of, quantity, running
-from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, UNITS_ACROSS, Frame, Item, Span
+from jaxnc.viz.quantities import ENERGIES, Quantity, attitudes, default_plots, forces_of, quantity, running
+from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, UNITS_ACROSS, Frame, Scene, Span
 from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.mesh import Coil, Mesh, Piece, Shell, Turned
 from jaxnc.viz.spatial.scene import SOLIDS, Solid, SpaceFrame, Way
 from jaxnc.viz.style import ROLES, symbol
 
-
-def page_content(
-    data: Poses,
-    heading: str,
-    fps: float,
-    trace: str | Iterable[str],
-    velocities: str | Iterable[str],
-    accelerations: str | Iterable[str],
-    camera: Camera | None,
-    plots: str | Iterable[str] | None,
-    forces: bool,
-) -> tuple[dict[str, Any], list[Arrows]]:
-    """Collect what a page of a motion holds, and its arrows.
-
-    Args:
-        data: the motion.
-        heading: the title.
-        fps: poses per second while it plays.
-        trace: points and markers whose path is shown at first.
-        velocities: points and markers whose velocity is drawn as an arrow.
-        accelerations: the same for accelerations.
-        camera: the first view of a spatial mechanism, chosen to suit it if not given.
-        plots: further quantities that are plotted.
-        forces: whether forces are drawn and plotted.
-    """
-    content = _timeline(data, heading, fps) | plotted_series(data, plots, forces)
-    if data.dim == 3:
-        more, drawn = _spatial(data, trace, velocities, accelerations, camera, forces)
-    else:
-        more, drawn = _planar(data, trace, velocities, accelerations, forces)
-    content |= more
-    content["first"] = _first_plot(data, content)
-    return content, drawn
-
-
-class Series(TypedDict):
-    """A quantity over the poses that a page plots."""
-
-    symbol: str
-    name: str
-    angle: bool
-    values: object  # packed
-    unit: NotRequired[str]
-    per: NotRequired[str]  # of an angle: the rest of its unit
-
-
-def force_names(series: Iterable[Series]) -> list[str]:
-    """List the forces among what is plotted, which a page may find again."""
-    return list(dict.fromkeys(row["name"] for row in series if row["name"].partition(" ")[0] in EXERTED))
-
-
 # -- over the poses ---------------------------------------------------------------------------------------------------
 
 
-def _timeline(data: Poses, heading: str, fps: float) -> dict[str, object]:
+def timeline(data: Poses, heading: str, fps: float) -> dict[str, Any]:
     """Collect what pages of every kind hold: poses and their status, angles and distances, time."""
     top, time = data.topology, data.motion.time
     quantum = quantum_of(data.places[data.extent_poses])
@@ -131,7 +80,7 @@ def plotted_series(data: Poses, plots: str | Iterable[str] | None, forces: bool)
     return found | {"first": 0} if asked or looked else found
 
 
-def _series_rows(q: Quantity, plain: bool) -> list[Series]:
+def _series_rows(q: Quantity, plain: bool) -> list[dict[str, object]]:
     """Write a quantity as a page reads it; a vector as its size and its components."""
     turns = q.unit.startswith(("°", "rad")) and not plain
     values = np.radians(q.values) if turns and q.unit.startswith("°") else q.values
@@ -140,17 +89,16 @@ def _series_rows(q: Quantity, plain: bool) -> list[Series]:
     if values.ndim > 1:
         rows = [(q.label, np.linalg.norm(values, axis=1))] if q.kind == "vector" else []
         rows += [(f"{q.label}, {axis}", x) for axis, x in zip("xyz", values.T, strict=False)]
-    out: list[Series] = []
+    out: list[dict[str, object]] = []
     for text, x in rows:
         size = float(np.nanmax(np.abs(x), initial=0.0)) if np.isfinite(x).any() else 0.0
         quantum = float(10.0 ** np.floor(np.log10(size) - 6)) if size > 0 else 1.0
-        row = Series(symbol=text, name=q.name, angle=bool(turns), values=pack(x, quantum))
-        row["per" if turns else "unit"] = unit
-        out.append(row)
+        more = {"per" if turns else "unit": unit}  # of an angle: the rest of its unit
+        out.append({"symbol": text, "name": q.name, "angle": bool(turns), "values": pack(x, quantum), **more})
     return out
 
 
-def _first_plot(data: Poses, content: dict[str, Any]) -> int:
+def first_plot(data: Poses, content: dict[str, Any]) -> int:
     """Choose which quantity is plotted at first: one of what is traced, or else what `jaxnc.viz.plot` shows."""
     scalars, series = content["scalars"], content["series"]
     if "first" in content:
@@ -173,7 +121,7 @@ def _first_plot(data: Poses, content: dict[str, Any]) -> int:
 # -- the scene --------------------------------------------------------------------------------------------------------
 
 
-def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> tuple[dict, list[Arrows]]:
+def planar_scene(data: Poses, trace, velocities, accelerations, forces: bool) -> tuple[dict, list[Arrows]]:
     """Collect what a page of a planar mechanism draws, and its arrows."""
     scene = sketch_plane(data)
     lower, upper = scene.box(data.places[data.extent_poses])
@@ -185,22 +133,19 @@ def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> tupl
         [np.zeros((0, 2)), *((a.places + a.vectors)[data.extent_poses].reshape(-1, 2) for a in drawn)]
     )
     reached = np.concatenate([[lower, upper], tips[np.isfinite(tips).all(axis=1)]])
-    content = _common(data, scene, data.columns(trace, "trace"), drawn) | {
+    content = _common(data, scene, data.columns(trace, "trace"), drawn, size) | {
         "box": round_numbers(np.stack([reached.min(axis=0), reached.max(axis=0)])),
-        "size": size,
-        "longest": LONGEST * size,
         "joint": JOINT,
         "crossing": CROSSING,
         "shallow": SHALLOW,
         "styles": {role: _css(role) for role in sorted({item.role for item in scene.items})},
-        "items": [_planar_item(item) for item in scene.items],
-        "directions": [],
+        "items": [_item(item, {}) for item in scene.items],
     }
     return content, drawn
 
 
-def _spatial(
-    data: Poses, trace, velocities, accelerations, camera: Camera | None, forces: bool
+def spatial_scene(
+    data: Poses, trace, velocities, accelerations, forces: bool, camera: Camera | None
 ) -> tuple[dict, list[Arrows]]:
     """Collect what a page of a spatial mechanism draws, every mesh once, and its arrows."""
     from jaxnc.viz.spatial.drawing import SpaceView
@@ -212,22 +157,16 @@ def _spatial(
     view.place(evenly(data.extent_poses), view.size / UNITS_ACROSS)
     scene, places = view.scene, len(data.names)
     meshes: dict[Mesh, int] = {}
-    items = [_spatial_item(item, meshes) for item in scene.items]
+    items = [_item(item, meshes) for item in scene.items]
     for item in items[without:]:
         item["force"] = 1
     ends = view.columns[data.extent_poses, places + len(data.directions) :].reshape(-1, 3)  # of arrows
     seen = np.concatenate(
         [scene.reach(view.columns[data.extent_poses]), view.tips, ends[np.isfinite(ends).all(axis=1)]]
     )
-    content = _common(data, scene, view.traces, drawn) | {
-        "directions": [
-            {"name": name, "moves": True, **pack_places(data.axes[:, k], 1e-6)}
-            for k, name in enumerate(data.directions)
-        ],
+    content = _common(data, scene, view.traces, drawn, view.size) | {
         "box": round_numbers(np.stack([view.lower, view.upper])),
         "seen": round_numbers(_outermost(seen), 5),
-        "size": view.size,
-        "longest": LONGEST * view.size,
         "view": [view.camera.elevation, view.camera.azimuth],
         "styles": {role: dataclasses.asdict(SOLIDS[role]) for role in sorted({item["role"] for item in items})},
         "items": items,
@@ -236,8 +175,10 @@ def _spatial(
     return content, drawn
 
 
-def _common(data: Poses, scene: Any, traces: Sequence[int], drawn: Sequence[Arrows]) -> dict[str, object]:
-    """Collect points, traces, names and arrows of a scene of the plane or of space."""
+def _common(
+    data: Poses, scene: Scene, traces: Sequence[int], drawn: Sequence[Arrows], size: float
+) -> dict[str, object]:
+    """Collect points, directions, traces, names and arrows of a scene of the plane or of space."""
     top, dim, quantum = data.topology, data.dim, quantum_of(data.places[data.extent_poses])
     trade = number_names((*data.names, *data.directions)) if dim == 3 else {}
     points = [
@@ -251,8 +192,18 @@ def _common(data: Poses, scene: Any, traces: Sequence[int], drawn: Sequence[Arro
         }
         for k, name in enumerate(data.names)
     ]
-    labels = [_fields(label) for label in scene.labels]
-    return {"points": points, "traces": list(traces), "labels": labels, **_arrow_sets(data, drawn, quantum)}
+    return {
+        "points": points,
+        "directions": [
+            {"name": name, "moves": True, **pack_places(data.axes[:, k], 1e-6)}
+            for k, name in enumerate(data.directions)
+        ],
+        "traces": list(traces),
+        "labels": [_fields(label) for label in scene.labels],
+        "size": size,
+        "longest": LONGEST * size,
+        **_arrow_sets(data, drawn, quantum),
+    }
 
 
 def _arrow_sets(data: Poses, drawn: Sequence[Arrows], quantum: float) -> dict[str, object]:
@@ -295,15 +246,10 @@ def _css(role: str) -> dict[str, object]:
     return {"css": look, "fixed": style.fixed}
 
 
-def _planar_item(item: Item) -> dict[str, object]:
-    """Write an item; a span is a stamp in a frame that is as long as the way between its ends."""
+def _item(item: object, meshes: dict[Mesh, int]) -> dict[str, Any]:
+    """Write an item, its mesh by number; a span is a stamp in a frame that is as long as the way between its ends."""
     if isinstance(item, Span):
         return {"shape": "stamp", **_fields(item), "frame": {"at": item.ends[0], "toward": item.ends}}
-    return {"shape": type(item).__name__.lower(), **_fields(item)}
-
-
-def _spatial_item(item: object, meshes: dict[Mesh, int]) -> dict[str, Any]:
-    """Write an item, its mesh by number."""
     out = {"shape": type(item).__name__.lower(), **_fields(item)}
     if isinstance(item, Solid):
         out["mesh"] = meshes.setdefault(item.mesh, len(meshes))

@@ -1,6 +1,6 @@
 """A curve that is dragged: the smallest change of the dimensions by which a point comes to lie elsewhere."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -59,9 +59,13 @@ def edit_curve(
                 break
             if turn:  # the slopes of the beginning are good enough for the rest of the curve
                 by = np.concatenate([sensitivity(pose, point, variables=free, throw=False)[point][None], by[1:]])
-            trial = _apply_step(design, slopes.variables, _step(by, lengths, left * min(1.0, _LONGEST * size / gap)))
-            there = None if trial is None else _try_pose(pose_of, trial)
-            if trial is None or there is None or not np.linalg.norm(aim - np.asarray(there[point])) < gap:
+            step = _step(by, lengths, left * min(1.0, _LONGEST * size / gap))
+            try:
+                trial = _apply_step(design, slopes.variables, step)
+                there = pose_of(trial)
+            except JaxncError:  # a length would not be positive, or the design or its drawing does not assemble
+                break
+            if not np.linalg.norm(aim - np.asarray(there[point])) < gap:
                 break
             design, pose = trial, there
         return design
@@ -117,23 +121,12 @@ def _alone(exists: np.ndarray) -> str:
     )
 
 
-def _apply_step(system: System, variables: Sequence[str], step: np.ndarray) -> System | None:
-    """Change design variables of a system, by component; None where a length would not be positive."""
+def _apply_step(system: System, variables: Sequence[str], step: np.ndarray) -> System:
+    """Change design variables of a system, by component."""
     values: dict[str, np.ndarray] = {}
     for name, by in zip(variables, step, strict=True):
         part, dot, axis = name.rpartition(".")
         whole = part if dot and axis in ("x", "y", "z") and name not in system.design_variables else name
         value = values.setdefault(whole, np.array(system[whole], float))
         value[("xyz".index(axis),) if whole != name else ()] += by
-    try:
-        return system.replace(values)
-    except InputError:
-        return None
-
-
-def _try_pose(pose_of: Callable[[System], Motion], trial: System) -> Motion | None:
-    """Find the pose of a design, None if it or its drawing does not assemble."""
-    try:
-        return pose_of(trial)
-    except JaxncError:
-        return None
+    return system.replace(values)

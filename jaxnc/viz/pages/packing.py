@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
@@ -22,6 +23,16 @@ def fill_template(text: str, parts: dict[str, str]) -> str:
     for name in _NESTED:
         text = text.replace(f"{{{{{name}}}}}", parts.get(name, ""))
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda name: parts[name[1]], text)
+
+
+def input_names(*arrays: tuple[str, int | None]) -> Callable[[int], str]:
+    """Name inputs that lie in several arrays behind one another; one whose size is None is a number."""
+    names = [
+        letter if size is None else f"{letter}[{k}]"
+        for letter, size in arrays
+        for k in range(1 if size is None else size)
+    ]
+    return names.__getitem__
 
 
 def embed_json(content: object) -> str:

@@ -12,11 +12,12 @@ from jaxnc.io.target import file_name, writing
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.branch import page_numbers
-from jaxnc.viz.pages.content import force_names, page_content
+from jaxnc.viz.pages.content import first_plot, planar_scene, plotted_series, spatial_scene, timeline
 from jaxnc.viz.pages.packing import embed_json, fill_template, page_part
 from jaxnc.viz.pages.solver import Refused, page_solver
 from jaxnc.viz.poses import poses
-from jaxnc.viz.repr_html import Page
+from jaxnc.viz.quantities import EXERTED
+from jaxnc.viz.repr_html import ShownPath
 from jaxnc.viz.spatial.camera import read_view
 from jaxnc.viz.style import BODIES, DARK, INK, LIGHT, colour_of
 from jaxnc.viz.svg import draw_still
@@ -125,7 +126,7 @@ def to_html(
     parts["COLOURS"] = page_colours("@media (prefers-color-scheme:dark){:root{#}}")
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(fill_template(page_part("page.html"), parts), encoding="utf-8", newline="\n")
-    return Page(file_name(path))
+    return ShownPath(file_name(path))
 
 
 def page_parts(
@@ -153,8 +154,15 @@ def page_parts(
     with_forces = forces is not False and forces is not None
     data = data.with_reactions(forces) if with_forces and forces is not True else data
     camera, plane = read_view(data, view), data.dim == 2
-    content, drawn = page_content(data, heading, fps, trace, velocities, accelerations, camera, plots, with_forces)
-    plotted = force_names(content["series"])
+    content = timeline(data, heading, fps) | plotted_series(data, plots, with_forces)
+    if plane:
+        more, drawn = planar_scene(data, trace, velocities, accelerations, with_forces)
+    else:
+        more, drawn = spatial_scene(data, trace, velocities, accelerations, with_forces, camera)
+    content |= more
+    content["first"] = first_plot(data, content)
+    names = dict.fromkeys(row["name"] for row in content["series"])
+    plotted = [name for name in names if name.partition(" ")[0] in EXERTED]  # forces, which a page may find again
     drawing, hint = (_SVG, _STEPPING) if plane else (_CANVAS, _TURNING)
     try:
         equations, content["live"] = page_solver(data, model, drawn, plotted, modes)

@@ -6,8 +6,9 @@ functions of `jaxnc.dynamics`, so that no force is stated a second time.
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+import math
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,9 +26,9 @@ from jaxnc.system.equations import jacobian, renumbered, weights
 from jaxnc.system.frames import mass_centres
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.system import System
-from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 from jaxnc.viz.arrows import Arrows
+from jaxnc.viz.pages.packing import input_names
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.quantities import force_values
 
@@ -57,34 +58,26 @@ class PosedReactions(Reactions):
         return super()._ledger()
 
 
-def _check(top: Topology) -> None:
+def page_forces(
+    data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[str]
+) -> tuple[dict[str, str], int, dict[str, object] | None]:
+    """Write functions of a page that find forces.
+
+    Of forces that are drawn the page wants places (where these are no points) and forces; of those that are plotted, if
+    they are vectors, their sizes, then their components.
+
+    Returns:
+        JavaScript by heads: `pushes`, what rows must hold along the unknowns, Q - M a; `forces`, all that is drawn and
+        plotted; `inner`, derivatives of the rows, where dynamics has other coordinates. How many numbers `forces` are.
+        And the view of the dynamics, with the weights of its unknowns, where it has other coordinates.
+    """
+    top = data.topology
     if top.extended is not None and top.dim == 2:
         raise Unreadable("bodies of its dynamics have coordinates that a page does not solve for")
     if top.loads.friction:
         raise Unreadable("friction depends on the forces themselves")
     if top.rates:
         raise Unreadable("bodies roll without slip")
-
-
-class ForcePrograms(NamedTuple):
-    """Programs that a page finds forces with."""
-
-    # JavaScript by heads. `pushes`: what rows must hold along the unknowns, Q - M a; `forces`: all that is drawn and
-    # plotted; `inner`: derivatives of the rows, where dynamics has other coordinates
-    functions: dict[str, str]
-    count: int  # how many numbers `forces` are
-    # the view of the dynamics, with the weights of its unknowns, where it has other coordinates
-    inner: dict[str, object] | None
-
-
-def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[str]) -> ForcePrograms:
-    """Write functions of a page that find forces.
-
-    Of forces that are drawn the page wants places (where these are no points) and forces; of those that are plotted, if
-    they are vectors, their sizes, then their components.
-    """
-    top = data.topology
-    _check(top)
     origin = data.reactions.motion.system
     dyn, plane = dynamics(extended(origin)), top.dim == 2
     whole = dyn.topology
@@ -145,29 +138,18 @@ def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Seque
     programs = {"pushes": (range(count), rest[:count]), "forces": (range(len(rest) - count), rest[count:])}
     if whole is not top:
         programs["inner"] = at, tuple(slopes[k] for k in at)
+    names = input_names(*((x, math.prod(shape) if shape else None) for x, shape in zip(_NAMES, shapes, strict=True)))
     out = {
-        f"{name}({','.join(_NAMES)},o)": javascript(
-            read.wanted(nodes), _input_names(shapes), lambda k, to=to: f"o[{to[k]}]"
-        )
+        f"{name}({','.join(_NAMES)},o)": javascript(read.wanted(nodes), names, lambda k, to=to: f"o[{to[k]}]")
         for name, (to, nodes) in programs.items()
     }
     if sum(map(len, out.values())) > 60_000:  # characters of the programs that a page still carries
         raise Unreadable("the mechanism has too many bodies")
-    return ForcePrograms(out, len(rest) - count, None if whole is top else _inner(dyn, view))
-
-
-def _inner(dyn: Dynamics, view: Plan) -> dict[str, object]:
-    """Collect what a page's solver reads of the coordinates of the dynamics; nothing is driven there."""
-    return {
+    inner: dict[str, object] = {  # nothing is driven there
         "unknown": view.unknown.tolist(), "rows": len(view.rows), "driven": [], "guards": 0,
         "length": float(dyn.eq.length), "weights": np.asarray(weights(dyn.eq))[view.unknown].tolist(),
     }  # fmt: skip
-
-
-def _input_names(shapes: Sequence[tuple[int, ...]]) -> Callable:
-    names = [f"{letter}[{k}]" if shape else letter for letter, shape in zip(_NAMES, shapes, strict=True)
-             for k in range(int(np.prod(shape, dtype=int)))]  # fmt: skip
-    return lambda k: names[k]
+    return out, len(rest) - count, None if whole is top else inner
 
 
 def _redrawn(system: System, q: Array, m: Array, d: Array) -> System:

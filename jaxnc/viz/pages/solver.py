@@ -11,8 +11,10 @@ import numpy as np
 
 from jaxnc.constraints.coordinates import from_drawing
 from jaxnc.constraints.elementary import Small
-from jaxnc.constraints.kind import Kind, norm
+from jaxnc.constraints.kind import norm
+from jaxnc.errors import InputError
 from jaxnc.io.files import plain
+from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.reading import Builder, Program, Unreadable, rate, write
 from jaxnc.reading.javascript import FUNCTIONS, javascript
@@ -27,8 +29,8 @@ from jaxnc.system.structure import program, readable
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.viz.arrows import Arrows
-from jaxnc.viz.pages.packing import pack_exactly
-from jaxnc.viz.poses import Poses
+from jaxnc.viz.pages.packing import input_names, pack_exactly, round_numbers
+from jaxnc.viz.poses import Poses, evenly
 
 if TYPE_CHECKING:
     from jaxnc.kinematics.modes import Modes, ModesMap
@@ -65,16 +67,16 @@ def page_solver(
         raise Refused("This motion has no inputs to drive.")
     if len(view.unknown) > LARGEST[top.dim]:
         raise Refused(f"This mechanism has {len(view.unknown)} unknowns, more than a page solves for.")
-    if not readable(top, ("residual", "guard", "drawn", "measure")):
-        unread = next(b.kind.name for b in top.blocks if not _readable(b.kind, top.dim))
+    which = ("residual", "guard", "drawn", "measure")
+    if not readable(top, which):
+        wanted = ((b.kind, w) for b in top.blocks for w in which if getattr(b.kind, w) is not None)
+        unread = next(kind.name for kind, w in wanted if program(kind, w, top.dim) is None)
         raise Refused(f"The constraint kind {unread!r} branches or loops by its numbers: a page cannot calculate it.")
     eq = from_jax(derive(motion.system))
     numbers = _numbers(data, view, eq)
     numbers["design"] = _design_file(motion.system, model)
     if modes is not False and modes is not None:
-        from jaxnc.viz.pages.page_modes import page_modes
-
-        numbers["assemblies"] = page_modes(motion, view, modes)
+        numbers["assemblies"] = _page_modes(motion, view, modes)
     parts = _functions(top, view, len(motion.rates))
     if plotted or any(a.chosen for a in drawn):
         from jaxnc.viz.pages.page_forces import page_forces
@@ -90,20 +92,45 @@ def page_solver(
     return f"(()=>{{{FUNCTIONS}return{{{','.join(f'{head}{{{text}}}' for head, text in parts.items())}}}}})()", numbers
 
 
-def _readable(kind: Kind, dim: int) -> bool:
-    which = ("residual", "guard", "drawn", "measure")
-    return all(getattr(kind, w) is None or program(kind, w, dim) is not None for w in which)
+def _page_modes(motion: Motion, view: Plan, given: "bool | Modes | ModesMap") -> list[dict[str, object]]:
+    """List start poses of a page: inputs, and the unknowns of every assembly there.
+
+    They are those of the motion's inputs where True is given. The page finds those at any inputs from them.
+    """
+    from jaxnc.kinematics.modes import Modes, ModesMap, modes
+
+    found = given
+    if given is True:
+        asked = np.unique(np.asarray(motion.asked, float).reshape(-1, len(motion.driven)), axis=0)
+        inputs = dict(zip(motion.driven, evenly(asked, 36).T, strict=True))  # every 10° of a turn
+        found = modes(motion.system, inputs, hold=motion.held, unit="rad")
+    if not isinstance(found, Modes | ModesMap):
+        raise InputError(f"modes= takes True, or what jaxnc.modes found of this mechanism, got {type(found).__name__}")
+    poses, top = found.poses, motion.system.topology
+    if poses.system.topology != top or poses.system.parameters.points.ndim > 2:
+        raise InputError(f"modes= takes assemblies of {top.name!r} and of one design, as jaxnc.modes finds them")
+    if set(poses.driven) != set(motion.driven) or set(poses.held) != set(motion.held):
+        raise InputError(
+            f"modes= takes assemblies of {top.name!r} for the inputs of the motion, {', '.join(motion.driven)}, got "
+            f"such for {', '.join(poses.driven) or 'no input'}; modes=True finds them"
+        )
+    q, good = np.asarray(poses.q, float), np.asarray(poses.converged)
+    q, good = (a.reshape(-1, good.shape[-1], *a.shape[good.ndim :]) for a in (q, good)) if good.size else (q[:0], good)
+    # A page may have 5000 numbers of them, 50 kB.
+    most = max(1, 5000 // max(1, len(view.unknown) * int(good.sum(axis=-1).max(initial=0))))
+    return [
+        {"asked": [float(x) for x in some[0, list(view.driven)]], "q": round_numbers(some[:, view.unknown])}
+        for some in (q[k, good[k]] for k in evenly(np.arange(len(q)), most))
+        if len(some)
+    ]
 
 
 def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
     """Write functions of coordinates q and numbers c, by their heads; each fills the array that it is given last."""
-    n = len(top.coordinates)
-    b = Builder(n + count_numbers(top))
+    n, numbers = len(top.coordinates), count_numbers(top)
+    b, name = Builder(n + numbers), input_names(("q", n), ("c", numbers))
     found = write_rows(view, b)
     driven = len(view.driven)
-
-    def name(k: int) -> str:
-        return f"q[{k}]" if k < n else f"c[{k - n}]"
 
     def body(nodes: Iterable[int], into: Callable) -> str:
         return javascript(b.program([*nodes]), name, into)
@@ -119,7 +146,11 @@ def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
     }
     if rates > 1:
         parts["second(q,c,v,a,o)"] = _second(top, view)
-    parts["design(q,m,d,c,s,k,e)"] = _design(top)
+    drawn = page_design(top)
+    into = [f"c[{k}]" for k in drawn.constants]
+    into += [f"{letter}[{k}]" for letter, size in zip("ske", drawn.outputs[1:], strict=True) for k in range(size)]
+    names = input_names(("q", n), ("m", top.dim * len(top.markers)), ("d", len(top.dimensions)))
+    parts["design(q,m,d,c,s,k,e)"] = javascript(drawn.program, names, lambda k: into[k])
     return parts
 
 
@@ -146,26 +177,8 @@ def _second(top: Topology, view: Plan) -> str:
             at = b.append(twice, inputs)
             for r, row in asked:
                 rows[row] = b.op("mul", at[twice.outputs[r]], scales[r])
-    edges = (("q", n), ("c", numbers), ("v", n), ("a", n))
-    return javascript(b.program(rows), lambda k: _within(k, edges), lambda k: f"o[{k}]")
-
-
-def _within(k: int, edges: Iterable[tuple[str, int]]) -> str:
-    """Name an input that lies in one of several arrays behind one another."""
-    for letter, size in edges:
-        if k < size:
-            return f"{letter}[{k}]"
-        k -= size
-    raise IndexError(k)
-
-
-def _design(top: Topology) -> str:
-    found = page_design(top)
-    into = [f"c[{k}]" for k in found.constants]
-    for letter, size in zip("ske", found.outputs[1:], strict=True):
-        into += [f"{letter}[{k}]" for k in range(size)]
-    edges = (("q", len(top.coordinates)), ("m", top.dim * len(top.markers)), ("d", len(top.dimensions)))
-    return javascript(found.program, lambda k: _within(k, edges), lambda k: into[k])
+    names = input_names(("q", n), ("c", numbers), ("v", n), ("a", n))
+    return javascript(b.program(rows), names, lambda k: f"o[{k}]")
 
 
 def _markers(top: Topology) -> str:
@@ -176,7 +189,7 @@ def _markers(top: Topology) -> str:
         found: Program = marker_program(top, k)
         at = b.append(found, [*b.first[:n], *b.first[n + top.dim * k : n + top.dim * (k + 1)]])
         lines += [at[i] for i in found.outputs]
-    return javascript(b.program(lines), lambda k: _within(k, (("q", n), ("k", b.inputs))), lambda k: f"o[{k}]")
+    return javascript(b.program(lines), input_names(("q", n), ("k", b.inputs - n)), lambda k: f"o[{k}]")
 
 
 def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, object]:
@@ -187,6 +200,7 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, object]:
     rates = [np.asarray(x, float).reshape(data.count, -1)[:, list(view.driven)] for x in motion.rates[:2]]
     par = motion.system.parameters
     names = [top.coordinates[k] for k in view.driven]
+    guards = [(block, program(block.kind, "guard", top.dim)) for block in top.blocks]
     return {
         "start": start,
         "q": q[start].tolist(),
@@ -197,17 +211,24 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, object]:
         "unknown": view.unknown.tolist(),
         "driven": list(view.driven),
         "names": names,
-        "angles": [name in top.scalars and bool(top.angles[top.scalars.index(name)]) for name in names],
+        "angles": [bool(top.is_angle(name)) for name in names],
         "rows": len(view.rows),
         "weights": [float(x) for x in np.asarray(eq.weights)[view.unknown]],
         "length": float(eq.length),
-        "guards": sum(len(block.owners) * _guards(block.kind, top.dim) for block in top.blocks),
+        "guards": sum(len(block.owners) * len(guard.outputs) for block, guard in guards if guard is not None),
         "asked": [pack_exactly(x) for x in np.asarray(motion.asked, float).reshape(data.count, -1).T],
         "rates": [[pack_exactly(x) for x in rate.T] for rate in rates],
         "points": list(top.points),
         "markers": [[m.name, m.direction] for m in top.markers],
         "fixed": [bool(x) for x in top.fixed],
-        "dimensions": _dimension_fields(top),
+        "dimensions": [  # explicit ones: what they are called, their unit, whether they are positive
+            {
+                "name": name,
+                "unit": top.length_unit if one.quantity.long else "",
+                "positive": one.quantity is Quantity.LENGTH,
+            }
+            for name, one in zip(top.dimensions, top.given, strict=True)
+        ],
         "links": _links(top),
     }
 
@@ -269,23 +290,6 @@ def _where(data: dict[str, Any], top: Topology, one: Dimension) -> list[Any]:
     if one.key in ("radius1", "radius2") and "radii" in entry:
         return [*path, "radii", int(one.key[-1]) - 1]
     return [*path, one.key] if isinstance(entry.get(one.key), float) else []
-
-
-def _guards(kind: Kind, dim: int) -> int:
-    found = program(kind, "guard", dim)
-    return 0 if found is None else len(found.outputs)
-
-
-def _dimension_fields(top: Topology) -> list[dict[str, object]]:
-    """List explicit dimensions: what they are called, their unit, whether they are positive."""
-    return [
-        {
-            "name": name,
-            "unit": top.length_unit if one.quantity.long else "",
-            "positive": one.quantity is Quantity.LENGTH,
-        }
-        for name, one in zip(top.dimensions, top.given, strict=True)
-    ]
 
 
 def _links(top: Topology) -> list[dict[str, object]]:

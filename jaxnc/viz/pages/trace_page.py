@@ -17,7 +17,7 @@ from jaxnc.synthesis.tracing.chains import KINDS, Chain
 from jaxnc.synthesis.tracing.trace import TracedDesign, TraceResult, trace
 from jaxnc.viz.pages.packing import embed_json, fill_template, page_part
 from jaxnc.viz.pages.page import page_colours
-from jaxnc.viz.repr_html import Page
+from jaxnc.viz.repr_html import ShownPath
 
 _EMBEDDED = {4: 1200, 6: 1800}  # machines in a page, by their number of bars
 _LIVE = (3, 20)  # seconds of the searches that follow each other
@@ -48,7 +48,7 @@ def trace_page(path: str | Path, source: Atlas | None = None) -> Path:
     text = _page(source, ())
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(text, encoding="utf-8", newline="\n")
-    return Page(file_name(path))
+    return ShownPath(file_name(path))
 
 
 def _page(source: Atlas | None, live: tuple[float, ...]) -> str:

@@ -332,7 +332,7 @@ class Widget:
     def _turns(self, values: np.ndarray) -> np.ndarray:
         """Count whole turns by which angles lie beyond the motion's, as the page leaves them out."""
         top = self._first.topology
-        angles = [name in top.scalars and top.angles[top.scalars.index(name)] for name in self._motion.driven]
+        angles = [top.is_angle(name) for name in self._motion.driven]
         middle = (np.min(self._asked, axis=0) + np.max(self._asked, axis=0)) / 2
         return np.where(angles, 2 * np.pi * np.round(0.999999 * (values - middle) / (2 * np.pi)), 0.0)
 
@@ -418,17 +418,9 @@ def _class() -> type:
                 data["image/png"] = stored
             return bundle
 
-        @traitlets.validate("system")
-        def _valid_system(self, proposal: Any) -> System:
-            return self._check_system(proposal["value"])
-
-        @traitlets.validate("inputs")
-        def _valid_inputs(self, proposal: Any) -> dict[str, float]:
-            return self._check_inputs(proposal["value"])
-
-        @traitlets.validate("target")
-        def _valid_target(self, proposal: Any) -> np.ndarray | None:
-            return self._check_target(proposal["value"])
+        _valid_system = traitlets.validate("system")(lambda self, proposal: self._check_system(proposal["value"]))
+        _valid_inputs = traitlets.validate("inputs")(lambda self, proposal: self._check_inputs(proposal["value"]))
+        _valid_target = traitlets.validate("target")(lambda self, proposal: self._check_target(proposal["value"]))
 
     return Dragged
 
