@@ -13,7 +13,7 @@ DOORS = {
     "Mechanism.save": "jaxnc.io.files:save",
     "Mechanism.to_mjcf": "jaxnc.robots:to_mjcf",
     "Mechanism.to_urdf": "jaxnc.robots:to_urdf",
-    "Circuits.draw": "jaxnc.viz.circuits:draw_circuits",
+    "Circuits.draw": "jaxnc.viz.modes:draw_circuits",
     "Dexterity.draw": "jaxnc.viz.modes:draw_dexterity",
     "ModesMap.draw": "jaxnc.viz.modes:draw_modes_map",
     "Modes.draw": "jaxnc.viz.modes:draw_modes",

@@ -1,6 +1,6 @@
 from jaxnc.viz.animation import animate as animate
-from jaxnc.viz.circuits import draw_circuits as draw_circuits
 from jaxnc.viz.drawing import draw as draw
+from jaxnc.viz.modes import draw_circuits as draw_circuits
 from jaxnc.viz.modes import draw_dexterity as draw_dexterity
 from jaxnc.viz.modes import draw_modes as draw_modes
 from jaxnc.viz.modes import draw_modes_map as draw_modes_map

@@ -1,6 +1,7 @@
 """Curves: paths of points in the plane, and quantities over the input."""
 
 from collections.abc import Iterable, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,7 @@ def plot(
     x = abscissa(data, against)
     places = [group for group in found if group[0].kind == "place"]
     rows = [group for group in found if group[0].kind != "place"]
-    figure, planes, axes = _layout(places, len(rows), size)
+    figure, planes, axes = stack_axes(places, len(rows), size)
     for ax, group in zip(planes, places, strict=True):
         draw_paths(ax, data, group)
     for ax, group in zip(axes, rows, strict=True):
@@ -88,12 +89,6 @@ def plot(
     if np.size(size) == 1:  # legends of many rows do not take it from the curves
         figure.set_figheight(figure.get_figheight() + more / 72.0)
     return finish(figure, path, dpi)
-
-
-def stack_axes(rows: int, size: Size) -> tuple[Figure, list[Axes]]:
-    """Make axes one above the other, as `plot` has them."""
-    figure, _, axes = _layout([], rows, size)
-    return figure, axes
 
 
 def group_quantities(data: Poses, names: Iterable[str | Sequence[str]]) -> list[list[Quantity]]:
@@ -155,7 +150,8 @@ def _ends(q: Quantity) -> tuple[float, float]:
     return (float(x.min()), float(x.max())) if len(x) else (np.nan, np.nan)
 
 
-def _layout(places: list[list[Quantity]], rows: int, size: Size) -> tuple[Figure, list[Axes], list[Axes]]:
+def stack_axes(places: list[list[Quantity]], rows: int, size: Size) -> tuple[Figure, list[Axes], list[Axes]]:
+    """Make axes one above the other: those of paths in the plane, and so many rows of curves below them."""
     width = inches(size)[0]
     heights = []
     for group in places:
@@ -272,19 +268,14 @@ def _angle_ticks(axis, q: Quantity, values: list[np.ndarray] | None = None, most
     turns = float(np.ptp(x)) / turn
     if turns < 0.45:
         return
-    step = next((s for s in (1 / 12, 1 / 8, 1 / 4, 1 / 2, 1, 2, 5, 10, 20, 50, 100) if turns / s <= most), 1000)
+    steps = (1 / 12, 1 / 8, 1 / 4, 1 / 2, 1, 2, 5, 10, 20, 50, 100)[q.unit == "rad" :]
+    step = next((s for s in steps if turns / s <= most), 1000)
     if q.unit == "rad":
-        step = next((s for s in (1 / 8, 1 / 4, 1 / 2, 1, 2, 5, 10, 20, 50, 100) if turns / s <= most), 1000)
         axis.set_major_formatter(FuncFormatter(lambda v, _: _pi(v)))
     axis.set_major_locator(MultipleLocator(step * turn))
 
 
 def _pi(value: float) -> str:
-    quarters = round(value / (np.pi / 4))
-    if quarters == 0:
-        return "0"
-    top, bottom = quarters, 4
-    while top % 2 == 0 and bottom > 1:
-        top, bottom = top // 2, bottom // 2
-    text = {1: "π", -1: "-π"}.get(top, f"{top}π").replace("-", "−")
+    top, bottom = Fraction(round(value / (np.pi / 4)), 4).as_integer_ratio()
+    text = {0: "0", 1: "π", -1: "-π"}.get(top, f"{top}π").replace("-", "−")
     return text if bottom == 1 else f"{text}/{bottom}"

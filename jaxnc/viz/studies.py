@@ -58,7 +58,7 @@ def plot_energy(
     t = found.time
     work = {"inputs": found.inputs, "loads": found.loads, "dampers": -found.dissipated, "friction": -found.friction}
     work = {name: x for name, x in work.items() if np.nanmax(np.abs(x), initial=0.0) > 0}
-    figure, axes = stack_axes(3 if work else 2, size)
+    figure, _, axes = stack_axes([], 3 if work else 2, size)
     for ax, what, rows in (
         (axes[0], "energy [J]", {"kinetic": found.kinetic, "potential": found.potential}),
         (axes[1], "work since the start [J]", work),
@@ -276,7 +276,8 @@ def _suspension_curve(ax: Axes, report: "SuspensionReport", row: "SuspensionRow"
     if not np.isfinite(row.static):
         return
     ax.plot(0.0, row.static, "o", ms=4.5, mfc="white", mec=BODIES[1], mew=1.5, zorder=4, gid=f"static {row.name}")
-    text = f"{row.static:.{_decimals(row)}f}".replace("-", "−")
+    decimals = {"deg": 2, "mm": 1, "": 3}.get(row.unit, 2)
+    text = f"{row.static:.{decimals}f}".replace("-", "−")
     if row.name == "half_track_change":
         text = f"track {report['track'].static:.1f} {row.unit}"
     rising = row.gradient > 0  # its value stands on the side that the curve leaves free
@@ -284,10 +285,6 @@ def _suspension_curve(ax: Axes, report: "SuspensionReport", row: "SuspensionRow"
         text, (0.0, row.static), (-6 if rising else 6, 4), textcoords="offset points",
         ha="right" if rising else "left", va="bottom", fontsize=_LETTERS - 0.5, color=BODIES[1], zorder=5,
     )  # fmt: skip
-
-
-def _decimals(row: "SuspensionRow") -> int:
-    return {"deg": 2, "mm": 1, "": 3}.get(row.unit, 2)
 
 
 def _suspension_axis(ax: Axes, report: "SuspensionReport") -> None:

@@ -85,35 +85,22 @@ LINES = ("-", (0, (5.0, 1.6)), (0, (1.6, 1.3)), (0, (6.0, 1.4, 1.4, 1.4)))
 FOUND, TARGET = "#2f6db3", "#c0392b"
 """Colours of what was found and of what was asked for."""
 
-LIGHT = {
-    "ink": "#22272e",
-    "soft": "#7b8490",
-    "paper": "#ffffff",
-    "velocity": "#15803d",
-    "acceleration": "#c01f6e",
-    "weight": "#6b7280",
-    "applied": "#b45309",
-    "reaction": "#b91c1c",
-    "failure": "#b42318",
-    "page": "#f3f5f7",
-    "line": "#dfe4ea",
-    "accent": "#2f6db3",
+_PAIRS = {
+    "ink": ("#22272e", "#e4e8ee"),
+    "soft": ("#7b8490", "#8f99a6"),
+    "paper": ("#ffffff", "#171b21"),
+    "velocity": ("#15803d", "#4ade80"),
+    "acceleration": ("#c01f6e", "#f472b6"),
+    "weight": ("#6b7280", "#9ca3af"),
+    "applied": ("#b45309", "#fbbf24"),
+    "reaction": ("#b91c1c", "#f87171"),
+    "failure": ("#b42318", "#ff8a80"),
+    "page": ("#f3f5f7", "#0f1216"),
+    "line": ("#dfe4ea", "#2b323b"),
+    "accent": ("#2f6db3", "#6fa8e8"),
 }
-DARK = {
-    "ink": "#e4e8ee",
-    "soft": "#8f99a6",
-    "paper": "#171b21",
-    "velocity": "#4ade80",
-    "acceleration": "#f472b6",
-    "weight": "#9ca3af",
-    "applied": "#fbbf24",
-    "reaction": "#f87171",
-    "failure": "#ff8a80",
-    "page": "#0f1216",
-    "line": "#2b323b",
-    "accent": "#6fa8e8",
-}
-"""Colours that belong to no body."""
+LIGHT, DARK = ({name: pair[k] for name, pair in _PAIRS.items()} for k in (0, 1))
+"""Colours that belong to no body, on white and on a dark page."""
 
 
 def mix(colour: str, paper: str, share: float) -> str:

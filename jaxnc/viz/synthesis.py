@@ -50,8 +50,6 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
     designs = result.designs[:most]
     if not designs:
         raise InputError(f"no design to draw: {result.verdict}")
-    wide = abreast(len(designs), 3)
-    high = math.ceil(len(designs) / wide)
     spatial = result.problem.system.topology.dim == 3
     table = result.problem if isinstance(result.problem, FunctionGeneration) else None
     words = [lengths(design) for design in designs]
@@ -60,33 +58,28 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
     drawn = _CELL * tallness(designs)
     tall = _TITLE + drawn + lines_high + below
     key = _KEY if _targets_of(result.problem) is not None else 0.0
-    figure = Picture(figsize=(wide * _CELL, high * tall + key))
-    width, height = figure.get_size_inches()
-
-    def place(
-        column: int, row: int, left: float, bottom: float, w: float, h: float
-    ) -> tuple[float, float, float, float]:
-        """Bring inches from the lower left corner of a cell to shares of the figure."""
-        return (
-            (column * _CELL + left) / width, (key + (high - 1 - row) * tall + bottom) / height, w / width, h / height
-        )  # fmt: skip
-
+    cells = _Cells(len(designs), tall, key)
+    figure = cells.figure
     for k, (design, text) in enumerate(zip(designs, words, strict=True)):
-        row, column = divmod(k, wide)
-        at = place(column, row, 0.08, lines_high + below, _CELL - 0.16, drawn)
+        at = cells.place(k, 0.08, lines_high + below, _CELL - 0.16, drawn)
         ax = figure.add_axes(at, projection="3d" if spatial else None)
         if table:
-            below_it = place(column, row, 0.66, lines_high + 0.45, _CELL - 0.8, below - 0.55)
+            below_it = cells.place(k, 0.66, lines_high + 0.45, _CELL - 0.8, below - 0.55)
             function(table, design, figure.add_axes(below_it))
         error = "exact" if design.exact else f"error {design.error:.3g}{unit_of(result.problem)}"
         heading = f"{k + 1}: {error}"
         if design.type:
             heading += f", {design.type}"
         draw_design(result.problem, design, ax, heading + (f"\n{design.defects[0]}" if design.defects else ""))
-        x, y, *_ = place(column, row, 0.1, lines_high - 0.03, 0.0, 0.0)
+        x, y, *_ = cells.place(k, 0.1, lines_high - 0.03, 0.0, 0.0)
         figure.text(x, y, text, va="top", fontsize=NUMBERS - 1, color=LIGHT["ink"], parse_math=False, gid="lengths")
-    if key:
-        add_target_key(figure)
+    if key:  # what the marks of targets mean, below everything
+        wanted = Line2D([], [], color=TARGET, ls="", marker="o", ms=4.2, mfc="none", mew=1.1, label="asked for")
+        got = Line2D([], [], color=TARGET, ls="", marker=".", ms=3.5, label="reached")
+        figure.legend(
+            handles=[wanted, got], loc="lower right", ncols=2, frameon=False, fontsize=NUMBERS, borderaxespad=0.1,
+            handletextpad=0.3,
+        )  # fmt: skip
     return finish(figure, path)
 
 
@@ -104,22 +97,35 @@ def traces(result: "TraceResult", path: str | Path | None = None, most: int = 6)
     designs = result.designs[:most]
     if not designs:
         raise InputError("no linkage to draw: none that was found meets the conditions")
-    wide = abreast(len(designs), 3)
-    high = math.ceil(len(designs) / wide)
-    figure = Picture(figsize=(wide * _CELL, high * (_CELL + _TITLE)))
+    cells = _Cells(len(designs), _CELL + _TITLE)
     line = np.vstack([result.points, result.points[:1]]) if result.closed else result.points
     for k, design in enumerate(designs):
-        row, column = divmod(k, wide)
-        share = 1.0 / high
-        drawn = share * _CELL / (_CELL + _TITLE)
-        at = (column + 0.02) / wide, 1.0 - (row + 1) * share + 0.04 * drawn, 0.96 / wide, 0.96 * drawn
-        ax = figure.add_axes(at)
+        ax = cells.figure.add_axes(cells.place(k, 0.02 * _CELL, 0.04 * _CELL, 0.96 * _CELL, 0.96 * _CELL))
         heading = f"{k + 1}: {'meets all points' if design.exact else f'distance {design.distance:.2g}'}, {design.name}"
         motion = design.move(91)
         heading = textwrap.shorten(heading, 2 * _HEADING)
         draw(motion, 12, trace=["P"], ax=ax, title=heading, labels=False, room=line, frame="scale")
         ax.plot(*line.T, color=TARGET, lw=1.1, ls=(0, (1, 1.6)), zorder=0.5)
-    return finish(figure, path)
+    return finish(cells.figure, path)
+
+
+class _Cells:
+    """A figure of cells in rows, one for each design, above room for a key, inches."""
+
+    def __init__(self, count: int, tall: float, key: float = 0.0):
+        self.wide, self.tall, self.key = abreast(count, 3), tall, key
+        self.figure = Picture(figsize=(self.wide * _CELL, math.ceil(count / self.wide) * tall + key))
+
+    def place(self, k: int, left: float, bottom: float, w: float, h: float) -> tuple[float, float, float, float]:
+        """Bring inches from the lower left corner of a cell to shares of the figure."""
+        row, column = divmod(k, self.wide)
+        width, height = self.figure.get_size_inches()
+        return (
+            (column * _CELL + left) / width,
+            (height - (row + 1) * self.tall + bottom) / height,
+            w / width,
+            h / height,
+        )
 
 
 def abreast(count: int, usual: int) -> int:
@@ -153,16 +159,6 @@ def lengths(design: "Design") -> str:
     return "\n".join(lines)
 
 
-def add_target_key(figure: Figure) -> None:
-    """Explain the marks of targets, below everything."""
-    wanted = Line2D([], [], color=TARGET, ls="", marker="o", ms=4.2, mfc="none", mew=1.1, label="asked for")
-    got = Line2D([], [], color=TARGET, ls="", marker=".", ms=3.5, label="reached")
-    figure.legend(
-        handles=[wanted, got], loc="lower right", ncols=2, frameon=False, fontsize=NUMBERS, borderaxespad=0.1,
-        handletextpad=0.3,
-    )  # fmt: skip
-
-
 def _targets_of(problem: "Problem") -> np.ndarray | None:
     """Find the places that a point should reach, if that is what is asked for."""
     target = getattr(problem, "target", None)
@@ -190,7 +186,7 @@ def draw_design(problem: "Problem", design: "Design", ax: Axes, title: str) -> N
 def function(problem: "FunctionGeneration", design: "Design", ax: Axes) -> None:
     """Draw the output at the targets, and where it should be, against the input."""
     top = problem.system.topology
-    turned = problem.driven in top.scalars and top.angles[top.scalars.index(problem.driven)]
+    turned = top.is_angle(problem.driven)
     units = [("rad" if turned else top.length_unit), problem.unit]
     factors = [180.0 / np.pi if u == "rad" else 1.0 for u in units]
     x, y = problem.values * factors[0], problem.target * factors[1]
@@ -317,7 +313,7 @@ def front(found: "Front", path: str | Path | None = None) -> Figure:
         place = (left / width, 0.05 / rows, (_FRONT_DESIGN - 0.15) / width, 0.78 / rows)
         ax = figure.add_axes(place, projection="3d" if spatial else None)
         each = [f"{name} {v:.3g}" for name, v in zip(found.names, found.values[k], strict=True)]
-        words = f"{_letter(n)}: {', '.join(each)}"
+        words = f"{chr(97 + n)}: {', '.join(each)}"
         draw_design(
             found.problem, found.designs[k], ax, words if len(words) <= _HEADING else words.replace(", ", ",\n")
         )
@@ -330,10 +326,6 @@ def _axis_name(front: "Front", k: int) -> str:
     return axis_name(front.names[k], unit.removesuffix("^2") if k == 0 and unit.endswith("^2") else "")
 
 
-def _letter(n: int) -> str:
-    return "abc"[n]
-
-
 def _plot_pair(front: "Front", ax: Axes, i: int, j: int, shown: list[int]) -> None:
     x, y = front.values[:, i], front.values[:, j]
     if len(front.names) == 2:
@@ -341,7 +333,7 @@ def _plot_pair(front: "Front", ax: Axes, i: int, j: int, shown: list[int]) -> No
     ax.plot(x, y, "o", ms=4.5, color=FOUND)
     for n, k in enumerate(shown):
         ax.plot(x[k], y[k], "o", ms=7.5, mfc="none", mec=TARGET, mew=1.3)
-        ax.annotate(_letter(n), (x[k], y[k]), (7, 6), textcoords="offset points", fontsize=TEXT, color=TARGET)
+        ax.annotate("abc"[n], (x[k], y[k]), (7, 6), textcoords="offset points", fontsize=TEXT, color=TARGET)
     furnish(ax)
     ax.set_xlabel(_axis_name(front, i))
     ax.set_ylabel(_axis_name(front, j))
