@@ -147,7 +147,7 @@ def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> list[Seg
         return []
     starts, ends = (np.concatenate([part[k] for part in parts], axis=1)[sampled] for k in (0, 1))
     widths = np.concatenate([np.broadcast_to(width, places.shape[1]) for places, _, width in parts])
-    known = np.isfinite(starts + ends).all(axis=2)
+    known: np.ndarray = np.all(np.isfinite(starts + ends), axis=2)
     return [(a[k], b[k], widths[k]) for a, b, k in zip(starts, ends, known, strict=True)]
 
 

@@ -332,7 +332,8 @@ def place_names(scene: SpaceScene, poses: np.ndarray, scalars: np.ndarray, camer
         elif isinstance(item, Solid):
             along = item.frame.along.columns
             if item.role == "support":
-                items.append(Circle("pin", *add(np.stack([_foot(item, x, unit) for x in poses])[:, None]), 0.0, 2.7))
+                (foot,) = add(np.stack([_foot(item, x, unit) for x in poses])[:, None])
+                items.append(Circle("pin", foot, 0.0, 2.7))
             elif item.role in ("rail", "bar", "rod") and len(along) < 2:
                 items.append(Line("bar", add(np.stack([item.vertices(x, unit)[[0, -1]] for x in poses]))))
             elif item.role == "spring" and len(along) == 2:

@@ -22,7 +22,7 @@ from jaxnc.viz.style import ROLES, symbol
 # -- over the poses ---------------------------------------------------------------------------------------------------
 
 
-def timeline(data: Poses, heading: str, fps: float) -> dict[str, Any]:
+def timeline(data: Poses, heading: str, fps: float) -> dict[str, object]:
     """Collect what pages of every kind hold: poses and their status, angles and distances, time."""
     top, time = data.topology, data.motion.time
     quantum = quantum_of(data.places[data.extent_poses])

@@ -4,7 +4,7 @@ import html
 from collections.abc import Iterable
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
@@ -154,7 +154,7 @@ def page_parts(
     with_forces = forces is not False and forces is not None
     data = data.with_reactions(forces) if with_forces and forces is not True else data
     camera, plane = read_view(data, view), data.dim == 2
-    content = timeline(data, heading, fps) | plotted_series(data, plots, with_forces)
+    content: dict[str, Any] = timeline(data, heading, fps) | plotted_series(data, plots, with_forces)
     if plane:
         more, drawn = planar_scene(data, trace, velocities, accelerations, with_forces)
     else:
