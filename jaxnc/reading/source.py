@@ -17,48 +17,26 @@ if TYPE_CHECKING:
     from jaxnc.solvers.rows import Numerics
 
 _BINARY = {
-    "add": "+",
-    "sub": "-",
-    "mul": "*",
-    "div": "/",
-    "lt": "<",
-    "le": "<=",
-    "gt": ">",
-    "ge": ">=",
-    "eq": "==",
-    "ne": "!=",
-    "and": "&",
-    "or": "|",
+    "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",
+    "ne": "!=", "and": "&", "or": "|",
+}  # fmt: skip
+_ALIKE = ("sqrt", "sign", "sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "log1p", "expm1", "floor", "ceil")
+_CALLED = {name: name for name in _ALIKE} | {
+    "abs": "absolute",
+    "asin": "arcsin",
+    "acos": "arccos",
+    "atan": "arctan",
+    "atan2": "arctan2",
+    "pow": "power",
+    "max": "maximum",
+    "min": "minimum",
+    "round": "rint",
+    "rem": "fmod",
+    "not": "logical_not",
+    "select": "where",
+    "finite": "isfinite",
 }
-_CALLED = {
-    "sqrt": np.sqrt,
-    "abs": np.abs,
-    "sign": np.sign,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-    "atan2": np.arctan2,
-    "sinh": np.sinh,
-    "cosh": np.cosh,
-    "tanh": np.tanh,
-    "exp": np.exp,
-    "log": np.log,
-    "log1p": np.log1p,
-    "expm1": np.expm1,
-    "pow": np.power,
-    "max": np.maximum,
-    "min": np.minimum,
-    "floor": np.floor,
-    "ceil": np.ceil,
-    "round": np.rint,
-    "rem": np.fmod,
-    "not": np.logical_not,
-    "select": np.where,
-    "finite": np.isfinite,
-}
+"""Operations and their names in NumPy."""
 _OF_NUMBERS: dict[str, Callable] = {
     "abs": abs,
     "sign": lambda x: x if x == 0.0 or x != x else math.copysign(1.0, x),
@@ -101,7 +79,7 @@ def function(program: Program, xp: "Numerics" = np) -> Callable[[Sequence[Any]],
             text = f"{op}({', '.join(a)})"
         lines.append(f"    n{k} = {text}")
     lines.append(f"    return ({''.join(f'n{k}, ' for k in program.outputs)})")
-    called = _OF_NUMBERS if xp is math else {name: getattr(xp, f.__name__) for name, f in _CALLED.items()}
+    called = _OF_NUMBERS if xp is math else {name: getattr(xp, f) for name, f in _CALLED.items()}
     space: dict[str, Any] = {**called, "where": called["select"], "inf": np.inf, "nan": np.nan}
     space["not_"] = space.pop("not")
     exec(compile("\n".join(lines).replace("= not(", "= not_("), "<program>", "exec"), space)
