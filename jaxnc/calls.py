@@ -25,65 +25,39 @@ _RAW = (TypeError, ValueError, AttributeError, LookupError, OverflowError)
 _OPERATORS = ("__init__", "__call__", "__getitem__")
 _PACKAGES = "", ".kinematics", ".vehicle", ".dynamics", ".synthesis", ".families", ".constraints", ".forces"
 _MANY = 1000  # entries of a collection that are looked at
-_MEANT = {  # what names stand for elsewhere and letters in formulas, where spelling does not lead to the argument
-    "k": ("stiffness",),
-    "rate": ("stiffness",),
-    "c": ("damping", "coefficient"),
-    "d": ("damping",),
-    "b": ("damping",),
-    "mu": ("coefficient",),
-    "length": ("free", "lengths"),
-    "rest": ("free",),
-    "rest_length": ("free",),
-    "l0": ("free",),
-    "natural_length": ("free",),
-    "unstretched_length": ("free",),
-    "points": ("start",),
-    "between": ("start",),
-    "m": ("mass",),
-    "density": ("mass",),
-    "cg": ("com",),
-    "cog": ("com",),
-    "center": ("centre", "wheel_centre", "at"),
-    "centre": ("wheel_centre", "at"),
-    "position": ("at",),
-    "pos": ("at",),
-    "xy": ("at",),
-    "x": ("at",),
-    "end": ("to",),
-    "q": ("inputs",),
-    "time": ("t",),
-    "times": ("t",),
-    "ts": ("t",),
-    "duration": ("t",),
-    "degrees": ("unit",),
-    "deg": ("unit",),
-    "speed": ("rates",),
-    "velocities": ("rates",),
-    "seed": ("key",),
-    "file": ("path",),
-    "filename": ("path",),
+# By argument, what else it is called, in other libraries and in formulas, where spelling does not lead to it.
+_ALIASES = {
+    "stiffness": "k rate",
+    "damping": "c d b",
+    "coefficient": "c mu",
+    "free": "length rest rest_length l0 natural_length unstretched_length",
+    "lengths": "length",
+    "start": "points between",
+    "mass": "m density",
+    "com": "cg cog",
+    "centre": "center",
+    "wheel_centre": "center centre",
+    "at": "center centre position pos xy x",
+    "to": "end",
+    "inputs": "q",
+    "t": "time times ts duration",
+    "unit": "degrees deg",
+    "rates": "speed velocities",
+    "key": "seed",
+    "path": "file filename",
 }
-_CALLED = {  # what methods and values are called elsewhere
-    "pin": "revolute",
-    "hinge": "revolute",
-    "joint": "revolute",
-    "slider": "prismatic",
-    "slide": "prismatic",
-    "ball": "spherical",
-    "moment": "torque",
-    "couple": "torque",
-    "motor": "torque",
-    "bar": "body",
-    "link": "body",
-    "rod": "body",
-    "fix": "ground",
-    "anchor": "ground",
-    "vel": "velocity",
-    "speed": "velocity",
-    "acc": "acceleration",
-    "positions": "q",
-    "time": "t",
+# By method or value, the same.
+_CALLED = {
+    "revolute": "pin hinge joint",
+    "prismatic": "slider slide",
+    "spherical": "ball",
+    "torque": "moment couple motor",
+    "body": "bar link rod",
+    "ground": "fix anchor",
+    "velocity": "vel speed",
+    "acceleration": "acc",
+    "q": "positions",
+    "t": "time",
 }
 _ELSEWHERE = {"redundancy": "an argument of sweep(system, …, redundancy='independent rows') alone"}
 
@@ -124,7 +98,7 @@ def _raise_unknown(self: object, name: str) -> object:
     if name.startswith("_") or hasattr(type(self), name):  # protocols look about; a property has failed by itself
         return object.__getattribute__(self, name)
     names = [x for x in {*dir(type(self)), *getattr(self, "__dict__", ())} if not x.startswith("_")]
-    meant = _CALLED.get(name.lower())
+    meant = next((own for own, others in _CALLED.items() if name.lower() in others.split()), None)
     hint = f"did you mean {meant!r}?" if meant in names else nearest(name, names)
     raise UnknownName(f"{type(self).__name__} has nothing called {name!r}; {hint}")
 
@@ -206,7 +180,7 @@ def _guess_argument(name: str, names: list[str], args: tuple) -> str:
         return f"values go by name in one mapping, {by_name[0]}={{{name!r}: …}}"
     if name in _ELSEWHERE:
         return f"{name}= is {_ELSEWHERE[name]}"
-    meant = [x for x in _MEANT.get(name.lower(), ()) if x in names]
+    meant = [own for own, others in _ALIASES.items() if name.lower() in others.split() and own in names]
     return f"did you mean {meant[0]!r}?" if meant else nearest(name, names)
 
 
