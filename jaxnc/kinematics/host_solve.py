@@ -196,17 +196,17 @@ def solve_nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.n
         inner, begin = _grounded(view, eq, start)
         begin[view.known[: values.shape[1]]] = values.T
         q = host.correct_poses(inner, begin)
-        size, *upright, signs, conditioning = inner.diagnose(q)
+        (size, *upright), conditioning = inner.check(q), inner.conditioning(q)
         moved = inner.weights * (q - begin)
         good = (size <= inner.tolerance(q)) & upright[0]
         # 0.1 of the size: a solution so near to a guess is the nearest
         good &= np.sqrt(np.einsum("nl,nl->l", moved, moved)) <= 0.1 * eq.length
         if view.square:
-            good &= (signs == inner.orientation(begin)).all(axis=0)
+            good &= (inner.orientation(q) == inner.orientation(begin)).all(axis=0)
         if not good.all():
             far = np.flatnonzero(~good)
             q[:, far] = host.correct_poses(inner, host.closest(inner, begin[:, far]).q)
-            size, *upright, _, conditioning = inner.diagnose(q)
+            (size, *upright), conditioning = inner.check(q), inner.conditioning(q)
             good = (size <= inner.tolerance(q)) & upright[0]
         none = np.zeros(len(good), bool)
         found = PoseBatch(q, size, conditioning, good, limit=none, crossed=none, mirrored=upright[1])

@@ -289,15 +289,10 @@ def conditioning(jacobian: Float[Array, "m n"]) -> Array:
     return jnp.min(pivots) / jnp.maximum(jnp.max(pivots), limits(pivots).tiny)
 
 
-def determinant(matrix: Float[Array, "n n"]) -> tuple[Array, Array]:
-    """Sign of the determinant of a matrix, and the logarithm of its size."""
+def determinant_sign(matrix: Float[Array, "n n"]) -> Array:
+    """Sign of the determinant of a matrix."""
     _, pivots, sign = eliminate(matrix, jnp.zeros((matrix.shape[0], 0)))
-    return sign * jnp.prod(jnp.sign(pivots)), jnp.sum(logarithm(pivots))
-
-
-def logarithm(size: Array) -> Array:
-    """Logarithm of absolute values, finite at zero."""
-    return jnp.log(jnp.maximum(jnp.abs(size), limits(size).tiny))
+    return sign * jnp.prod(jnp.sign(pivots))
 
 
 def well_posed(jacobian: Float[Array, "m n"], ok: Array) -> Float[Array, "m n"]:

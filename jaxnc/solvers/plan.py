@@ -111,11 +111,6 @@ class Plan:
         """Exact solves with derivatives, see `dense.solver`; of a harmless matrix where the pose is not `ok`."""
         return dense.solver(dense.well_posed(jacobian, ok), self.independent)
 
-    def relative(self, jacobian: Array, other: Array) -> Array:
-        """det(other ᵀ · jacobian) as a part of det(other ᵀ · other)."""
-        sign, size = dense.determinant(other.T @ jacobian)
-        return sign * jnp.exp(size - dense.determinant(other.T @ other)[1])
-
     def steps(self, eq: Equations, jacobian: Array, right: Array) -> Array:
         """Newton or Gauss-Newton steps of the unknowns for right-hand sides ``(m, k)``; coordinates as lengths."""
         weight = weights(eq)[self.unknown]
@@ -132,44 +127,43 @@ class Plan:
         one, seen in the other's, keep their orientation, as long as the poses are not far apart.
         """
         if self.square:
-            return jnp.all(self.orientation(jacobian)[0] == self.orientation(other)[0])
-        return self.relative(jacobian, other) > 0
+            return jnp.all(self._block_signs(jacobian) == self._block_signs(other))
+        return self._relative_sign(jacobian, other) > 0
 
-    def orientation(self, jacobian: Array) -> tuple[Array, Array]:
-        """Signs of the diagonal blocks' determinants, which a branch keeps, and logarithms of their sizes.
-
-        Both are ``(1 + blocks,)``; the first tells nothing. Where there are more rows than unknowns it is the only one;
-        see `same_branch`.
-        """
-        signs, sizes = [jnp.ones(1)], [jnp.zeros(1)]
+    def _block_signs(self, jacobian: Array) -> Array:
+        """Signs of the diagonal blocks' determinants, which a branch keeps."""
+        signs = [jnp.ones(0)]
         for rows, columns in self.blocks:
-            sub = jacobian[rows[:, :, None], columns[:, None, :]]
-            if rows.shape[1] <= 2:
-                one = sub[:, 0, 0]
-                both = one if rows.shape[1] == 1 else one * sub[:, 1, 1] - sub[:, 0, 1] * sub[:, 1, 0]
-                sign, size = jnp.sign(both), dense.logarithm(both)
-            elif len(sub) > 1:
-                sign, size = jax.vmap(dense.determinant)(sub)
+            a = jacobian[rows[:, :, None], columns[:, None, :]]
+            if rows.shape[1] == 1:
+                signs.append(jnp.sign(a[:, 0, 0]))
+            elif rows.shape[1] == 2:
+                signs.append(jnp.sign(a[:, 0, 0] * a[:, 1, 1] - a[:, 0, 1] * a[:, 1, 0]))
             else:
-                sign, size = (a[None] for a in dense.determinant(sub[0]))
-            signs.append(sign)
-            sizes.append(size)
-        return jnp.concatenate(signs), jnp.concatenate(sizes)
+                signs.append(jax.vmap(dense.determinant_sign)(a))
+        return jnp.concatenate(signs)
+
+    def _relative_sign(self, jacobian: Array, other: Array) -> Array:
+        """Sign of det(otherᵀ · jacobian)."""
+        return dense.determinant_sign(other.T @ jacobian)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LargePlan(Plan):
     """A plan with a sparse Jacobian; the methods are those of `Plan`, a Jacobian is a vector ``(nnz,)``."""
 
-    pattern: Pattern | None = None  # where the non-zeros are
-    # Place in them of a number in every column, no two in one row; empty if no inputs are given.
+    # A row for every unknown that it is in, no two the same; None where the inputs do not determine the motion.
     matched: np.ndarray | None = None
 
-    @property
+    @functools.cached_property
     def numbers(self) -> Pattern:
-        """The pattern, which every large plan has."""
-        assert self.pattern is not None
-        return self.pattern
+        """Places of the non-zeros."""
+        row, column, nonzero = places(self.topology)
+        m, n, known = len(self.rows), len(self.unknown), len(self.known)
+        new_row = np.full(len(self.topology.rows), -1)
+        new_row[self.rows] = np.arange(m)
+        where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (self.inverse[column] < n + known))
+        return sparse_pattern(where, new_row[row[where]], self.inverse[column[where]], (m, n), len(row))
 
     @functools.cached_property
     def lu(self) -> Factoriser:
@@ -211,15 +205,11 @@ class LargePlan(Plan):
         pivots = factors[0].evaluate(factors[1])[0][-len(self.unknown) :]
         return jnp.min(pivots) / jnp.maximum(jnp.max(pivots), 1e-300)
 
-    def orientation(self, jacobian: Array) -> tuple[Array, Array]:
-        """See `Plan.orientation`; the determinants' sizes are not told."""
-        if not self.square or not len(self.unknown):
-            return jnp.ones(1), jnp.zeros(1)
-        signs = self.lu.evaluate(jacobian)[1]
-        return signs, jnp.zeros_like(signs)
+    def _block_signs(self, jacobian: Array) -> Array:
+        return self.lu.evaluate(jacobian)[1] if len(self.unknown) else jnp.ones(0)
 
-    def relative(self, jacobian: Array, other: Array) -> Array:
-        """Sign of det(other ᵀ · jacobian), 0 if singular."""
+    def _relative_sign(self, jacobian: Array, other: Array) -> Array:
+        """See `Plan._relative_sign`; 0 if singular."""
         signs = self.augmented.evaluate(self.symmetric(jacobian, 0.0, other))[1]
         return (-1.0) ** self.numbers.shape[1] * signs[0]
 
@@ -230,7 +220,7 @@ class LargePlan(Plan):
             return lambda b: jnp.zeros(0)
         assert self.matched is not None
         spare = np.zeros(self.numbers.count)
-        spare[self.matched] = 1.0
+        spare[self.numbers.place(self.matched, np.arange(n))] = 1.0
         jacobian = jnp.where(ok, jacobian, spare)
         fixed = lax.stop_gradient(jacobian)
         times, back = self.numbers.times, self.numbers.times_transposed
@@ -321,11 +311,7 @@ def _plan(
     new_column[np.concatenate([unknown, at_known])] = np.arange(len(unknown) + len(known))
     where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (new_column[column] >= 0))
     r, c = new_row[row[where]], new_column[column[where]]
-    numbers, gathers = None, ()
-    if topology.large:
-        numbers = sparse_pattern(where, r, c, (len(rows), len(unknown)), len(row))
-    else:
-        gathers = _gathers(where, r, c, (len(rows), len(unknown) + len(known)), len(row))
+    gathers = () if topology.large else _gathers(where, r, c, (len(rows), len(unknown) + len(known)), len(row))
     inner = c < len(unknown)
     r, c = r[inner], c[inner]
     sequence, matched = (), None
@@ -341,7 +327,7 @@ def _plan(
     ground = np.flatnonzero(rest)
     at_known, unknown, ground, inverse, rows = (a.astype(INDEX) for a in (at_known, unknown, ground, inverse, rows))
     parts = (topology, driven, held, at_known, unknown, ground, inverse, rows, gathers, sequence, blocks, independent)
-    if numbers is None:
+    if not topology.large:
         return Plan(*parts)
     if independent and len(rows) > len(unknown):
         more = len(rows) - len(unknown)
@@ -351,7 +337,7 @@ def _plan(
                 f"chosen for dense matrices only: leave redundancy= at 'least squares', or compile(sparse=False)"
             )
         )
-    return LargePlan(*parts, numbers, None if matched is None else numbers.place(matched, np.arange(len(unknown))))
+    return LargePlan(*parts, matched)
 
 
 class Square(NamedTuple):
@@ -497,10 +483,4 @@ def sparse(plan: Plan) -> LargePlan:
     """Return the plan with a sparse Jacobian."""
     if isinstance(plan, LargePlan):
         return plan
-    row, column, nonzero = places(plan.topology)
-    m, n, known = len(plan.rows), len(plan.unknown), len(plan.known)
-    new_row = np.full(len(plan.topology.rows), -1)
-    new_row[plan.rows] = np.arange(m)
-    where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (plan.inverse[column] < n + known))
-    numbers = sparse_pattern(where, new_row[row[where]], plan.inverse[column[where]], (m, n), len(row))
-    return LargePlan(**{field.name: getattr(plan, field.name) for field in fields(Plan)}, pattern=numbers)
+    return LargePlan(**{field.name: getattr(plan, field.name) for field in fields(Plan)})

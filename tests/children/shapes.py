@@ -44,7 +44,7 @@ fall.energy, nc.dynamics.momentum(fall), nc.dynamics.centre_of_mass(fall)
 
 # Linear algebra, by itself and mapped.
 a = jnp.array([[2.0, 0.3], [0.1, 1.0]])
-for f in (dense.singular_values, dense.conditioning, dense.determinant):
+for f in (dense.singular_values, dense.conditioning, dense.determinant_sign):
     f(a), jax.vmap(f)(jnp.stack([a, 2 * a]))
 dense.newton_steps(a, jnp.ones((2, 1)))
 

@@ -65,12 +65,6 @@ class _Lanes:
         corrections, corrected: how many the current trial has had, and how long the last was.
     """
 
-    _NAMES = (
-        *("which", "values", "target", "final", "onward", "aside", "origin", "way_end", "way"),
-        *("s", "h", "reach", "q", "guess", "base", "slope", "slopes", "curve", "twist", "back"),
-        *("signs", "sizes", "greatest", "reference", "level", "rise", "usual", "leapt", "corrections", "corrected"),
-    )
-
     def __init__(self, view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray):
         n, driven, count = len(view.plan.unknown), len(view.plan.driven), values.shape[2]
         blocks = sum(len(rows) for rows, _ in view.plan.blocks) if view.plan.square else 1
@@ -95,8 +89,8 @@ class _Lanes:
 
     def keep(self, which: np.ndarray) -> None:
         """Go on with some of them only."""
-        for name in self._NAMES:
-            setattr(self, name, getattr(self, name)[..., which])
+        for name, numbers in vars(self).items():
+            setattr(self, name, numbers[..., which])
 
 
 def _drawn_sizes(view: HostView, start: np.ndarray, blocks: int) -> np.ndarray:

@@ -108,7 +108,7 @@ def _newton(view: HostView, q: np.ndarray) -> np.ndarray:
     out, solve, before = at, None, np.zeros(0)
     for _ in range(ITERATIONS):
         if view.program is not None:
-            step = view.newton(at)[1]
+            step = view.program.run(("step",), view.eq, at)[0]
         else:
             again = solve is not None
             solve = solve or view.solver(at)

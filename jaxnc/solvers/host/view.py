@@ -101,23 +101,6 @@ class HostView:
             return largest_of_lanes(r), np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
         return largest_of_lanes(self.eq.residual(q)), *self.eq.guards(q)
 
-    def diagnose(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return what `check` does, the `orientation` and the `conditioning`."""
-        if self.program is not None and self.program.whole:
-            parts = "residual", "guards", "determinants", "entries"
-            r, guards, determinants, entries = self.program.run(parts, self.eq, q)
-            upright, none = np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
-            return largest_of_lanes(r), upright, none, np.sign(determinants), self._ratio(self._lengths(entries))
-        return *self.check(q), self.orientation(q), self.conditioning(q)
-
-    def newton(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows, and how far a step of Newton would move the unknowns back; see `Evaluation`."""
-        if self.program is not None:
-            r, step = self.program.run(("residual", "step"), self.eq, q)
-            return r, step
-        r = self.residual(q)
-        return r, self.solve(self.matrices(q)[0], r.T[:, :, None])[:, :, 0].T
-
     def polish(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the rows, the step of Newton, and the conditioning."""
         if self.program is not None:
