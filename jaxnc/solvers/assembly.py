@@ -16,7 +16,7 @@ from jaxnc.solvers import host
 from jaxnc.solvers.elimination import independent_coordinates, with_special
 from jaxnc.solvers.plan import LARGEST_WRITTEN, LargePlan, Plan, plan
 from jaxnc.solvers.sparse_matrix import RANK, Nullity, matrix_of, null_directions, null_part, shape_of
-from jaxnc.system.equations import Equations, derived, jacobian, places, pure_numbers, residual
+from jaxnc.system.equations import Equations, derived, jacobian, places, residual
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
@@ -96,11 +96,9 @@ def _evaluate_traced(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
 
 def meets(eq: Equations, q: Coordinates | np.ndarray, gap: float) -> bool:
     """Say whether a pose of a drawing whose largest residual is `gap` counts as assembled; on the host."""
-    least = limits(eq.length)
-    size = float(eq.length)
-    largest = np.max(np.where(pure_numbers(eq.topology), size, 1.0) * np.abs(np.asarray(q)), initial=0.0)
-    slack = least.accept * size + least.rounding * float(largest)
-    return gap <= 1e3 * slack
+    inner, least = to_host(eq), limits(eq.length)
+    largest = np.max(inner.weights * np.abs(np.asarray(q)), initial=0.0)
+    return gap <= 1e3 * (least.accept * inner.length + least.rounding * float(largest))
 
 
 class Sample(NamedTuple):
@@ -127,8 +125,7 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
     view = free_plan(system.topology)
     eq = derive(system)
     nudge, n = np.zeros(len(system.topology.coordinates)), len(view.unknown)
-    pure = pure_numbers(system.topology)[view.unknown]
-    weight = np.where(pure, float(eq.length), 1.0)
+    weight = to_host(eq).weights[view.unknown]
     out: list[Sample] = []
     for step in range(count):
         q, gap, matrix = settle(eq, nudge)

@@ -349,24 +349,14 @@ class Kernel:
     def diagnose(self, eq: Equations, x: list[Array], iterated: dict[int, Eliminated] | None = None) -> SolvedLanes:
         """Find what is to be known of poses."""
         factors = [(iterated or {}).get(k) or block.factors(eq, x) for k, block in enumerate(self.blocks)]
-        found = tuple(f.determinant for f in factors)
-        return SolvedLanes(x, found, *self._diagnose(eq, x, factors))
-
-    def evaluate(self, eq: Equations, x: Lanes) -> tuple[Array, Array, Array, Array]:
-        """Return the largest residual, the conditioning, and whether upright and mirrored, of poses found elsewhere."""
-        return self._diagnose(eq, x, [block.factors(eq, x) for block in self.blocks])
-
-    def _diagnose(
-        self, eq: Equations, x: Lanes, factors: Sequence[Eliminated]
-    ) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
-        pivots = [f.pivots for f in factors]
         size = _reduce(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
         rows, bodies = (guard.values(eq, x) for guard in self.guards)
         upright = _reduce(jnp.logical_and, [g > 0.0 for g in (*rows, *bodies)] or [jnp.array(True)])
         for slope in self.steep.slopes(eq, x).values():
             upright = upright & jnp.isfinite(slope)
         mirrored = _reduce(jnp.logical_or, [g <= 0.0 for g in bodies] or [jnp.array(False)])
-        return size, smallest(pivots), upright, mirrored
+        determinants, pivots = tuple(f.determinant for f in factors), smallest([f.pivots for f in factors])
+        return SolvedLanes(x, determinants, size, pivots, upright, mirrored)
 
     def _iterate(self, block: _Block, eq: Equations, x: list) -> tuple[Sequence[Array], Factors]:
         """Solve a block by Newton, in all lanes until the last has it."""

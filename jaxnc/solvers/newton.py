@@ -5,6 +5,7 @@ host, which is asked once for all designs that `jax.vmap` maps; thousands XLA as
 """
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -18,7 +19,6 @@ from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense, host
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan
-from jaxnc.solvers.rows import Place
 from jaxnc.solvers.traced import PIECE, Mapped, ask_host, ask_of_equations, in_lanes, shorten_equations
 from jaxnc.system.equations import Equations, weights
 from jaxnc.system.host import HostEquations, from_jax
@@ -290,16 +290,10 @@ def _changes(plan: Plan, eq: Equations, eq_dot: Equations, x, known, known_dot, 
     """Changes of the unknown coordinates with equations and known coordinates, in some lanes."""
     home = lax.stop_gradient(eq.home)
     at: list[Any] = [eq.home[c] for c in range(home.shape[0])]
-    change: list[Any] = [None] * len(at)
     for columns, values in ((plan.unknown, x), (plan.known, known)):
         for c, v in zip(columns, values, strict=True):
             at[int(c)] = jnp.where(ok, v, home[int(c)])
-    for c, d in zip(plan.known, known_dot, strict=True):
-        change[int(c)] = jnp.where(ok, d, 0.0)
-    ground, constants = _drawing_changes(plan, eq_dot, ok)
-    for c, d in ground.items():
-        change[c] = d
-    found: list[Any] = kernel(plan).tangent(eq, at, change, constants, ok)
+    found = _tangent(plan, eq, at, eq_dot, known_dot, ok)
     return tuple(
         jnp.zeros(ok.shape) if found[c] is None else jnp.broadcast_to(found[c], ok.shape) for c in plan.unknown
     )
@@ -309,24 +303,36 @@ def _changes(plan: Plan, eq: Equations, eq_dot: Equations, x, known, known_dot, 
 _CHANGES = autodiff.TwoRules(_few_changes, _lane_changes, 1000)
 
 
-def _drawing_changes(plan: Plan, eq_dot: Equations, ok: Array) -> tuple[dict[int, Array], dict[Place, Array]]:
-    """Changes of the ground's coordinates and of constants, as far as there are any; zero where it is not `ok`.
+def _tangent(
+    plan: Plan,
+    eq: Equations,
+    at: Sequence[Array] | Array,
+    eq_dot: Equations,
+    known_dot: Sequence[Array] | Array,
+    ok: Array,
+) -> list[Any]:
+    """Changes of all coordinates with the equations and the known coordinates; None where there is none.
 
-    They are spread over the lanes together, mapped ones too, so that in reverse there is one sum over lanes instead of
-    one for each.
+    Those of the ground and of constants are spread over the lanes together, mapped ones too, so that in reverse there
+    is one sum over lanes instead of one for each.
     """
+    change: list[Any] = [None] * len(at)
+    for k, c in enumerate(plan.known):
+        change[int(c)] = jnp.where(ok, known_dot[k], 0.0)
     ground = [] if isinstance(eq_dot.home, np.ndarray) else [int(c) for c in plan.fixed]
     parts, places = [eq_dot.home[np.array(ground, int)]] if ground else [], []
     for b, constants in enumerate(eq_dot.constants):
         if not isinstance(constants, np.ndarray):
             parts.append(constants.reshape(-1))
             places += [(b, i, k) for i, k in np.ndindex(*constants.shape)]
-    count = len(ground) + len(places)
-    if not count:
-        return {}, {}
-    together = jnp.where(ok, jnp.concatenate(parts).reshape(count, *[1] * ok.ndim), 0.0)
-    changes = [part[0] for part in lax.split(together, [1] * count)]
-    return dict(zip(ground, changes, strict=False)), dict(zip(places, changes[len(ground) :], strict=True))
+    changes: list[Array] = []
+    if count := len(ground) + len(places):
+        together = jnp.where(ok, jnp.concatenate(parts).reshape(count, *[1] * ok.ndim), 0.0)
+        changes = [part[0] for part in lax.split(together, [1] * count)]
+    for c, d in zip(ground, changes, strict=False):
+        change[c] = d
+    constants_dot = dict(zip(places, changes[len(ground) :], strict=True))
+    return kernel(plan).tangent(eq, [at[c] for c in range(len(change))], change, constants_dot, ok)
 
 
 def implicit(
@@ -342,13 +348,7 @@ def implicit(
     ok = is_regular_solution(plan, eq, q) if ok is None else ok
     at = masked_pose(eq, q, ok)
     if plan.square and writes_out(plan):
-        change: list[Any] = [None] * at.shape[0]
-        for k, c in enumerate(plan.known):
-            change[int(c)] = jnp.where(ok, known_dot[k], 0.0)
-        ground, constants = _drawing_changes(plan, eq_dot, ok)
-        for c, d in ground.items():
-            change[c] = d
-        found: list[Any] = kernel(plan).tangent(eq, [at[c] for c in range(at.shape[0])], change, constants, ok)
+        found = _tangent(plan, eq, at, eq_dot, known_dot, ok)
         return jnp.stack([0.0 if d is None else d for d in found])
     known = jnp.where(ok, known, at[plan.known])
 
@@ -365,8 +365,8 @@ def is_regular_solution(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     """Say whether a pose is a solution at which derivatives exist; carries no derivative itself."""
     eq, q = lax.stop_gradient((eq, q))
     if plan.square and writes_out(plan):
-        size, pivots, _, _ = kernel(plan).evaluate(eq, [q[c] for c in range(q.shape[0])])
-        return (size <= tolerance(eq, q)) & (pivots > limits(q).singular)
+        found = kernel(plan).diagnose(eq, [q[c] for c in range(q.shape[0])])
+        return (found.size <= tolerance(eq, q)) & (found.pivots > limits(q).singular)
     r, jacobian, _ = plan.linearise(eq, q)
     return (largest(r) <= tolerance(eq, q)) & (plan.conditioning(eq, jacobian) > limits(q).singular)
 

@@ -59,7 +59,8 @@ def write_rows(plan: Plan, b: Builder) -> PlanNodes:
         return [at[k] for k in program.outputs]
 
     rows, guard = Rows(top, plan.rows.tolist(), columns), guard_functions(top)
-    found = dict(zip(rows.places, append(rows, rows.partials), strict=True))
+    derived, places = rows.partials
+    found = dict(zip(places, append(rows, derived), strict=True))
     return PlanNodes(
         append(rows, rows.program),
         {(r, c): k for (r, c), k in found.items() if c < unknowns},

@@ -7,7 +7,7 @@ arithmetic on long vectors. Nothing is gathered or scattered: the topology says 
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -51,10 +51,14 @@ Numerics = ModuleType | _TracedNumerics
 
 
 class RowNumbers(NamedTuple):
-    """The numbers of a design that rows need; `Equations` and `HostEquations` have these fields too."""
+    """The numbers of a design that rows need."""
 
     constants: Sequence[AnyArray]  # of each block ``(instances, constants, *lanes)``
     scales: Sequence[Numbers]  # of each block's rows ``(instances, rows, *lanes)``; they make rows lengths
+
+
+Numbered: TypeAlias = "RowNumbers | Equations | HostEquations"
+"""Whatever has these two fields."""
 
 
 class Functions:
@@ -118,7 +122,7 @@ class Functions:
         """Constants that the functions depend on."""
         return [(b, i, k) for b, i in self._variables for k in range(len(self.top.blocks[b].kind.constants))]
 
-    def collect(self, x: Lanes, numbers: "RowNumbers | Equations | HostEquations") -> list[AnyArray]:
+    def collect(self, x: Lanes, numbers: Numbered) -> list[AnyArray]:
         """Collect inputs of the program, from coordinates and `Numbers`."""
         constants = (entry(numbers.constants[b], i, k) for b, i, k in self.constants)
         scales = (entry(numbers.scales[b], i, k) for b, i, k in self.scales)
@@ -129,9 +133,7 @@ class Functions:
         """Return the program as a function of NumPy's or of JAX's lanes."""
         return function(self.program, xp)
 
-    def values(
-        self, numbers: "RowNumbers | Equations | HostEquations", x: Lanes, xp: Numerics = TRACED
-    ) -> list[AnyArray]:
+    def values(self, numbers: Numbered, x: Lanes, xp: Numerics = TRACED) -> list[AnyArray]:
         """Evaluate the functions."""
         out: list[AnyArray] = [None] * self.count
         for place, value in zip(self._places, self.run(xp)(self.collect(x, numbers)), strict=True):
@@ -142,9 +144,7 @@ class Functions:
                 out[place] = found[k]
         return out
 
-    def _call_kind(
-        self, at: Instance, numbers: "RowNumbers | Equations | HostEquations", local: Sequence[Array]
-    ) -> tuple[Array, ...]:
+    def _call_kind(self, at: Instance, numbers: Numbered, local: Sequence[Array]) -> tuple[Array, ...]:
         """Evaluate the function of an instance that no program has."""
         (b, i), kind = at, self.top.blocks[at[0]].kind
         constants = [entry(numbers.constants[b], i, k) for k in range(len(kind.constants))]
@@ -173,11 +173,9 @@ class Rows(Functions):
                     wanted[b, i] = mine
         super().__init__(top, wanted, "residual", columns, scaled=True)
 
-    def slopes(
-        self, numbers: "RowNumbers | Equations | HostEquations", x: Lanes, xp: Numerics = TRACED
-    ) -> dict[tuple[int, int], Array]:
+    def slopes(self, numbers: Numbered, x: Lanes, xp: Numerics = TRACED) -> dict[tuple[int, int], Array]:
         """Differentiate by the columns: slopes that can differ from zero, by row and place of the column."""
-        found = dict(zip(self.places, self.run_slopes(xp)(self.collect(x, numbers)), strict=True))
+        found = dict(zip(self.partials[1], self.run_slopes(xp)(self.collect(x, numbers)), strict=True))
         column = {c: k for k, c in enumerate(self.columns)}
         for at, outputs in self._foreign.items():
             variables, structure = self._variables[at], pattern(self.top.blocks[at[0]].kind, self.top.dim)
@@ -197,24 +195,15 @@ class Rows(Functions):
         return found
 
     @functools.cached_property
-    def _derived(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
+    def partials(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
+        """The program of the derivatives by the columns, of the same inputs, and the row and column of each."""
         found, places = partials(self.program, range(len(self.columns)))
         return found, tuple((self._places[r], c) for r, c in places)
 
-    @property
-    def partials(self) -> Program:
-        """The program of the derivatives by the columns, of the same inputs."""
-        return self._derived[0]
-
-    @property
-    def places(self) -> tuple[tuple[int, int], ...]:
-        """Rows and columns of the derivatives."""
-        return self._derived[1]
-
     @with_owner
     def run_slopes(self, xp: Numerics) -> Callable[[Sequence], tuple]:
-        """Return the derivatives at `places` as a function of the program's inputs."""
-        return function(self.partials, xp)
+        """Return the derivatives of `partials` as a function of the program's inputs."""
+        return function(self.partials[0], xp)
 
     @functools.cached_property
     def run_changes(self) -> Callable[[Sequence], tuple]:
@@ -308,9 +297,10 @@ class Rows(Functions):
         """Write the rows and all their derivatives, structural zeros as numbers."""
         at = b.append(self.program, b.first)
         rows = [Number(b, at[k]) for k in self.program.outputs]
-        at = b.append(self.partials, b.first)
+        derived, places = self.partials
+        at = b.append(derived, b.first)
         slopes: list[list[Number | float]] = [[0.0] * len(self.columns) for _ in rows]
-        for (r, c), k in zip(self.places, self.partials.outputs, strict=True):
+        for (r, c), k in zip(places, derived.outputs, strict=True):
             slopes[r][c] = Number(b, at[k])
         return rows, slopes
 
@@ -348,11 +338,12 @@ class Rows(Functions):
 
     def _write_bends(self, b: Builder) -> list[Any]:
         """Write the second derivatives of the rows by the first column; None of a row that has none."""
-        second, at = partials(self.partials, (0,))
+        derived, places = self.partials
+        second, at = partials(derived, (0,))
         nodes = b.append(second, b.first)
         found: list[Number | None] = [None] * self.count
         for k, (n, _) in enumerate(at):
-            row, column = self.places[n]
+            row, column = places[n]
             if column == 0:
                 found[row] = Number(b, nodes[second.outputs[k]])
         return found

@@ -229,7 +229,7 @@ class Lockstep:
 def matrix(rows: Rows, given: list[ArrayLike], lanes: tuple[int, ...]) -> np.ndarray:
     """Evaluate the derivatives of rows by their columns, ``(rows, columns, *lanes)``."""
     out = np.zeros((rows.count, len(rows.columns), *lanes))
-    for place, value in zip(rows.places, rows.run_slopes(np)(given), strict=True):
+    for place, value in zip(rows.partials[1], rows.run_slopes(np)(given), strict=True):
         out[place] = value
     return out
 
