@@ -203,8 +203,7 @@ def force_constants(top: Topology, home: Any, block: ForceBlock, physical: Any) 
             i, k = min(lacking)
             raise InputError(f"{kind.name} {block.names[i]!r}: {kind.parameters[k]} must be given")
         x = home[force_variables(top, top.loads.forces.index(block))]
-        run = formula.traced if not host else formula.carrying if tail else formula.on_lanes
-        values = run([x[:, k] for k in range(x.shape[1])])
+        values = formula.reading(home, bool(tail))([x[:, k] for k in range(x.shape[1])])
         out = xp.stack([xp.broadcast_to(y, (count, *tail)) for y in values], axis=1).astype(home.dtype)
     if block.given:
         i, k, at = (np.array(z) for z in zip(*block.given, strict=True))

@@ -342,12 +342,16 @@ def design_numbers(top: Topology, parameters: Parameters, levels: int = 6) -> An
     The first level knows points of redrawn bodies and unit vectors.
     """
     par = parameters.points, parameters.vectors, parameters.markers, parameters.dimensions
-    xp: Any = np if isinstance(parameters.points, np.ndarray) else jnp
-    dtype = parameters.points.dtype
-    x = xp.concatenate([xp.zeros(1, dtype), *(a.reshape(-1) for a in par)])
+    return _run_design(top, [a.reshape(-1) for a in par], levels)
+
+
+def _run_design(top: Topology, given: Sequence[Numbers], levels: int, carries: bool = False) -> AnyArray:
+    xp: Any = np if isinstance(given[0], np.ndarray) else jnp
+    dtype = given[0].dtype
+    x = xp.concatenate([xp.zeros((1, *given[0].shape[1:]), dtype), *given])
 
     def run(step: Step, given: Numbers) -> list[AnyArray]:
-        values = (step.formula.on_lanes if xp is np else step.formula.traced)(list(given))
+        values = step.formula.reading(given, carries)(list(given))
         return [xp.broadcast_to(xp.asarray(v, dtype), given.shape[1:]) for v in values]
 
     return run_steps(design(top), x, run, xp.concatenate, levels)
@@ -371,13 +375,6 @@ def carry_design(top: Topology, geometry: np.ndarray) -> Drawn:
 
     That is points, vectors, markers and dimensions behind each other, ``(numbers, ..., 1 + changes)``.
     """
-    x = np.concatenate([np.zeros((1, *geometry.shape[1:]), geometry.dtype), geometry])
-
-    def run(step: Step, given: np.ndarray) -> list[np.ndarray]:
-        out = step.formula.carrying(list(given))
-        return [np.broadcast_to(v, given.shape[1:]).astype(geometry.dtype, copy=False) for v in out]
-
-    found = design(top)
-    x = run_steps(found, x, run, np.concatenate, 5)
+    found, x = design(top), _run_design(top, [geometry], 5, carries=True)
     constants = tuple(x[places] for places in found.constants[: len(top.blocks)])
     return Drawn(x[found.drawing], x[found.vectors], x[found.home], constants, x[found.markers])

@@ -75,25 +75,15 @@ def equations(system: System, differentiate_scales: bool = False) -> Equations:
     length = _bar_length(top, still(x[found.drawing])) if top.large else characteristic_length(still(par.points))
     length = np.asarray(length, x.dtype) if host else length
     constants = tuple(x[places] for places in found.constants)
-    scales, linear, second = [], [], []
+    scales, scaled = [], []
     for block, layout, c in zip(top.blocks, top.layout, constants, strict=True):
-        g = h = None
-        if quadratic(block.kind, top.dim):
-            g, h = (row_coefficients(block, top.dim, c, order) for order in (1, 2))
-        scales.append(_scales(top, block, layout, still(g), length, c))
-        linear.append(None if g is None else g * scales[-1][..., None])
-        second.append(None if h is None else h * scales[-1][..., None, None])
-    return Equations(
-        top,
-        x[found.home],
-        length,
-        constants,
-        tuple(scales),
-        tuple(linear),
-        tuple(second),
-        x[found.markers],
-        stop((np if host else jnp).nanmax(x[found.misfit])),
-    )
+        slopes = _coefficients(block, top.dim, c)
+        scales.append(_scales(top, block, layout, still(slopes[0]), length, c))
+        scaled.append([_times_rows(one, scales[-1]) for one in slopes])
+    linear, second = (tuple(both[order] for both in scaled) for order in range(2))
+    home, markers = x[found.home], x[found.markers]
+    misfit = stop((np if host else jnp).nanmax(x[found.misfit]))
+    return Equations(top, home, length, constants, tuple(scales), linear, second, markers, misfit)
 
 
 def renumbered(eq: Equations, constants: Sequence[Numbers], scales: Sequence[Numbers]) -> Equations:
@@ -101,16 +91,21 @@ def renumbered(eq: Equations, constants: Sequence[Numbers], scales: Sequence[Num
 
     NumPy's constants may carry changes along a last axis; then the coefficients do too.
     """
-    found: list[list[AnyArray]] = [[], []]
-    for block, c, scale in zip(eq.topology.blocks, constants, scales, strict=True):
-        for order, out in enumerate(found, start=1):
-            if quadratic(block.kind, eq.topology.dim):
-                wide = scale.reshape(*scale.shape, *[1] * (order + c.ndim - 2))
-                out.append(row_coefficients(block, eq.topology.dim, c, order) * wide)
-            else:
-                out.append(None)
-    linear, second = map(tuple, found)
+    top, blocks = eq.topology, zip(eq.topology.blocks, constants, scales, strict=True)
+    found = [[_times_rows(x, scale) for x in _coefficients(block, top.dim, c)] for block, c, scale in blocks]
+    linear, second = (tuple(x[order] for x in found) for order in range(2))
     return dataclasses.replace(eq, constants=tuple(constants), scales=tuple(scales), linear=linear, quadratic=second)
+
+
+def _coefficients(block: Block, dim: int, constants: AnyArray) -> Sequence[AnyArray]:
+    """First and second derivatives of a block's rows, see `row_coefficients`; none where it is not quadratic."""
+    known = quadratic(block.kind, dim)
+    return [row_coefficients(block, dim, constants, order) if known else None for order in (1, 2)]
+
+
+def _times_rows(coefficients: AnyArray, scale: AnyArray) -> AnyArray:
+    """Multiply coefficients ``(instances, rows, …)`` by the scales of the rows ``(instances, rows)``."""
+    return None if coefficients is None else coefficients * scale[(..., *[None] * (coefficients.ndim - scale.ndim))]
 
 
 def derived(system: System, differentiate_scales: bool = False) -> Equations:
@@ -157,7 +152,7 @@ def row_coefficients(block: Block, dim: int, constants: AnyArray, order: int) ->
 
     Constants are ``(instances, constants)``. NumPy's may carry changes along a last axis; then the derivatives do too.
     """
-    run, same, where = _at_origin(block.kind, dim, order)
+    found, same, where = _at_origin(block.kind, dim, order)
     host, tail = isinstance(constants, np.ndarray), constants.shape[2:]
     wide: AnyArray = np.zeros((same.size, *tail))
     wide[..., *(0,) * len(tail)] = same.reshape(-1)
@@ -166,8 +161,7 @@ def row_coefficients(block: Block, dim: int, constants: AnyArray, order: int) ->
     if len(where):
         place = np.arange(same.size)
         place[where] = same.size + np.arange(len(where))
-        read = run.traced if not host else run.carrying if tail else run.on_lanes
-        columns = read([constants[:, k] for k in range(constants.shape[1])])
+        columns = found.reading(constants, bool(tail))([constants[:, k] for k in range(constants.shape[1])])
         columns = [xp.broadcast_to(xp.asarray(v, constants.dtype), (block.count, *tail)) for v in columns]
         wide = xp.concatenate([wide, xp.stack(columns, axis=1)], axis=1)[:, place]
     return wide.reshape(block.count, *same.shape, *tail)

@@ -107,15 +107,7 @@ class HostEquations:
 
     def residual(self, q: np.ndarray) -> np.ndarray:
         """All rows as lengths, ``(rows, lanes)``."""
-        top = self.topology
-        out = np.empty((len(top.rows), q.shape[1]), self.dtype)
-        for b, block in enumerate(top.blocks):
-            if not block.kind.rows:
-                continue
-            at = top.layout[b].rows.T
-            for r, value in enumerate(self._kinds[b].rows(self._local(b, q))):
-                out[at[r]] = value * self._given[b][1][r]
-        return out
+        return self.rates(q, ())
 
     def entries(self, q: np.ndarray) -> np.ndarray:
         """Derivatives of every row with respect to its own instance's variables, ``(entries, lanes)``.
@@ -138,7 +130,8 @@ class HostEquations:
         for b, block in enumerate(top.blocks):
             if not block.kind.rows:
                 continue
-            layout, run = top.layout[b], self._kinds[b].rates(len(terms))
+            layout, kind = top.layout[b], self._kinds[b]
+            run = kind.rates(len(terms)) if terms else kind.rows
             more = [x for term in terms for x in term[layout.variables.T]]
             for r, value in enumerate(run([*self._local(b, q), *more])):
                 out[layout.rows.T[r]] = value * self._given[b][1][r]

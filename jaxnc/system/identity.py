@@ -51,19 +51,9 @@ Names = tuple[tuple[str, ...], ...]
 
 def names_of(mechanism: "Mechanism") -> Names:
     """The names of everything in a description that can own something."""
-    m = mechanism.model
-    return (
-        tuple(m.bodies),
-        mechanism.all_points,
-        mechanism.all_vectors,
-        mechanism.scalar_names,
-        tuple(m.joints),
-        tuple(m.relations),
-        tuple(m.constraints),
-        tuple(m.masses),
-        tuple(m.forces),
-        tuple(m.friction),
-    )
+    m, spots = mechanism.model, (mechanism.all_points, mechanism.all_vectors, mechanism.scalar_names)
+    things = (m.bodies, *spots, m.joints, m.relations, m.constraints, m.masses, m.forces, m.friction)
+    return tuple(map(tuple, things))
 
 
 def called(names: Names, *owners: Owner) -> str:

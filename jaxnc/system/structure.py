@@ -275,6 +275,10 @@ class Formula:
 
         return run
 
+    def reading(self, like: Numbers, carries: bool = False) -> Callable[[Sequence[Any]], Sequence[Any]]:
+        """Return the reading for arrays such as one; NumPy's may carry changes."""
+        return self.traced if not isinstance(like, np.ndarray) else self.carrying if carries else self.on_lanes
+
     def write(self, b: Builder, inputs: Sequence[int]) -> list[int]:
         """Write the operations into a program; where the results are."""
         if self.program is None:

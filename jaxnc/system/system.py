@@ -1,7 +1,7 @@
 """The compiled mechanism as an immutable pytree: topology (static) and parameters (arrays)."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -13,7 +13,7 @@ from jaxnc import validate
 from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.constraints import UNIT
-from jaxnc.errors import InputError, JaxncError, is_traced, nearest
+from jaxnc.errors import InputError, JaxncError, counted, is_traced, list_first, nearest
 from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
 from jaxnc.system.identity import Quantity
@@ -44,11 +44,11 @@ class Parameters:
 
     def in_numpy(self) -> "Parameters":
         """Make NumPy arrays of the numbers; those of a user's own forces stay as they are."""
-        leaves = self.points, self.vectors, self.markers, self.dimensions, self.physical
-        points, vectors, markers, dimensions, physical = map(np.asarray, leaves)
-        return dataclasses.replace(
-            self, points=points, vectors=vectors, markers=markers, dimensions=dimensions, physical=physical
-        )
+        return dataclasses.replace(self, **{leaf: np.asarray(getattr(self, leaf)) for leaf in _LEAVES})
+
+
+_LEAVES = "points", "vectors", "markers", "dimensions", "physical"
+"""The parameters that are arrays, one number or row for each name."""
 
 
 @public
@@ -79,28 +79,22 @@ class System(Drawn):
     @property
     def design_variables(self) -> tuple[str, ...]:
         """Names that `__getitem__` and `replace` understand: points, vectors, markers, explicit dimensions."""
+        return tuple(name for names in self._variables.values() for name in names)
+
+    @property
+    def _variables(self) -> dict[str, tuple[str, ...]]:
+        """Names of the design variables, by the parameters that they are."""
         top = self.topology
-        loads = (*top.loads.physical, *(f.address for f in top.loads.functions))
-        return (*top.points, *top.vectors, *(m.name for m in top.markers), *top.dimensions, *loads)
+        markers, own = tuple(m.name for m in top.markers), tuple(f.address for f in top.loads.functions)
+        arrays = zip(_LEAVES, (top.points, top.vectors, markers, top.dimensions, top.loads.physical), strict=True)
+        return dict(arrays) | {"own": own}
 
     def _locate(self, name: str) -> tuple[str, int]:
-        top = self.topology
         if not isinstance(name, str):
             raise InputError(f"design variables are named by strings, as {self.design_variables[0]!r} is; got {name!r}")
-        if name in top.points:
-            return "points", top.points.index(name)
-        if name in top.vectors:
-            return "vectors", top.vectors.index(name)
-        if name in top.dimensions:
-            return "dimensions", top.dimensions.index(name)
-        names = [m.name for m in top.markers]
-        if name in names:
-            return "markers", names.index(name)
-        if name in top.loads.physical:
-            return "physical", top.loads.physical.index(name)
-        names = [f.address for f in top.loads.functions]
-        if name in names:
-            return "own", names.index(name)
+        for leaf, names in self._variables.items():
+            if name in names:
+                return leaf, names.index(name)
         either = [v for v in self.design_variables if v.partition(" ")[2] == name]
         if len(either) > 1:
             raise InputError(f"{name!r} may be {' or '.join(map(repr, either))}; say which")
@@ -109,7 +103,7 @@ class System(Drawn):
             hint += "; a length is read off the drawing unless the body gives it with lengths="
         elif "." in name:
             hint += "; what is read off the drawing is none: give it where the joint or constraint is added"
-        raise InputError(f"{top.name!r} has no design variable {name!r}; {hint}")
+        raise InputError(f"{self.name!r} has no design variable {name!r}; {hint}")
 
     __iter__ = None  # what is got by name is not gone through by numbers
 
@@ -131,7 +125,7 @@ class System(Drawn):
         Raises:
             InputError: for a name that is not a design variable, or a value of the wrong shape.
         """
-        leaves = {k: getattr(self.parameters, k) for k in ("points", "vectors", "markers", "dimensions", "physical")}
+        leaves = {leaf: getattr(self.parameters, leaf) for leaf in _LEAVES}
         own = list(self.parameters.own)
         changed: dict[str, dict[int, ArrayLike]] = {}
         for name, value in {**(values or {}), **more}.items():
@@ -175,26 +169,17 @@ class System(Drawn):
         Raises:
             InputError: the system stands for several designs.
         """
-        top, par = self.topology, self.parameters
-        if np.ndim(par.points) != 2:
+        if np.ndim(self.parameters.points) != 2:
             raise InputError(
-                f"named() is of one design, and this {top.name!r} is several: map it, jax.vmap(lambda s: s.named())"
+                f"named() is of one design, and this {self.name!r} is several: map it, jax.vmap(lambda s: s.named())"
             )
         out: dict[str, Any] = {}
-        markers = tuple(m.name for m in top.markers)
-        for names, leaf in (
-            (top.points, par.points),
-            (top.vectors, par.vectors),
-            (markers, par.markers),
-            (top.dimensions, par.dimensions),
-            (top.loads.physical, par.physical),
-        ):
-            if isinstance(leaf, Tracer):
-                out.update(zip(names, leaf, strict=True))
-            else:  # nothing to compile
-                with numbers(leaf):
-                    out.update(zip(names, on_device([*np.asarray(leaf)]), strict=True))
-        out.update(zip((f.address for f in top.loads.functions), par.own, strict=True))
+        for leaf, names in self._variables.items():
+            values = getattr(self.parameters, leaf)
+            if leaf != "own" and not isinstance(values, Tracer):  # nothing to compile
+                with numbers(values):
+                    values = on_device([*np.asarray(values)])
+            out.update(zip(names, values, strict=True))
         return out
 
     def from_named(self, values: Mapping[str, Any]) -> "System":
@@ -218,7 +203,7 @@ class System(Drawn):
                 raise InputError(f"{self.name!r}: from_named() takes whole names; {nearest(name, known)}")
         missing = [name for name in known if name not in values]
         if missing:
-            told = f"{_names(map(repr, missing))} {'is' if len(missing) == 1 else 'are'} missing"
+            told = f"{list_first([*map(repr, missing)], 14)} {'is' if len(missing) == 1 else 'are'} missing"
             raise InputError(
                 f"{self.name!r}: from_named() takes all {len(known)} design variables, and {told}; replace() takes some"
             )
@@ -269,9 +254,9 @@ class System(Drawn):
         rank = n - self.degrees_of_freedom
         counts = f"n = {n} coordinates, {len(top.rows)} constraint rows, rank {rank}, "
         lines = [
-            f"{top.name}: {counts}{_count(self.degrees_of_freedom, 'degree')} of freedom",
-            *([f"  inputs may be    {_names(drivable(top))}"] if self.degrees_of_freedom else []),
-            f"  design variables {_names(self.design_variables)}",
+            f"{top.name}: {counts}{counted(self.degrees_of_freedom, 'degree')} of freedom",
+            *([f"  inputs may be    {list_first(drivable(top), 14)}"] if self.degrees_of_freedom else []),
+            f"  design variables {list_first(self.design_variables, 14)}",
             *(f"  {said}" for said in unheld(top)),
         ]
         return "\n".join(lines)
@@ -309,15 +294,6 @@ def unheld(top: Topology) -> list[str]:
     loose += [(f"vector {n!r}", count + i) for i, n in enumerate(top.vectors) if i not in held]
     free = [n for n, i in loose if not all(top.fixed[top.dim * i : top.dim * (i + 1)])]
     return [f"{name} belongs to no body and nothing holds it: remove it, or add it to a body" for name in free]
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" + ("" if number == 1 else "s")
-
-
-def _names(names: Iterable[str], most: int = 14) -> str:
-    names = list(names)
-    return ", ".join(names[:most]) + (f", … ({len(names)} in all)" if len(names) > most else "")
 
 
 def characteristic_length(points: Float[Array, "points dim"]) -> Numbers:

@@ -332,11 +332,18 @@ class Topology:
         return self._lay_out(self.rates)
 
     def _lay_out(self, blocks: tuple[Block, ...]) -> tuple["BlockLayout", ...]:
-        first, out = 0, []
-        offset = len(self.points) * self.dim
+        first, out, axes = 0, [], np.arange(self.dim, dtype=INDEX)
         for block in blocks:
-            out.append(BlockLayout.of(block, self.dim, offset, first))
-            first += block.count * len(block.kind.rows)
+            count, kind = block.count, block.kind
+            places = (block.points, kind.points), (block.vectors, kind.vectors), (block.scalars, kind.scalars)
+            points, vectors, scalars, drawn = (
+                np.array(at, dtype=INDEX).reshape(count, width) for at, width in (*places, (block.drawn, kind.points))
+            )
+            beyond = len(self.points) + vectors  # the vectors' components follow those of the points
+            spread = [(at[:, :, None] * self.dim + axes).reshape(count, -1) for at in (points, beyond)]
+            rows = first + np.arange(count * len(kind.rows), dtype=INDEX).reshape(count, len(kind.rows))
+            out.append(BlockLayout(np.concatenate([*spread, scalars], axis=1), rows, drawn, vectors, scalars))
+            first += count * len(kind.rows)
         return tuple(out)
 
 
@@ -370,17 +377,3 @@ class BlockLayout:
     drawn: np.ndarray
     vectors: np.ndarray
     scalars: np.ndarray
-
-    @classmethod
-    def of(cls, block: Block, dim: int, vector_offset: int, first_row: int) -> "BlockLayout":
-        """Build the arrays of one block; `first_row` is the block's first row in the residual."""
-        count, kind = block.count, block.kind
-        points = np.array(block.points, dtype=INDEX).reshape(count, kind.points)
-        vectors = np.array(block.vectors, dtype=INDEX).reshape(count, kind.vectors)
-        scalars = np.array(block.scalars, dtype=INDEX).reshape(count, kind.scalars)
-        axes = np.arange(dim, dtype=INDEX)
-        spread = (points[:, :, None] * dim + axes).reshape(count, -1)
-        spread_v = (vector_offset + vectors[:, :, None] * dim + axes).reshape(count, -1)
-        rows = first_row + np.arange(count * len(kind.rows), dtype=INDEX).reshape(count, len(kind.rows))
-        drawn = np.array(block.drawn, dtype=INDEX).reshape(count, kind.points)
-        return cls(np.concatenate([spread, spread_v, scalars], axis=1), rows, drawn, vectors, scalars)
