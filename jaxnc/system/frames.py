@@ -88,21 +88,13 @@ def _marker_position(top: Topology, marker: MarkerIndex, coefficients: Array, q:
     return place if marker.direction else points[marker.origin] + place
 
 
-def marker_places(eq: "Equations", q: Array) -> Float[Array, "... markers dim"]:
-    """Positions (directions) of all markers in poses ``(..., N)``."""
-    top = eq.topology
-
-    def places(x: Array) -> Array:
-        found = [_marker_position(top, m, eq.markers[k], x) for k, m in enumerate(top.markers)]
-        return jnp.stack(found) if found else jnp.zeros((0, top.dim))
-
-    return over(places, q)
-
-
 def marker_along(
     eq: "Equations", number: int, q: Array | np.ndarray, rates: tuple[Array, ...]
 ) -> Float[Array, "... dim"]:
-    """Time derivative of one marker, see `marker_rates`; NumPy's of poses that the host has found."""
+    """The k-th time derivative of one marker's position (direction); NumPy's of poses that the host has found.
+
+    From the poses and their first k time derivatives, each ``(..., N)``.
+    """
     return _along_poses(marker_place, (eq.topology, number), q, rates, eq.markers)
 
 
@@ -132,11 +124,6 @@ def marker_in_lanes(eq: "Equations", number: int, q: Sequence[Array]) -> Float[A
     place = functools.partial(_marker_position, top, marker, coefficients)
     flat = jnp.stack([x.reshape(-1) for x in q])
     return jax.vmap(place, in_axes=-1, out_axes=-1)(flat).T.reshape(*shape, top.dim)
-
-
-def marker_rates(eq: "Equations", q: Array, rates: tuple[Array, ...]) -> Float[Array, "... markers dim"]:
-    """The k-th time derivative of all markers, from the poses and their first k time derivatives, each ``(..., N)``."""
-    return along(lambda x: marker_places(eq, x), q, rates)
 
 
 def along(f, q: Array, rates: tuple[Array, ...]) -> Array:

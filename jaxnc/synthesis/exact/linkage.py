@@ -20,7 +20,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.pickling import fields_of
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.synthesis.validate import check_name
-from jaxnc.system.frames import marker_rates
+from jaxnc.system.frames import marker_along
 from jaxnc.system.system import System
 from jaxnc.types import Any, ArrayLike, Inputs
 
@@ -227,7 +227,7 @@ class FourBar(DrawnLinkage):
         eq = derive(system)
         q = settle(eq, np.zeros(len(top.coordinates))).q
         place = dict(zip(top.points, np.asarray(q)[: 2 * len(top.points)].reshape(-1, 2), strict=True))
-        place |= dict(zip(markers, np.asarray(marker_rates(eq, q, ())), strict=True)) if markers else {}
+        place |= {name: np.asarray(marker_along(eq, k, q, ())) for k, name in enumerate(markers)}
         pivots = [top.points[(set(b.points) & fixed).pop()] for b in bars]
         joints = [top.points[e.pop()] for e in ends]
         names = pivots[0], joints[0], joints[1], pivots[1], point
