@@ -23,6 +23,7 @@ import numpy as np
 from jaxnc import constraints as kinds
 from jaxnc.compiling import on_device
 from jaxnc.constraints import Kind, RateKind
+from jaxnc.constraints.kind import cross
 from jaxnc.doors import door
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
@@ -116,6 +117,7 @@ class Assembler(ABC):
         self.index = {name: i for i, name in enumerate(self.names)}
         self.vector_index = {name: i for i, name in enumerate(self.vector_names)}
         specs = [p if isinstance(p, record.Point) else record.Point(p) for p in m.points.values()]
+        self.specs = {name: b if isinstance(b, record.Body) else record.Body(b) for name, b in m.bodies.items()}
         self.home = np.array([*m.ground.values(), *(p.at for p in specs)], dtype=float)
         axes = mechanism.axes
         fixed = [axes] * len(m.ground) + [p.fixed for p in specs]
@@ -143,17 +145,14 @@ class Assembler(ABC):
     def system(self) -> System:
         """Write everything, in the order of the schema."""
         m = self.model
-        specs = {name: b if isinstance(b, record.Body) else record.Body(b) for name, b in m.bodies.items()}
-        for name, body in specs.items():
+        for name, body in self.specs.items():
             self.prepare_body(name, body)
         self.number_shapes()
-        self.add_bodies(specs)
-        for name, angle in m.angles.items():
-            self.owner = self.owning(Thing.COORDINATE, name)
-            self.add_angle(name, angle)
-        for name, distance in m.distances.items():
-            self.owner = self.owning(Thing.COORDINATE, name)
-            self.add_distance(name, distance)
+        self.add_bodies()
+        for coordinates, add in ((m.angles, self.add_angle), (m.distances, self.add_distance)):
+            for name, data in coordinates.items():
+                self.owner = self.owning(Thing.COORDINATE, name)
+                add(name, data)
         for name, joint in m.joints.items():
             self.owner, self.noted = self.owning(Thing.JOINT, name), (name, str(joint.__struct_config__.tag))
             getattr(self, "add_" + self.noted[1].replace(" ", "_"))(joint, f"{joint.noun} {name!r}")
@@ -217,7 +216,7 @@ class Assembler(ABC):
     # What the subclasses write.
 
     @abstractmethod
-    def add_bodies(self, specs: dict[str, record.Body]) -> None:
+    def add_bodies(self) -> None:
         """Write the rows of all bodies."""
 
     @abstractmethod
@@ -296,6 +295,11 @@ class Assembler(ABC):
         if len(segment) == 1:
             return self.vectors[~segment[0]]
         return self.home[segment[1]] - self.home[segment[0]]
+
+    def unit(self, segment: Segment) -> np.ndarray:
+        """The drawn direction of a segment, of length one; zero where its points coincide."""
+        d = self.drawn(segment)
+        return d / (np.linalg.norm(d) or 1.0)
 
     def called(self, segment: Segment) -> str:
         """Name a segment in messages."""
@@ -613,8 +617,8 @@ class PlanarAssembler(Assembler):
         ends = set(segment)
         return bool(self.fixed[list(segment)].all()) or any(ends <= set(body.points) for body in self.bodies)
 
-    def add_bodies(self, specs: dict[str, record.Body]) -> None:
-        for name, body in specs.items():
+    def add_bodies(self) -> None:
+        for name, body in self.specs.items():
             self.add_body(name, body)
 
     # -- bodies -------------------------------------------------------------------------------------------------
@@ -650,7 +654,7 @@ class PlanarAssembler(Assembler):
                 add(kinds.ATTACHED, *base, p)
             return
         i, j = base
-        off = [abs(_plane_cross(self.home[j] - self.home[i], self.home[p] - self.home[i])) for p in rest]
+        off = [abs(cross(self.home[j] - self.home[i], self.home[p] - self.home[i])) for p in rest]
         if not rest or max(off) <= 1e-9 * self.size**2:
             for p in rest:
                 add(kinds.PROPORTIONAL, i, j, p)
@@ -744,17 +748,14 @@ class PlanarAssembler(Assembler):
         self.joint(2, points, sides=(points[:1], points[1:]))
 
     def add_prismatic(self, j: record.Prismatic, what: str) -> None:
-        line, on = self.at(*j.line), self.at(*j.on)
-        self.direction(line, what)
-        self.direction(on, what)
+        line, on = (self.check_direction(d, what) for d in (j.line, j.on))
         if on[0] not in line:
             self.add(kinds.ALIGNED, (*line, on[0]))
         self.add(kinds.FIXED_ANGLE if j.form == "exact" else kinds.SCALAR_PRODUCT, line + on)
         self.joint(2, line + on, sides=(line, on))
 
     def add_slot(self, j: record.Slot, what: str) -> None:
-        line = self.at(*j.line)
-        self.direction(line, what)
+        line = self.check_direction(j.line, what)
         points = (*line, self.index[j.point])
         self.add(kinds.ALIGNED, points)
         self.joint(1, points, sides=(line, points[2:]))
@@ -770,13 +771,11 @@ class PlanarAssembler(Assembler):
         self.joint(1, points, sides=held, pressure=self.pressure(j.pressure_angle), prefix=prefix)
 
     def add_rolling(self, j: record.Rolling, what: str) -> None:
-        line = self.at(*j.line)
-        centre, rim, contact = self.at(j.centre, j.rim, j.contact)
-        self.direction(line, what)
-        self.direction((centre, contact), what)
-        self.direction((centre, rim), what)
+        line = self.check_direction(j.line, what)
+        start, to = (self.check_direction((j.centre, name), what) for name in (j.contact, j.rim))
+        (centre, contact), rim = start, to[1]
         given = self.radius(j)
-        if abs(_plane_cross(self.home[line[1]] - self.home[line[0]], self.home[centre] - self.home[line[0]])) <= (
+        if abs(cross(self.home[line[1]] - self.home[line[0]], self.home[centre] - self.home[line[0]])) <= (
             COINCIDENT * self.size**2
         ):
             raise MechanismError(
@@ -792,7 +791,6 @@ class PlanarAssembler(Assembler):
             self.add(kinds.DISTANCE, (centre, contact), given=radius)
             self.add(kinds.PERPENDICULAR, (*line, contact, centre))
         self.add(kinds.ALIGNED, (*line, contact))
-        to, start = (centre, rim), (centre, contact)
         if j.form == "exact":
             self.measure(j.angle, kinds.ANGLE["exact"], start + to, {})
             self.advance(j.distance, (line[0], contact), line)
@@ -808,8 +806,7 @@ class PlanarAssembler(Assembler):
         self.joint(4, (*where, rim), sides=(line, to, (contact,)))
 
     def add_skate(self, j: record.Skate, what: str) -> None:
-        points = (self.index[j.point], *self.at(*j.heading))
-        self.direction(points[1:], what)
+        points = (self.index[j.point], *self.check_direction(j.heading, what))
         self.slip(kinds.SKATE, points)
         self.joint(0, points)
 
@@ -827,10 +824,6 @@ class PlanarAssembler(Assembler):
             self.add(kinds.ATTACHED, (*a, b[0]))
         self.add(kinds.FIXED_ANGLE, a + b)
         self.joint(1 if shared else 3, a + b, bodies=j.bodies, sides=(first.points, second.points))
-
-
-def _plane_cross(a: np.ndarray, b: np.ndarray) -> float:
-    return float(a[0] * b[1] - a[1] * b[0])
 
 
 # -- space -------------------------------------------------------------------------------------------------------------
@@ -879,15 +872,15 @@ class SpatialAssembler(Assembler):
         vectors: list[Segment] = [(i,) for i in items if i < 0]
         found = [self.drawn(s) for s in (*vectors, *combinations([i for i in items if i >= 0], 2))]
         units = [d / np.linalg.norm(d) for d in found if np.linalg.norm(d) > COINCIDENT * self.size]
-        along = self.drawn(axis) / np.linalg.norm(self.drawn(axis))
+        along = self.unit(axis)
         if whole and np.linalg.matrix_rank(np.array(units).reshape(-1, 3), tol=_NEARLY) > 1:
             return True
         return any(np.linalg.norm(np.cross(d, along)) < _NEARLY for d in units)
 
     # -- bodies -------------------------------------------------------------------------------------------------
 
-    def add_bodies(self, specs: dict[str, record.Body]) -> None:
-        for name, body in specs.items():
+    def add_bodies(self) -> None:
+        for name, body in self.specs.items():
             items = (*self.at(*body.points), *(~self.vector_index[u] for u in body.vectors))
             self.members[name] = frozenset(items)
 
@@ -897,8 +890,8 @@ class SpatialAssembler(Assembler):
             return -max(shared - 2, 0)
 
         # Bodies that share more axes than their base can hold come first: what they fix need not be written again.
-        found = {name: self.add_body(name, specs[name]) for name in sorted(specs, key=beyond_base)}
-        self.bodies.extend(found[name] for name in specs)
+        found = {name: self.add_body(name, self.specs[name]) for name in sorted(self.specs, key=beyond_base)}
+        self.bodies.extend(found[name] for name in self.specs)
         held = frozenset().union(self.rigid_sets[0], *self.members.values())
         for k in range(len(self.vector_names)):
             if ~k not in held:  # of no body: no other row gives it its length
@@ -972,7 +965,7 @@ class SpatialAssembler(Assembler):
             names = ", ".join(self.names[i] for i in points)
             raise MechanismError(f"body {name!r}: its points {names} are drawn at the same place; move one of them")
         sizes = [1.0 if len(s) == 1 else float(np.linalg.norm(self.drawn(s))) / span for s in candidates]
-        units = np.array([self.drawn(s) / np.linalg.norm(self.drawn(s)) for s in candidates])
+        units = np.array([self.unit(s) for s in candidates])
         shared = [self.count_shared(name, s) for s in candidates]
         area = np.linalg.norm(np.cross(units[:, None], units[None]), axis=-1)
         if area.max() <= PARALLEL:
@@ -1028,8 +1021,7 @@ class SpatialAssembler(Assembler):
         if data.at is not None:
             given = given - self.home[origin]
         if len(body.segments) == 1:
-            along = self.drawn(body.segments[0])
-            off = np.linalg.norm(np.cross(given, along / np.linalg.norm(along)))
+            off = np.linalg.norm(np.cross(given, self.unit(body.segments[0])))
             if off > 1e-9 * max(self.size, 1.0):
                 raise MechanismError(
                     f"marker {name!r}: body {data.on!r} is a bar that does not know its rotation about its own line, "
@@ -1298,7 +1290,7 @@ class SpatialAssembler(Assembler):
         self.perpendicular(axis, along, what, "the pinion's axis", "the rack's line")
         if j.radius is None:
             w = self.home[start] - self.home[centre]
-            d = self.drawn(along) / np.linalg.norm(self.drawn(along))
+            d = self.unit(along)
             if np.linalg.norm(w - (w @ d) * d) < 1e-9 * self.size:
                 raise MechanismError(
                     f"{what}: the pinion's centre is drawn on the rack's line, so its radius is not known; give radius="

@@ -1,6 +1,6 @@
 """The static half of masses and forces: which coordinates each of them lives on, and which numbers it takes."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -126,17 +126,18 @@ class LoadAssembler:
         self.values.append(float(value))
         return len(self.values) - 1
 
+    def several(self, owner: Owner | None, keys: Iterable[str], values: Iterable[float] | None) -> Index:
+        """Note physical parameters, if they are given; there may be keys for more."""
+        return tuple(self.number(owner, *one) for one in zip(keys, values or (), strict=False))
+
     def loads(self) -> Loads:
         """All loads but for addresses; bodies that lack a third segment are noted in `lacking`."""
         m, axes = self.model, "xyz"[: self.a.dim]
-        gravity = ()
-        if m.gravity is not None:
-            gravity = tuple(self.number(None, f"gravity.{x}", g) for x, g in zip(axes, m.gravity, strict=True))
+        gravity = self.several(None, (f"gravity.{x}" for x in axes), m.gravity)
         inertias: dict[tuple, list[InertiaIndex]] = {}
-        specs = {name: b if isinstance(b, record.Body) else record.Body(b) for name, b in m.bodies.items()}
         for body in self.a.bodies:
-            if specs[body.name].mass is not None:
-                index = self.inertia(body, specs[body.name])
+            if self.a.specs[body.name].mass is not None:
+                index = self.inertia(body, self.a.specs[body.name])
                 inertias.setdefault(index.form, []).append(index)
         for name, mass in m.masses.items():
             p = self.a.index[mass.point]
@@ -184,20 +185,15 @@ class LoadAssembler:
         corners = tuple(redrawn.get(p, p) for p in body.points)
         if shape == "rod":
             corners = corners[:2]
-        com = inertia = ()
-        axes = "xyz"[: a.dim]
         me = a.owning(Thing.BODY, name)
         mass = self.number(me, "mass", spec.mass or 0.0)
-        if spec.com is not None:
-            com = tuple(self.number(me, f"com.{x}", c) for x, c in zip(axes, spec.com, strict=True))
-        if spec.inertia is not None:
-            if isinstance(spec.inertia, tuple):
-                keys = [f"inertia.{k}" for k in ("xx", "yy", "zz", "xy", "xz", "yz")]
-                inertia = tuple(self.number(me, k, v) for k, v in zip(keys, spec.inertia, strict=True))
-            else:
-                inertia = (self.number(me, "inertia", spec.inertia),)
+        com = self.several(me, (f"com.{x}" for x in "xyz"[: a.dim]), spec.com)
+        if spec.inertia is None or isinstance(spec.inertia, tuple):
+            inertia = self.several(me, (f"inertia.{k}" for k in ("xx", "yy", "zz", "xy", "xz", "yz")), spec.inertia)
+        else:
+            inertia = (self.number(me, "inertia", spec.inertia),)
         keys = {"box": "abc", "cylinder": ("radius", "length"), "sphere": ("radius",)}.get(spec.shape or "", ())
-        size = tuple(self.number(me, k, v) for k, v in zip(keys, spec.size, strict=False))
+        size = self.several(me, keys, spec.size)
         return InertiaIndex(
             name, origin, segments, frame, where({}), where(redrawn), shape, corners, mass, com, inertia, size
         )
@@ -209,25 +205,25 @@ class LoadAssembler:
         """
         if len(body.segments) == 1:
             return body.segments
-        what, start = f"body {body.name!r}", body.points[0]
+        start = body.points[0]
         listed: list[Segment] = [(start, p) for p in body.points[1:]] + [(~k,) for k in body.vectors]
-        units = {s: self.unit(s, what) for s in listed}
+        units = {s: self.a.unit(s) for s in listed}
         first = next(s for s in listed if np.any(units[s]))
         sines = {s: float(np.linalg.norm(np.cross(units[first], units[s]))) for s in listed}
         return first, next((s for s in listed if sines[s] > _FLAT), max(sines, key=lambda s: sines[s]))
 
     def three(self, body: "BodyIndex", spec: record.Body) -> "tuple[Segment, ...]":
         """Three independent segments of a spatial body; the first only for a bar."""
-        a, what = self.a, f"body {body.name!r}"
+        a = self.a
         if len(body.segments) == 1:
             self.check_bar(body, spec)
             return body.segments
         pairs: list[Segment] = [(i, j) for i, j in combinations(body.points, 2)]
         candidates = [s for s in (*((~k,) for k in body.vectors), *pairs) if s not in body.segments]
-        base = [self.unit(s, what) for s in body.segments[:2]]
+        base = [a.unit(s) for s in body.segments[:2]]
         across = np.cross(base[0], base[1])
         area = float(np.linalg.norm(across))
-        volumes = [abs(float(self.unit(s, what) @ across)) / area for s in candidates]
+        volumes = [abs(float(a.unit(s) @ across)) / area for s in candidates]
         hidden = {~a.vector_index[n] for n in a.hidden}
         shown = [k for k, s in enumerate(candidates) if s[0] not in hidden]
         best = max(shown, key=lambda k: volumes[k], default=None)
@@ -239,16 +235,10 @@ class LoadAssembler:
         self.lacking.append(body.name)
         return body.segments[:2]
 
-    def unit(self, segment: "Segment", what: str) -> np.ndarray:
-        """The direction of a drawn segment."""
-        d = self.a.drawn(segment)
-        size = np.linalg.norm(d)
-        return d / size if size else d
-
     def check_bar(self, body: "BodyIndex", spec: record.Body) -> None:
         """A bar of five freedoms does not know its rotation about its line: it can have no inertia about it."""
         what = f"body {body.name!r}"
-        e = self.unit(body.segments[0], what)
+        e = self.a.unit(body.segments[0])
         remedy = (
             "give it a point or vector across its line, or no inertia about the line (inertia=… with zero about it, "
             "or shape='rod')"
