@@ -39,9 +39,6 @@ class Plan:
     fixed: np.ndarray  # indices of the rest (ground), which follow the drawing
     inverse: np.ndarray  # place of every coordinate in the sequence unknown, known, fixed
     rows: np.ndarray  # indices of the rows that contain an unknown, m of them
-    # Index arrays (m, n + k) into the entries (with a zero appended) whose sum is the Jacobian with respect to the
-    # unknown and the known coordinates.
-    gathers: tuple[np.ndarray, ...]
     # Rows and columns of the diagonal blocks of the Jacobian's block-triangular form, in an order in which they can be
     # solved one after the other; empty when it is not square.
     sequence: tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -81,6 +78,37 @@ class Plan:
         found = np.zeros(len(top.coordinates), dtype=bool)
         found[len(top.coordinates) - len(top.scalars) :] = top.periodic
         return found[self.known]
+
+    def _find_pattern(self, width: int) -> Pattern:
+        """Find where the derivatives by the unknowns are, and by as many known coordinates as the width has room for.
+
+        What is left of the known coordinates is listed by itself.
+        """
+        row, column, nonzero = places(self.topology)
+        new_row = np.full(len(self.topology.rows), -1)
+        new_row[self.rows] = np.arange(len(self.rows))
+        beyond = len(self.unknown) + len(self.known)
+        where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (self.inverse[column] < beyond))
+        r, c = new_row[row[where]], self.inverse[column[where]]
+        return sparse_pattern(where, r, c, (len(self.rows), width), len(row))
+
+    @functools.cached_property
+    def pattern(self) -> Pattern:
+        """Places of the derivatives by the unknown and, behind them, the known coordinates."""
+        return self._find_pattern(len(self.unknown) + len(self.known))
+
+    @functools.cached_property
+    def gathers(self) -> tuple[np.ndarray, ...]:
+        """Index arrays ``(m, n + k)`` into the entries, with a zero appended, whose sum is the Jacobian.
+
+        It is that with respect to the unknown and the known coordinates; there is more than one array only if an
+        instance names a point twice.
+        """
+        p, out = self.pattern, []
+        for numbers in p.gathers:
+            out.append(np.full(p.shape, len(places(self.topology)[0]), INDEX))
+            out[-1][p.rows, p.columns] = numbers
+        return tuple(out)
 
     @property
     def large(self) -> bool:
@@ -158,12 +186,7 @@ class LargePlan(Plan):
     @functools.cached_property
     def numbers(self) -> Pattern:
         """Places of the non-zeros."""
-        row, column, nonzero = places(self.topology)
-        m, n, known = len(self.rows), len(self.unknown), len(self.known)
-        new_row = np.full(len(self.topology.rows), -1)
-        new_row[self.rows] = np.arange(m)
-        where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (self.inverse[column] < n + known))
-        return sparse_pattern(where, new_row[row[where]], self.inverse[column[where]], (m, n), len(row))
+        return self._find_pattern(len(self.unknown))
 
     @functools.cached_property
     def lu(self) -> Factoriser:
@@ -303,17 +326,9 @@ def _plan(
     solved[known] = False
     unknown = np.flatnonzero(solved)
     row, column, nonzero = places(topology)
-    at_known = np.array(known, dtype=int)
-    rows = np.unique(row[nonzero & solved[column]])
-    new_row = np.full(len(topology.rows), -1)
-    new_row[rows] = np.arange(len(rows))
-    new_column = np.full(len(fixed), -1)
-    new_column[np.concatenate([unknown, at_known])] = np.arange(len(unknown) + len(known))
-    where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (new_column[column] >= 0))
-    r, c = new_row[row[where]], new_column[column[where]]
-    gathers = () if topology.large else _gathers(where, r, c, (len(rows), len(unknown) + len(known)), len(row))
-    inner = c < len(unknown)
-    r, c = r[inner], c[inner]
+    at_known, inner = np.array(known, dtype=int), nonzero & solved[column]
+    rows, r = np.unique(row[inner], return_inverse=True)
+    c = np.searchsorted(unknown, column[inner])
     sequence, matched = (), None
     if determined:
         matched = _match_rows(r, c, (len(rows), len(unknown)), unknown)
@@ -326,7 +341,7 @@ def _plan(
     blocks = _group_by_size(sequence)
     ground = np.flatnonzero(rest)
     at_known, unknown, ground, inverse, rows = (a.astype(INDEX) for a in (at_known, unknown, ground, inverse, rows))
-    parts = (topology, driven, held, at_known, unknown, ground, inverse, rows, gathers, sequence, blocks, independent)
+    parts = (topology, driven, held, at_known, unknown, ground, inverse, rows, sequence, blocks, independent)
     if not topology.large:
         return Plan(*parts)
     if independent and len(rows) > len(unknown):
@@ -406,19 +421,6 @@ def _check_count(topology: Topology, driven: tuple[str, ...], held: tuple[str, .
         f"too many inputs: {topology.name!r} has {freedom}, {inputs}. Leave {given - need} of them out; "
         f"the free coordinates are {', '.join(drivable(topology)[:12])}"
     )
-
-
-def _gathers(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, int], pad: int) -> tuple:
-    """Index arrays whose gathered sum is the dense matrix; more than one only if an instance names a point twice."""
-    out, left = [], np.arange(len(where))
-    while len(left) or not out:
-        flat = r[left] * shape[1] + c[left]
-        _, first = np.unique(flat, return_index=True)
-        index = np.full(shape, pad, dtype=INDEX)
-        index[r[left[first]], c[left[first]]] = where[left[first]]
-        out.append(index)
-        left = np.delete(left, first)
-    return tuple(out)
 
 
 def _match_rows(r: np.ndarray, c: np.ndarray, shape: tuple[int, int], unknown: np.ndarray) -> np.ndarray:

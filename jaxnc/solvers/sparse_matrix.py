@@ -4,6 +4,7 @@ SciPy's sparse matrices, which take longer to import than a small mechanism to s
 needs them.
 """
 
+import contextlib
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -66,6 +67,14 @@ class Pattern:
         data = sum((padded[g] for g in self.gathers[1:]), padded[self.gathers[0]])
         where, rows, columns = self.known
         return data, KnownColumns(entries[where], rows, columns, self.shape[0])
+
+    def collect(self, entries: np.ndarray) -> np.ndarray:
+        """Add up the numbers ``(nnz, lanes)`` from the entries of constraints ``(entries, lanes)``, in NumPy."""
+        data = entries[self.gathers[0]]
+        for g in self.gathers[1:]:
+            some = g < len(entries)
+            data[some] += entries[g[some]]
+        return data
 
     def times(self, data: Array, x: Array) -> Array:
         """Multiply with a vector, ``(n,)`` to ``(m,)``; differentiable and transposable."""
@@ -295,26 +304,25 @@ def matrix_of(data: np.ndarray, rows: np.ndarray, columns: np.ndarray, size: tup
     return csc_matrix((np.asarray(data), (rows, columns)), shape=size)
 
 
-def _damped_factors(matrix: "csc_matrix", size: float) -> "SuperLU":
-    """Factorise [I A; Aᵀ -δ], by the smallest damping that keeps it regular; the largest singular value is `size`."""
+def _factorise_bordered(matrix: "csc_matrix", scale: float, damping: float) -> "SuperLU":
+    """Factorise [scale I, A; Aᵀ, -damping I]."""
     import scipy.sparse as sp
     from scipy.sparse.linalg import splu
 
     m, n = shape_of(matrix)
+    whole = sp.bmat([[scale * sp.identity(m), matrix], [matrix.T, -damping * sp.identity(n)]], format="csc")
+    return splu(whole, permc_spec="COLAMD", panel_size=1, relax=1)
+
+
+def _damped_factors(matrix: "csc_matrix", size: float) -> "SuperLU":
+    """Factorise [I A; Aᵀ -δ], by the smallest damping that keeps it regular; the largest singular value is `size`."""
     # Scaled like the matrix, the identity keeps small singular values from drowning in it.
     scale = size if size > 0 else 1.0
-
-    def factorise(shift: float) -> "SuperLU":
-        damping = (shift * size) ** 2 / scale + 1e-300
-        whole = sp.bmat([[scale * sp.identity(m), matrix], [matrix.T, -damping * sp.identity(n)]], format="csc")
-        return splu(whole, permc_spec="COLAMD", panel_size=1, relax=1)
-
-    for shift in _SHIFTS[:-1]:
-        try:
-            return factorise(shift)
-        except RuntimeError:  # a pivot has cancelled to the last bit
-            continue
-    return factorise(_SHIFTS[-1])
+    dampings = [(shift * size) ** 2 / scale + 1e-300 for shift in _SHIFTS]
+    for damping in dampings[:-1]:
+        with contextlib.suppress(RuntimeError):  # a pivot has cancelled to the last bit
+            return _factorise_bordered(matrix, scale, damping)
+    return _factorise_bordered(matrix, scale, dampings[-1])
 
 
 def _nullity(matrix: "csc_matrix") -> Nullity:
@@ -374,12 +382,7 @@ def dependencies(matrix: "csc_matrix") -> np.ndarray:
 
 def null_part(matrix: "csc_matrix", direction: np.ndarray) -> np.ndarray:
     """Return the part of a direction ``(columns,)`` that a matrix does not see."""
-    import scipy.sparse as sp
-    from scipy.sparse.linalg import splu
-
     m, n = shape_of(matrix)
-    size = max(_largest_singular_value(matrix), 1e-300)
-    whole = sp.bmat([[sp.identity(n), matrix.T / size], [matrix / size, -1e-14 * sp.identity(m)]], format="csc")
-    factors = splu(whole, permc_spec="COLAMD", panel_size=1, relax=1)
+    factors = _factorise_bordered(matrix.T / max(_largest_singular_value(matrix), 1e-300), 1.0, 1e-14)
     x = factors.solve(np.concatenate([direction, np.zeros(m)]))[:n]
     return factors.solve(np.concatenate([x, np.zeros(m)]))[:n]

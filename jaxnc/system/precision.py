@@ -42,41 +42,26 @@ class Limits(NamedTuple):
     tiny: float  # keeps a divisor from being zero
 
 
-_DOUBLE = Limits(
-    accept=1e-12,
-    rounding=1e-14,
-    floor=4e-16,
-    fine=1e-8,
-    close=1e-9,
-    singular=1e-7,
-    poor=2e-7,
-    damping=1e-13,
-    smallest=1e-7,
-    touch=1e-5,
-    crossing=1e-6,
-    told=1e-7,
-    whole=1e-9,
-    misfit=1e-7,
-    tiny=1e-300,
-)
-# Rounding is 5e8 times larger, its square root 2e4 times: where a branch ends is blurred by the latter.
-_SINGLE = Limits(
-    accept=3e-6,
-    rounding=1e-6,
-    floor=1e-7,
-    fine=3e-4,
-    close=1e-3,  # the short first step of a way magnifies rounding a thousand times
-    singular=3e-6,
-    poor=1e-5,
-    damping=1e-6,
-    smallest=1e-4,
-    touch=3e-3,
-    crossing=1e-4,
-    told=1e-3,
-    whole=1e-6,
-    misfit=1e-4,
-    tiny=1e-37,
-)
+# Of 64 and of 32 bits. Rounding is 5e8 times larger, its square root 2e4 times: where a branch ends is blurred by the
+# latter.
+_BOTH = {
+    "accept": (1e-12, 3e-6),
+    "rounding": (1e-14, 1e-6),
+    "floor": (4e-16, 1e-7),
+    "fine": (1e-8, 3e-4),
+    "close": (1e-9, 1e-3),  # the short first step of a way magnifies rounding a thousand times
+    "singular": (1e-7, 3e-6),
+    "poor": (2e-7, 1e-5),
+    "damping": (1e-13, 1e-6),
+    "smallest": (1e-7, 1e-4),
+    "touch": (1e-5, 3e-3),
+    "crossing": (1e-6, 1e-4),
+    "told": (1e-7, 1e-3),
+    "whole": (1e-9, 1e-6),
+    "misfit": (1e-7, 1e-4),
+    "tiny": (1e-300, 1e-37),
+}
+_DOUBLE, _SINGLE = (Limits(*numbers) for numbers in zip(*_BOTH.values(), strict=True))
 WIDE, NARROW = np.dtype(np.float64), np.dtype(np.float32)
 _AS_IT_IS = contextlib.nullcontext()
 

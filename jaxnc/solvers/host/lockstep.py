@@ -65,7 +65,7 @@ class Lockstep:
             for rows, columns in square_rows(plan).sequence
         ]
         self.everything = Rows(top, range(len(top.rows)), np.flatnonzero(~np.array(top.fixed, dtype=bool)).tolist())
-        self.guards = [guard_functions(top, bodies) for bodies in (False, True)]
+        self.guards = guard_functions(top)
         self.closed = all(block.form != "iterated" for block in self.blocks)
 
     def follow(
@@ -119,9 +119,8 @@ class Lockstep:
             good &= off <= least.accept * length * grown + least.rounding * np.max(
                 weights[:, None, None] * np.abs(q), axis=0
             )
-            for guard in self.guards:
-                for value in guard.values(numbers, q, np):
-                    good &= value > 0.0
+            for value in self.guards.values(numbers, q, np):
+                good &= value > 0.0
         doubted = ~going & np.logical_and.accumulate(good, axis=0)[1:]
         good[1:] &= going
         good = np.logical_and.accumulate(good, axis=0)

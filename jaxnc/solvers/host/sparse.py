@@ -127,12 +127,10 @@ class SparseView(HostView):
     def matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return non-zeros of the derivatives by unknown coordinates ``(lanes, nnz)``, and those by known ones."""
         p, found = self.plan.numbers, self.eq.entries(q)
-        padded = np.concatenate([found, np.zeros((1, q.shape[1]), q.dtype)])
-        data = sum((padded[g] for g in p.gathers[1:]), padded[p.gathers[0]])
         where, rows, columns = p.known
         known = np.zeros((p.shape[0], len(self.plan.known), q.shape[1]), q.dtype)
         np.add.at(known, (rows, columns), found[where])
-        return np.ascontiguousarray(data.T), np.moveaxis(known, 2, 0)
+        return np.ascontiguousarray(p.collect(found).T), np.moveaxis(known, 2, 0)
 
     def lengths(self, matrix: np.ndarray) -> np.ndarray:
         """Jacobians with respect to coordinates as lengths."""

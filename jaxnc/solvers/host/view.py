@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxnc.remembered import with_owner
 from jaxnc.solvers.host.matrices import Inverses, Near, least_squares, near, solve_exactly
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.plan_program import PlanProgram, plan_program, slope_program
@@ -231,12 +230,10 @@ class HostView:
 
     def matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Differentiate the rows by unknown ``(lanes, m, n)`` and by known coordinates ``(lanes, m, k)``."""
-        plan, entries, lanes = self.plan, self.eq.entries(q), q.shape[1]
-        m, n, width = len(plan.rows), len(plan.unknown), len(plan.unknown) + len(plan.known)
-        flat = np.zeros((m * width, lanes), q.dtype)
-        for k, (place, entry) in enumerate(_scatter_places(plan)):
-            flat[place] = entries[entry] if not k else flat[place] + entries[entry]
-        both = flat.reshape(m, width, lanes).transpose(2, 0, 1)
+        p, n, lanes = self.plan.pattern, len(self.plan.unknown), q.shape[1]
+        both = np.zeros((*p.shape, lanes), q.dtype)
+        both[p.rows, p.columns] = p.collect(self.eq.entries(q))
+        both = both.transpose(2, 0, 1)
         return np.ascontiguousarray(both[:, :, :n]), both[:, :, n:]
 
     def _scaled(self, q: np.ndarray) -> np.ndarray:
@@ -370,14 +367,3 @@ def _lengths_of_one(n: int, rows: list[int], columns: list[int], entries: list[f
 def largest_of_lanes(x: np.ndarray) -> np.ndarray:
     """Return the largest size in each lane, ``(lanes,)``."""
     return np.maximum.reduce(np.abs(x), axis=0, initial=0.0)
-
-
-@with_owner
-def _scatter_places(plan: Plan) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Find where entries stand in a plan's matrix of unknown and known columns: places in it, and which entries."""
-    pad = sum(layout.rows.size * layout.variables.shape[1] for layout in plan.topology.layout)
-    out = []
-    for g in plan.gathers:
-        place = np.flatnonzero(g.reshape(-1) != pad)
-        out.append((place, g.reshape(-1)[place]))
-    return out
