@@ -162,7 +162,7 @@ class _Constant:
 
 def _residual_forces(flow: Flow, q: Array, lam: Array) -> Array:
     """Return what the forces and the rows together leave on the unknowns, ``(n,)``: zero in an equilibrium."""
-    _, j, _ = flow.view.linearise(flow.dyn.eq, q)
+    _, j = flow.view.linearise(flow.dyn.eq, q)
     return -forces(flow.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[flow.view.unknown] + j.T @ lam
 
 
@@ -259,7 +259,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     def evaluate(q) -> _Place:
         every = forces(fixed.dyn, jnp.zeros(()), q, jnp.zeros_like(q))
         f = every[u] / weight
-        _, j, _ = view.linearise(fixed.dyn.eq, q)
+        _, j = view.linearise(fixed.dyn.eq, q)
         j = j / weight
         free, lam = saddle(eye, j, True)(f, jnp.zeros(j.shape[0]))
         energy, slope = jax.value_and_grad(lambda x: potential(fixed.dyn, x))(q) if downhill else (jnp.zeros(()), q)

@@ -214,7 +214,7 @@ def _choose_independent(system: System, flow: Flow, q: Array) -> tuple[str, ...]
     inner, top, view = flow.dyn.topology, system.topology, flow.view
     if isinstance(q, Tracer) or isinstance(flow.dyn.mass, Tracer):
         return system.independent
-    _, j, _ = view.linearise(flow.dyn.eq, q)
+    _, j = view.linearise(flow.dyn.eq, q)
     rows = np.asarray(j) / np.asarray(weights(flow.dyn.eq))[view.unknown]
     shown_places = [k for k, c in enumerate(view.unknown) if inner.coordinates[c] in top.position]
     free = np.linalg.svd(rows)[2][rows.shape[1] - system.degrees_of_freedom :][:, shown_places]

@@ -250,7 +250,7 @@ def _attempt(view: Plan, eq: Equations, starts: Array, iterations: int) -> tuple
     def one(q: Array) -> tuple[Array, Array]:
         def step(state, k):
             q, needed = state
-            r, jacobian, _ = view.linearise(eq, q)
+            r, jacobian = view.linearise(eq, q)
             needed = jnp.where((largest(r) <= tolerance(eq, q)) & (needed > k), k, needed)
             dx = view.steps(eq, jacobian, r[:, None])[:, 0]
             return (view.move(q, -jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)), needed), None

@@ -530,7 +530,7 @@ def pose_rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array]
     `known` are first, second, … time derivatives of the known coordinates, each ``(k,)``.
     """
     q = masked_pose(eq, q, ok)
-    _, jacobian, _ = plan.linearise(eq, q)
+    _, jacobian = plan.linearise(eq, q)
     solve = plan.solver(jacobian, ok)
     still, nothing = jnp.zeros(len(plan.fixed)), jnp.zeros(len(plan.unknown))
     found: list[Coordinates] = []

@@ -50,7 +50,7 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[
 
     def improve(state):
         i, q, best, least, _ = state
-        r, jacobian, _ = plan.linearise(eq, q)
+        r, jacobian = plan.linearise(eq, q)
         size = largest(r)
         better = size < least
         best, least = jnp.where(better, q, best), jnp.where(better, size, least)
@@ -84,7 +84,7 @@ def closest_pose(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 20
     def improve(state):
         # One evaluation per iteration: of the trial, kept if it is better.
         i, q, r, slope, damping, _, trial = state
-        new, new_slope, _ = plan.linearise(eq, trial)
+        new, new_slope = plan.linearise(eq, trial)
         better = cost(new) < cost(r)
         moved = jnp.sqrt(jnp.sum((weight * (trial - q)) ** 2)) / eq.length
         q, r = jnp.where(better, trial, q), jnp.where(better, new, r)
@@ -356,7 +356,7 @@ def implicit(
         return plan.residual(eq, plan.join(at[plan.unknown], known, eq.home[plan.fixed]))
 
     _, r_dot = jax.jvp(rows, (eq, known), (eq_dot, known_dot))
-    _, jacobian, _ = plan.linearise(eq, at)
+    _, jacobian = plan.linearise(eq, at)
     dx = plan.solver(jacobian, ok)(jnp.where(ok, r_dot, 0.0))
     return plan.join(-dx, jnp.where(ok, known_dot, 0.0), jnp.where(ok, eq_dot.home[plan.fixed], 0.0))
 
@@ -367,7 +367,7 @@ def is_regular_solution(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     if plan.square and writes_out(plan):
         found = kernel(plan).diagnose(eq, [q[c] for c in range(q.shape[0])])
         return (found.size <= tolerance(eq, q)) & (found.pivots > limits(q).singular)
-    r, jacobian, _ = plan.linearise(eq, q)
+    r, jacobian = plan.linearise(eq, q)
     return (largest(r) <= tolerance(eq, q)) & (plan.conditioning(eq, jacobian) > limits(q).singular)
 
 

@@ -17,7 +17,7 @@ from jaxnc.errors import InputError, WrongCount, counted, nearest
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import match_rows, pivot_sizes, strong_components
-from jaxnc.solvers.sparse_matrix import Factoriser, KnownColumns, Pattern, sparse_pattern
+from jaxnc.solvers.sparse_matrix import Factoriser, Pattern, sparse_pattern
 from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
 from jaxnc.system.topology import INDEX, Topology
@@ -128,12 +128,11 @@ class Plan:
         """Rows that the solver drives to zero, ``(m,)``."""
         return residual(eq, q)[self.rows]
 
-    def linearise(self, eq: Equations, q: Coordinates) -> tuple[Array, Array, Array]:
-        """Rows ``(m,)``, their derivatives with respect to unknown ``(m, n)`` and known ``(m, k)`` coordinates."""
+    def linearise(self, eq: Equations, q: Coordinates) -> tuple[Array, Array]:
+        """Rows ``(m,)`` and their derivatives with respect to the unknowns, ``(m, n)``."""
         padded = jnp.concatenate([entries(eq, q), jnp.zeros(1)])
         both = sum((padded[g] for g in self.gathers[1:]), padded[self.gathers[0]])
-        n = len(self.unknown)
-        return self.residual(eq, q), both[:, :n], both[:, n:]
+        return self.residual(eq, q), both[:, : len(self.unknown)]
 
     def solver(self, jacobian: Array, ok: Array) -> Callable[[Array], Array]:
         """Exact solves with derivatives, see `dense.solver`; of a harmless matrix where the pose is not `ok`."""
@@ -208,10 +207,11 @@ class LargePlan(Plan):
         factors = self.lu if self.square else self.augmented
         return self.numbers.count + factors.stored
 
-    def linearise(self, eq: Equations, q: Coordinates) -> tuple[Array, Array, KnownColumns]:
-        """Rows ``(m,)``, the non-zeros of their derivatives ``(nnz,)``, and the columns of known coordinates."""
-        data, known = self.numbers.numbers(entries(eq, q))
-        return self.residual(eq, q), data, known
+    def linearise(self, eq: Equations, q: Coordinates) -> tuple[Array, Array]:
+        """Rows ``(m,)`` and the non-zeros of their derivatives, ``(nnz,)``."""
+        padded = jnp.concatenate([entries(eq, q), jnp.zeros(1)])
+        first, *more = self.numbers.gathers
+        return self.residual(eq, q), sum((padded[g] for g in more), padded[first])
 
     def symmetric(self, data: Numbers, damping: Any = 0.0, other: Any = None) -> Any:
         """The numbers of the augmented matrix, for JAX or for NumPy, with another Jacobian in place of the Jᵀ."""

@@ -15,8 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.process import one_thread
-from jaxnc.records import record, static
-from jaxnc.types import Array, Float, PyTree
+from jaxnc.types import Array, PyTree
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -27,19 +26,6 @@ RANK = 3e-7  # of the largest singular value, sparse or dense: at a double root 
 _KEPT = 2  # factorisations
 _DOUBT = 10.0  # times smaller or larger than the threshold: too close to decide
 _SHIFTS = (1e-9, 1e-8, 1e-7)  # of the largest singular value, squared: the first that keeps the factorisation regular
-
-
-@record
-class KnownColumns:
-    """The derivatives with respect to the known coordinates; ``columns @ way`` is all that is done with them."""
-
-    values: Float[Array, " e"]  # its entries, (e,)
-    rows: np.ndarray  # row of each
-    places: np.ndarray  # column of each
-    count: int = static()  # number of rows
-
-    def __matmul__(self, way: Array) -> Array:
-        return jnp.zeros(self.count).at[self.rows].add(self.values * way[self.places])
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +46,6 @@ class Pattern:
     def count(self) -> int:
         """Numbers stored."""
         return len(self.rows)
-
-    def numbers(self, entries: Array) -> tuple[Array, KnownColumns]:
-        """Return the non-zeros ``(nnz,)`` and the columns of the known coordinates, from the entries of constraints."""
-        padded = jnp.concatenate([entries, jnp.zeros(1)])
-        data = sum((padded[g] for g in self.gathers[1:]), padded[self.gathers[0]])
-        where, rows, columns = self.known
-        return data, KnownColumns(entries[where], rows, columns, self.shape[0])
 
     def collect(self, entries: np.ndarray) -> np.ndarray:
         """Add up the numbers ``(nnz, lanes)`` from the entries of constraints ``(entries, lanes)``, in NumPy."""
