@@ -17,7 +17,6 @@ from jax.core import Tracer
 
 from jaxnc.compiling import on_device
 from jaxnc.constraints.directions import unit
-from jaxnc.reading import function, rate
 from jaxnc.remembered import by_identity, with_owner
 from jaxnc.solvers.assembly import derive, evaluate, rank_of, sample_poses
 from jaxnc.solvers.elimination import with_special
@@ -86,15 +85,14 @@ def _normal(x: Array) -> Array:
 
 @functools.cache
 def _normal_formula() -> Formula:
-    return Formula(reading(_normal, (), ((6,),))[0])
+    return reading(_normal, (), ((6,),))[0]
 
 
 @functools.cache
 def _normal_rate(order: int, host: bool) -> Callable:
     """Read a time derivative of a normal on lanes, NumPy's or JAX's, of both segments and their rates."""
-    program = _normal_formula().program
-    assert program is not None
-    return function(rate(program, range(6), order), np if host else jnp)
+    formula = _normal_formula().rate(6, order)
+    return formula.on_lanes if host else formula.traced
 
 
 def _spans(top: Topology, points: Numbers, vectors: Numbers) -> list[tuple[Numbers, Numbers]]:

@@ -148,8 +148,7 @@ def _evaluate_lanes(dim: int, one: InertiaIndex, numbers: dict) -> tuple[np.ndar
 def _body_formula(
     dim: int, shape: str, made: tuple, names: tuple[str, ...], shapes: tuple
 ) -> tuple[Formula, tuple[int, int]]:
-    program, size = reading(_flat, (dim, shape, made, names), shapes)
-    return Formula(program), size
+    return reading(_flat, (dim, shape, made, names), shapes)
 
 
 def _flat(dim: int, shape: str, made: tuple, names: tuple[str, ...], *values: Array) -> Array:

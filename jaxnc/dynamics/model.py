@@ -233,7 +233,7 @@ def drawn_parameters(kind: ForceKind, dim: int) -> tuple[Formula, list[bool]]:
 
     missing = [value is None for value in jax.eval_shape(say, jax.ShapeDtypeStruct((width,), float))]
     try:
-        return Formula(reading(read, (), ((width,),))[0]), missing
+        return reading(read, (), ((width,),))[0], missing
     except Unreadable:  # a user's kind, with an operation that the host does not know
         return Formula(None, read, kind), missing
 
@@ -254,7 +254,7 @@ def energy_formula(kind: ForceKind, dim: int) -> Formula:
     """Read a kind's energy as a function of its variables and parameters."""
     width = (kind.points + kind.vectors) * dim + kind.scalars
     try:
-        return Formula(reading(_instance_energy, (kind, dim), ((width,), (len(kind.parameters),)))[0])
+        return reading(_instance_energy, (kind, dim), ((width,), (len(kind.parameters),)))[0]
     except Unreadable:
         return Formula(None, lambda x: _instance_energy(kind, dim, x[:width], x[width:])[None], kind)
 

@@ -28,7 +28,7 @@ from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.design import carry_design
 from jaxnc.system.frames import along, marker_place, spins
-from jaxnc.system.on_lanes import carrying, columns_on_lanes, needed_inputs, on_host, reading
+from jaxnc.system.on_lanes import columns_on_lanes, needed_inputs, on_host, reading
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -362,8 +362,8 @@ class DesignDerivatives:
         constants = self.drawn.home, self.drawn.markers, *own
         shapes = ((len(self.q) * (1 + len(asked.inputs)),), *(c.shape[:-1] for c in constants))
         fixed, lead = (self.motion.system.topology, *asked.fixed), self.motion.status.shape
-        program, shape = reading(asked.function, fixed, shapes)
-        run, size = carrying(program), int(np.prod(shape, dtype=int))
+        found, shape = reading(asked.function, fixed, shapes)
+        size = int(np.prod(shape, dtype=int))
         slopes = [np.asarray(tangents(self.motion, {name: 1.0})[0]) for name in asked.inputs]
         slopes = [x.reshape(-1, len(self.q))[self.good].T for x in slopes]
         out = np.zeros((int(np.prod(lead, dtype=int)), size, self.count))
@@ -372,7 +372,7 @@ class DesignDerivatives:
             q = self.q[:, lanes]
             parts = [host.changes(self.view, self.drawn, q)[0]]
             parts += [host.changes(self.view, self.drawn, q, (rate[:, lanes],))[1][0] for rate in slopes]
-            for k, value in enumerate(run([*(x for part in parts for x in part), *given])):
+            for k, value in enumerate(found.carrying([*(x for part in parts for x in part), *given])):
                 out[self.good[lanes], k] = value[..., 1:]
         return out.reshape(*lead, *shape, self.count)
 

@@ -15,6 +15,7 @@ import numpy as np
 from jax import lax
 
 from jaxnc.constraints import Kind
+from jaxnc.constraints.directions import cross3
 from jaxnc.constraints.elementary import cos, sin
 from jaxnc.reading import Builder, Number, Program, function, partials, polynomials, rate
 from jaxnc.remembered import with_owner
@@ -418,13 +419,9 @@ def _foot_step(flat: list[list[Scalar]], offsets: list[Scalar], along: list[Scal
         return [0.0]
     if len(flat) == 1:
         return [-(offsets[0] / square) * a for a in flat[0]]
-    first, second = _cross_product(flat[1], along), _cross_product(along, flat[0])
+    first, second = cross3(flat[1], along), cross3(along, flat[0])
     p, q = (-(offset / square) for offset in offsets)
     return [p * u + q * v for u, v in zip(first, second, strict=True)]
-
-
-def _cross_product(a: Sequence[Scalar], b: Sequence[Scalar]) -> list[Scalar]:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def guard_functions(top: Topology, bodies: bool | None = None) -> Functions:

@@ -11,8 +11,9 @@ from jax.core import Tracer
 
 from jaxnc.compiling import jit
 from jaxnc.internals import outermost
-from jaxnc.reading import Program, function, rate, trace
+from jaxnc.reading import trace
 from jaxnc.system.precision import WIDE, numbers
+from jaxnc.system.structure import Formula
 from jaxnc.types import Array, Numbers
 
 
@@ -23,8 +24,8 @@ def on_host(*given: object) -> bool:
 
 
 @functools.lru_cache(maxsize=512)
-def reading(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, ...], ...]) -> tuple[Program, tuple]:
-    """The program of a function of arrays, and the shape of what it returns."""
+def reading(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, ...], ...]) -> tuple[Formula, tuple]:
+    """Read a function of arrays; with it comes the shape of what it returns."""
     shape: list[tuple[int, ...]] = []
 
     def called(*arrays: object) -> tuple[Array]:
@@ -33,19 +34,19 @@ def reading(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, .
         return (out,)
 
     with numbers(WIDE):
-        return trace(called, *shapes), shape[-1]
+        return Formula(trace(called, *shapes)), shape[-1]
 
 
 def needed_inputs(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, ...], ...]) -> frozenset[int]:
     """Places of the numbers that a function of arrays needs, among all that it is given, array after array."""
-    program, _ = reading(f, fixed, shapes)
-    return frozenset(node.value for node in program.nodes if node.op == "input")
+    program = reading(f, fixed, shapes)[0].program
+    return frozenset(node.value for node in program.nodes if node.op == "input") if program else frozenset()
 
 
 @functools.lru_cache(maxsize=512)
-def _function(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple, order: int, traced: bool = False) -> Callable:
-    program, _ = reading(f, fixed, shapes)
-    return function(rate(program, range(int(np.prod(shapes[0], dtype=int))), order), jnp if traced else np)
+def _time_derivative(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple, order: int) -> Formula:
+    found, count = reading(f, fixed, shapes)[0], int(np.prod(shapes[0], dtype=int))
+    return found.rate(count, order)
 
 
 def on_lanes(
@@ -80,14 +81,14 @@ def columns_on_lanes(
     lead, traced = q[0].shape[:-1], not isinstance(q[0], np.ndarray)
     given: list[Any] = [jnp.asarray(c) if traced else np.asarray(c) for c in constants]
     shapes = ((sum(part.shape[-1] for part in q),), *(c.shape for c in given))
-    run = _function(f, fixed, shapes, len(rates), traced)
+    found = _time_derivative(f, fixed, shapes, len(rates))
     if traced:
-        return _columns_in_jax(run, tuple(q), tuple(map(tuple, rates)), tuple(given))
+        return _columns_in_jax(found.traced, tuple(q), tuple(map(tuple, rates)), tuple(given))
     x = [column for part in q for column in np.moveaxis(part, -1, 0)]
     x += [number for c in given for number in c.reshape(-1)]
     x += [column for term in rates for part in term for column in np.moveaxis(np.asarray(part), -1, 0)]
     with np.errstate(all="ignore"):
-        return [np.broadcast_to(value, lead).astype(q[0].dtype, copy=False) for value in run(x)]
+        return [np.broadcast_to(value, lead).astype(q[0].dtype, copy=False) for value in found.on_lanes(x)]
 
 
 @functools.partial(jit, static_argnums=0)
@@ -99,24 +100,3 @@ def _columns_in_jax(run: Callable, q: tuple, rates: tuple, constants: tuple) -> 
     x += [number for c in constants for number in columns(c.reshape(-1))]
     x += [column for term in rates for part in term for column in columns(part)]
     return [jnp.broadcast_to(jnp.asarray(value, q[0].dtype), q[0].shape[:-1]) for value in run(x)]
-
-
-def carrying(program: Program) -> Callable[[Sequence[np.ndarray]], list[np.ndarray]]:
-    """A function on arrays ``(..., 1 + changes)``: along the last axis a number and its derivatives."""
-    plain = function(program)
-
-    @functools.cache
-    def push() -> Callable:
-        return function(rate(program, range(program.inputs), 1))
-
-    def run(x: Sequence[np.ndarray]) -> list[np.ndarray]:
-        values = [a[..., 0] for a in x]
-        lead, width = np.broadcast_shapes(*(v.shape for v in values)), max((a.shape[-1] for a in x), default=1)
-        found = [np.broadcast_to(v, lead)[..., None] for v in plain(values)]
-        if width == 1:
-            return found
-        changes = push()([*(v[..., None] for v in values), *(a[..., 1:] for a in x)])
-        changes = [np.broadcast_to(c, (*lead, width - 1)) for c in changes]
-        return [np.concatenate(pair, axis=-1) for pair in zip(found, changes, strict=True)]
-
-    return run

@@ -33,7 +33,6 @@ from jaxnc.reading import (
     trace,
     write,
 )
-from jaxnc.system.on_lanes import carrying
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Components, Numbers, Scalar
@@ -254,9 +253,9 @@ class Formula:
 
     @functools.cached_property
     def carrying(self) -> Carrying:
-        """Values and changes of NumPy lanes ``(..., 1 + changes)``; see `jaxnc.system.on_lanes.carrying`."""
+        """Values and changes of NumPy lanes ``(..., 1 + changes)``: derivatives stand behind their number."""
         if self.program is not None:
-            return carrying(self.program)
+            return self._carry_by_program
         assert self.call is not None and self.kind is not None
         call, plain = self.call, self.on_lanes
         slopes = by_jax(lambda x: jax.jacfwd(call)(x).reshape(-1), self.kind)
@@ -274,6 +273,27 @@ class Formula:
             return out
 
         return run
+
+    def _carry_by_program(self, x: Sequence[np.ndarray]) -> list[np.ndarray]:
+        values = [a[..., 0] for a in x]
+        lead, width = np.broadcast_shapes(*(v.shape for v in values)), max((a.shape[-1] for a in x), default=1)
+        found = [np.broadcast_to(v, lead)[..., None] for v in self.on_lanes(values)]
+        if width == 1:
+            return found
+        changes = self._push([*(v[..., None] for v in values), *(a[..., 1:] for a in x)])
+        changes = [np.broadcast_to(c, (*lead, width - 1)) for c in changes]
+        return [np.concatenate(pair, axis=-1) for pair in zip(found, changes, strict=True)]
+
+    @functools.cached_property
+    def _push(self) -> Function:
+        """How the values change with all that the function takes."""
+        assert self.program is not None
+        return self.rate(self.program.inputs, 1).on_lanes
+
+    def rate(self, count: int, order: int) -> "Formula":
+        """Read the time derivative of some order, while the first numbers that it takes change."""
+        assert self.program is not None
+        return Formula(rate(self.program, range(count), order))
 
     def reading(self, like: Numbers, carries: bool = False) -> Callable[[Sequence[Any]], Sequence[Any]]:
         """Return the reading for arrays such as one; NumPy's may carry changes."""
@@ -293,7 +313,7 @@ def formula(kind: Kind, which: str, dim: int, order: int = 0) -> Formula:
     found = program(kind, which, dim)
     if found is None:
         return Formula(None, jax_function(kind, which, dim, order), kind)
-    return Formula(rate(found, range(size(kind, dim)), order) if order else found)
+    return Formula(found).rate(size(kind, dim), order)
 
 
 def jax_function(kind: Kind, which: str, dim: int, order: int = 0) -> Callable:
