@@ -66,7 +66,7 @@ def function(program: Program, xp: "Numerics" = np) -> Callable[[Sequence[Any]],
         if op == "input":
             text = f"x[{value}]"
         elif op == "number":
-            text = _python_literal(value[1])
+            text = f"({value[1]!r})"
         elif op in _BINARY:
             text = f"{a[0]} {_BINARY[op]} {a[1]}"
         elif op == "neg":
@@ -84,10 +84,6 @@ def function(program: Program, xp: "Numerics" = np) -> Callable[[Sequence[Any]],
     space["not_"] = space.pop("not")
     exec(compile("\n".join(lines).replace("= not(", "= not_("), "<program>", "exec"), space)
     return space["run"]
-
-
-def _python_literal(value: float) -> str:
-    return f"({value!r})"
 
 
 def _power_text(a: str, power: int) -> str:

@@ -15,7 +15,7 @@ from jaxnc.remembered import by_identity
 from jaxnc.solvers import host
 from jaxnc.solvers.elimination import independent_coordinates, with_special
 from jaxnc.solvers.plan import LARGEST_WRITTEN, LargePlan, Plan, plan
-from jaxnc.solvers.sparse_matrix import RANK, Nullity, matrix_of, null_directions, null_part, shape_of
+from jaxnc.solvers.sparse_matrix import RANK, Nullity, matrix_of, null_directions, null_part
 from jaxnc.system.equations import Equations, derived, jacobian, places, residual
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits
@@ -131,8 +131,10 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
         q, gap, matrix = settle(eq, nudge)
         matrix = np.asarray(matrix)
         if isinstance(view, LargePlan):
-            out.append(_sparse_sample(view, q, float(gap), matrix))
-            null = np.zeros((n, 0))
+            pattern, null = view.numbers, np.zeros((n, 0))
+            matrix = matrix_of(matrix, pattern.rows, pattern.columns, pattern.shape)
+            missed = null_directions(matrix)
+            out.append(Sample(q, float(gap), matrix, min(pattern.shape) - missed.count, missed))
         else:
             rank, null = rank_of(matrix)
             out.append(Sample(q, float(gap), matrix, rank))
@@ -141,24 +143,15 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
         mix = np.random.default_rng(7 + step).uniform(0.5, 1.0, len(null))
         # 0.03 of the mechanism's size is how far away the second pose is looked for
         far = (1 - 2 * (step % 2)) * (step + 1) * 0.03 * float(eq.length)
-        way = far * _free_direction(out[-1].jacobian, mix) if view.large else far * mix @ null
+        if view.large:  # a way that the sparse matrix does not stretch, its largest part one
+            way = null_part(out[-1].jacobian, mix)
+            way = far * (way / max(np.abs(way).max(initial=0.0), 1e-300))
+        else:
+            way = far * mix @ null
         nudge[view.unknown] = way / weight
     if not view.large and not meets(eq, out[0].q, out[0].gap):
         out += _missing_poses(eq, view, weight, out[0])
     return out
-
-
-def _sparse_sample(view: LargePlan, q: Coordinates, gap: float, numbers: np.ndarray) -> Sample:
-    pattern = view.numbers
-    matrix = matrix_of(numbers, pattern.rows, pattern.columns, pattern.shape)
-    null = null_directions(matrix)
-    return Sample(q, gap, matrix, min(shape_of(matrix)) - null.count, null)
-
-
-def _free_direction(matrix: Any, mix: np.ndarray) -> np.ndarray:
-    """Find a direction that a sparse Jacobian does not stretch, its largest part one."""
-    way = null_part(matrix, mix)
-    return way / max(np.abs(way).max(initial=0.0), 1e-300)
 
 
 def _missing_poses(eq: Equations, view: Plan, weight: np.ndarray, closest: Sample) -> list[Sample]:

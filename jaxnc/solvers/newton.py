@@ -241,15 +241,14 @@ def _pseudoinverse(jacobian: Array, damping: float, times: int) -> Array:
     every = jnp.eye(len(jacobian))
     normal = jacobian @ jacobian.T
     normal = normal + damping * jnp.trace(normal) / len(normal) * every
-    back = jacobian.T @ lax.custom_linear_solve(lambda x: normal @ x, every, _cholesky_of(normal), symmetric=True)
+    fixed = lax.stop_gradient(normal)
+    back = jacobian.T @ lax.custom_linear_solve(
+        lambda x: normal @ x, every, lambda _, right: dense.cholesky_solve(fixed, right), symmetric=True
+    )
     first = back
     for _ in range(times):  # what damping leaves of a change, little as it is, is taken up once more
         back = back + first @ (every - jacobian @ back)
     return back
-
-
-def _cholesky_of(matrix: Array):
-    return lambda _, right: dense.cholesky_solve(lax.stop_gradient(matrix), right)
 
 
 def attach_lanes(

@@ -150,7 +150,7 @@ class _DesignWriter:
         top, dim = self.top, self.top.dim
         out, alike = np.zeros((len(top.markers), dim), INDEX), {}
         for k, marker in enumerate(top.markers):
-            forms = "".join(map(_segment_form, (*marker.segments, marker.drawn[0])))
+            forms = "".join("v" if len(s) == 1 else "p" for s in (*marker.segments, marker.drawn[0]))
             arm = [] if marker.direction else [self.points[marker.origin]]
             spans = [self._ends(segment, self.points) for segment in marker.segments]
             spans.append(self._ends(marker.drawn[0], self.drawing))
@@ -212,10 +212,6 @@ def recipe_formula(recipe: tuple, count: int, dim: int, values: int) -> Formula:
         return redraw(recipe, home, cast(Any, Small(x[count * dim :])))
 
     return Formula(write(place, count * dim + values))
-
-
-def _segment_form(segment: Segment) -> str:
-    return "v" if len(segment) == 1 else "p"
 
 
 @functools.lru_cache(maxsize=1024)

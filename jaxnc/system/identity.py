@@ -128,7 +128,7 @@ def addresses(names: Names, entries: Sequence[tuple[Owner | None, str]]) -> list
         names: names of all things.
         entries: for each number what it belongs to, and its key there; for what has a name of its own, None and that.
     """
-    plain = [key if owner is None else _address(called(names, owner), key) for owner, key in entries]
+    plain = [".".join(filter(None, ("" if owner is None else called(names, owner), key))) for owner, key in entries]
     shared = {name for name, count in Counter(plain).items() if count > 1}
     out = [
         f"{owner.thing.noun} {name}" if owner is not None and name in shared else name
@@ -141,7 +141,3 @@ def addresses(names: Names, entries: Sequence[tuple[Owner | None, str]]) -> list
                     for o, what in (first, second)]  # fmt: skip
             raise MechanismError(f"{said[0]} and {said[1]} would both be addressed as {name!r}; rename one of them")
     return out
-
-
-def _address(name: str, key: str) -> str:
-    return f"{name}.{key}" if key else name
