@@ -107,7 +107,7 @@ def analyse_traced(
 def _near_guess(view: Plan, eq: Equations, start: Array, known: Array) -> PoseBatch:
     """Find the pose nearest to a guess, all coordinates ``(N,)``."""
     q = view.join(start[view.unknown], known, eq.home[view.fixed])
-    q = newton(view, eq, closest_pose(view, eq, q).q, 8)[0]
+    q = newton(view, eq, closest_pose(view, eq, q).q, 8)
     rows, bodies = guards(eq, q)
     size, pivots = largest(residual(eq, q)), view.conditioning(eq, view.linearise(eq, q)[1])
     fits, mirrored = size <= tolerance(eq, q), jnp.any(bodies <= 0.0)

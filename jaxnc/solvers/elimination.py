@@ -237,20 +237,8 @@ def plan_elimination(sample: np.ndarray) -> Elimination:
             a[k, j] = 0.0
         rows.append(i)
         columns.append(j)
-    return Elimination(tuple(rows), tuple(columns), _parity(rows) * _parity(columns), cost)
-
-
-def _parity(order: Sequence[int]) -> int:
-    seen, sign = [False] * len(order), 1
-    for start in range(len(order)):
-        length, k = 0, start
-        while not seen[k]:
-            seen[k] = True
-            k = order[k]
-            length += 1
-        if length and length % 2 == 0:
-            sign = -sign
-    return sign
+    signs = [np.linalg.slogdet(np.eye(n)[order])[0] for order in (rows, columns)]
+    return Elimination(tuple(rows), tuple(columns), int(signs[0] * signs[1]), cost)
 
 
 class Pivots(NamedTuple):

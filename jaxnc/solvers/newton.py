@@ -37,8 +37,8 @@ def tolerance(eq: Equations, q: Coordinates) -> Array:
     return lax.stop_gradient(least.accept * eq.length + least.rounding * largest(weights(eq) * q))
 
 
-def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[Coordinates, Array]:
-    """Undamped Newton or Gauss-Newton from q until rounding stops it: the best pose met and its largest residual.
+def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> Coordinates:
+    """Undamped Newton or Gauss-Newton from q until rounding stops it: the best pose met.
 
     Known coordinates of the start pose are at their values.
     """
@@ -60,8 +60,7 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[
         return i + 1, plan.move(q, -dx), best, least, stop
 
     start = (0, q, q, jnp.full((), jnp.inf), jnp.zeros((), bool))
-    _, _, best, least, _ = lax.while_loop(more, improve, start)
-    return best, least
+    return lax.while_loop(more, improve, start)[2]
 
 
 def closest_pose(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> host.Closest:
