@@ -248,21 +248,9 @@ def _fits(value: object, kind: object) -> bool:
         return any(_fits(value, x) for x in args)
     if origin is typing.Literal:
         return any(type(value) is type(x) for x in args)
-    if kind is None or kind is type(None):
-        return value is None
     kind = origin or kind
-    if kind is collections.abc.Callable:
-        return callable(value)
-    if kind is int:
-        return isinstance(value, int | np.integer) and abs(int(value)) < 2**63
-    if kind in (float, complex):
-        return _is_number(value)
-    if kind is bool:
-        return (isinstance(value, int) and value in (0, 1)) or getattr(value, "shape", None) == ()
-    if kind is str:
-        return isinstance(value, str)
-    if kind is Path:
-        return isinstance(value, str | os.PathLike)
+    if kind in _PLAIN:
+        return _PLAIN[kind][1](value)
     if not isinstance(kind, type):
         return True
     if issubclass(kind, collections.abc.Mapping):
@@ -314,6 +302,18 @@ def _is_list(value: Any, args: tuple, fixed: bool) -> bool:
     return all(_fits(x, args[0]) for x in entries)
 
 
+_PLAIN: dict[Any, tuple[str, Callable[[Any], bool]]] = {
+    **dict.fromkeys((None, type(None)), ("None", lambda x: x is None)),
+    **dict.fromkeys((float, complex), ("a number", _is_number)),
+    int: ("a whole number", lambda x: isinstance(x, int | np.integer) and abs(int(x)) < 2**63),
+    bool: ("True or False", lambda x: (isinstance(x, int) and x in (0, 1)) or getattr(x, "shape", None) == ()),
+    str: ("a text", lambda x: isinstance(x, str)),
+    Path: ("a path", lambda x: isinstance(x, str | os.PathLike)),
+    collections.abc.Callable: ("a function", callable),
+}
+"""Plain kinds of arguments: as messages call them, and which values are of them."""
+
+
 def _kind_in_words(kind: object) -> str:
     """A kind of argument, as messages call it."""
     origin, args = typing.get_origin(kind), typing.get_args(kind)
@@ -324,15 +324,10 @@ def _kind_in_words(kind: object) -> str:
     if origin is typing.Literal:
         return " or ".join(map(repr, args))
     kind = origin or kind
-    if kind is collections.abc.Callable:
-        return "a function"
-    if kind in (None, type(None), bool, str, float, int, complex):
-        names = {bool: "True or False", str: "a text", float: "a number", int: "a whole number", complex: "a number"}
-        return names.get(kind, "None")
+    if kind in _PLAIN:
+        return _PLAIN[kind][0]
     if not isinstance(kind, type):
         return "a value of its kind"
-    if kind is Path:
-        return "a path"
     if kind.__module__.partition(".")[0] in ("jax", "jaxlib", "numpy", "jaxtyping"):
         return "numbers"
     if issubclass(kind, collections.abc.Mapping):

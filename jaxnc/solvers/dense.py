@@ -40,11 +40,7 @@ def _with_batch(batched: Callable | None = None) -> Callable[[F], F]:
                 out = jax.vmap(batched)(*full) if batched else lax.map(lambda one: route(*one), full)
                 return out, jax.tree.map(lambda _: True, out)
 
-        @functools.wraps(single)
-        def call(*arguments):
-            return route(*arguments)
-
-        return cast(F, call)
+        return cast(F, functools.update_wrapper(route, single))
 
     return decorate
 
