@@ -55,7 +55,8 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> Coordi
         better = size < least
         best, least = jnp.where(better, q, best), jnp.where(better, size, least)
         stop = (least <= floor) | (~better & (least <= tolerance(eq, q))) | ~jnp.isfinite(size)
-        dx = plan.steps(eq, jacobian, r[:, None])[:, 0]
+        weight = weights(eq)[plan.unknown]
+        dx = (dense.newton_steps(jacobian / weight, r[:, None], plan.independent) / weight[:, None])[:, 0]
         dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
         return i + 1, plan.move(q, -dx), best, least, stop
 

@@ -138,11 +138,6 @@ class Plan:
         """Exact solves with derivatives, see `dense.solver`; of a harmless matrix where the pose is not `ok`."""
         return dense.solver(dense.well_posed(jacobian, ok), self.independent)
 
-    def steps(self, eq: Equations, jacobian: Array, right: Array) -> Array:
-        """Newton or Gauss-Newton steps of the unknowns for right-hand sides ``(m, k)``; coordinates as lengths."""
-        weight = weights(eq)[self.unknown]
-        return dense.newton_steps(jacobian / weight, right, self.independent) / weight[:, None]
-
     def conditioning(self, eq: Equations, jacobian: Array) -> Array:
         """Estimate of the reciprocal condition number, angles measured as lengths; zero at a singular position."""
         return dense.conditioning(jacobian / weights(eq)[self.unknown])
