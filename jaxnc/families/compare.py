@@ -21,7 +21,7 @@ from jaxnc.families.formulation import Formulation, measure_all
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, evaluate
-from jaxnc.solvers.newton import largest, tolerance
+from jaxnc.solvers.newton import largest, step_of_newton, tolerance
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, places, weights
 from jaxnc.system.system import System
@@ -252,8 +252,7 @@ def _attempt(view: Plan, eq: Equations, starts: Array, iterations: int) -> tuple
             q, needed = state
             r, jacobian = view.linearise(eq, q)
             needed = jnp.where((largest(r) <= tolerance(eq, q)) & (needed > k), k, needed)
-            dx = view.steps(eq, jacobian, r[:, None])[:, 0]
-            return (view.move(q, -jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)), needed), None
+            return (step_of_newton(view, eq, q, r, jacobian), needed), None
 
         (q, needed), _ = lax.scan(step, (q, jnp.full((), iterations + 1)), jnp.arange(iterations))
         met = largest(view.linearise(eq, q)[0]) <= tolerance(eq, q)

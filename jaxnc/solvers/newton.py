@@ -55,13 +55,17 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> Coordi
         better = size < least
         best, least = jnp.where(better, q, best), jnp.where(better, size, least)
         stop = (least <= floor) | (~better & (least <= tolerance(eq, q))) | ~jnp.isfinite(size)
-        weight = weights(eq)[plan.unknown]
-        dx = (dense.newton_steps(jacobian / weight, r[:, None], plan.independent) / weight[:, None])[:, 0]
-        dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
-        return i + 1, plan.move(q, -dx), best, least, stop
+        return i + 1, step_of_newton(plan, eq, q, r, jacobian), best, least, stop
 
     start = (0, q, q, jnp.full((), jnp.inf), jnp.zeros((), bool))
     return lax.while_loop(more, improve, start)[2]
+
+
+def step_of_newton(plan: Plan, eq: Equations, q: Coordinates, r: Array, jacobian: Array) -> Coordinates:
+    """Return the pose after a step of Newton, or of Gauss and Newton; the pose itself where there is none."""
+    weight = weights(eq)[plan.unknown]
+    dx = (dense.newton_steps(jacobian / weight, r[:, None], plan.independent) / weight[:, None])[:, 0]
+    return plan.move(q, -jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0))
 
 
 def closest_pose(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> host.Closest:
