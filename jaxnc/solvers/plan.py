@@ -65,19 +65,15 @@ class Plan:
             return False
         return int(np.isin(self.rows, special.rows).sum()) == len(self.unknown)
 
-    @property
+    @functools.cached_property
     def angles(self) -> list[int]:
         """Which of the known coordinates are angles."""
-        top, first = self.topology, len(self.topology.coordinates) - len(self.topology.scalars)
-        return [k for k, c in enumerate(self.known) if c >= first and top.angles[int(c) - first]]
+        return np.flatnonzero(self.topology.mark(self.topology.angles)[self.known]).tolist()
 
-    @property
+    @functools.cached_property
     def periodic(self) -> np.ndarray:
         """Which of the known coordinates are angles that nothing else depends on."""
-        top = self.topology
-        found = np.zeros(len(top.coordinates), dtype=bool)
-        found[len(top.coordinates) - len(top.scalars) :] = top.periodic
-        return found[self.known]
+        return self.topology.mark(self.topology.periodic)[self.known]
 
     def _find_pattern(self, width: int) -> Pattern:
         """Find where the derivatives by the unknowns are, and by as many known coordinates as the width has room for.

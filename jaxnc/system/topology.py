@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -256,6 +256,10 @@ class Topology:
     def position(self) -> dict[str, int]:
         """Index into q of every coordinate name."""
         return {name: i for i, name in enumerate(self.coordinates)}
+
+    def mark(self, scalars: Sequence[bool]) -> np.ndarray:
+        """Marks of all coordinates ``(N,)`` from those of the angles and distances."""
+        return np.append(np.zeros(len(self.coordinates) - len(scalars), bool), np.array(scalars, bool))
 
     def is_angle(self, name: str) -> bool:
         """Tell whether a coordinate is an angle."""

@@ -207,9 +207,7 @@ def _close_curve(view: HostView, curve: TracedCurve, h: float) -> bool:
     top, unknown, size = view.plan.topology, view.plan.unknown, view.eq.length
     q, t = curve.q[-1], curve.t[-1]
     back = (curve.q[0] - q)[unknown] * view.inner
-    angle = np.zeros(len(top.coordinates), dtype=bool)
-    angle[len(top.coordinates) - len(top.scalars) :] = top.angles
-    turns = angle[unknown]
+    turns = top.mark(top.angles)[unknown]
     back[turns] -= 2 * np.pi * size * np.round(back[turns] / (2 * np.pi * size))
     reach = float(back @ t)
     if not 0 <= reach <= 1.2 * h:

@@ -99,10 +99,7 @@ def _skip_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Windi
     branch of one input is closed everywhere if it is closed at the start. None if there are no such turns.
     """
     top, plan = view.plan.topology, view.plan
-    if len(plan.driven) != 1:
-        return None
-    first = len(top.coordinates) - len(top.scalars)
-    if plan.driven[0] < first or not top.periodic[plan.driven[0] - first]:
+    if len(plan.driven) != 1 or not plan.periodic[0]:
         return None
     angle = values[:, 0]
     steps = np.diff(angle, axis=0, prepend=start[[plan.driven[0]]]) / math.tau
@@ -117,8 +114,7 @@ def _skip_turns(view: HostView, start: np.ndarray, values: np.ndarray) -> _Windi
     inner = view.select(lanes)
     seen = follow(inner, begin, target[None])
     moved = seen.poses[0] - begin
-    angles = np.append(np.zeros(first, bool), top.angles)
-    change = np.where(angles[:, None], np.round(moved / math.tau), 0.0) * math.tau
+    change = np.where(top.mark(top.angles)[:, None], np.round(moved / math.tau), 0.0) * math.tau
     closed = (seen.reached == 1) & ~seen.limit[0] & ~seen.crossed[0]
     closed &= inner.norm(inner.weights, moved - change) <= inner.least.close * inner.eq.length
     if not closed.any():
