@@ -7,7 +7,7 @@ behind. The readings are NumPy (with changes along the last axis, if wanted), JA
 
 import functools
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax.numpy as jnp
@@ -338,13 +338,13 @@ def design_numbers(top: Topology, parameters: Parameters, levels: int = 6) -> An
     The first level knows points of redrawn bodies and unit vectors.
     """
     par = parameters.points, parameters.vectors, parameters.markers, parameters.dimensions
-    return _run_design(top, [a.reshape(-1) for a in par], levels)
+    return _run_design(top, par[0], (a.reshape(-1) for a in par), levels)
 
 
-def _run_design(top: Topology, given: Sequence[Numbers], levels: int, carries: bool = False) -> AnyArray:
-    xp: Any = np if isinstance(given[0], np.ndarray) else jnp
-    dtype = given[0].dtype
-    x = xp.concatenate([xp.zeros((1, *given[0].shape[1:]), dtype), *given])
+def _run_design(top: Topology, like: Numbers, given: Iterable[Numbers], levels: int, carries: bool = False) -> AnyArray:
+    xp: Any = np if isinstance(like, np.ndarray) else jnp
+    dtype = like.dtype
+    x = xp.concatenate([xp.zeros((1, *(like.shape[1:] if carries else ())), dtype), *given])
 
     def run(step: Step, given: Numbers) -> list[AnyArray]:
         values = step.formula.reading(given, carries)(list(given))
@@ -371,6 +371,6 @@ def carry_design(top: Topology, geometry: np.ndarray) -> Drawn:
 
     That is points, vectors, markers and dimensions behind each other, ``(numbers, ..., 1 + changes)``.
     """
-    found, x = design(top), _run_design(top, [geometry], 5, carries=True)
+    found, x = design(top), _run_design(top, geometry, [geometry], 5, carries=True)
     constants = tuple(x[places] for places in found.constants[: len(top.blocks)])
     return Drawn(x[found.drawing], x[found.vectors], x[found.home], constants, x[found.markers])
