@@ -22,7 +22,7 @@ from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, g
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
-from jaxnc.types import AnyArray, Array, ArrayLike
+from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
 
 
 class SolvedLanes(NamedTuple):
@@ -33,6 +33,7 @@ class SolvedLanes(NamedTuple):
     size: AnyArray  # largest residual of all rows, a length
     pivots: AnyArray  # smallest over largest pivot, coordinates as lengths
     upright: AnyArray  # whether no row and no body is met by a mirror image
+    mirrored: Numbers | bool  # whether a body is
 
 
 class _Block:
@@ -353,8 +354,9 @@ class Kernel:
         upright = _reduce(jnp.logical_and, [g > 0.0 for g in (*rows, *bodies)] or [jnp.array(True)])
         for slope in self.steep.slopes(eq, x).values():
             upright = upright & jnp.isfinite(slope)
+        mirrored = _reduce(jnp.logical_or, [g <= 0.0 for g in bodies] or [jnp.array(False)])
         determinants, pivots = tuple(f.determinant for f in factors), smallest([f.pivots for f in factors])
-        return SolvedLanes(x, determinants, size, pivots, upright)
+        return SolvedLanes(x, determinants, size, pivots, upright, mirrored)
 
     def _iterate(self, block: _Block, eq: Equations, x: list) -> tuple[Sequence[Array], Factors]:
         """Solve a block by Newton, in all lanes until the last has it."""

@@ -250,7 +250,7 @@ def _solve_steps(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: 
     # What goes into several results is made first, of few arrays: each is a kernel of its own.
     y = fusion_barrier(go, positions, x, signs, u)
     told = fusion_barrier(go, diagnose, x, u, y)
-    kept = right(SolvedLanes(place(x, u, y), (), None, None, told[-1] > 0.0), told, u.shape[1:])
+    kept = right(SolvedLanes(place(x, u, y), (), None, None, told[-1] > 0.0, False), told, u.shape[1:])
     return jnp.concatenate([y, told[-3:-1]]), jnp.concatenate([told[:facing], u]), kept
 
 
