@@ -10,6 +10,6 @@ from jaxnc.reading.program import Builder as Builder
 from jaxnc.reading.program import Node as Node
 from jaxnc.reading.program import Number as Number
 from jaxnc.reading.program import Program as Program
+from jaxnc.reading.program import function as function
 from jaxnc.reading.program import write as write
-from jaxnc.reading.source import function as function
 from jaxnc.reading.trace import trace as trace
