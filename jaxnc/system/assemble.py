@@ -495,21 +495,12 @@ def grouped(instances: Sequence[Instance]) -> tuple[tuple[Block, ...], dict[int,
         groups.setdefault(data.kind, []).append(data)
     out, where = [], {}
     for b, (kind, members) in enumerate(groups.items()):
-        names = kind.constants
-        out.append(
-            Block(
-                kind=kind,
-                points=tuple(d.points for d in members),
-                vectors=tuple(d.vectors for d in members),
-                scalars=tuple(d.scalars for d in members),
-                drawn=tuple(d.drawn for d in members),
-                lengths=tuple(
-                    (i, names.index(c), *pair) for i, d in enumerate(members) for c, pair in d.lengths.items()
-                ),
-                given=tuple((i, names.index(c), k) for i, d in enumerate(members) for c, k in d.given.items()),
-                owners=tuple(d.owners for d in members),
-            )
-        )
+        alike = "points", "vectors", "scalars", "drawn", "owners"
+        fields = {name: tuple(getattr(d, name) for d in members) for name in alike}
+        at, every = kind.constants.index, list(enumerate(members))
+        lengths = tuple((i, at(c), *pair) for i, d in every for c, pair in d.lengths.items())
+        given = tuple((i, at(c), k) for i, d in every for c, k in d.given.items())
+        out.append(Block(kind, lengths=lengths, given=given, **fields))
         for i, d in enumerate(members):
             where[id(d)] = (b, i)
     return tuple(out), where

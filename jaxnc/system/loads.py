@@ -285,36 +285,27 @@ class LoadAssembler:
                 )
         blocks = []
         for kind, members in groups.items():
-            blocks.append(
-                ForceBlock(
-                    kind,
-                    tuple(name for name, _, _ in members),
-                    tuple(a.at(*f.points) for _, f, _ in members),
-                    tuple(tuple(a.vector_index[u] for u in f.vectors) for _, f, _ in members),
-                    tuple(tuple(a.scalar(s) for s in f.scalars) for _, f, _ in members),
-                    tuple(
-                        (i, kind.parameters.index(p), k)
-                        for i, (_, _, given) in enumerate(members)
-                        for p, k in given.items()
-                    ),
-                )
-            )
+            names, forces, numbers = zip(*members, strict=True)
+            points = tuple(a.at(*f.points) for f in forces)
+            vectors = tuple(tuple(a.vector_index[u] for u in f.vectors) for f in forces)
+            scalars = tuple(tuple(map(a.scalar, f.scalars)) for f in forces)
+            given = ((i, kind.parameters.index(p), k) for i, some in enumerate(numbers) for p, k in some.items())
+            blocks.append(ForceBlock(kind, names, points, vectors, scalars, tuple(given)))
         return tuple(blocks), tuple(functions)
 
     def friction(self, name: str, f: record.Friction) -> FrictionIndex:
         """Friction of a joint."""
         of = self.a.owning(Thing.FRICTION, name)
-        numbers = [self.number(of, "coefficient", f.coefficient), self.number(of, "speed", f.speed)]
-        if f.radius is not None:
-            numbers.append(self.number(of, "radius", f.radius))
+        values = [f.coefficient, f.speed, *([] if f.radius is None else [f.radius])]
+        numbers = self.several(of, ("coefficient", "speed", "radius"), values)
         a, line = self.a, ()
         if f.bodies is not None:
             assert f.point is not None
             names = [body.name for body in a.bodies]
             first, second = (GROUND if body == "ground" else names.index(body) for body in f.bodies)
-            return FrictionIndex(name, (first, second), a.index[f.point], None, tuple(numbers))
+            return FrictionIndex(name, (first, second), a.index[f.point], None, numbers)
         if f.joint not in self.model.joints:  # a point that slides with a fixed coordinate
-            return FrictionIndex(name, None, a.index[f.point or f.joint or ""], None, tuple(numbers))
+            return FrictionIndex(name, None, a.index[f.point or f.joint or ""], None, numbers)
         if a.dim == 3:
             joint = self.model.joints[f.joint]
             assert isinstance(joint, record.Slot | record.Prismatic | record.Cylindrical)  # no other has friction
@@ -323,4 +314,4 @@ class LoadAssembler:
             places = [n for n in ((on,) if isinstance(on, str) else on) if n in a.index]
             far = a.index[end] if end in a.index else ~a.vector_index[end]
             line = (a.index[start], far, *(a.index[n] for n in places))
-        return FrictionIndex(name, None, -1, a.owning(Thing.JOINT, f.joint), tuple(numbers), line)
+        return FrictionIndex(name, None, -1, a.owning(Thing.JOINT, f.joint), numbers, line)
