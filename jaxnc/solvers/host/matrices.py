@@ -70,32 +70,29 @@ def near(q: np.ndarray, length: float, matrices: Callable[[np.ndarray], np.ndarr
     return Near(at, nearest, matrix, inverse_of(matrix), first, weights)
 
 
-class Inverses:
-    """Solves with the matrices of poses ``(lanes, m, n)``, refined.
+def make_solver(matrix: np.ndarray, close: Near | None) -> Callable[[np.ndarray], np.ndarray]:
+    """Make the function that solves with the matrices of poses ``(lanes, m, n)``, refined.
 
-    `close` is what is known of the lanes between others, if anything.
+    It gives solutions ``(lanes, n, c)`` for right-hand sides ``(lanes, m, c)``. `close` is what is known of the lanes
+    between others, if anything.
     """
-
-    def __init__(self, matrix: np.ndarray, close: Near | None):
-        self._matrix, self._times, eps = matrix, 1, np.finfo(matrix.dtype).eps
-        if close is None:
-            self._inverse = inverse_of(matrix)
-            return
-        self._inverse = close.interpolated
-        off = _error_of(matrix, self._inverse)
+    inverse, times = inverse_of(matrix) if close is None else close.interpolated, 1
+    if close is not None:
+        off, eps = _error_of(matrix, inverse), np.finfo(matrix.dtype).eps
         poor = ~(off <= 1e-3)  # off by more, an interpolated inverse is not refined
         if poor.any():
-            self._inverse = np.array(self._inverse)
-            self._inverse[poor], off[poor] = inverse_of(matrix[poor]), _HALF * eps**0.5
+            inverse = np.array(inverse)
+            inverse[poor], off[poor] = inverse_of(matrix[poor]), _HALF * eps**0.5
         # Every refinement leaves one factor of what is off.
-        self._times = max(math.ceil(math.log(eps) / math.log(max(np.max(off), eps))) - 1, 1)
+        times = max(math.ceil(math.log(eps) / math.log(max(np.max(off), eps))) - 1, 1)
 
-    def __call__(self, right: np.ndarray) -> np.ndarray:
-        """Solutions ``(lanes, n, c)`` for right-hand sides ``(lanes, m, c)``."""
-        x = self._inverse @ right
-        for _ in range(self._times):
-            x += self._inverse @ (right - self._matrix @ x)
+    def solve(right: np.ndarray) -> np.ndarray:
+        x = inverse @ right
+        for _ in range(times):
+            x += inverse @ (right - matrix @ x)
         return x
+
+    return solve
 
 
 def _error_of(matrix: np.ndarray, inverse: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxnc.solvers.host.matrices import Inverses, Near, least_squares, near, solve_exactly
+from jaxnc.solvers.host.matrices import Near, least_squares, make_solver, near, solve_exactly
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.plan_program import PlanProgram, plan_program, slope_program
 from jaxnc.system.host import HostEquations
@@ -149,8 +149,8 @@ class HostView:
         else:
             matrix = self._scaled(q)
             close = self._near(q, lambda at: matrix[at])
-        inverses = Inverses(matrix, close)
-        return lambda right: (inverses(right.T[:, :, None]) / self._outer)[:, :, 0].T
+        solve = make_solver(matrix, close)
+        return lambda right: (solve(right.T[:, :, None]) / self._outer)[:, :, 0].T
 
     @property
     def refines(self) -> bool:
