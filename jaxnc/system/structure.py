@@ -41,7 +41,6 @@ from jaxnc.validate import as_scalars, call_user
 Pairs = tuple[tuple[int, int], ...]
 Function = Callable[[Sequence[Any]], tuple[Any, ...]]
 Indices = tuple[tuple[int, ...], ...]
-Carrying = Callable[[Sequence[np.ndarray]], list[np.ndarray]]
 
 _NOT_PLAIN = (TypeError, AttributeError, ValueError, IndexError, NotImplementedError)
 
@@ -251,30 +250,8 @@ class Formula:
         mapped = jax.vmap(self.call)
         return lambda x: tuple(mapped(jnp.stack(jnp.broadcast_arrays(*x), axis=-1)).T)
 
-    @functools.cached_property
-    def carrying(self) -> Carrying:
+    def carrying(self, x: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Values and changes of NumPy lanes ``(..., 1 + changes)``: derivatives stand behind their number."""
-        if self.program is not None:
-            return self._carry_by_program
-        assert self.call is not None and self.kind is not None
-        call, plain = self.call, self.on_lanes
-        slopes = by_jax(lambda x: jax.jacfwd(call)(x).reshape(-1), self.kind)
-
-        def run(x: Sequence[np.ndarray]) -> list[np.ndarray]:
-            given = [a[..., 0] for a in x]
-            values, found = plain(given), slopes(given)
-            width = max(a.shape[-1] for a in x) - 1
-            out = []
-            for k, value in enumerate(values):
-                change = np.zeros((*value.shape, width), value.dtype)
-                for slope, a in zip(found[k * len(x) : (k + 1) * len(x)], x, strict=True):
-                    change = change + slope[..., None] * a[..., 1:]
-                out.append(np.concatenate([value[..., None], change], axis=-1))
-            return out
-
-        return run
-
-    def _carry_by_program(self, x: Sequence[np.ndarray]) -> list[np.ndarray]:
         values = [a[..., 0] for a in x]
         lead, width = np.broadcast_shapes(*(v.shape for v in values)), max((a.shape[-1] for a in x), default=1)
         found = [np.broadcast_to(v, lead)[..., None] for v in self.on_lanes(values)]
@@ -286,9 +263,20 @@ class Formula:
 
     @functools.cached_property
     def _push(self) -> Function:
-        """How the values change with all that the function takes."""
-        assert self.program is not None
-        return self.rate(self.program.inputs, 1).on_lanes
+        """How the values change, of numbers and their changes."""
+        if self.program is not None:
+            return self.rate(self.program.inputs, 1).on_lanes
+        assert self.call is not None and self.kind is not None
+        call = self.call
+        slopes = by_jax(lambda x: jax.jacfwd(call)(x).reshape(-1), self.kind)
+
+        def along(x: Sequence[np.ndarray]) -> tuple[Any, ...]:
+            count = len(x) // 2
+            found, changes = slopes(x[:count]), x[count:]
+            rows = (found[k : k + count] for k in range(0, len(found), count))
+            return tuple(sum(slope * d for slope, d in zip(row, changes, strict=True)) for row in rows)
+
+        return along
 
     def rate(self, count: int, order: int) -> "Formula":
         """Read the time derivative of some order, while the first numbers that it takes change."""
