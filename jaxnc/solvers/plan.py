@@ -76,15 +76,11 @@ class Plan:
         return self.topology.mark(self.topology.periodic)[self.known]
 
     def _find_pattern(self, width: int) -> Pattern:
-        """Find where the derivatives by the unknowns are, and by as many known coordinates as the width has room for.
-
-        What is left of the known coordinates is listed by itself.
-        """
+        """Find where the derivatives are by so many coordinates, of the unknown and then the known ones."""
         row, column, nonzero = places(self.topology)
         new_row = np.full(len(self.topology.rows), -1)
         new_row[self.rows] = np.arange(len(self.rows))
-        beyond = len(self.unknown) + len(self.known)
-        where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (self.inverse[column] < beyond))
+        where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (self.inverse[column] < width))
         r, c = new_row[row[where]], self.inverse[column[where]]
         return sparse_pattern(where, r, c, (len(self.rows), width), len(row))
 

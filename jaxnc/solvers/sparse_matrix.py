@@ -30,15 +30,13 @@ _SHIFTS = (1e-9, 1e-8, 1e-7)  # of the largest singular value, squared: the firs
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Static structure of a sparse Jacobian with m rows and n unknown columns; its numbers are a vector ``(nnz,)``."""
+    """Static structure of a sparse matrix with m rows and n columns; its numbers are a vector ``(nnz,)``."""
 
     shape: tuple[int, int]  # m and n
     rows: np.ndarray  # row of every number, column by column
     columns: np.ndarray  # column of every number, ascending
     # Index arrays (nnz,) into the entries (with a zero appended), whose gathered sum is the numbers.
     gathers: tuple[np.ndarray, ...]
-    # Places in the entries, rows and columns of the derivatives with respect to known coordinates.
-    known: tuple[np.ndarray, np.ndarray, np.ndarray]
     # Per row, which numbers and which columns, (m, most) each, padded; None where rows are too unequal.
     wide: tuple[np.ndarray, np.ndarray] | None
 
@@ -78,12 +76,9 @@ class Pattern:
 def sparse_pattern(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, int], pad: int) -> Pattern:
     """Compress a list of places in the entries; those named twice are added up.
 
-    Columns from n on belong to known coordinates; `pad` is the index of the zero behind the entries.
+    `pad` is the index of the zero behind the entries.
     """
-    m, n = shape
-    inner = c < n
-    known = (where[~inner], r[~inner], c[~inner] - n)
-    where, key = where[inner], c[inner].astype(np.int64) * m + r[inner]
+    m, key = shape[0], c.astype(np.int64) * shape[0] + r
     found = np.unique(key)
     gathers, left = [], np.arange(len(where))
     while len(left) or not gathers:
@@ -93,7 +88,7 @@ def sparse_pattern(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple
         gathers.append(index)
         left = np.delete(left, first)
     columns, rows = np.divmod(found, max(m, 1))
-    return Pattern(shape, rows, columns, tuple(gathers), known, _by_rows(rows, columns, m))
+    return Pattern(shape, rows, columns, tuple(gathers), _by_rows(rows, columns, m))
 
 
 def _by_rows(rows: np.ndarray, columns: np.ndarray, m: int) -> tuple[np.ndarray, np.ndarray] | None:

@@ -126,11 +126,11 @@ class SparseView(HostView):
 
     def matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return non-zeros of the derivatives by unknown coordinates ``(lanes, nnz)``, and those by known ones."""
-        p, found = self.plan.numbers, self.eq.entries(q)
-        where, rows, columns = p.known
+        p, (count, n) = self.plan.pattern, (self.plan.numbers.count, len(self.plan.unknown))
+        numbers = p.collect(self.eq.entries(q))  # column by column, those of the unknowns first
         known = np.zeros((p.shape[0], len(self.plan.known), q.shape[1]), q.dtype)
-        np.add.at(known, (rows, columns), found[where])
-        return np.ascontiguousarray(p.collect(found).T), np.moveaxis(known, 2, 0)
+        known[p.rows[count:], p.columns[count:] - n] = numbers[count:]
+        return np.ascontiguousarray(numbers[:count].T), np.moveaxis(known, 2, 0)
 
     def lengths(self, matrix: np.ndarray) -> np.ndarray:
         """Jacobians with respect to coordinates as lengths."""
