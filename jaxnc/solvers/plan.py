@@ -42,7 +42,6 @@ class Plan:
     # Rows and columns of the diagonal blocks of the Jacobian's block-triangular form, in an order in which they can be
     # solved one after the other; empty when it is not square.
     sequence: tuple[tuple[np.ndarray, np.ndarray], ...]
-    blocks: tuple[tuple[np.ndarray, np.ndarray], ...]  # the same grouped by size b, arrays (count, b)
     # What to do with more rows than unknowns: choose independent ones, instead of least squares.
     independent: bool = False
 
@@ -74,6 +73,15 @@ class Plan:
     def periodic(self) -> np.ndarray:
         """Which of the known coordinates are angles that nothing else depends on."""
         return self.topology.mark(self.topology.periodic)[self.known]
+
+    @functools.cached_property
+    def blocks(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """The diagonal blocks of the `sequence`, grouped by size b: arrays ``(count, b)``."""
+        sizes: dict[int, list] = {}
+        for block in self.sequence:
+            sizes.setdefault(len(block[1]), []).append(block)
+        parts = (zip(*some, strict=True) for some in sizes.values())
+        return tuple((np.array(rows, INDEX), np.array(columns, INDEX)) for rows, columns in parts)
 
     def _find_pattern(self, width: int) -> Pattern:
         """Find where the derivatives are by so many coordinates, of the unknown and then the known ones."""
@@ -325,10 +333,9 @@ def _plan(
     rest[known] = False
     order = np.concatenate([unknown, at_known, np.flatnonzero(rest)])
     inverse = np.argsort(order)
-    blocks = _group_by_size(sequence)
     ground = np.flatnonzero(rest)
     at_known, unknown, ground, inverse, rows = (a.astype(INDEX) for a in (at_known, unknown, ground, inverse, rows))
-    parts = (topology, driven, held, at_known, unknown, ground, inverse, rows, sequence, blocks, independent)
+    parts = (topology, driven, held, at_known, unknown, ground, inverse, rows, sequence, independent)
     if not topology.large:
         return Plan(*parts)
     if independent and len(rows) > len(unknown):
@@ -441,16 +448,6 @@ def _triangular_blocks(matched: np.ndarray, r: np.ndarray, c: np.ndarray, n: int
     for row, column in zip(owner[r].tolist(), c.tolist(), strict=True):
         leads[row].append(column)
     return tuple((matched[k], np.array(k)) for k in strong_components(leads))
-
-
-def _group_by_size(sequence: tuple) -> tuple:
-    sizes: dict[int, list] = {}
-    for rows, columns in sequence:
-        sizes.setdefault(len(columns), []).append((rows, columns))
-    return tuple(
-        (np.array([rows for rows, _ in blocks], INDEX), np.array([columns for _, columns in blocks], INDEX))
-        for blocks in sizes.values()
-    )
 
 
 def unwind(angles: Numbers, turns: Numbers) -> Any:

@@ -67,7 +67,7 @@ class _Lanes:
 
     def __init__(self, view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray):
         n, driven, count = len(view.plan.unknown), len(view.plan.driven), values.shape[2]
-        blocks = sum(len(rows) for rows, _ in view.plan.blocks) if view.plan.square else 1
+        blocks = len(view.plan.sequence) if view.plan.square else 1
         self.which, self.values = np.arange(count), values
         self.target, self.corrections = np.zeros(count, int), np.zeros(count, int)
         self.final = counts - 1
