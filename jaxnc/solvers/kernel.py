@@ -45,6 +45,8 @@ class _Block:
         self.rows = Rows(top, [int(plan.rows[r]) for r in rows], self.columns)
         self._pure = pure_numbers(top)[list(self.columns)]
         self.elimination = plan_elimination(sample[np.ix_(rows, columns)])
+        # rows and columns of the pivots
+        self.pivots = set(zip(self.elimination.rows, self.elimination.columns, strict=True))
 
     @property
     def closed(self) -> bool:
@@ -58,11 +60,6 @@ class _Block:
 
     def factors(self, eq: Equations, x: Lanes) -> Eliminated:
         return self.eliminate_slopes(eq, self.rows.slopes(eq, x))
-
-    @property
-    def pivots(self) -> set[tuple[int, int]]:
-        """Rows and columns of the pivots."""
-        return set(zip(self.elimination.rows, self.elimination.columns, strict=True))
 
     def solve(self, eq: Equations, slopes: dict[tuple[int, int], Array], right: Sequence[Array]) -> Sequence[AnyArray]:
         """Solve with the block's derivatives, which are lanes: exactly, and differentiable to any order.
@@ -142,12 +139,8 @@ class _AllRows:
         self.kept = [r for rows, _, _ in self.blocks for r in rows]
         self.spare = sorted({*range(len(plan.rows))} - {*self.kept})
         self._pure = pure_numbers(plan.topology)[plan.unknown]
-
-    @property
-    def pivots(self) -> set[tuple[int, int]]:
-        """Rows and columns of the pivots."""
         pairs = ((rows, columns, zip(e.rows, e.columns, strict=True)) for rows, columns, e in self.blocks)
-        return {(rows[i], columns[j]) for rows, columns, places in pairs for i, j in places}
+        self.pivots = {(rows[i], columns[j]) for rows, columns, places in pairs for i, j in places}
 
     def solve(self, eq: Equations, slopes: dict[tuple[int, int], Array], right: Sequence[Array]) -> tuple[Array, ...]:
         """Return the least-squares solution for one right-hand side, differentiable to any order."""
@@ -405,7 +398,7 @@ class Kernel:
             x_dot[c] = None
         for part in self.differentiated:
             moving = [c for c in sorted(part.rows.needed) if x_dot[c] is not None]
-            varied = [at for at in part.rows.constant_places if at in constants_dot]
+            varied = [at for at in part.rows.needed_constants if at in constants_dot]
             if not moving and not varied:
                 continue
 

@@ -87,6 +87,9 @@ class Functions:
         found = {b: program(top.blocks[b].kind, which, top.dim) for b, _ in wanted}
         read = {at: outputs for at, outputs in wanted.items() if found[at[0]] is not None}
         self._foreign = {at: outputs for at, outputs in wanted.items() if at not in read}
+        self.readable = not self._foreign  # whether the program has all that is wanted; else some kinds are JAX's alone
+        self.needed = {v for variables in self._variables.values() for v in variables}  # coordinates, and constants:
+        self.needed_constants = [(b, i, k) for b, i in wanted for k in range(len(top.blocks[b].kind.constants))]
         self.coordinates = tuple(dict.fromkeys([*self.columns, *(v for at in read for v in self._variables[at])]))
         self.constants = [(b, i, k) for b, i in read for k in range(len(top.blocks[b].kind.constants))]
         self.scales = [(*at, k) for at, outputs in read.items() for k, _ in outputs] if scaled else []
@@ -107,21 +110,6 @@ class Functions:
                 results[place] = builder.op("mul", value, scale[b, i, k]) if scaled else value
         self._places = tuple(sorted(results))
         self.program: Program = builder.program([results[place] for place in self._places])
-
-    @property
-    def readable(self) -> bool:
-        """True if the program has all that is wanted; else some kinds are functions for JAX alone."""
-        return not self._foreign
-
-    @property
-    def needed(self) -> set[int]:
-        """Coordinates that the functions depend on."""
-        return {v for variables in self._variables.values() for v in variables}
-
-    @property
-    def constant_places(self) -> list[Place]:
-        """Constants that the functions depend on."""
-        return [(b, i, k) for b, i in self._variables for k in range(len(self.top.blocks[b].kind.constants))]
 
     def collect(self, x: Lanes, numbers: Numbered) -> list[AnyArray]:
         """Collect inputs of the program, from coordinates and `Numbers`."""
