@@ -168,27 +168,22 @@ def _operator(op: str, turned: bool = False) -> Callable:
 class Number:
     """A node of a program that is being written."""
 
-    __slots__ = ("_at", "_builder")
+    __slots__ = ("_builder", "at")
     __array_ufunc__ = None  # numbers of NumPy leave the arithmetic to this class
     __hash__ = object.__hash__
 
     def __init__(self, builder: Builder, at: int):
-        self._builder, self._at = builder, at
-
-    @property
-    def at(self) -> int:
-        """The place of the number among the nodes of the program."""
-        return self._at
+        self._builder, self.at = builder, at  # its place among the nodes of the program
 
     @property
     def truth(self) -> bool:
         """True if the node is a truth value, and no number."""
-        return _truth(self._builder, self._at)
+        return _truth(self._builder, self.at)
 
     def apply(self, op: str, *others: object, value: Any = None) -> "Number":
         """Apply an operation to the number and others, by the name that programs have for it."""
         b = self._builder
-        at = (self._at, *(_node_of(b, x) for x in others))
+        at = (self.at, *(_node_of(b, x) for x in others))
         first, *rest = (_truth(b, i) for i in at)
         fits = first and rest[0] == rest[1] if op == "select" else {first, *rest} == {op in _LOGICAL}
         if not fits:  # for which JAX has rules of its own
@@ -240,7 +235,7 @@ def _truth(builder: Builder, at: int) -> bool:
 
 def _node_of(builder: Builder, value: object) -> int:
     if isinstance(value, Number):
-        return value._at
+        return value.at
     if not isinstance(value, _Plain):
         raise TypeError(f"{type(value).__name__} is no plain number")
     return builder.number(bool(value) if isinstance(value, bool | np.bool_) else float(value))

@@ -114,7 +114,7 @@ class SparseView(HostView):
         entries = sum(layout.rows.size * layout.variables.shape[1] for layout in plan.topology.layout)
         # the constraints of lanes which are solved together have a million numbers
         self.shape, self.at_once = (plan.numbers.count,), max(1_000_000 // max(entries, 1), 1)
-        self._pairs = blocks_of_two(plan)
+        self._pairs, self.refines = blocks_of_two(plan), False  # `solver` has the factors alone
 
     def norm(self, weight: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Measure changes of coordinates, ``(lanes,)``; in a large system by the one that moves most."""
@@ -173,11 +173,6 @@ class SparseView(HostView):
 
     def _single(self, q: np.ndarray) -> None:
         """Return None: the program's matrices are not sparse."""
-
-    @property
-    def refines(self) -> bool:
-        """No: `solver` has the factors alone."""
-        return False
 
     @property
     def wants_order(self) -> bool:

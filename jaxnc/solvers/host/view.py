@@ -42,6 +42,7 @@ class HostView:
     Attributes:
         shape: of the derivatives of one pose.
         redundant: whether there are more rows than unknowns.
+        refines: whether what `solver` returns is refined already.
         at_once: lanes that are solved together.
         inner: factors that turn the unknowns into lengths, ``(n,)``, or ``(lanes, 1, n)``, as columns of matrices;
         weights, unknown_weights: of all coordinates and of the unknowns, ``(N or n, 1 or lanes)``.
@@ -55,7 +56,7 @@ class HostView:
         self.unknown_weights = self.weights[plan.unknown]
         self.inner = self.unknown_weights[:, 0] if weights.ndim == 1 else self.unknown_weights.T[:, None, :]
         self._outer = self.inner[..., None] if weights.ndim == 1 else np.swapaxes(self.inner, 1, 2)
-        self.redundant = len(plan.rows) > len(plan.unknown)
+        self.redundant, self.refines = len(plan.rows) > len(plan.unknown), self.program is None
 
     def select(self, which: np.ndarray) -> "HostView":
         """Return the view of other lanes, given by places or a mask; one design that all lanes share stays."""
@@ -151,11 +152,6 @@ class HostView:
             close = self._near(q, lambda at: matrix[at])
         solve = make_solver(matrix, close)
         return lambda right: (solve(right.T[:, :, None]) / self._outer)[:, :, 0].T
-
-    @property
-    def refines(self) -> bool:
-        """True if what `solver` returns is refined already."""
-        return self.program is None
 
     def near(self, q: np.ndarray) -> Near | None:
         """Find what some poses in the order of a motion say of the others; None where each by itself is quicker."""
