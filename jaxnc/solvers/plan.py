@@ -5,7 +5,6 @@ A plan is static: it belongs to a structure and the coordinates that are driven 
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import jax
@@ -27,32 +26,53 @@ LARGEST_WRITTEN = 120  # unknowns that are written out element by element under 
 TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
 
 
-@dataclass(frozen=True, eq=False)
 class Plan:
-    """Static view of a system for one set of driven names."""
+    """Static view of a system for one set of inputs. Make it with `plan`.
 
-    topology: Topology  # the system's structure, which has no names
-    driven: tuple[int, ...]  # indices of the inputs, in the order of their values
-    held: tuple[int, ...]  # indices of free coordinates that keep the value they have in the start pose
-    known: np.ndarray  # indices of driven and held coordinates
-    unknown: np.ndarray  # indices of the coordinates that are solved for, n of them
-    fixed: np.ndarray  # indices of the rest (ground), which follow the drawing
-    inverse: np.ndarray  # place of every coordinate in the sequence unknown, known, fixed
-    rows: np.ndarray  # indices of the rows that contain an unknown, m of them
-    # Rows and columns of the diagonal blocks of the Jacobian's block-triangular form, in an order in which they can be
-    # solved one after the other; empty when it is not square.
-    sequence: tuple[tuple[np.ndarray, np.ndarray], ...]
-    # What to do with more rows than unknowns: choose independent ones, instead of least squares.
-    independent: bool = False
+    Args:
+        topology: the system's structure, which has no names.
+        driven: indices of the inputs, in the order of their values.
+        held: indices of free coordinates that keep the value they have in the start pose.
+        determined: whether inputs that do not determine the motion are refused.
+        independent: what to do with more rows than unknowns: choose independent ones, instead of least squares.
+    """
+
+    def __init__(
+        self, topology: Topology, driven: tuple[int, ...], held: tuple[int, ...], determined: bool, independent: bool
+    ):
+        self.topology, self.driven, self.held = topology, driven, held
+        self.determined, self.independent = determined, independent
+        self.large = topology.large  # whether the Jacobian is kept sparse, see `LargePlan`
+        known, fixed = [*driven, *held], np.array(topology.fixed)
+        solved, ground = ~fixed, fixed.copy()
+        solved[known] = ground[known] = False
+        row, column, nonzero = places(topology)
+        inner, unknown = nonzero & solved[column], np.flatnonzero(solved)
+        rows, r = np.unique(row[inner], return_inverse=True)
+        self.known = np.array(known, INDEX)  # indices of driven and held coordinates
+        self.unknown = unknown.astype(INDEX)  # indices of the coordinates that are solved for, n of them
+        self.fixed = np.flatnonzero(ground).astype(INDEX)  # indices of the rest (ground), which follow the drawing
+        self.rows = rows.astype(INDEX)  # indices of the rows that contain an unknown, m of them
+        self.square = len(rows) == len(unknown)  # whether there are as many rows as unknowns
+        # Which of the known coordinates are angles, and which of them angles that nothing else depends on.
+        self.angles: list[int] = np.flatnonzero(topology.mark(topology.angles)[self.known]).tolist()
+        self.periodic = topology.mark(topology.periodic)[self.known]
+        # Place of every coordinate in the sequence unknown, known, fixed.
+        self.inverse = np.argsort(np.concatenate([self.unknown, self.known, self.fixed])).astype(INDEX)
+        # A row for every unknown that it is in, no two the same; None unless the motion is determined.
+        self.matched: np.ndarray | None = None
+        # Rows and columns of the diagonal blocks of the Jacobian's block-triangular form, in an order in which they can
+        # be solved one after the other; empty when it is not square.
+        self.sequence: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+        if determined:
+            c = np.searchsorted(unknown, column[inner])
+            self.matched = _match_rows(r, c, (len(rows), len(unknown)), unknown)
+            if self.square:
+                self.sequence = _triangular_blocks(self.matched, r, c, len(unknown))
 
     def __repr__(self) -> str:
         sizes = (self.unknown, "unknown"), (self.known, "known coordinate"), (self.rows, "row")
         return f"{type(self).__name__}({', '.join(counted(len(where), noun) for where, noun in sizes)})"
-
-    @property
-    def square(self) -> bool:
-        """True if there are as many rows as unknowns."""
-        return len(self.rows) == len(self.unknown)
 
     @property
     def chosen_rows_suffice(self) -> bool:
@@ -63,16 +83,6 @@ class Plan:
         if self.independent or special is None or special.rows is None or not special.sufficient:
             return False
         return int(np.isin(self.rows, special.rows).sum()) == len(self.unknown)
-
-    @functools.cached_property
-    def angles(self) -> list[int]:
-        """Which of the known coordinates are angles."""
-        return np.flatnonzero(self.topology.mark(self.topology.angles)[self.known]).tolist()
-
-    @functools.cached_property
-    def periodic(self) -> np.ndarray:
-        """Which of the known coordinates are angles that nothing else depends on."""
-        return self.topology.mark(self.topology.periodic)[self.known]
 
     @functools.cached_property
     def blocks(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
@@ -109,11 +119,6 @@ class Plan:
             out.append(np.full(p.shape, len(places(self.topology)[0]), INDEX))
             out[-1][p.rows, p.columns] = numbers
         return tuple(out)
-
-    @property
-    def large(self) -> bool:
-        """True if the Jacobian is kept sparse; see `LargePlan`."""
-        return self.topology.large
 
     def join(self, unknown: Array, known: Array, fixed: Array) -> Coordinates:
         """All coordinates from the three parts; the same for rates and tangents."""
@@ -170,12 +175,8 @@ class Plan:
         return dense.determinant_sign(other.T @ jacobian)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class LargePlan(Plan):
     """A plan with a sparse Jacobian; the methods are those of `Plan`, a Jacobian is a vector ``(nnz,)``."""
-
-    # A row for every unknown that it is in, no two the same; None where the inputs do not determine the motion.
-    matched: np.ndarray | None = None
 
     @functools.cached_property
     def numbers(self) -> Pattern:
@@ -316,37 +317,16 @@ class _Undetermined(InputError):
 def _plan(
     topology: Topology, driven: tuple[int, ...], held: tuple[int, ...], determined: bool, independent: bool
 ) -> Plan:
-    known, fixed = [*driven, *held], np.array(topology.fixed)
-    solved = ~fixed
-    solved[known] = False
-    unknown = np.flatnonzero(solved)
-    row, column, nonzero = places(topology)
-    at_known, inner = np.array(known, dtype=int), nonzero & solved[column]
-    rows, r = np.unique(row[inner], return_inverse=True)
-    c = np.searchsorted(unknown, column[inner])
-    sequence, matched = (), None
-    if determined:
-        matched = _match_rows(r, c, (len(rows), len(unknown)), unknown)
-        if len(rows) == len(unknown):
-            sequence = _triangular_blocks(matched, r, c, len(unknown))
-    rest = fixed.copy()
-    rest[known] = False
-    order = np.concatenate([unknown, at_known, np.flatnonzero(rest)])
-    inverse = np.argsort(order)
-    ground = np.flatnonzero(rest)
-    at_known, unknown, ground, inverse, rows = (a.astype(INDEX) for a in (at_known, unknown, ground, inverse, rows))
-    parts = (topology, driven, held, at_known, unknown, ground, inverse, rows, sequence, independent)
-    if not topology.large:
-        return Plan(*parts)
-    if independent and len(rows) > len(unknown):
-        more = len(rows) - len(unknown)
+    made = (LargePlan if topology.large else Plan)(topology, driven, held, determined, independent)
+    more = len(made.rows) - len(made.unknown)
+    if topology.large and independent and more > 0:
         raise _Undetermined(
             lambda top, _: (
                 f"{top.name!r} has {more} more rows than unknowns and is kept sparse; independent rows are "
                 f"chosen for dense matrices only: leave redundancy= at 'least squares', or compile(sparse=False)"
             )
         )
-    return LargePlan(*parts, matched)
+    return made
 
 
 class Square(NamedTuple):
@@ -469,4 +449,4 @@ def sparse(plan: Plan) -> LargePlan:
     """Return the plan with a sparse Jacobian."""
     if isinstance(plan, LargePlan):
         return plan
-    return LargePlan(**{field.name: getattr(plan, field.name) for field in fields(Plan)})
+    return LargePlan(plan.topology, plan.driven, plan.held, plan.determined, plan.independent)
