@@ -17,7 +17,7 @@ from jaxnc.kinematics.position import begin_at
 from jaxnc.records import record, static
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.newton import largest, tolerance
-from jaxnc.solvers.plan import Plan, square_rows
+from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, derived
 from jaxnc.system.precision import as_its_system, numbers
@@ -197,4 +197,4 @@ def _solved_rows(view: Plan) -> tuple[int, ...] | None:
         return tuple(range(len(view.rows)))
     if view.topology.special is None:
         return None
-    return tuple(sorted(int(row) for rows, _ in square_rows(view).sequence for row in rows))
+    return tuple(sorted(int(row) for rows, _ in view.choice for row in rows))

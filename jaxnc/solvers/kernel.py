@@ -17,7 +17,7 @@ from jax import lax
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import Eliminated, Factors, Pivots, eliminate_block, plan_elimination
-from jaxnc.solvers.plan import LARGEST_WRITTEN, Plan, Square, square_rows
+from jaxnc.solvers.plan import LARGEST_WRITTEN, Plan
 from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, guard_functions, replace_constants
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
@@ -39,12 +39,12 @@ class SolvedLanes(NamedTuple):
 class _Block:
     """A diagonal block: its rows, its columns, and how it is solved."""
 
-    def __init__(self, plan: Plan, rows: np.ndarray, columns: np.ndarray, sample: np.ndarray):
+    def __init__(self, plan: Plan, rows: np.ndarray, columns: np.ndarray):
         top = plan.topology
         self.columns = tuple(int(c) for c in plan.unknown[columns])
         self.rows = Rows(top, [int(plan.rows[r]) for r in rows], self.columns)
         self._pure = pure_numbers(top)[list(self.columns)]
-        self.elimination = plan_elimination(sample[np.ix_(rows, columns)])
+        self.elimination = plan_elimination(plan.sample[np.ix_(rows, columns)])
         # rows and columns of the pivots
         self.pivots = set(zip(self.elimination.rows, self.elimination.columns, strict=True))
 
@@ -130,11 +130,11 @@ class _AllRows:
     squares take ``W = B A⁻¹`` and one small matrix, ``I + W Wᵀ``, which has as many rows as are spare.
     """
 
-    def __init__(self, plan: Plan, chosen: Square):
+    def __init__(self, plan: Plan):
         self.rows = Rows(plan.topology, plan.rows.tolist(), plan.unknown.tolist())
         self.blocks = [
-            (rows.tolist(), columns.tolist(), plan_elimination(chosen.sample[np.ix_(rows, columns)]))
-            for rows, columns in chosen.sequence
+            (rows.tolist(), columns.tolist(), plan_elimination(plan.sample[np.ix_(rows, columns)]))
+            for rows, columns in plan.choice
         ]
         self.kept = [r for rows, _, _ in self.blocks for r in rows]
         self.spare = sorted({*range(len(plan.rows))} - {*self.kept})
@@ -275,9 +275,8 @@ class Kernel:
     def __init__(self, plan: Plan):
         self.plan = plan
         top = plan.topology
-        chosen = square_rows(plan)
-        self.blocks = [_Block(plan, rows, columns, chosen.sample) for rows, columns in chosen.sequence]
-        self.differentiated = self._choose_rows(chosen)
+        self.blocks = [_Block(plan, rows, columns) for rows, columns in plan.choice]
+        self.differentiated = self._choose_rows()
         self.everything = Rows(top, range(len(top.rows)))
         self.guards = [guard_functions(top, bodies) for bodies in (False, True)]
         # What has no finite derivative with respect to an input is met, and yet no pose to go on from.
@@ -286,13 +285,13 @@ class Kernel:
         self.steep = Rows(top, rows, [int(c) for c in plan.known])
         self.jumps = jumps_anywhere(plan)  # so that every step is looked at by its tangents
 
-    def _choose_rows(self, chosen: Square) -> Sequence[_Block | _RedundantBlock | _AllRows]:
+    def _choose_rows(self) -> Sequence[_Block | _RedundantBlock | _AllRows]:
         """Choose the rows that are differentiated, and in which parts."""
         if not self.plan.chosen_rows_suffice:
-            return [_AllRows(self.plan, chosen)]
+            return [_AllRows(self.plan)]
         spare: list[list[int]] = [[] for _ in self.blocks]
-        for r in sorted({*range(len(self.plan.rows))} - {int(r) for rows, _ in chosen.sequence for r in rows}):
-            meets = [bool(chosen.sample[r, columns].any()) for _, columns in chosen.sequence]
+        for r in sorted({*range(len(self.plan.rows))} - {int(r) for rows, _ in self.plan.choice for r in rows}):
+            meets = [bool(self.plan.sample[r, columns].any()) for _, columns in self.plan.choice]
             spare[max(np.flatnonzero(meets), default=0)].append(r)
         pairs = zip(self.blocks, spare, strict=True)
         return [_RedundantBlock(self.plan, block, rows) if rows else block for block, rows in pairs]

@@ -5,7 +5,7 @@ A plan is static: it belongs to a structure and the coordinates that are driven 
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -92,6 +92,29 @@ class Plan:
             sizes.setdefault(len(block[1]), []).append(block)
         parts = (zip(*some, strict=True) for some in sizes.values())
         return tuple((np.array(rows, INDEX), np.array(columns, INDEX)) for rows, columns in parts)
+
+    @functools.cached_property
+    def sample(self) -> np.ndarray:
+        """Sizes of the derivatives to choose pivots by, ``(m, n)``; structural zeros are zero."""
+        return pivot_sizes(self.topology)[np.ix_(self.rows, self.unknown)]
+
+    @functools.cached_property
+    def choice(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """The `sequence` of rows to solve with: all or, where some are redundant, well-conditioned independent ones.
+
+        The choice serves as long as it stays regular, which is for the caller to check, with all rows.
+        """
+        if self.square:
+            return self.sequence
+        special, n = self.topology.special, len(self.unknown)
+        own = special.rows if special else None
+        chosen = np.arange(len(self.rows)) if own is None else np.flatnonzero(np.isin(self.rows, own))
+        if len(chosen) != n:  # not a design that was compiled: any that determine the unknowns
+            r, c = np.nonzero(self.sample)
+            chosen = np.sort(_match_rows(r, c, (len(self.rows), n), self.unknown))
+        r, c = np.nonzero(self.sample[chosen])
+        matched = _match_rows(r, c, (n, n), self.unknown)
+        return tuple((chosen[rows], columns) for rows, columns in _triangular_blocks(matched, r, c, n))
 
     def _find_pattern(self, width: int) -> Pattern:
         """Find where the derivatives are by so many coordinates, of the unknown and then the known ones."""
@@ -327,35 +350,6 @@ def _plan(
             )
         )
     return made
-
-
-class Square(NamedTuple):
-    """Rows that determine all unknowns: the diagonal blocks of their block-triangular form, and typical slopes."""
-
-    # Rows (places in the plan's) and columns (places in its unknowns) of every block, in the order in which they can be
-    # solved.
-    sequence: tuple[tuple[np.ndarray, np.ndarray], ...]
-    sample: np.ndarray  # sizes of the derivatives to choose pivots by, (m, n); structural zeros are zero
-
-
-def square_rows(plan: Plan) -> Square:
-    """Rows to solve a plan with: all of them, or, if some are redundant, well-conditioned independent ones.
-
-    The choice serves as long as it stays regular, which is for the caller to check, with all rows.
-    """
-    top, n = plan.topology, len(plan.unknown)
-    sample = pivot_sizes(top)[np.ix_(plan.rows, plan.unknown)]
-    if plan.square:
-        return Square(plan.sequence, sample)
-    own = top.special.rows if top.special else None
-    chosen = np.arange(len(plan.rows)) if own is None else np.flatnonzero(np.isin(plan.rows, own))
-    if len(chosen) != n:  # not a design that was compiled: any that determine the unknowns
-        r, c = np.nonzero(sample)
-        chosen = np.sort(_match_rows(r, c, (len(plan.rows), n), plan.unknown))
-    r, c = np.nonzero(sample[chosen])
-    matched = _match_rows(r, c, (n, n), plan.unknown)
-    sequence = tuple((chosen[rows], columns) for rows, columns in _triangular_blocks(matched, r, c, n))
-    return Square(sequence, sample)
 
 
 def _find_known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...]) -> list[int]:

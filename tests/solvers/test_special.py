@@ -10,7 +10,7 @@ import jaxnc as nc
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.elimination import plan_elimination
 from jaxnc.solvers.kernel import kernel
-from jaxnc.solvers.plan import plan, square_rows
+from jaxnc.solvers.plan import plan
 
 
 def doubled(slant: float, second: float = 1.0) -> nc.Mechanism:
@@ -28,9 +28,9 @@ def doubled(slant: float, second: float = 1.0) -> nc.Mechanism:
 
 def chosen(m: nc.Mechanism) -> tuple:
     """Rows and pivots that its inputs are solved with."""
-    found = square_rows(plan(m.compile().topology, ("phi",), (), 1))
-    pivots = [plan_elimination(found.sample[np.ix_(rows, columns)]) for rows, columns in found.sequence]
-    return *pivots, *((rows.tolist(), columns.tolist()) for rows, columns in found.sequence)
+    found = plan(m.compile().topology, ("phi",), (), 1)
+    pivots = [plan_elimination(found.sample[np.ix_(rows, columns)]) for rows, columns in found.choice]
+    return *pivots, *((rows.tolist(), columns.tolist()) for rows, columns in found.choice)
 
 
 def test_rows_of_a_redundant_mechanism_do_not_depend_on_what_was_compiled_before():

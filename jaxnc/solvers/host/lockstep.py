@@ -14,7 +14,7 @@ import numpy as np
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import branch
 from jaxnc.solvers.host.view import HostView, largest_of_lanes
-from jaxnc.solvers.plan import Plan, square_rows
+from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import FEW, RowNumbers, Rows, guard_functions
 from jaxnc.system.design import Drawn
@@ -62,7 +62,7 @@ class Lockstep:
         self.plan, top = plan, plan.topology
         self.blocks = [
             Rows(top, [int(plan.rows[r]) for r in rows], [int(c) for c in plan.unknown[columns]])
-            for rows, columns in square_rows(plan).sequence
+            for rows, columns in plan.choice
         ]
         self.everything = Rows(top, range(len(top.rows)), np.flatnonzero(~np.array(top.fixed, dtype=bool)).tolist())
         self.guards = guard_functions(top)
