@@ -16,7 +16,7 @@ from jaxnc.errors import InputError, WrongCount, counted, nearest
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import match_rows, pivot_sizes, strong_components
-from jaxnc.solvers.sparse_matrix import Factoriser, Pattern, sparse_pattern
+from jaxnc.solvers.sparse_matrix import Factoriser, Pattern
 from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
 from jaxnc.system.topology import INDEX, Topology
@@ -123,7 +123,7 @@ class Plan:
         new_row[self.rows] = np.arange(len(self.rows))
         where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (self.inverse[column] < width))
         r, c = new_row[row[where]], self.inverse[column[where]]
-        return sparse_pattern(where, r, c, (len(self.rows), width), len(row))
+        return Pattern(where, r, c, (len(self.rows), width), len(row))
 
     @functools.cached_property
     def pattern(self) -> Pattern:
@@ -139,7 +139,7 @@ class Plan:
         """
         p, out = self.pattern, []
         for numbers in p.gathers:
-            out.append(np.full(p.shape, len(places(self.topology)[0]), INDEX))
+            out.append(np.full(p.shape, p.pad, INDEX))
             out[-1][p.rows, p.columns] = numbers
         return tuple(out)
 

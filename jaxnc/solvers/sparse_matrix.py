@@ -28,22 +28,31 @@ _DOUBT = 10.0  # times smaller or larger than the threshold: too close to decide
 _SHIFTS = (1e-9, 1e-8, 1e-7)  # of the largest singular value, squared: the first that keeps the factorisation regular
 
 
-@dataclass(frozen=True, eq=False)
 class Pattern:
-    """Static structure of a sparse matrix with m rows and n columns; its numbers are a vector ``(nnz,)``."""
+    """Static structure of a sparse matrix; its numbers are a vector ``(nnz,)``, column by column.
 
-    shape: tuple[int, int]  # m and n
-    rows: np.ndarray  # row of every number, column by column
-    columns: np.ndarray  # column of every number, ascending
-    # Index arrays (nnz,) into the entries (with a zero appended), whose gathered sum is the numbers.
-    gathers: tuple[np.ndarray, ...]
-    # Per row, which numbers and which columns, (m, most) each, padded; None where rows are too unequal.
-    wide: tuple[np.ndarray, np.ndarray] | None
+    Args:
+        where: places in the entries of constraints; those that belong to one number are added up.
+        r, c: row and column of each.
+        shape: rows m and columns n.
+        pad: index of the zero behind the entries.
+    """
 
-    @property
-    def count(self) -> int:
-        """Numbers stored."""
-        return len(self.rows)
+    def __init__(self, where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, int], pad: int):
+        key, left = c.astype(np.int64) * shape[0] + r, np.arange(len(where))
+        found = np.unique(key)
+        self.shape, self.count, self.pad = shape, len(found), pad
+        self.columns, self.rows = np.divmod(found, max(shape[0], 1))  # of every number
+        # Index arrays (nnz,) into the entries (with a zero appended), whose gathered sum is the numbers.
+        self.gathers: list[np.ndarray] = []
+        while len(left) or not self.gathers:
+            _, first = np.unique(key[left], return_index=True)
+            index = np.full(len(found), pad, dtype=np.int64)
+            index[np.searchsorted(found, key[left[first]])] = where[left[first]]
+            self.gathers.append(index)
+            left = np.delete(left, first)
+        # Per row, which numbers and which columns, (m, most) each, padded; None where rows are too unequal.
+        self.wide = _by_rows(self.rows, self.columns, shape[0])
 
     def collect(self, entries: np.ndarray) -> np.ndarray:
         """Add up the numbers ``(nnz, lanes)`` from the entries of constraints ``(entries, lanes)``, in NumPy."""
@@ -71,24 +80,6 @@ class Pattern:
         wanted = columns.astype(np.int64) * self.shape[0] + rows
         at = np.minimum(np.searchsorted(key, wanted), max(self.count - 1, 0))
         return np.where(key[at] == wanted, at, self.count) if self.count else np.zeros(wanted.shape, int)
-
-
-def sparse_pattern(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, int], pad: int) -> Pattern:
-    """Compress a list of places in the entries; those named twice are added up.
-
-    `pad` is the index of the zero behind the entries.
-    """
-    m, key = shape[0], c.astype(np.int64) * shape[0] + r
-    found = np.unique(key)
-    gathers, left = [], np.arange(len(where))
-    while len(left) or not gathers:
-        _, first = np.unique(key[left], return_index=True)
-        index = np.full(len(found), pad, dtype=np.int64)
-        index[np.searchsorted(found, key[left[first]])] = where[left[first]]
-        gathers.append(index)
-        left = np.delete(left, first)
-    columns, rows = np.divmod(found, max(m, 1))
-    return Pattern(shape, rows, columns, tuple(gathers), _by_rows(rows, columns, m))
 
 
 def _by_rows(rows: np.ndarray, columns: np.ndarray, m: int) -> tuple[np.ndarray, np.ndarray] | None:

@@ -347,29 +347,26 @@ def by_jax(f: Callable, kind: Kind) -> Function:
     return run
 
 
-@dataclass(frozen=True, eq=False)
 class HostKind:
-    """The functions of a kind on lanes; each takes its variables and constants (`rates` their derivatives too)."""
+    """The functions of a kind on lanes, through JAX where they cannot be read; each takes its variables and constants.
 
-    rows: Function  # the residual, unscaled
-    slopes: Function  # its derivatives that can differ from zero
-    places: Indices  # row and variable of each of them
-    guard: Function | None  # what must stay positive; None if nothing
-    rates: Callable[[int], Function]  # its time derivatives of first, second and third order, made when asked for
+    Make it with `host_kind`, once a process.
+    """
+
+    def __init__(self, kind: Kind, dim: int):
+        self._kind, self._dim = kind, dim
+        self.rows = formula(kind, "residual", dim).on_lanes  # the residual, unscaled
+        # Its derivatives that can differ from zero, and row and variable of each of them.
+        self.slopes, self.places = row_derivatives(kind, dim, tuple(range(size(kind, dim))), 1)
+        # What must stay positive; None if nothing.
+        self.guard = None if kind.guard is None else formula(kind, "guard", dim).on_lanes
+
+    def rates(self, order: int) -> Function:
+        """Read a time derivative of the residual, of first, second or third order; it takes derivatives too."""
+        return formula(self._kind, "residual", self._dim, order).on_lanes
 
 
-@functools.lru_cache(maxsize=1024)
-def host_kind(kind: Kind, dim: int) -> HostKind:
-    """The functions of a kind, read once a process; through JAX where they cannot be read."""
-    guard = None if kind.guard is None else formula(kind, "guard", dim).on_lanes
-    slopes, places = row_derivatives(kind, dim, tuple(range(size(kind, dim))), 1)
-    return HostKind(
-        formula(kind, "residual", dim).on_lanes,
-        slopes,
-        places,
-        guard,
-        lambda order: formula(kind, "residual", dim, order).on_lanes,
-    )
+host_kind = functools.lru_cache(maxsize=1024)(HostKind)
 
 
 @functools.lru_cache(maxsize=1024)

@@ -20,7 +20,7 @@ from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.solvers.host import HostView, view_of
 from jaxnc.solvers.host.sparse import SparseView
 from jaxnc.solvers.plan import LargePlan, Plan, plan
-from jaxnc.solvers.sparse_matrix import Factoriser, dependencies, null_directions, sparse_pattern
+from jaxnc.solvers.sparse_matrix import Factoriser, Pattern, dependencies, null_directions
 from jaxnc.status import Status
 from jaxnc.system.assemble import assemble
 
@@ -410,7 +410,7 @@ def block_triangular(rng, sizes, density):
 
 def pattern_of(matrix):
     c, r = np.nonzero(matrix.T)
-    return sparse_pattern(np.arange(len(r)), r, c, matrix.shape, len(r)), matrix[r, c]
+    return Pattern(np.arange(len(r)), r, c, matrix.shape, len(r)), matrix[r, c]
 
 
 SIZES = [(1,) * 9, (2, 1, 2, 2, 1, 2), (3, 1, 4, 2, 2, 1, 3), (3, 1, 6, 2, 5)]
