@@ -40,37 +40,47 @@ class Step(NamedTuple):
     at: tuple[int, ...]  # its coordinates, of a "measure": which angles and distances they are
 
 
-class Design(NamedTuple):
+class Design:
     """The program of a topology, and where its results stand."""
 
-    levels: tuple[tuple[Step, ...], ...]  # steps that do not need each other are of one level
-    parameters: tuple[Places, Places, Places, Places]  # points, vectors, markers and dimensions as given
-    drawing: Places  # points, those of redrawn bodies behind them, (points, dim)
-    vectors: Places  # unit vectors, (vectors, dim)
-    home: Places  # all coordinates, (N,)
-    constants: tuple[
-        Places, ...
-    ]  # of each block, those of rows on velocities behind the others, (instances, constants)
-    read: tuple[Places, ...]  # the constants of each block as the drawing has them, whatever is given
-    markers: Places  # coefficients of markers, (markers, dim)
-    misfit: Places  # how far blocks are from the class that their kinds are for
-
-
-@with_owner
-def design(top: Topology) -> Design:
-    """Write the program of a topology."""
-    return _DesignWriter(top).whole()
-
-
-class _DesignWriter:
     def __init__(self, top: Topology):
         self.top, dim = top, top.dim
         self.blocks, self.layouts = (*top.blocks, *top.rates), (*top.layout, *top.rate_layout)
-        self.levels: list[list[Step]] = []
+        self.levels: list[list[Step]] = [[]]  # steps that do not need each other are of one level
         self.size = 1
         shapes = (len(top.points), dim), (len(top.vectors), dim), (len(top.markers), dim), (len(top.dimensions),)
-        self.points, self.given_vectors, self.given_markers, self.dimensions = map(self._new, shapes)
-        self.drawing, self.vectors, self.spread = self.points, self.given_vectors, 0
+        # Points, vectors, markers and dimensions as given.
+        self.parameters = self.points, vectors, self.given_markers, self.dimensions = tuple(map(self._new, shapes))
+
+        # Points, those of redrawn bodies behind them, (points, dim); unit vectors, (vectors, dim).
+        self.drawing: Places = np.concatenate([self.points, *map(self._shape, top.shapes)])
+        self.vectors = self.step("unit", unit_formula(dim), [vectors], dim) if top.vectors else vectors
+
+        self.levels.append([])
+        lengths = self._lengths()
+        self.markers = self._markers()  # their coefficients, (markers, dim)
+        # Angles and distances are measured with constants that do not depend on them.
+        spread, scalars = [self.points.reshape(-1), self.vectors.reshape(-1)], np.zeros(len(top.scalars), INDEX)
+        self.home = np.concatenate([*spread, scalars])  # all coordinates, (N,)
+        measuring = sorted({b for b, _ in top.measures})
+        self.levels.append([])
+        found = {b: self._constants(b, lengths) for b in measuring}
+        self.levels.append([])
+        for b in measuring:
+            at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
+            which, instances = [k for k, _ in at], [i for _, i in at]
+            given = [self.home[self.layouts[b].variables[instances]], found[b][0][instances]]
+            scalars[which] = self.step("measure", formula(top.blocks[b].kind, "measure", dim), given, 1, which)[:, 0]
+        self.home = np.concatenate([*spread, scalars])
+        self.levels.append([])
+        every = [found[b] if b in found else self._constants(b, lengths) for b in range(len(self.blocks))]
+        # Constants of each block (instances, constants), those of rows on velocities behind the others: as they are
+        # given, and as the drawing has them, whatever is given.
+        self.constants, self.read = [own for own, _ in every], [read for _, read in every]
+        self.levels.append([])
+        # How far blocks are from the class that their kinds are for.
+        misfit = [self._misfit(b) for b, block in enumerate(top.blocks) if block.kind.misfit]
+        self.misfit = np.concatenate([np.zeros(1, INDEX), *misfit])
 
     def _new(self, shape: tuple[int, ...]) -> Places:
         count = int(np.prod(shape, dtype=int))
@@ -83,51 +93,6 @@ class _DesignWriter:
         columns = np.concatenate([x.reshape(count, -1) for x in given], axis=1).T
         self.levels[-1].append(Step(finds, what, columns, tuple(at)))
         return self._new((results, count)).T
-
-    def whole(self) -> Design:
-        """All steps, level by level."""
-        top, dim = self.top, self.top.dim
-        self.levels.append([])
-        parts = [self.points, *map(self._shape, top.shapes)]
-        self.drawing = np.concatenate(parts)
-        if top.vectors:
-            self.vectors = self.step("unit", unit_formula(dim), [self.given_vectors], dim)
-        spread = np.concatenate([self.points.reshape(-1), self.vectors.reshape(-1)])
-        scalars = np.zeros(len(top.scalars), INDEX)
-
-        self.levels.append([])
-        lengths, markers = self._lengths(), self._markers()
-        # Angles and distances are measured with constants that do not depend on them.
-        self.home, constants, read = np.concatenate([spread, scalars]), {}, {}
-        measuring = sorted({b for b, _ in top.measures})
-        self.levels.append([])
-        for b in measuring:
-            constants[b], read[b] = self._constants(b, lengths)
-        self.levels.append([])
-        for b in measuring:
-            at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
-            which, instances = [k for k, _ in at], [i for _, i in at]
-            given = [self.home[self.layouts[b].variables[instances]], constants[b][instances]]
-            scalars[which] = self.step("measure", formula(top.blocks[b].kind, "measure", dim), given, 1, which)[:, 0]
-        self.home = np.concatenate([spread, scalars])
-        self.levels.append([])
-        for b in range(len(self.blocks)):
-            if b not in constants:
-                constants[b], read[b] = self._constants(b, lengths)
-        self.levels.append([])
-        misfit = [self._misfit(b, constants[b]) for b, block in enumerate(top.blocks) if block.kind.misfit]
-        order = range(len(self.blocks))
-        return Design(
-            tuple(map(tuple, self.levels)),
-            (self.points, self.given_vectors, self.given_markers, self.dimensions),
-            self.drawing,
-            self.vectors,
-            self.home,
-            tuple(constants[b] for b in order),
-            tuple(read[b] for b in order),
-            markers,
-            np.concatenate([np.zeros(1, INDEX), *misfit]),
-        )
 
     def _shape(self, shape: "Shape") -> Places:
         """Redraw bodies with explicit dimensions."""
@@ -183,10 +148,16 @@ class _DesignWriter:
         """Points and vectors that the constants of a block's instances are read from."""
         return [self.drawing[layout.drawn].reshape(block.count, -1), self.vectors[layout.vectors]]
 
-    def _misfit(self, b: int, constants: Places) -> Places:
-        block, layout = self.blocks[b], self.layouts[b]
-        given = [*self._operands(block, layout), np.zeros((block.count, block.kind.scalars), INDEX), constants]
+    def _misfit(self, b: int) -> Places:
+        block, scalars = self.blocks[b], np.zeros((self.blocks[b].count, self.blocks[b].kind.scalars), INDEX)
+        given = [*self._operands(block, self.layouts[b]), scalars, self.constants[b]]
         return self.step("misfit", formula(block.kind, "misfit", self.top.dim), given, 1)[:, 0]
+
+
+@with_owner
+def design(top: Topology) -> Design:
+    """Write the program of a topology."""
+    return Design(top)
 
 
 # -- small functions ------------------------------------------------------------------------------------------------
