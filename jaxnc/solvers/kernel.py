@@ -5,8 +5,8 @@ two rows, each a circle or a line in its two unknowns, has its solution in close
 rows that are affine need one step; everything else takes Newton from a guess, by an elimination that was planned once.
 """
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
 from typing import NamedTuple
 
 import jax
@@ -101,7 +101,7 @@ class _Block:
                 return x
             # A pivot that vanished was moved: what it did not solve is left.
             left = [b - d for b, d in zip(right, product(known, x, turned), strict=True)]
-            size, missed = (_reduce(jnp.maximum, [jnp.abs(v) for v in those]) for those in (right, left))
+            size, missed = (reduce(jnp.maximum, [jnp.abs(v) for v in those]) for those in (right, left))
             weak = ~_is_strong(pivots) | ~(missed <= 1e-9 * size)  # of the right-hand side
             given = ((zero,) * rows, tuple(right[:n])) if turned else (tuple(right), (zero,) * n)
             found = _orthogonalise(known, *given, weak, (x, x[:n]))
@@ -109,7 +109,7 @@ class _Block:
 
         # Transposition asks that every part of the right side depends on what is differentiated. Rows beyond the
         # block's own have a column of zeros each.
-        none = 0.0 * functools.reduce(jnp.add, right)
+        none = 0.0 * reduce(jnp.add, right)
         return lax.custom_linear_solve(
             lambda x: tuple(product(slopes, x, False)),
             tuple(b + none for b in right),
@@ -150,7 +150,7 @@ class _AllRows:
             return _augmented(slopes, *pair)
 
         # Transposition asks that every part of the right side depends on what is differentiated.
-        none = 0.0 * functools.reduce(jnp.add, right)
+        none = 0.0 * reduce(jnp.add, right)
         whole = tuple(b + none for b in right), (none,) * len(self._pure)
         return lax.custom_linear_solve(
             matrix, whole, lambda _, pair: self._solve_augmented(eq, known, *pair), symmetric=True
@@ -341,12 +341,12 @@ class Kernel:
     def diagnose(self, eq: Equations, x: list[Array], iterated: dict[int, Eliminated] | None = None) -> SolvedLanes:
         """Find what is to be known of poses."""
         factors = [(iterated or {}).get(k) or block.factors(eq, x) for k, block in enumerate(self.blocks)]
-        size = _reduce(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
+        size = reduce(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
         rows, bodies = (guard.values(eq, x) for guard in self.guards)
-        upright = _reduce(jnp.logical_and, [g > 0.0 for g in (*rows, *bodies)] or [jnp.array(True)])
+        upright = reduce(jnp.logical_and, [g > 0.0 for g in (*rows, *bodies)] or [jnp.array(True)])
         for slope in self.steep.slopes(eq, x).values():
             upright = upright & jnp.isfinite(slope)
-        mirrored = _reduce(jnp.logical_or, [g <= 0.0 for g in bodies] or [jnp.array(False)])
+        mirrored = reduce(jnp.logical_or, [g <= 0.0 for g in bodies] or [jnp.array(False)])
         determinants, pivots = tuple(f.determinant for f in factors), smallest([f.pivots for f in factors])
         return SolvedLanes(x, determinants, size, pivots, upright, mirrored)
 
@@ -370,7 +370,7 @@ class Kernel:
             moved = [jnp.abs(d) / (1.0 if pure[c] else eq.length) for d, c in zip(step, columns, strict=True)]
             y = tuple(v - d for v, d in zip(y, step, strict=True))
             # One maximum over the lanes: XLA makes three kernels of each.
-            return i + 1, y, Pivots(least, largest, grown), determinant, jnp.max(_reduce(jnp.maximum, moved))
+            return i + 1, y, Pivots(least, largest, grown), determinant, jnp.max(reduce(jnp.maximum, moved))
 
         start = tuple(jnp.broadcast_to(x[c], shape) for c in columns)
         state = (jnp.zeros((), int), start, Pivots(one, one, one), one, jnp.asarray(jnp.inf))
@@ -481,14 +481,10 @@ def smallest(pivots: Sequence[Pivots]) -> Array:
     """Return the smallest over the largest pivot of all blocks, zero where rounding may have made it of zero."""
     if not pivots:
         return jnp.ones(())
-    least = _reduce(jnp.minimum, [p.least for p in pivots])
-    most, grown = (_reduce(jnp.maximum, parts) for parts in ([p.most for p in pivots], [p.grown for p in pivots]))
+    least = reduce(jnp.minimum, [p.least for p in pivots])
+    most, grown = (reduce(jnp.maximum, parts) for parts in ([p.most for p in pivots], [p.grown for p in pivots]))
     # 100 times the last digit of the largest number met in the elimination
     return jnp.maximum(least - 100.0 * jnp.finfo(grown.dtype).eps * grown, 0.0) / most
-
-
-def _reduce(f, parts: Sequence[Array]) -> Array:
-    return functools.reduce(f, parts)
 
 
 def writes_out(plan: Plan) -> bool:

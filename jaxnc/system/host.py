@@ -6,7 +6,7 @@ last axis of everything: poses ``(N, lanes)``, rows ``(rows, lanes)``.
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -57,13 +57,7 @@ class HostEquations:
         """Choose lanes, by their places or by truth values; one shared design stays."""
         if self.designs is None:
             return self
-
-        def of(x: np.ndarray, axes: int) -> Any:
-            return x[..., which] if np.ndim(x) > axes else x
-
-        constants, scales = (tuple(of(x, 2) for x in y) for y in (self.constants, self.scales))
-        rest = of(self.markers, 2), of(self.misfit, 0)
-        return HostEquations(self.topology, of(self.home, 1), of(self.length, 0), constants, scales, *rest)
+        return _each(self, lambda x, axes: x[..., which] if np.ndim(x) > axes else x)
 
     @functools.cached_property
     def weights(self) -> np.ndarray:
@@ -201,9 +195,14 @@ def from_jax(eq: "Equations") -> HostEquations:
             return np.ascontiguousarray(np.moveaxis(x, 0, -1))
         return x if axes else float(x)
 
-    constants, scales = (tuple(like(x, 2) for x in y) for y in (eq.constants, eq.scales))
-    rest = like(eq.markers, 2), like(eq.misfit, 0)
-    return HostEquations(eq.topology, like(eq.home, 1), like(eq.length, 0), constants, scales, *rest)
+    return _each(eq, like)
+
+
+def _each(eq: "Equations | HostEquations", of: Callable[[Any, int], Any]) -> HostEquations:
+    """Make equations of numbers, each from that of others and how many axes it has of one design."""
+    constants, scales = (tuple(of(x, 2) for x in y) for y in (eq.constants, eq.scales))
+    rest = of(eq.markers, 2), of(eq.misfit, 0)
+    return HostEquations(eq.topology, of(eq.home, 1), of(eq.length, 0), constants, scales, *rest)
 
 
 @functools.lru_cache(maxsize=1024)
