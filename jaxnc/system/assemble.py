@@ -171,9 +171,7 @@ class Assembler(ABC):
         used = {s for i in self.instances if not i.kind.measure for s in i.scalars}
         angles = set(m.angle_names)
         # Where anything counts turns (a gear, a relation, a rolling disc), no angle may be taken modulo a turn.
-        counted = any(
-            i in used for s, i in zip(self.scalars, range(self.first_scalar, 10**9), strict=False) if s in angles
-        )
+        counted = any(self.scalar(s) in used for s in angles)
         topology = Topology(
             name=m.name,
             dim=self.dim,
@@ -184,8 +182,8 @@ class Assembler(ABC):
             periodic=tuple(s in angles and not counted for s in self.scalars),
             measures=measures,
             fixed=(
-                *map(bool, self.fixed.reshape(-1)),
-                *map(bool, np.repeat(self.fixed_vectors, self.dim)),
+                *self.fixed.reshape(-1).tolist(),
+                *np.repeat(self.fixed_vectors, self.dim).tolist(),
                 *(False for _ in self.scalars),
             ),
             blocks=blocks,
@@ -431,8 +429,8 @@ class Assembler(ABC):
         index = {p: k for k, p in enumerate(body.points)}
         steps, values = _recipe(name, body, index, self.home[list(points)])
         self.owner = self.owning(Thing.BODY, name)
-        kinds_ = [Quantity.LENGTH if key in body.lengths else Quantity.PLACE for key, _ in values]
-        numbers = tuple(self.dimension(*item, kind) for item, kind in zip(values, kinds_, strict=True))
+        of = {key: Quantity.LENGTH for key in body.lengths}
+        numbers = tuple(self.dimension(key, value, of.get(key, Quantity.PLACE)) for key, value in values)
         self.recipes.setdefault(steps, []).append((name, points, numbers))
 
     def number_shapes(self) -> None:
@@ -670,17 +668,11 @@ class PlanarAssembler(Assembler):
             )
         if self.fixed[at].any():
             return None
-        lines = []
-        for joint in self.model.joints.values():
-            if isinstance(joint, record.Slot) and joint.point == point:
-                lines.append(joint.line)
-            if isinstance(joint, record.Prismatic) and joint.on[0] == point:
-                lines.append(joint.line)
-        for line in lines:
-            if self.fixed[list(self.at(*line))].all():
-                return self.pair(line)
+        sliding = [j for j in self.model.joints.values() if isinstance(j, (record.Slot, record.Prismatic))]
+        lines = [j.line for j in sliding if (j.point if isinstance(j, record.Slot) else j.on[0]) == point]
         if lines:
-            return self.pair(lines[0])
+            still = (line for line in lines if self.fixed[list(self.at(*line))].all())
+            return self.pair(next(still, lines[0]))
         raise MechanismError(
             f"body {name!r} has only the point {point!r}, so its orientation is not known: give it a second point, "
             f"let {point!r} slide in a slot, fix one of its coordinates, or say which line it follows with along="
@@ -776,7 +768,7 @@ class PlanarAssembler(Assembler):
         where = (*line, centre, contact)
         if j.form == "exact":
             self.must_be_rigid(line, f"{what}, form 'exact'")
-            self.add(kinds.CONTACT, where, lengths={"line": self.length_of(*line)}, given=dict(given))
+            self.add(kinds.CONTACT, where, lengths={"line": self.length_of(*line)}, given=given)
         else:
             radius = {"length": given["radius"]} if given else {}
             self.add(kinds.DISTANCE, (centre, contact), given=radius)
@@ -793,7 +785,7 @@ class PlanarAssembler(Assembler):
             across, up = np.abs(self.home[line[1]] - self.home[line[0]])
             self.advance(j.distance, (line[0], contact), line, "x" if across >= up else "y")
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
-        self.add(kinds.ROLLING, where, scalars, given=dict(given))
+        self.add(kinds.ROLLING, where, scalars, given=given)
         self.joint(4, (*where, rim), sides=(line, to, (contact,)))
 
     def add_skate(self, j: record.Skate, what: str) -> None:
@@ -853,10 +845,8 @@ class SpatialAssembler(Assembler):
 
     def across_constant(self, axis: Segment, direction: Segment) -> bool:
         """Tell whether a body (or the ground) holds a direction together with the axis, or a line drawn along it."""
-        for body in (self.rigid_sets[0], *self.members.values()):
-            if set(direction) <= body and (set(axis) <= body or self.spans(body, axis)):
-                return True
-        return False
+        known = self.rigid_sets[0], *self.members.values()
+        return any(set(direction) <= body and (set(axis) <= body or self.spans(body, axis)) for body in known)
 
     def spans(self, items: Iterable[int], axis: Segment, whole: bool = False) -> bool:
         """Tell whether some items have a vector or two points along a drawn axis; with `whole`, whether they fix it."""
@@ -1225,8 +1215,7 @@ class SpatialAssembler(Assembler):
             self.refuse_along(axis, d, what)
         self.turn(j.angle, axis, a, b)
         self.advance(j.distance, (point, other), axis)
-        per = "pitch" if j.lead is None else "lead"
-        value = j.pitch if j.lead is None else j.lead
+        per, value = ("pitch", j.pitch) if j.lead is None else ("lead", j.lead)
         assert value is not None
         given = {per: self.dimension(per, value, Quantity.PLACE)}
         self.add(kinds.SCREW[per], (), (self.scalar(j.distance), self.scalar(j.angle)), given=given)
@@ -1328,19 +1317,13 @@ class SpatialAssembler(Assembler):
             self.direction(pair, what)
             self.refuse_along(axis, pair, what)
         given = self.radius(j)
-        self.write(kinds.contact, (line, axis), (centre, contact), given=dict(given))
+        self.write(kinds.contact, (line, axis), (centre, contact), given=given)
         if contact not in (start, *line):
             self.write(_aligned_segment, ((start, contact), line))
         self.turn(j.angle, axis, (centre, contact), (centre, rim))
         self.advance(j.distance, (start, contact), line)
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
-        self.write(
-            lambda forms: kinds.rack(forms, True),
-            (axis, line),
-            (centre, contact),
-            scalars=scalars,
-            given=dict(given),
-        )
+        self.write(lambda forms: kinds.rack(forms, True), (axis, line), (centre, contact), scalars=scalars, given=given)
         held = (start, *line), (centre, rim), (contact,)
         self.note(6, (start, centre, contact, rim), (line, axis), held)
 
@@ -1363,8 +1346,8 @@ class SpatialAssembler(Assembler):
         if np.linalg.norm(np.cross(self.vectors[axis], n)) < _ACROSS:
             raise MechanismError(f"{what} is drawn flat on the plane, so it has no point of contact; draw it upright")
         given = self.radius(j)
-        self.add(kinds.TOUCHING, points, vectors=(axis, normal), given=dict(given))
-        self.slip(kinds.ROLLING_DISC, points, (), (axis, mark, normal), given=dict(given))
+        self.add(kinds.TOUCHING, points, vectors=(axis, normal), given=given)
+        self.slip(kinds.ROLLING_DISC, points, (), (axis, mark, normal), given=given)
         self.note(1, points, ((~axis,), (~normal,)))
 
     def add_weld(self, j: record.Weld, what: str) -> None:
@@ -1381,15 +1364,11 @@ class SpatialAssembler(Assembler):
         shared = [i for i in second.points if i in held]
         anchor = shared[0] if shared else points[0]
         free = [i for i in dict.fromkeys((anchor, *points)) if i not in held]
-        vectors = [i for i in needed if i < 0 and i not in held]
-        for p in free:
-            self.write(kinds.carried, (*first.segments, (first.points[0], p)))
-        for k in vectors:
-            self.write(kinds.carried, (*first.segments, (k,)))
-        removed = 6 if not shared else 3
+        for segment in (*((first.points[0], p) for p in free), *((k,) for k in needed if k < 0 and k not in held)):
+            self.write(kinds.carried, (*first.segments, segment))
         held = self.members[first.name], self.members[second.name]
         ends = *first.segments, *second.segments
-        self.note(removed, (first.points[0], anchor), ends, held, bodies=j.bodies)
+        self.note(3 if shared else 6, (first.points[0], anchor), ends, held, bodies=j.bodies)
 
 
 def _aligned_segment(forms: str) -> Kind:
