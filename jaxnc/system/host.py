@@ -198,7 +198,7 @@ def from_jax(eq: "Equations") -> HostEquations:
     return _each(eq, like)
 
 
-def _each(eq: "Equations | HostEquations", of: Callable[[Any, int], Any]) -> HostEquations:
+def _each(eq: "Equations | HostEquations", of: Callable) -> HostEquations:
     """Make equations of numbers, each from that of others and how many axes it has of one design."""
     constants, scales = (tuple(of(x, 2) for x in y) for y in (eq.constants, eq.scales))
     rest = of(eq.markers, 2), of(eq.misfit, 0)

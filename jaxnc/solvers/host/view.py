@@ -3,7 +3,6 @@
 import contextlib
 import math
 import sys
-import weakref
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -57,6 +56,8 @@ class HostView:
         self.inner = self.unknown_weights[:, 0] if weights.ndim == 1 else self.unknown_weights.T[:, None, :]
         self._outer = self.inner[..., None] if weights.ndim == 1 else np.swapaxes(self.inner, 1, 2)
         self.redundant, self.refines = len(plan.rows) > len(plan.unknown), self.program is None
+        # Poses surveyed last, their matrices, and what is near: `solver` is often asked for the same.
+        self._surveyed: tuple[np.ndarray, np.ndarray, Near] | None = None
 
     def select(self, which: np.ndarray) -> "HostView":
         """Return the view of other lanes, given by places or a mask; one design that all lanes share stays."""
@@ -144,9 +145,8 @@ class HostView:
         if self.program is not None:
             inner, eq = self.program, self.eq
             return lambda right: inner.run(("solved",), eq, q, right)[0]
-        found = _surveys.get(self)
-        if found is not None and np.array_equal(q, found[0]):
-            _, matrix, close = found
+        if self._surveyed is not None and np.array_equal(q, self._surveyed[0]):
+            _, matrix, close = self._surveyed
         else:
             matrix = self._scaled(q)
             close = self._near(q, lambda at: matrix[at])
@@ -318,7 +318,7 @@ class HostView:
         does for `solver` too.
         """
         matrix, at, which = self._scaled(q), close.at, close.nearest
-        _surveys[self] = q, matrix, close
+        self._surveyed = q, matrix, close
         around = self._scaled(ends)
         kept = self._same_branch(close.matrix, around, left[at], right[at])[which] & close.proper(matrix)
         kept &= (left <= right[at][which]) & (left[at][which] <= right)
@@ -332,10 +332,6 @@ class HostView:
         out = q.copy() if q.shape[1] == known.shape[1] else np.repeat(q, known.shape[1], axis=1)
         out[self.plan.unknown], out[self.plan.known] = unknown, known
         return out
-
-
-# Of views, the poses that were surveyed last, their matrices, and what is near: `solver` is often asked for the same.
-_surveys: weakref.WeakKeyDictionary[HostView, tuple[np.ndarray, np.ndarray, Near]] = weakref.WeakKeyDictionary()
 
 
 def _lengths_of_one(n: int, rows: list[int], columns: list[int], entries: list[float]) -> list[float]:
