@@ -149,10 +149,12 @@ class Assembler(ABC):
             self.prepare_body(name, body)
         self.number_shapes()
         self.add_bodies()
-        for coordinates, add in ((m.angles, self.add_angle), (m.distances, self.add_distance)):
-            for name, data in coordinates.items():
-                self.owner = self.owning(Thing.COORDINATE, name)
-                add(name, data)
+        for name, angle in m.angles.items():
+            self.owner = self.owning(Thing.COORDINATE, name)
+            self.add_angle(name, angle)
+        for name, distance in m.distances.items():
+            self.owner = self.owning(Thing.COORDINATE, name)
+            self.add_distance(name, distance)
         for name, joint in m.joints.items():
             self.owner, self.noted = self.owning(Thing.JOINT, name), (name, str(joint.__struct_config__.tag))
             getattr(self, "add_" + self.noted[1].replace(" ", "_"))(joint, f"{joint.noun} {name!r}")
