@@ -306,7 +306,7 @@ class PlaneView(View):
         bare = dataclasses.replace(self.scene, labels=())
         for k in others:
             if self.data.good[k]:
-                Pen(self.ax, bare, self.columns[k], self.unit, self.points, only=_BODIES, opacity=0.16)
+                Pen(self.ax, bare, self.columns[k], self.unit, self.points, ghost=_BODIES)
 
     @property
     def moving(self) -> list[Artist]:

@@ -64,8 +64,9 @@ class Overlay:
     def _wishes(self, show: Wish | Iterable[Wish]) -> list[tuple[str, tuple[str, ...]]]:
         """Read what is asked for: nouns with names after them."""
         known = tuple(self.adders)
-        alone = isinstance(show, str) or (isinstance(show, tuple) and show[:1] and show[0] in known)
-        given = (show,) if alone else show
+        given = (
+            (show,) if isinstance(show, str) or (isinstance(show, tuple) and show[:1] and show[0] in known) else show
+        )
         bodies, out = [b.name for b in self.data.topology.bodies], []
         for wish in given:
             first = wish if isinstance(wish, str) else str(wish[0])

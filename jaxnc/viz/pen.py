@@ -24,28 +24,21 @@ class Pen:
     """A scene as artists in axes.
 
     `places` is the first pose, ``(columns, 2)``; a unit is so many `points` (1/72 inch) on paper. All roles are drawn,
-    or `only` some.
+    or of a `ghost` some, faintly.
     """
 
     def __init__(
-        self,
-        axes: Axes,
-        scene: Scene,
-        places: np.ndarray,
-        unit: float,
-        points: float,
-        only: tuple[str, ...] | None = None,
-        opacity: float = 1.0,
+        self, axes: Axes, scene: Scene, places: np.ndarray, unit: float, points: float, ghost: tuple[str, ...] = ()
     ):
         self.axes, self.unit, self.points = axes, unit, points
         self.fixed: list[Artist] = []
         self.moving: list[Artist] = []
         self.moves: list[Move] = []
-        self.opacity = opacity
+        self.opacity = 0.16 if ghost else None
         self.names = -1  # the last label that was added
         self.offsets: np.ndarray | None = None
         for item in scene.items:
-            if only is None or item.role in only:
+            if not ghost or item.role in ghost:
                 self._add(item, places)
         for label in scene.labels:
             self._add_label(label, places)
@@ -60,7 +53,7 @@ class Pen:
     def fade(self, faded: bool) -> None:
         """Show a pose that is not right as a ghost, or one that is right in full."""
         for artist in self.moving:
-            artist.set_alpha(0.13 if faded else (None if self.opacity == 1.0 else self.opacity))
+            artist.set_alpha(0.13 if faded else self.opacity)
 
     def _add(self, item: Item, places: np.ndarray) -> None:
         """Make the artists of an item."""

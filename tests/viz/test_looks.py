@@ -19,8 +19,7 @@ from jaxnc.viz.arrows import LONGEST, Arrows, arrows
 from jaxnc.viz.labels import crowding
 from jaxnc.viz.poses import _ease_inputs, _interpolate, poses
 from jaxnc.viz.sketch import sketch_plane
-from jaxnc.viz.spatial.drawing import SpaceView
-from jaxnc.viz.spatial.pen import Projection
+from jaxnc.viz.spatial.drawing import Projection, SpaceView
 from jaxnc.viz.spatial.sketch import sketch_space
 from jaxnc.viz.synthesis import abreast
 

@@ -6,28 +6,31 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
+from matplotlib.artist import Artist, allow_rasterization
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
 from matplotlib.ticker import FixedLocator, MaxNLocator
-from matplotlib.transforms import BboxTransformTo, TransformedBbox
+from matplotlib.transforms import Affine2D, BboxTransformTo, TransformedBbox
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from jaxnc.errors import InputError
 from jaxnc.viz.arrows import Arrows
+from jaxnc.viz.labels import TEXT as LETTERS
 from jaxnc.viz.labels import label_corners, place_names
 from jaxnc.viz.picture import Picture, unit_on
 from jaxnc.viz.poses import Poses, evenly
-from jaxnc.viz.scene import UNITS_ACROSS
+from jaxnc.viz.scene import UNITS_ACROSS, Label
 from jaxnc.viz.spatial.camera import Camera, choose_camera
 from jaxnc.viz.spatial.loads import CENTRE
 from jaxnc.viz.spatial.mesh import reach
 from jaxnc.viz.spatial.painter import Painter
-from jaxnc.viz.spatial.pen import Projection, Solids, SpacePen
 from jaxnc.viz.spatial.scene import Solid, SpaceFrame, Turn, Way, segment
 from jaxnc.viz.spatial.sketch import sketch_space
-from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, axis_name, wide, wrap
+from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, axis_name, colour_of, wide, wrap
 from jaxnc.viz.view import View
 
 _MARGIN = 4.2  # around the mechanism, units
@@ -37,6 +40,106 @@ _SPARE = 3.4  # of a name, beyond the extents, units
 _BODIES = ("bar", "plate", "edge", "wheel", "block")
 _ARROW = reach(0.2, 0.62)
 _ACROSS_X, _ACROSS_Y = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))
+
+
+# -- artists in axes of three dimensions ------------------------------------------------------------------------------
+
+
+class Projection:
+    """The projection of axes, for a painter.
+
+    The axes' matrix is that of the last drawing, or of now.
+    """
+
+    def __init__(self, axes: Axes3D):
+        m = axes.get_proj()
+        middle = [sum(axis.get_view_interval()) / 2 for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+        self.m = m / (m[3] @ [*middle, 1.0])
+        rows = self.m[:3, :3]
+        self.size = np.linalg.norm(rows, axis=1)
+        self.axes = rows / self.size[:, None]
+        self.axes[2] = np.cross(self.axes[0], self.axes[1])  # towards the viewer, whatever the sign of the depth
+        self.scale = 1.0 / self.size[0]
+
+    def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """Find the places in the picture, nearness as a length, axes of the picture, and lengths per its unit."""
+        h = np.concatenate([x, np.ones((len(x), 1))], axis=1) @ self.m.T
+        return h[:, :2] / h[:, 3:4], -h[:, 2] / h[:, 3] / self.size[2], self.axes, self.scale
+
+
+class Solids(PolyCollection):
+    """A painted scene as an artist.
+
+    A unit is so many `points` on paper.
+    """
+
+    def __init__(self, painter: Painter, unit: float, points: float, opacity: float = 1.0):
+        super().__init__([], closed=True, capstyle="round", joinstyle="round")
+        self.painter, self.unit, self.points, self.opacity = painter, unit, points, opacity
+        self.faded = 1.0
+        self.pose = self.places = np.zeros((0, 3))
+        self.set_clip_on(False)
+
+    def move(self, pose: np.ndarray, scalars: np.ndarray, faded: bool) -> None:
+        """Bring it to a pose ``(columns, 3)``, as a ghost if that is not right."""
+        self.pose, self.faded = pose, 0.14 if faded else 1.0
+        self.places = self.painter.vertices(pose, scalars, self.unit)
+        self.stale = True
+
+    def do_3d_projection(self) -> float:
+        """Paint the pose as it is seen now; matplotlib calls this before it draws."""
+        assert isinstance(self.axes, Axes3D)
+        sheet = self.painter.paint(self.places, self.pose, Projection(self.axes), self.unit, self.faded)
+        faces, edges = sheet.faces.copy(), sheet.edges.copy()
+        faces[:, 3] *= self.opacity
+        edges[:, 3] *= self.opacity
+        self.set(verts=sheet.corners, facecolor=faces, edgecolor=edges, linewidth=sheet.widths * self.points)
+        return 0.0
+
+    @allow_rasterization
+    def draw(self, renderer) -> None:
+        """Draw it; frames of an animation ask for this alone."""
+        if self.get_visible() and self.get_animated():
+            self.do_3d_projection()
+        super().draw(renderer)
+
+
+class Name(Annotation):
+    """The name of a place or an angle, which keeps beside it while the view turns; a unit is so many `points`."""
+
+    def __init__(self, of: Label | Turn, points: float):
+        self.of, self.place = of, np.zeros(3)
+        look: dict[str, Any] = {"ha": "center", "va": "center", "parse_math": False, "clip_on": False, "zorder": 12.0}
+        if isinstance(of, Label):
+            look |= {"gid": "label", "fontstyle": "italic", "fontweight": "bold" if of.way else "normal"}
+        else:
+            look |= {"gid": "input"}
+        colour = colour_of("ink" if isinstance(of, Label) and of.to is None else "soft", -1)
+        super().__init__(
+            of.text, (0.0, 0.0), (of.dx * points, of.dy * points), xycoords=self._at_place, textcoords="offset points",
+            annotation_clip=False, color=colour, fontsize=LETTERS * points, **look,
+        )  # fmt: skip
+        halo = withStroke(linewidth=0.25 * float(self.get_fontsize()), foreground=(1.0, 1.0, 1.0, 0.8))
+        self.set_path_effects([halo])
+
+    def move(self, pose: np.ndarray, scalars: np.ndarray, unit: float, faded: bool) -> None:
+        """Bring it to a pose ``(columns, 3)``, fainter if that is not right."""
+        if isinstance(self.of, Label):
+            self.place = self.of.foot(pose, unit)
+        else:
+            self.place = self.of.spot(pose, float(scalars[self.of.scalar]), unit)
+        self.set_visible(bool(np.isfinite(self.place).all()))
+        self.set_alpha(0.25 if faded else 1.0)
+
+    def _at_place(self, renderer: object) -> Affine2D:
+        """Bring the origin to where its place is now, pixels."""
+        axes = self.axes
+        assert isinstance(axes, Axes3D)
+        flat, *_ = Projection(axes)(self.place[None])
+        return Affine2D().translate(*axes.transData.transform(flat[0]))
+
+
+# -- the view ---------------------------------------------------------------------------------------------------------
 
 
 class SpaceView(View):
@@ -335,11 +438,14 @@ class SpaceView(View):
         """Draw the bodies of other poses faintly."""
         for k in others:
             if self.data.good[k]:
-                ghost = Solids(Painter(self.scene, _BODIES), self.unit, self.points, opacity=0.2)
-                ghost.set_gid("ghost")
-                ghost.set_zorder(9.0)
-                self.ax.add_collection(ghost, autolim=False)
+                ghost = self._add_solids(Painter(self.scene, _BODIES), "ghost", 9.0, 0.2)
                 ghost.move(self.columns[k], self.data.scalars[k], False)
+
+    def _add_solids(self, painter: Painter, name: str, zorder: float, opacity: float = 1.0) -> Solids:
+        solids = Solids(painter, self.unit, self.points, opacity)
+        solids.set(gid=name, zorder=zorder)
+        self.ax.add_collection(solids, autolim=False)
+        return solids
 
     def draw(self, k: int, sampled: Iterable[int] | None = None) -> None:
         """Make all artists, in pose `k`; names are placed to suit the sampled poses."""
@@ -352,18 +458,24 @@ class SpaceView(View):
             x, dashes = self.data.path(column)[0], (0, 6, 3)[turn % 3]
             traces.append((_even_steps(x, 0.6 * self.unit) if dashes else x, body, dashes))
         painter = Painter(self.scene, traces=(*traces, *self.lines))
-        self.pen = SpacePen(self.ax, painter, self.scene.labels, self.unit, self.points)
+        self.solids = self._add_solids(painter, "mechanism", 10.0)
+        self.names = [Name(of, self.points) for of in (*self.scene.labels, *painter.turns)]
+        for name in self.names:
+            self.ax.add_artist(name)
         self.add_banner(self.corner[1] - 0.015, self.paper)
         self.show(k)
 
     def move(self, k: int, right: bool) -> None:
         """Bring all artists but the banner to pose `k`, as a ghost if it is not right."""
-        self.pen.move(self.columns[k], self.data.scalars[k], not right)
+        pose, scalars = self.columns[k], self.data.scalars[k]
+        self.solids.move(pose, scalars, not right)
+        for name in self.names:
+            name.move(pose, scalars, self.unit, not right)
 
     @property
     def moving(self) -> list[Artist]:
         """Artists that move, from the ground up."""
-        return [*self.pen.moving, self.banner]
+        return [self.solids, *self.names, self.banner]
 
 
 def _even_steps(x: np.ndarray, step: float) -> np.ndarray:
