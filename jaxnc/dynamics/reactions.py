@@ -378,11 +378,15 @@ class Reactions:
 
     @property
     def _q(self) -> AnyArray:
-        return states_of(self.motion)[2]
+        return self._states()[2]
+
+    def _states(self) -> tuple[Dynamics, AnyArray, AnyArray, AnyArray, AnyArray]:
+        """Return equations of motion, times and states; those of a page come with other equations."""
+        return states_of(self.motion)
 
     def _flat(self) -> tuple[Dynamics, AnyArray, AnyArray, AnyArray, AnyArray, AnyArray]:
         """Return equations of motion, and times, states and multipliers of all poses, one after another."""
-        dyn, t, *states = states_of(self.motion)
+        dyn, t, *states = self._states()
         q, v, a, lam = (x.reshape(t.size, x.shape[-1]) for x in (*states, self.multipliers))
         return dyn, t.reshape(-1), q, v, a, lam
 
@@ -667,7 +671,7 @@ def nodal_forces(found: Reactions) -> dict[str, tuple[Array, Array]]:
         them feels; joints that write rows of their own, and efforts on angles, have none.
     """
     motion = found.motion
-    dyn, t, q, v, _ = states_of(motion)
+    dyn, t, q, v, _ = found._states()
     top = dyn.topology
     count = len(motion.system.topology.points)
     places = spread(top, q)[0][..., :count, :]

@@ -422,19 +422,18 @@ def path_curvature(motion: "Motion", point: str, relative_to: str = GROUND) -> P
 
 def _lay_in_pose(motion: "Motion", body: str, pose: int, places: AnyArray, *directions: AnyArray) -> list[AnyArray]:
     """Places and directions ``(T, dim)`` that ride on a body, each in its own pose, as they lie in one pose."""
-    top, given = motion.system.topology, [motion.position(body), places, *directions]
+    top = motion.system.topology
     base = body_of(top, body).base
-    if top.dim == 3:
-        given.append(motion.orientation(body))
-    elif base is not None:
-        given.append(motion[top.points[base[1]]] - motion[top.points[base[0]]])
-    if on_host(np.zeros(()), given):
-        given = [np.asarray(x) for x in given]
+    given = [motion.position(body), places, *directions]
+    turns = [motion.orientation(body)] if top.dim == 3 else [motion[top.points[k]] for k in base or ()]
+    if on_host(np.zeros(()), [*given, *turns]):
+        given, turns = ([np.asarray(x) for x in some] for some in (given, turns))
     own, *rest = given
-    if len(rest) == 1 + len(directions):  # it keeps the ground's orientation
+    if not turns:  # it keeps the ground's orientation
         return [own[pose] + (rest[0] - own), *rest[1:]]
-    turn = rest.pop()
+    turn = turns[-1]
     if top.dim == 2:
+        turn = turns[1] - turns[0]
         length = _vector_norm(turn)[..., None]
         along = _safe_ratio(turn, length, length > 0)
         turn = _library_of(along).stack([along, quarter(along)], axis=-1)

@@ -76,6 +76,10 @@ class Objective(Problem):
         """
         what = "Objective"
         values = as_array(values, f"{what}: values")
+        if values.ndim == 0:
+            raise InputError(
+                f"{what}: values={values}: expected values of the input in order, such as np.linspace(0.0, 6.28, 49)"
+            )
         if not values.size:
             raise InputError(f"{what}: values is empty; give those of the input at which the residuals are taken")
         table = as_sequence(values, values.size, f"{what}: values")

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 def as_floats(value: object, otherwise: str = "") -> np.ndarray:
     """Numbers as an array; of what are none an error that says `otherwise`, or NaN if that says nothing."""
     try:
-        return np.asarray(value, dtype=float)
+        given = np.asarray(value)
+        if np.iscomplexobj(given):
+            raise TypeError
+        return np.asarray(given, dtype=float)
     except (TypeError, ValueError, OverflowError):
         if not otherwise:
             return np.asarray(np.nan)

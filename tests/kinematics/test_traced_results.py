@@ -34,7 +34,7 @@ MADE = {
     "motion": (lambda x: nc.sweep(nc.library.four_bar().compile(), {"phi": x}, rates={"phi": 1.0}), T, 12),
     "simulation": (lambda x: nc.simulate(pendulum(), T, rates={"phi": x}, method="rk4", step=0.05), 1.0, 14),
     "equilibrium": (lambda x: nc.equilibrium(pendulum(), {"phi": x}), -1.0, 0),
-    "inverse dynamics": (lambda x: nc.inverse_dynamics(pendulum(), posed(x)), -1.0, 0),
+    "inverse dynamics": (lambda x: nc.inverse_dynamics(pendulum(), posed(x)), -1.0, 1),
     "reactions": (lambda x: nc.reactions(posed(x)), -1.0, 1),
     "linearisation": (lambda x: nc.linearise(pendulum(), posed(x)), -1.0, 3),
     "suspension": (wheel, np.array([300.0, 310.0]), 2),

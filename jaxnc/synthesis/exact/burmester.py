@@ -498,8 +498,9 @@ class Guidance:
     def four_bars(self) -> tuple[GuidedFourBar, ...]:
         """All four-bars of two dyads, those without defects first.
 
-        Through five poses there are up to six, from up to four pairs. Of more poses any two of the `nearest_dyads` make
-        one, those that pass nearest come first, and two that do not reach each other are left out.
+        Through five poses there are up to six, from up to four pairs, and none where fewer than two of the pairs are
+        real: `pairs` tells. Of more poses any two of the `nearest_dyads` make one, those that pass nearest come first,
+        and two that do not reach each other are left out.
 
         Raises:
             InputError: fewer than five poses.
