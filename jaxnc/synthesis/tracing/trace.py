@@ -49,7 +49,7 @@ from jaxnc.synthesis.tracing.fit import (
 )
 from jaxnc.synthesis.tracing.linkage import INPUT, ChainDesign, to_mechanism
 from jaxnc.synthesis.tracing.plates import Walls, to_walls
-from jaxnc.synthesis.validate import as_seed, as_time_limit, as_timing
+from jaxnc.synthesis.validate import as_floats, as_seed, as_time_limit, as_timing
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -97,10 +97,7 @@ class Curve(NamedTuple):
     @classmethod
     def of(cls, points: Any, closed: bool | None, timing: Any = None) -> "Curve":
         """Check a curve and space it evenly."""
-        try:
-            given: np.ndarray = np.asarray(points, dtype=float)
-        except (TypeError, ValueError, OverflowError):
-            given = np.zeros(0)
+        given = as_floats(points)
         if given.ndim != 2 or given.shape[-1] != 2 or len(given) < 3:
             raise InputError(f"trace: points must be places in the plane, (N, 2) with N >= 3; got shape {given.shape}")
         if not np.isfinite(given).all():
