@@ -229,7 +229,7 @@ class _Range(Targets):
         change, at = two - one, self.free.plan.unknown
         angles = self.design.reading.first + np.flatnonzero(self.design.reading.top.angles)
         change[angles] -= 2.0 * np.pi * np.round(change[angles] / (2.0 * np.pi))
-        along, place = change[at] * self.free.inner, list(at).index(self.order[self.k])
+        along, place = change[at] * self.free.inner, at.tolist().index(self.order[self.k])
         pose, _ = turning_point(self.free, place, one + 0.5 * change, along / np.linalg.norm(along))
         return float(pose[self.order[self.k]])
 

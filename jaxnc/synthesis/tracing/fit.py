@@ -237,7 +237,7 @@ def refine(lanes: Lanes, target: Target, steps: Any, feet: Any) -> tuple[Array, 
 
         def stay(now: Course, _: Array) -> tuple[Course, Array]:
             # The next step stays where it is, so that there is one program for it and all others.
-            share = jax.vmap(lambda *lane: _spread_poses(*lane, target, go))(chain, sign, now.best)
+            share = jax.vmap(_spread_poses, (0, 0, 0, None, None))(chain, sign, now.best, target, go)
             return Course(now.best, far, flat, jnp.zeros_like(row), now.damping, now.best, far, far), share
 
         def step(k: Array, state: tuple[Course, Array]) -> tuple[Course, Array]:
