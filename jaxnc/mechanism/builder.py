@@ -530,11 +530,16 @@ class Mechanism(Drawn):
         points = self._check.names(points, self.all_points, what)
         vectors = self._check.names(vectors, self.all_vectors, what, "vector")
         scalars = self._check.names(scalars, self.scalar_names, what, "scalar")
-        if (len(points), len(vectors), len(scalars)) != (kind.points, kind.vectors, kind.scalars):
-            raise MechanismError(
-                f"{what}: kind {kind.name!r} takes {kind.points} points, {kind.vectors} vectors and {kind.scalars} "
-                f"scalar coordinates, got {len(points)}, {len(vectors)} and {len(scalars)}"
-            )
+        counts = {
+            "points": (kind.points, len(points)),
+            "vectors": (kind.vectors, len(vectors)),
+            "scalars": (kind.scalars, len(scalars)),
+        }
+        if any(takes != given for takes, given in counts.values()):
+            asked = {name: both for name, both in counts.items() if any(both)}
+            takes = ", ".join(f"{takes} {name}" for name, (takes, _) in asked.items())
+            given = ", ".join(str(given) for _, given in asked.values())
+            raise MechanismError(f"{what}: kind {kind.name!r} takes {takes}, got {given}")
         for names, check in ((points, self._check.point), (vectors, self._check.vector), (scalars, self._check.scalar)):
             for one in names:
                 check(one, what)
