@@ -235,8 +235,12 @@ def _readings(formulation: Formulation, eq: Numbered, q: Array) -> Array:
 
 def measure_all(system: System, q: np.ndarray) -> Array:
     """Poses ``(B, N)`` with their angles and distances measured anew from their points."""
-    top, eq = system.topology, derive(system)
-    return jit(jax.vmap(lambda x: measure_scalars(top, eq, x, top.scalars)))(q)
+    return _measure_poses(system.topology, derive(system), q)
+
+
+@functools.partial(jit, static_argnums=0)
+def _measure_poses(top: Topology, eq: Numbered, q: Array) -> Array:
+    return jax.vmap(lambda x: measure_scalars(top, eq, x, top.scalars))(q)
 
 
 def measure_scalars(top: Topology, eq: Numbered, q: Array, names: Sequence[str]) -> Array:
