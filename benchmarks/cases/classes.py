@@ -21,7 +21,7 @@ _PART = 0.08  # of an input's range, to either side of the drawing
 _TURNS = 0.3  # radians that a robot's hinges turn to either side
 _SLIDES = 0.05  # metres that its slides move
 _NAIVE = 20_000  # lanes at most
-_WIDE = 60  # unknowns: programs of gradients of more are compiled for minutes, and are left out
+WIDE = 60  # unknowns: programs of gradients of more are compiled for minutes, and are left out
 _SLOPE = 1e-5  # relative: what differences may be off
 
 
@@ -148,7 +148,7 @@ def _compared(suite: Suite, one: Class, count: int, gradients: bool) -> None:
         u = np.random.default_rng([seed, 7]).uniform(size=(count, len(one.driven)))
         return one.low + (one.high - one.low) * u
 
-    if gradients and len(one.system.topology.unknown) <= _WIDE:
+    if gradients and len(one.system.topology.unknown) <= WIDE:
         ways += value_and_gradient(one)
     suite.compare(f"class {one.name}, {count:,}", [*ways, *suite.peer("naive JAX", make)], draw, count)
 
