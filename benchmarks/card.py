@@ -7,7 +7,6 @@ devices gave stays in the file beside it.
 
 import argparse
 import concurrent.futures
-import functools
 import json
 import os
 import statistics
@@ -125,8 +124,9 @@ def _measure(only: Sequence[str], on_core: bool) -> Iterator[tuple[str, str, dic
         if on_core:
             machine.pin()
         for case, those, calls in zip(some, ways, compiled, strict=True):
-            if errors := [f"{way.name}: {e}" for way, call in zip(those, calls, strict=True) if (e := call.exception())]:
-                print(f"left out: {case.one.name}, {case.lanes:,}: {'; '.join(errors)}", flush=True)
+            failed = [f"{way.name}: {call.exception()}" for way, call in zip(those, calls, strict=True) if call.exception()]
+            if failed:
+                print(f"left out: {case.one.name}, {case.lanes:,}: {'; '.join(failed)}", flush=True)
             else:
                 yield name, jax.__version__, _time(case, those)
         jax.clear_caches()
@@ -170,7 +170,8 @@ def _write(found: dict[str, Any], path: Path) -> None:
             cells.append(f"{times['naive'] / times['jit']:.3g}" if "naive" in times else "")
             right = min(row["right"].values())
             cells.append("all" if right == 1.0 else f"{right:.4%}")
-            lines.append("| " + " | ".join([row["name"], f"{row['lanes']:,}", *cells]) + " |")
+            name = f"{row['name']} ({row['note']})" if "note" in row else row["name"]
+            lines.append("| " + " | ".join([name, f"{row['lanes']:,}", *cells]) + " |")
     path.write_text("\n".join(lines) + "\n")
 
 

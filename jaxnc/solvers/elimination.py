@@ -50,8 +50,8 @@ def with_special(
     held = np.flatnonzero(where[:, top.unknown].any(axis=1))
     free = np.zeros(where.shape[1], bool)
     free[top.unknown] = True
-    # 1e-3 of the largest derivative of the row, in the drawing, where sweeps begin, or nearby
-    small = where & free & (size <= 1e-3 * size.max(axis=2, initial=0.0, keepdims=True)).any(axis=0)
+    # 0.1 of the largest derivative of the row, in the drawing, where sweeps begin, or nearby: less may vanish on a way
+    small = where & free & (size <= 0.1 * size.max(axis=2, initial=0.0, keepdims=True)).any(axis=0)
     rows = None
     if rank < len(held):
         rows = tuple(int(held[k]) for k in _independent_rows(jacobians[-1][np.ix_(held, top.unknown)], rank))
@@ -337,8 +337,8 @@ def eliminate_block(
 ) -> Eliminated:
     """Eliminate a matrix whose elements are numbers or lanes; not finite if the last pivot vanishes.
 
-    Unless it is small enough to compare each pivot with what could have been one in its stead, a pose at which a pivot
-    vanishes by chance is not told from a singular one.
+    Each pivot is compared with what could have been one in its stead: where one vanishes by chance, the pose is not
+    singular.
 
     Args:
         plan: the planned elimination.
@@ -357,8 +357,6 @@ def eliminate_block(
         first, second = largest / units[j], jnp.abs(determinant / largest) / units[m]
         pivots = Pivots(jnp.minimum(first, second), *(jnp.maximum(first, second),) * 2)
         return EliminatedPair(plan.rows, plan.columns, (p, q, r, s), inverse, pivots, determinant * plan.sign)
-    # 150 multiplications of a factorisation whose pivots are compared: it takes long to compile
-    compared = plan.cost <= 150
     steps, left_r, left_c = [], list(plan.rows), list(plan.columns)
     sizes, natural, usual = [], [], None
     for i, j in zip(plan.rows, plan.columns, strict=True):
@@ -366,8 +364,7 @@ def eliminate_block(
         left_c.remove(j)
         pivot, size = a[i, j], jnp.abs(a[i, j])
         below = [k for k in left_r if (k, j) in a]
-        others = [jnp.abs(a[k, j]) for k in below] if compared else []
-        largest = functools.reduce(jnp.maximum, others, size)
+        largest = functools.reduce(jnp.maximum, [jnp.abs(a[k, j]) for k in below], size)
         if below and smallest:
             away = smallest * units[j]
             pivot = pivot + jnp.where(size < away, jnp.where(pivot < 0.0, -away, away), 0.0)
@@ -379,7 +376,7 @@ def eliminate_block(
                 a[k, m] = a[k, m] - factor * e if (k, m) in a else -(factor * e)
         sizes.append(largest / units[j])
         natural.append(sizes[-1] if usual is None else jnp.where(usual, sizes[-1], 0.0))
-        if below and right and compared:
+        if below and right:
             now = largest <= 100.0 * jnp.abs(pivot)  # 100 times a row may be taken from another: beyond, elements grow
             usual = now if usual is None else usual & now
         steps.append(_Step(i, j, pivot, column, right))

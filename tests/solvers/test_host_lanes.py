@@ -1,5 +1,6 @@
 """Poses of many designs at once in NumPy: the same as of each design by itself, and from there on nothing of JAX."""
 
+import dataclasses
 import functools
 import gc
 import os
@@ -91,7 +92,8 @@ def designs(case: str) -> Designs:
         system = nc.library.stephenson_six_bar("II").compile()
         return Designs(spread(system, 6, 4e-3, rng), ("phi",))
     if case == "redundant":
-        return Designs([nc.library.bennett(twist=x, angle=1.0).compile() for x in (0.5, 0.7, 0.9)], ("phi",))
+        drawn = [nc.library.bennett(twist=x, angle=1.0).compile() for x in (0.5, 0.7, 0.9)]
+        return Designs([dataclasses.replace(drawn[0], parameters=s.parameters) for s in drawn], ("phi",))
     system = nc.library.five_bar().compile()
     return Designs(spread(system, 8, 5e-3, rng), ("phi", "psi"))
 
