@@ -124,7 +124,9 @@ def _measure(only: Sequence[str], on_core: bool) -> Iterator[tuple[str, str, dic
         if on_core:
             machine.pin()
         for case, those, calls in zip(some, ways, compiled, strict=True):
-            failed = [f"{way.name}: {call.exception()}" for way, call in zip(those, calls, strict=True) if call.exception()]
+            failed = [
+                f"{way.name}: {call.exception()}" for way, call in zip(those, calls, strict=True) if call.exception()
+            ]
             if failed:
                 print(f"left out: {case.one.name}, {case.lanes:,}: {'; '.join(failed)}", flush=True)
             else:
