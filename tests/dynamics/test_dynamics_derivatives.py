@@ -184,31 +184,6 @@ def test_known_and_traced_derivatives_agree_with_differences():
         assert float(np.asarray(known[name])[index]) == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-6), name
 
 
-@pytest.mark.slow
-def test_the_hosts_share_of_a_traced_gradient_is_mapped(monkeypatch):
-    """One design asks the host; several are JAX's. Second derivatives: kinematics/test_derivative_orders.py."""
-    from jaxnc.dynamics import design
-
-    asked, plain = [], design.pull_back_design
-    monkeypatch.setattr(design, "pull_back_design", lambda *given: (asked.append(1), plain(*given))[1])
-    m = nc.Mechanism("pendulum")
-    m.ground("O", (0, 0))
-    m.point("A", (0.8, -0.3))
-    m.body("bar", ["O", "A"], mass=2.0, com=(0.4, -0.15), inertia=0.3)
-    m.gravity = (0, -9.81)
-    system = m.compile()
-
-    def far(a):
-        changed = system.replace({"A": a})
-        return nc.simulate(changed, T, rates={"A.x": 0.4}, method="rk4", throw=False)["A"][-1, 1]
-
-    gradient = nc.jit(jax.grad(far))  # traced once for what maps it too
-    places = jnp.array([[0.8, -0.3], [0.7, -0.35]])
-    each = np.stack([gradient(a) for a in places])
-    assert len(asked) >= 2
-    assert np.allclose(nc.jit(jax.vmap(gradient))(places), each, rtol=1e-11, atol=1e-13)
-
-
 @pytest.mark.parametrize("method", ["dopri8", "rk4"])
 def test_another_mechanism_of_the_structure_traces_nothing(method):
     """Names, numbers and title differ; the run and its gradient are traced once."""
@@ -252,7 +227,10 @@ def double():
 
 
 def test_what_an_input_closes_over_has_derivatives_in_both_directions():
-    """The acceleration of an input moves all else; compiled, mapped or neither."""
+    """The acceleration of an input moves all else; mapped, and forward as it is called.
+
+    In reverse, compiled or not: with the next test.
+    """
     start = float(np.arctan2(-0.2, 0.3))
 
     def far(rate):
@@ -263,7 +241,6 @@ def test_what_an_input_closes_over_has_derivatives_in_both_directions():
     both = jax.jit(jax.vmap(jax.value_and_grad(far)))(jnp.array([0.7, 0.9, 0.7, 0.7 + step, 0.7 - step]))
     wanted = float(both[0][3] - both[0][4]) / (2 * step)
     assert np.allclose(both[0][:3:2], far(0.7), rtol=1e-9) and np.allclose(both[1][:3:2], wanted, rtol=1e-6)
-    assert float(jax.grad(far)(0.7)) == pytest.approx(wanted, rel=1e-6)
     assert float(jax.jvp(far, (0.7,), (1.0,))[1]) == pytest.approx(wanted, rel=1e-6)
     assert np.isfinite(both[1]).all()
 
@@ -293,14 +270,24 @@ def test_steps_that_were_kept_are_gone_back_through_as_steps_made_again(step, mo
         for a, b in zip(jax.tree.leaves(gradients[0]), jax.tree.leaves(other), strict=True):
             assert np.allclose(a, b, rtol=1e-9, atol=1e-12)
     if step is None:
-        run = nc.jit(lambda t: far(double(), 0.7, t))  # one program for all differences
+        run = nc.jit(lambda rate, t: far(double(), rate, t))  # one program for all differences
+        ends = [run(0.7 + h, T) for h in (1e-4, -1e-4)]
+        assert float(gradients[0][1]) == pytest.approx(float(ends[0] - ends[1]) / 2e-4, rel=1e-6)
         for k in range(len(T)):
-            ends = [run(T + h * np.eye(len(T))[k]) for h in (1e-4, -1e-4)]
+            ends = [run(0.7, T + h * np.eye(len(T))[k]) for h in (1e-4, -1e-4)]
             assert float(gradients[0][2][k]) == pytest.approx(float(ends[0] - ends[1]) / 2e-4, rel=1e-6, abs=1e-7)
 
 
-def test_a_lane_that_fails_passes_no_derivative_on():
-    """A spring far too stiff for its step is data among others: its state overflows, its derivatives are zero."""
+@pytest.mark.slow
+def test_the_hosts_share_of_a_traced_gradient_is_mapped_and_a_lane_that_fails_passes_no_derivative_on(monkeypatch):
+    """One design asks the host; several are JAX's. Second derivatives: kinematics/test_derivative_orders.py.
+
+    A spring far too stiff for its step is data among others: its state overflows, its derivatives are zero.
+    """
+    from jaxnc.dynamics import design
+
+    asked, plain = [], design.pull_back_design
+    monkeypatch.setattr(design, "pull_back_design", lambda *given: (asked.append(1), plain(*given))[1])
     m = nc.Mechanism("pendulum")
     a, b = m.ground("A", (0, 0)), m.point("B", (1, 0))
     m.body("bar", [a, b], mass=1.0)
@@ -309,18 +296,25 @@ def test_a_lane_that_fails_passes_no_derivative_on():
     m.gravity = (0.0, -9.81)
     system = m.compile()
 
-    def run(stiffness):
-        return nc.simulate(system.replace({"k.stiffness": stiffness}), T, method="rk4", step=0.02)
+    def run(stiffness, place):
+        changed = system.replace({"k.stiffness": stiffness, "B": place})
+        return nc.simulate(changed, T, method="rk4", step=0.02)
 
-    def end(stiffness):
-        found = run(stiffness)
+    def end(stiffness, place):
+        found = run(stiffness, place)
         return found["phi"][-1], found.status[-1]
 
-    stiffness = np.array([1.0, 1e12, 3.0])
-    slopes, statuses = map(np.asarray, nc.jit(jax.vmap(jax.grad(end, has_aux=True)))(stiffness))
+    gradient = nc.jit(jax.grad(end, argnums=(0, 1), has_aux=True))  # traced once for what maps it too
+    stiffness, places = np.array([1.0, 1e12, 3.0]), np.array([[1.0, 0.0], [1.0, 0.0], [0.7, -0.35]])
+    each = [gradient(k, a) for k, a in zip(stiffness, places, strict=True)]
+    assert len(asked) >= 2
+    (slopes, by_place), statuses = nc.jit(jax.vmap(gradient))(stiffness, places)
     assert [int(s) != 0 for s in statuses] == [False, True, False]
     h = 1e-4
-    for k, slope in zip(stiffness[::2], slopes[::2], strict=True):
-        difference = (run(k + h)["phi"][-1] - run(k - h)["phi"][-1]) / (2.0 * h)
-        np.testing.assert_allclose(slope, difference, rtol=1e-8)  # of the difference
-    assert slopes[1] == 0.0
+    for k in (0, 2):
+        assert int(each[k][1]) == 0
+        np.testing.assert_allclose(slopes[k], each[k][0][0], rtol=1e-11)
+        np.testing.assert_allclose(by_place[k], each[k][0][1], rtol=1e-11, atol=1e-13)
+        ends = [run(stiffness[k] + s, places[k])["phi"][-1] for s in (h, -h)]
+        np.testing.assert_allclose(slopes[k], (ends[0] - ends[1]) / (2.0 * h), rtol=1e-8)  # of the difference
+    assert slopes[1] == 0.0 and np.isfinite(by_place[1]).all()

@@ -1,5 +1,8 @@
 """Properties that hold for any dimensions: drawn by hypothesis on fixed topologies, so that nothing recompiles."""
 
+import functools
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -18,6 +21,15 @@ FAST = settings(
 )
 numbers = st.floats(-1.0, 1.0, allow_nan=False)
 U = turn(25)
+
+
+residual = jax.jit(nc.system.residual)  # compiled once for each mechanism
+
+
+@functools.cache
+def swept(make):
+    """As it is drawn: the same in every example."""
+    return nc.sweep(make(), {"phi": U})
 
 
 def moved(system, angle, shift, scale):
@@ -64,12 +76,13 @@ def random_four_bar(a, b, c, d):
 @given(numbers, numbers, numbers, numbers)
 def test_rigid_motions_and_scaling(angle, x, y, log_scale):
     scale = 10.0**log_scale
-    for system in (four_bar(), shaper()):
-        if system is shaper():
+    for make in (four_bar, shaper):
+        system = make()
+        if make is shaper:
             angle = 0.0  # its ram slides along the x axis
         other, place = moved(system, 3 * angle, np.array([x, y]), scale)
         shift = 3 * angle
-        a = nc.sweep(system, {"phi": U})
+        a = swept(make)
         b = nc.sweep(other, {"phi": U + shift})
         assert bool(jnp.all(a.converged & b.converged))
         for name in system.topology.points:
@@ -81,7 +94,7 @@ def test_rigid_motions_and_scaling(angle, x, y, log_scale):
         for k, name in enumerate(system.topology.scalars):
             value = q[2 * points + k]
             new[2 * points + k] = value * scale if name == "slide" else value + shift
-        r, s = (np.asarray(nc.system.residual(*x)) for x in ((system, q), (other, new)))
+        r, s = (np.asarray(residual(*x)) for x in ((system, q), (other, new)))
         np.testing.assert_allclose(np.sum(s**2), np.sum(r**2) * scale**2, rtol=1e-9)
 
 
@@ -144,8 +157,6 @@ def test_names_and_order_do_not_matter():
 @pytest.mark.slow
 def test_thousand_random_crank_rockers_on_the_right_branch():
     """Screening as synthesis does it: every lane of every design converged and on the branch it was drawn on."""
-    import jax
-
     rng = np.random.default_rng(5)
     base = four_bar()
     systems = [random_four_bar(*rng.uniform(-1, 1, 4))[0] for _ in range(300)]

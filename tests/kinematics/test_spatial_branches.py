@@ -18,7 +18,7 @@ from jaxnc import Status
 DIGITS = 1e-10  # of the size: poses of random mechanisms, some near dead points
 GRADIENT = 1e-8  # against central differences of the sixth order
 TURN = np.linspace(0.0, 2 * np.pi, 49)
-FINE = 20  # poses of the reference between two of TURN, so that it cannot jump
+FINE = 6  # poses of the reference between two of TURN, so that it cannot jump
 
 
 @functools.cache
@@ -64,7 +64,7 @@ def walked(points, start, end):
 def test_random_designs_stay_on_their_branch():
     rng = np.random.default_rng(11)
     turning = stopped = 0
-    for _ in range(24):
+    for _ in range(18):
         points = design(rng)
         motion = nc.sweep(system().replace(points), {"phi": TURN})
         good = int(np.sum(np.asarray(motion.converged)))
@@ -92,7 +92,7 @@ def test_gradients_of_every_hardpoint():
     def place(s):
         return nc.sweep(s, inputs, rates={"phi": 2.0}).velocity("3")
 
-    found, top = jax.jacfwd(place)(system()).parameters, system().topology
+    found, top = nc.jit(jax.jacfwd(place))(system()).parameters, system().topology
     expected = hardpoint_gradient(lambda p: rscr(p, angles, 2.0)["3"].v, RSCR)
     scale = max(np.abs(v).max() for v in expected.values())
     for name, value in expected.items():
@@ -121,7 +121,7 @@ def test_designs_in_a_batch():
     designs = [system().replace({"1": RSCR["1"] * (1 + 0.02 * rng.normal())}) for _ in range(12)]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *designs)
     inputs = {"phi": np.linspace(0.0, 1.2, 9)}
-    together = jax.vmap(lambda s: nc.sweep(s, inputs))(batch)
+    together = nc.jit(jax.vmap(lambda s: nc.sweep(s, inputs)))(batch)
     assert bool(together.converged.all())
     for k in (0, 7):
         alone = nc.sweep(designs[k], inputs)
