@@ -221,7 +221,7 @@ ASK = {
         "derivatives in vmap": "rrr",
     },
     rates: {"scan": "rf", "vmap": "frf", "derivatives in vmap": "fff"},
-    effort: {"jit": "rr", "vmap": "frf"},
+    effort: {"vmap": "rfr"},
     fall: {"map": "rf"},
 }
 
