@@ -231,21 +231,25 @@ def root(system, value):
 def test_optimistix_finds_the_pose_and_its_derivatives():
     """Redundant rows, which make no difference to a solver of others, see above."""
     system = four_bar()
-    values = jnp.linspace(0.8, 1.4, 4)
+    values = np.linspace(0.8, 1.4, 4)
     wanted = nc.solve_position(system, {"phi": values})
-    np.testing.assert_allclose(jax.jit(jax.vmap(lambda x: root(system, x)))(values).q, wanted.q, atol=1e-12)
-    designs = jax.vmap(lambda a: jax.tree.map(lambda leaf: a * leaf, system))(jnp.array([1.0, 1.1]))
-    scaled = jax.jit(jax.vmap(lambda s: root(s, 1.0).q))(designs)
-    np.testing.assert_allclose(scaled[0], nc.solve_position(system, {"phi": 1.0}).q, atol=1e-12)
+    scales = np.append(np.ones(4), 1.1)  # of designs: the last one is larger
+    designs = jax.tree.map(lambda leaf: np.multiply.outer(scales, leaf), system)
+    found = jax.jit(jax.vmap(root))(designs, np.append(values, 0.8)).q
+    np.testing.assert_allclose(found[:4], wanted.q, atol=1e-12)
+    places = 2 * len(system.topology.points)
+    np.testing.assert_allclose(found[4, :places], 1.1 * np.asarray(wanted.q)[0, :places], atol=1e-12)
 
     def slopes_of(find):
-        return jax.jit(jax.grad(lambda s, x: jnp.sum(find(s, x)["C"]), argnums=(0, 1)))(system, 1.0)
+        """By the design and the input, and twice by the input: in one program."""
+        by_both = jax.grad(lambda s, x: jnp.sum(find(s, x)["C"]), argnums=(0, 1))
+        twice = jax.grad(jax.grad(lambda x: find(system, x)["C"][0]))
+        return jax.jit(lambda s, x: (*by_both(s, x), twice(x)))(system, 1.0)
 
-    (design, angle), (our_design, our_angle) = slopes_of(root), slopes_of(posed)
+    (design, angle, twice), (our_design, our_angle, ours) = slopes_of(root), slopes_of(posed)
     np.testing.assert_allclose(design.parameters.points, our_design.parameters.points, atol=1e-9)
     np.testing.assert_allclose(design.parameters.dimensions, our_design.parameters.dimensions, atol=1e-9)
     assert float(angle) == pytest.approx(float(our_angle), rel=1e-9)
-    twice, ours = (jax.jit(jax.grad(jax.grad(lambda x, f=f: f(system, x)["C"][0])))(1.0) for f in (root, posed))
     assert float(twice) == pytest.approx(float(ours), rel=1e-7)
 
 

@@ -215,7 +215,6 @@ ASK = {
         "nothing": "rrr",
         "jit": "fff",
         "vmap": "frf",
-        "map": "rfr",
         "scan": "rrr",
         "jit in checkpoint in map in vmap": "fff rfr",
         "derivatives in vmap": "rrr",

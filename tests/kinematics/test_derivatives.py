@@ -62,7 +62,8 @@ def test_explicit_lengths_and_ground_points():
 
     args = (a, b, c, jnp.array([0.0, 0.0]), jnp.array([d["ground"], 0.0]), jnp.array(local))
     want = jax.jit(jax.grad(of_numbers, argnums=tuple(range(6))))(*args)
-    got = jax.jit(jax.grad(of_system))(system)
+    tangent = jax.tree.map(lambda x: np.cos(np.arange(x.size, dtype=float)).reshape(x.shape), system)
+    got, (_, forward) = jax.jit(lambda s, t: (jax.grad(of_system)(s), jax.jvp(of_system, (s,), (t,))))(system, tangent)
     close(
         [got["crank.O2-A"], got["coupler.A-B"], got["rocker.O4-B"]],
         want[:3],
@@ -74,9 +75,7 @@ def test_explicit_lengths_and_ground_points():
     for name in ("A", "B", "P"):
         assert np.max(np.abs(got[name])) == 0.0
 
-    tangent = jax.tree.map(lambda x: jnp.cos(jnp.arange(x.size, dtype=float)).reshape(x.shape), system)
-    _, forward = jax.jit(lambda s, t: jax.jvp(of_system, (s,), (t,)))(system, tangent)
-    backward = sum(jnp.vdot(x, y) for x, y in zip(jax.tree.leaves(got), jax.tree.leaves(tangent), strict=True))
+    backward = sum(np.vdot(x, y) for x, y in zip(jax.tree.leaves(got), jax.tree.leaves(tangent), strict=True))
     close(forward, backward, 1e-12)
 
 
@@ -164,17 +163,19 @@ def test_failed_lanes_leave_the_others_finite_and_exact(analysis):
         mo = analysis(s, {"S.x": x}, rates={"S.x": 1.0})
         return jnp.sum(weight[:, None] * (mo["A"] + mo.velocity("A") + mo.acceleration("A")))
 
-    masked, careless = jax.jit(jax.grad(total, has_aux=True)), jax.jit(jax.grad(unmasked))
-    gradient, mo = masked(system, far, np.ones(5, dtype=bool))
+    @jax.jit  # both in one program
+    def gradients(s, x, keep):
+        return *jax.grad(total, has_aux=True)(s, x, keep), jax.grad(unmasked)(s, x, jnp.where(keep, 1.0, 0.0))
+
+    gradient, mo, all_of_them = gradients(system, far, np.ones(5, dtype=bool))
     good = np.asarray(mo.converged)
     assert int(mo.failures) == 2 and good.sum() == 3
     near = jnp.where(good, far, 0.3)  # the same good poses, and others in place of those that fail
-    alone, other = masked(system, near, good)
+    alone, other, careful = gradients(system, near, good)
     assert int(other.failures) == 0
     for x, y in zip(jax.tree.leaves(gradient), jax.tree.leaves(alone), strict=True):
         np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-14)
     # Even a careless objective that sums failed lanes gets a finite gradient, that of the good lanes.
-    all_of_them, careful = careless(system, far, np.ones(5)), careless(system, near, np.where(good, 1.0, 0.0))
     for x, y in zip(jax.tree.leaves(all_of_them), jax.tree.leaves(careful), strict=True):
         np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-13)
     assert np.all(np.isfinite(mo.q))

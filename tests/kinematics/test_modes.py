@@ -36,7 +36,7 @@ def cached(tmp_path, monkeypatch):
 
 @pytest.fixture
 def sooner(monkeypatch):
-    """A search that gives up after fewer loops without a new solution: it takes a third of the time, if it finds all."""
+    """A search that gives up after fewer loops without a new solution takes a third of the time, if it finds all."""
     monkeypatch.setattr(monodromy, "_QUIET", 4)
 
 

@@ -173,7 +173,7 @@ def _derivatives(f):
 
 
 @settings(
-    max_examples=15,
+    max_examples=10,
     derandomize=True,
     deadline=None,
     database=None,
@@ -188,14 +188,14 @@ def test_drawn_programs_are_what_jax_calculates(f, seed):
 def test_every_operation_is_what_jax_calculates():
     def every(a, b, c, d):
         truths = [g(x, y) for g in TRUTHS_OF_TWO for x, y in ((a, b), (c, c))]
-        truths += [g(x, y) for g in TRUTHS_OF_TRUTHS for x, y in itertools.pairwise(truths)]
-        integers = [g(x, y) for g in INTEGERS_OF_TRUTHS for x, y in zip(truths[::3], truths[1::3], strict=False)]
-        out = [g(x) for g in FLOATS_OF_ONE for x in (a, b, c)]
-        out += [g(x, y) for g in FLOATS_OF_TWO for x, y in ((a, b), (c * d, a))]
+        truths += [g(x, y) for g in TRUTHS_OF_TRUTHS for x, y in itertools.pairwise(truths[::2])]
+        integers = [g(x, y) for g in INTEGERS_OF_TRUTHS for x, y in zip(truths[::5], truths[1::5], strict=False)]
+        out = [g(x) for g in FLOATS_OF_ONE for x in (a,)]
+        out += [g(x, y) for g in FLOATS_OF_TWO for x, y in ((c * d, a),)]
         out += [jnp.where(t, a, b * c) for t in truths] + [_float(i) * d for i in integers]
         return *out, *(jnp.asarray(g(), float) * a for g in KNOWN)
 
-    compare(every, range(3))
+    compare(every, range(8))  # other numbers cost less than other operations
 
 
 def compare(f, seeds):

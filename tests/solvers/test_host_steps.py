@@ -182,9 +182,11 @@ def test_the_pose_nearest_to_a_guess_is_that_of_the_compiled_solver():
     D = np.asarray(start["D"])
     along = (D - B) / np.linalg.norm(D - B)
     mirrored = C - 2 * ((C - B) - along * ((C - B) @ along))
+    # One program for both guesses of a point.
+    by_place = jax.jit(lambda u, guess: nc.solve_position(system, {"phi": u}, start=guess).q)
     for guess in (start, {"C": C}, {"C": mirrored}):
         found = nc.solve_position(system, {"phi": phi}, start=guess)
-        traced = jax.jit(lambda u, guess=guess: nc.solve_position(system, {"phi": u}, start=guess).q)(phi)
+        traced = by_place(phi, guess)
         np.testing.assert_allclose(found.q, traced, atol=1e-12)
         assert isinstance(found.poses, np.ndarray) and bool(found.converged.all())
     other = nc.solve_position(system, {"phi": 1.1}, start={"C": mirrored})

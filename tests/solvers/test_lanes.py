@@ -368,7 +368,7 @@ def test_designs_march_together_and_failures_stay_where_they_are():
         m = nc.sweep(s, {"phi": u})
         return m.q, m.status
 
-    q, status = jax.vmap(move, in_axes=(0, None))(points, u)
+    q, status = jax.jit(jax.vmap(move, in_axes=(0, None)))(points, u)
     assert 0 < np.sum(np.asarray(status) != 0) < status.size
     for k in range(len(base)):
         one, state = move(points[k], u)
@@ -379,7 +379,7 @@ def test_designs_march_together_and_failures_stay_where_they_are():
         np.testing.assert_allclose(q[k][~good], one[~good], atol=6e-3)
     # Twice mapped: designs, and starts of the sequence; in the other order see kinematics/test_transforms.py.
     shifts = jnp.asarray([0.0, 0.05])
-    there = jax.vmap(lambda p: jax.vmap(lambda d: move(p, u + d)[0])(shifts))(points[:2])
+    there = jax.jit(jax.vmap(lambda p: jax.vmap(lambda d: move(p, u + d)[0])(shifts)))(points[:2])
     good = np.asarray(status[1]) == 0
     np.testing.assert_allclose(there[1, 0][good], q[1][good], atol=1e-12)
 
