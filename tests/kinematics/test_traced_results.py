@@ -83,7 +83,7 @@ def test_a_method_answers_or_says_what_it_needs(name, tmp_path, monkeypatch):
                 said.append(f"{member}: {error}")
         return x
 
-    jax.jit(asked)(x)
+    jax.eval_shape(asked, x)  # nothing of it has to be compiled
     about = [text for text in said if "traced code" in text or "inside jit" in text]
     assert all("return" in text for text in about)
     assert len(about) == count, about
