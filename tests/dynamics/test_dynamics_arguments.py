@@ -162,11 +162,10 @@ def test_a_pose_of_another_design_begins_on_the_ground_of_this_one():
         run = nc.simulate(other, T, state=pose, method="rk4", step=0.05)
         return run["B"][-1, 0], run
 
-    how = {"method": "rk4", "step": 0.05}  # one program for all
-    for found in (end(places)[1], nc.simulate(system.replace({"C": places[1]}), T, state=pose, **how)):
+    for found in (end(places)[1], nc.simulate(system.replace({"C": places[1]}), T, state=pose)):
         np.testing.assert_array_equal(found["C"], np.tile(places[1], (3, 1)))
     np.testing.assert_array_equal(end(places)[1]["A"], np.tile(places[0], (3, 1)))
-    alike = nc.simulate(system.replace({"C": places[1]}), T, state={"phi": -0.5}, rates={"phi": 1.0}, **how)
+    alike = nc.simulate(system.replace({"C": places[1]}), T, state={"phi": -0.5}, rates={"phi": 1.0})
     np.testing.assert_allclose(found.q, alike.q, atol=1e-12)
     slope = jax.grad(end, has_aux=True)(places)[0]
     for k in np.ndindex(2, 2):
