@@ -18,19 +18,28 @@ from jaxnc.synthesis.tracing.linkage import ChainDesign, to_mechanism
 from jaxnc.synthesis.tracing.trace import Curve, curve_distance, space_evenly
 from jaxnc.synthesis.tracing.turning import count_chains
 
+LANES = 16  # designs that are refined together here: in one program, for all tests
+
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory):
+def cache(tmp_path_factory):
+    """A folder like that in which a user's atlas is kept."""
+    return tmp_path_factory.mktemp("kept")
+
+
+@pytest.fixture(scope="module")
+def small(cache):
     """An atlas of a few thousand linkages."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "_PART", 3000)
-        yield nc.synthesis.atlas(1, folder=tmp_path_factory.mktemp("atlas"))
+        yield nc.synthesis.atlas(1, folder=cache / "atlas")
 
 
 @pytest.fixture
 def brief(monkeypatch):
     """Rounds of a search that are shorter: fewer candidates, and fewer steps for each."""
-    monkeypatch.setattr(searching, "_GROUPS", 1)
+    for name, value in (("_WIDTH", 16), ("_TOGETHER", LANES), ("_GROUPS", 1), ("_DRAWN_KEPT", 6), ("_DRAWN", 128)):
+        monkeypatch.setattr(searching, name, value)
     monkeypatch.setattr(searching, "_STEPS", (4, 10, 20))
 
 
@@ -89,49 +98,64 @@ def test_a_curve_is_known_in_any_place_size_turn_and_mirror():
         assert mirrored == flipped[0] or left[0] < 1e-5  # a heart is its own mirror image
 
 
+@jax.jit  # one program for all tests
+def look(lanes, at, target, feet):
+    """Poses along the curves of designs, and what designs that may differ a little, `at`, cost in these poses."""
+
+    def one(chain, sign, row, at):
+        go = jnp.all(jnp.isfinite(at))
+        share = fit._spread_poses(chain, sign, row, target, go)
+        cost, _, slope, _ = fit._look(chain, sign, share, target, go, feet, at)
+        return share, cost, slope
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fit, "_NEAR", 1e-9)  # nearer ones count by squares, where distances count rather than squares
+        return jax.lax.map(lambda lane: one(*lane), (*lanes, at))
+
+
+NO_BOX = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+
+
 @pytest.mark.parametrize("both, mean, feet", [(False, False, 20), (True, False, 0), (True, True, 0)])
-def test_slopes_are_those_of_the_cost(small, both, mean, feet, monkeypatch):
+def test_slopes_are_those_of_the_cost(small, both, mean, feet):
     """Against differences: feet of perpendiculars move, and with the chords the weights of poses change."""
-    monkeypatch.setattr(fit, "_NEAR", 1e-9)  # nearer ones count by squares
     t = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
     target = Curve.of(np.stack([np.cos(t), 0.6 * np.sin(t) + 0.1 * np.sin(2 * t)], axis=1), True)  # without cusps
-    points = target.target(both, -1.0, np.array([[-np.inf, -np.inf], [np.inf, np.inf]]), 1e6, mean)
+    points = target.target(both, -1.0, NO_BOX, 1e6, mean)
     found = small.find(target.even, True, 6, 1)
-    lanes = fit.start_lanes(target.even, True, found, making.chain_arrays(6).at(found.shelf.chain))
-    chain, sign, row = jax.tree.map(lambda x: x[0], (lanes.chain, lanes.sign, jnp.asarray(lanes.row)))
-    go = jnp.asarray(True)
-    share = fit._spread_poses(chain, sign, row, points, go)
-    look = jax.jit(lambda row: fit._look(chain, sign, share, points, jnp.all(row < 1e9), feet, row))
-    _, _, slope, _ = look(row)
-    for k in range(0, len(row) - 2, 3):
-        step = jnp.zeros(len(row)).at[k].set(1e-6)
-        numeric = (look(row + step)[0] - look(row - step)[0]) / 2e-6
-        # Of distances that are weighted by themselves the slope is that of their sum, not of half its square.
-        assert abs((1.0 if mean else 2.0) * slope[k] - numeric) < 1e-5 * float(jnp.abs(slope).max())
+    lane = fit.start_lanes(target.even, True, found, making.chain_arrays(6).at(found.shelf.chain))
+    lanes = jax.tree.map(lambda x: np.repeat(x, LANES, axis=0), lane)
+    changed = np.arange(0, lane.row.shape[1] - 2, 3)
+    at = np.array(lanes.row)
+    for way, first in ((1.0, 1), (-1.0, 1 + len(changed))):
+        at[first + np.arange(len(changed)), changed] += way * 1e-6
+    _, cost, slope = (np.asarray(a) for a in look(lanes, at, points, feet))
+    numeric = (cost[1 : 1 + len(changed)] - cost[1 + len(changed) : 1 + 2 * len(changed)]) / 2e-6
+    # Of distances that are weighted by themselves the slope is that of their sum, not of half its square.
+    told = (1.0 if mean else 2.0) * slope[0, changed]
+    assert np.abs(told - numeric).max() < 1e-5 * np.abs(slope[0]).max()
 
 
 def test_poses_are_spread_along_the_curve(small):
     """Where the point of a linkage is quick it is looked at more often; costs are those of such poses."""
     target = Curve.of(heart(), True)
-    goal = target.target(True, -1.0, np.array([[-np.inf, -np.inf], [np.inf, np.inf]]), 1e6)
+    goal = target.target(True, -1.0, NO_BOX, 1e6)
     shelf = small.shelves[6].at(np.argsort(small.shelves[6].sine)[:16])  # near the limit of transmission
     row = np.concatenate([shelf.design, np.tile([0.0, 0.0, 1.0, 0.0, 0.3, 2.0 * np.pi], (16, 1))], axis=1)
-    lanes = fit.Lanes(making.chain_arrays(6).at(shelf.chain), shelf.sign, row)
+    lanes = fit.Lanes(making.chain_arrays(6).at(shelf.chain), shelf.sign.astype(float), row)
+    lanes = jax.tree.map(lambda x: np.resize(x, (LANES, *x.shape[1:])), lanes)
     moved, _, cost = (np.asarray(a) for a in fit.refine(lanes, goal, 3, 0))
-
-    def look(chain, sign, at):
-        go = jnp.all(jnp.isfinite(at))
-        shares = fit._spread_poses(chain, sign, at, goal, go), jnp.arange(fit.COUNT) / fit.COUNT
-        paths = [fit.move(chain, sign, at[:-6], at[-2] + 2.0 * np.pi * share, go).point for share in shares]
-        return *shares, *paths, fit._look(chain, sign, shares[0], goal, go, 0, at)[0]
-
-    found = jax.jit(jax.vmap(look))(lanes.chain, lanes.sign, jnp.asarray(moved))
-    share, _, spread, even, again = map(np.asarray, found)
+    share, again, _ = (np.asarray(a)[:16] for a in look(lanes._replace(row=moved), moved, goal, 0))
     assert (share[:, 0] == 0.0).all() and (np.diff(share) > 0.0).all() and (share[:, -1] < 1.0).all()
-    for path, least, most in ((spread, 1.0, 1.5), (even, 3.0, np.inf)):
-        chords = np.linalg.norm(path - np.roll(path, 1, axis=2), axis=1)
-        assert least < np.median(chords.max(axis=1) / chords.mean(axis=1)) < most
-    apart = np.sort(np.abs(again / cost - 1.0))  # feet that four steps do not settle multiply what rounding does
+    for shares, least, most in ((share, 1.0, 1.5), (np.tile(np.arange(fit.COUNT) / fit.COUNT, (16, 1)), 3.0, np.inf)):
+        uneven = []
+        for k, at in enumerate(shares):
+            drawn = ChainDesign(shelf.chains[shelf.chain[k]], shelf.sign[k], moved[k, :-6], 0j, 1.0, 0.0, 6.28)
+            path = drawn.trace(moved[k, -2] + 2.0 * np.pi * at)
+            chords = np.abs(path - np.roll(path, 1))
+            uneven.append(chords.max() / chords.mean())
+        assert least < np.median(uneven) < most
+    apart = np.sort(np.abs(again / cost[:16] - 1.0))  # feet that four steps do not settle multiply what rounding does
     assert apart[4] < 1e-12 and apart[-1] < 1e-2
 
 
@@ -156,7 +180,7 @@ def test_what_comes_out_meets_the_transmission_between_the_poses_too(small, brie
     assert np.mean(sines > 0.999 * np.sin(0.5) ** 2) > 0.5
 
 
-def test_a_four_bar_is_found_by_its_curve(small):
+def test_a_four_bar_is_found_by_its_curve(small, brief):
     drawn = next(d for d in unseen(4, 5, seed=2) if d.chain.name == "four-bar")
     z = drawn.trace(np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False))
     result = nc.synthesis.trace(np.stack([z.real, z.imag], axis=1), bars=(4,), seconds=20, source=small)
@@ -177,7 +201,7 @@ def test_a_four_bar_is_found_by_its_curve(small):
         assert abs(numbers.trace(angle)[0] - place) < 1e-9 * np.ptp(own.real)
 
 
-def test_given_timings_are_met(small):
+def test_given_timings_are_met(small, brief):
     drawn = next(d for d in unseen(4, 5, seed=2) if d.chain.name == "four-bar")
     timing = np.linspace(2.0, 6.5, 15)
     z = drawn.trace(timing)
@@ -348,8 +372,8 @@ def test_an_atlas_is_written_for_others(small, tmp_path):
         ({"keep": 0}, "keep"),
         ({"timing": [0.0, 1.0]}, "timing"),
         ({"seconds": None}, "seconds"),
-        ({"only": ["Watts"]}, "only.*did you mean"),
-        ({"only": np.array(["Watt I"])}, "only"),
+        ({"only": ["Watts"], "bars": (6,)}, "only.*did you mean"),
+        ({"only": np.array(["Watt I"]), "bars": (6,)}, "only"),
         ({"source": 3}, "source.*atlas"),
         ({"subject_to": [S.size(3.0)]}, "PathGeneration"),
         ({"subject_to": [clear_of([(-9, -9), (9, 9)])]}, "all 200 targets lie inside"),
@@ -365,10 +389,12 @@ def interrupt(search):
     raise KeyboardInterrupt
 
 
-def test_the_command_reads_files_and_writes_models(brief, tmp_path, monkeypatch, capsys):
+def test_the_command_reads_files_and_writes_models(small, cache, brief, tmp_path, monkeypatch, capsys):
+    """The atlas is the one that is kept."""
     monkeypatch.setattr(making, "_PART", 3000)
+    monkeypatch.setattr(making, "make", None)
     monkeypatch.setattr(searching, "_ATLAS", 1)
-    monkeypatch.setenv("JAXNC_CACHE", str(tmp_path / "kept"))
+    monkeypatch.setenv("JAXNC_CACHE", str(cache))
     file = tmp_path / "heart.csv"
     file.write_text("x,y\n" + "\n".join(f"{x},{y}" for x, y in heart(80)))
     arguments = ["trace", str(file), "--bars", "4", "--seconds", "0.5", "--closed", "--no-cache", "--no-pictures"]
