@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tracing import LANES, shorten, small_atlas
 
 import jaxnc as nc
 from jaxnc.cli.main import main
@@ -18,8 +19,6 @@ from jaxnc.synthesis.tracing.linkage import ChainDesign, to_mechanism
 from jaxnc.synthesis.tracing.trace import Curve, curve_distance, space_evenly
 from jaxnc.synthesis.tracing.turning import count_chains
 
-LANES = 16  # designs that are refined together here: in one program, for all tests
-
 
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
@@ -31,16 +30,13 @@ def cache(tmp_path_factory):
 def small(cache):
     """An atlas of a few thousand linkages."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "_PART", 3000)
-        yield nc.synthesis.atlas(1, folder=cache / "atlas")
+        yield small_atlas(patch, cache / "atlas")
 
 
 @pytest.fixture
 def brief(monkeypatch):
     """Rounds of a search that are shorter: fewer candidates, and fewer steps for each."""
-    for name, value in (("_WIDTH", 16), ("_TOGETHER", LANES), ("_GROUPS", 1), ("_DRAWN_KEPT", 6), ("_DRAWN", 128)):
-        monkeypatch.setattr(searching, name, value)
-    monkeypatch.setattr(searching, "_STEPS", (4, 10, 20))
+    shorten(monkeypatch)
 
 
 def unseen(bars, count, seed=1):

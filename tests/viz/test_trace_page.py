@@ -11,10 +11,10 @@ import urllib.request
 import numpy as np
 import pytest
 from pages import CHROMIUM, PATIENCE, Browser
+from tracing import shorten, small_atlas
 
 import jaxnc as nc
 from jaxnc.cli.main import main
-from jaxnc.synthesis.tracing import atlas as making
 from jaxnc.synthesis.tracing.chains import KINDS, Chain, Hung
 from jaxnc.synthesis.tracing.linkage import ChainDesign
 from jaxnc.synthesis.tracing.trace import curve_distance
@@ -27,8 +27,7 @@ driven = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium, so pages are 
 def small(tmp_path_factory):
     """An atlas of a few thousand linkages."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "_PART", 3000)
-        yield nc.synthesis.atlas(1, folder=tmp_path_factory.mktemp("atlas"))
+        yield small_atlas(patch, tmp_path_factory.mktemp("atlas"))
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +137,8 @@ def test_a_finger_draws_an_open_curve(browser, page):
 
 
 @driven
-def test_with_python_searches_follow(browser, small):
+def test_with_python_searches_follow(browser, small, monkeypatch):
+    shorten(monkeypatch, steps=(8, 28, 60))  # one round must do: the first takes seconds
     with TraceServer(source=small, live=(1,)) as server:
         server.source = nc.synthesis.Atlas({4: small.shelves[4]})  # searches by one program instead of three
         threading.Thread(target=server.serve_forever, daemon=True).start()
