@@ -1,5 +1,6 @@
 """Robots read from MJCF, loops included: all joints from the actuated ones, as MuJoCo's own constraints want them."""
 
+import re
 from pathlib import Path
 
 import jax
@@ -242,6 +243,12 @@ def test_designs(gripper, folder):
     assert abs(ours[0, tip] - np.asarray(gripper.positions(values))[tip]) > 1e-3
     assert "shell.stl" in path.read_text() and gripper.save(folder / "same.xml").exists()
 
+
+def test_slopes_of_designs(folder):
+    """Of one finger alone, against differences."""
+    one = re.sub(r'(?s)<frame.*</frame>|<tendon>.*</tendon>|<connect name="close2"[^>]*/>|<joint name="same"[^>]*/>',
+                 "", GRIPPER).replace('tendon="both"', 'joint="driver joint"')  # fmt: skip
+    gripper, values = read(folder, one, "finger.xml"), np.array([0.05 + np.radians(10)])
     points = ("coupler_joint_at", "tip_joint_at", "spring_joint_at", "close_at")  # also such as turn what is held
 
     def moved(y):
