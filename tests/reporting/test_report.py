@@ -185,7 +185,7 @@ def test_searches_simulations_and_comparisons_have_verdicts(capsys, tmp_path):
     least = next(e for e in fall.verdict.extremes if e.quantity == "v(phi)")
     assert least.smallest == pytest.approx(-np.sqrt(3 * 9.81 / 0.6), rel=1e-3)
     path = str(EXAMPLES / "problems" / "path.toml")
-    search = told(capsys, "synthesise", path, "--starts", "256", "--refine", "16", "--seconds", "20").search
+    search = told(capsys, "synthesise", path, "--starts", "64", "--refine", "8", "--seconds", "20").search
     assert search.designs and search.designs[0].error is not None and not search.designs[0].defects
 
 

@@ -93,7 +93,7 @@ def test_designs_of_functions_are_drawn_inside_their_lengths():
 def test_what_is_linear_of_a_motion_is_fitted_as_of_a_path(known):
     motion = nc.sweep(drawn_as(known[0]).compile(), {"phi": TIMES})
     turns = np.asarray(motion.orientation("coupler")) + 0.4
-    settings = {"starts": 400, "refine": 8, "keep": 1, "iterations": 100, "enough": 1e-16, "progress": False}
+    settings = {"starts": 100, "refine": 4, "keep": 1, "iterations": 100, "enough": 1e-16, "progress": False}
     for timing in (TIMES, None):
         problem = S.MotionGeneration(four_bar(), "coupler", "P", known[1], turns, timing)
         x = screen(problem, np.random.default_rng(0), 400, 8).x
@@ -112,7 +112,7 @@ def test_nine_published_poses():
     angles = np.array([-0.9, 0.0, 0.7, 1.5, 2.8, -2.3, -2.0, -1.9, -2.1])
     any_angle = [S.transmission_angle(0)]  # 1.5 degrees at a target
     problem = S.MotionGeneration(four_bar(), "coupler", "P", poses, angles, reach=1.0, subject_to=any_angle)
-    settings = {"starts": 5000, "refine": 96, "enough": 0.0015738, "progress": False}  # a part of what is usual
+    settings = {"starts": 2500, "refine": 48, "enough": 0.0015738, "progress": False}  # a part of what is usual
     assert S.solve(problem, **settings, key=jax.random.key(0)).error <= 0.0015738
 
 
