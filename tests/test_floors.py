@@ -5,6 +5,7 @@ file feeds it small trees that break one rule each, so that the first half is kn
 """
 
 import ast
+import functools
 import importlib
 import re
 import sys
@@ -87,6 +88,12 @@ class Import:
     line: int
     deferred: bool
     star: bool = False
+
+
+@functools.cache
+def parsed(text: str) -> ast.Module:
+    """What a module says, for all tests."""
+    return ast.parse(text)
 
 
 def is_type_checking(test: ast.expr) -> bool:
@@ -203,7 +210,7 @@ def violations(root: Path) -> list[str]:
         own = parts[1]
         is_init = parts[-1] == "__init__"
         text = path.read_text(encoding="utf-8")
-        tree = ast.parse(text, filename=file)
+        tree = parsed(text)
 
         def report(line: int, what: str, file: str = file) -> None:
             found.append(f"{file}:{line}: {what}")
@@ -244,7 +251,7 @@ def circle(root: Path) -> list[str]:
     needed = {}
     for path, name in files.items():
         if path.name != "__init__.py":
-            tree = ast.parse(path.read_text(encoding="utf-8"))
+            tree = parsed(path.read_text(encoding="utf-8"))
             needed[name] = {i.target for i in imports(tree, name.rpartition(".")[0], modules)} - {name}
     try:
         TopologicalSorter({k: v & needed.keys() for k, v in needed.items()}).prepare()
@@ -272,7 +279,7 @@ def opened(root: Path) -> list[tuple[str, str]]:
     """Every call of `door("…")` in the package: the file's first name below the package, and the door."""
     found = []
     for path in sorted((root / PACKAGE).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "door":
                 name = node.args[0]
                 assert isinstance(name, ast.Constant), f"{path}:{node.lineno}: a door is named in plain text"
@@ -410,7 +417,7 @@ def third_parties(root: Path) -> set[str]:
     """What the package imports that is neither its own nor Python's."""
     found = set()
     for path in (root / PACKAGE).rglob("*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = parsed(path.read_text(encoding="utf-8"))
         found |= {made.target.split(".")[0] for made in imports(tree, PACKAGE, set())}
     return found - {PACKAGE, *sys.stdlib_module_names}
 
