@@ -96,6 +96,13 @@ def parsed(text: str) -> ast.Module:
     return ast.parse(text)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def forgotten():
+    """A million nodes are not to stay for the tests of other files."""
+    yield
+    parsed.cache_clear()
+
+
 def is_type_checking(test: ast.expr) -> bool:
     return (isinstance(test, ast.Name) and test.id == "TYPE_CHECKING") or (
         isinstance(test, ast.Attribute) and test.attr == "TYPE_CHECKING"
