@@ -86,14 +86,14 @@ def test_mechanisms_that_are_gone_take_no_memory(monkeypatch):
     """What was worked out for a mechanism lives as long as it, and a little longer for the last ones."""
     monkeypatch.setattr(topology, "_recent", lambda top: top)
     gone = []
-    for number in range(6):
+    for number in range(12):
         system = of_structure(number)
         motion = nc.sweep(system, {"phi": np.linspace(1.37, 1.38, 4)}, rates={"phi": 1.0})
         assert nc.solve_position(system, {"phi": 1.375}).status == 0 and nc.mobility(system).dof == 1
         assert motion.velocity("P1").shape == (4, 2)
         gone += [weakref.ref(system.topology), weakref.ref(system.topology.structure)]
         del system, motion
-    assert len({id(ref) for ref in gone}) == 12
+    assert len({id(ref) for ref in gone}) == 24
     gc.collect()
     assert sum(ref() is not None for ref in gone) <= 2
 

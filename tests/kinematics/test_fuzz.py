@@ -73,7 +73,7 @@ def test_no_wrong_branch_and_no_early_stop(base):
     """Coarse, far and zig-zag sweeps: exact on the drawn branch up to the first dead point, and no further."""
     run = jax.jit(lambda s, u: (lambda mo: (mo["B"], mo["C"], mo.status))(nc.sweep(s, {"phi": u})))
     turned = 0
-    for (a, b, c, d), phi, side, values in cases(60):
+    for (a, b, c, d), phi, side, values in cases(125):
         B, C, status = (np.asarray(x) for x in run(base.replace(drawing(a, b, c, d, phi, side)), values))
         found = int(np.argmax(status != 0)) if (status != 0).any() else POSES
         path, last = np.concatenate([[phi], values]), POSES
@@ -86,7 +86,7 @@ def test_no_wrong_branch_and_no_early_stop(base):
             want = intersection(B[i], b, np.array([d, 0.0]), c, side)
             assert np.abs(want - C[i]).max() < 1e-7, (a, b, c, d, phi, side, values, i)
         turned += last == POSES
-    assert 15 < turned < 57, "both kinds of sweeps are tried"
+    assert 30 < turned < 120, "both kinds of sweeps are tried"
 
 
 def test_lanes_and_single_poses_next_to_a_change_point(base):
