@@ -242,14 +242,15 @@ def follow_all(
     follow: Follow,
     here: BarPaths,
     are_none: Read,
+    expected: int,
     keys: Read = np.asarray,
     label: str = "",
 ) -> tuple[np.ndarray, int]:
     """Follow all paths from solutions, and those that are lost again, by one attempt after another.
 
-    Returns the regular finite ends `here`, told apart by their `keys`, and how many paths are lost: they ended neither
-    there nor at infinity, nor in a singular solution or a linkage that is none. With a label a bar shows how far an
-    attempt is.
+    It ends with as many solutions as are `expected`, for paths that are left have none to end in. Returns the regular
+    finite ends `here`, told apart by their `keys`, and how many paths are lost: they ended neither there nor at
+    infinity, nor in a singular solution or a linkage that is none. With a label a bar shows how far an attempt is.
     """
     every = np.arange(z.shape[1])
     ends, good, elsewhere = np.array(z), every < 0, every < 0
@@ -262,7 +263,7 @@ def follow_all(
 
     for attempt in attempts:
         rest = np.flatnonzero(~good & ~elsewhere)
-        if not len(rest):
+        if not len(rest) or good.sum() >= expected:
             break
         blocks = np.array_split(rest, max(1, len(rest) // BLOCK))
         with progress.bar(len(rest), label, "path", None if label else False, leave=False) as shown:

@@ -170,7 +170,7 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     task = _make_task(places, given[::-1] if exchanged else given, size)
     name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
     expected, keys = _expected_count(name, given), functools.partial(_solution_keys, count=len(places))
-    ends, routes, missing = follow_routes(lambda k: _route(name, task, 1.0 + 2.4 * k), 3, expected, keys)
+    ends, routes, missing = follow_routes(lambda k: _route(name, task, expected, 1.0 + 2.4 * k), 3, expected, keys)
     here = _PointPaths(task, task, wide=True)
     real = here.find_real(ends)
     if given[0] == given[1]:  # each linkage is met again with its bars exchanged
@@ -275,7 +275,7 @@ _ATTEMPTS = (
 )
 
 
-def _route(name: str, task: Task, angle: float) -> tuple[np.ndarray, int]:
+def _route(name: str, task: Task, expected: int, angle: float) -> tuple[np.ndarray, int]:
     """Follow all paths from the stored task to this one, turned by an angle: another way for each.
 
     See `follow_all` for what it returns; a class of nine points is lost if all three of its cognates are.
@@ -292,7 +292,7 @@ def _route(name: str, task: Task, angle: float) -> tuple[np.ndarray, int]:
         return _degenerate(z) | (np.abs(z).max(axis=0) >= 10 * FAR)
 
     here, keys = _PointPaths(spun, spun, wide=True), functools.partial(_solution_keys, count=count)
-    ends, lost = follow_all(z, _ATTEMPTS, follow, here, are_none, keys)
+    ends, lost = follow_all(z, _ATTEMPTS, follow, here, are_none, expected, keys)
     return ends * np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None], lost
 
 

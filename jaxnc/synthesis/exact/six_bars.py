@@ -489,7 +489,7 @@ def _follow_all(kind: str, start: AngleTask, z: np.ndarray, task: AngleTask, rou
     def are_none(z: np.ndarray) -> np.ndarray:
         return _have_no_length(here, z) | (np.abs(z).max(axis=0) >= FAR)
 
-    return follow_all(z, _ATTEMPTS, follow, here, are_none, label=f"{kind}: paths")
+    return follow_all(z, _ATTEMPTS, follow, here, are_none, z.shape[1], label=f"{kind}: paths")
 
 
 def _have_no_length(paths: SixBarPaths, z: np.ndarray) -> np.ndarray:
