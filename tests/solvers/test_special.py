@@ -75,6 +75,24 @@ def test_a_derivative_that_vanishes_for_one_design_only_is_no_pivot_of_it():
     assert steep.topology.special is not None and not steep.topology.special.small
 
 
+def test_a_slope_that_is_small_in_the_drawing_is_no_pivot():
+    """The tie rod of a double wishbone is nearly level where it is drawn, and is level at a bump of 7 mm."""
+    system = nc.library.double_wishbone().compile()
+    motion = nc.sweep(system, {"wheel_centre.z": np.linspace(310.0, 322.0, 401)}, hold=("tie_inner.y", "rim.x"))
+    top, eq = system.topology, derive(system)
+    level = motion["tie_outer"][:, 2] - motion["tie_inner"][:, 2]
+    assert abs(level[0]) < 6.0 and level[0] * level[-1] < 0.0
+    (block,) = (
+        b for b in kernel(plan(top, ("wheel_centre.z",), ("tie_inner.y", "rim.x"), 3)).blocks if len(b.columns) > 3
+    )
+    x, b = list(motion.q.T), np.random.default_rng(2).normal(size=len(block.columns))
+    slopes, found = block.rows.slopes(eq, x), block.factors(eq, x).solve(b)
+    left = -np.tile(b[:, None], len(motion.q))
+    for (r, c), slope in slopes.items():
+        left[r] += slope * found[c]
+    assert np.abs(left).max() < 1e-12 * np.abs(found).max()
+
+
 @pytest.mark.parametrize("name", ["rscr", "bennett"])
 def test_what_is_redundant_whatever_the_dimensions_is_told_from_what_is_so_by_them(name):
     special = nc.library.CATALOGUE[name]().compile().topology.special
