@@ -5,6 +5,7 @@ are products with one matrix for all paths: all of them are exact, since everyth
 """
 
 import dataclasses
+import functools
 from math import comb
 from typing import Any
 
@@ -48,15 +49,15 @@ class QuadraticPaths:
             self.filled = np.arange(stacked.shape[2])
         self.stacked, self.rows = np.ascontiguousarray(stacked[:, some][:, :, self.filled]), rows
         self.targets, self.each = targets, each
+        self.binomials = np.array([[comb(k, m) for k in range(self.degree)] for m in range(_ORDER + 1)], float)
         rng = np.random.default_rng(self.n)
         self.patch = np.exp(2j * np.pi * rng.random(wide)) / np.sqrt(wide)
 
-    def _apply(self, pairs: list[tuple[np.ndarray, np.ndarray]], lanes: np.ndarray) -> np.ndarray:
-        """Multiply a sum of powers ``(lanes, powers)`` times unknowns ``(lanes, 1 + n)`` into the coefficients.
+    def _apply(self, flat: np.ndarray, lanes: np.ndarray) -> np.ndarray:
+        """Multiply powers times unknowns, those that `power` and `place` name ``(lanes, …)``, into the coefficients.
 
         Returns ``(lanes, equations, 1 + n)``.
         """
-        flat: Any = sum(weights[:, self.power] * y[:, self.place] for weights, y in pairs)
         if self.targets == 1:
             out = flat @ self.stacked[0]
         else:
@@ -72,14 +73,10 @@ class QuadraticPaths:
             out = every
         return out.reshape(len(flat), self.rows, self.n + 1)
 
-    def _weights(self, at: np.ndarray, order: int) -> list[np.ndarray]:
-        """Series coefficients of the powers of the parameter about `at`, each ``(lanes, powers)``."""
-        k = np.arange(self.degree)
-        out = []
-        for m in range(order + 1):
-            factors = np.array([comb(j, m) for j in k], float)
-            out.append(factors * at[:, None] ** np.maximum(k - m, 0))
-        return out
+    def _weights(self, at: np.ndarray, order: int) -> np.ndarray:
+        """Series coefficients of the powers of the parameter about `at`, ``(order + 1, lanes, powers)``."""
+        left = np.maximum(np.arange(self.degree) - np.arange(order + 1)[:, None, None], 0)
+        return self.binomials[: order + 1, None] * at[:, None] ** left
 
     def follow(self, w: np.ndarray, pace: Pace) -> PathEnds:
         """Follow solutions ``(n, paths)`` from 0 to 1."""
@@ -91,8 +88,7 @@ class QuadraticPaths:
     def evaluate(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals ``(lanes, n)`` and Jacobians ``(lanes, n, n)`` at solutions ``(n, lanes)``."""
         y = np.concatenate([np.ones((1, w.shape[1])), w]).T
-        (weights,) = self._weights(at, 0)
-        g = self._apply([(weights, y)], lanes)
+        g = self._apply(self._weights(at, 0)[0][:, self.power] * y[:, self.place], lanes)
         return np.matmul(g, y[:, :, None])[:, :, 0], 2.0 * g[:, :, 1:]
 
     def correct(
@@ -100,8 +96,7 @@ class QuadraticPaths:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Take one of Newton's steps; see `jaxnc.continuation.tracker.Problem`."""
         y = w.T
-        (weights,) = self._weights(at, 0)
-        g = self._apply([(weights, y)], lanes)
+        g = self._apply(self._weights(at, 0)[0][:, self.power] * y[:, self.place], lanes)
         f = np.concatenate([np.matmul(g, y[:, :, None])[:, :, 0], (y @ self.patch - 1.0)[:, None]], axis=1)
         patch = np.broadcast_to(self.patch, (len(y), 1, self.n + 1))
         matrix = np.concatenate([2.0 * g, patch], axis=1)
@@ -115,16 +110,18 @@ class QuadraticPaths:
 
     def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: np.ndarray) -> list[np.ndarray]:
         """Find the power series; see `jaxnc.continuation.tracker.Problem`."""
-        weights, terms = self._weights(at, _ORDER), [w.T]
+        weights, terms = self._weights(at, _ORDER)[..., self.power], [w.T]
+        placed = [terms[0][:, self.place]]
         inner: list[np.ndarray] = []  # Σ Q_l Y_j, order by order
         for m in range(1, _ORDER + 1):
-            g = self._apply([(weights[m - j], terms[j]) for j in range(m)], lanes)
+            g = self._apply(functools.reduce(np.add, (weights[m - j] * placed[j] for j in range(m))), lanes)
             rest = np.matmul(g, terms[0][:, :, None])[:, :, 0]
             for j in range(1, m):
                 rest = rest + np.matmul(inner[m - j - 1], terms[j][:, :, None])[:, :, 0]
             terms.append(-np.matmul(linear[:, :, : self.n], rest[:, :, None])[:, :, 0])
             if m < _ORDER:
-                inner.append(g + self._apply([(weights[0], terms[m])], lanes))
+                placed.append(terms[m][:, self.place])
+                inner.append(g + self._apply(weights[0] * placed[m], lanes))
         return [term.T for term in terms[1:]]
 
     def size(self, w: np.ndarray) -> np.ndarray:

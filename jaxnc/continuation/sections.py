@@ -10,6 +10,7 @@ Hauenstein and J. I. Rodriguez, Multiprojective witness sets and a trace test, A
 """
 
 import dataclasses
+import functools
 import itertools
 
 import numpy as np
@@ -46,8 +47,9 @@ class Sections:
 
     def _products(self, powers: list[np.ndarray], y: list[np.ndarray], order: int) -> np.ndarray:
         """The term of an order of Q(s) Y, ``(lanes, n, 1 + n)``."""
-        pairs = [(powers[order - k], y[k]) for k in range(order + 1) if k < len(y)]
-        return self.line._apply(pairs, np.zeros(len(y[0]), int))
+        power, place = self.line.power, self.line.place
+        parts = (powers[order - k][:, power] * y[k][:, place] for k in range(order + 1) if k < len(y))
+        return self.line._apply(functools.reduce(np.add, parts), np.zeros(len(y[0]), int))
 
     def correct(
         self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, keep: bool = True
