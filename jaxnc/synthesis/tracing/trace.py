@@ -4,6 +4,7 @@ import collections
 import dataclasses
 import functools
 import json
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -529,6 +530,7 @@ class _Search:
         self.of_chain = max(6, _POOL // max(int(self.allowed.sum()), 1))
         self.taken = self.refined = self.rounds = 0
         self.polished = np.inf
+        self.took, self.pace = 0.0, 0.0  # seconds of the last round, and of a step of a design
         self.pool: Lanes | None = None
         self.cost = np.zeros(0)
         self.line = np.zeros(0, int)  # of each design, from which candidate it comes
@@ -545,6 +547,12 @@ class _Search:
         return float(np.sqrt(self.cost[0])) if len(self.cost) else np.inf
 
     def round(self) -> None:
+        """Go a round, and note how long it took."""
+        begun = time.perf_counter()
+        self._refine_more()
+        self.took = time.perf_counter() - begun
+
+    def _refine_more(self) -> None:
         """Refine the next candidates, or, in turns, what chance makes of the best designs."""
         self.rounds += 1
         if self.taken < len(self.queue.misfit) and (self.rounds < 4 or self.rounds % 4 == 0):
@@ -669,12 +677,18 @@ class _Search:
                 chosen.append(k)
         return _some(lanes, np.array(chosen[:_DRAWN_KEPT], int)) if chosen else None
 
+    def count_last(self, near: float) -> int:
+        """Count the designs that are refined to least distances at the end: few where it is not as near as the best."""
+        if self.target.timing is not None or self.exact is not None or not self.rounds:
+            return 0
+        return min(2 * _WIDTH if self.best <= near else _TOGETHER, len(self.cost))
+
     def finish(self, count: int) -> list[Lanes]:
         """The best designs: that meet all points, of least squares, and so many of them refined to least distances."""
         out = [self.exact] if self.exact is not None else []
         if self.pool is not None and len(self.cost):
             out.append(_some(self.pool, slice(_WIDTH)))
-            if self.target.timing is None and self.exact is None and self.rounds and count:
+            if count:
                 best = self._refine(_some(self.pool, slice(count)), _STEPS[2], self.means)[0]
                 out += [_some(best, slice(k, k + _WIDTH)) for k in range(0, len(best.row), _WIDTH)]
         return out
@@ -706,7 +720,9 @@ class _Search:
             row, _, cost = refine(full, self.goal if goal is None else goal, steps, feet)
             return np.asarray(row)[:count], np.asarray(cost)[:count]
 
+        begun = time.perf_counter()
         found = map_threads(work, range(0, len(lanes.row), _TOGETHER), self.refined > 0)
+        self.pace = (time.perf_counter() - begun) / (steps * len(lanes.row))
         rows, costs = zip(*found, strict=True)
         cost = np.concatenate(costs)
         return lanes._replace(row=np.concatenate(rows)), np.where(np.isfinite(cost), cost, np.inf)
@@ -771,25 +787,33 @@ def _search(run: _Run, course: SavedSearch, progress: bool | None) -> str:
             exact = next((s for s in run.searches if s.exact is not None), None)
             if exact is not None:
                 return f"stopped at linkages of {exact.bars} bars that meet all points"
-            if course.seconds >= course.limit:
-                return f"stopped after {course.seconds:.3g} s{course.hint}"
+            # What comes last takes time too.
+            counts = zip(run.searches, _counts_last(run.searches), strict=True)
+            left = course.limit - course.seconds - sum(count * _STEPS[2] * s.pace for s, count in counts)
             # Linkages of four bars are looked through soon; those of eight are many. Who is left behind waits longer.
             far = {s.bars: 4.0 if s.rounds > 6 and s.best > 2.0 * best.best else 1.0 for s in run.searches}
             search = min(run.searches, key=lambda s: s.rounds * far[s.bars] / _TURNS[s.bars])
+            # A round is begun if half of it is sure to fit, by the last one, or the longest of the others.
+            if left <= 0.5 * (search.took or max(s.took for s in run.searches)):
+                return f"stopped after {course.seconds:.3g} s{course.hint}"
             search.round()
             shown.update()
             course.history.append(Progress(course.seconds, sum(s.refined for s in run.searches), search.best))
             course.save(run)
 
 
+def _counts_last(searches: list[_Search]) -> list[int]:
+    """Count for each search the designs that are refined at the end."""
+    near = 2.0 * min((search.best for search in searches), default=np.inf)
+    return [search.count_last(near) for search in searches]
+
+
 def _judge(target: Curve, terms: _Terms, searches: list[_Search], keep: int, at_once: bool) -> tuple[TracedDesign, ...]:
     """Look closely at the best designs: at many poses, by the distance of curves, each curve once."""
     out: list[TracedDesign] = []
-    near = 2.0 * min((search.best for search in searches), default=np.inf)
-    for search in searches:
+    for search, count in zip(searches, _counts_last(searches), strict=True):
         own = []
-        count = 0 if at_once else 2 * _WIDTH if search.best <= near else _TOGETHER
-        for k, lanes in enumerate(search.finish(count)):
+        for k, lanes in enumerate(search.finish(0 if at_once else count)):
             own += _look_closely(target, terms, lanes, search.bars, k == 0 and search.exact is not None)
         kept: list[TracedDesign] = []
         for design in sorted(own, key=lambda design: design.rank):
