@@ -416,6 +416,8 @@ class Kernel:
             slopes = part.rows.slopes(eq, x)
             shape = jnp.broadcast_shapes(*map(jnp.shape, (*r_dot, *slopes.values())))
             if ok is not None:
+                # A pivot may stand where elimination has to write first.
+                slopes = {at: jnp.zeros(()) for at in part.pivots} | slopes
                 slopes = {at: jnp.where(ok, e, 1.0 if at in part.pivots else 0.0) for at, e in slopes.items()}
                 r_dot = [jnp.where(ok, r, 0.0) for r in r_dot]
             slopes = {at: jnp.broadcast_to(e, shape) for at, e in slopes.items()}

@@ -93,6 +93,21 @@ def test_a_slope_that_is_small_in_the_drawing_is_no_pivot():
     assert np.abs(left).max() < 1e-12 * np.abs(found).max()
 
 
+def test_failed_lanes_pass_no_derivative_on_where_a_pivot_stands_where_elimination_writes_first():
+    system = nc.library.pantograph().compile()
+    eq, core = derive(system), kernel(plan(system.topology, ("P.x", "P.y"), (), 2))
+    assert any(b.pivots - set(b.rows.slopes(eq, list(eq.home))) for b in core.blocks)
+
+    def poses(u):
+        found = nc.solve_position(system, {"P.x": u[:, 0], "P.y": u[:, 1]})
+        return found.q, found.converged
+
+    inputs = jnp.array([[0.3, 0.2], [3.0, 3.0], [0.28, 0.22]])
+    (_, met), (slopes, _) = jax.jvp(poses, (inputs,), (jnp.ones_like(inputs),))
+    assert met.tolist() == [True, False, True]
+    assert np.all(slopes[1] == 0.0) and np.isfinite(slopes).all() and np.abs(slopes[0]).max() > 0.1
+
+
 @pytest.mark.parametrize("name", ["rscr", "bennett"])
 def test_what_is_redundant_whatever_the_dimensions_is_told_from_what_is_so_by_them(name):
     special = nc.library.CATALOGUE[name]().compile().topology.special
