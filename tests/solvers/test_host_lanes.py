@@ -287,3 +287,27 @@ def test_what_cannot_be_read_is_not_ready():
         view, from_jax(eq), np.asarray(eq.home)[None], np.array([[0.3], [0.8]]), np.zeros(2, int)
     )
     np.testing.assert_allclose(found.q[:, 1], [0.09, 0.64], atol=1e-12)  # through JAX it is found all the same
+
+
+def test_lanes_at_and_next_to_a_change_point_leave_those_behind_it_alone():
+    """A parallelogram on three cranks: next to where branches cross, derivatives are made of rounding."""
+    m = nc.Mechanism("three cranks")
+    for k, x in enumerate((0.0, 2.0, 5.0)):
+        m.ground(f"A{k}", (x, 0.0)), m.point(f"B{k}", (x, 1.0))
+    m.body("coupler", ["B0", "B1", "B2"])
+    for k in range(3):
+        m.body(f"crank {k}", [f"A{k}", f"B{k}"])
+    m.angle("phi", at="A0", to="B0")
+    system = m.compile()
+    d = Designs([system], ("phi",))
+    rng, home = np.random.default_rng(0), float(d.home[0, 0])
+    special = [home, 0.0, np.pi, -np.pi, np.pi + 1e-6, 1e-9]
+    near, far = 0.5 * rng.uniform(-1.0, 1.0, 2048)[6:1024], 4.0 * rng.uniform(-1.0, 1.0, 1024)
+    values = np.concatenate([special, home + near, home + far])[:, None]
+    found = host_solve.analyse_on_host(d.view, "lanes", d.each[0], d.start[0], values, ())
+    assert np.all(np.asarray(found.status)[6:] == STATUS.CONVERGED)
+    at = system.topology.position
+    for k, x in enumerate((0.0, 2.0, 5.0)):
+        place = found.q[6:, [at[f"B{k}.x"], at[f"B{k}.y"]]]
+        turned = np.stack([x + np.cos(values[6:, 0]), np.sin(values[6:, 0])], axis=1)
+        np.testing.assert_allclose(place, turned, atol=1e-9)

@@ -336,7 +336,11 @@ def _arrive(
         # 1e-3 of the mechanism's size: so far from a crossing is its pose read off the branch
         before = (1e-3 * length / speed)[crossed]
         at = st.base[:, crossed], st.slopes[:, :, crossed], way[:, crossed], (1.0 - st.s)[crossed]
-        st.base[:, crossed] = _crossing_poses(view.select(crossed), *at, before, aim[:, crossed])
+        st.base[:, crossed], rate = _crossing_poses(view.select(crossed), *at, before, aim[:, crossed])
+        # Next to a crossing derivatives are made of rounding: along the way they are those read off, too.
+        slopes, along = st.slopes[:, :, crossed], way[: st.slopes.shape[1], crossed]
+        off = rate[view.plan.unknown] - np.sum(slopes * along, axis=1)
+        st.slopes[:, :, crossed] = slopes + off[:, None] * along / np.sum(along * along, axis=0)
     at_end, following = st.target >= st.final, np.minimum(st.target + 1, st.final)
     onward, aside = st.onward[st.target, lane], st.aside[st.target, lane]
     # A limit may be touched, not passed: it goes on afresh, only if the way turns back. A crossing is passed.
@@ -391,8 +395,11 @@ def _crossing_poses(
     rest: np.ndarray,
     before: np.ndarray,
     aim: np.ndarray,
-) -> np.ndarray:
-    """Find poses where branches cross, by Taylor's series from a little before, where poses are well determined."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find poses where branches cross, and how they change along the way there.
+
+    Both by Taylor's series from a little before, where poses are well determined.
+    """
     begin = q - (before - rest) * _change_along(view, slopes, way)
     begin[view.plan.known] = aim - before * way
     begin = correct_poses(view, begin)
@@ -400,7 +407,7 @@ def _crossing_poses(
     terms = pose_rates(view, begin, [way, still, still])
     out = begin + sum(before**k / math.factorial(k) * term for k, term in enumerate(terms, start=1))
     out[view.plan.known] = aim
-    return out
+    return out, sum(before**k / math.factorial(k) * term for k, term in enumerate(terms))
 
 
 def _change_along(view: HostView, slopes: np.ndarray, way: np.ndarray) -> np.ndarray:
