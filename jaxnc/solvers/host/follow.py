@@ -340,7 +340,7 @@ def _arrive(
         # Next to a crossing derivatives are made of rounding: along the way they are those read off, too.
         slopes, along = st.slopes[:, :, crossed], way[: st.slopes.shape[1], crossed]
         off = rate[view.plan.unknown] - np.sum(slopes * along, axis=1)
-        st.slopes[:, :, crossed] = slopes + off[:, None] * along / np.sum(along * along, axis=0)
+        st.slopes[:, :, crossed] = slopes + off[:, None] * along / np.maximum(np.sum(along * along, axis=0), least.tiny)
     at_end, following = st.target >= st.final, np.minimum(st.target + 1, st.final)
     onward, aside = st.onward[st.target, lane], st.aside[st.target, lane]
     # A limit may be touched, not passed: it goes on afresh, only if the way turns back. A crossing is passed.
@@ -407,7 +407,7 @@ def _crossing_poses(
     terms = pose_rates(view, begin, [way, still, still])
     out = begin + sum(before**k / math.factorial(k) * term for k, term in enumerate(terms, start=1))
     out[view.plan.known] = aim
-    return out, sum(before**k / math.factorial(k) * term for k, term in enumerate(terms))
+    return out, np.sum([before**k / math.factorial(k) * term for k, term in enumerate(terms)], axis=0)
 
 
 def _change_along(view: HostView, slopes: np.ndarray, way: np.ndarray) -> np.ndarray:
