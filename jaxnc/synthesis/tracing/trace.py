@@ -547,12 +547,6 @@ class _Search:
         return float(np.sqrt(self.cost[0])) if len(self.cost) else np.inf
 
     def round(self) -> None:
-        """Go a round, and note how long it took."""
-        begun = time.perf_counter()
-        self._refine_more()
-        self.took = time.perf_counter() - begun
-
-    def _refine_more(self) -> None:
         """Refine the next candidates, or, in turns, what chance makes of the best designs."""
         self.rounds += 1
         if self.taken < len(self.queue.misfit) and (self.rounds < 4 or self.rounds % 4 == 0):
@@ -796,7 +790,9 @@ def _search(run: _Run, course: SavedSearch, progress: bool | None) -> str:
             # A round is begun if half of it is sure to fit, by the last one, or the longest of the others.
             if left <= 0.5 * (search.took or max(s.took for s in run.searches)):
                 return f"stopped after {course.seconds:.3g} s{course.hint}"
+            begun = course.seconds
             search.round()
+            search.took = course.seconds - begun
             shown.update()
             course.history.append(Progress(course.seconds, sum(s.refined for s in run.searches), search.best))
             course.save(run)
