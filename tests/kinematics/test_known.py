@@ -1,5 +1,8 @@
 """What is known, and of what: nothing is made up, no kind is known by its name, nothing is written to what is given."""
 
+import functools
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -47,13 +50,18 @@ def test_a_kind_of_a_users_own_may_be_called_as_one_of_the_librarys():
 
 
 def test_nothing_is_written_to_what_is_given():
-    """Beside what is remembered with an owner, which is worked out from it alone (`jaxnc.remembered`)."""
+    """Beside what is remembered with an owner, and properties: both are worked out from it alone."""
     system = four_bar_mechanism().compile()
     eq = to_host(derive(system))
     plan = make_plan(system, ("phi",), ())
     view = host.view_of(plan, eq)
     things = system, system.topology, system.parameters, plan, view
-    kept = lambda: [{k: v for k, v in vars(x).items() if k != "_remembered"} for x in things]  # noqa: E731
+
+    def kept() -> list[dict[str, Any]]:
+        worked_out = ({k for k, v in vars(type(x)).items() if isinstance(v, functools.cached_property)} for x in things)
+        pairs = zip(things, worked_out, strict=True)
+        return [{k: v for k, v in vars(x).items() if k not in {*names, "_remembered"}} for x, names in pairs]
+
     before = kept()
     values = np.linspace(0.7, 5.0, 60)
     found = host.solve_sequences(view, eq.home[:, None], values[:, None, None])

@@ -5,6 +5,7 @@ import functools
 import gc
 import os
 import sys
+from collections.abc import Sequence
 
 import jax
 import numpy as np
@@ -289,16 +290,22 @@ def test_what_cannot_be_read_is_not_ready():
     np.testing.assert_allclose(found.q[:, 1], [0.09, 0.64], atol=1e-12)  # through JAX it is found all the same
 
 
-def test_lanes_at_and_next_to_a_change_point_leave_those_behind_it_alone():
-    """A parallelogram on three cranks: next to where branches cross, derivatives are made of rounding."""
+def three_cranks(pivots: Sequence[float], phi: float) -> nc.System:
+    """A parallelogram on cranks of length 1, one of which is redundant; at 0 and pi branches cross."""
     m = nc.Mechanism("three cranks")
-    for k, x in enumerate((0.0, 2.0, 5.0)):
-        m.ground(f"A{k}", (x, 0.0)), m.point(f"B{k}", (x, 1.0))
+    for k, x in enumerate(pivots):
+        m.ground(f"A{k}", (x, 0.0)), m.point(f"B{k}", (x + np.cos(phi), np.sin(phi)))
     m.body("coupler", ["B0", "B1", "B2"])
     for k in range(3):
         m.body(f"crank {k}", [f"A{k}", f"B{k}"])
     m.angle("phi", at="A0", to="B0")
-    system = m.compile()
+    return m.compile()
+
+
+def test_lanes_at_and_next_to_a_change_point_leave_those_behind_it_alone():
+    """A parallelogram on three cranks: next to where branches cross, derivatives are made of rounding."""
+    pivots = (0.0, 2.0, 5.0)
+    system = three_cranks(pivots, 0.5 * np.pi)
     d = Designs([system], ("phi",))
     rng, home = np.random.default_rng(0), float(d.home[0, 0])
     special = [home, 0.0, np.pi, -np.pi, np.pi + 1e-6, 1e-9]
@@ -307,7 +314,29 @@ def test_lanes_at_and_next_to_a_change_point_leave_those_behind_it_alone():
     found = host_solve.analyse_on_host(d.view, "lanes", d.each[0], d.start[0], values, ())
     assert np.all(np.asarray(found.status)[6:] == STATUS.CONVERGED)
     at = system.topology.position
-    for k, x in enumerate((0.0, 2.0, 5.0)):
+    for k, x in enumerate(pivots):
         place = found.q[6:, [at[f"B{k}.x"], at[f"B{k}.y"]]]
         turned = np.stack([x + np.cos(values[6:, 0]), np.sin(values[6:, 0])], axis=1)
         np.testing.assert_allclose(place, turned, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("pivots", "phi", "values"),
+    [
+        # Behind the crossing redundant rows contradict each other at the end of a wrong step.
+        ((0.0, 2.1840525329804983, 5.006372326031984), 0.514122917859061, (2.0, np.pi - 1e-5, np.pi, 3.3)),
+        # The way to the crossing is so short that it is arrived at.
+        ((0.0, 1.3383913118081656, 4.363654070501821), 2.557929527287151, (1e-6, 0.0, -1.0)),
+        ((0.0, 2.0, 5.0), 1.66, (1.0, 1e-8, 0.0, 0.0, -1e-8, -1.0)),
+    ],
+)
+def test_a_crossing_is_passed_from_right_beside_it(pivots, phi, values):
+    system = three_cranks(pivots, phi)
+    motion = nc.sweep(system, {"phi": np.array(values)})
+    assert motion.status[-1] == STATUS.CONVERGED
+    at = system.topology.position
+    for k, x in enumerate(pivots):
+        place = motion.q[:, [at[f"B{k}.x"], at[f"B{k}.y"]]]
+        turned = np.stack([x + np.cos(values), np.sin(values)], axis=1)
+        np.testing.assert_allclose(place, turned, atol=1e-6)  # to a root of rounding at the crossing
+        np.testing.assert_allclose(place[-1], turned[-1], atol=1e-12)

@@ -201,12 +201,12 @@ def _evaluate_step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     correction = view.norm(view.unknown_weights, seen.step)
     level, ratio = _level(view, st, seen)
     # Close to a singular position a small residual says little: the next correction has to be small too. Far from one
-    # it is told by the last two, whose squares it goes by.
+    # it is told by the last two, whose squares it goes by; but for redundant rows, which may contradict each other.
     met = largest_of_lanes(seen.residual) <= view.tolerance(st.q)
     met &= correction <= least.close * length
     short = 1e-4  # of the size: a shorter correction may be the last, if the one before says so
     squared = correction**3 <= min(1e2 * least.accept, 0.1 * short) * length * st.corrected**2
-    squared &= (correction <= short * length) & (level >= branch.CLEAR).all(axis=0)
+    squared &= (correction <= short * length) & (level >= branch.CLEAR).all(axis=0) & (not view.redundant)
     converged = finite & (met | squared)
     moved = np.array(st.q)
     moved[view.plan.unknown] -= np.where(finite, seen.step, 0.0)
@@ -248,6 +248,7 @@ def _evaluate_step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     near = (1.0 - st.s < least.touch) & (st.h > least.whole) & (st.h * speed > least.crossing * length)
     # 1e-3 of the smallest step: so short a one may lead away from a limit that was touched
     ended = bad & ~leap & (fresh | (~near & (st.h < least.smallest * np.where(leaving, 1e-3, 1.0))))
+    vague = np.zeros(len(good), bool)
     if good.any():
         chosen = _chooser(good)
         rise = (ratio - 1.0) / ratio / part
@@ -256,14 +257,19 @@ def _evaluate_step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
         st.curve, st.twist = (np.where(edge, 0.0, x) for x in _bend(st, base, new_slope, part, good & ~fresh))
         st.back, st.level = chosen(part, st.back), np.where(good & ~fresh, np.minimum(level, 1.0), st.level)
         st.s, st.base = chosen(st.reach, st.s), chosen(base, st.base)
-        st.slope, st.slopes = chosen(new_slope, st.slope), chosen(seen.slopes, st.slopes)
+        vague = good & ~fresh & (st.s >= 1.0) & (st.level < branch.CLEAR).any(axis=0)
+        if vague.any():
+            vague[vague] = view.select(vague).conditioning(base[:, vague]) <= least.singular
+        # At a singular position derivatives are made of rounding: those of the pose before it stay.
+        told = _chooser(good & ~vague)
+        st.slope, st.slopes = told(new_slope, st.slope), told(seen.slopes, st.slopes)
         if seen.matrix is not None:
             st.reference = chosen(seen.matrix, st.reference)
         else:
             st.signs, st.sizes = chosen(seen.signs, st.signs), chosen(seen.sizes, st.sizes)
             st.greatest = np.maximum(st.greatest, np.where(good, seen.sizes, -np.inf))
     st.leapt = ~good & (leap | st.leapt)
-    over, back = _arrive(view, st, out, good, ended & ~fresh, ended, speed, over_it)
+    over, back = _arrive(view, st, out, good, vague, ended & ~fresh, ended, speed, over_it)
 
     chosen = _chooser(stopped)
     reach = st.s + np.minimum(np.minimum(st.h, 1.0), branch.longest(view.plan, st.way))
@@ -315,6 +321,7 @@ def _arrive(
     st: _Lanes,
     out: Followed,
     good: np.ndarray,
+    vague: np.ndarray,
     stopped: np.ndarray,
     ended: np.ndarray,
     speed: np.ndarray,
@@ -362,7 +369,7 @@ def _arrive(
         st.back, st.usual, st.leapt = st.back / shorter, chosen(fast, st.usual), st.leapt & ~onwards
         # Onwards from a crossing by a step that leads clear of it, on another way by a short one.
         clear = branch.crossing(fast, least, length)
-        st.h = np.where(through, clear, np.where(arrived & aside, branch.SHORT, st.h / shorter))
+        st.h = np.where(through | vague, clear, np.where(arrived & aside, branch.SHORT, st.h / shorter))
     return over, back
 
 
