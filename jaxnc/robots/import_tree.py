@@ -320,13 +320,11 @@ class ImportTree:
         return m
 
     def _follow(self, m: Mechanism, follower: Follower) -> None:
-        first = self.coordinates[follower.first]
-        if follower.second is None:
-            m.relation(follower.name, {first: 1.0})
-            return
-        second, f = self.coordinates[follower.second], (*follower.factors, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+        first, second = self.coordinates[follower.first], self.coordinates[follower.second or follower.first]
+        alone = follower.second is None
+        f = (*follower.factors[: 1 if alone else 5], 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
         if f[0] == 0.0 and not any(f[2:]):
-            m.relation(follower.name, {first: 1.0, second: -f[1]})
+            m.relation(follower.name, {first: 1.0} if alone else {first: 1.0, second: -f[1]})
         else:
             given: dict[str, float] = dict(zip(("a0", "a1", "a2", "a3", "a4"), f, strict=True))
             m.constrain(follower.name, FOLLOWED, scalars=[first, second], constants=given)

@@ -275,6 +275,19 @@ def test_a_design_drawn_elsewhere(folder):
     check(robot.save(folder / "turned2.xml", system), robot, values_of(robot, 0.05)[:3], system)
 
 
+STILL = """<mujoco><worldbody><body name="a"><joint name="still" ref="5"/><geom size=".1"/>
+<body name="b" pos="1 0 0"><joint name="moves"/><geom size=".1"/></body></body></worldbody>
+<equality><joint joint1="still" polycoef="{factors}"/></equality></mujoco>"""
+
+
+@pytest.mark.parametrize("factors", [".3", "0", "-.2 1 3 0 0"])
+def test_a_joint_tied_to_none_stands_where_its_constant_says(factors, folder):
+    robot = read(folder, STILL.format(factors=factors), "still.xml")
+    qpos = check(folder / "still.xml", robot, np.array([[-0.4], [0.5]]))
+    assert robot.actuated == ("moves",)
+    assert np.abs(qpos[:, 0] - np.radians(5) - float(factors.split()[0])).max() < PLACE
+
+
 TWO = """<mujoco>{more}<worldbody><body name="a"><joint name="j"/><geom size="0.1"/>
 <body name="b" pos="1 0 0"><joint name="k"/><geom size="0.1"/></body></body></worldbody>{after}</mujoco>"""
 

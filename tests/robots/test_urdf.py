@@ -1,5 +1,6 @@
 """Mechanisms as URDF and back: the tree as MuJoCo and Pinocchio read it, the table of loops as we do."""
 
+import re
 import xml.etree.ElementTree as ET
 from importlib.util import find_spec
 from pathlib import Path
@@ -190,6 +191,14 @@ def test_a_file_by_hand(folder):
     with pytest.raises(nc.InputError, match=r"axis.*'close'.*elsewhere"):
         hinge.save(folder / "never.urdf", turned)
     assert not (folder / "never.urdf").exists()
+
+
+def test_a_mimic_of_none_stands_at_its_offset(folder):
+    still = changed('<parent link="one"/>', '<parent link="one"/><mimic joint="j1" multiplier="0" offset="0.3"/>')
+    (folder / "still.urdf").write_text(re.sub("<loop_joint.*</loop_joint>|<transmission.*</transmission>", "", still))
+    robot = nc.from_urdf(folder / "still.urdf")
+    assert robot.joints == ("j1", "j2", "j3") and robot.actuated == ("j1", "j3")
+    assert np.abs(np.asarray(robot.positions([0.2, 0.1])) - [0.2, 0.3, 0.1]).max() < 1e-12
 
 
 def test_loops_as_gazebo_has_them(folder):
