@@ -275,6 +275,22 @@ def test_a_design_drawn_elsewhere(folder):
     check(robot.save(folder / "turned2.xml", system), robot, values_of(robot, 0.05)[:3], system)
 
 
+# A body that spins between a ball and a loop closed at a place: its mass is beside that line, so that it has an axis
+# across, of which only z tells the spin at home.
+SPUN = """<mujoco><worldbody>
+<body name="crank"><joint name="crank" axis="0 0 1"/><geom size=".02" pos=".1 0 0"/>
+  <body name="rod" pos=".1 0 0"><joint name="ball" type="ball"/><geom size=".02" pos=".1 0 .02"/></body></body>
+<body name="rocker" pos=".3 .1 0"><joint name="rocker" axis="0 0 1"/><geom size=".02" pos=".05 0 0"/></body></worldbody>
+<equality><connect body1="rod" body2="rocker" anchor=".18 .02 0"/></equality>
+<actuator><motor joint="crank"/></actuator></mujoco>"""
+
+
+def test_what_is_held_of_a_spin_lets_the_rest_move(folder):
+    robot = read(folder, SPUN, "spun.xml")
+    assert robot.actuated == ("crank",) and robot.held == ("rod_mark.z",)
+    check(folder / "spun.xml", robot, np.linspace(-0.2, 0.2, 9)[:, None])
+
+
 STILL = """<mujoco><worldbody><body name="a"><joint name="still" ref="5"/><geom size=".1"/>
 <body name="b" pos="1 0 0"><joint name="moves"/><geom size=".1"/></body></body></worldbody>
 <equality><joint joint1="still" polycoef="{factors}"/></equality></mujoco>"""
