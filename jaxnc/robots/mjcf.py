@@ -53,7 +53,8 @@ class MjcfFile:
             self.spec: Any = self.mujoco.MjSpec.from_file(str(path))
         except (ValueError, OSError) as error:
             raise self.fault(f"MuJoCo does not read it: {_one_line(error)}") from None
-        self.missing: list[str] = []
+        self.missing_meshes: list[str] = []
+        self.missing_pictures: list[str] = []
         self._replace_missing_assets()
         try:
             self.model: Any = self.spec.compile()
@@ -84,17 +85,17 @@ class MjcfFile:
     def _replace_missing_assets(self) -> None:
         """Put something in place of pictures and meshes that are not there: only their names are kept."""
         folder, assets = self.path.parent, dict(self.spec.assets)
-        for items, where in (
-            (self.spec.meshes, self.spec.meshdir),
-            (self.spec.textures, self.spec.texturedir),
-            (self.spec.hfields, self.spec.meshdir),
+        for items, where, missing in (
+            (self.spec.meshes, self.spec.meshdir, self.missing_meshes),
+            (self.spec.textures, self.spec.texturedir, self.missing_pictures),
+            (self.spec.hfields, self.spec.meshdir, self.missing_pictures),
         ):
             for item in items:
                 if item.file and not (folder / where / item.file).is_file() and item.file not in assets:
-                    self.missing.append(item.name or item.file)
+                    missing.append(item.name or item.file)
                     key = f"{where.rstrip('/')}/{item.file}" if where else item.file
                     assets[key] = _stand_in(item.file)
-        if self.missing:
+        if self.missing_meshes or self.missing_pictures:
             self.spec.assets = assets
 
     def qpos_near(self, home: str | Mapping[str, float], joints: Collection[str]) -> np.ndarray:
@@ -174,16 +175,16 @@ class MjcfFile:
             link.joints.append(joint)
         for s in np.flatnonzero(m.site_bodyid == k):
             link.sites[self.name("SITE", int(s))] = np.array(d.site_xpos[s])
-        if m.body_mass[k] > 0 and not (self.missing and self._mass_of_geoms(k)):
+        if m.body_mass[k] > 0 and not self._mass_is_missing(k):
             axes = _matrix(d.ximat[k])
             tensor = axes @ np.diag(m.body_inertia[k]) @ axes.T
             link.inertia = Inertia(float(m.body_mass[k]), np.array(d.xipos[k]), tensor)
         return link
 
-    def _mass_of_geoms(self, k: int) -> bool:
-        """Tell whether a body's mass comes from geoms, of which some are not there."""
-        body = {b.id: b for b in self.spec.bodies}.get(k)
-        return body is not None and not body.explicitinertial
+    def _mass_is_missing(self, k: int) -> bool:
+        """Tell whether a body's mass comes from geoms of which some have meshes that are not there."""
+        body = {b.id: b for b in self.spec.bodies}.get(k) if self.missing_meshes else None
+        return bool(body and not body.explicitinertial and any(g.meshname in self.missing_meshes for g in body.geoms))
 
     def _equality(self, i: int, without: Sequence[str]) -> None:
         m, d, eq = self.model, self.description, self.mujoco.mjtEq
@@ -276,7 +277,7 @@ class MjcfFile:
         d.leave_out("contacts of geoms", names("GEOM", np.flatnonzero(m.geom_contype | m.geom_conaffinity)))
         d.leave_out("contact pairs", names("PAIR", range(m.npair)))
         d.leave_out("meshes", names("MESH", range(m.nmesh)))
-        d.leave_out("meshes and pictures that are not there", self.missing)
+        d.leave_out("meshes and pictures that are not there", [*self.missing_meshes, *self.missing_pictures])
         d.leave_out("tendons", names("TENDON", [i for i in range(m.ntendon) if i not in tied]))
         d.leave_out("limits of joints", names("JOINT", np.flatnonzero(m.jnt_limited)))
         d.leave_out("dry friction of joints", joints_with(m.dof_frictionloss))
@@ -284,9 +285,8 @@ class MjcfFile:
         d.leave_out("sensors", names("SENSOR", range(m.nsensor)))
         d.leave_out("keyframes", names("KEY", range(m.nkey)))
         d.leave_out("flexible bodies", names("FLEX", range(m.nflex)))
-        if self.missing:
-            without = [link.name for k, link in enumerate(d.links) if k and link.inertia is None]
-            d.leave_out("masses, which come from meshes that are not there, of bodies", without)
+        massless = [link.name for k, link in enumerate(d.links) if m.body_mass[k] > 0 and link.inertia is None]
+        d.leave_out("masses, which come from meshes that are not there, of bodies", massless)
 
     # -- writing ------------------------------------------------------------------------------------------------
 

@@ -309,6 +309,26 @@ TWO = """<mujoco>{more}<worldbody><body name="a"><joint name="j"/><geom size="0.
 
 
 @pytest.mark.parametrize(
+    "asset",
+    [
+        '<texture name="pad" type="2d" file="gone.png"/>',
+        '<texture type="skybox" file="gone.png"/>',
+        '<hfield name="hill" file="gone.png" size="1 1 1 1"/>',
+        '<mesh name="unused" file="gone.stl"/>',
+    ],
+)
+def test_only_bodies_of_missing_meshes_lose_their_mass(asset, folder):
+    """As MuJoCo has it where nothing is missing; no texture's name is taken for that of a mesh."""
+    pad = '<mesh name="pad" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/>'
+    text = TWO.replace('<geom size="0.1"/></body></body>', '<geom type="mesh" mesh="pad"/></body></body>')
+    robot = read(folder, text.format(more=f"<asset>{pad}{asset}</asset>", after=""), "missing.xml")
+    whole = mujoco.MjModel.from_xml_string(text.format(more=f"<asset>{pad}</asset>", after=""))
+    masses = [link.inertia.mass for link in robot._description.links[1:] if link.inertia]
+    np.testing.assert_allclose(masses, whole.body_mass[1:], rtol=1e-12)
+    assert not any("masses" in said for said in robot.left_out) and "not there" in "\n".join(robot.left_out)
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("<mujoco><worldbody><body><wheel/></body></worldbody></mujoco>", ["does not read it", "wheel"]),
