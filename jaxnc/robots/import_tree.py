@@ -311,7 +311,9 @@ class ImportTree:
         for follower in d.followers:
             self._follow(m, follower)
         for tie in d.ties:
-            m.relation(tie.name, {self.coordinates[j]: f for j, f in tie.terms.items()})
+            terms = {self.coordinates[j]: f for j, f in tie.terms.items() if j in self.coordinates}  # others are held
+            if terms:
+                m.relation(tie.name, terms)
         for joint in d.joints.values():
             self._load(m, joint)
         for k, link in enumerate(d.links):
@@ -320,12 +322,21 @@ class ImportTree:
         return m
 
     def _follow(self, m: Mechanism, follower: Follower) -> None:
-        first, second = self.coordinates[follower.first], self.coordinates[follower.second or follower.first]
-        alone = follower.second is None
-        f = (*follower.factors[: 1 if alone else 5], 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+        first, second = (self.coordinates.get(j or "") for j in (follower.first, follower.second))
+        f = (*follower.factors, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+        if first is None:  # held at home: the other joint stands still
+            if second is None or not any(f):
+                return
+            if f[0] and (any(f[2:]) or not f[1]):
+                raise MechanismError(f"{follower.name!r} ties {follower.second!r} to {follower.first!r}, which is "
+                                     "held, by more than a factor; hold both")  # fmt: skip
+            first, second, f = second, None, (f[0] and -f[0] / f[1], *f[1:])
+        if second is None:
+            f = (f[0], 0.0, 0.0, 0.0, 0.0)
         if f[0] == 0.0 and not any(f[2:]):
-            m.relation(follower.name, {first: 1.0} if alone else {first: 1.0, second: -f[1]})
+            m.relation(follower.name, {first: 1.0, second: -f[1]} if second else {first: 1.0})
         else:
+            second = second or first  # without a factor
             given: dict[str, float] = dict(zip(("a0", "a1", "a2", "a3", "a4"), f, strict=True))
             m.constrain(follower.name, FOLLOWED, scalars=[first, second], constants=given)
 

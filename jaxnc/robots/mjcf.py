@@ -229,8 +229,8 @@ class MjcfFile:
     def _follower(self, name: str, numbers: list[int], data: np.ndarray) -> Follower:
         m, names = self.model, self.names("JOINT", numbers)
         joints = [self.description.joints[n] for n in names]
-        if any(j.kind not in ("hinge", "slide") or j.held for j in joints):
-            raise self._refuse(name, "it ties joints that are no hinges or slides, or are held")
+        if any(j.kind not in ("hinge", "slide") for j in joints):
+            raise self._refuse(name, "it ties joints that are no hinges or slides")
         away = [float(j.reference - m.qpos0[m.jnt_qposadr[k]]) for j, k in zip(joints, numbers, strict=True)]
         factors = np.poly1d(data[4::-1])
         if len(names) > 1:  # counted from home, which need not be where the file counts from

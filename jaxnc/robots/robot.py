@@ -46,8 +46,9 @@ class Robot:
     """
 
     def __init__(self, file: "MjcfFile | UrdfFile", without: Sequence[str] = (), hold: Sequence[str] = ()):
+        names = ((x,) if isinstance(x, str) else tuple(x) for x in (without, hold))
         try:
-            self._description = file.read(without, hold)
+            self._description = file.read(*names)
             self._tree = ImportTree(self._description)
         except MechanismError as error:
             raise ModelFileError(f"{file.path}: {error}") from None

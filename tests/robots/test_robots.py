@@ -304,6 +304,28 @@ def test_a_joint_tied_to_none_stands_where_its_constant_says(factors, folder):
     assert np.abs(qpos[:, 0] - np.radians(5) - float(factors.split()[0])).max() < PLACE
 
 
+TIED = """<mujoco><worldbody><body name="a"><joint name="one"/><geom size=".1"/></body>
+<body name="b"><joint name="two" axis="0 1 0"/><geom size=".1"/>
+<body name="c" pos="1 0 0"><joint name="three"/><geom size=".1"/></body></body></worldbody>
+<tendon><fixed name="t"><joint joint="one" coef="2"/><joint joint="two" coef="-1"/></fixed></tendon>
+<equality>{tie}</equality></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    "tie", ['<tendon tendon1="t"/>', '<joint joint1="one" joint2="two" polycoef="0 2 1 0 0"/>',
+            '<joint joint1="one" joint2="two" polycoef=".2 2 0 0 0"/>'])  # fmt: skip
+@pytest.mark.parametrize("hold", ["a", "b", ["a", "b"]])
+def test_a_joint_tied_to_a_held_one_stands_still(hold, tie, folder):
+    """At home of the held one MuJoCo's equation has the other's place; where both are held it has no say."""
+    robot = read(folder, TIED.format(tie=tie), "tied.xml", hold=hold)
+    assert robot.actuated == ("three",)
+    values = np.array([[0.1], [-0.3]])
+    if len(hold) == 1:
+        check(folder / "tied.xml", robot, values)
+    else:
+        assert np.abs(np.asarray(robot.positions(values)) - np.pad(values, ((0, 0), (2, 0)))).max() < PLACE
+
+
 TWO = """<mujoco>{more}<worldbody><body name="a"><joint name="j"/><geom size="0.1"/>
 <body name="b" pos="1 0 0"><joint name="k"/><geom size="0.1"/></body></body></worldbody>{after}</mujoco>"""
 
@@ -381,5 +403,8 @@ def test_wrong_questions(gripper, folder):
     with pytest.raises(nc.InputError, match="change those in the file"):
         gripper.save(folder / "x.xml", gripper.system.replace({"spring.joint spring.stiffness": 1.0}))
     assert not (folder / "x.xml").exists()
-    open_one = nc.from_mjcf(folder / "gripper.xml", without=["same"])
+    (folder / "tied.xml").write_text(TIED.format(tie='<joint joint1="one" joint2="two" polycoef=".2 2 1 0 0"/>'))
+    with pytest.raises(nc.ModelFileError, match=r"'equality 0' ties 'two' to 'one', which is held.*hold both"):
+        nc.from_mjcf(folder / "tied.xml", hold=["a"])
+    open_one = nc.from_mjcf(folder / "gripper.xml", without="same")
     assert len(open_one.actuated) == 2 and "equality 'same': as asked" in open_one.left_out

@@ -193,12 +193,16 @@ def test_a_file_by_hand(folder):
     assert not (folder / "never.urdf").exists()
 
 
-def test_a_mimic_of_none_stands_at_its_offset(folder):
+def test_a_mimic_of_none_or_a_held_joint_stands_at_its_offset(folder):
     still = changed('<parent link="one"/>', '<parent link="one"/><mimic joint="j1" multiplier="0" offset="0.3"/>')
     (folder / "still.urdf").write_text(re.sub("<loop_joint.*</loop_joint>|<transmission.*</transmission>", "", still))
     robot = nc.from_urdf(folder / "still.urdf")
     assert robot.joints == ("j1", "j2", "j3") and robot.actuated == ("j1", "j3")
     assert np.abs(np.asarray(robot.positions([0.2, 0.1])) - [0.2, 0.3, 0.1]).max() < 1e-12
+    (folder / "still.urdf").write_text((folder / "still.urdf").read_text().replace('multiplier="0"', 'multiplier="2"'))
+    for hold, wanted in {"one": [0.0, 0.3, 0.1], "two": [-0.15, 0.0, 0.1]}.items():
+        held = nc.from_urdf(folder / "still.urdf", hold=[hold])
+        assert held.actuated == ("j3",) and np.abs(np.asarray(held.positions([0.1])) - wanted).max() < 1e-12
 
 
 def test_loops_as_gazebo_has_them(folder):
