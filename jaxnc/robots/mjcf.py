@@ -136,7 +136,7 @@ class MjcfFile:
         m = self.model
         gravity = tuple(float(g) for g in m.opt.gravity)
         self.description = d = Description(self.spec.modelname or self.path.stem)
-        d.gravity = gravity if any(gravity) else None
+        d.gravity = gravity if any(gravity) and not self._is_off("GRAVITY") else None
         for k in range(m.nbody):
             d.links.append(self._link(k, hold))
         if unknown := set(hold) - {link.name for link in d.links}:
@@ -155,6 +155,11 @@ class MjcfFile:
         self._leave_out()
         return d
 
+    def _is_off(self, *flags: str) -> bool:
+        """Tell whether the file switches one of some parts of the simulation off."""
+        bits = self.mujoco.mjtDisableBit
+        return any(self.model.opt.disableflags & int(getattr(bits, f"mjDSBL_{flag}")) for flag in flags)
+
     def _link(self, k: int, hold: Sequence[str]) -> Link:
         m, d = self.model, self.data
         link = Link(self.name("BODY", k), int(m.body_parentid[k]) if k else -1, np.array(d.xpos[k]), _matrix(d.xmat[k]))
@@ -162,8 +167,8 @@ class MjcfFile:
             dof, q = m.jnt_dofadr[j], m.jnt_qposadr[j]
             kind = _KINDS[m.jnt_type[j]]
             joint = ElementaryJoint(self.name("JOINT", j), kind, np.array(d.xaxis[j]), np.array(d.xanchor[j]))
-            joint.stiffness = float(np.ravel(m.jnt_stiffness[j])[0])
-            joint.damping = float(np.ravel(m.dof_damping[dof])[0])
+            joint.stiffness = 0.0 if self._is_off("SPRING") else float(np.ravel(m.jnt_stiffness[j])[0])
+            joint.damping = 0.0 if self._is_off("DAMPER") else float(np.ravel(m.dof_damping[dof])[0])
             if kind in ("hinge", "slide"):
                 joint.reference, joint.rest = float(d.qpos[q]), float(m.qpos_spring[q])
             elif kind == "ball":
@@ -189,7 +194,7 @@ class MjcfFile:
     def _equality(self, i: int, without: Sequence[str]) -> None:
         m, d, eq = self.model, self.description, self.mujoco.mjtEq
         name, kind, data = self.name("EQUALITY", i), eq(int(m.eq_type[i])), np.array(m.eq_data[i])
-        if name in without or not m.eq_active0[i]:
+        if name in without or not m.eq_active0[i] or self._is_off("EQUALITY", "CONSTRAINT"):
             d.left_out.append(f"equality {name!r}: {'as asked' if name in without else 'not active'}")
             return
         one, other = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
@@ -282,11 +287,23 @@ class MjcfFile:
         d.leave_out("limits of joints", names("JOINT", np.flatnonzero(m.jnt_limited)))
         d.leave_out("dry friction of joints", joints_with(m.dof_frictionloss))
         d.leave_out("armature of joints", joints_with(m.dof_armature))
+        steep = [] if self._is_off("SPRING") else names("JOINT", np.flatnonzero(self._higher("jnt_stiffness")))
+        bent = [] if self._is_off("DAMPER") else joints_with(self._higher("dof_damping"))
+        d.leave_out("what is not linear in springs and dampers of joints", list(dict.fromkeys([*steep, *bent])))
+        d.leave_out("drag in a medium", [of for of in ("density", "viscosity") if getattr(m.opt, of)])
+        if d.gravity:
+            d.leave_out("gravity compensation of bodies", names("BODY", np.flatnonzero(m.body_gravcomp)))
         d.leave_out("sensors", names("SENSOR", range(m.nsensor)))
         d.leave_out("keyframes", names("KEY", range(m.nkey)))
         d.leave_out("flexible bodies", names("FLEX", range(m.nflex)))
         massless = [link.name for k, link in enumerate(d.links) if m.body_mass[k] > 0 and link.inertia is None]
         d.leave_out("masses, which come from meshes that are not there, of bodies", massless)
+
+    def _higher(self, what: str) -> np.ndarray:
+        """Tell of each spring or damper whether it has terms above the linear one."""
+        values = np.asarray(getattr(self.model, what))
+        values = getattr(self.model, f"{what}poly", values.reshape(len(values), -1)[:, 1:])  # or in one array
+        return np.any(values, axis=1)
 
     # -- writing ------------------------------------------------------------------------------------------------
 

@@ -350,6 +350,48 @@ def test_only_bodies_of_missing_meshes_lose_their_mass(asset, folder):
     assert not any("masses" in said for said in robot.left_out) and "not there" in "\n".join(robot.left_out)
 
 
+PENDULUM = """<mujoco><compiler angle="radian"/><option {option}>{flag}</option><worldbody><body name="a" {body}>
+<joint name="j" axis="0 1 0" stiffness="{stiffness}" springref=".2" damping="{damping}"/>
+<geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/></body></worldbody></mujoco>"""
+POLYNOMIALS = pytest.mark.skipif(not hasattr(mujoco.MjModel, "jnt_stiffnesspoly"), reason="a MuJoCo without them")
+PLAIN = {"option": "", "flag": "", "body": "", "stiffness": "3", "damping": ".4"}
+
+
+@pytest.mark.parametrize("off", ["", "gravity", "spring", "damper"])
+def test_what_a_file_switches_off_does_not_act(off, folder):
+    text = PENDULUM.format(**PLAIN | {"flag": f'<flag {off}="disable"/>' if off else ""})
+    robot = read(folder, text, "pendulum.xml")
+    model = robot._file.model
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = 0.4, 0.7
+    mujoco.mj_forward(model, data)
+    start = robot.pose([0.4])
+    run = nc.simulate(robot.system, [0.0, 1e-3], state={"j": start["j"]}, rates={"j": 0.7})
+    assert run.acceleration("j")[0] == pytest.approx(data.qacc[0], rel=1e-10)
+
+
+def test_loops_that_a_file_switches_off_are_open(folder):
+    closed = '<equality><joint joint1="j"/></equality>'
+    flag = '<option><flag equality="disable"/></option>'
+    robot = read(folder, TWO.format(more=flag, after=closed), "open.xml")
+    assert robot.actuated == ("j", "k") and "equality 'equality 0': not active" in robot.left_out
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"body": 'gravcomp="1"'}, "gravity compensation of bodies: a"),
+        ({"option": 'density="1000" wind="1 0 0"'}, "drag in a medium: density"),
+        ({"option": 'viscosity=".1"'}, "drag in a medium: viscosity"),
+        pytest.param({"stiffness": "1 2 3"}, "not linear in springs and dampers of joints: j", marks=POLYNOMIALS),
+        pytest.param({"damping": "1 .5"}, "not linear in springs and dampers of joints: j", marks=POLYNOMIALS),
+    ],
+)
+def test_what_else_acts_is_named(changed, said, folder):
+    assert said in str(read(folder, PENDULUM.format(**PLAIN | changed), "acts.xml"))
+    assert said.split(":")[0] not in str(read(folder, PENDULUM.format(**PLAIN), "acts.xml"))
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
