@@ -116,6 +116,7 @@ class ImportTree:
         self.coordinates = {n: self._word(n) for n, j in joints.items() if j.kind in ("hinge", "slide") and not j.held}
         origins = np.array([link.origin for link in d.links] + [j.at for j in joints.values()])
         self.size = float(np.linalg.norm(np.ptp(origins, axis=0))) or 1.0
+        self._grounded = self._welded_to_ground()
         for k in range(1, len(d.links)):
             self._hang(k)
         welds = [loop for loop in d.loops if not self._pin(loop)]
@@ -147,6 +148,22 @@ class ImportTree:
 
     # -- joints -------------------------------------------------------------------------------------------------
 
+    def _welded_to_ground(self) -> set[int]:
+        """Find the links with joints that welds make part of the ground, so that their chains close there."""
+        d, found = self.description, {0}
+
+        def carrier(k: int) -> int:
+            while k not in found and all(j.held for j in d.links[k].joints):
+                k = d.links[k].parent
+            return k
+
+        welds = [loop for loop in d.loops if loop.kind == "weld"]
+        for _ in welds:  # one may hold on to what another holds
+            for loop in welds:
+                ends = {carrier(loop.first), carrier(loop.second)}
+                found |= ends if ends & found else set()
+        return found
+
     def _hang(self, k: int) -> None:
         link = self.description.links[k]
         before = self.rigid_of[link.parent]
@@ -154,11 +171,13 @@ class ImportTree:
         held = ""
         for i, joint in enumerate(joints, start=1):
             name = link.name if i == len(joints) else f"{link.name} {i}"
-            self.rigids.append(Rigid(name, loose=joint.kind == "ball"))
-            at, axis, held = self._join(joint, self.rigids[before], self.rigids[-1], held)
+            after = 0 if i == len(joints) and k in self._grounded else len(self.rigids)
+            if after:
+                self.rigids.append(Rigid(name, loose=joint.kind == "ball"))
+            at, axis, held = self._join(joint, self.rigids[before], self.rigids[after], held)
             self.rigids[before].loose &= joint.kind == "ball"
-            self.anchors[joint.name] = Anchor(at, axis, before, len(self.rigids) - 1)
-            before = len(self.rigids) - 1
+            self.anchors[joint.name] = Anchor(at, axis, before, after)
+            before = after
         self.rigid_of[k] = before
         self.rigids[before].links.append(k)
 
@@ -302,12 +321,7 @@ class ImportTree:
             if p != q:
                 m.spherical(name, p, q)
         for loop in welds:
-            one, other = (self.rigid_of[k] for k in (loop.first, loop.second))
-            if 0 in (one, other):
-                held = d.links[max(loop.first, loop.second)].name
-                raise MechanismError(f"weld {loop.name!r}: it holds {held!r} to the ground, so what is between cannot "
-                                     f"move; leave it out with without=[{loop.name!r}]")  # fmt: skip
-            m.weld(loop.name, self.bodies[one], self.bodies[other])
+            m.weld(loop.name, *(self.bodies[self.rigid_of[k]] for k in (loop.first, loop.second)))
         for follower in d.followers:
             self._follow(m, follower)
         for tie in d.ties:
