@@ -73,10 +73,13 @@ class MjcfFile:
         self.mujoco.mj_kinematics(self.model, self.data)
 
     def name(self, kind: str, number: int) -> str:
-        """Return a name, or one made of a number where there is none."""
-        return self.mujoco.mj_id2name(self.model, getattr(self.mujoco.mjtObj, f"mjOBJ_{kind}"), number) or (
-            f"{kind.lower()} {number}"
-        )
+        """Return a name, or one made of a number, that nothing else has, where there is none."""
+        sort, name = getattr(self.mujoco.mjtObj, f"mjOBJ_{kind}"), f"{kind.lower()} {number}"
+        if given := self.mujoco.mj_id2name(self.model, sort, number):
+            return given
+        while self.mujoco.mj_name2id(self.model, sort, name) >= 0:
+            name += "_"
+        return name
 
     def names(self, kind: str, numbers: Iterable[Any]) -> list[str]:
         """Return the names of several things of a kind."""

@@ -181,8 +181,9 @@ class UrdfFile:
             u = axis / np.linalg.norm(axis)
             one = perpendicular(u)
             kinds = [("slide", one), ("slide", np.cross(u, one)), ("hinge", u)]
+        names = [name] if len(kinds) == 1 else [free_name(f"{name} {i + 1}", self.joints) for i in range(len(kinds))]
         for i, (k, direction) in enumerate(kinds):
-            own = ElementaryJoint(name if len(kinds) == 1 else f"{name} {i + 1}", k, direction, link.origin)
+            own = ElementaryJoint(names[i], k, direction, link.origin)
             own.damping = self._number(joint.find("dynamics"), "damping", 0, what)
             if k == "free" or held:
                 own.held = {"free": (*link.origin, 1.0, 0.0, 0.0, 0.0), "ball": (1.0, 0.0, 0.0, 0.0)}.get(k, (0.0,))

@@ -381,6 +381,22 @@ def test_what_is_welded_fast_does_not_move(folder):
     assert not robot.actuated and not np.asarray(robot.positions(np.zeros(0))).any()
 
 
+UNNAMED = """<mujoco><worldbody><body name="body 2"><joint name="joint 1"/><geom size=".1"/><site name="site 1"/>
+<body pos="1 0 0"><joint/><geom size=".1"/><site/></body></body>
+<body name="other" pos="0 1 0"><joint name="j"/><geom size=".1"/></body></worldbody>
+<equality><joint name="equality 1" joint1="j" joint2="joint 1"/><connect body1="other" body2="world" anchor="1 0 0"/>
+</equality></mujoco>"""
+
+
+def test_what_has_no_name_gets_none_that_another_has(folder):
+    """Beside a body, joint, site and equation that are called as those without a name would be."""
+    robot = read(folder, UNNAMED, "unnamed.xml")
+    assert robot.joints == ("joint 1", "joint 1_", "j") and len(robot._tree.marks) == 5
+    assert [link.name for link in robot._description.links[1:]] == ["body 2", "body 2_", "other"]
+    assert robot._file.names("EQUALITY", range(2)) == ["equality 1", "equality 1_"]
+    assert robot.actuated == ("joint_1_",) and np.abs(robot.positions([0.4]) - np.array([0, 0.4, 0])).max() < PLACE
+
+
 PENDULUM = """<mujoco><compiler angle="radian"/><option {option}>{flag}</option><worldbody><body name="a" {body}>
 <joint name="j" axis="0 1 0" stiffness="{stiffness}" springref=".2" damping="{damping}"/>
 <geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/></body></worldbody></mujoco>"""

@@ -205,6 +205,13 @@ def test_a_mimic_of_none_or_a_held_joint_stands_at_its_offset(folder):
         assert held.actuated == ("j3",) and np.abs(np.asarray(held.positions([0.1])) - wanted).max() < 1e-12
 
 
+def test_pieces_of_a_joint_get_names_of_their_own(folder):
+    text = ROBOT.format(loop="").replace('name="j2" type="continuous"', 'name="j2" type="planar"')
+    (folder / "planar.urdf").write_text(text.replace('name="j3"', 'name="j2 1"'))
+    robot = nc.from_urdf(folder / "planar.urdf")
+    assert robot.joints == ("j1", "j2 1 2", "j2 2", "j2 3", "j2 1") and len(robot.held) == 4
+
+
 def test_loops_as_gazebo_has_them(folder):
     """The same file with a joint in <gazebo> alone: the same robot."""
     robot = nc.from_urdf(arm(folder))
