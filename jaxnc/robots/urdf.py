@@ -305,7 +305,8 @@ class UrdfFile:
 
     def _leave_out(self) -> None:
         d, joints, links = self.description, self.joints.items(), self.links.items()
-        limited = [n for n, j in joints if j.get("type") == "revolute" or j.find("safety_controller") is not None]
+        bounded = ("revolute", "prismatic")
+        limited = [n for n, j in joints if j.get("type") in bounded or j.find("safety_controller") is not None]
         d.leave_out("limits of joints", limited)
         rubbing = [n for n, j in joints if self._number(j.find("dynamics"), "friction", 0, f"joint {n!r}")]
         d.leave_out("dry friction of joints", rubbing)

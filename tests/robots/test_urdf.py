@@ -212,6 +212,12 @@ def test_pieces_of_a_joint_get_names_of_their_own(folder):
     assert robot.joints == ("j1", "j2 1 2", "j2 2", "j2 3", "j2 1") and len(robot.held) == 4
 
 
+def test_limits_of_slides_are_named(folder):
+    text = ROBOT.format(loop="").replace('name="j2" type="continuous"', 'name="j2" type="prismatic"')
+    (folder / "slide.urdf").write_text(text)
+    assert "limits of joints: j1, j2" in nc.from_urdf(folder / "slide.urdf").left_out
+
+
 def test_loops_as_gazebo_has_them(folder):
     """The same file with a joint in <gazebo> alone: the same robot."""
     robot = nc.from_urdf(arm(folder))
