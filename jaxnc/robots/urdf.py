@@ -261,6 +261,8 @@ class UrdfFile:
             d.loops.append(LoopClosure(name, "connect", one, other, at))
         elif kind in ("revolute", "continuous"):
             size = 0.1 * (float(np.linalg.norm(np.ptp([x.origin for x in d.links], axis=0))) or 1.0)
+            if not np.linalg.norm(axis) > 0:
+                raise self.fault(f"loop joint {name!r}: its axis is zero")
             u = axis / np.linalg.norm(axis)
             d.loops.append(LoopClosure(name, "connect", one, other, at))
             far = at[0] + size * a.turn @ turn @ u, at[1] + size * b.turn @ turn2 @ u

@@ -276,6 +276,10 @@ def changed(old: str, new: str) -> str:
         (changed('link2 link="three"', 'link2 link="tree"'), ["loop joint 'close'", "'tree'", "did you mean"]),
         (changed('<link2 link="three"/>', ""), ["loop joint 'close'", "two ends"]),
         (changed('type="spherical"', 'type="rubber"'), ["loop joint 'close'", "'rubber'"]),
+        (
+            changed('type="spherical">', 'type="revolute"><axis xyz="0 0 0"/>'),
+            ["loop joint 'close': its axis is zero"],
+        ),
         (changed('type="spherical"', 'type="fixed"'), ["loop joint 'close'", "other than they are at home"]),
         (changed('transmission name="t"><joint name="j1"', 'transmission name="t"><joint name="jj"'), ["'jj'"]),
         (changed('<parent link="one"/>', '<parent link="one"/><mimic joint="j2"/>'), ["mimic of joint 'j2'", "itself"]),
