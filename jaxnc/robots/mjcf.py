@@ -382,6 +382,9 @@ def _stand_in(name: str) -> bytes:
         case ".obj":
             lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["f " + " ".join(str(i + 1) for i in f) for f in faces]
             return "\n".join(lines).encode()
+        case ".msh":
+            counts = struct.pack("<4i", len(corners), 0, 0, len(faces))
+            return counts + corners.tobytes() + np.array(faces, dtype="<i4").tobytes()
     import io
 
     from PIL import Image

@@ -330,6 +330,15 @@ TWO = """<mujoco>{more}<worldbody><body name="a"><joint name="j"/><geom size="0.
 <body name="b" pos="1 0 0"><joint name="k"/><geom size="0.1"/></body></body></worldbody>{after}</mujoco>"""
 
 
+@pytest.mark.parametrize("ending", ["stl", "obj", "msh"])
+def test_a_mesh_that_is_not_there_is_named(ending, folder):
+    mesh = f'<asset><mesh name="m" file="gone.{ending}"/></asset>'
+    text = TWO.replace('<geom size="0.1"/></body></body>', '<geom type="mesh" mesh="m"/></body></body>')
+    robot = read(folder, text.format(more=mesh, after=""), "meshes.xml")
+    assert [bool(link.inertia) for link in robot._description.links] == [False, True, False]
+    assert "meshes and pictures that are not there: m" in robot.left_out
+
+
 @pytest.mark.parametrize(
     "asset",
     [
