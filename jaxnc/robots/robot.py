@@ -114,7 +114,10 @@ class Robot:
             InputError: another number of values.
             AssemblyError: a single pose is not found.
         """
-        return self.joint_values(self.pose(values, system, **options))
+        found = self.joint_values(self.pose(values, system, **options))
+        if not self.actuated:  # one pose, however many are asked for
+            found = jnp.broadcast_to(found, (*np.shape(values)[:-1], found.shape[-1]))
+        return found
 
     def pose(self, values: Any, system: System | None = None, **options: Any) -> Motion:
         """Poses of the mechanism: points, vectors, angles, frames of links, from what `positions` takes."""
