@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 
+from jaxnc.autodiff import solve_linear
 from jaxnc.process import one_thread
 from jaxnc.solvers import dense
 from jaxnc.system.precision import numbers
@@ -39,12 +40,10 @@ def saddle(
     factors = _factors(matrix)
 
     def product(pair, a=hessian, b=jacobian):
-        # Transposition asks that both parts depend on everything that may be perturbed.
         x, y = pair
-        first = _times(a, x) + _times(b.T, y)
-        return first, _times(b, x) + 0.0 * jnp.sum(first)
+        return _times(a, x) + _times(b.T, y), _times(b, x)
 
-    def direct(_, right):
+    def direct(right):
         b = jnp.concatenate(right)
         z = _solution(*factors, b)
         for _ in range(refinements + redundant):
@@ -52,11 +51,7 @@ def saddle(
             z = z + _solution(*factors, b - jnp.concatenate(back))
         return z[:n], z[n:]
 
-    def solve(f: Array, g: Array) -> tuple[Array, Array]:
-        nothing = 0.0 * (jnp.sum(f) + jnp.sum(g))
-        return lax.custom_linear_solve(product, (f + nothing, g + nothing), direct, symmetric=True)
-
-    return solve
+    return lambda f, g: solve_linear(product, (f, g), direct)
 
 
 def _times(a: Array, x: Array) -> Array:
