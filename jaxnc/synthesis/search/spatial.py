@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxnc.kinematics.design import with_geometry
 from jaxnc.synthesis.bounds import Boxes
 from jaxnc.synthesis.evaluate import assemble_drawings
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix, rotation_vector
 from jaxnc.synthesis.pytree import take
-from jaxnc.synthesis.search.planar import Pairs, all_parameters, length_dimensions
+from jaxnc.synthesis.search.planar import Pairs, all_parameters, length_dimensions, solve_finite, sweep_drawing
 from jaxnc.system.topology import Segment
 
 _RIDGE = 1e-10  # of each unknown's own weight: what nothing depends on stays as it is
@@ -189,10 +188,7 @@ def _solve_linear(normal: np.ndarray, side: np.ndarray, use: np.ndarray, size: n
     side = side / sizes
     normal[:, at, at] += weight
     side[:, at] += weight * size * sizes[:, at]
-    good = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(side).all(axis=1)
-    out = np.full(side.shape, np.nan)
-    out[good] = np.linalg.solve(normal[good], side[good, :, None])[..., 0] / sizes[good]
-    return out
+    return solve_finite(normal, side[:, :, None])[..., 0] / sizes
 
 
 def _common_turn(turns: np.ndarray) -> np.ndarray:
@@ -511,11 +507,9 @@ class Spatial:
 
     def _track_point(self, flat: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Move a drawing over the range: the tracer's places, its body's turns, and which poses are found."""
-        problem = self.problem
-        poses = 37  # at which it is tried whether a mechanism moves, turns and grows as a whole
-        motion = problem.sweep(with_geometry(problem.system, flat[0]), np.linspace(*problem.travel, poses))
+        motion = sweep_drawing(self.problem, flat[0])
         turns = self._turns(np.asarray(motion.q), flat[:, : 3 * (self.points + self.vectors)])
-        return np.asarray(motion[problem.point]), turns, np.asarray(motion.converged)
+        return np.asarray(motion[self.problem.point]), turns, np.asarray(motion.converged)
 
 
 def _complex_pairs(curve: np.ndarray, wanted: np.ndarray, weight: float) -> Pairs:
