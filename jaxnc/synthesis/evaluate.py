@@ -401,7 +401,7 @@ LANES = 48  # the most designs evaluated at once
 MEETS = 1e-8  # violation of a condition that a design may have
 
 
-def violation(conditions: np.ndarray, equal: np.ndarray) -> np.ndarray:
+def violation(conditions: np.ndarray, equal: np.ndarray | bool) -> np.ndarray:
     """Distance of conditions from being met, ``(..., k)``."""
     return np.where(equal, np.abs(conditions), np.maximum(-conditions, 0.0))
 
