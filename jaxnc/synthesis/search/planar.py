@@ -294,10 +294,8 @@ class PlanarFit:
         base = place(self.free.base[0])
         return base, place(self.free.base[1]) - base, self._body_direction(q)
 
-    def limits(self, z: np.ndarray) -> LinearLimits | None:
-        """Room that bounds leave of designs; None where they are only drawn in them."""
-        if not (any(self.free.axes) or self.free.scale or self.free.free):
-            return None
+    def limits(self, z: np.ndarray) -> LinearLimits:
+        """Room that bounds leave of designs."""
         return limits_of(Boxes.of(self.problem), self.free, all_parameters(self.problem, z))
 
     def into(self, boxes: Boxes, flat: np.ndarray, goal: np.ndarray) -> np.ndarray:
@@ -315,9 +313,7 @@ class PlanarFit:
             flat[:, at] = goal[:, at]
         return flat
 
-    def fit(
-        self, rows: tuple[np.ndarray, ...], limits: LinearLimits | None, some: slice | np.ndarray = slice(None)
-    ) -> Any:
+    def fit(self, rows: tuple[np.ndarray, ...], limits: LinearLimits, some: slice | np.ndarray = slice(None)) -> Any:
         """Fit place, similarity, tracer and turn of designs ``(B, …)`` to some targets; the squares left."""
         base, along, seen = rows
         z0, w, k, left = self._fit_places(base, along, limits, some)
@@ -353,7 +349,7 @@ class PlanarFit:
         return move_whole(self.problem, self.free, flat, z0, w, place), turn, np.abs(w)
 
     def _fit_places(
-        self, base: np.ndarray, direction: np.ndarray, limits: LinearLimits | None, some: slice | np.ndarray
+        self, base: np.ndarray, direction: np.ndarray, limits: LinearLimits, some: slice | np.ndarray
     ) -> tuple[np.ndarray, ...]:
         """Fit place z0, similarity w and tracer w·k of paths by least squares; the sum of squares left, ``(B, …)``.
 
@@ -388,10 +384,8 @@ class PlanarFit:
         normal = normal / (sizes[..., :, None] * sizes[..., None, :]) + 1e-10 * np.eye(len(spots))
         side = (side / sizes)[..., None]
         y = solve_finite(normal, side)
-        missed = 0.0
-        if limits is not None:
-            # what bounds miss is 1e3 times as heavy as errors, before it is cut off
-            missed = _pull_inside(limits, normal, side, sizes, y, 1e3 * float(weights.sum()))
+        # what bounds miss is 1e3 times as heavy as errors, before it is cut off
+        missed = _pull_inside(limits, normal, side, sizes, y, 1e3 * float(weights.sum()))
         left = total + np.sum(y * (normal @ y - 2.0 * side), axis=(-2, -1))
         left = np.where(left > 0.0, left, 0.0 * left) + missed
         return *found.join(np.moveaxis(y[..., 0] / sizes, -1, 0)), left

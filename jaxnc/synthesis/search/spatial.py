@@ -488,7 +488,7 @@ class Spatial:
         ways = [home._replace(place=0.1 * size * axis[None]) for axis in eye]
         ways += [home._replace(grown=np.full(1, by), tracer=by * home.tracer) for by in (1.1, -1.1)]
         ways += [home._replace(turn=rotation_matrix(_TURN)[None]), home._replace(tracer=home.tracer + 0.1 * size)]
-        seen = [self._track_point(self._move_whole(flat[None], fit), fit) for fit in (home, *ways)]
+        seen = [self._track_point(self._move_whole(flat[None], fit)) for fit in (home, *ways)]
         good = np.all([ok for *_, ok in seen], axis=0)
         (place, turns, _), wanted = seen[0], []
         for fit in ways:
@@ -505,7 +505,7 @@ class Spatial:
         scale, tracer = free.scale and same[3], free.tracer and same[6]
         return Freedom(axes, scale, scale and same[4], turn, tracer, free.frame)
 
-    def _track_point(self, flat: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _track_point(self, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Move a drawing over the range: the tracer's places, its body's turns, and which poses are found."""
         motion = sweep_drawing(self.problem, flat[0])
         turns = self._turns(np.asarray(motion.q), flat[:, : 3 * (self.points + self.vectors)])
