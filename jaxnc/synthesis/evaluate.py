@@ -32,7 +32,7 @@ from jaxnc.system.design import Drawn, carry_design
 from jaxnc.system.host import from_jax
 from jaxnc.system.structure import readable
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.solvers.plan import Plan
@@ -160,7 +160,7 @@ def _go_together(problem: Problem) -> bool:
     return readable(problem.system.topology) and not problem.system.topology.large
 
 
-def _designs(problem: Problem, x: np.ndarray, changes: bool, way: str) -> "_Designs":
+def _designs(problem: Problem, x: np.ndarray, changes: bool, way: str) -> "_Designs | _SweptDesigns":
     """Make designs ready to be moved."""
     return _Designs(problem, x, changes, way) if _go_together(problem) else _SweptDesigns(problem, x)
 
@@ -193,7 +193,7 @@ def meeting_sines(problem: Problem, x: np.ndarray, motion: Motion) -> np.ndarray
 
 
 class _Designs:
-    """Designs of a problem, assembled, that are moved all at once."""
+    """Designs of a problem, assembled."""
 
     def __init__(self, problem: Problem, x: np.ndarray, changes: bool, way: str = "quick"):
         self.problem, self.view = problem, _view(problem)
@@ -225,7 +225,8 @@ class _Designs:
         low, high = self.problem.span(self.home, self.extra)
         part = np.linspace(0.0, 1.0, count)
         first = np.broadcast_to(low, self.home.shape)[:, None] * (1.0 - part)
-        _, (low_by, high_by) = _expand_affine(lambda extra: self.problem.span(0.0, extra), self.extra.shape[1])
+        span, none = self.problem.span, np.zeros(())
+        _, (low_by, high_by) = _expand_affine(lambda extra: span(none, extra), self.extra.shape[1])
         by = low_by * (1.0 - part[:, None]) + high_by * part[:, None]
         return first + np.broadcast_to(high, self.home.shape)[:, None] * part, by
 
@@ -279,26 +280,6 @@ class _Designs:
         known[1:] = np.moveaxis(own.home[self.view.known[1:], :, 1:], -1, 1)[:, :, None]
         slopes = np.ascontiguousarray(self.steps.changes(own, q, good, known).transpose(3, 1, 2, 0))
         return part._replace(changes=slopes, turn=found.turn and self.changing(found.turn, some))
-
-
-class _SweptDesigns(_Designs):
-    """Designs that are moved by sweeps, one after the other."""
-
-    def __init__(self, problem: Problem, x: np.ndarray):
-        self.problem, self.extra = problem, x[:, len(problem.variables.names) :]
-        self.systems = [problem.design(one) for one in x]
-
-    @functools.cached_property
-    def home(self) -> np.ndarray:
-        return np.array([home_value(system, self.problem.driven) for system in self.systems], float)
-
-    def along(self, values: np.ndarray, by: np.ndarray | None = None) -> DesignPoses:
-        motions = [self.problem.sweep(system, own) for system, own in zip(self.systems, values, strict=True)]
-        q, status = (np.stack(parts) for parts in ([m.q for m in motions], [m.status for m in motions]))
-        return DesignPoses(q, status, values)
-
-    def changing(self, found: DesignPoses, some: slice) -> DesignPoses:
-        return take(found, some)
 
 
 def _view(problem: Problem) -> "Plan":
@@ -379,13 +360,46 @@ def _some_designs(drawn: Drawn, lanes: np.ndarray) -> Drawn:
     return drawn._replace(constants=tuple(c[:, :, lanes] for c in drawn.constants), home=drawn.home[:, lanes])
 
 
+class _SweptDesigns:
+    """Designs that are moved by sweeps, one after the other."""
+
+    def __init__(self, problem: Problem, x: np.ndarray):
+        self.problem, self.x = problem, x
+
+    def solve(self, poses: int) -> DesignPoses:
+        problem, n, ways = self.problem, len(self.problem.variables.names), []
+        for one in self.x:
+            system, extra = problem.design(one), one[n:]
+            values = [np.asarray(problem.inputs(extra), float)]
+            if problem.at_rest:
+                values = [np.asarray(home_value(system, problem.driven), float).reshape(1)]
+            if poses and not problem.through(len(values[0]), poses):
+                low, high = problem.span(home_value(system, problem.driven), extra)
+                values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
+            motions = [problem.sweep(system, v) for v in values]
+            ways.append([(np.asarray(m.q), np.asarray(m.status), v) for m, v in zip(motions, values, strict=True)])
+        found, *turn = (
+            DesignPoses(q, status, values)
+            for way in zip(*ways, strict=True)
+            for q, status, values in [map(np.stack, zip(*way, strict=True))]
+        )
+        return found._replace(turn=turn[0]) if turn else found
+
+    def curve(self, count: int) -> DesignPoses:
+        found = self.solve(count)
+        return found.turn or found
+
+    def changing(self, found: DesignPoses, some: slice) -> DesignPoses:
+        return take(found, some)
+
+
 # -- errors, conditions, derivatives -----------------------------------------------------------------------------------
 
 LANES = 48  # the most designs evaluated at once
 MEETS = 1e-8  # violation of a condition that a design may have
 
 
-def violation(conditions: np.ndarray, equal: np.ndarray | bool) -> np.ndarray:
+def violation(conditions: Numbers, equal: np.ndarray | bool) -> np.ndarray:
     """Distance of conditions from being met, ``(..., k)``."""
     return np.where(equal, np.abs(conditions), np.maximum(-conditions, 0.0))
 

@@ -32,9 +32,10 @@ class ChainDesign(NamedTuple):
         frames = begin(np.asarray(theta, float))
         for d, (kind, a, b) in enumerate(self.chain.dyads):
             row = self.design[EACH * d : EACH * (d + 1)]
-            ends = frames[a].at(row[:2]), frames[b].at(row[2:4]), frames[a].along, frames[b].along
+            on, other = frames[a], frames[b]
+            p, q = on.at((row[0], row[1])), other.at((row[2], row[3]))
             lines = ((np.cos(angle), np.sin(angle)) for angle in row[4:])
-            frames += close(KINDS.index(kind), self.sign[d], *ends, *row[4:], *lines)[2]
+            frames += close(KINDS.index(kind), self.sign[d], p, q, on.along, other.along, *row[4:], *lines)[2]
         return [(x + 1j * y, c + 1j * s) for (x, y), (c, s) in frames]
 
     def trace(self, theta: Any) -> np.ndarray:
