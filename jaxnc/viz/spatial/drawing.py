@@ -25,11 +25,10 @@ from jaxnc.viz.picture import Picture, unit_on
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.scene import UNITS_ACROSS, Label
 from jaxnc.viz.spatial.camera import Camera, choose_camera
-from jaxnc.viz.spatial.loads import CENTRE
 from jaxnc.viz.spatial.mesh import reach
 from jaxnc.viz.spatial.painter import Painter
 from jaxnc.viz.spatial.scene import Solid, SpaceFrame, Turn, Way, segment
-from jaxnc.viz.spatial.sketch import sketch_space
+from jaxnc.viz.spatial.sketch import CENTRE, sketch_space
 from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, axis_name, colour_of, wide, wrap
 from jaxnc.viz.view import View
 
