@@ -11,13 +11,12 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, JaxncError, OutputError
-from jaxnc.io.target import file_name, writing
 from jaxnc.synthesis.tracing.atlas import Atlas, atlas
 from jaxnc.synthesis.tracing.chains import KINDS, Chain
 from jaxnc.synthesis.tracing.trace import TracedDesign, TraceResult, trace
 from jaxnc.viz.pages.packing import embed_json, fill_template, page_part
 from jaxnc.viz.pages.page import page_colours
-from jaxnc.viz.repr_html import ShownPath
+from jaxnc.viz.repr_html import save_page
 
 _EMBEDDED = {4: 1200, 6: 1800}  # machines in a page, by their number of bars
 _LIVE = (3, 20)  # seconds of the searches that follow each other
@@ -45,10 +44,7 @@ def trace_page(path: str | Path, source: Atlas | None = None) -> Path:
     Raises:
         OutputError: a file that cannot be written.
     """
-    text = _page(source, ())
-    with writing(path, (".html", ".htm"), "a page") as new:
-        new.write_text(text, encoding="utf-8", newline="\n")
-    return ShownPath(file_name(path))
+    return save_page(path, _page(source, ()))
 
 
 def _page(source: Atlas | None, live: tuple[float, ...]) -> str:
