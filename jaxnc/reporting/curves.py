@@ -3,13 +3,13 @@
 import html
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from jaxnc.types import ArrayLike
-from jaxnc.viz.style import symbol
+from jaxnc.viz.poses import true_runs
+from jaxnc.viz.style import short, symbol
 from jaxnc.viz.svg import element, path_data
 
 _WIDTH, _HEIGHT = 460.0, 190.0
@@ -17,20 +17,13 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 54.0, 10.0, 22.0, 34.0
 _DASHES = ("", "6 3", "2 2.5", "8 2 2 2")
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Values over the abscissa; gaps where they are NaN."""
-
-    label: str
-    values: np.ndarray
-
-
-def chart(x: np.ndarray, name: str, unit: str, curves: Sequence[Curve], level: float | None = None) -> str:
+def chart(x: np.ndarray, name: str, unit: str, curves: Mapping[str, np.ndarray], level: float | None = None) -> str:
     """Draw curves of one unit over an abscissa, as an SVG element.
 
-    Each curve has its own colour and dash, named above; a `level` is drawn as a line.
+    Curves are values by label, with gaps where they are NaN; each has its own colour and dash, named above. A `level`
+    is drawn as a line.
     """
-    every = np.concatenate([c.values[np.isfinite(c.values)] for c in curves])
+    every = np.concatenate([values[np.isfinite(values)] for values in curves.values()])
     if not len(every) or not np.ptp(x) > 0:
         return ""
     low, high = _room(every, level)
@@ -59,7 +52,7 @@ def chart(x: np.ndarray, name: str, unit: str, curves: Sequence[Curve], level: f
         at, _ = place(u, low)
         stroke("tick", f"M{at:.1f} {ground:.1f}v4")
         write(at, ground + 15, short(u), "middle")
-    for start, end in _gaps(curves):
+    for start, end in true_runs(np.all([~np.isfinite(values) for values in curves.values()], axis=0)):
         ends = place(x[[max(start - 1, 0), min(end, len(x) - 1)]], low)[:, 0]
         at, width = f"{ends.min():.1f}", f"{max(np.ptp(ends), 1.0):.1f}"
         parts.append(element("rect", class_="failed", x=at, y=_TOP, width=width, height=ground - _TOP))
@@ -67,15 +60,15 @@ def chart(x: np.ndarray, name: str, unit: str, curves: Sequence[Curve], level: f
         stroke("level", f"M{_LEFT} {place(x.min(), level)[1]:.1f}H{right}")
     keep = np.unique(np.linspace(0, len(x) - 1, min(len(x), 400)).astype(int))  # 400 points of a curve, at most
     at = _LEFT
-    for k, curve in enumerate(curves):
+    for k, (label, values) in enumerate(curves.items()):
         look = {"stroke": f"var(--body-{k % 10})", "stroke_dasharray": _DASHES[k % 4]}
-        stroke("curve", path_data(place(x, curve.values)[keep]), **look)
+        stroke("curve", path_data(place(x, values)[keep]), **look)
         stroke("curve", f"M{at:.0f} 11h22", **look)
-        write(at + 27, 15, with_symbols(curve.label), look="name")
-        at += 27 + 6.7 * len(curve.label) + 16
+        write(at + 27, 15, with_symbols(label), look="name")
+        at += 27 + 6.7 * len(label) + 16
     write(right, 15, f"[{unit}]" if unit else "", "end")
     write((_LEFT + right) / 2, _HEIGHT - 4, with_symbols(name), "middle")
-    box, text = f"0 0 {_WIDTH:.0f} {_HEIGHT:.0f}", f"{', '.join(c.label for c in curves)} over {name}"
+    box, text = f"0 0 {_WIDTH:.0f} {_HEIGHT:.0f}", f"{', '.join(curves)} over {name}"
     return element("svg", *parts, class_="chart", viewBox=box, role="img", aria_label=text)
 
 
@@ -103,11 +96,6 @@ def ticks(low: float, high: float, turns: bool = False) -> list[float]:
     return [k * step for k in range(first, math.floor(high / step + 1e-9) + 1)]
 
 
-def short(value: float, digits: int = 4) -> str:
-    """Write a number in few digits, with a real minus; rounding is zero."""
-    return f"{0.0 if abs(value) < 1e-12 else value:.{digits}g}".replace("-", "−")
-
-
 def with_symbols(label: str) -> str:
     """Write a label as in a picture: names of Greek letters within it as letters."""
     return re.sub(r"[A-Za-z]\w*", lambda word: symbol(word[0]), label)
@@ -122,9 +110,3 @@ def _room(values: np.ndarray, level: float | None) -> tuple[float, float]:
         low, high = low - 0.5 * max(abs(low), least), high + 0.5 * max(abs(high), least)
     spare = 0.06 * (high - low)
     return low - spare, high + spare
-
-
-def _gaps(curves: Sequence[Curve]) -> list[tuple[int, int]]:
-    bad = np.all([~np.isfinite(c.values) for c in curves], axis=0)
-    edges = np.diff(np.concatenate([[0], bad.astype(int), [0]]))
-    return list(zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True))

@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxnc.errors import InputError
+from jaxnc.io.drives import SweepArguments
 from jaxnc.io.drives import unit_of as unit_in_radians
+from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
 from jaxnc.kinematics.inputs import METRES
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.reporting.checked import apart
 from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
@@ -78,6 +81,17 @@ def extremes(motion: Motion, found: Sequence[Quantity]) -> list[Extreme]:
         made = Extreme(quantity=q.label, unit=q.unit, smallest=low, smallest_at=first, largest=high, largest_at=last)
         out.append(made)
     return out
+
+
+def carry_out(system: System, analysis: str, arguments: SweepArguments) -> Motion:
+    """Move a system as the analysis of a run section asks; poses that failed have a status."""
+    inputs = arguments["inputs"]
+    if analysis != "circuit":
+        return (solve_position if analysis == "solve_position" else sweep)(system, throw=False, **arguments)
+    if len(inputs) != 1:
+        raise InputError(f"a circuit is that of one input, got {', '.join(inputs)}: hold the others")
+    name, values = next(iter(inputs.items()))  # nothing is driven along a circuit, so that it has no rates
+    return circuit(system, name, (values[0], values[-1]), len(values), arguments["hold"])
 
 
 def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
@@ -251,16 +265,6 @@ def suspension_reports(motion: Motion) -> list[SuspensionReport]:
 
 def wheel(found: SuspensionReport) -> Wheel:
     """Write a report on a suspension as a part of a verdict."""
-    numbers = [
-        WheelNumber(
-            name=row.name,
-            unit=row.unit,
-            static=number(row.static),
-            gradient=number(row.gradient),
-            gradient_unit=row.gradient_unit,
-            smallest=number(row.smallest),
-            largest=number(row.largest),
-        )
-        for row in found.rows
-    ]
+    rows = ({name: getattr(row, name) for name in WheelNumber.__struct_fields__} for row in found.rows)
+    numbers = [WheelNumber(**{k: x if isinstance(x, str) else number(x) for k, x in row.items()}) for row in rows]
     return Wheel(over=found.over, unit=found.unit, side=found.side, axle=found.axle, numbers=numbers)

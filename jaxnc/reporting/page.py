@@ -10,21 +10,19 @@ import numpy as np
 
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError, counted
-from jaxnc.io.files import plain, toml
-from jaxnc.io.target import writing
+from jaxnc.io.files import model_toml
 from jaxnc.kinematics.motion import Motion
 from jaxnc.reporting.checked import parts
-from jaxnc.reporting.curves import Curve, bars, chart, short, with_symbols
+from jaxnc.reporting.curves import bars, chart, with_symbols
 from jaxnc.reporting.outcome import energies, idle, inputs_at, scales_of
 from jaxnc.reporting.quantity import ZERO, Quantity, constant, unit_of
 from jaxnc.reporting.transmission import unexplained_bodies
 from jaxnc.reporting.verdict import Finding, Verdict
-from jaxnc.vehicle.hardpoints import trade_names
 from jaxnc.viz.pages.packing import fill_template
 from jaxnc.viz.pages.page import page_colours
 from jaxnc.viz.poses import poses
-from jaxnc.viz.repr_html import ShownPath
-from jaxnc.viz.style import symbol
+from jaxnc.viz.repr_html import save_page
+from jaxnc.viz.style import short, symbol
 from jaxnc.viz.svg import inline_pose
 
 if TYPE_CHECKING:
@@ -43,9 +41,7 @@ def write_page(found: "Report", path: str | Path) -> Path:
     text = fill_template(
         text, {"TITLE": title, "COLOURS": page_colours(dark), "BODY": "\n".join(filter(None, _body(found)))}
     )
-    with writing(path, (".html", ".htm"), "a page") as new:
-        new.write_text(text, encoding="utf-8", newline="\n")
-    return ShownPath(Path(path).expanduser())
+    return save_page(path, text)
 
 
 def _body(found: "Report") -> Iterator[str]:
@@ -238,7 +234,7 @@ def _strip(lower: float, upper: float, first: float, last: float) -> str:
 def _simulation(run: Simulation) -> str:
     """Write what the integration tells of itself, and where the energy goes."""
     t, kinds = np.asarray(run.time, float), energies(run)
-    drawn = [chart(t, "time [s]", "J", [Curve(q.label, q.values) for q in kinds])] if kinds else []
+    drawn = [chart(t, "time [s]", "J", {q.label: q.values for q in kinds})] if kinds else []
     text = "\n".join(line.removeprefix("  ") for line in run.report().splitlines()[1:])
     return f'<pre class="told">{html.escape(text)}</pre>{_charts(drawn)}'
 
@@ -286,7 +282,7 @@ def _curves(found: "Report", quantities: Sequence[Quantity]) -> str:
     for (unit, *_), group in groups.items():
         for k in range(0, len(group), most):
             some = ((q, np.abs(q.values) <= ZERO * scales[q.unit]) for q in group[k : k + most])
-            lines = [Curve(q.label, np.where(rounding, 0.0, q.values)) for q, rounding in some]
+            lines = {q.label: np.where(rounding, 0.0, q.values) for q, rounding in some}
             charts.append(chart(over[0], over[1], unit, lines))
     return _charts(charts)
 
@@ -326,7 +322,7 @@ def _transmission(found: "Report", motion: Motion) -> str:
     for t in found.transmissions:
         if over is not None and np.nanmax(t.values) - np.nanmin(t.values) > 1e-6:
             label = f"{t.at}: {t.between}" if len(t.between) <= 36 else t.at  # the table says the rest
-            out.append(chart(over[0], over[1], "deg", [Curve(label, t.values)], level=0.0))
+            out.append(chart(over[0], over[1], "deg", {label: t.values}, level=0.0))
     hint = f"90 degrees is best, 0 a dead point: what the coupler cannot turn. {why}"
     return _table(rows, text=(1,)) + _charts(out) + _hint(hint)
 
@@ -381,7 +377,7 @@ def _wheel(one: "SuspensionReport") -> str:
     """Draw the numbers that are looked at first in a suspension, over its travel or its steering."""
     shown = [name for name in _WHEEL if np.ptp(one.curves.get(name, np.zeros(1))) > 0]
     over = f"{one.over} [{one.unit}]"
-    charts = (chart(one.along, over, one[name].unit, [Curve(one[name].label, one.curves[name])]) for name in shown[:4])
+    charts = (chart(one.along, over, one[name].unit, {one[name].label: one.curves[name]}) for name in shown[:4])
     return _charts(charts)
 
 
@@ -389,9 +385,7 @@ def _model_text(found: "Report") -> str:
     """Find the text of the model file as it was read, or as `Mechanism.save` writes it."""
     if found.model_text or found.mechanism is None:
         return found.model_text
-    model = found.mechanism.model
-    names = trade_names((*model.ground, *model.points, *model.ground_vectors, *model.vectors, *model.markers))
-    return toml(plain(model), names)
+    return model_toml(found.mechanism.model)
 
 
 def _origin_section(found: "Report") -> str:

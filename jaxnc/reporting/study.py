@@ -18,7 +18,6 @@ from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.exports import version
 from jaxnc.io.drives import sweep_arguments
 from jaxnc.io.files import json_text, plain
-from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.diagnosis import Diagnosis
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.mobility import Mobility, mobility
@@ -32,6 +31,7 @@ from jaxnc.reporting.checked import assembly, count, drives, locking_parts, oddi
 from jaxnc.reporting.expected import check_expected, judge
 from jaxnc.reporting.outcome import (
     as_it_says,
+    carry_out,
     enter,
     enter_simulation,
     inputs_at,
@@ -276,12 +276,7 @@ def _move(verdict: Verdict, system: System, mechanism: Mechanism | None, run: re
         verdict.drives, verdict.hold = drives(mechanism, run), list(run.hold)
         arguments = sweep_arguments(mechanism, run)
         _reaches(verdict, system, tuple(run.inputs), tuple(run.hold))
-        if run.analysis == "circuit":
-            name, values = next(iter(arguments["inputs"].items()))
-            return circuit(system, name, (values[0], values[-1]), len(values), arguments["hold"])
-        if run.analysis == "solve_position":
-            return solve_position(system, throw=False, **arguments)
-        return sweep(system, throw=False, **arguments)
+        return carry_out(system, run.analysis, arguments)
     if mechanism is not None and mechanism.model.simulate.duration is not None:
         return as_it_says(mechanism, system)
     name, *held = system.independent or verdict.drivable[: system.degrees_of_freedom]

@@ -159,13 +159,12 @@ class Suspension(Shown):
             OutputError: the file cannot be written.
         """
         outside(self, "to_csv()")
-        from jaxnc.io.target import write
+        from jaxnc.io.target import csv_text, write
 
         header, columns = _table_columns(self, every=True)
         good = np.asarray(self.converged).reshape(-1)
-        lines = [",".join(header)]
-        lines += [",".join(f"{c[i]:.17g}" if good[i] else "" for c in columns) for i in range(len(good))]
-        return write(path, ("\n".join(lines) + "\n").encode())
+        rows = ([f"{c[i]:.17g}" if good[i] else "" for c in columns] for i in range(len(good)))
+        return write(path, csv_text([header, *rows]))
 
     def __repr__(self) -> str:
         shape = "×".join(map(str, self.camber.shape)) or "one"
