@@ -17,8 +17,15 @@ from jaxnc.io.target import stem
 from jaxnc.kinematics.motion import Motion
 from jaxnc.progress import step_bar
 from jaxnc.reporting.checked import drives
-from jaxnc.reporting.expected import check_expected, judge
-from jaxnc.reporting.outcome import carry_out, enter, outputs_of, suspension_reports, wheel
+from jaxnc.reporting.outcome import (
+    carry_out,
+    check_expected,
+    enter,
+    judge,
+    outputs_of,
+    suspension_reports,
+    wheel,
+)
 from jaxnc.system.system import System
 from jaxnc.vehicle.report import SuspensionReport
 from jaxnc.workshop.shop import SIZES

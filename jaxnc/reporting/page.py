@@ -65,8 +65,9 @@ def _body(found: "Report") -> Iterator[str]:
     for k, one in enumerate(found.suspensions):
         text = f'<pre class="told">{html.escape(one.text(all_of_it=not k))}</pre>'
         yield _section(f"Suspension over {one.over}", _wheel(one) + text, "wide long")
-    if found.model_text or found.mechanism is not None:
-        yield _section("The model", f"<pre>{html.escape(_model_text(found))}</pre>", "wide long")
+    # As it was read, or as `Mechanism.save` writes it.
+    if text := found.model_text or (found.mechanism and model_toml(found.mechanism.model)):
+        yield _section("The model", f"<pre>{html.escape(text)}</pre>", "wide long")
     yield _section("Where it comes from", _origin_section(found), "wide long")
 
 
@@ -379,13 +380,6 @@ def _wheel(one: "SuspensionReport") -> str:
     over = f"{one.over} [{one.unit}]"
     charts = (chart(one.along, over, one[name].unit, {one[name].label: one.curves[name]}) for name in shown[:4])
     return _charts(charts)
-
-
-def _model_text(found: "Report") -> str:
-    """Find the text of the model file as it was read, or as `Mechanism.save` writes it."""
-    if found.model_text or found.mechanism is None:
-        return found.model_text
-    return model_toml(found.mechanism.model)
 
 
 def _origin_section(found: "Report") -> str:

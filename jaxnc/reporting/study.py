@@ -28,13 +28,14 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.notebooks import Reported
 from jaxnc.reporting.checked import assembly, count, drives, locking_parts, oddities, reach
-from jaxnc.reporting.expected import check_expected, judge
 from jaxnc.reporting.outcome import (
     as_it_says,
     carry_out,
+    check_expected,
     enter,
     enter_simulation,
     inputs_at,
+    judge,
     outputs_of,
     suspension_reports,
     wheel,
@@ -142,7 +143,7 @@ def report(
             how it moves is simulated where it has a section ``[simulate]``, or goes as far as its first free
             coordinate goes, other freedoms as drawn.
         path: where the page is written, a file ending in ``.html``; nowhere if not given.
-        expect: what is to hold, such as ``"psi range > 30"``, see `jaxnc.reporting.expected.judge`.
+        expect: what is to hold, such as ``"psi range > 30"``, see `jaxnc.reporting.outcome.judge`.
         outputs: points, markers and coordinates to look at; those of the run section, or what is not driven.
         model_text: the text of the model file, to be shown as it stands.
 
@@ -218,7 +219,8 @@ def _study(
         verdict.does = False
         return known
     if given is not None:
-        motion = given if given.status.ndim else solve_position(system, _single(given), hold=given.held, throw=False)
+        one = {name: np.asarray(values, float).reshape(-1) for name, values in given.inputs.items()}
+        motion = given if given.status.ndim else solve_position(system, one, hold=given.held, throw=False)
         verdict.drives = [_drive(motion, name) for name in motion.driven]
         _reaches(verdict, system, motion.driven, motion.held)
     else:
@@ -258,10 +260,6 @@ def _study(
         verdict.add("not-known", "note", text + "nc.simulate gives derivatives of it (docs/dynamics.md)")
     verdict.wheels = [wheel(one) for one in known["suspensions"]]
     return known
-
-
-def _single(given: Motion) -> dict[str, np.ndarray]:
-    return {name: np.asarray(values, float).reshape(1) for name, values in given.inputs.items()}
 
 
 def _drive(motion: Motion, name: str) -> Drive:

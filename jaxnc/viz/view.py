@@ -19,6 +19,8 @@ from jaxnc.viz.style import HEADING, LIGHT, NUMBERS, wide, wrap
 if TYPE_CHECKING:
     from matplotlib.transforms import Transform
 
+Names = str | Iterable[str]
+
 _GAP = "    "  # between entries of a legend
 
 
@@ -36,7 +38,7 @@ class View:
     unit: float  # length of a unit
     letters: float  # size of numbers and keys, units
 
-    def __init__(self, data: Poses, shown: Sequence[int], trace: str | Iterable[str], labels: bool, scene: Any):
+    def __init__(self, data: Poses, shown: Sequence[int], trace: Names, labels: bool, scene: Any):
         self.data, self.shown = data, list(shown)
         self.traces = data.columns(trace, "trace")
         self.scene = scene if labels else dataclasses.replace(scene, labels=())
@@ -126,14 +128,6 @@ class View:
         self.banner.set_visible(not right)
         if not right:
             self.banner.set_text(f"Pose {k} failed. {self.data.sentence(k)}")
-
-    def draw(self, k: int, sampled: Iterable[int] | None = None) -> None:
-        """Make all artists, in pose `k`; names are placed to suit the sampled poses."""
-        raise NotImplementedError
-
-    def film(self, k: int, sampled: Iterable[int]) -> None:
-        """Make all artists for an animation."""
-        self.draw(k, sampled)
 
     def move(self, k: int, right: bool) -> None:
         """Bring all artists but the banner to pose `k`, as a ghost if it is not right."""
