@@ -55,6 +55,19 @@ class Sketch:
         block, instance = self.top.measures[k]
         return self.top.blocks[block], instance, self.top.angles[k]
 
+    def radii(self, owner: Owner) -> list[tuple[float, int]]:
+        """Find the radii of a gear pair or a disc, each with its place among the numbers of the equations."""
+        eq, first = derive(self.poses.motion.system), 0
+        for block, constants in zip(self.top.blocks, eq.constants, strict=True):
+            names = [c for c in block.kind.constants if c.startswith("radius")]
+            mine = [i for i, owners in enumerate(block.owners) if owner in owners]
+            size = len(block.kind.constants) + len(block.kind.rows)
+            if names and mine:
+                row, at = np.asarray(constants)[mine[0]], [block.kind.constants.index(c) for c in names]
+                return [(abs(float(row[k])), first + mine[0] * size + k) for k in at]
+            first += block.count * size
+        return []
+
 
 def sketch_plane(poses: Poses) -> Scene:
     """Make the scene of a motion, its labels not yet placed.
@@ -193,19 +206,6 @@ class _PlaneSketch(Sketch):
             if k == largest:
                 self.items.append(Circle("annulus", centre, radius, 1.6, number=number, body=colour))
             self.used.add(centre)
-
-    def radii(self, owner: Owner) -> list[tuple[float, int]]:
-        """Find the radii of a gear pair or a disc, each with its place among the numbers of the equations."""
-        eq, first = derive(self.poses.motion.system), 0
-        for block, constants in zip(self.top.blocks, eq.constants, strict=True):
-            names = [c for c in block.kind.constants if c.startswith("radius")]
-            mine = [i for i, owners in enumerate(block.owners) if owner in owners]
-            size = len(block.kind.constants) + len(block.kind.rows)
-            if names and mine:
-                row, at = np.asarray(constants)[mine[0]], [block.kind.constants.index(c) for c in names]
-                return [(abs(float(row[k])), first + mine[0] * size + k) for k in at]
-            first += block.count * size
-        return []
 
     def add_rolling(self, joint: JointIndex) -> None:
         a, b, centre, contact, rim = joint.points

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,13 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.offsetbox import AnnotationBbox, HPacker, TextArea, VPacker
 from matplotlib.text import Text
+from matplotlib.transforms import Transform
 
 from jaxnc.viz.arrows import Arrows, arrows, nice
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import HEADING, LIGHT, NUMBERS, wide, wrap
-
-if TYPE_CHECKING:
-    from matplotlib.transforms import Transform
 
 Names = str | Iterable[str]
 
@@ -113,7 +111,7 @@ class View:
         """Write a text in the plane of the picture."""
         return Axes.text(self.ax, x, y, text, **{"parse_math": False, **look})
 
-    def add_banner(self, height: float, transform: "Transform") -> None:
+    def add_banner(self, height: float, transform: Transform) -> None:
         """Make room for what became of a pose that is not right."""
         self.banner = self.write(
             0.5, height, "", transform=transform, color=LIGHT["failure"], fontsize=self.text_size, ha="center",

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxnc.solvers.assembly import derive
 from jaxnc.system.topology import Block, JointIndex
 from jaxnc.vehicle.hardpoints import number_names, usual
 from jaxnc.viz.bodies import inline, outline, rank
@@ -145,8 +144,6 @@ _LINE = dashes(14)
 class RowReading:
     """Points and directions that an instance of a kind acts on."""
 
-    block: Block  # where it is
-    instance: int  # which one
     points: tuple[int, ...]  # its own points, without those of its directions
     ways: tuple[Way, ...]  # its directions
     vectors: tuple[int, ...]  # for each direction, the index of its unit vector; -1 for a segment
@@ -263,7 +260,7 @@ class _SpaceSketch(Sketch):
             else:
                 ways.append(Way((rest.pop(0), rest.pop(0))))
                 own.append(-1)
-        return RowReading(block, instance, tuple(points[:leading]), tuple(ways), tuple(own))
+        return RowReading(tuple(points[:leading]), tuple(ways), tuple(own))
 
     def way(self, v: int) -> Way:
         """Read a unit vector as a direction."""
@@ -424,13 +421,10 @@ class _SpaceSketch(Sketch):
         rows = self.rows_of(joint, "contact in space", "bevel gear", "internal bevel gear", "rack")
         if rows is None:
             return
-        constants = derive(self.poses.motion.system).constants[self.top.blocks.index(rows.block)]
-        numbers = zip(rows.block.kind.constants, np.asarray(constants)[rows.instance].tolist(), strict=True)
-        radii = [abs(value) for name, value in numbers if name.startswith("radius")]
         ways, vectors = list(rows.ways), list(rows.vectors)
         if joint.type == "rolling":  # the line comes first, then the disc's axis
             ways, vectors = ways[::-1], vectors[::-1]
-        for p, axis, v, radius in zip(rows.points, ways, vectors, radii, strict=False):
+        for p, axis, v, (radius, _) in zip(rows.points, ways, vectors, self.radii(joint.owner), strict=False):
             holder = self.bodies.holding(p, vectors=() if v < 0 else (v,))
             colour = self.bodies.colour(p) if holder is None else self.bodies.colours[holder]
             wheel = revolve(tuple(Ring(units=side, radius=radius) for side in (-0.45, 0.45)), 40)
