@@ -241,13 +241,13 @@ def load_npz(path: str | Path, mmap: bool = False) -> Table:
     arrays = read_archive(path, "a table that to_npz wrote", mmap)
     try:
         names = [str(n) for n in arrays["names"]]
-        orders = (
+        first, second, third, fourth = (
             {n: arrays[f"{order}/{n}"] for n in names if order == "position" or f"{order}/{n}" in arrays}
             for order in ORDERS
         )
         driven, units = tuple(map(str, arrays["driven"])), dict(zip(names, map(str, arrays["units"]), strict=True))
-        outcome = arrays["status"], arrays["residual"], arrays.get("conditioning")
-        return Table(str(arrays["name"]), driven, units, *orders, *outcome, arrays.get("time"))
+        outcome = arrays["status"], arrays["residual"], arrays.get("conditioning"), arrays.get("time")
+        return Table(str(arrays["name"]), driven, units, first, second, third, fourth, *outcome)
     except (KeyError, ValueError, TypeError):
         raise ModelFileError(f"{path} is not a table that to_npz wrote, or is damaged; write it again") from None
 
@@ -326,11 +326,11 @@ def load_csv(path: str | Path) -> Table:
         if read != (unit := units.setdefault(_place_of(name), "s" if name == "time" else read)):
             raise ModelFileError(f"{path}: column {label!r}: write {_place_of(name)!r} in one unit, here {unit}")
     time, residual = (orders[0].pop(name, None) for name in ("time", "residual"))
-    joined = [_join_axes(entries) for entries in orders]
-    units = {name: units[name] if name in units else units[_place_of(name)] for name in joined[0]}
+    first, second, third, fourth = map(_join_axes, orders)
+    units = {name: units[name] if name in units else units[_place_of(name)] for name in first}
     status = np.array([known[word] for word in words], dtype=int).reshape(shape)
     residual = np.full(shape, np.nan) if residual is None else residual
-    return Table(path.stem, (), units, *joined, status, residual, None, time)
+    return Table(path.stem, (), units, first, second, third, fourth, status, residual, None, time)
 
 
 def _place_of(name: str) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 
 from jaxnc.errors import InputError
@@ -357,5 +358,6 @@ def suspension_reports(motion: Motion) -> list[SuspensionReport]:
 def wheel(found: SuspensionReport) -> Wheel:
     """Write a report on a suspension as a part of a verdict."""
     rows = ({name: getattr(row, name) for name in WheelNumber.__struct_fields__} for row in found.rows)
-    numbers = [WheelNumber(**{k: x if isinstance(x, str) else number(x) for k, x in row.items()}) for row in rows]
+    plain = ({k: x if isinstance(x, str) else number(x) for k, x in row.items()} for row in rows)
+    numbers = msgspec.convert([*plain], list[WheelNumber])
     return Wheel(over=found.over, unit=found.unit, side=found.side, axle=found.axle, numbers=numbers)

@@ -131,7 +131,7 @@ class PlaneView(View):
 
     letters = 1.8
 
-    def __init__(self, data: Poses, shown: Sequence[int], trace: Names, labels: bool, camera: None = None):
+    def __init__(self, data: Poses, shown: Sequence[int], trace: Names, labels: bool, camera: object = None):
         super().__init__(data, shown, trace, labels, sketch_plane(data))
         self.marks: list[tuple[Quiver | PathCollection, Arrows]] = []  # arrows, and symbols of centres of mass
         self.paths: list[tuple[Line2D, int]] = []
