@@ -42,7 +42,8 @@ class Sketch:
         for block in self.top.loads.forces:
             word = block.kind.name.split()[-1]  # of "coordinate spring", and of a user's "leaf spring", a spring
             for points, scalars in zip(block.points, block.scalars, strict=True):
-                yield word, block.kind, *(((), self.measure_of(scalars[0])) if scalars else (points, None))
+                measure = self.measure_of(scalars[0]) if scalars else None
+                yield word, block.kind, () if scalars else points, measure
         for function in self.top.loads.functions:
             if function.acts == "effort":
                 yield "effort", None, (), self.measure_of(function.at)
