@@ -21,9 +21,7 @@ from jaxnc.constraints.elementary import ratio
 from jaxnc.constraints.kind import dot, norm
 from jaxnc.dynamics.extended import extended, is_concrete, lift_states, shown_places
 from jaxnc.dynamics.flow import Flow
-from jaxnc.dynamics.friction import friction_forces, frictions, has_friction
-from jaxnc.dynamics.mass import inertias
-from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, force_variables, forces
+from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, force_variables, forces, inertias
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.wrenches import (
     Ledger,
@@ -31,6 +29,9 @@ from jaxnc.dynamics.wrenches import (
     Parts,
     body_masses,
     cross,
+    friction_forces,
+    frictions,
+    has_friction,
     item_holders,
     joint_rows,
     pose_parts,
@@ -428,10 +429,8 @@ class Reactions:
         inner = extended(self.motion.system)
         body = inner.topology.bodies[_number(inner.topology, frame)]
         axes = turns(inner.topology, body.segments, dynamics(inner).eq.home, self._q)
-        force = jnp.einsum("...ji,...j->...i", axes, wrench.force)
-        if inner.topology.dim == 2:
-            return Wrench(force, wrench.moment)
-        return Wrench(force, jnp.einsum("...ji,...j->...i", axes, wrench.moment))
+        turned = functools.partial(jnp.einsum, "...ji,...j->...i", axes)
+        return Wrench(turned(wrench.force), wrench.moment if inner.topology.dim == 2 else turned(wrench.moment))
 
 
 @filter_jit

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from jaxnc.constraints import ALIGNED, FIXED_ANGLE, SCALAR_PRODUCT
-from jaxnc.dynamics.mass import body_inertia
+from jaxnc.dynamics.model import body_inertia
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Joined, Origin, Part
 from jaxnc.families.planner import Planner

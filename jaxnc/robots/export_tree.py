@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from jaxnc.dynamics.extended import extended, lift
-from jaxnc.dynamics.mass import body_inertia
+from jaxnc.dynamics.model import body_inertia
 from jaxnc.families.bodies import Joined, Parts, apart, join, root, spanning_tree
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
