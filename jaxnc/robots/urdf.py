@@ -5,7 +5,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,11 +22,9 @@ from jaxnc.robots.description import (
     perpendicular,
     rotate_about,
 )
+from jaxnc.robots.export_tree import ExportTree
+from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 from jaxnc.robots.mjcf import add_element, xml_text
-
-if TYPE_CHECKING:
-    from jaxnc.robots.export_tree import ExportTree
-    from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 
 _KINDS = {
     "revolute": "hinge",
@@ -316,7 +313,7 @@ class UrdfFile:
 
     # -- writing ------------------------------------------------------------------------------------------------
 
-    def save(self, path: Path, tree: "ImportTree", design: "MovedPlaces") -> Path:
+    def save(self, path: Path, tree: ImportTree, design: MovedPlaces) -> Path:
         """Put the places of a design where the file has them: frames of links are where their joints are."""
         if path.suffix.lower() != ".urdf":
             raise InputError(f"{path}: a URDF file ends in .urdf")
@@ -354,7 +351,7 @@ class UrdfFile:
                     pose.text = " ".join([xml_text(local[1]), *((pose.text or "") + " 0 0 0 0 0 0").split()[3:6]])
         return write(path, b'<?xml version="1.0"?>\n' + ET.tostring(root) + b"\n")
 
-    def _origin(self, k: int, tree: "ImportTree", design: "MovedPlaces") -> Vec:
+    def _origin(self, k: int, tree: ImportTree, design: MovedPlaces) -> Vec:
         """Return the place of the frame of a link in a design."""
         link = self.description.links[k]
         moving = [j for j in link.joints if not j.held]
@@ -364,7 +361,7 @@ class UrdfFile:
             name = tree.marks.get((k, ""), "")
         return design.places[name] if name in design.changed else link.origin
 
-    def _keep_axis(self, loop: LoopClosure, tree: "ImportTree", design: "MovedPlaces") -> None:
+    def _keep_axis(self, loop: LoopClosure, tree: ImportTree, design: MovedPlaces) -> None:
         """Refuse a design whose axis of a loop joint points elsewhere."""
         pins, far = tree.pins.get(loop.name), tree.pins.get(f"{loop.name} axis")
         if pins is None or far is None:
@@ -411,7 +408,7 @@ class UrdfWriter:
     The `driven` coordinates get a transmission.
     """
 
-    def __init__(self, tree: "ExportTree", driven: tuple[str, ...]):
+    def __init__(self, tree: ExportTree, driven: tuple[str, ...]):
         self.tree, self.description = tree, tree.description
         self.root = ET.Element("robot", name=xml_text(self.description.name))
         self.joints: dict[str, ET.Element] = {}
