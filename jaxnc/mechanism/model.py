@@ -93,11 +93,12 @@ class JointRecord(_ModelRecord):
 
     noun: ClassVar[str]  # what messages call it
     in_plane: ClassVar[str | None] = None  # of a joint in space only: what to use in the plane, or ""
+    makes: ClassVar[bool] = False  # whether its angle and its distance are coordinates that it makes
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self: Any) -> tuple[str, ...]:
         """Names of the angle and the distance that the joint makes, or none."""
-        return ()
+        return (self.angle, self.distance) if self.makes else ()
 
     def check(self: Any, check: "Checks", what: str) -> "Joint":
         """Check what was given; the record that is written down.
@@ -222,6 +223,7 @@ class Rolling(JointRecord, tag_field="joint", tag="rolling"):
     """A disc that rolls along a line, fixed or moving, without slip."""
 
     noun: ClassVar[str] = "rolling joint"
+    makes: ClassVar[bool] = True
     centre: str
     rim: str
     contact: str
@@ -231,10 +233,6 @@ class Rolling(JointRecord, tag_field="joint", tag="rolling"):
     radius: float | None = None
     form: TextForm = "exact"
     axis: Direction | None = None
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        return self.angle, self.distance
 
     def check(self, check: "Checks", what: str) -> "Joint":
         for point in (self.centre, self.rim, self.contact):
@@ -322,6 +320,7 @@ class Screw(JointRecord, tag_field="joint", tag="screw"):
 
     noun: ClassVar[str] = "screw joint"
     in_plane: ClassVar[str | None] = ""
+    makes: ClassVar[bool] = True
     line: Pair
     on: str | Pair
     directions: tuple[Direction, Direction]
@@ -329,10 +328,6 @@ class Screw(JointRecord, tag_field="joint", tag="screw"):
     distance: str
     lead: float | None = None
     pitch: float | None = None
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        return self.angle, self.distance
 
     def check(self, check: "Checks", what: str) -> "Joint":
         super().check(check, what)
