@@ -78,14 +78,10 @@ def look_around(system: System) -> System:
 # -- vectors across two segments --------------------------------------------------------------------------------------
 
 
-def _normal(x: Array) -> Array:
-    """Return the unit vector across two segments, given as six numbers."""
-    return unit(jnp.cross(x[:3], x[3:]))
-
-
 @functools.cache
 def _normal_formula() -> Formula:
-    return reading(_normal, (), ((6,),))[0]
+    """Read the unit vector across two segments, given as six numbers."""
+    return reading(lambda x: unit(jnp.cross(x[:3], x[3:])), (), ((6,),))[0]
 
 
 @functools.cache

@@ -148,19 +148,12 @@ def _evaluate_lanes(dim: int, one: InertiaIndex, numbers: dict) -> tuple[np.ndar
     count, *tail = numbers["mass"].shape
     lead, made = (count,), tuple(map(tuple, _combinations(one)))
     shapes = tuple(x.shape[1 : x.ndim - len(tail)] for x in numbers.values())
-    body, (height, width) = _body_formula(dim, one.shape, made, tuple(numbers), shapes)
+    body, (height, width) = reading(_flat, (dim, one.shape, made, tuple(numbers)), shapes)
     lanes = [column for x in numbers.values() for column in np.moveaxis(x.reshape(*lead, -1, *tail), 1, 0)]
     values = (body.carrying if tail else body.on_lanes)(lanes)
     out = np.stack([np.broadcast_to(y, (*lead, *tail)) for y in values], axis=1).astype(numbers["mass"].dtype)
     out, split = out.reshape(*lead, height, width, *tail), height - dim
     return out[:, :split], out[:, split:]
-
-
-@functools.lru_cache(maxsize=256)
-def _body_formula(
-    dim: int, shape: str, made: tuple, names: tuple[str, ...], shapes: tuple
-) -> tuple[Formula, tuple[int, int]]:
-    return reading(_flat, (dim, shape, made, names), shapes)
 
 
 def _flat(dim: int, shape: str, made: tuple, names: tuple[str, ...], *values: Array) -> Array:

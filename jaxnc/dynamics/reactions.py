@@ -127,13 +127,6 @@ def _loads_on(top: Topology, coordinate: str) -> list[str]:
     return [name for _, name in sorted(found, key=lambda entry: entry[0])]
 
 
-def _row_names(top: Topology) -> list[str]:
-    """Name all rows that have multipliers, rows on velocities last, each name once."""
-    names = [*top.rows, *top.rate_rows]
-    often = Counter(names)
-    return [f"{name} (row {k + 1})" if often[name] > 1 else name for k, name in enumerate(names)]
-
-
 R = TypeVar("R")
 _OTHERS = (Thing.RELATION, Thing.CONSTRAINT, Thing.COORDINATE)
 """Things whose wrench `Reactions.joint` returns where no joint has the name."""
@@ -349,8 +342,10 @@ class Reactions:
                 hint = nearest(of, [top.called(o) for o in writing])
                 raise InputError(f"{top.name!r}: nothing that writes rows is called {of!r}; {hint}")
             chosen = [k for k, those in enumerate(owners) if owner in those]
-        names = _row_names(top)
-        return {names[k]: self.multipliers[..., k] for k in chosen}
+        names = [*top.rows, *top.rate_rows]
+        often = Counter(names)  # each name is there once in the end
+        called = [f"{name} (row {k + 1})" if often[name] > 1 else name for k, name in enumerate(names)]
+        return {called[k]: self.multipliers[..., k] for k in chosen}
 
     def unique(self) -> dict[str, bool]:
         """Which reactions and efforts equilibrium alone determines, in the first pose; the rest are of least norm.

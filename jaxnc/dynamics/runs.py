@@ -716,11 +716,6 @@ def _start_and_history(smooth: PyTree, other: PyTree) -> tuple[Array, History]:
     return start, History(MotionState(*states), *other[_OTHER.num_leaves :])
 
 
-def _without_trail(other: PyTree) -> list:
-    """Return the arrays of a run that are not differentiated, without those of its trail."""
-    return list(other[: _OTHER.num_leaves + 3])
-
-
 def _value(question: _Question, x: PyTree, rest: PyTree) -> tuple[list, list]:
     if is_outermost(x, rest):
         with evaluate_at_once():
@@ -846,7 +841,7 @@ def _cotangent(question: _Question, x: PyTree, rest: PyTree, smooth: PyTree, oth
 @functools.partial(jit, static_argnums=0)
 def _pull_back_traced(question: _Question, x: list, rest: list, smooth: list, other: list, change: list) -> list:
     """Pull back a run of traced numbers; to differentiate that, steps are made again, as the trail is a constant."""
-    bare = _without_trail(other)
+    bare = list(other[: _OTHER.num_leaves + 3])  # without the trail
     if len(bare) == len(other):
         return _pull_back_all(question, x, rest, smooth, other, change)
     found = _pull_back_all(question, *lax.stop_gradient((x, rest, smooth, other, change)))

@@ -239,9 +239,7 @@ def _host_slopes(flow: Flow, q: Numbers) -> tuple[np.ndarray, np.ndarray]:
     return j[:, view.unknown], j[:, view.known]
 
 
-@filter_jit
-def _slip_coefficients(top: Topology, constants: tuple[Array, ...], q: Array) -> Array:
-    return coefficients(top, constants, q)
+_slip_coefficients = filter_jit(coefficients)
 
 
 # -- what nothing determines ------------------------------------------------------------------------------------------

@@ -248,12 +248,6 @@ def joint_rows(top: Topology, joint: int) -> np.ndarray:
     return np.concatenate(found) if found else np.zeros(0, int)
 
 
-def rigid_rows(top: Topology, body: int) -> np.ndarray:
-    """Return the rows that keep a body rigid."""
-    me = Owner(Thing.BODY, body)
-    return np.flatnonzero([owners[0] == me for owners in top.row_owners])
-
-
 @with_owner
 def contact_points(top: Topology) -> dict[int, tuple[int, int, int]]:
     """Return contacts of rolling discs that no body holds: the disc's centre, the disc, the body it rolls on."""
@@ -485,7 +479,8 @@ class Ledger:
                     self.left[b, item] = self.left.get((b, item), 0.0) + f
                     self.put(b, ("weight", ""), item, w)
         for b in range(len(top.bodies)) if self.only is None else [self.only]:
-            mine = set(rigid_rows(top, b).tolist())
+            # The rows that keep the body rigid.
+            mine = {r for r, owners in enumerate(top.row_owners) if owners[0] == Owner(Thing.BODY, b)}
             for n, layout in enumerate(top.layout):
                 for i in range(len(layout.rows)):
                     if mine & set(layout.rows[i].tolist()):

@@ -292,10 +292,6 @@ def _right_angles(angle: float) -> int | None:
     return count if abs(angle - count * np.pi / 2) < _NEAR else None
 
 
-def _put_number(letter: Symbol) -> float | Symbol:
-    return letter if letter.variable or letter.value is None or letter == PI else letter.value
-
-
 # -- formulations -----------------------------------------------------------------------------------------------------
 
 
@@ -487,8 +483,12 @@ class Formulation:
         for name in names:
             if name not in writer.used:
                 raise InputError(f"names={{{name!r}: …}}: there is no such symbol; {nearest(name, writer.used)}")
+
+        def put_number(letter: Symbol) -> float | Symbol:
+            return letter if letter.variable or letter.value is None or letter == PI else letter.value
+
         if numbers:
-            lines = [EquationLine(x.row, x.expression and x.expression.map(_put_number), x.otherwise) for x in lines]
+            lines = [EquationLine(x.row, x.expression and x.expression.map(put_number), x.otherwise) for x in lines]
         return Equations(lines)
 
     def __repr__(self) -> str:

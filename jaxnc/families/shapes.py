@@ -303,7 +303,7 @@ class Between:
         turn = parent.T @ child
         if self.how in PARAMETERS:
             return parameters(self.how, turn)[self.part]
-        a, b = (_unit_along(x, p_drawn, v_drawn) for x in self.axes)
+        a, b = (unit(p_drawn[x[1]] - p_drawn[x[0]] if len(x) == 2 else v_drawn[~x[0]]) for x in self.axes)
         if self.how == "slide":
             start, end = self.at
             return jnp.dot(parent.T @ (p[end] - p[start]) - (p_drawn[end] - p_drawn[start]), a)
@@ -319,10 +319,6 @@ class Between:
 
 def _frame(segments: Segments, p: AnyArray, v: AnyArray) -> AnyArray:
     return body_axes(segments, p, v) if segments else jnp.eye(3)
-
-
-def _unit_along(line: tuple[int, ...], p: Components, v: Components) -> Array:
-    return unit(p[line[1]] - p[line[0]] if len(line) == 2 else v[~line[0]])
 
 
 def _angle_about(turn: Array, axis: AnyArray) -> AnyArray:

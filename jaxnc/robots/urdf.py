@@ -324,18 +324,18 @@ class UrdfFile:
         for joint in root.findall("joint"):
             (before, start), (link, at) = (by_name[self._end(joint, tag, "")] for tag in ("parent", "child"))
             if not np.array_equal(start, before.origin) or not np.array_equal(at, link.origin):
-                _set_numbers(_child(joint, "origin"), "xyz", before.turn.T @ (at - start))
+                _child(joint, "origin").set("xyz", xml_text(before.turn.T @ (at - start)))
             first = next((j for j in link.joints if not j.held), None)
             if first and tree.anchors[first.name].axis in changed and first.name == joint.get("name"):
                 axis = tree.sense(first) * places[tree.anchors[first.name].axis]
-                _set_numbers(_child(joint, "axis"), "xyz", link.turn.T @ axis)
+                _child(joint, "axis").set("xyz", xml_text(link.turn.T @ axis))
         for element in root.findall("link"):
             link, at = by_name[str(element.get("name"))]
             shift = link.turn.T @ (link.origin - at)
             for part in (*element.findall("inertial"), *element.findall("visual"), *element.findall("collision")):
                 if np.any(shift):
                     origin = _child(part, "origin", first=True)
-                    _set_numbers(origin, "xyz", self._numbers(origin, "xyz", (0, 0, 0), "origin") + shift)
+                    origin.set("xyz", xml_text(self._numbers(origin, "xyz", (0, 0, 0), "origin") + shift))
         for loop in self.description.loops:
             pins = tree.pins.get(loop.name)
             now = loop.at if pins is None else [places[p] for p in pins]
@@ -344,7 +344,7 @@ class UrdfFile:
             for element in root.findall("loop_joint"):
                 if element.get("name") == loop.name:
                     for end, at in zip(_link_elements(element), local, strict=True):
-                        _set_numbers(end, "xyz", at)
+                        end.set("xyz", xml_text(at))
             for element in root.findall("gazebo/joint"):
                 if element.get("name") == loop.name:
                     pose = _child(element, "pose")
@@ -396,10 +396,6 @@ def _child(element: ET.Element, tag: str, first: bool = False) -> ET.Element:
         found = ET.Element(tag)
         element.insert(0 if first else len(element), found)
     return found
-
-
-def _set_numbers(element: ET.Element, key: str, values: Iterable[float]) -> None:
-    element.set(key, xml_text(values))
 
 
 class UrdfWriter:
