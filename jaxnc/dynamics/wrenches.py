@@ -479,8 +479,8 @@ class Ledger:
                     self.left[b, item] = self.left.get((b, item), 0.0) + f
                     self.put(b, ("weight", ""), item, w)
         for b in range(len(top.bodies)) if self.only is None else [self.only]:
-            # The rows that keep the body rigid.
-            mine = {r for r, owners in enumerate(top.row_owners) if owners[0] == Owner(Thing.BODY, b)}
+            me = Owner(Thing.BODY, b)
+            mine = {r for r, owners in enumerate(top.row_owners) if owners[0] == me}  # they keep the body rigid
             for n, layout in enumerate(top.layout):
                 for i in range(len(layout.rows)):
                     if mine & set(layout.rows[i].tolist()):
