@@ -45,10 +45,10 @@ def saddle(
 
     def direct(right):
         b = jnp.concatenate(right)
-        z = _solution(*factors, b)
+        z = _solutions(*factors, b[None])[0]
         for _ in range(refinements + redundant):
             back = product((z[:n], z[n:]), h, j)
-            z = z + _solution(*factors, b - jnp.concatenate(back))
+            z = z + _solutions(*factors, (b - jnp.concatenate(back))[None])[0]
         return z[:n], z[n:]
 
     return lambda f, g: solve_linear(product, (f, g), direct)
@@ -75,32 +75,17 @@ def _(size, which, matrix):
 
 
 @custom_vmap
-def _solution(packed: Array, order: Array, right: Array) -> Array:
-    """One solution ``(n,)``, by LU factors; by the inverse where `_factors` was mapped."""
-    return _back(packed, right[order][:, None])[:, 0]
-
-
-@_solution.def_vmap
-def _(size, which, packed, order, right):
-    if which[0]:
-        return _times(packed, right if which[2] else jnp.broadcast_to(right, (size, *right.shape))), True
-    return _solutions(packed, order, right), True
-
-
-@custom_vmap
 def _solutions(packed: Array, order: Array, rights: Array) -> Array:
-    """Solutions ``(k, n)`` with the same factors."""
-    return _back(packed, rights.T[order]).T
+    """Solutions ``(k, n)``, by LU factors; by the inverse where `_factors` was mapped."""
+    x = lax.linalg.triangular_solve(packed, rights.T[order], left_side=True, lower=True, unit_diagonal=True)
+    return lax.linalg.triangular_solve(packed, x, left_side=True, lower=False).T
 
 
 @_solutions.def_vmap
 def _(size, which, packed, order, rights):
-    if which[0]:
-        rights = rights if which[2] else jnp.broadcast_to(rights, (size, *rights.shape))
-        return jnp.einsum("bij,bkj->bki", packed, rights), True
-    return _solutions(packed, order, rights.reshape(-1, rights.shape[-1])).reshape(rights.shape), True
-
-
-def _back(packed: Array, right: Array) -> Array:
-    x = lax.linalg.triangular_solve(packed, right, left_side=True, lower=True, unit_diagonal=True)
-    return lax.linalg.triangular_solve(packed, x, left_side=True, lower=False)
+    if not which[0]:
+        return _solutions(packed, order, rights.reshape(-1, rights.shape[-1])).reshape(rights.shape), True
+    rights = rights if which[2] else jnp.broadcast_to(rights, (size, *rights.shape))
+    if rights.shape[1] == 1:  # sums that XLA makes one loop with what stands around them
+        return _times(packed, rights[:, 0])[:, None], True
+    return jnp.einsum("bij,bkj->bki", packed, rights), True

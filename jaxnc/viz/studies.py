@@ -19,7 +19,7 @@ from jaxnc.viz.plots import stack_axes
 from jaxnc.viz.style import BODIES, HEADING, LIGHT, LINES, NUMBERS, TEXT, axis_name, crown, furnish, symbol
 
 if TYPE_CHECKING:
-    from jaxnc.families.compare import Comparison
+    from jaxnc.families.comparison import Comparison
     from jaxnc.synthesis.tolerance.spread import Tolerance
     from jaxnc.vehicle.report import SuspensionReport, SuspensionRow
 
@@ -98,7 +98,7 @@ def plot_families(
         InputError: no family has numbers.
         OutputError: a file that cannot be written.
     """
-    from jaxnc.families.compare import SPREADS
+    from jaxnc.families.comparison import SPREADS
 
     rows = [row for row in comparison.families if row.n is not None]
     if not rows:
