@@ -60,6 +60,38 @@ def attach(rule: Rule | TwoRules, static: Hashable, value: object, *args: object
     ))  # fmt: skip
 
 
+def solve_linear(
+    product: Callable[[tuple], tuple],
+    right: tuple,
+    solve: Callable[[tuple], tuple],
+    transposed: Callable[[tuple], tuple] | None = None,
+) -> tuple:
+    """Solve a linear system whose unknowns and rows are several arrays, with derivatives of every order.
+
+    It is `jax.lax.custom_linear_solve`, which is transposed only if every part depends on what is differentiated. So
+    each part has all others added to it, times zero: a part may be constant, or not used.
+
+    Args:
+        product: the linear function, of as many arrays as it returns.
+        right: what it shall give: arrays of one shape, each element a system of its own, or of several shapes, all of
+            one system.
+        solve: solve for a right-hand side; it is not differentiated.
+        transposed: likewise of the transposed function; the function is symmetric if not given.
+    """
+
+    def tied(parts: tuple) -> tuple:
+        alike = len({jnp.shape(part) for part in parts}) == 1
+        none = 0.0 * functools.reduce(jnp.add, parts if alike else [jnp.sum(part) for part in parts])
+        return tuple(part + none for part in parts)
+
+    back = None if transposed is None else lambda _, given: transposed(given)
+    return tied(
+        lax.custom_linear_solve(
+            lambda x: tied(product(tied(x))), tied(right), lambda _, given: solve(given), back, symmetric=back is None
+        )
+    )
+
+
 def _pass_value(*arrays: object, count: int, **_: object) -> list:
     return list(arrays[:count])
 

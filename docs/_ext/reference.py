@@ -38,7 +38,7 @@ JOINTS = [
 ]  # records of joints
 UNNAMED = (
     "jaxnc.dynamics.flow.Flow",
-    "jaxnc.families.compare.Row",
+    "jaxnc.families.comparison.Row",
     "jaxnc.families.planner.Atlas",
     "jaxnc.families.planner.Variable",
     "jaxnc.synthesis.conditions.Seen",

@@ -87,7 +87,11 @@ def _run_to_exit_code(arguments: Sequence[str]) -> int:
             command_parser().print_help()
             return BAD_INPUT
         options.verdict = verdict
-        code = _run_command(options)
+        # Where a verdict is asked for, nothing else is printed.
+        with contextlib.redirect_stdout(io.StringIO()) if options.json else contextlib.nullcontext():
+            code = _answer_question(options)
+        if options.json:
+            print(options.verdict.close(code).to_json())
         sys.stdout.flush()
         return code
     except BrokenPipeError:
@@ -163,16 +167,6 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{message} (see `{self.prog} --help`)")
 
 
-def _run_command(options: argparse.Namespace) -> int:
-    """Carry a command out; where a verdict is asked for, nothing else is printed."""
-    if not options.json:
-        return _answer_question(options)
-    with contextlib.redirect_stdout(io.StringIO()):
-        code = _answer_question(options)
-    print(options.verdict.close(code).to_json())
-    return code
-
-
 def _answer_question(options: argparse.Namespace) -> int:
     """Read the question and print what it is about before JAX is imported, which takes a while; then answer it."""
     begin, name = time.perf_counter(), options.command
@@ -209,7 +203,13 @@ def configure(no_cache: bool) -> None:
     from jaxnc.io.cache import cache
     from jaxnc.process import CACHE
 
-    _check_devices()
+    if told := os.environ.get("JAX_PLATFORMS"):
+        try:
+            jax.devices()
+        except (RuntimeError, AssertionError):
+            raise InputError(
+                f"JAX_PLATFORMS={told}: JAX has no such device here; unset the variable, or set it to cpu"
+            ) from None
     jax.config.update("jax_enable_x64", True)
     try:
         if not no_cache and cache() is not None:
@@ -221,20 +221,6 @@ def configure(no_cache: bool) -> None:
             file=sys.stderr,
         )
     jax.config.update("jax_enable_compilation_cache", False)
-
-
-def _check_devices() -> None:
-    """Raise if JAX was told to use what this machine does not have."""
-    import jax
-
-    told = os.environ.get("JAX_PLATFORMS")
-    if told:
-        try:
-            jax.devices()
-        except (RuntimeError, AssertionError):
-            raise InputError(
-                f"JAX_PLATFORMS={told}: JAX has no such device here; unset the variable, or set it to cpu"
-            ) from None
 
 
 def command_parser() -> argparse.ArgumentParser:

@@ -1,8 +1,6 @@
 """`jaxnc modes`: every assembly of a model file, at its inputs or over the range of one."""
 
 import argparse
-import csv
-import io
 import itertools
 import operator
 from pathlib import Path
@@ -15,7 +13,7 @@ from jaxnc.cli.question import Question
 from jaxnc.errors import counted
 from jaxnc.io.drives import unit_of as unit_in_radians
 from jaxnc.io.tables import list_columns, to_csv
-from jaxnc.io.target import write
+from jaxnc.io.target import csv_text, write
 from jaxnc.kinematics.circuits import Circuits
 from jaxnc.kinematics.modes import Modes
 from jaxnc.notebooks import align_columns
@@ -122,12 +120,11 @@ def _list_circuits(found: Circuits, system: nc.System, options: argparse.Namespa
 
 def _write_branches(found: Circuits, path: Path) -> None:
     """Write the poses of all branches as one table, their numbers and those of their circuits in front."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
+    rows: list[list[object]] = []
     for k, branch in enumerate(found.branches):
         columns = list_columns(branch.poses, None, None, "a table").columns
         if not k:
-            table.writerow(["branch", "circuit", *(f"{name} [{unit}]" for name, (unit, _) in columns.items())])
+            rows.append(["branch", "circuit", *(f"{name} [{unit}]" for name, (unit, _) in columns.items())])
         for row in zip(*(values.tolist() for _, values in columns.values()), strict=True):
-            table.writerow([k, branch.circuit, *(f"{x:.17g}" for x in row)])
-    write(path, text.getvalue().encode())
+            rows.append([k, branch.circuit, *(f"{x:.17g}" for x in row)])
+    write(path, csv_text(rows))

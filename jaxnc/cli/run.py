@@ -14,13 +14,18 @@ from jaxnc.errors import AssemblyError, InputError
 from jaxnc.io.drives import SweepArguments, sweep_arguments
 from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.io.target import stem
-from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.progress import step_bar
 from jaxnc.reporting.checked import drives
-from jaxnc.reporting.expected import check_expected, judge
-from jaxnc.reporting.outcome import enter, outputs_of, suspension_reports, wheel
+from jaxnc.reporting.outcome import (
+    carry_out,
+    check_expected,
+    enter,
+    judge,
+    outputs_of,
+    suspension_reports,
+    wheel,
+)
 from jaxnc.system.system import System
 from jaxnc.vehicle.report import SuspensionReport
 from jaxnc.workshop.shop import SIZES
@@ -103,16 +108,7 @@ def analyse(question: Question, expect: Sequence[str] = ()) -> Analysis:
 
 
 def _move_mechanism(system: System, analysis: str, arguments: SweepArguments) -> Motion:
-    if analysis == "circuit":
-        inputs = arguments["inputs"]
-        if len(inputs) != 1:
-            raise InputError(f"a circuit is that of one input, got {', '.join(inputs)}: hold the others")
-        name, values = next(iter(inputs.items()))  # nothing is driven along a circuit, so that it has no rates
-        motion = circuit(system, name, (values[0], values[-1]), len(values), arguments["hold"])
-    elif analysis == "solve_position":
-        motion = solve_position(system, throw=False, **arguments)
-    else:
-        motion = sweep(system, **arguments)
+    motion = carry_out(system, analysis, arguments)
     jax.block_until_ready((motion.q, motion.rates, motion.status))
     return motion
 

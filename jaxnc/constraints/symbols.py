@@ -175,7 +175,7 @@ class Expression:
             varying = sorted(varying, key=_term_axis)
         terms = varying + [t for t in self.terms if not _varies(t)]
         first = next((k for k, t in enumerate(terms) if t[0] > 0), 0)
-        if first and not _long(terms[0]):
+        if first and all(isinstance(atom, Symbol) for atom, _ in terms[0][1]):
             terms.insert(0, terms.pop(first))  # "x_D - x_1" rather than "-x_1 + x_D"
         out = ""
         for coefficient, factors in terms:
@@ -215,10 +215,6 @@ def _trigonometric(atom: Atom) -> int:
 
 def _varies(term: tuple[float, Factors]) -> bool:
     return any(_atom_degree(atom) != 0 for atom, _ in term[1])
-
-
-def _long(term: tuple[float, Factors]) -> bool:
-    return any(not isinstance(atom, Symbol) for atom, _ in term[1])
 
 
 def _term_axis(term: tuple[float, Factors]) -> str:

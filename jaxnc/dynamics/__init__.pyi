@@ -10,8 +10,8 @@ from jaxnc.dynamics.equilibrium import Equilibrium as Equilibrium
 from jaxnc.dynamics.field import VectorField as VectorField
 from jaxnc.dynamics.field import vector_field as vector_field
 from jaxnc.dynamics.linear import Linearisation as Linearisation
-from jaxnc.dynamics.mass import mass_matrix as mass_matrix
 from jaxnc.dynamics.model import State as State
+from jaxnc.dynamics.model import mass_matrix as mass_matrix
 from jaxnc.dynamics.reactions import InverseDynamics as InverseDynamics
 from jaxnc.dynamics.reactions import Load as Load
 from jaxnc.dynamics.reactions import Reactions as Reactions

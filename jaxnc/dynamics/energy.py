@@ -13,11 +13,9 @@ from numpy.polynomial.polynomial import polyder, polyval
 from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, jit, on_device
 from jaxnc.dynamics.extended import extended, is_concrete, lift_states
-from jaxnc.dynamics.friction import friction_forces, has_friction
 from jaxnc.dynamics.model import (
     Dynamics,
     check_loads,
-    check_mass,
     dynamics,
     energy_formula,
     force_values,
@@ -25,7 +23,7 @@ from jaxnc.dynamics.model import (
     potential,
 )
 from jaxnc.dynamics.reactions import open_forces, reactions, states_of
-from jaxnc.dynamics.wrenches import cross
+from jaxnc.dynamics.wrenches import cross, friction_forces, has_friction
 from jaxnc.errors import InputError
 from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import outside
@@ -40,8 +38,7 @@ from jaxnc.validate import as_shape
 @public
 def total_mass(system: System) -> Array:
     """Mass of everything that has one, kg."""
-    check_loads(system, "total_mass()")
-    check_mass(system)
+    check_loads(system, "total_mass()", moves=True)
     return dynamics(extended(system)).total
 
 
@@ -132,8 +129,7 @@ def _evaluate(motion: Motion, order: int, f: Callable, *more: object) -> Array:
         raise InputError(f"energies and momenta are those of a motion, got {type(motion).__name__}")
     if len(motion.rates) < order:
         raise InputError("this motion carries no rates, so it has no velocities; pass rates= when you make it")
-    check_loads(motion.system, "energies and momenta")
-    check_mass(motion.system)
+    check_loads(motion.system, "energies and momenta", moves=True)
     system, lead = motion.system, motion.status.shape
     if is_concrete(motion, more) and outermost():
         states: Any = motion.poses, motion.rates[0] if order else motion.poses

@@ -238,11 +238,6 @@ class _Place:
     other: Array  # forces that have none
 
 
-def _gain(old: _Place, new: _Place, way: Array) -> Array:
-    """Return the gain of energy on a short way: of the potential, less the work of the loads that have none."""
-    return new.energy - old.energy - 0.5 * jnp.dot(old.other + new.other, way)
-
-
 @filter_jit
 def _find(flow: Flow, q: Array, downhill: bool):
     view, u = flow.view, flow.view.unknown
@@ -274,7 +269,9 @@ def _find(flow: Flow, q: Array, downhill: bool):
         """Take a trial or not, and make the next: so everything is asked in one line of the program, the start too."""
         i, q, at, new, far, shift, _ = state
         now, size = evaluate(new), jnp.maximum(largest(at.f), 1e-300)
-        better = _gain(at, now, new - q) <= 1e-14 * size * length if downhill else jnp.ones((), bool)
+        # What is gained on the way: of the potential, less the work of the loads that have none.
+        gain = now.energy - at.energy - 0.5 * jnp.dot(at.other + now.other, new - q)
+        better = gain <= 1e-14 * size * length if downhill else jnp.ones((), bool)
         good = (i == 0) | (jnp.isfinite(new).all() & better)
         q, at = jax.tree.map(lambda new, old: jnp.where(good, new, old), (new, now), (q, at))
         shift = jnp.where(good, 0.1 * shift, jnp.maximum(10.0 * shift, 1e-4))

@@ -7,7 +7,6 @@ the two; its kinematic counts, rows and coordinates stay as they are, and result
 
 import dataclasses
 import functools
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -78,21 +77,12 @@ def look_around(system: System) -> System:
 # -- vectors across two segments --------------------------------------------------------------------------------------
 
 
-def _normal(x: Array) -> Array:
-    """Return the unit vector across two segments, given as six numbers."""
-    return unit(jnp.cross(x[:3], x[3:]))
-
-
 @functools.cache
-def _normal_formula() -> Formula:
-    return reading(_normal, (), ((6,),))[0]
-
-
-@functools.cache
-def _normal_rate(order: int, host: bool) -> Callable:
-    """Read a time derivative of a normal on lanes, NumPy's or JAX's, of both segments and their rates."""
-    formula = _normal_formula().rate(6, order)
-    return formula.on_lanes if host else formula.traced
+def _normal_formula(order: int) -> Formula:
+    """Read the unit vector across two segments, given as six numbers; or a time derivative, from their rates too."""
+    if order:
+        return _normal_formula(0).rate(6, order)
+    return reading(lambda x: unit(jnp.cross(x[:3], x[3:])), (), ((6,),))[0]
 
 
 def _spans(top: Topology, points: Numbers, vectors: Numbers) -> list[tuple[Numbers, Numbers]]:
@@ -115,7 +105,7 @@ def across_vectors(top: Topology, points: Numbers, vectors: Numbers) -> Numbers:
     if not isinstance(points, np.ndarray):
         return jnp.stack([unit(jnp.cross(a, b)) for a, b in pairs])
     lanes = np.stack([np.concatenate(pair) for pair in pairs], axis=1)
-    run = _normal_formula().carrying if points.ndim == 3 else _normal_formula().on_lanes
+    run = _normal_formula(0).reading(points, points.ndim == 3)
     return np.stack(run(list(lanes)), axis=1).astype(points.dtype)
 
 
@@ -165,6 +155,7 @@ def lift_states(top: Topology, *states: AnyArray) -> tuple[AnyArray, ...]:
     for order, x in enumerate(states):
         pairs = _spans(top, *(xp.moveaxis(xp.asarray(part), 0, -1) for part in spread(top, x)))
         lanes += list(xp.stack([xp.concatenate(pair) for pair in pairs], axis=1))
-        hidden = xp.stack(_normal_rate(order, host)(lanes), axis=1)
+        formula = _normal_formula(order)
+        hidden = xp.stack((formula.on_lanes if host else formula.traced)(lanes), axis=1)
         out.append(xp.concatenate([x[:, :split], hidden.reshape(-1, len(x)).T, x[:, split:]], axis=1))
     return tuple(out)

@@ -13,7 +13,7 @@ from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics.extended import extended, is_concrete, lift, lift_rates, lower
 from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow
 from jaxnc.dynamics.integrate import History
-from jaxnc.dynamics.model import State, check_loads, check_mass, dynamics
+from jaxnc.dynamics.model import State, check_loads, dynamics
 from jaxnc.dynamics.runs import Start, summarise
 from jaxnc.dynamics.simulate import read_drives
 from jaxnc.dynamics.simulation import Simulation
@@ -259,8 +259,7 @@ def _consistent(system: System, flow: Flow, t: Array, q: Array, rates: Rates) ->
     x, w = flow.impose(t, x, jnp.zeros_like(x))
     x = flow.project_position(x, 3)
     if rates is not None:
-        w = start_rates(top, flow, x, rates, driven=w)
-    _, w = flow.impose(t, x, w)
+        _, w = flow.impose(t, x, start_rates(top, flow, x, rates, driven=w))
     return lower(top, x), lower(top, flow.project_velocity(x, w))
 
 
@@ -308,8 +307,7 @@ def vector_field(
 
     Source: J. García de Jalón, E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, ch. 5.
     """
-    check_loads(system, "vector_field()")
-    check_mass(system)
+    check_loads(system, "vector_field()", moves=True)
     positive(stabilise, "stabilise=", zero=True)
     drives, more = read_drives(system, inputs, unit)
     flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, drives, bool(singular))

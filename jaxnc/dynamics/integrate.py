@@ -106,11 +106,6 @@ class _Bracket(NamedTuple):
     at_high: Array
     last: Array
 
-    @classmethod
-    def none(cls) -> "_Bracket":
-        """Return a bracket with no event in sight."""
-        return cls(*(jnp.zeros(()) for _ in range(5)))
-
     def guess(self) -> Array:
         """Return the next step to be tried."""
         found = (self.low * self.at_high - self.high * self.at_low) / (self.at_high - self.at_low)
@@ -214,7 +209,8 @@ def _march(
         )
         return Course(state, t, wanted, (made, vain), status, value), count + taken, bracket, memory
 
-    course, count, _, memory = lax.while_loop(more, once, (course, jnp.zeros((), jnp.int32), _Bracket.none(), memory))
+    unseen = _Bracket(*(jnp.zeros(()) for _ in range(5)))
+    course, count, _, memory = lax.while_loop(more, once, (course, jnp.zeros((), jnp.int32), unseen, memory))
     return course, count, memory
 
 

@@ -12,7 +12,7 @@ from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.equilibrium import Equilibrium
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow, evaluate_rows
-from jaxnc.dynamics.model import check_loads, check_mass, dynamics
+from jaxnc.dynamics.model import check_loads, dynamics
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.start import Rates, assemble_pose, check_start, start_rates
 from jaxnc.errors import InputError, brief, nearest
@@ -153,8 +153,7 @@ def linearise(
     Raises:
         InputError: unknown names, or not as many coordinates as there are freedoms.
     """
-    check_loads(system, "linearise()")
-    check_mass(system)
+    check_loads(system, "linearise()", moves=True)
     top = system.topology
     state, known_rates = check_start(system, state.motion if isinstance(state, Equilibrium) else state, rates, unit)
     flow, q, v = _steady(system, assemble_pose(system, state), known_rates)

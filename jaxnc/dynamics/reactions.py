@@ -21,9 +21,7 @@ from jaxnc.constraints.elementary import ratio
 from jaxnc.constraints.kind import dot, norm
 from jaxnc.dynamics.extended import extended, is_concrete, lift_states, shown_places
 from jaxnc.dynamics.flow import Flow
-from jaxnc.dynamics.friction import friction_forces, frictions, has_friction
-from jaxnc.dynamics.mass import inertias
-from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, force_variables, forces
+from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, force_variables, forces, inertias
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.wrenches import (
     Ledger,
@@ -31,6 +29,9 @@ from jaxnc.dynamics.wrenches import (
     Parts,
     body_masses,
     cross,
+    friction_forces,
+    frictions,
+    has_friction,
     item_holders,
     joint_rows,
     pose_parts,
@@ -124,13 +125,6 @@ def _loads_on(top: Topology, coordinate: str) -> list[str]:
     ]
     found += [(False, f.name) for f in top.loads.functions if f.acts == "effort" and f.at == at]
     return [name for _, name in sorted(found, key=lambda entry: entry[0])]
-
-
-def _row_names(top: Topology) -> list[str]:
-    """Name all rows that have multipliers, rows on velocities last, each name once."""
-    names = [*top.rows, *top.rate_rows]
-    often = Counter(names)
-    return [f"{name} (row {k + 1})" if often[name] > 1 else name for k, name in enumerate(names)]
 
 
 R = TypeVar("R")
@@ -348,8 +342,10 @@ class Reactions:
                 hint = nearest(of, [top.called(o) for o in writing])
                 raise InputError(f"{top.name!r}: nothing that writes rows is called {of!r}; {hint}")
             chosen = [k for k, those in enumerate(owners) if owner in those]
-        names = _row_names(top)
-        return {names[k]: self.multipliers[..., k] for k in chosen}
+        names = [*top.rows, *top.rate_rows]
+        often = Counter(names)  # each name is there once in the end
+        called = [f"{name} (row {k + 1})" if often[name] > 1 else name for k, name in enumerate(names)]
+        return {called[k]: self.multipliers[..., k] for k in chosen}
 
     def unique(self) -> dict[str, bool]:
         """Which reactions and efforts equilibrium alone determines, in the first pose; the rest are of least norm.
@@ -428,10 +424,8 @@ class Reactions:
         inner = extended(self.motion.system)
         body = inner.topology.bodies[_number(inner.topology, frame)]
         axes = turns(inner.topology, body.segments, dynamics(inner).eq.home, self._q)
-        force = jnp.einsum("...ji,...j->...i", axes, wrench.force)
-        if inner.topology.dim == 2:
-            return Wrench(force, wrench.moment)
-        return Wrench(force, jnp.einsum("...ji,...j->...i", axes, wrench.moment))
+        turned = functools.partial(jnp.einsum, "...ji,...j->...i", axes)
+        return Wrench(turned(wrench.force), wrench.moment if inner.topology.dim == 2 else turned(wrench.moment))
 
 
 @filter_jit

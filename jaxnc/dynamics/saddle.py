@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 
+from jaxnc.autodiff import solve_linear
 from jaxnc.process import one_thread
 from jaxnc.solvers import dense
 from jaxnc.system.precision import numbers
@@ -39,24 +40,18 @@ def saddle(
     factors = _factors(matrix)
 
     def product(pair, a=hessian, b=jacobian):
-        # Transposition asks that both parts depend on everything that may be perturbed.
         x, y = pair
-        first = _times(a, x) + _times(b.T, y)
-        return first, _times(b, x) + 0.0 * jnp.sum(first)
+        return _times(a, x) + _times(b.T, y), _times(b, x)
 
-    def direct(_, right):
+    def direct(right):
         b = jnp.concatenate(right)
-        z = _solution(*factors, b)
+        z = _solutions(*factors, b[None])[0]
         for _ in range(refinements + redundant):
             back = product((z[:n], z[n:]), h, j)
-            z = z + _solution(*factors, b - jnp.concatenate(back))
+            z = z + _solutions(*factors, (b - jnp.concatenate(back))[None])[0]
         return z[:n], z[n:]
 
-    def solve(f: Array, g: Array) -> tuple[Array, Array]:
-        nothing = 0.0 * (jnp.sum(f) + jnp.sum(g))
-        return lax.custom_linear_solve(product, (f + nothing, g + nothing), direct, symmetric=True)
-
-    return solve
+    return lambda f, g: solve_linear(product, (f, g), direct)
 
 
 def _times(a: Array, x: Array) -> Array:
@@ -80,32 +75,17 @@ def _(size, which, matrix):
 
 
 @custom_vmap
-def _solution(packed: Array, order: Array, right: Array) -> Array:
-    """One solution ``(n,)``, by LU factors; by the inverse where `_factors` was mapped."""
-    return _back(packed, right[order][:, None])[:, 0]
-
-
-@_solution.def_vmap
-def _(size, which, packed, order, right):
-    if which[0]:
-        return _times(packed, right if which[2] else jnp.broadcast_to(right, (size, *right.shape))), True
-    return _solutions(packed, order, right), True
-
-
-@custom_vmap
 def _solutions(packed: Array, order: Array, rights: Array) -> Array:
-    """Solutions ``(k, n)`` with the same factors."""
-    return _back(packed, rights.T[order]).T
+    """Solutions ``(k, n)``, by LU factors; by the inverse where `_factors` was mapped."""
+    x = lax.linalg.triangular_solve(packed, rights.T[order], left_side=True, lower=True, unit_diagonal=True)
+    return lax.linalg.triangular_solve(packed, x, left_side=True, lower=False).T
 
 
 @_solutions.def_vmap
 def _(size, which, packed, order, rights):
-    if which[0]:
-        rights = rights if which[2] else jnp.broadcast_to(rights, (size, *rights.shape))
-        return jnp.einsum("bij,bkj->bki", packed, rights), True
-    return _solutions(packed, order, rights.reshape(-1, rights.shape[-1])).reshape(rights.shape), True
-
-
-def _back(packed: Array, right: Array) -> Array:
-    x = lax.linalg.triangular_solve(packed, right, left_side=True, lower=True, unit_diagonal=True)
-    return lax.linalg.triangular_solve(packed, x, left_side=True, lower=False)
+    if not which[0]:
+        return _solutions(packed, order, rights.reshape(-1, rights.shape[-1])).reshape(rights.shape), True
+    rights = rights if which[2] else jnp.broadcast_to(rights, (size, *rights.shape))
+    if rights.shape[1] == 1:  # sums that XLA makes one loop with what stands around them
+        return _times(packed, rights[:, 0])[:, None], True
+    return jnp.einsum("bij,bkj->bki", packed, rights), True

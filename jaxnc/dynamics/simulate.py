@@ -13,12 +13,11 @@ from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from jaxnc.calls import public
-from jaxnc.dynamics.derivative import differentiable_run, run_known
 from jaxnc.dynamics.extended import is_concrete, lift, lift_rates
 from jaxnc.dynamics.flow import Drive, Flow
 from jaxnc.dynamics.integrate import Control
-from jaxnc.dynamics.model import State, blame_force, check_loads, check_mass
-from jaxnc.dynamics.runs import RunNumbers, SimulationSpec, run_in_parts
+from jaxnc.dynamics.model import State, blame_force, check_loads
+from jaxnc.dynamics.runs import RunNumbers, SimulationSpec, differentiable_run, run_in_parts, run_known
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.dynamics.start import begin_pose, check_begin, check_start
 from jaxnc.dynamics.steps import count_steps
@@ -89,8 +88,7 @@ def simulate(
 
     Source: J. García de Jalón, E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, ch. 5.
     """
-    check_loads(system, "simulate()")
-    check_mass(system)
+    check_loads(system, "simulate()", moves=True)
     for value, name in ((step, "step="), (first, "first=")):
         if value is not None:
             positive(value, name)

@@ -1,7 +1,7 @@
 """Where a simulation begins: poses and velocities made consistent, and motions refused that nothing determines."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,10 +10,10 @@ from jax.core import Tracer
 from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics.extended import is_concrete, lift_rates, lower
 from jaxnc.dynamics.flow import Flow
-from jaxnc.dynamics.mass import body_inertia
+from jaxnc.dynamics.model import body_inertia
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians
+from jaxnc.kinematics.inputs import array, doubt_degrees, finite, finite_array, in_radians
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.solvers.assembly import derive, free_plan, rank_of, to_host
@@ -23,9 +23,6 @@ from jaxnc.system.equations import coefficients, weights
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Inputs, Numbers, PyTree
-
-if TYPE_CHECKING:
-    from jaxnc.dynamics.runs import SimulationSpec
 
 Rates = Array | tuple[tuple[int, ...], Any] | None
 """Rates to start with: of all coordinates of a pose, of some coordinates by place, or of none."""
@@ -70,8 +67,7 @@ def check_pose(system: System, state: Motion | Inputs | None) -> Any:
 
 def _read_numbers(value: object, what: str, *shape: int) -> Array:
     """Read one finite number, or as many as a shape says."""
-    found = array(value, what)
-    finite(found, what)
+    found = finite_array(value, what)
     if found.shape != shape:
         raise InputError(f"{what} must be {f'{shape[0]} numbers' if shape else 'one number'}, got shape {found.shape}")
     return found
@@ -98,7 +94,7 @@ def assemble_pose(system: System, state: PyTree, throw: bool = True) -> Array:
     """
     if state is not None and not isinstance(state, Mapping):
         return state
-    if state and determines_pose(system, state):
+    if state and determines_pose(system.topology, system.degrees_of_freedom, state):
         found = solve_position(system, state, throw=False)
         if throw and not isinstance(found.status, Tracer) and int(found.status):
             wanted = ", ".join(f"{name} = {float(value):g}" for name, value in state.items())
@@ -123,9 +119,9 @@ def begin_pose(system: System, state: PyTree, driven: Mapping[str, Numbers], thr
     return jnp.where(found.converged, found.q, begin)
 
 
-def determines_pose(system: "System | SimulationSpec", state: Mapping[str, Numbers]) -> bool:
-    """Tell whether values by name determine the pose of a system, or of its topology and count of freedoms."""
-    return len(state) == system.degrees_of_freedom and all(n in system.topology.position for n in state)
+def determines_pose(top: Topology, freedom: int, state: Mapping[str, Numbers]) -> bool:
+    """Tell whether values by name determine the pose of a mechanism with so many freedoms."""
+    return len(state) == freedom and all(n in top.position for n in state)
 
 
 def attach_drawing(system: System, q: Array, state: Mapping[str, Array] | None) -> Array:
@@ -183,15 +179,14 @@ def start_rates(
     brought onto the constraints once more, as they are solved for. The rates of driven coordinates, zero elsewhere, are
     `driven`.
     """
+    driven = jnp.zeros_like(q) if driven is None else driven
     if rates is None:
-        _, v = flow.impose(flow.dyn.total * 0.0, q, jnp.zeros_like(q))
-        return flow.project_velocity(q, v)
+        return flow.project_velocity(q, driven)
     if not isinstance(rates, tuple):
         return lift_rates(top, lower(top, q), rates)
     at, wanted = np.array(rates[0]), rates[1]
     u = flow.view.unknown
     weight = weights(flow.dyn.eq)
-    driven = jnp.zeros_like(q) if driven is None else driven
     _, j, _, slip, _ = flow.rows(q, driven)
     chosen = (at[:, None] == u[None]).astype(float)
     mass = flow.dyn.mass[u[:, None], u[None]] / (weight[u, None] * weight[None, u])
@@ -244,9 +239,7 @@ def _host_slopes(flow: Flow, q: Numbers) -> tuple[np.ndarray, np.ndarray]:
     return j[:, view.unknown], j[:, view.known]
 
 
-@filter_jit
-def _slip_coefficients(top: Topology, constants: tuple[Array, ...], q: Array) -> Array:
-    return coefficients(top, constants, q)
+_slip_coefficients = filter_jit(coefficients)
 
 
 # -- what nothing determines ------------------------------------------------------------------------------------------

@@ -14,31 +14,33 @@ A relation between coordinates transmits couples. Where it is a mesh (of gears, 
 the tooth force about the wheels' axes. The multiplier of the row alone puts a couple on each wheel and the opposite
 ones on the body that carries their bearings. A single force at the pitch point has the same couples about both axes,
 and does the same work. What it has more is held by the bearings, and passes through them to the carrier.
+
+Coulomb friction in joints is proportional to the joint's reaction, which it changes itself. The reaction is that of
+`jaxnc.dynamics.reactions`: what passes through the pin, also where the pin is a point that two bodies share.
+Accelerations, reactions and friction are made consistent by repetition: with a pin of radius r in links of length L
+each pass leaves a part of about ``μ r / L``; in a slider ``μ`` times the slope of the rod that pushes it. The sign of
+the sliding speed is smoothed, ``tanh(v / speed)``: a joint that sticks creeps at a part of that speed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.dynamics.mass import inertia_coordinates, inertia_nodes, inertias
-from jaxnc.dynamics.model import Dynamics, force_values
+from jaxnc.dynamics.model import Dynamics, force_values, forces, inertia_coordinates, inertia_nodes, inertias
 from jaxnc.forces import COUPLE
 from jaxnc.remembered import with_owner
 from jaxnc.system.equations import Equations, coefficients, entries, places
-from jaxnc.system.frames import spread
+from jaxnc.system.frames import spins, spread
 from jaxnc.system.identity import GROUND, Owner, Thing
-from jaxnc.system.loads import FrictionIndex
+from jaxnc.system.loads import ForceBlock, FrictionIndex
 from jaxnc.system.system import System
-from jaxnc.system.topology import JointIndex, Segment, Topology
+from jaxnc.system.topology import Block, JointIndex, Segment, Topology
 from jaxnc.types import AnyArray, Array, Numbers
-
-if TYPE_CHECKING:
-    from jaxnc.system.loads import ForceBlock
-    from jaxnc.system.topology import Block
 
 # -- vectors of poses -------------------------------------------------------------------------------------------------
 
@@ -100,7 +102,7 @@ def body_items(top: Topology, body: int) -> tuple[int, ...]:
     return (*found.points, *(~u for u in found.vectors))
 
 
-def instance_items(block: "Block | ForceBlock", i: int) -> tuple[int, ...]:
+def instance_items(block: Block | ForceBlock, i: int) -> tuple[int, ...]:
     """List points and ~vectors of an instance of a constraint or force."""
     return (*block.points[i], *(~u for u in block.vectors[i]))
 
@@ -244,12 +246,6 @@ def joint_rows(top: Topology, joint: int) -> np.ndarray:
     """Return the rows that a joint writes, with those of the coordinates that it makes."""
     found = [top.layout[b].rows[i] for (b, i), j in _makers(top).items() if j == joint]
     return np.concatenate(found) if found else np.zeros(0, int)
-
-
-def rigid_rows(top: Topology, body: int) -> np.ndarray:
-    """Return the rows that keep a body rigid."""
-    me = Owner(Thing.BODY, body)
-    return np.flatnonzero([owners[0] == me for owners in top.row_owners])
 
 
 @with_owner
@@ -443,7 +439,7 @@ class Ledger:
         for (item, f), body in zip(self.split(self.top.blocks[b], i, force), slot_owners(self.top)[b][i], strict=True):
             self.put(int(body), key, item, f, there)
 
-    def split(self, block: "Block | ForceBlock", i: int, force: Numbers) -> list[tuple[int, AnyArray]]:
+    def split(self, block: Block | ForceBlock, i: int, force: Numbers) -> list[tuple[int, AnyArray]]:
         """Part forces on the variables of an instance ``(..., variables)`` by the items that they act on."""
         dim = self.top.dim
         return [(item, force[..., k * dim : (k + 1) * dim]) for k, item in enumerate(instance_items(block, i))]
@@ -483,7 +479,8 @@ class Ledger:
                     self.left[b, item] = self.left.get((b, item), 0.0) + f
                     self.put(b, ("weight", ""), item, w)
         for b in range(len(top.bodies)) if self.only is None else [self.only]:
-            mine = set(rigid_rows(top, b).tolist())
+            me = Owner(Thing.BODY, b)
+            mine = {r for r, owners in enumerate(top.row_owners) if owners[0] == me}  # they keep the body rigid
             for n, layout in enumerate(top.layout):
                 for i in range(len(layout.rows)):
                     if mine & set(layout.rows[i].tolist()):
@@ -507,7 +504,7 @@ class Ledger:
         if c >= self.first_scalar:
             self.coordinate(("coordinate", self.top.coordinates[c]), c, -force)
 
-    def on_scalars(self, key: Key, block: "Block | ForceBlock", i: int, force: Numbers) -> None:
+    def on_scalars(self, key: Key, block: Block | ForceBlock, i: int, force: Numbers) -> None:
         """Put the last of the forces ``(P, variables)`` of an instance on the coordinates that it takes."""
         for k, c in enumerate(block.scalars[i]):
             self.on_scalar(key, c, force[:, k - len(block.scalars[i])])
@@ -696,7 +693,7 @@ def _bearing(ledger: Ledger, body: int, other: int) -> Key | None:
     return key_of(top.joints[found[0]]) if found else None
 
 
-def _bear(ledger: Ledger, wheel: int, key: "Key", force: Numbers, moment: Numbers) -> None:
+def _bear(ledger: Ledger, wheel: int, key: Key, force: Numbers, moment: Numbers) -> None:
     """Let the ground's points under a bearing hold a wrench (about the origin): one, or two along a hinge."""
     top = ledger.top
     joint = next((joint for joint in top.joints if key == key_of(joint)), None)
@@ -794,3 +791,135 @@ def _axis(ledger: Ledger, segment: Sequence[int]) -> Numbers:
     if len(segment) == 1:
         return ledger.vectors[..., ~segment[0], :]
     return _unit(ledger.points[..., segment[1], :] - ledger.points[..., segment[0], :])
+
+
+# -- friction ---------------------------------------------------------------------------------------------------------
+
+
+def has_friction(dyn: Dynamics) -> bool:
+    """Tell whether there is any friction."""
+    return bool(dyn.topology.loads.friction)
+
+
+class _Instant(NamedTuple):
+    """A state of a motion in which something rubs."""
+
+    dyn: Dynamics
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    lam: Array  # multipliers of all rows
+    before: Array  # the friction that `a` and `lam` were found with, (N,)
+
+
+def friction_forces(
+    dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, before: Array | None = None, t: Array | float = 0.0
+) -> Array:
+    """Sum the generalised forces of friction ``(N,)``."""
+    return sum((f for pair in frictions(dyn, q, v, a, lam, before, t) for f in pair), jnp.zeros_like(q))
+
+
+def frictions(
+    dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, before: Array | None, t: Array | float
+) -> list[tuple[Array, Array]]:
+    """Evaluate each friction's forces on the two bodies of `jaxnc.dynamics.wrenches.friction_bodies`, ``(N,)`` each."""
+    top, found = dyn.topology, []
+    before = jnp.zeros_like(q) if before is None else before
+    now = _Instant(dyn, jnp.asarray(t, float), q, v, a, lam, before)
+    for index, numbers in zip(top.loads.friction, dyn.friction, strict=True):
+        rub = _rub_hinge if index.bodies is not None else _rub_guide if index.point >= 0 else _rub_slider
+        found.append(rub(now, index, numbers))
+    return found
+
+
+def _through(now: _Instant, body: int, point: int) -> tuple[Array, np.ndarray]:
+    """Return the force that passes into a body where it holds a point, and the points of the joint there."""
+    dyn, top = now.dyn, now.dyn.topology
+    found = pose_parts(dyn.system, dyn, now.t, now.q, now.v, now.a, now.lam)
+    ledger = Ledger(top, jax.tree.map(lambda x: x[None], found), {}, only=body)
+    passing = ledger.through(body, point)
+    assert passing is not None
+    key, group = passing
+    return ledger.wrenches[body][key][0][0], np.array([i for i in group.items if i >= 0])
+
+
+def _oppose(rate: Array, speed: Array) -> Array:
+    """Return the direction against a rate ``(k,)``, smoothed where it is slower than `speed`."""
+    size = magnitude(rate)
+    # At rest it is the slope that counts, of which JAX would find nothing in a direction without length.
+    return -jnp.where(size > 0, jnp.tanh(size / speed) / jnp.where(size > 0, size, 1.0), 1.0 / speed) * rate
+
+
+def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array]:
+    """Put a couple on both bodies of a pin, hinge or ball, against the relative rotation."""
+    top = now.dyn.topology
+    coefficient, speed, radius = numbers
+    assert index.bodies is not None
+    turns = [_spin_and_couple(top, body, now.q, now.v) for body in index.bodies]
+    against = coefficient * radius * _oppose((turns[0][0] - turns[1][0]) * radius, speed)
+    moving = next(body for body in index.bodies if body != GROUND)
+    k = index.bodies.index(moving)
+    # What the couple itself puts on the body where the joint holds it is taken out again, and as that is proportional
+    # to the force that is wanted, both follow from one equation.
+    pull, at = _through(now, moving, index.point)
+    own = jnp.sum(spread(top, turns[k][1](against if k == 0 else -against))[0][at], axis=0)
+    normal = magnitude(pull)
+    for _ in range(4):
+        normal = magnitude(pull - normal * own)
+    return normal * turns[0][1](against), -normal * turns[1][1](against)
+
+
+def _spin_and_couple(top: Topology, body: int, q: Array, v: Array) -> tuple[Array, Callable[[Array], Array]]:
+    """Return a body's angular velocity, and the generalised force of a couple on it by virtual power.
+
+    Both have one component in the plane, and three in space.
+    """
+    if body == GROUND:
+        return jnp.zeros(2 * top.dim - 3), lambda couple: jnp.zeros_like(q)
+    found = top.bodies[body]
+
+    def spin(v: Array) -> Array:
+        if top.dim == 3:
+            return spins(top, found.segments, q, (v,))
+        assert found.base is not None
+        d, w = (x[found.base[1]] - x[found.base[0]] for x in (spread(top, q)[0], spread(top, v)[0]))
+        return cross(d, w)[None] / jnp.dot(d, d)
+
+    rate, back = jax.vjp(spin, v)
+    return rate, lambda couple: back(couple)[0]
+
+
+def _rub_guide(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array]:
+    """Rub at a point with a fixed coordinate, by what holds the coordinate."""
+    dyn, top = now.dyn, now.dyn.topology
+    at = np.arange(top.dim) + index.point * top.dim
+    fixed = np.array([top.fixed[c] for c in at])
+    whole = dyn.mass @ now.a + row_forces(dyn.eq, np.arange(len(top.rows)), now.q, now.lam)
+    whole = whole - forces(dyn, now.t, now.q, now.v) - now.before
+    normal = magnitude(whole[at[fixed]])
+    push = numbers[0] * normal * _oppose(now.v[at[~fixed]], numbers[1])
+    return jnp.zeros_like(now.q).at[at[~fixed]].set(push), jnp.zeros_like(now.q)
+
+
+def _rub_slider(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array]:
+    """Rub along the line of a slot, prismatic or cylindrical joint, by what its rows press across it."""
+    top = now.dyn.topology
+    assert index.joint is not None
+    joint = next(j for j in top.joints if j.owner == index.joint)
+    start, far, at, *rest = index.line or joint.points
+    on = [at, *rest] if index.line else sorted({at, *rest} - {start, far})
+    (points, vectors), (rates, _) = spread(top, now.q), spread(top, now.v)
+    along = vectors[~far] if far < 0 else points[far] - points[start]
+    size = magnitude(along)
+    u = along / size
+    # What the line feels is put on both of its points in the plane, and on the first in space: the same if it is rigid.
+    part = jnp.dot(points[at] - points[start], u) / size if top.dim == 2 else 0.0
+    ends = {start: part - 1.0, far: -part} if top.dim == 2 else {start: -1.0}
+    force, _ = spread(top, row_forces(now.dyn.eq, top.rows_of(index.joint), now.q, now.lam))
+    normal = magnitude(jnp.sum(force[np.array(on)], axis=0))
+    slide = jnp.dot(rates[at] + sum(share * rates[k] for k, share in ends.items()), u)
+    push = -numbers[0] * normal * jnp.tanh(slide / numbers[1]) * u
+    none, axes = jnp.zeros_like(now.q), np.arange(top.dim)
+    line = sum((none.at[axes + k * top.dim].add(share * push) for k, share in ends.items()), none)
+    return none.at[axes + at * top.dim].add(push), line

@@ -1,19 +1,5 @@
 """Families of coordinates: independent, relative, reference-point, natural and mixed, from one description."""
 
-from jaxnc.families.compare import Comparison, compare
-from jaxnc.families.formulate import FAMILIES, formulate
-from jaxnc.families.formulation import Formulation
-from jaxnc.families.motion import accelerations, mass_matrix, simulate
-from jaxnc.families.recursion import Chain
+from jaxnc.exports import on_demand
 
-__all__ = [
-    "FAMILIES",
-    "Chain",
-    "Comparison",
-    "Formulation",
-    "accelerations",
-    "compare",
-    "formulate",
-    "mass_matrix",
-    "simulate",
-]
+__getattr__, __dir__ = on_demand(__name__)

@@ -20,8 +20,7 @@ from jaxnc.dynamics.model import Dynamics, dynamics, forces
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.steps import MotionState, settle, step
 from jaxnc.errors import AssemblyError, InputError
-from jaxnc.families.formulate import Independent
-from jaxnc.families.formulation import Formulation
+from jaxnc.families.formulation import Formulation, Independent
 from jaxnc.kinematics.inputs import array, finite, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record

@@ -20,8 +20,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.families.bodies import Parts
-from jaxnc.families.formulate import compile_family, plan_relative
-from jaxnc.families.formulation import Formulation
+from jaxnc.families.formulation import Formulation, compile_family, plan_relative
 from jaxnc.families.program import Scribe
 from jaxnc.families.relative import Relative, SpatialRelative
 from jaxnc.families.shapes import rotation, skew_matrix

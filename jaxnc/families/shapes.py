@@ -47,11 +47,7 @@ class Recipe:
 
 def values(recipe: Recipe, p: Components, v: Components) -> tuple[Scalar, ...]:
     """Read a recipe, from points ``(points, dim)`` and vectors ``(vectors, 3)``."""
-    return _HOW[recipe.how][0]([p[i] for i in recipe.points], [v[i] for i in recipe.vectors], recipe.extra)
-
-
-def _read_length(p, v, extra):
-    return (norm(p[1] - p[0]),)
+    return tuple(_HOW[recipe.how][0]([p[i] for i in recipe.points], [v[i] for i in recipe.vectors], recipe.extra))
 
 
 def _read_direction(p, v, extra):
@@ -81,10 +77,6 @@ def _find_origin(p, v, how):
     for factor, axis in zip(factors, axes, strict=True):
         origin = origin + factor * axis
     return origin
-
-
-def _read_mean(p, v, extra):
-    return tuple(_find_origin(p, v, extra))
 
 
 def _read_local(p, v, extra):
@@ -171,11 +163,7 @@ def _read_about(p, v, extra):
 
 def _read_from(p, v, extra):
     """Point p[0] from the origin made of the rest, in the axes of the drawing."""
-    return tuple(p[0] - _find_origin(p[1:], v, extra))
-
-
-def _read_unit(p, v, extra):
-    return tuple(unit(p[1] - p[0] if p else v[0]))
+    return p[0] - _find_origin(p[1:], v, extra)
 
 
 def _read_across(p, v, extra):
@@ -187,11 +175,11 @@ def _read_across(p, v, extra):
 
 _PAIR = ("along", "across")
 _HOW = {
-    "length": (_read_length, ("length",)),
+    "length": (lambda p, v, extra: (norm(p[1] - p[0]),), ("length",)),
     "direction": (_read_direction, ("angle",)),
     "between": (_read_between, ("angle",)),
-    "mean": (_read_mean, ("x", "y")),
-    "mean in space": (_read_mean, ("x", "y", "z")),
+    "mean": (_find_origin, ("x", "y")),
+    "mean in space": (_find_origin, ("x", "y", "z")),
     "local": (_read_local, _PAIR),
     "sliding": (_read_sliding, _PAIR),
     "normal": (_read_normal, ("normal", "offset")),
@@ -201,7 +189,7 @@ _HOW = {
     "about": (_read_about, ("angle",)),
     "along": (_read_along, ("distance",)),
     "from": (_read_from, ("x", "y", "z")),
-    "unit": (_read_unit, ("x", "y", "z")),
+    "unit": (lambda p, v, extra: unit(p[1] - p[0] if p else v[0]), ("x", "y", "z")),
     "across": (_read_across, ("x1", "y1", "z1", "x2", "y2", "z2")),
 }
 
@@ -315,7 +303,7 @@ class Between:
         turn = parent.T @ child
         if self.how in PARAMETERS:
             return parameters(self.how, turn)[self.part]
-        a, b = (_unit_along(x, p_drawn, v_drawn) for x in self.axes)
+        a, b = (unit(p_drawn[x[1]] - p_drawn[x[0]] if len(x) == 2 else v_drawn[~x[0]]) for x in self.axes)
         if self.how == "slide":
             start, end = self.at
             return jnp.dot(parent.T @ (p[end] - p[start]) - (p_drawn[end] - p_drawn[start]), a)
@@ -331,10 +319,6 @@ class Between:
 
 def _frame(segments: Segments, p: AnyArray, v: AnyArray) -> AnyArray:
     return body_axes(segments, p, v) if segments else jnp.eye(3)
-
-
-def _unit_along(line: tuple[int, ...], p: Components, v: Components) -> Array:
-    return unit(p[line[1]] - p[line[0]] if len(line) == 2 else v[~line[0]])
 
 
 def _angle_about(turn: Array, axis: AnyArray) -> AnyArray:

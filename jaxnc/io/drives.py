@@ -3,15 +3,13 @@
 import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import TYPE_CHECKING, TypedDict
+from typing import TypedDict
 
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
+from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-
-if TYPE_CHECKING:
-    from jaxnc.mechanism import Mechanism
 
 
 class SweepArguments(TypedDict):
@@ -22,7 +20,7 @@ class SweepArguments(TypedDict):
     hold: tuple[str, ...]
 
 
-def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> SweepArguments:
+def sweep_arguments(mechanism: Mechanism, run: record.Run | None = None) -> SweepArguments:
     """Return what `jaxnc.sweep` takes to do as a model's run section says.
 
     Args:
@@ -49,19 +47,19 @@ def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> Sw
     return {"inputs": inputs, "rates": rates or None, "hold": tuple(run.hold)}
 
 
-def is_angle(mechanism: "Mechanism", name: str) -> bool:
+def is_angle(mechanism: Mechanism, name: str) -> bool:
     """Tell whether a coordinate is an angle."""
     made = [j.angle for j in mechanism.model.joints.values() if isinstance(j, record.Rolling | record.Screw)]
     return name in (*mechanism.model.angles, *made)
 
 
-def unit_of(mechanism: "Mechanism", name: str) -> float:
+def unit_of(mechanism: Mechanism, name: str) -> float:
     """Return one unit of a coordinate in a run section in radians or lengths: π/180 for angles in degrees."""
     return math.pi / 180 if mechanism.model.units.angle == "deg" and is_angle(mechanism, name) else 1.0
 
 
 def check_run(
-    mechanism: "Mechanism", run: record.Run, blamed: Callable[..., AbstractContextManager] = nullcontext
+    mechanism: Mechanism, run: record.Run, blamed: Callable[..., AbstractContextManager] = nullcontext
 ) -> None:
     """Check the names and numbers of a run section."""
     places, axes, scalars = (*mechanism.all_points, *mechanism.all_vectors), mechanism.axes, _scalars(mechanism)
@@ -82,12 +80,12 @@ def check_run(
             _check_name(name, everything, f"there is no {noun} or coordinate {name!r} to show")
 
 
-def check_driven(mechanism: "Mechanism", name: str, what: str = "") -> None:
+def check_driven(mechanism: Mechanism, name: str, what: str = "") -> None:
     """Refuse a name that is no coordinate; `what` stands before the message."""
     _check_name(name, _scalars(mechanism), f"{what}{': ' if what else ''}there is no coordinate {name!r} to drive")
 
 
-def _scalars(mechanism: "Mechanism") -> list[str]:
+def _scalars(mechanism: Mechanism) -> list[str]:
     places = *mechanism.all_points, *mechanism.all_vectors
     return [*mechanism.scalar_names, *(f"{p}.{a}" for p in places for a in mechanism.axes)]
 

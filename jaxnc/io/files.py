@@ -59,12 +59,8 @@ def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, AnyKind] |
     if path.suffix.lower() not in SUFFIXES:
         raise MechanismError(f"{path}: a model file ends in .toml or .json, this name ends in {path.suffix!r}")
     _check_savable(mechanism, kinds or {})
-    data = plain(mechanism.model)
-    if path.suffix.lower() != ".toml":
-        return write(path, json_text(data).encode())
     model = mechanism.model
-    named = trade_names((*model.ground, *model.points, *model.ground_vectors, *model.vectors, *model.markers))
-    return write(path, toml(data, named).encode())
+    return write(path, (model_toml(model) if path.suffix.lower() == ".toml" else json_text(plain(model))).encode())
 
 
 def blame(path: str | Path, error: MechanismError) -> ModelFileError:
@@ -244,6 +240,12 @@ def toml(data: Mapping[str, object], comments: Mapping[str, str] = _NO_COMMENTS)
                 rows = [_toml_entry(k, v) for k, v in entries.items()]
                 parts.append("\n".join([f"[{_toml_key(name)}.{_toml_key(key)}]", *rows]))
     return "\n\n".join(p for p in parts if p) + "\n"
+
+
+def model_toml(model: record.Model) -> str:
+    """Lay out a model as TOML, with what the trade calls the hardpoints of a suspension beside them."""
+    names = (*model.ground, *model.points, *model.ground_vectors, *model.vectors, *model.markers)
+    return toml(plain(model), trade_names(names))
 
 
 def json_text(data: Mapping[str, object]) -> str:

@@ -1,6 +1,7 @@
 """Motions as data frames and data sets, for pandas and xarray."""
 
 import importlib
+from collections import defaultdict
 from collections.abc import Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -84,15 +85,12 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
     lanes = status.ndim - 1
     over = tuple(["lane"] if lanes == 1 else [f"lane {k + 1}" for k in range(lanes)]) + ("pose",) * (status.ndim > 0)
     axes = list(AXES[: top.dim])
-    points: list[tuple[list[str], list[np.ndarray]]] = [([], []) for _ in ORDERS]
-    vectors: list[tuple[list[str], list[np.ndarray]]] = [([], []) for _ in ORDERS]
+    spread: dict[tuple[str, int], dict[str, np.ndarray]] = defaultdict(dict)  # by dimension and order
     numbers: dict[str, tuple] = {}
     inputs: dict[str, tuple] = {}
     for order, name, own, values in read_quantities(motion, names, unit):
         if values.ndim > status.ndim:
-            kind = (vectors if top.is_direction(name) else points)[order]
-            kind[0].append(name)
-            kind[1].append(values)
+            spread["vector" if top.is_direction(name) else "point", order][name] = values
             continue
         attrs = {"units": own, "long_name": f"{ORDERS[order]} of {name}" if order else name}
         if order == 0 and name in motion.driven:
@@ -101,14 +99,12 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
             numbers[f"{SHORT[order]}({name})" if order else name] = over, values, attrs
     arrays: dict[str, tuple] = {}
     more: dict[str, object] = {"axis": axes}
-    for dimension, own, kinds in (("point", top.length_unit, points), ("vector", "1", vectors)):
-        for order, (called, values) in enumerate(kinds):
-            if not called:
-                continue
-            noun = ORDERS[order] if dimension == "point" else f"{SHORT[order]}(direction)" if order else "direction"
-            attrs = {"units": own + PER[order], "long_name": f"{ORDERS[order]} of each {dimension}"}
-            arrays[noun] = (*over, dimension, "axis"), np.stack(values, axis=-2), attrs
-            more[dimension] = called
+    for dimension, order in sorted(spread):
+        own = top.length_unit if dimension == "point" else "1"
+        noun = ORDERS[order] if dimension == "point" else f"{SHORT[order]}(direction)" if order else "direction"
+        attrs = {"units": own + PER[order], "long_name": f"{ORDERS[order]} of each {dimension}"}
+        arrays[noun] = (*over, dimension, "axis"), np.stack([*spread[dimension, order].values()], axis=-2), attrs
+        more[dimension] = [*spread[dimension, order]]
     length = {"units": top.length_unit, "long_name": "largest residual of the constraints"}
     meanings = {"flag_values": [int(s) for s in Status], "flag_meanings": " ".join(s.name.lower() for s in Status)}
     arrays["status"] = over, status, meanings

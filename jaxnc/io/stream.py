@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
@@ -18,11 +17,10 @@ from jaxnc.io.archive import PartialTable, checksums
 from jaxnc.io.tables import Table, arrays_of, load_npz, select_quantities, table_arrays, table_head
 from jaxnc.io.target import file_name
 from jaxnc.kinematics.inputs import angle_unit, array, check_system, doubt_degrees, in_radians, make_plan, whole
-from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.motion import Motion, drawn_motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.spread import Devices
 from jaxnc.progress import bar as progress_bar
-from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
@@ -139,7 +137,7 @@ def stream(
         blocks = _in_radians(system, blocks)
     view = make_plan(system, names, hold)
     held = system.topology.named(view.held)
-    drawn = drawing_as_motion(system, names, held)
+    drawn = drawn_motion(system, names, held)
     shown = select_quantities(drawn, quantities)
     arrays_of(drawn, shown)  # complains of unknown names before anything is solved
     settings = {"hold": hold, "start": start, "branch": branch, "devices": devices}
@@ -229,13 +227,6 @@ def _not_done(blocks: Iterator[Block], parts: PartialTable) -> Iterator[Block]:
             yield take_lanes(block, done, count_lanes(block))
     if left:
         raise InputError(_OTHER.format(parts=parts.folder, what="are fewer than those", rows=parts.index.rows))
-
-
-def drawing_as_motion(system: System, driven: tuple[str, ...], held: tuple[str, ...]) -> Motion:
-    """Return the drawing as a motion, which has the quantities that poses have."""
-    home, good = derive(system).home, jnp.asarray(int(Status.CONVERGED))
-    asked = home[np.array([system.topology.position[name] for name in driven], int)]
-    return Motion(system, driven, held, home, (), asked, good, None, None)
 
 
 def _digest(*things: object) -> str:

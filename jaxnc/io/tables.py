@@ -14,7 +14,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError, ModelFileError, nearest
 from jaxnc.io.archive import read_archive
-from jaxnc.io.target import file_name, write
+from jaxnc.io.target import csv_text, file_name, write
 from jaxnc.kinematics.inputs import angle_unit, outside
 from jaxnc.status import Status
 
@@ -170,9 +170,7 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
         )
     columns = {**found.columns, "residual": (motion.system.topology.length_unit, found.residual)}
     header = [f"{label} [{own}]" for label, (own, _) in columns.items()]
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow([*found.axes, *header[:-1], "status", header[-1]])
+    rows: list[list[Any]] = [[*found.axes, *header[:-1], "status", header[-1]]]
     failed = found.status != 0
     always = [label == "time" or label in motion.driven for label in columns]
     for i, status in enumerate(found.status.tolist()):
@@ -180,8 +178,8 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
             "" if failed[i] and not kept else f"{column[i]:.17g}"
             for kept, (_, column) in zip(always, columns.values(), strict=True)
         ]
-        table.writerow([*found.places[:, i].tolist(), *numbers[:-1], Status(status).name.lower(), numbers[-1]])
-    return write(path, text.getvalue().encode())
+        rows.append([*found.places[:, i].tolist(), *numbers[:-1], Status(status).name.lower(), numbers[-1]])
+    return write(path, csv_text(rows))
 
 
 def to_npz(motion: "Motion", path: str | Path) -> Path:
@@ -243,23 +241,13 @@ def load_npz(path: str | Path, mmap: bool = False) -> Table:
     arrays = read_archive(path, "a table that to_npz wrote", mmap)
     try:
         names = [str(n) for n in arrays["names"]]
-        pose, first, second, third = (
+        first, second, third, fourth = (
             {n: arrays[f"{order}/{n}"] for n in names if order == "position" or f"{order}/{n}" in arrays}
             for order in ORDERS
         )
-        return Table(
-            name=str(arrays["name"]),
-            driven=tuple(str(n) for n in arrays["driven"]),
-            units={n: str(u) for n, u in zip(names, arrays["units"], strict=True)},
-            positions=pose,
-            velocities=first,
-            accelerations=second,
-            jerks=third,
-            status=arrays["status"],
-            residual=arrays["residual"],
-            conditioning=arrays.get("conditioning"),
-            time=arrays.get("time"),
-        )
+        driven, units = tuple(map(str, arrays["driven"])), dict(zip(names, map(str, arrays["units"]), strict=True))
+        outcome = arrays["status"], arrays["residual"], arrays.get("conditioning"), arrays.get("time")
+        return Table(str(arrays["name"]), driven, units, first, second, third, fourth, *outcome)
     except (KeyError, ValueError, TypeError):
         raise ModelFileError(f"{path} is not a table that to_npz wrote, or is damaged; write it again") from None
 
@@ -338,20 +326,11 @@ def load_csv(path: str | Path) -> Table:
         if read != (unit := units.setdefault(_place_of(name), "s" if name == "time" else read)):
             raise ModelFileError(f"{path}: column {label!r}: write {_place_of(name)!r} in one unit, here {unit}")
     time, residual = (orders[0].pop(name, None) for name in ("time", "residual"))
-    first, second, third, fourth = (_join_axes(entries) for entries in orders)
-    return Table(
-        name=path.stem,
-        driven=(),
-        units={name: units[name] if name in units else units[_place_of(name)] for name in first},
-        positions=first,
-        velocities=second,
-        accelerations=third,
-        jerks=fourth,
-        status=np.array([known[word] for word in words], dtype=int).reshape(shape),
-        residual=np.full(shape, np.nan) if residual is None else residual,
-        conditioning=None,
-        time=time,
-    )
+    first, second, third, fourth = map(_join_axes, orders)
+    units = {name: units[name] if name in units else units[_place_of(name)] for name in first}
+    status = np.array([known[word] for word in words], dtype=int).reshape(shape)
+    residual = np.full(shape, np.nan) if residual is None else residual
+    return Table(path.stem, (), units, first, second, third, fourth, status, residual, None, time)
 
 
 def _place_of(name: str) -> str:

@@ -1,12 +1,14 @@
 """Writing a file, and saying so when it cannot be written."""
 
+import csv
 import errno
+import io
 import os
 import re
 import shutil
 import unicodedata
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -95,6 +97,13 @@ def write(path: str | Path, content: bytes) -> Path:
     with replacing(path) as new:
         new.write_bytes(content)
     return file_name(path)
+
+
+def csv_text(rows: Iterable[Sequence[object]]) -> bytes:
+    """Lay out rows of cells as a table in CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
 
 
 def folder(path: str | Path) -> Path:

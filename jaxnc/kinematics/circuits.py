@@ -96,7 +96,7 @@ class Circuits(Reported):
             InputError: there is no such circuit.
         """
         if not 0 <= number < len(self):
-            raise InputError(f"circuit({number}): there are {counted(len(self), 'circuit')}, numbered from 0")
+            raise InputError(f"circuit({number}): they are numbered from 0, and there are {len(self)}")
         return tuple(b for b in self.branches if b.circuit == number)
 
     def __str__(self) -> str:
@@ -224,14 +224,16 @@ class _Range(Targets):
                         out[-1][i] = int(apart.argmin())
         return out
 
-    def dead_point(self, one: np.ndarray, two: np.ndarray) -> float:
-        """Value of the input, about that of two assemblies ``(N,)``, at which they become one."""
+    def dead_point(self, step: int, one: np.ndarray, two: np.ndarray) -> float | None:
+        """Value of the input in a step, at which two assemblies ``(N,)`` become one; None if they do not turn there."""
         change, at = two - one, self.free.plan.unknown
         angles = self.design.reading.first + np.flatnonzero(self.design.reading.top.angles)
         change[angles] -= 2.0 * np.pi * np.round(change[angles] / (2.0 * np.pi))
         along, place = change[at] * self.free.inner, at.tolist().index(self.order[self.k])
-        pose, _ = turning_point(self.free, place, one + 0.5 * change, along / np.linalg.norm(along))
-        return float(pose[self.order[self.k]])
+        pose, left = turning_point(self.free, place, one + 0.5 * change, along / np.linalg.norm(along))
+        value, (low, high) = float(pose[self.order[self.k]]), self.values[step : step + 2, self.k]
+        near = 2.0 * low - high <= value <= 2.0 * high - low  # no farther off than a step
+        return value if near and left <= self.free.least.close * self.free.eq.length else None
 
 
 @dataclasses.dataclass
@@ -278,10 +280,11 @@ def _join(range_: _Range, closes: bool) -> tuple[list[_Strand], list[int]]:
         for some, side, at, of in ((ended, "end", k, -1), (begun, "start", k + 1, 0)):
             for pair in _pairs(range_, strands, some, at):
                 one, two = (range_.places[at].q[:, strands[s].modes[of]] for s in pair)
-                value = range_.dead_point(one, two)
-                for s in pair:
-                    setattr(strands[s], side, value)
-                joined.append(pair)
+                value = range_.dead_point(k, one, two)
+                if value is not None:
+                    for s in pair:
+                        setattr(strands[s], side, value)
+                    joined.append(pair)
         here = then
     if closes:
         joined += _close(range_, strands)
@@ -359,10 +362,11 @@ def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, ho
 
 def _drawn(system: System, range_: _Range, strands: list[_Strand], inputs: Inputs, hold, angle: bool) -> int | None:
     """Which strand the drawing is on, when its input is brought to the nearest value; None if on none."""
-    drawn = range_.design.x[range_.order[range_.k]] * range_.design.unit[range_.order[range_.k]]
+    drawn = range_.design.pose[range_.order[range_.k]]
     values = range_.values[:, range_.k]
     turns = 2.0 * np.pi * np.round((values - drawn) / (2.0 * np.pi)) if angle else np.zeros(len(values))
-    k = int(np.abs(values - turns - drawn).argmin())  # a range may begin whole turns away from the drawing
+    # A range may begin whole turns away from the drawing; a value of its own turn comes before others.
+    k = int((np.abs(values - turns - drawn) + 1e-9 * np.abs(turns)).argmin())
     at = range_.values[k] - turns[k] * (np.arange(len(range_.values[k])) == range_.k)
     asked = {n: float(v) for n, v in zip(inputs, at, strict=True)}
     try:

@@ -24,12 +24,13 @@ from jaxnc.errors import InputError, brief, counted
 from jaxnc.kinematics.inputs import check_inputs, check_system, whole
 from jaxnc.kinematics.motion import Motion, motion_of
 from jaxnc.kinematics.polynomial import ZERO, Design, Member, NotPolynomial, Reading, describe, read_polynomials
-from jaxnc.kinematics.reduction import Placed, Reduction
+from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
 from jaxnc.kinematics.starts import (
     NoMember,
     PositiveDimension,
     StartSet,
     TooMany,
+    count_tied,
     draw_generic,
     find_starts,
     load_starts,
@@ -182,30 +183,27 @@ class Family:
         self.reading, self.starts = reading, starts
         self.reductions: list[tuple[Reduction, Placed]] = []
 
-    def reduction(self, design: Member) -> tuple[Reduction, Placed, Placed]:
-        """An elimination that suits a design, with its maps for the generic member and for the design."""
-        for known, start in self.reductions:
-            placed = _place(known, design)
-            if placed is not None:
-                return known, start, placed
-        first = design.each(lambda v: v[..., :1])
-        made = Reduction(self.reading, self.starts.member, first, self.starts.way)
-        start = made.place(self.starts.member)
+    def reduction(self, design: Member, strict: bool = False) -> tuple[Reduction, Placed, Placed]:
+        """An elimination that suits a design, with its maps for the generic member and for the design.
+
+        Of several members it suits one of them, and all if there is such a one. A `strict` one leads no path out of the
+        family.
+        """
+        count, found = design.known.shape[1], []
+        for way in (*WAYS[max(WAYS.index(self.starts.way), int(strict)) :], None):
+            for known, start in self.reductions if count == 1 else ():
+                if known.way == way and (placed := known.place(design)).sound.all():
+                    return known, start, placed
+            for at in sorted({0, count // 2, count - 1}):
+                made = Reduction(self.reading, self.starts.member, design.each(lambda v, at=at: v[..., [at]]), way)
+                found.append((made, made.place(self.starts.member), made.place(design)))
+            if any(placed.sound.all() for *_, placed in found):
+                break
+        made, start, placed = max(found, key=lambda one: one[2].sound.sum())
         made.square_rows(start, self.starts.x[:, 0], np.random.default_rng(7))
-        self.reductions.append((made, start))
-        with np.errstate(all="ignore"):
-            return made, start, made.place(design)
-
-
-def _place(reduction: Reduction, design: Member) -> Placed | None:
-    """A design in an elimination; None where it would divide by next to nothing."""
-    try:
-        with np.errstate(all="ignore"):
-            placed = reduction.place(design)
-    except np.linalg.LinAlgError:
-        return None
-    # Larger maps, beside 1, are of an elimination that divides by next to nothing.
-    return placed if np.abs(placed.maps).max() < 1e5 else None
+        if count == 1:
+            self.reductions.append((made, start))
+        return made, start, placed
 
 
 def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, prove: bool) -> Family:
@@ -219,6 +217,12 @@ def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, pro
         if base.freedoms(*generic) < len(inputs):
             raise NoMember  # overconstrained: generic dimensions do not move
         reading = base.paired(*generic)
+        # A row that others tie down would contradict them on the way from one member to another: half turns are then
+        # told from what is asked for at the end.
+        if count_tied(dataclasses.replace(design, reading=reading), inputs, *generic) > count_tied(
+            design, inputs, *generic
+        ):
+            reading = base
         key = structure_key(reading, design.constants, seed)
         starts = load_starts(reading, key)
         if starts is None:
@@ -247,12 +251,31 @@ class Ends:
     singular: int
     lost: int
 
+    @property
+    def count(self) -> int:
+        """Number of solutions."""
+        return self.w.shape[1]
 
-def solve_all(
-    family: Family, design: Member, seed: int = 0, known: tuple[Reduction, Placed, Placed] | None = None
-) -> Ends:
+    @property
+    def missing(self) -> int:
+        """Number of paths that end in no solution."""
+        return self.at_infinity + self.singular + self.lost
+
+
+def solve_all(family: Family, design: Member, seed: int = 0) -> Ends:
     """All solutions of one design, by paths from the family's generic member; what is lost goes other ways."""
-    reduction, begin, end = known or family.reduction(design)
+    reduction, begin, end = family.reduction(design)
+    found = _follow_all(family, reduction, begin, end, seed)
+    if found.missing and reduction.leads_out:
+        # An end at infinity, or a lost one, says something only of a path that stays in the family.
+        other = _follow_all(family, *family.reduction(design, strict=True), seed)
+        if (-other.count, other.lost) <= (-found.count, found.lost):
+            return other
+    return found
+
+
+def _follow_all(family: Family, reduction: Reduction, begin: Placed, end: Placed, seed: int) -> Ends:
+    """Ends of all paths in one elimination, those that have not arrived by several routes."""
     start = reduction.shorten(family.starts.x)
     t = np.tensordot(reduction.mix, end.restricted[0], 1).real
     t = t / np.abs(t).max(axis=(1, 2), keepdims=True) if len(t) else t
@@ -281,10 +304,11 @@ def solve_all(
         left = count - found[0].shape[1] - sum(least)
         if left <= 0 and (route or not least[1]):
             break
-    far = min(least[0], count - found[0].shape[1])
-    singular = min(least[1], count - found[0].shape[1] - far)
-    lost = count - found[0].shape[1] - far - singular
-    return Ends(found[0], certify(t, found[0]), end.maps[0], far, singular, lost)
+    # Combinations of rows may have solutions that the rows have not; no path of the family ends there.
+    w = found[0][:, end.meets_all(found[0])]
+    far = min(least[0], count - w.shape[1])
+    singular = min(least[1], count - w.shape[1] - far)
+    return Ends(w, certify(t, w), end.maps[0], far, singular, count - w.shape[1] - far - singular)
 
 
 def _detour(reduction: Reduction, begin: Placed, end: Placed, rng: np.random.Generator) -> list[QuadraticPaths]:
@@ -346,8 +370,7 @@ class Targets:
         """The design of a target."""
         return self.designs[target if len(self.designs) > 1 else 0]
 
-    @functools.cached_property
-    def near(self) -> tuple[Placed, np.ndarray]:
+    def _find_near(self) -> tuple[Placed, np.ndarray]:
         """All solutions of a member amid the targets, at complex inputs, from where the ways to all are short."""
         if len(self.designs) == 1:
             middle, reach = (0.5 * (self.values.max(axis=0) + s * self.values.min(axis=0)) for s in (1.0, -1.0))
@@ -356,7 +379,8 @@ class Targets:
             there = self.reduction.place(member)
         else:
             # A neighbour of designs, most of the way from the generic member.
-            there = _place_between(self.reduction, self.begin, self.end.choose([0]), 0.85 + 0.35j)
+            one = self.end.choose([int(np.argmax(self.end.sound))])
+            there = _place_between(self.reduction, self.begin, one, 0.85 + 0.35j)
         if not self.reduction.n:
             return there, np.zeros((0, 1))
         ends = self.reduction.paths(self.begin, there).follow(self.reduction.shorten(self.family.starts.x), CAREFUL)
@@ -365,13 +389,24 @@ class Targets:
 
     def _solve(self) -> list[Place]:
         """Real assemblies at all values."""
-        there, start = self.near
-        n, each, count = self.reduction.n, start.shape[1], len(self.values)
-        out: list[Place] = []
+        found = self._follow_near()
+        if len(found) < len(self.values) and self.reduction.leads_out:  # the ways may have left the family
+            self.reduction, self.begin, self.end = self.family.reduction(self.member, strict=True)
+            found = self._follow_near()
+        return [found.get(value) or self._follow_far(value) for value in range(len(self.values))]
+
+    def _follow_near(self) -> dict[int, Place]:
+        """Assemblies at values, by ways from the member near them; those of which no way is lost."""
+        sound = np.flatnonzero(self.end.sound)
+        if not len(sound):
+            return {}
+        there, start = self._find_near()
+        n, each = self.reduction.n, start.shape[1]
+        out: dict[int, Place] = {}
         # Two million numbers of coefficients are held at once.
         block = max(1, int(2_000_000 / max(1, 4 * n**3 + n * each)))
-        for first in range(0, count, block):
-            which = np.arange(first, min(first + block, count))
+        for first in range(0, len(sound), block):
+            which = sound[first : first + block]
             some = self.end.choose(which)
             t = self._coefficients(some)
             if n and each:
@@ -380,30 +415,32 @@ class Targets:
             else:
                 w, arrived, far = np.zeros((n, len(which))), np.ones(len(which), bool), np.zeros(len(which), bool)
                 each = 1
+            far = far & (not self.reduction.leads_out)
             balls = certify(np.repeat(t, each, axis=0), w)
             for j, value in enumerate(which):
                 own = np.arange(j * each, (j + 1) * each)
                 good = own[arrived[own] & balls.proved[own]]
                 new = good[is_new(np.zeros((n, 0)), w[:, good])]
-                whole = len(new) + int(far[own].sum()) == len(self.family.starts)
-                out.append(self._place(int(value), t[j], w[:, new], whole))
+                if len(new) + int(far[own].sum()) == len(self.family.starts):
+                    out[int(value)] = self._judge(int(value), w[:, new], certify(t[j], w[:, new]), some.maps[j], False)
         return out
+
+    def _follow_far(self, value: int) -> Place:
+        """The assemblies at a value, by all ways from the family's generic member."""
+        ends = solve_all(self.family, self.member.each(lambda v: v[..., [value]]), self.seed)
+        found = self._judge(value, ends.w, ends.balls, ends.maps, bool(ends.lost + ends.singular))
+        every = (ends.maps @ np.concatenate([np.ones((1, found.w.shape[1])), found.w]))[1:]
+        return dataclasses.replace(found, w=np.real(self.reduction.shorten(every)))
 
     def _coefficients(self, placed: Placed) -> np.ndarray:
         t = np.real(np.tensordot(placed.restricted, self.reduction.mix, ([1], [1]))).transpose(0, 3, 1, 2)
         return t / np.abs(t).max(axis=(2, 3), keepdims=True, initial=1e-300)
 
-    def _place(self, value: int, t: np.ndarray, w: np.ndarray, whole: bool) -> Place:
-        """The assemblies at a value, from the solutions that one way has found; all ways again if that lacks some."""
-        doubtful, design = False, self.design_of(value)
-        if not whole:
-            end = self.end.choose([value])
-            ends = solve_all(self.family, end.member, self.seed, (self.reduction, self.begin, end))
-            w, doubtful = ends.w, bool(ends.lost + ends.singular)
-        balls = certify(t, w)
-        real = select_real(w, balls)
+    def _judge(self, value: int, w: np.ndarray, balls: Balls, maps: np.ndarray, doubtful: bool) -> Place:
+        """The assemblies among the solutions at a value."""
+        design, real = self.design_of(value), select_real(w, balls)
         w, condition = np.real(w[:, real]), balls.condition[real]
-        q = np.real(place_poses(design, self.x[:, value], self.end.maps[value], w))
+        q = np.real(place_poses(design, self.x[:, value], maps, w))
         q, status, gap = judge(design, q)
         good = status == int(Status.CONVERGED)
         return Place(w[:, good], q[:, good], gap[good], condition[good], doubtful)
@@ -487,9 +524,9 @@ def _solve_map(
     gap, condition = np.full((2, len(values), most), np.nan)
     for k, place in enumerate(found.places):
         design = found.design_of(k)
-        away = np.abs((place.q.T / design.unit - design.x)[:, : design.reading.first]).sum(axis=1)
+        away = np.abs(((place.q.T - design.pose) / design.unit)[:, : design.reading.first]).sum(axis=1)
         at, n = np.argsort(away, kind="stable"), len(away)
-        q[k], status[k, :n] = design.x * design.unit, int(Status.CONVERGED)
+        q[k], status[k, :n] = design.pose, int(Status.CONVERGED)
         q[k, :n], gap[k, :n], condition[k, :n] = place.q.T[at], place.gap[at], place.condition[at]
     asked = np.broadcast_to(values[:, None], (len(values), most, values.shape[1]))
     arrays = (a.reshape(*shape, *a.shape[1:]) for a in (q, asked, status, gap, condition))
@@ -615,7 +652,7 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
     is_real = select_real(ends.w, balls)
     real, status, residual = judge(design, np.real(q[:, is_real]))
     good = status == int(Status.CONVERGED)
-    away = np.abs((real - (design.x * design.unit)[:, None]) / design.unit[:, None])[: design.reading.first].sum(axis=0)
+    away = np.abs((real - design.pose[:, None]) / design.unit[:, None])[: design.reading.first].sum(axis=0)
     order = np.argsort(np.where(good, away, np.inf), kind="stable")[: int(good.sum())]
     scale = float(design.unit[: design.reading.first].max(initial=0.0))
     which = np.flatnonzero(is_real)
@@ -629,7 +666,7 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
         for k in which[order]
     )
     motion = functools.partial(to_motion, system, view, values)
-    other = np.flatnonzero(~good)
+    other = np.flatnonzero(~good & (status != int(Status.DID_NOT_ASSEMBLE)))
     return Modes(
         motion(real[:, order], status[order], residual[order], balls.condition[which[order]]),
         certificates,
@@ -638,7 +675,7 @@ def _report(system, view, design: Design, family: Family, x: np.ndarray, values:
         len(family.starts),
         ends.at_infinity,
         ends.singular,
-        ends.lost,
+        ends.lost + int((status == int(Status.DID_NOT_ASSEMBLE)).sum()),
         family.starts.proof,
         family.starts.loops,
         family.starts.quiet,
@@ -658,7 +695,7 @@ def place_poses(design: Design, x: np.ndarray, maps: np.ndarray, w: np.ndarray) 
     q = np.repeat(x[:, None].astype(complex), w.shape[1], axis=1)
     q[reading.follows] = 0.0
     q[reading.unknown] = (maps @ np.concatenate([np.ones((1, w.shape[1])), w]))[1:]
-    return q * design.unit[:, None]
+    return q * design.unit[:, None] + design.shift[:, None]
 
 
 def judge(design: Design, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -463,6 +463,15 @@ def motion_of(
     return Motion(system, driven, held, poses, rates, asked, *outcome, time=time)
 
 
+def drawn_motion(
+    system: System, driven: tuple[str, ...], held: tuple[str, ...] = (), coordinates: np.ndarray | None = None
+) -> Motion:
+    """Make a motion of one pose, the drawing if no `coordinates` ``(N,)`` are given; nothing is solved or compiled."""
+    q: Any = np.asarray(derive(system).home) if coordinates is None else coordinates
+    asked, good = q[np.array([system.topology.position[name] for name in driven], int)], np.array(int(Status.CONVERGED))
+    return Motion(system, driven, held, q, (), asked, cast(Any, good), None, None)
+
+
 @filter_jit
 def _singular_values(view, eq: "Equations", q: Array) -> Array:
     return jax.vmap(lambda x: dense.singular_values(view.linearise(eq, x)[1]))(q)

@@ -57,7 +57,7 @@ class _Rows(NamedTuple):
 def _generic(found: Program, variables: int, scalars: int, drawn: bool) -> Program:
     """Write a program anew, with cosines and sines of its scalars as inputs, and the first case of every choice.
 
-    Of what is read off a drawing no constant is given beforehand.
+    Of what is read off points that are `drawn` no constant is given beforehand.
     """
     b = Builder(found.inputs + 2 * scalars)
     at: list[int] = []
@@ -82,7 +82,11 @@ def _generic_program(kind: Kind, which: str, dim: int) -> Program | None:
         found = program(kind, which, dim)
     except (Unreadable, OutOfRange):
         return None
-    return None if found is None else _generic(found, size(kind, dim), kind.scalars, which == "drawn")
+    return (
+        None
+        if found is None
+        else _generic(found, size(kind, dim), kind.scalars, which == "drawn" and bool(kind.points + kind.vectors))
+    )
 
 
 @functools.lru_cache(maxsize=512)
@@ -107,11 +111,12 @@ def _rows_of(kind: Kind, which: str, dim: int) -> _Rows | None:
 
 
 @functools.lru_cache(maxsize=2048)
-def _is_quadratic(kind: Kind, which: str, dim: int, moving: tuple[int, ...]) -> bool:
+def _degree(kind: Kind, which: str, dim: int, moving: tuple[int, ...]) -> float:
+    """Degree of the rows in what is moving; infinite if they are no polynomials."""
     rows = _rows_of(kind, which, dim)
     assert rows is not None
     found = polynomials(rows.source, moving)
-    return all(row.terms is not None and max(map(len, row.terms), default=0) <= 2 for row in found)
+    return max((np.inf if row.terms is None else max(map(len, row.terms), default=0) for row in found), default=0)
 
 
 @functools.lru_cache(maxsize=512)
@@ -215,7 +220,7 @@ class Reading:
             moving = self._moving(b, i)
             if any(first + k in moving for k in rows.uses_cosine):
                 raise NotPolynomial(b, int(i), "it has an angle that is neither an input nor only measured")
-            if not _is_quadratic(block.kind, "residual", self.dim, moving):
+            if _degree(block.kind, "residual", self.dim, moving) > 2:
                 raise NotPolynomial(b, int(i), "its rows are no polynomials of second degree in what is unknown")
         return rows
 
@@ -335,7 +340,7 @@ class Reading:
             guard, kept = self._guard(part.block), []
             for i in part.instances if guard is not None else ():
                 assert guard is not None
-                if not _is_quadratic(self.top.blocks[part.block].kind, "guard", self.dim, self._moving(part.block, i)):
+                if _degree(self.top.blocks[part.block].kind, "guard", self.dim, self._moving(part.block, i)) > 2:
                     continue
                 one, change = Part(part.block, np.array([i]), guard), np.zeros(len(spread), complex)
                 for turn in ((1.0, 0.0), (0.0, 1.0)):
@@ -424,7 +429,7 @@ class Reading:
         """Constants as a pose has them, those that are zero in a design zero again."""
         out = []
         for b, c in enumerate(constants):
-            found = self._drawn(b, z)
+            found = self._drawn(b, z, c)
             out.append(np.where(np.abs(c) > ZERO, found if found is not None else c, c))
         return tuple(out)
 
@@ -435,8 +440,11 @@ class Reading:
             len(self.top.vectors), self.top.dim
         )
 
-    def _drawn(self, b: int, x: np.ndarray) -> np.ndarray | None:
-        """Constants of a block as a pose ``(N, samples)`` has them, ``(instances, constants, samples)``."""
+    def _drawn(self, b: int, x: np.ndarray, given: np.ndarray) -> np.ndarray | None:
+        """Constants of a block as a pose ``(N, samples)`` has them, ``(instances, constants, samples)``.
+
+        Factors between scalars are not in a pose; they are those that are given.
+        """
         block = self.top.blocks[b]
         if not block.kind.constants:
             return np.zeros((block.count, 0, x.shape[1]))
@@ -444,7 +452,7 @@ class Reading:
         if run is None:
             return None
         inputs = list(x[self.top.layout[b].variables.T])
-        inputs += [np.zeros((block.count, x.shape[1]))] * len(block.kind.constants) + [0.0] * 2 * block.kind.scalars
+        inputs += [*np.moveaxis(given, 1, 0), *[0.0] * 2 * block.kind.scalars]
         with np.errstate(all="ignore"):
             found = run(inputs)
         return np.stack([np.broadcast_to(v, (block.count, x.shape[1])) for v in found], axis=1)
@@ -457,14 +465,38 @@ class Reading:
         lengths = ~pure_numbers(self.top)
         out = []
         for b, block in enumerate(self.top.blocks):
-            one, two = self._drawn(b, x), self._drawn(b, np.where(lengths[:, None], 2.0 * x, x))
+            if not block.kind.points + block.kind.vectors:
+                out.append(self._powers_of_factors(b, lengths))
+                continue
+            none = np.zeros((block.count, len(block.kind.constants), 1))
+            one, two = self._drawn(b, x, none), self._drawn(b, np.where(lengths[:, None], 2.0 * x, x), none)
             if one is None or two is None:
-                out.append(np.zeros((block.count, len(block.kind.constants))))
+                out.append(none[:, :, 0])
                 continue
             with np.errstate(all="ignore"):
                 power = np.log2(np.abs(two / one))[:, :, 0]
             out.append(np.where(np.isfinite(power), np.rint(power), 0.0))
         return tuple(out)
+
+    def _powers_of_factors(self, b: int, lengths: np.ndarray) -> np.ndarray:
+        """Powers of the constants of rows between scalars: factors make lengths of angles, where any is a length."""
+        block, layout = self.top.blocks[b], self.top.layout[b]
+        count = len(block.kind.constants)
+        rows = _rows_of(block.kind, "residual", self.dim)
+        if rows is None:
+            return np.zeros((block.count, count))
+        own = lengths[layout.variables]  # (instances, scalars)
+        row = own.any(axis=1).astype(float)
+        out = np.repeat(row[:, None], count, axis=1)
+        given = np.random.default_rng(2).uniform(1.0, 2.0, own.shape[1] + count + 2 * block.kind.scalars)
+        before = rows.slopes(list(given))
+        for k in range(count):
+            changed = given.copy()
+            changed[own.shape[1] + k] *= 2.0
+            for (_, v), one, two in zip(rows.slope_at, before, rows.slopes(list(changed)), strict=True):
+                if one != two:
+                    out[:, k] = row - own[:, v]
+        return out
 
     def place_scalars(self, x: np.ndarray, constants: Sequence[np.ndarray]) -> None:
         """Give the scalars of a pose ``(N, samples)`` that rows of known ones determine."""
@@ -485,14 +517,20 @@ class Design:
     reading: Reading
     host: HostEquations
     unit: np.ndarray  # size of every coordinate
+    shift: np.ndarray  # where the mechanism is if it is far from the origin, (N,)
     x: np.ndarray  # the assembled drawing, (N,)
     constants: tuple[np.ndarray, ...]  # per block (instances, constants, 1)
+
+    @property
+    def pose(self) -> np.ndarray:
+        """The assembled drawing in its own coordinates, ``(N,)``."""
+        return self.x * self.unit + self.shift
 
     def at(self, values: np.ndarray, inputs: Sequence[int]) -> tuple[Member, np.ndarray]:
         """The members for values of the inputs ``(inputs, targets)``, and what is known of all coordinates."""
         targets = values.shape[1]
         x = np.repeat(self.x[:, None], targets, axis=1).astype(values.dtype)
-        x[list(inputs)] = values / self.unit[list(inputs), None]
+        x[list(inputs)] = (values - self.shift[list(inputs), None]) / self.unit[list(inputs), None]
         constants = tuple(np.repeat(c, targets, axis=2) for c in self.constants)
         self.reading.place_scalars(x, constants)
         turns, sizes = self.reading.measure_turns(self.constants, self.x[:, None])
@@ -506,19 +544,24 @@ class Design:
 
     def drawn(self, inputs: Sequence[int]) -> Member:
         """The member for the values that the inputs have in the drawing."""
-        return self.at((self.x * self.unit)[list(inputs), None], inputs)[0]
+        return self.at(self.pose[list(inputs), None], inputs)[0]
 
 
 def describe(system: System, reading: Reading) -> Design:
-    """A system in parts of its size."""
+    """A system in parts of its size, about its middle."""
     eq = derive(system)
     host, top = to_host(eq), reading.top
     drawn = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q, float)
     spread = drawn[: len(top.points) * top.dim].reshape(-1, top.dim)
     size = float(np.ptp(spread, axis=0).max(initial=0.0)) or 1.0
     unit = np.where(pure_numbers(top), 1.0, size)
+    shift, middle = np.zeros(len(drawn)), np.mean(spread, axis=0) if len(spread) else np.zeros(top.dim)
+    if np.abs(middle).max(initial=0.0) > 2.0 * size:  # farther off numbers of the mechanism are lost beside its place
+        shift[: spread.size] = np.tile(middle, len(spread))
+        if np.abs(host.residual((drawn - shift)[:, None])).max(initial=0.0) > 1e-9 * size:
+            shift[:] = 0.0  # rows that know places, not only what lies between them
     constants = tuple((c / size**p)[:, :, None] for c, p in zip(host.constants, reading.powers, strict=True))
-    return Design(reading, host, unit, drawn / unit, constants)
+    return Design(reading, host, unit, shift, (drawn - shift) / unit, constants)
 
 
 @with_owner

@@ -47,7 +47,15 @@ class Stage:
         """What the unknowns that are solved are, ``(…, solved, 1 + free)``, by 1 and those that stay."""
         lines = self.lines(t)
         right = np.concatenate([lines[..., :1], lines[..., 1 + self.free]], axis=-1)
-        return -np.linalg.solve(lines[..., 1 + self.solved], right)
+        matrix = lines[..., 1 + self.solved]
+        try:
+            return -np.linalg.solve(matrix, right)
+        except np.linalg.LinAlgError:
+            # Of some members it divides by zero: these have no solution here.
+            regular = (np.linalg.matrix_rank(matrix) == matrix.shape[-1])[..., None, None]
+            return np.where(
+                regular, -np.linalg.solve(np.where(regular, matrix, np.eye(matrix.shape[-1])), right), np.nan
+            )
 
     def expand(self, solution: np.ndarray) -> np.ndarray:
         """Map from 1 and the unknowns that stay to 1 and those before, ``(…, 1 + n, 1 + free)``."""
@@ -72,11 +80,24 @@ class Placed:
         """Coefficients of the rows that stay, in the unknowns that stay."""
         return _congruent(self.maps, self.rows)
 
+    @property
+    def sound(self) -> np.ndarray:
+        """Members whose elimination divides by nothing small, ``(samples,)``."""
+        return np.abs(self.maps).max(axis=(1, 2)) < 1e5  # larger maps, beside 1, divide by next to nothing
+
     def choose(self, which: Sequence[int] | np.ndarray) -> "Placed":
         """Choose some of the members."""
         at = np.asarray(which, int)
         member = self.member.each(lambda v: v[..., at])
         return Placed(member, self.maps[at], tuple(s[at] for s in self.straight), self.rows[at])
+
+    def meets_all(self, w: np.ndarray) -> np.ndarray:
+        """Tell which solutions ``(n, lanes)`` of combinations of rows meet every row of the first member."""
+        y = np.concatenate([np.ones((1, w.shape[1])), w])
+        t = self.restricted[0] / np.abs(self.rows[0]).max(axis=(1, 2), keepdims=True)
+        rows = np.einsum("rij,is,js->rs", t, y, y)
+        # A solution of combinations of rows meets each row if no residual is larger.
+        return np.abs(rows).max(axis=0, initial=0.0) < 1e-8 * np.abs(y).max(axis=0) ** 2
 
     def lengthen(self, w: np.ndarray) -> np.ndarray:
         """All unknowns of the first member, ``(unknowns, lanes)``, by those that stay, ``(n, lanes)``."""
@@ -99,15 +120,15 @@ def _congruent(maps: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 class Reduction:
-    """The elimination of a structure's linear rows, chosen for a generic member and a design."""
+    """The elimination of a structure's linear rows, chosen for a generic member and a design; of none without a way."""
 
-    def __init__(self, reading: Reading, generic: Member, design: Member, way: str = WAYS[0]):
+    def __init__(self, reading: Reading, generic: Member, design: Member, way: str | None = WAYS[0]):
         self.reading, self.way = reading, way
         self.stages: list[Stage] = []
         pair = np.stack([reading.coefficients(m)[0] for m in (generic, design)])
         wide = pair.shape[-1]
         rows, maps = np.arange(pair.shape[1]), np.broadcast_to(np.eye(wide, dtype=complex), (2, wide, wide))
-        while rows.size:
+        while rows.size and way is not None:
             reduced = _congruent(maps, pair[:, rows])
             size = np.abs(pair[:, rows]).max(axis=(2, 3), keepdims=True)
             reduced = np.where(np.abs(reduced) > _NOTHING * size, reduced, 0.0)
@@ -174,6 +195,7 @@ class Reduction:
         free = np.setdiff1d(np.arange(n), solved)
         return Stage(kept, others[picked], basis, factors[picked], solved, free, straight)
 
+    @np.errstate(all="ignore")
     def place(self, member: Member, straight: tuple[np.ndarray, ...] | None = None) -> Placed:
         """Solve the linear rows of members; `straight` are solutions that are given."""
         t = self.reading.coefficients(member)
@@ -216,6 +238,11 @@ class Reduction:
             self.mix[np.arange(len(alone)), alone] = 1.0
             self.mix[len(alone) :, tied] = np.linalg.qr(combined.T)[0].T
         return 0
+
+    @property
+    def leads_out(self) -> bool:
+        """True if paths between members may leave the family: linear rows are divided by what is not the same."""
+        return self.way == WAYS[0] and any(stage.straight for stage in self.stages)
 
     def shorten(self, x: np.ndarray) -> np.ndarray:
         """The unknowns that stay, ``(n, lanes)``, of all ``(unknowns, lanes)``."""

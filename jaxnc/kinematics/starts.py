@@ -84,7 +84,7 @@ def find_starts(
         t = np.tensordot(reduction.mix, placed.restricted[0], 1)
         if reduction.n <= 6:  # 64 paths of the total degree
             every, proved = solve_by_degree(t, rng)
-            every = every[:, _meets_all(placed, every)]
+            every = every[:, placed.meets_all(every)]
             w = np.concatenate([w, every[:, is_new(w, every)]], axis=1)
 
         loop = functools.partial(_make_loop, reduction, placed, design, rng)
@@ -111,7 +111,7 @@ class _KeptLoops:
 
     def state(self, found: Found) -> StartSet:
         """Write what is known as a start set."""
-        every = self.placed.lengthen(found.w[:, _meets_all(self.placed, found.w)])
+        every = self.placed.lengthen(found.w[:, self.placed.meets_all(found.w)])
         return StartSet(self.placed.member, every, self.way, found.loops, found.quiet, "")
 
     def run(self, loops: Callable[..., Found]) -> Found:
@@ -149,7 +149,7 @@ def prove_starts(design: Design, inputs: Sequence[int], starts: StartSet, rng: n
     reduction.square_rows(placed, starts.x[:, 0], rng)
     line = reduction.paths(placed, _place_generic(reduction, design, rng))
     w, shown = trace_solutions(line, reduction.shorten(starts.x), rng)
-    w = w[:, _meets_all(placed, w)]
+    w = w[:, placed.meets_all(w)]
     return dataclasses.replace(starts, x=placed.lengthen(w), proof=_BY_TRACE) if shown else starts
 
 
@@ -162,6 +162,15 @@ def draw_generic(design: Design, rng: np.random.Generator) -> tuple[tuple[np.nda
     raise NoMember
 
 
+def count_tied(design: Design, inputs: Sequence[int], constants: tuple[np.ndarray, ...], pose: np.ndarray) -> int:
+    """Count the rows beyond the unknowns that are left when linear rows are solved, at a pose of a generic member."""
+    reading = design.reading
+    member = reading.member_of(pose, constants)
+    reduction = Reduction(reading, member, design.drawn(inputs))
+    reduction.square_rows(reduction.place(member), pose[reading.unknown, 0], np.random.default_rng(7))
+    return len(reduction.rows) - len(reduction.mix)
+
+
 def _place_generic(reduction: Reduction, design: Design, rng: np.random.Generator) -> Placed:
     own, pose = draw_generic(design, rng)
     return reduction.place(reduction.reading.member_of(pose, own))
@@ -171,16 +180,6 @@ def _make_loop(reduction: Reduction, generic: Placed, design: Design, rng: np.ra
     """Three legs, by way of two other members and back."""
     around = [generic, *(_place_generic(reduction, design, rng) for _ in range(2))]
     return [reduction.paths(around[k], around[(k + 1) % 3]) for k in range(3)]
-
-
-def _meets_all(placed: Placed, w: np.ndarray) -> np.ndarray:
-    """Tell which solutions of the combinations that are solved meet every row."""
-    y = np.concatenate([np.ones((1, w.shape[1])), w])
-    t = placed.restricted[0]
-    t = t / np.abs(t).max(axis=(1, 2), keepdims=True)
-    rows = np.einsum("rij,is,js->rs", t, y, y)
-    # A solution of combinations of rows meets each row if no residual is larger.
-    return np.abs(rows).max(axis=0, initial=0.0) < 1e-8 * np.abs(y).max(axis=0) ** 2
 
 
 # -- kept --------------------------------------------------------------------------------------------------------------
@@ -195,8 +194,8 @@ def structure_key(reading: Reading, constants: Sequence[np.ndarray], seed: int) 
     ]
     index = [(b.points, b.vectors, b.scalars) for b in top.blocks]
     zeros = [np.flatnonzero(np.abs(c) <= ZERO).tolist() for c in constants]
-    # 2 is the version of the files, and of what their keys mean.
-    text = repr((2, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros))
+    # 3 is the version of the files, and of what their keys mean.
+    text = repr((3, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros))
     return f"{hashlib.sha256(text.encode()).hexdigest()[:40]}-{seed}"
 
 

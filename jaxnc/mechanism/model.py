@@ -93,15 +93,30 @@ class JointRecord(_ModelRecord):
 
     noun: ClassVar[str]  # what messages call it
     in_plane: ClassVar[str | None] = None  # of a joint in space only: what to use in the plane, or ""
+    makes: ClassVar[bool] = False  # whether its angle and its distance are coordinates that it makes
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self: Any) -> tuple[str, ...]:
         """Names of the angle and the distance that the joint makes, or none."""
-        return ()
+        return (self.angle, self.distance) if self.makes else ()
 
-    def check(self, check: "Checks", what: str) -> "Joint":
-        """Check what was given; the record that is written down."""
-        raise NotImplementedError
+    def check(self: Any, check: "Checks", what: str) -> "Joint":
+        """Check what was given; the record that is written down.
+
+        Here what joints have alike, by the names of their fields: the point of each body, a line and what slides along
+        it, a direction of each body.
+        """
+        fields = self.__struct_fields__
+        if "points" in fields and self.points is not None:
+            if any(point is None for point in self.points):
+                raise MechanismError(f"{what}: give the point of each body, or neither if the bodies share it")
+            check.distinct(self.points, what)
+        if "on" in fields:
+            self.line, self.on = check.slide(self.line, self.on, what)
+        for name in ("axes", "marks", "directions"):
+            if name in fields:
+                setattr(self, name, check.directions(getattr(self, name), what))
+        return self
 
 
 class Revolute(JointRecord, tag_field="joint", tag="revolute"):
@@ -121,18 +136,7 @@ class Revolute(JointRecord, tag_field="joint", tag="revolute"):
                 f"{what}: in space it needs its axis in each body, axes=('u', 'v'); bodies that share a point and a "
                 f"vector (or two points) need no joint, and a ball joint is spherical()"
             )
-        _check_points(self.points, check, what)
-        self.axes = check.directions(self.axes, what)
-        return self
-
-
-def _check_points(points: Pair | None, check: "Checks", what: str) -> None:
-    """Check two coincident points, one of each body; none where the bodies share it."""
-    if points is None:
-        return
-    if any(point is None for point in points):
-        raise MechanismError(f"{what}: give the point of each body, or neither if the bodies share it")
-    check.distinct(points, what)
+        return super().check(check, what)
 
 
 class Prismatic(JointRecord, tag_field="joint", tag="prismatic"):
@@ -164,9 +168,7 @@ class Prismatic(JointRecord, tag_field="joint", tag="prismatic"):
                 f"{what}: in space it also keeps the bodies from turning about the line; give a direction of each "
                 f"body that is not along it, directions=('u', 'v')"
             )
-        self.line, self.on = check.slide(self.line, self.on, what)
-        self.directions = check.directions(self.directions, what)
-        return self
+        return super().check(check, what)
 
 
 class Slot(JointRecord, tag_field="joint", tag="slot"):
@@ -190,20 +192,19 @@ class Wheels(JointRecord):
     internal: bool = False
     pressure_angle: float | None = None
 
-    def check_wheels(self, check: "Checks", what: str) -> None:
-        """Check what gears have in the plane and in space."""
+    def check(self: Any, check: "Checks", what: str) -> "Joint":
         self.internal, self.pressure_angle = bool(self.internal), check.pressure(self.pressure_angle, what)
         for angle in self.angles:
             check.refuse_unknown(angle, check.model.angles, "angle", what)
         if self.angles[0] == self.angles[1]:
             raise MechanismError(f"{what}: both wheels use the angle {self.angles[0]!r}; give each its own")
-        if self.radii is None:
-            return
-        try:
-            first, second = self.radii
-        except (TypeError, ValueError, OverflowError):
-            raise MechanismError(f"{what}: radii= are two, one of each wheel; got {self.radii!r}") from None
-        self.radii = (check.positive(first, f"{what}: radius 1"), check.positive(second, f"{what}: radius 2"))
+        if self.radii is not None:
+            try:
+                first, second = self.radii
+            except (TypeError, ValueError, OverflowError):
+                raise MechanismError(f"{what}: radii= are two, one of each wheel; got {self.radii!r}") from None
+            self.radii = (check.positive(first, f"{what}: radius 1"), check.positive(second, f"{what}: radius 2"))
+        return self
 
 
 class Gear(Wheels, tag_field="joint", tag="gear"):
@@ -212,7 +213,7 @@ class Gear(Wheels, tag_field="joint", tag="gear"):
     noun: ClassVar[str] = "gear pair"
 
     def check(self, check: "Checks", what: str) -> "Joint":
-        self.check_wheels(check, what)
+        super().check(check, what)
         if check.model.dim == 2:
             return self
         return BevelGear(self.angles, self.radii, self.internal, self.pressure_angle)
@@ -222,6 +223,7 @@ class Rolling(JointRecord, tag_field="joint", tag="rolling"):
     """A disc that rolls along a line, fixed or moving, without slip."""
 
     noun: ClassVar[str] = "rolling joint"
+    makes: ClassVar[bool] = True
     centre: str
     rim: str
     contact: str
@@ -231,10 +233,6 @@ class Rolling(JointRecord, tag_field="joint", tag="rolling"):
     radius: float | None = None
     form: TextForm = "exact"
     axis: Direction | None = None
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        return self.angle, self.distance
 
     def check(self, check: "Checks", what: str) -> "Joint":
         for point in (self.centre, self.rim, self.contact):
@@ -307,10 +305,6 @@ class Cylindrical(JointRecord, tag_field="joint", tag="cylindrical"):
     line: Pair
     on: str | Pair
 
-    def check(self, check: "Checks", what: str) -> "Joint":
-        self.line, self.on = check.slide(self.line, self.on, what)
-        return self
-
 
 class Universal(JointRecord, tag_field="joint", tag="universal"):
     """A cross whose two arms are the `axes`, one in each body; `points` where the bodies don't share its centre."""
@@ -320,17 +314,13 @@ class Universal(JointRecord, tag_field="joint", tag="universal"):
     axes: tuple[Direction, Direction]
     points: Pair | None = None
 
-    def check(self, check: "Checks", what: str) -> "Joint":
-        _check_points(self.points, check, what)
-        self.axes = check.directions(self.axes, what)
-        return self
-
 
 class Screw(JointRecord, tag_field="joint", tag="screw"):
     """A cylindrical joint that advances by `lead` per turn, or `pitch` per radian; names two new coordinates."""
 
     noun: ClassVar[str] = "screw joint"
     in_plane: ClassVar[str | None] = ""
+    makes: ClassVar[bool] = True
     line: Pair
     on: str | Pair
     directions: tuple[Direction, Direction]
@@ -339,13 +329,8 @@ class Screw(JointRecord, tag_field="joint", tag="screw"):
     lead: float | None = None
     pitch: float | None = None
 
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        return self.angle, self.distance
-
     def check(self, check: "Checks", what: str) -> "Joint":
-        self.line, self.on = check.slide(self.line, self.on, what)
-        self.directions = check.directions(self.directions, what)
+        super().check(check, what)
         check.new_coordinates(self.angle, self.distance, what)
         if (self.lead is None) == (self.pitch is None):
             raise MechanismError(f"{what}: give its lead (advance per turn) or its pitch (advance per radian)")
@@ -379,10 +364,6 @@ class BevelGear(Wheels, tag_field="joint", tag="bevel gear"):
     noun: ClassVar[str] = "bevel gear"
     in_plane: ClassVar[str | None] = "use gear()"
 
-    def check(self, check: "Checks", what: str) -> "Joint":
-        self.check_wheels(check, what)
-        return self
-
 
 class RackAndPinion(JointRecord, tag_field="joint", tag="rack and pinion"):
     """A pinion that rolls on a rack, by the pinion's angle and the rack's distance."""
@@ -410,11 +391,6 @@ class ConstantVelocity(JointRecord, tag_field="joint", tag="constant velocity"):
     axes: tuple[Direction, Direction]
     marks: tuple[Direction, Direction]
     points: Pair | None = None
-
-    def check(self, check: "Checks", what: str) -> "Joint":
-        _check_points(self.points, check, what)
-        self.axes, self.marks = check.directions(self.axes, what), check.directions(self.marks, what)
-        return self
 
 
 class Skate(JointRecord, tag_field="joint", tag="skate"):

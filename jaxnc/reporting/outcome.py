@@ -1,30 +1,49 @@
-"""Outcome of a motion, entered into a verdict: its poses and extremes, a simulation, the numbers of a suspension."""
+"""Outcome of a motion, entered into a verdict: poses, extremes, expectations, a simulation, a suspension's numbers."""
 
 import functools
-from collections.abc import Mapping, Sequence
+import operator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 
+from jaxnc.errors import InputError
+from jaxnc.io.drives import SweepArguments
 from jaxnc.io.drives import unit_of as unit_in_radians
+from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
 from jaxnc.kinematics.inputs import METRES
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.reporting.checked import apart
-from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
-from jaxnc.reporting.verdict import Extreme, Poses, Simulated, Verdict, Wheel, WheelNumber, number
+from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme, extreme_of, quantities, unit_of
+from jaxnc.reporting.transmission import transmissions
+from jaxnc.reporting.verdict import (
+    Expectation,
+    Extreme,
+    Poses,
+    Simulated,
+    Verdict,
+    Wheel,
+    WheelNumber,
+    number,
+    parse_expectation,
+)
 from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
 from jaxnc.system.system import System, characteristic_length
 from jaxnc.vehicle.hardpoints import RACK, usual
 from jaxnc.vehicle.report import SuspensionReport, suspension_report
+from jaxnc.viz.poses import poses
+from jaxnc.viz.quantities import quantity
 
 if TYPE_CHECKING:
     from jaxnc.dynamics.simulation import Simulation
 
+_HOLDS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
 CROSSING = "Branches cross there: places are known to half of the digits, rates are not, and tables leave them blank."
 
 _RACK_TRAVEL, _RACK_POSES = 60e-3, 41  # how far the rack is moved either way, metres, and in how many poses
@@ -78,6 +97,17 @@ def extremes(motion: Motion, found: Sequence[Quantity]) -> list[Extreme]:
         made = Extreme(quantity=q.label, unit=q.unit, smallest=low, smallest_at=first, largest=high, largest_at=last)
         out.append(made)
     return out
+
+
+def carry_out(system: System, analysis: str, arguments: SweepArguments) -> Motion:
+    """Move a system as the analysis of a run section asks; poses that failed have a status."""
+    inputs = arguments["inputs"]
+    if analysis != "circuit":
+        return (solve_position if analysis == "solve_position" else sweep)(system, throw=False, **arguments)
+    if len(inputs) != 1:
+        raise InputError(f"a circuit is that of one input, got {', '.join(inputs)}: hold the others")
+    name, values = next(iter(inputs.items()))  # nothing is driven along a circuit, so that it has no rates
+    return circuit(system, name, (values[0], values[-1]), len(values), arguments["hold"])
 
 
 def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
@@ -166,6 +196,82 @@ def in_reading_units(motion: Motion, found: Diagnosis) -> Diagnosis:
     return replace(found, inputs=convert(found.inputs), reached=convert(found.reached))
 
 
+# -- what is expected -------------------------------------------------------------------------------------------------
+
+
+def judge(verdict: Verdict, motion: Motion, texts: Sequence[str]) -> Iterator[str]:
+    """Decide expectations, enter them, and say each in a line.
+
+    Args:
+        verdict: where they are entered; one that is not met is an error.
+        motion: the motion, poses in a row.
+        texts: each a quantity as `jaxnc.viz.plot` names it, or ``"transmission"`` (the least angle of all, degrees);
+            its smallest or largest value, or the range between them; a comparison; a number in the quantity's unit.
+            Without a word every pose has to hold it. Of a vector it is the length.
+
+    Yields:
+        The lines.
+    """
+    for text in texts:
+        found = _decide(motion, text)
+        verdict.expectations.append(found)
+        value = "nothing was found" if found.value is None else f"it is {found.value:.6g} {found.unit}".rstrip()
+        sentence = f"expected {found.text}: {value}"
+        if not found.met:
+            verdict.does = False
+            verdict.add("expectation-missed", "error", sentence, names=[found.text.split()[0]])
+        yield f"  {sentence}, {'met' if found.met else 'NOT met'}"
+
+
+def check_expected(system: System, arguments: SweepArguments, texts: Sequence[str]) -> None:
+    """Refuse expectations of quantities that there are not, by the first pose, before there are many.
+
+    Args:
+        system: the system.
+        arguments: as of `jaxnc.io.drives.sweep_arguments`.
+        texts: the expectations.
+    """
+    if not texts:
+        return
+    first = {name: np.asarray(values)[:1] for name, values in arguments["inputs"].items()}
+    try:
+        motion = solve_position(system, first, rates=arguments["rates"], hold=arguments["hold"], throw=False)
+    except InputError:  # as the analysis itself will say
+        return
+    for text in texts:
+        _values(motion, text)
+
+
+def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
+    """Find the values that an expectation is about, one for each pose, and their unit."""
+    name, data = parse_expectation(text)[0], poses(motion)
+    if name == "transmission":
+        found = [t.values for t in transmissions(motion)]
+        if not found:
+            raise InputError(f"--expect {text!r}: {motion.system.name!r} has no transmission angle that is known")
+        values, unit = np.nanmin(found, axis=0), "deg"
+    else:
+        try:
+            q = quantity(data, name)
+        except InputError as error:
+            raise InputError(f"--expect {text!r}: {str(error).removeprefix('plot: ')}") from None
+        values, unit = (q.values if q.values.ndim == 1 else np.linalg.norm(q.values, axis=1)), q.unit
+        unit = unit.replace("°", "deg")
+    return values, unit
+
+
+def _decide(motion: Motion, text: str) -> Expectation:
+    _, word, sign, limit = parse_expectation(text)
+    values, unit = _values(motion, text)
+    if not np.isfinite(values).any():
+        return Expectation(text=text, met=False, value=None, unit=unit)
+    way = None if constant(values) else course(motion)
+    low, high = (extreme(values, way, largest).value for largest in (False, True))
+    ends = {"smallest": low, "largest": high, "range": high - low}
+    decides = float(ends[word or ("largest" if sign[0] == "<" else "smallest")])
+    return Expectation(text=text, met=bool(_HOLDS[sign](decides, limit)), value=number(decides), unit=unit)
+
+
 # -- a simulation -----------------------------------------------------------------------------------------------------
 
 
@@ -251,16 +357,7 @@ def suspension_reports(motion: Motion) -> list[SuspensionReport]:
 
 def wheel(found: SuspensionReport) -> Wheel:
     """Write a report on a suspension as a part of a verdict."""
-    numbers = [
-        WheelNumber(
-            name=row.name,
-            unit=row.unit,
-            static=number(row.static),
-            gradient=number(row.gradient),
-            gradient_unit=row.gradient_unit,
-            smallest=number(row.smallest),
-            largest=number(row.largest),
-        )
-        for row in found.rows
-    ]
+    rows = ({name: getattr(row, name) for name in WheelNumber.__struct_fields__} for row in found.rows)
+    plain = ({k: x if isinstance(x, str) else number(x) for k, x in row.items()} for row in rows)
+    numbers = msgspec.convert([*plain], list[WheelNumber])
     return Wheel(over=found.over, unit=found.unit, side=found.side, axle=found.axle, numbers=numbers)

@@ -1,7 +1,9 @@
 """The page of a report: one file without a network, for screens, telephones and paper."""
 
 import html
-from collections.abc import Iterable, Iterator, Sequence
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,28 +12,29 @@ import numpy as np
 
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError, counted
-from jaxnc.io.files import plain, toml
-from jaxnc.io.target import writing
+from jaxnc.io.files import model_toml
 from jaxnc.kinematics.motion import Motion
 from jaxnc.reporting.checked import parts
-from jaxnc.reporting.curves import Curve, bars, chart, short, with_symbols
 from jaxnc.reporting.outcome import energies, idle, inputs_at, scales_of
 from jaxnc.reporting.quantity import ZERO, Quantity, constant, unit_of
 from jaxnc.reporting.transmission import unexplained_bodies
 from jaxnc.reporting.verdict import Finding, Verdict
-from jaxnc.vehicle.hardpoints import trade_names
+from jaxnc.types import ArrayLike
 from jaxnc.viz.pages.packing import fill_template
 from jaxnc.viz.pages.page import page_colours
-from jaxnc.viz.poses import poses
-from jaxnc.viz.repr_html import ShownPath
-from jaxnc.viz.style import symbol
-from jaxnc.viz.svg import inline_pose
+from jaxnc.viz.poses import poses, true_runs
+from jaxnc.viz.repr_html import save_page
+from jaxnc.viz.style import short, symbol
+from jaxnc.viz.svg import element, inline_pose, path_data
 
 if TYPE_CHECKING:
     from jaxnc.reporting.study import Report
     from jaxnc.vehicle.report import SuspensionReport
 
 _WHEEL = ("steer", "toe", "camber", "caster", "half_track_change", "toe_out_in_turns", "scrub_radius")
+_WIDTH, _HEIGHT = 460.0, 190.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 54.0, 10.0, 22.0, 34.0
+_DASHES = ("", "6 3", "2 2.5", "8 2 2 2")
 _SAID = {"error": "wrong", "warning": "warning", "note": "note"}
 
 
@@ -43,9 +46,7 @@ def write_page(found: "Report", path: str | Path) -> Path:
     text = fill_template(
         text, {"TITLE": title, "COLOURS": page_colours(dark), "BODY": "\n".join(filter(None, _body(found)))}
     )
-    with writing(path, (".html", ".htm"), "a page") as new:
-        new.write_text(text, encoding="utf-8", newline="\n")
-    return ShownPath(Path(path).expanduser())
+    return save_page(path, text)
 
 
 def _body(found: "Report") -> Iterator[str]:
@@ -69,8 +70,9 @@ def _body(found: "Report") -> Iterator[str]:
     for k, one in enumerate(found.suspensions):
         text = f'<pre class="told">{html.escape(one.text(all_of_it=not k))}</pre>'
         yield _section(f"Suspension over {one.over}", _wheel(one) + text, "wide long")
-    if found.model_text or found.mechanism is not None:
-        yield _section("The model", f"<pre>{html.escape(_model_text(found))}</pre>", "wide long")
+    # As it was read, or as `Mechanism.save` writes it.
+    if text := found.model_text or (found.mechanism and model_toml(found.mechanism.model)):
+        yield _section("The model", f"<pre>{html.escape(text)}</pre>", "wide long")
     yield _section("Where it comes from", _origin_section(found), "wide long")
 
 
@@ -238,7 +240,7 @@ def _strip(lower: float, upper: float, first: float, last: float) -> str:
 def _simulation(run: Simulation) -> str:
     """Write what the integration tells of itself, and where the energy goes."""
     t, kinds = np.asarray(run.time, float), energies(run)
-    drawn = [chart(t, "time [s]", "J", [Curve(q.label, q.values) for q in kinds])] if kinds else []
+    drawn = [chart(t, "time [s]", "J", {q.label: q.values for q in kinds})] if kinds else []
     text = "\n".join(line.removeprefix("  ") for line in run.report().splitlines()[1:])
     return f'<pre class="told">{html.escape(text)}</pre>{_charts(drawn)}'
 
@@ -286,7 +288,7 @@ def _curves(found: "Report", quantities: Sequence[Quantity]) -> str:
     for (unit, *_), group in groups.items():
         for k in range(0, len(group), most):
             some = ((q, np.abs(q.values) <= ZERO * scales[q.unit]) for q in group[k : k + most])
-            lines = [Curve(q.label, np.where(rounding, 0.0, q.values)) for q, rounding in some]
+            lines = {q.label: np.where(rounding, 0.0, q.values) for q, rounding in some}
             charts.append(chart(over[0], over[1], unit, lines))
     return _charts(charts)
 
@@ -326,7 +328,7 @@ def _transmission(found: "Report", motion: Motion) -> str:
     for t in found.transmissions:
         if over is not None and np.nanmax(t.values) - np.nanmin(t.values) > 1e-6:
             label = f"{t.at}: {t.between}" if len(t.between) <= 36 else t.at  # the table says the rest
-            out.append(chart(over[0], over[1], "deg", [Curve(label, t.values)], level=0.0))
+            out.append(chart(over[0], over[1], "deg", {label: t.values}, level=0.0))
     hint = f"90 degrees is best, 0 a dead point: what the coupler cannot turn. {why}"
     return _table(rows, text=(1,)) + _charts(out) + _hint(hint)
 
@@ -381,17 +383,8 @@ def _wheel(one: "SuspensionReport") -> str:
     """Draw the numbers that are looked at first in a suspension, over its travel or its steering."""
     shown = [name for name in _WHEEL if np.ptp(one.curves.get(name, np.zeros(1))) > 0]
     over = f"{one.over} [{one.unit}]"
-    charts = (chart(one.along, over, one[name].unit, [Curve(one[name].label, one.curves[name])]) for name in shown[:4])
+    charts = (chart(one.along, over, one[name].unit, {one[name].label: one.curves[name]}) for name in shown[:4])
     return _charts(charts)
-
-
-def _model_text(found: "Report") -> str:
-    """Find the text of the model file as it was read, or as `Mechanism.save` writes it."""
-    if found.model_text or found.mechanism is None:
-        return found.model_text
-    model = found.mechanism.model
-    names = trade_names((*model.ground, *model.points, *model.ground_vectors, *model.vectors, *model.markers))
-    return toml(plain(model), names)
 
 
 def _origin_section(found: "Report") -> str:
@@ -417,3 +410,101 @@ def _digits(motion: Motion) -> list[list[str]]:
     for name in dict.fromkeys([*motion.driven, *names]):
         rows.append([name, *(repr(float(q[k, top.position[name]])) for k in chosen)])
     return rows
+
+
+# -- charts: small SVGs in the colours of the page, sharp on paper ----------------------------------------------------
+
+
+def chart(x: np.ndarray, name: str, unit: str, curves: Mapping[str, np.ndarray], level: float | None = None) -> str:
+    """Draw curves of one unit over an abscissa, as an SVG element.
+
+    Curves are values by label, with gaps where they are NaN; each has its own colour and dash, named above. A `level`
+    is drawn as a line.
+    """
+    every = np.concatenate([values[np.isfinite(values)] for values in curves.values()])
+    if not len(every) or not np.ptp(x) > 0:
+        return ""
+    low, high = _room(every, level)
+    across = (_WIDTH - _LEFT - _RIGHT) / float(np.ptp(x))
+    up = (_HEIGHT - _TOP - _BOTTOM) / (high - low)
+
+    def place(u: ArrayLike, v: ArrayLike) -> np.ndarray:
+        places = _LEFT + (u - x.min()) * across, _HEIGHT - _BOTTOM - (v - low) * up
+        return np.stack(np.broadcast_arrays(*places), axis=-1)
+
+    parts = []
+
+    def stroke(look: str, d: str, **more: str) -> None:
+        parts.append(element("path", class_=look, **more, d=d))
+
+    def write(at: float, y: float, text: str, anchor: str | None = None, look: str | None = None) -> None:
+        place = {"x": f"{at:.1f}", "y": f"{y:.1f}"}
+        parts.append(element("text", html.escape(text), class_=look, **place, text_anchor=anchor))
+
+    right, ground = _WIDTH - _RIGHT, _HEIGHT - _BOTTOM
+    for v in ticks(low, high):
+        _, y = place(x.min(), v)
+        stroke("rule", f"M{_LEFT} {y:.1f}H{right}")
+        write(_LEFT - 5, y + 3.5, short(v), "end")
+    for u in ticks(float(x.min()), float(x.max()), turns=name.endswith("[deg]")):
+        at, _ = place(u, low)
+        stroke("tick", f"M{at:.1f} {ground:.1f}v4")
+        write(at, ground + 15, short(u), "middle")
+    for start, end in true_runs(np.all([~np.isfinite(values) for values in curves.values()], axis=0)):
+        ends = place(x[[max(start - 1, 0), min(end, len(x) - 1)]], low)[:, 0]
+        at, width = f"{ends.min():.1f}", f"{max(np.ptp(ends), 1.0):.1f}"
+        parts.append(element("rect", class_="failed", x=at, y=_TOP, width=width, height=ground - _TOP))
+    if level is not None:
+        stroke("level", f"M{_LEFT} {place(x.min(), level)[1]:.1f}H{right}")
+    keep = np.unique(np.linspace(0, len(x) - 1, min(len(x), 400)).astype(int))  # 400 points of a curve, at most
+    at = _LEFT
+    for k, (label, values) in enumerate(curves.items()):
+        look = {"stroke": f"var(--body-{k % 10})", "stroke_dasharray": _DASHES[k % 4]}
+        stroke("curve", path_data(place(x, values)[keep]), **look)
+        stroke("curve", f"M{at:.0f} 11h22", **look)
+        write(at + 27, 15, with_symbols(label), look="name")
+        at += 27 + 6.7 * len(label) + 16
+    write(right, 15, f"[{unit}]" if unit else "", "end")
+    write((_LEFT + right) / 2, _HEIGHT - 4, with_symbols(name), "middle")
+    box, text = f"0 0 {_WIDTH:.0f} {_HEIGHT:.0f}", f"{', '.join(curves)} over {name}"
+    return element("svg", *parts, class_="chart", viewBox=box, role="img", aria_label=text)
+
+
+def bars(rows: Sequence[tuple[str, float, str]]) -> str:
+    """Write a table whose numbers have bars: name, signed value, and what stands behind it."""
+    most = max((abs(v) for _, v, _ in rows), default=1.0) or 1.0
+    cells = (
+        f'<tr><td>{html.escape(name)}</td><td class="bar"><i style="width:{100 * abs(value) / most:.1f}%" '
+        f'class="{"minus" if value < 0 else "plus"}"></i></td><td>{html.escape(text)}</td></tr>'
+        for name, value, text in rows
+    )
+    return f'<table class="bars"><tbody>{"".join(cells)}</tbody></table>'
+
+
+def ticks(low: float, high: float, turns: bool = False) -> list[float]:
+    """Choose round numbers in a range; of degrees parts of a turn."""
+    span = high - low
+    steps = [
+        m * 10.0**e for e in range(math.floor(math.log10(span)) - 2, math.ceil(math.log10(span)) + 1) for m in (1, 2, 5)
+    ]
+    if turns and span > 60:
+        steps = [15.0, 30.0, 45.0, 60.0, 90.0, 180.0, 360.0, 720.0, 1440.0, *(s for s in steps if s > 1440)]
+    step = next((s for s in steps if span / s <= 6.01), steps[-1])
+    first = math.ceil(low / step - 1e-9)
+    return [k * step for k in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+def with_symbols(label: str) -> str:
+    """Write a label as in a picture: names of Greek letters within it as letters."""
+    return re.sub(r"[A-Za-z]\w*", lambda word: symbol(word[0]), label)
+
+
+def _room(values: np.ndarray, level: float | None) -> tuple[float, float]:
+    low, high = float(values.min()), float(values.max())
+    if level is not None:
+        low, high = min(low, level), max(high, level)
+    least = 1e-9 * max(abs(low), abs(high)) or 1.0
+    if high - low <= least:
+        low, high = low - 0.5 * max(abs(low), least), high + 0.5 * max(abs(high), least)
+    spare = 0.06 * (high - low)
+    return low - spare, high + spare

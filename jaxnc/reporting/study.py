@@ -18,7 +18,6 @@ from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.exports import version
 from jaxnc.io.drives import sweep_arguments
 from jaxnc.io.files import json_text, plain
-from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.diagnosis import Diagnosis
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.mobility import Mobility, mobility
@@ -29,12 +28,14 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.notebooks import Reported
 from jaxnc.reporting.checked import assembly, count, drives, locking_parts, oddities, reach
-from jaxnc.reporting.expected import check_expected, judge
 from jaxnc.reporting.outcome import (
     as_it_says,
+    carry_out,
+    check_expected,
     enter,
     enter_simulation,
     inputs_at,
+    judge,
     outputs_of,
     suspension_reports,
     wheel,
@@ -142,7 +143,7 @@ def report(
             how it moves is simulated where it has a section ``[simulate]``, or goes as far as its first free
             coordinate goes, other freedoms as drawn.
         path: where the page is written, a file ending in ``.html``; nowhere if not given.
-        expect: what is to hold, such as ``"psi range > 30"``, see `jaxnc.reporting.expected.judge`.
+        expect: what is to hold, such as ``"psi range > 30"``, see `jaxnc.reporting.outcome.judge`.
         outputs: points, markers and coordinates to look at; those of the run section, or what is not driven.
         model_text: the text of the model file, to be shown as it stands.
 
@@ -218,7 +219,8 @@ def _study(
         verdict.does = False
         return known
     if given is not None:
-        motion = given if given.status.ndim else solve_position(system, _single(given), hold=given.held, throw=False)
+        one = {name: np.asarray(values, float).reshape(-1) for name, values in given.inputs.items()}
+        motion = given if given.status.ndim else solve_position(system, one, hold=given.held, throw=False)
         verdict.drives = [_drive(motion, name) for name in motion.driven]
         _reaches(verdict, system, motion.driven, motion.held)
     else:
@@ -260,10 +262,6 @@ def _study(
     return known
 
 
-def _single(given: Motion) -> dict[str, np.ndarray]:
-    return {name: np.asarray(values, float).reshape(1) for name, values in given.inputs.items()}
-
-
 def _drive(motion: Motion, name: str) -> Drive:
     unit, factor = unit_of(motion, name)
     values = np.asarray(motion.inputs[name], float) * factor
@@ -276,12 +274,7 @@ def _move(verdict: Verdict, system: System, mechanism: Mechanism | None, run: re
         verdict.drives, verdict.hold = drives(mechanism, run), list(run.hold)
         arguments = sweep_arguments(mechanism, run)
         _reaches(verdict, system, tuple(run.inputs), tuple(run.hold))
-        if run.analysis == "circuit":
-            name, values = next(iter(arguments["inputs"].items()))
-            return circuit(system, name, (values[0], values[-1]), len(values), arguments["hold"])
-        if run.analysis == "solve_position":
-            return solve_position(system, throw=False, **arguments)
-        return sweep(system, throw=False, **arguments)
+        return carry_out(system, run.analysis, arguments)
     if mechanism is not None and mechanism.model.simulate.duration is not None:
         return as_it_says(mechanism, system)
     name, *held = system.independent or verdict.drivable[: system.degrees_of_freedom]

@@ -1,15 +1,28 @@
-"""A mechanism as a tree of links: which joints hang links on each other, which close loops, what links weigh."""
+"""A mechanism as a tree of links: its joints, what closes loops, what links weigh; joint values of poses."""
 
+import math
 from collections.abc import Iterable
-from itertools import pairwise
+from dataclasses import dataclass, field
+from itertools import combinations, pairwise
 
 import numpy as np
 
 from jaxnc.dynamics.extended import extended, lift
-from jaxnc.dynamics.mass import body_inertia
-from jaxnc.families.bodies import Joined, Parts, apart, join, root, spanning_tree
+from jaxnc.dynamics.model import body_inertia
+from jaxnc.families.bodies import (
+    Joined,
+    Part,
+    Parts,
+    apart,
+    join,
+    planar_edges,
+    root,
+    spanning_tree,
+    spatial_edges,
+)
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.mechanism.checks import PARALLEL
 from jaxnc.robots.description import (
     Description,
     ElementaryJoint,
@@ -21,13 +34,474 @@ from jaxnc.robots.description import (
     cross_matrix,
     free_name,
     join_inertias,
+    perpendicular,
+    rotate_about,
 )
-from jaxnc.robots.edges import TreeEdge, can_turn, find_edges
-from jaxnc.robots.joint_coordinates import JointSum, add_coordinates
-from jaxnc.robots.pose import TreePose, joint_values
-from jaxnc.solvers.assembly import derive
-from jaxnc.system.frames import marker_along
+from jaxnc.solvers.assembly import derive, evaluate
+from jaxnc.system.frames import marker_along, quaternions
+from jaxnc.system.identity import Thing
 from jaxnc.system.system import System
+
+# -- poses ------------------------------------------------------------------------------------------------------------
+
+
+class TreePose:
+    """A pose of a mechanism in space: places of points, directions of vectors, rotations of parts from home.
+
+    `q` are all coordinates, ``(N,)``; `home` is the home pose, None for the home pose itself.
+    """
+
+    def __init__(self, parts: Parts, q: np.ndarray, home: "TreePose | None" = None):
+        self.parts, self.q = parts, np.asarray(q, dtype=float)
+        dim, count, vectors = parts.dim, len(parts.a.names), len(parts.a.vector_names)
+        self.points = np.zeros((count, 3))
+        self.points[:, :dim] = self.q[: dim * count].reshape(count, dim)
+        self.vectors = self.q[dim * count : dim * (count + vectors)].reshape(vectors, dim)
+        self.home = self if home is None else home
+
+    def span(self, segment: tuple[int, ...]) -> Vec:
+        """Return the unit vector along a segment: two points, or ~vector."""
+        d = self.vectors[~segment[0]] if len(segment) == 1 else self.points[segment[1]] - self.points[segment[0]]
+        return d / np.linalg.norm(d)
+
+    def along(self, line: tuple[tuple[int, ...], tuple[int, ...]]) -> Vec:
+        """Return the unit vector along a line: its two points, or its vector if it has one."""
+        points, vectors = line
+        return self.span((~vectors[0],) if vectors else points)
+
+    def axes(self, part: Part) -> np.ndarray:
+        """Return orthonormal axes of a part as rows."""
+        if self.parts.dim == 2:
+            x = self.span(part.axis)
+            return np.array([x, [-x[1], x[0], 0.0], [0.0, 0.0, 1.0]])
+        x = self.span(part.segments[0])
+        y = self.span(part.segments[1])
+        y = y - (y @ x) * x
+        y /= np.linalg.norm(y)
+        return np.array([x, y, np.cross(x, y)])
+
+    def turn(self, k: int) -> np.ndarray | None:
+        """Return the rotation of a part from home, of a bar without spin; None for a part without orientation."""
+        part = self.parts.parts[k]
+        if k == 0:
+            return np.eye(3)
+        if part.turns == "no":
+            return None
+        if part.turns == "bar":
+            return _least_turn(self.home.span(part.segments[0]), self.span(part.segments[0]))
+        return self.axes(part).T @ self.home.axes(part)
+
+
+def _least_turn(a: Vec, b: Vec) -> np.ndarray:
+    """Return the smallest rotation that takes one unit vector to another."""
+    c, v = float(a @ b), np.cross(a, b)
+    if c < -1.0 + 1e-12:  # half a turn, about anything across
+        u = perpendicular(a)
+        return 2.0 * np.outer(u, u) - np.eye(3)
+    x = cross_matrix(v)
+    return np.eye(3) + x + x @ x / (1.0 + c)
+
+
+def _angle_about(axis: Vec, start: Vec, end: Vec) -> float:
+    """Return the angle about an axis from one direction to another."""
+    a, b = start - (start @ axis) * axis, end - (end @ axis) * axis
+    return math.atan2(float(np.cross(a, b) @ axis), float(a @ b))
+
+
+def _frames(links: list[Link], pose: TreePose) -> list[tuple[np.ndarray, Vec]]:
+    """Find the rotation from home and the origin of every link in a pose."""
+    out = [(np.eye(3), links[0].origin)]
+    for link in links[1:]:
+        if link.reference >= 0:
+            out.append((out[link.parent][0], pose.points[link.reference]))
+            continue
+        part = pose.parts.parts[link.part]
+        turn = out[link.parent][0] if link.spinless else pose.turn(link.part)
+        assert turn is not None
+        at = part.points[0]
+        out.append((turn, pose.points[at] + turn @ (link.origin - pose.home.points[at])))
+    return out
+
+
+def joint_values(links: list[Link], pose: TreePose, before: np.ndarray | None = None) -> np.ndarray:
+    """Find the values of all joints, in their order, of a pose: numbers of hinges and slides, a quaternion of a ball.
+
+    Hinges are counted on from the values `before`.
+    """
+    at, out = _frames(links, pose), []
+    for link, (turn, place) in zip(links[1:], at[1:], strict=True):
+        base, where = at[link.parent]
+        relative = base.T @ turn
+        moved = base.T @ (place - where) - (link.origin - links[link.parent].origin)
+        out += _link_values(link, relative, moved)
+    values = np.array(out)
+    if before is not None and len(values):
+        hinge = np.repeat([j.kind == "hinge" for k in links for j in k.joints],
+                          [j.width for k in links for j in k.joints])  # fmt: skip
+        turns = np.round((values - before) / (2.0 * math.pi))
+        values = np.where(hinge, values - 2.0 * math.pi * turns, values)
+    return values
+
+
+def _link_values(link: Link, relative: np.ndarray, moved: Vec) -> list[float]:
+    """Find the values of the joints of one link from its rotation and displacement in its parent's frame."""
+    joints, out = link.joints, {i: [0.0] for i in range(len(link.joints))}
+    if len(joints) == 1 and joints[0].kind == "free":
+        return [*(link.origin + moved), *map(float, quaternions(relative))]
+    rotations = [i for i, j in enumerate(joints) if j.kind != "slide"]
+    slides = [i for i, j in enumerate(joints) if j.kind == "slide"]
+    if slides:
+        own = bool(rotations) and slides[0] > rotations[0]  # they come after the rotation: along axes of the link
+        axes = np.array([joints[i].axis for i in slides])
+        found = np.linalg.lstsq(axes.T, relative.T @ moved if own else moved, rcond=None)[0]
+        for i, value in zip(slides, found, strict=True):
+            out[i] = [float(value)]
+    for i, value in zip(rotations, _hinge_values([joints[i] for i in rotations], relative), strict=True):
+        out[i] = value
+    return [x for i in range(len(joints)) for x in out[i]]
+
+
+def _hinge_values(joints: list[ElementaryJoint], relative: np.ndarray) -> list[list[float]]:
+    if not joints:
+        return []
+    if joints[0].kind == "ball":
+        return [list(map(float, quaternions(relative)))]
+    first = joints[0].axis
+    if len(joints) == 1:
+        u = perpendicular(first)
+        return [[_angle_about(first, u, relative @ u)]]
+    second = joints[1].axis  # R = R(first, α) R(second, β): the second axis is seen where α has put it
+    a = _angle_about(first, second, relative @ second)
+    u = perpendicular(second)
+    return [[a], [_angle_about(second, u, rotate_about(first, a).T @ relative @ u)]]
+
+
+# -- joints between parts ---------------------------------------------------------------------------------------------
+
+
+Z = np.array([0.0, 0.0, 1.0])
+_FREEDOMS = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "universal": 2, "spherical": 3, "rolling": 2}
+
+
+@dataclass
+class TreeEdge:
+    """A joint between two parts, all directions as in the home pose."""
+
+    name: str  # what it is called after: a joint, or the point that is shared
+    # "revolute", "spherical", "prismatic", "cylindrical", "universal", "slot" (a point of the second slides along
+    # `axes` of the first), "planar", "rolling", "free" (the second hangs on nothing).
+    how: str
+    first: int  # a part; the one that carries the line, the plane, or the ground
+    second: int  # the other part
+    at: tuple[int, int]  # the joint's point on each of them
+    # Its axis; both arms of a universal joint; all directions in which a point may slide.
+    axes: list[Vec] = field(default_factory=list)
+    points: tuple[int, ...] = ()  # points that it makes one, of those that both parts hold
+    vectors: tuple[int, ...] = ()  # vectors that it makes one
+    holder: int = -1  # the point whose fixed coordinates it is, or -1
+    # Whether it is a joint of the description, which is written once for all parts that hold its point.
+    user: bool = False
+    wanted: bool = False  # whether a coordinate of the user is its own
+    turns: bool = True  # whether both parts know a rotation, so that the second may turn
+
+    def freedoms(self, dim: int) -> int:
+        """Count the relative freedoms."""
+        turning = (1 if dim == 2 else 3) * self.turns
+        if self.how == "slot":
+            return len(self.axes) + turning
+        if self.how == "planar":
+            return 3
+        return _FREEDOMS[self.how]
+
+    def sequence(self, parent: int, dim: int) -> tuple[int, list[tuple[str, Vec]]]:
+        """Return the child's point of the joint, and its elementary joints (kind, axis) seen from a parent."""
+        forward = parent == self.first
+        at = self.at[1] if forward else self.at[0]
+        slides = [("slide", a) for a in self.axes]
+        match self.how:
+            case "revolute":
+                return at, [("hinge", self.axes[0])]
+            case "spherical":
+                return at, [("ball", Z)]
+            case "prismatic":
+                return at, slides
+            case "cylindrical" | "rolling":
+                return at, [("slide", self.axes[0]), ("hinge", self.axes[-1])]
+            case "universal":
+                return at, [("hinge", a) for a in (self.axes if forward else self.axes[::-1])]
+            case "free":
+                if self.turns and dim == 3:
+                    return at, [("free", Z)]
+                return at, [*(("slide", axis) for axis in np.eye(3)[:dim]), *([("hinge", Z)] if self.turns else [])]
+            case "planar":
+                normal = self.axes[0]
+                one = perpendicular(normal)
+                return at, [("slide", one), ("slide", np.cross(normal, one)), ("hinge", normal)]
+        turning = [] if not self.turns else [("hinge", Z)] if dim == 2 else [("ball", Z)]
+        # The pin turns where it has slid to; a line turns about the pin of its parent, and slides along itself.
+        return self.at[1], [*slides, *turning] if forward else [*turning, *slides]
+
+
+def find_edges(parts: Parts, home: TreePose) -> tuple[list[TreeEdge], dict[str, str]]:
+    """Find all joints of a mechanism that a tree of links can be made of, and the kinds of the others by name."""
+    lost: dict[str, str] = {}
+    found = _planar_edges(parts, home) if parts.dim == 2 else _spatial_edges(parts, home)
+    known = {e.name for e in found if e.user}
+    for name, joint in parts.model.joints.items():
+        if isinstance(joint, record.Rolling) and (pair := _rolling_edges(parts, home, name, joint)):
+            found += pair
+            known.add(name)
+        told = record.Gear | record.BevelGear | record.RackAndPinion | record.Cable | record.Weld
+        if name not in known and not isinstance(joint, told):
+            lost[name] = "".join(f" {c.lower()}" if c.isupper() else c for c in type(joint).__name__).strip()
+    return found, lost
+
+
+def can_turn(parts: Parts, *ks: int) -> bool:
+    """Tell whether all of some parts have an orientation."""
+    return all(parts.parts[k].turns != "no" for k in ks)
+
+
+def _planar_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
+    found = []
+    for e in planar_edges(parts):
+        if e.how == "held":
+            found.append(_edge_of_fixed_point(parts, e.second, e.point))
+            continue
+        pin = e.how == "revolute"
+        at = (e.line[0], e.on[0]) if e.how == "prismatic" else (e.point, e.point)
+        axes, shared = ([Z], (e.point,)) if pin else ([home.span(e.line)], ())
+        found.append(TreeEdge(parts.a.text(e.owner), e.how, e.first, e.second, at, axes, shared, user=not pin,
+                          wanted=bool(e.angle or e.distance), turns=e.turns))  # fmt: skip
+    for name, joint in parts.model.joints.items():
+        if isinstance(joint, record.Revolute) and joint.points:
+            p, q = parts.a.pair(joint.points)
+            apart = ((i, j) for i in parts.of_point[p] for j in parts.of_point[q] if i != j)
+            if pair := next(apart, None):
+                found.append(TreeEdge(name, "revolute", *pair, (p, q), [Z], user=True))
+    return found
+
+
+def _edge_of_fixed_point(parts: Parts, k: int, p: int) -> TreeEdge:
+    """Make the edge of a point that slides with fixed coordinates."""
+    axes = [np.eye(3)[i] for i in range(parts.dim) if not parts.a.fixed[p][i]]
+    return TreeEdge(parts.point(p), "slot", 0, k, (p, p), axes, holder=p, turns=can_turn(parts, k))
+
+
+def _spatial_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
+    found = []
+    for e in spatial_edges(parts):
+        name, user = parts.a.text(e.owner), e.owner.thing is Thing.JOINT
+        axes = [home.along(axis) for axis in e.axes[: {"spherical": 0, "universal": 2}.get(e.how, 1)]]
+        points, vectors = e.shared
+        if e.how == "prismatic":  # nothing turns: all that both hold keeps its direction
+            one, other = parts.parts[e.first], parts.parts[e.second]
+            vectors = tuple(v for v in one.vectors if v in other.vectors)
+        found.append(TreeEdge(name, e.how, e.first, e.second, e.at, axes, points, vectors, user=user,
+                          wanted=bool(e.angle or e.distance)))  # fmt: skip
+    for p, holders in parts.of_point.items():
+        fixed = parts.a.fixed[p]
+        if fixed.any() and not fixed.all():
+            found += [_edge_of_fixed_point(parts, k, p) for k in holders if k]
+        loose = [k for k in holders if not can_turn(parts, k)]
+        found += [TreeEdge(parts.point(p), "spherical", i, j, (p, p), [], (p,)) for i, j in combinations(holders, 2)
+                  if loose and not (i in loose and j in loose)]  # fmt: skip
+    for name, joint in parts.model.joints.items():
+        if isinstance(joint, record.Slot):
+            pin = parts.a.index[joint.point]
+            i, axis = _find_carrier(parts, home, joint.line)
+            for j in parts.of_point[pin]:
+                if i is not None and j != i:
+                    found.append(TreeEdge(name, "slot", i, j, (pin, pin), [axis], user=True, turns=can_turn(parts, j)))
+        elif isinstance(joint, record.Planar):
+            i, normal = _find_carrier(parts, home, joint.plane)
+            other = (joint.on, joint.plane[1]) if isinstance(joint.on, str) else joint.on
+            j, _ = _find_carrier(parts, home, other)
+            if i is not None and j is not None and i != j:
+                shared = (parts.a.vector_index[joint.plane[1]],) if joint.plane[1] == other[1] else ()
+                at = parts.a.index[joint.plane[0]], parts.a.index[other[0]]
+                found.append(TreeEdge(name, "planar", i, j, at, [normal], (), shared, user=True))
+    return found
+
+
+def _find_carrier(parts: Parts, home: TreePose, line: tuple[str, str]) -> tuple[int | None, Vec]:
+    """Find the part that carries a line, a point and a vector or two points, and the direction of the line."""
+    points, vectors = direction = parts.line(line)
+    return parts.holder((parts.a.index[line[0]], *points), vectors), home.along(direction)
+
+
+def _rolling_edges(parts: Parts, home: TreePose, name: str, joint: record.Rolling) -> list[TreeEdge]:
+    """Make the edges of a disc that rolls on a line: its centre slides along it and it turns; its contact slides."""
+    i, along = _find_carrier(parts, home, joint.line)
+    j = parts.holder((parts.a.index[joint.centre], parts.a.index[joint.rim]))
+    if i is None or j is None or i == j:
+        return []
+    axis = Z if joint.axis is None else home.along(parts.line(joint.axis))
+    centre, contact = parts.a.index[joint.centre], parts.a.index[joint.contact]
+    out = [TreeEdge(name, "rolling", i, j, (contact, centre), [along, axis], user=True)]
+    for k in parts.of_point[contact]:
+        if not can_turn(parts, k):
+            out.append(TreeEdge(f"{name} contact", "slot", i, k, (contact, contact), [along], user=True, turns=False))
+    return out
+
+
+# -- coordinates ------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class JointSum:
+    """A coordinate of the mechanism as a sum of joint values, or as the distance of two sites."""
+
+    terms: dict[str, float]  # factors by joint; the coordinate is their sum and `home`
+    home: float  # value in the home pose
+    ends: tuple[str, str] | None = None  # names of the two sites, of a distance
+
+    @property
+    def joint(self) -> tuple[str, float] | None:
+        """The one joint that the coordinate is, with its factor; None if it is a distance or a sum of more."""
+        return next(iter(self.terms.items())) if self.ends is None and len(self.terms) == 1 else None
+
+    def __str__(self) -> str:
+        if self.ends:
+            return f"the distance of the sites {self.ends[0]!r} and {self.ends[1]!r}"
+        terms = (f"{'-' if f < 0 else '+'} {'' if abs(f) == 1 else f'{abs(f):g} '}{j!r}" for j, f in self.terms.items())
+        return f"{self.home:.6g} {' '.join(terms)}"
+
+
+def add_coordinates(tree: "ExportTree") -> None:
+    """Say what every angle and distance is in the tree, and tie joints that are in linear relations."""
+    top, index = tree.system.topology, tree.parts.a.index
+    for name in top.scalars:
+        home = float(tree.home.q[top.position[name]])
+        distance = tree.mechanism.model.distances.get(name)
+        if distance is not None and distance.along is None:
+            tree.coordinates[name] = JointSum({}, home, (distance.start, distance.to))
+        elif terms := _sum_of_joints(tree, name):
+            tree.coordinates[name] = JointSum(terms, home)
+    for name in top.coordinates[: len(top.coordinates) - len(top.scalars)]:
+        point, _, axis = name.rpartition(".")
+        if point not in index or top.fixed[top.position[name]]:
+            continue
+        if terms := _sum_of_slides(tree, 0, index[point], np.eye(3)["xyz".index(axis)]):
+            tree.coordinates[name] = JointSum(terms, float(tree.home.q[top.position[name]]))
+    _add_ties(tree)
+    for name, joint in tree.mechanism.model.joints.items():
+        if isinstance(joint, record.Cable):
+            tree.cables[tree.name_closure(name)] = list(joint.points)
+        elif isinstance(joint, record.Rolling):
+            _tie_contact(tree, name)
+
+
+def _tie_contact(tree: "ExportTree", name: str) -> None:
+    """Let a rolling disc and its contact slide alike."""
+
+    def slide(start: str) -> str | None:
+        slides = (n for n, joint in tree.joints.items() if joint.kind == "slide")
+        return next((n for n in slides if n == start or n.startswith(f"{start} ")), None)
+
+    contact = slide(f"{name} contact")
+    disc = slide(f"{name} slide") or slide(f"{name} piece")
+    if contact and disc:
+        tree.description.ties.append(Tie(tree.name_closure(f"{name} contact"), {contact: 1.0, disc: -1.0}))
+
+
+def _sum_of_joints(tree: "ExportTree", name: str) -> dict[str, float] | None:
+    """Write an angle, or a distance along a line, as a sum of joints; None if it is none."""
+    parts, model = tree.parts, tree.mechanism.model
+    if name in model.angles:
+        about, start, to = parts.ends(model.angles[name])
+        axis = np.eye(3)[2] if about is None else tree.home.along(about)
+        starts, ends = ([0] if x is None else [k for k, part in enumerate(parts.parts) if part.holds(*x)]
+                        for x in (start, to))  # fmt: skip
+        return _sum_of_hinges(tree, starts, ends, axis)
+    if name in model.distances:
+        distance = model.distances[name]
+        p, q = parts.a.pair((distance.start, distance.to))
+        axis = tree.home.along(parts.along(distance))
+        return next(filter(None, (_sum_of_slides(tree, i, q, axis) for i in parts.of_point[p])), None)
+    for joint_name, joint in model.joints.items():  # an angle or distance that a rolling joint or a screw makes
+        if not isinstance(joint, record.Rolling | record.Screw) or name not in (joint.angle, joint.distance):
+            continue
+        edge = next((e for e in tree.edges if e.name == joint_name), None)
+        if edge is None:
+            return None
+        if name == joint.angle:
+            return _sum_of_hinges(tree, [edge.first], [edge.second], edge.axes[-1])
+        return _sum_of_slides(tree, edge.first, edge.at[0 if isinstance(joint, record.Rolling) else 1], edge.axes[0])
+    return None
+
+
+def _sum_of_hinges(tree: "ExportTree", starts: list[int], ends: list[int], axis: Vec) -> dict[str, float] | None:
+    """Write the angle about an axis between two parts as a sum of hinges, if all between them are parallel to it."""
+    for i in starts:
+        for j in ends:
+            if i == j or i not in tree.link_of or j not in tree.link_of:
+                continue
+            joints = [(sign, joint) for sign, link in tree.path(i, j) for joint in link.joints if joint.kind != "slide"]
+            if all(x.kind == "hinge" and np.linalg.norm(np.cross(x.axis, axis)) <= PARALLEL for _, x in joints):
+                terms = {x.name: sign * (1.0 if float(x.axis @ axis) > 0 else -1.0) for sign, x in joints}
+                if terms:
+                    return terms
+    return None
+
+
+def _sum_of_slides(tree: "ExportTree", i: int, point: int, axis: Vec) -> dict[str, float] | None:
+    """Write how far a point moves along an axis of a part as a sum of slides; None where anything turns it."""
+    for j in tree.parts.of_point[point]:
+        if j == i or i not in tree.link_of or j not in tree.link_of:
+            continue
+        terms, good = {}, True
+        way = tree.path(i, j)
+        for n, (sign, link) in enumerate(way, start=1):
+            turned = False
+            for joint in link.joints:
+                if joint.kind == "slide":
+                    factor = float(joint.axis @ axis)
+                    good = good and not turned
+                    if abs(factor) > PARALLEL:
+                        terms[joint.name] = sign * factor
+                else:
+                    turned = True
+            at_pin = np.allclose(link.origin, tree.home.points[point], atol=1e-12 * tree.size)
+            # A turn about the point itself does not move it; seen from a link below the axis would turn.
+            good = good and not (turned and not (sign > 0 and n == len(way) and at_pin))
+        if good and terms:
+            return terms
+    return None
+
+
+def _add_ties(tree: "ExportTree") -> None:
+    """Tie joints by rows in which only coordinates made of joints stand: gears, racks, screws, relations."""
+    top, d = tree.system.topology, tree.description
+    _, jacobian = evaluate(derive(tree.system), tree.home.q)
+    rows = np.asarray(jacobian)
+    if not rows.size:
+        return
+    first = len(top.coordinates) - len(top.scalars)
+    for k, owners in enumerate(top.row_owners):
+        (owner, *_) = owners
+        if owner.thing not in (Thing.JOINT, Thing.RELATION):
+            continue
+        columns = [int(c) for c in np.flatnonzero(rows[k]) if not top.fixed[c]]
+        name = top.called(owner)
+        if owner.thing is Thing.JOINT and (not columns or min(columns) < first):
+            continue
+        names = [top.coordinates[c] for c in columns]
+        lacking = [n for n in names if n not in tree.coordinates or tree.coordinates[n].ends]
+        if lacking:
+            what = f"it ties {', '.join(names)}, and {lacking[0]} is not a joint of the tree"
+            d.left_out.append(f"{owner.thing.noun} {name!r}: {what}")
+            continue
+        terms: dict[str, float] = {}
+        for c, n in zip(columns, names, strict=True):
+            for joint, factor in tree.coordinates[n].terms.items():
+                terms[joint] = terms.get(joint, 0.0) + float(rows[k, c]) * factor
+        terms = {j: f for j, f in terms.items() if abs(f) > 1e-12 * max(map(abs, terms.values()))}
+        if terms:
+            d.ties.append(Tie(tree.name_closure(name), terms))
+
+
+# -- the tree ---------------------------------------------------------------------------------------------------------
 
 
 class ExportTree:

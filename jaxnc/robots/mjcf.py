@@ -7,21 +7,19 @@ import struct
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from jaxnc.dynamics.model import force_constants
 from jaxnc.errors import InputError, JaxncError, ModelFileError, nearest
 from jaxnc.forces.kind import CATALOGUE
 from jaxnc.io.target import write
 from jaxnc.robots.description import Description, ElementaryJoint, Follower, Inertia, Link, LoopClosure, Tie
+from jaxnc.robots.export_tree import ExportTree
+from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.frames import quaternions
-
-if TYPE_CHECKING:
-    from jaxnc.robots.export_tree import ExportTree
-    from jaxnc.robots.import_tree import ImportTree, MovedPlaces
-    from jaxnc.system.loads import ForceBlock
 
 _CLOSED = 1e-6  # of the robot's size: how far a weld may be from closed at home
 _KINDS = ("free", "ball", "slide", "hinge")
@@ -310,7 +308,7 @@ class MjcfFile:
 
     # -- writing ------------------------------------------------------------------------------------------------
 
-    def save(self, path: Path, tree: "ImportTree", design: "MovedPlaces") -> Path:
+    def save(self, path: Path, tree: ImportTree, design: MovedPlaces) -> Path:
         """Put the places of a design into the description that MuJoCo has read, and write that."""
         if path.suffix.lower() != ".xml":
             raise InputError(f"{path}: an MJCF file ends in .xml")
@@ -339,7 +337,7 @@ class MjcfFile:
             raise self.fault(f"MuJoCo refuses this design: {_one_line(error)}") from None
         return write(path, spec.to_xml().encode())
 
-    def _close(self, spec: Any, tree: "ImportTree", design: "MovedPlaces") -> None:
+    def _close(self, spec: Any, tree: ImportTree, design: MovedPlaces) -> None:
         """Move the places where loops are closed."""
         links, model, site = tree.description.links, self.model, self.mujoco.mjtObj.mjOBJ_SITE
         loops = {loop.name: loop for loop in tree.description.loops}
@@ -400,7 +398,7 @@ class MjcfWriter:
     The `driven` coordinates get a motor; `keys` are joint values of poses to be kept as keyframes, ``(K, nq)``.
     """
 
-    def __init__(self, tree: "ExportTree", driven: tuple[str, ...], keys: np.ndarray):
+    def __init__(self, tree: ExportTree, driven: tuple[str, ...], keys: np.ndarray):
         self.tree, self.description = tree, tree.description
         links = tree.links
         self.root = ET.Element("mujoco", model=xml_text(self.description.name))
@@ -547,16 +545,20 @@ class MjcfWriter:
     def _add_loads(self) -> None:
         """Write springs, dampers and stops, for which MJCF has a place, and name the other forces."""
         left, top = self.description.left_out, self.tree.system.topology
+        home, physical = np.asarray(derive(self.tree.system).home), np.asarray(self.tree.system.parameters.physical)
         for block in top.loads.forces:
             kind = _LOADS.get(block.kind)
+            if kind is None:
+                what = "MJCF has no forces that act by themselves; give it in ctrl or qfrc_applied"
+                left += [f"{block.kind.name} {name!r}: {what}" for name in block.names]
+                continue
+            parameters = force_constants(top, home, block, physical)
             for k, name in enumerate(block.names):
                 what = f"{block.kind.name} {name!r}"
-                values = self._parameters(block, k)
+                values = dict(zip(block.kind.parameters, map(float, parameters[k]), strict=True))
                 scalar = top.coordinates[block.scalars[k][0]] if block.scalars[k] else ""
                 coordinate = self.tree.coordinates.get(scalar)
-                if not kind:
-                    left.append(f"{what}: MJCF has no forces that act by themselves; give it in ctrl or qfrc_applied")
-                elif scalar and coordinate is None:
+                if scalar and coordinate is None:
                     left.append(f"{what}: {scalar!r} is no sum of joints")
                 elif values.get("cubic") or values.get("quadratic"):
                     left.append(f"{what}: it is not linear")
@@ -571,23 +573,6 @@ class MjcfWriter:
                     self._load(string, kind, values)
         for function in top.loads.functions:
             left.append(f"force {function.name!r}: a function of time and state; give it in ctrl or qfrc_applied")
-
-    def _parameters(self, block: "ForceBlock", k: int) -> dict[str, float]:
-        """Return the parameters of one force: given, or as drawn."""
-        system, kind = self.tree.system, block.kind
-        top, physical = system.topology, np.asarray(system.parameters.physical)
-        given = {kind.parameters[p]: float(physical[at]) for i, p, at in block.given if i == k}
-        if kind.drawn is None:
-            return given
-        drawing, dim = np.asarray(derive(system).home), top.dim
-        first = dim * len(top.points)
-        found = kind.drawn(
-            [drawing[dim * p : dim * p + dim] for p in block.points[k]],
-            [drawing[first + dim * v : first + dim * v + dim] for v in block.vectors[k]],
-            [drawing[s] for s in block.scalars[k]],
-        )
-        drawn = {p: float(v) for p, v in zip(kind.parameters, found, strict=True) if v is not None}
-        return drawn | given
 
     def _load(
         self, element: ET.Element, kind: str, values: dict[str, float], home: float = 0.0, factor: float = 1.0

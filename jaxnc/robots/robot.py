@@ -3,28 +3,27 @@
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
-from jaxnc.compiling import on_device
 from jaxnc.errors import AssemblyError, InputError, MechanismError, ModelFileError, counted
+from jaxnc.families.shapes import rotation_rows
+from jaxnc.kinematics.instant import as_jax
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
 from jaxnc.robots.import_tree import ImportTree, MovedPlaces
+from jaxnc.robots.mjcf import MjcfFile
+from jaxnc.robots.urdf import UrdfFile
 from jaxnc.solvers.assembly import derive, rank_of, sample_poses
 from jaxnc.system.frames import quaternions
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Float, Numbers
-
-if TYPE_CHECKING:
-    from jaxnc.robots.mjcf import MjcfFile
-    from jaxnc.robots.urdf import UrdfFile
 
 
 @public
@@ -45,7 +44,7 @@ class Robot:
         notes: what was chosen.
     """
 
-    def __init__(self, file: "MjcfFile | UrdfFile", without: Sequence[str] = (), hold: Sequence[str] = ()):
+    def __init__(self, file: MjcfFile | UrdfFile, without: Sequence[str] = (), hold: Sequence[str] = ()):
         names = ((x,) if isinstance(x, str) else tuple(x) for x in (without, hold))
         try:
             self._description = file.read(*names)
@@ -157,11 +156,12 @@ class Robot:
                     coordinate = self._tree.coordinates[joint.name]
                     out.append((numeric.asarray(motion[coordinate]) - away[coordinate])[..., None])
                 else:  # a ball's rotation in the frame of its link
-                    anchor, home = self._tree.anchors[joint.name], _quaternion_matrix(*joint.quaternion)
+                    anchor = self._tree.anchors[joint.name]
+                    home = np.array(rotation_rows("euler parameters", [*joint.quaternion], []))
                     before, after = self._turn(motion, anchor.before), self._turn(motion, anchor.after)
                     own = numeric.swapaxes(before, -1, -2) @ after
                     out.append(quaternions(home @ link.turn.T @ own @ link.turn))
-        return _to_jax(numeric.concatenate(out, axis=-1))
+        return as_jax(numeric.concatenate(out, axis=-1))
 
     def _turn(self, motion: Motion, number: int) -> Array:
         """Rotation of a rigid from the drawing ``(..., 3, 3)``; of a rod the one without spin."""
@@ -181,10 +181,10 @@ class Robot:
         out = {}
         for k, link in enumerate(self._description.links[1:], start=1):
             number = self._tree.rigid_of[k]
-            turn = _to_jax(self._turn(motion, number) @ link.turn)
+            turn = as_jax(self._turn(motion, number) @ link.turn)
             if not number:
                 place = _array_library(motion).broadcast_to(np.asarray(link.origin), (*motion.status.shape, 3))
-                out[link.name] = (_to_jax(place), turn)
+                out[link.name] = (as_jax(place), turn)
             elif (k, "") in self._tree.marks:
                 out[link.name] = (motion[self._tree.marks[k, ""]], turn)
         return out
@@ -245,17 +245,6 @@ def _named_places(system: System) -> dict[str, np.ndarray]:
 def _array_library(motion: Motion) -> ModuleType:
     """Choose NumPy for poses that are known, which then need nothing compiled; else JAX's arrays."""
     return np if on_host(motion.poses, motion) else jnp
-
-
-def _to_jax(x: Numbers) -> Array:
-    return on_device(x) if isinstance(x, np.ndarray) else x
-
-
-def _quaternion_matrix(w: float, x: float, y: float, z: float) -> np.ndarray:
-    """Return the matrix of a unit quaternion."""
-    return np.array([[w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                     [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-                     [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z]])  # fmt: skip
 
 
 def _shortest_turn(a: Numbers, b: Numbers) -> Any:

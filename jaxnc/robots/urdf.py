@@ -5,7 +5,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,11 +22,9 @@ from jaxnc.robots.description import (
     perpendicular,
     rotate_about,
 )
+from jaxnc.robots.export_tree import ExportTree
+from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 from jaxnc.robots.mjcf import add_element, xml_text
-
-if TYPE_CHECKING:
-    from jaxnc.robots.export_tree import ExportTree
-    from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 
 _KINDS = {
     "revolute": "hinge",
@@ -320,7 +317,7 @@ class UrdfFile:
 
     # -- writing ------------------------------------------------------------------------------------------------
 
-    def save(self, path: Path, tree: "ImportTree", design: "MovedPlaces") -> Path:
+    def save(self, path: Path, tree: ImportTree, design: MovedPlaces) -> Path:
         """Put the places of a design where the file has them: frames of links are where their joints are."""
         if path.suffix.lower() != ".urdf":
             raise InputError(f"{path}: a URDF file ends in .urdf")
@@ -331,18 +328,18 @@ class UrdfFile:
         for joint in root.findall("joint"):
             (before, start), (link, at) = (by_name[self._end(joint, tag, "")] for tag in ("parent", "child"))
             if not np.array_equal(start, before.origin) or not np.array_equal(at, link.origin):
-                _set_numbers(_child(joint, "origin"), "xyz", before.turn.T @ (at - start))
+                _child(joint, "origin").set("xyz", xml_text(before.turn.T @ (at - start)))
             first = next((j for j in link.joints if not j.held), None)
             if first and tree.anchors[first.name].axis in changed and first.name == joint.get("name"):
                 axis = tree.sense(first) * places[tree.anchors[first.name].axis]
-                _set_numbers(_child(joint, "axis"), "xyz", link.turn.T @ axis)
+                _child(joint, "axis").set("xyz", xml_text(link.turn.T @ axis))
         for element in root.findall("link"):
             link, at = by_name[str(element.get("name"))]
             shift = link.turn.T @ (link.origin - at)
             for part in (*element.findall("inertial"), *element.findall("visual"), *element.findall("collision")):
                 if np.any(shift):
                     origin = _child(part, "origin", first=True)
-                    _set_numbers(origin, "xyz", self._numbers(origin, "xyz", (0, 0, 0), "origin") + shift)
+                    origin.set("xyz", xml_text(self._numbers(origin, "xyz", (0, 0, 0), "origin") + shift))
         for loop in self.description.loops:
             pins = tree.pins.get(loop.name)
             now = loop.at if pins is None else [places[p] for p in pins]
@@ -351,14 +348,14 @@ class UrdfFile:
             for element in root.findall("loop_joint"):
                 if element.get("name") == loop.name:
                     for end, at in zip(_link_elements(element), local, strict=True):
-                        _set_numbers(end, "xyz", at)
+                        end.set("xyz", xml_text(at))
             for element in root.findall("gazebo/joint"):
                 if element.get("name") == loop.name:
                     pose = _child(element, "pose")
                     pose.text = " ".join([xml_text(local[1]), *((pose.text or "") + " 0 0 0 0 0 0").split()[3:6]])
         return write(path, b'<?xml version="1.0"?>\n' + ET.tostring(root) + b"\n")
 
-    def _origin(self, k: int, tree: "ImportTree", design: "MovedPlaces") -> Vec:
+    def _origin(self, k: int, tree: ImportTree, design: MovedPlaces) -> Vec:
         """Return the place of the frame of a link in a design."""
         link = self.description.links[k]
         moving = [j for j in link.joints if not j.held]
@@ -368,7 +365,7 @@ class UrdfFile:
             name = tree.marks.get((k, ""), "")
         return design.places[name] if name in design.changed else link.origin
 
-    def _keep_axis(self, loop: LoopClosure, tree: "ImportTree", design: "MovedPlaces") -> None:
+    def _keep_axis(self, loop: LoopClosure, tree: ImportTree, design: MovedPlaces) -> None:
         """Refuse a design whose axis of a loop joint points elsewhere."""
         pins, far = tree.pins.get(loop.name), tree.pins.get(f"{loop.name} axis")
         if pins is None or far is None:
@@ -405,17 +402,13 @@ def _child(element: ET.Element, tag: str, first: bool = False) -> ET.Element:
     return found
 
 
-def _set_numbers(element: ET.Element, key: str, values: Iterable[float]) -> None:
-    element.set(key, xml_text(values))
-
-
 class UrdfWriter:
     """Writes a tree of links as URDF: one joint a link, loops in a table beside the tree.
 
     The `driven` coordinates get a transmission.
     """
 
-    def __init__(self, tree: "ExportTree", driven: tuple[str, ...]):
+    def __init__(self, tree: ExportTree, driven: tuple[str, ...]):
         self.tree, self.description = tree, tree.description
         self.root = ET.Element("robot", name=xml_text(self.description.name))
         self.joints: dict[str, ET.Element] = {}

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 
+from jaxnc.autodiff import solve_linear
 from jaxnc.process import one_thread
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Float, Int
@@ -247,10 +248,7 @@ def solver(
         y, x = pair
         return y + _times_vector(jacobian, x), _times_vector(jacobian.T, y)
 
-    # Transposition asks that every part of the right-hand side depends on b, the zeros too.
-    return lambda b: lax.custom_linear_solve(
-        augmented, (b, jnp.zeros(n) + 0.0 * jnp.sum(b)), lambda _, pair: both(*pair), symmetric=True
-    )[1]
+    return lambda b: solve_linear(augmented, (b, jnp.zeros(n)), lambda pair: both(*pair))[1]
 
 
 def least_squares(jacobian: Float[Array, "m n"]) -> Callable[[Array, Array], tuple[Array, Array]]:

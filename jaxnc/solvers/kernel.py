@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.autodiff import solve_linear
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import Eliminated, Factors, Pivots, eliminate_block, plan_elimination
@@ -107,14 +108,12 @@ class _Block:
             found = _orthogonalise(known, *given, weak, (x, x[:n]))
             return found[0] if turned else (*found[1], *x[n:])
 
-        # Transposition asks that every part of the right side depends on what is differentiated. Rows beyond the
-        # block's own have a column of zeros each.
-        none = 0.0 * reduce(jnp.add, right)
-        return lax.custom_linear_solve(
+        # Rows beyond the block's own have a column of zeros each.
+        return solve_linear(
             lambda x: tuple(product(slopes, x, False)),
-            tuple(b + none for b in right),
-            lambda _, b: refined(b, False),
-            transpose_solve=lambda _, b: refined(b, True),
+            tuple(right),
+            lambda b: refined(b, False),
+            lambda b: refined(b, True),
         )[:n]
 
     def eliminate_slopes(self, eq: Equations, slopes: dict[tuple[int, int], Array]) -> Eliminated:
@@ -144,17 +143,16 @@ class _AllRows:
 
     def solve(self, eq: Equations, slopes: dict[tuple[int, int], Array], right: Sequence[Array]) -> tuple[Array, ...]:
         """Return the least-squares solution for one right-hand side, differentiable to any order."""
-        known = lax.stop_gradient(slopes)
+        known, count = lax.stop_gradient(slopes), len(right)
 
-        def matrix(pair: tuple[tuple, tuple]) -> tuple[tuple, tuple]:
-            return _augmented(slopes, *pair)
+        def split(parts: tuple) -> tuple[tuple, tuple]:
+            return parts[:count], parts[count:]
 
-        # Transposition asks that every part of the right side depends on what is differentiated.
-        none = 0.0 * reduce(jnp.add, right)
-        whole = tuple(b + none for b in right), (none,) * len(self._pure)
-        return lax.custom_linear_solve(
-            matrix, whole, lambda _, pair: self._solve_augmented(eq, known, *pair), symmetric=True
-        )[1]
+        return solve_linear(
+            lambda x: sum(_augmented(slopes, *split(x)), ()),
+            (*right, *(jnp.zeros_like(right[0]) for _ in self._pure)),
+            lambda b: sum(self._solve_augmented(eq, known, *split(b)), ()),
+        )[count:]
 
     def _solve_augmented(self, eq: Equations, slopes: dict, b: tuple, c: tuple) -> tuple[tuple, tuple]:
         """Solve ``y + J x = b, Jᵀ y = c``; nothing here is differentiated."""

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.autodiff import solve_linear
 from jaxnc.errors import InputError, WrongCount, counted, nearest
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import dense
@@ -273,16 +274,14 @@ class LargePlan(Plan):
                 y, x = pair
                 return y + times(jacobian, x), back(jacobian, y)
 
-            def least_squares(_, pair):
+            def least_squares(pair):
                 right = jnp.concatenate(pair)
                 both = self.augmented.solve(matrix, right[:, None])[:, 0]
                 rest = right - jnp.concatenate([both[:m] + times(fixed, both[m:]), back(fixed, both[:m])])
                 both = both + self.augmented.solve(matrix, rest[:, None])[:, 0]
                 return both[:m], both[m:]
 
-            return lambda b: lax.custom_linear_solve(
-                symmetric, (b, jnp.zeros(n) + 0.0 * jnp.sum(b)), least_squares, symmetric=True
-            )[1]
+            return lambda b: solve_linear(symmetric, (b, jnp.zeros(n)), least_squares)[1]
 
         def direct(_, y, trans=False):
             product = back if trans else times

@@ -40,6 +40,10 @@ class Seen(NamedTuple):
     turn: Motion | None  # its poses over the whole range of the input, None unless a condition asks for them
     size: float  # length by which lengths are made comparable
 
+    def distance(self, a: str, b: str) -> Array:
+        """Distance of two points at the first target."""
+        return jnp.linalg.norm(self.motion[a][0] - self.motion[b][0])
+
 
 @public
 @dataclass(frozen=True)
@@ -102,7 +106,7 @@ class Length(Condition):
         return ((self.start, self.end),)
 
     def values(self, seen: Seen) -> Array:
-        return _inside(_point_distance(seen, self.start, self.end)[None], ((self.low, self.high),), seen.size)
+        return _inside(seen.distance(self.start, self.end)[None], ((self.low, self.high),), seen.size)
 
 
 @dataclass(frozen=True)
@@ -142,8 +146,8 @@ class Equal(Condition):
         return (self.first, self.second) if isinstance(self.second, tuple) else (self.first,)
 
     def values(self, seen: Seen) -> Array:
-        other = _point_distance(seen, *self.second) if isinstance(self.second, tuple) else self.second
-        return ((_point_distance(seen, *self.first) - other) / seen.size)[None]
+        other = seen.distance(*self.second) if isinstance(self.second, tuple) else self.second
+        return ((seen.distance(*self.first) - other) / seen.size)[None]
 
 
 @dataclass(frozen=True)
@@ -482,20 +486,13 @@ def symmetric(first: str, second: str, about: Sequence[str | Sequence[float]] = 
 @public
 def within(point: str, x: object = None, y: object = None, z: object = None) -> Condition:
     """A point (a fixed pivot, a joint, a tracer) stays between bounds in every pose."""
-    axes = (x, y) if z is None else (x, y, z)
-    box = tuple(as_interval((None, None) if b is None else b, f"within({point!r})") for b in axes)
-    if not np.isfinite(box).any():
-        raise InputError(f"within({point!r}): give x=(low, high), y=, or both")
-    return Within(point, box)
+    return Within(point, _as_box(f"within({point!r})", *((x, y) if z is None else (x, y, z))))
 
 
 @public
 def local(point: str, along: tuple[str, str], x: object = None, y: object = None) -> Condition:
     """Coordinates of a point in a body's frame, from the first point of `along` towards the second, lie in bounds."""
-    box = tuple(as_interval((None, None) if b is None else b, f"local({point!r})") for b in (x, y))
-    if not np.isfinite(box).any():
-        raise InputError(f"local({point!r}): give x=(low, high), y=, or both")
-    return Local(point, along, box)
+    return Local(point, along, _as_box(f"local({point!r})", x, y))
 
 
 @public
@@ -522,13 +519,16 @@ def condition(
     return Own(function, name, equality, over_range)
 
 
+def _as_box(what: str, *axes: object) -> tuple[tuple[float, float], ...]:
+    box = tuple(as_interval((None, None) if pair is None else pair, what) for pair in axes)
+    if not np.isfinite(box).any():
+        raise InputError(f"{what}: give x=(low, high), y=, or both")
+    return box
+
+
 def _as_place(place: Any) -> tuple[float, float] | None:
     found = as_floats(place)
     return (float(found[0]), float(found[1])) if found.shape == (2,) and np.isfinite(found).all() else None
-
-
-def _point_distance(seen: Seen, a: str, b: str) -> Array:
-    return jnp.linalg.norm(seen.motion[a][0] - seen.motion[b][0])
 
 
 def check_points(system: System, what: str, *names: str) -> None:

@@ -16,7 +16,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, OnlyCircuit, TransmissionAngle
-from jaxnc.synthesis.evaluate import MEETS, MovedDesign, follow_again, meeting_sines, move_designs
+from jaxnc.synthesis.evaluate import MEETS, MovedDesign, follow_again, meeting_sines, move_designs, violation
 from jaxnc.synthesis.loops import four_bar_loop, link_lengths
 from jaxnc.synthesis.problem import Problem
 from jaxnc.system.identity import Owner, Thing
@@ -198,7 +198,7 @@ def _judge_one(problem: Problem, one: MovedDesign, end: "End", starts: int) -> D
     if (told.own < -MEETS).any():
         defects.append(problem.rule[1])
     for c, values in zip(problem.conditions, told.conditions, strict=True):
-        far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
+        far = violation(values, c.equality)
         if (far > 10 * MEETS).any() and not (c.over_range and not good.all() and defects):
             defects.append(f"misses {c.name} by {far.max():.2g}")
         if isinstance(c, OnlyCircuit) and good.all() and (wrong := c.defect(one.turn)):
@@ -280,7 +280,7 @@ def worst_conditions(problem: Problem, x: np.ndarray) -> str:
     told = _read_numbers(problem, follow_again(problem, move_designs(problem, [x])[0]))
     far = {problem.rule[0]: float(np.max(-told.own, initial=0.0))}
     for c, values in zip(problem.conditions, told.conditions, strict=True):
-        far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))
+        far[c.name] = max(far.get(c.name, 0.0), float(np.max(violation(values, c.equality), initial=0.0)))
     worst = sorted((n for n in far if far[n] > MEETS), key=lambda n: -far[n])
     more = f" and {len(worst) - NAMED} more" if len(worst) > NAMED else ""
     return ", ".join(f"{n} by {far[n]:.2g}" for n in worst[:NAMED]) + more
@@ -297,18 +297,16 @@ def to_mechanism(mechanism: Mechanism, system: System) -> Mechanism:
     model = out.model
     if set(top.points) != {*model.ground, *model.points} or [m.name for m in top.markers] != list(model.markers):
         raise InputError(f"{top.name!r} was not compiled from {mechanism!r}")
-    for name, at in zip(top.points, np.asarray(par.points), strict=True):
-        place = tuple(float(v) for v in at)
+    points, vectors, markers = (map(tuple, np.asarray(a).tolist()) for a in (par.points, par.vectors, par.markers))
+    for name, place in zip(top.points, points, strict=True):
         if name in model.ground:
             model.ground[name] = place
         else:
             old = model.points[name]
             model.points[name] = record.Point(place, old.fixed) if isinstance(old, record.Point) else place
-    for name, at in zip(top.vectors, np.asarray(par.vectors), strict=True):
-        place = tuple(float(v) for v in at)
+    for name, place in zip(top.vectors, vectors, strict=True):
         (model.ground_vectors if name in model.ground_vectors else model.vectors)[name] = place
-    for marker, at in zip(top.markers, np.asarray(par.markers), strict=True):
-        place = tuple(float(v) for v in at)
+    for marker, place in zip(top.markers, markers, strict=True):
         form = "direction" if marker.direction else "at"
         model.markers[marker.name] = record.Marker(model.markers[marker.name].on, **{form: place})
     for dimension, value in zip(top.given, np.asarray(par.dimensions), strict=True):

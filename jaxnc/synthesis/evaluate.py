@@ -32,7 +32,7 @@ from jaxnc.system.design import Drawn, carry_design
 from jaxnc.system.host import from_jax
 from jaxnc.system.structure import readable
 from jaxnc.system.system import System
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.solvers.plan import Plan
@@ -225,7 +225,8 @@ class _Designs:
         low, high = self.problem.span(self.home, self.extra)
         part = np.linspace(0.0, 1.0, count)
         first = np.broadcast_to(low, self.home.shape)[:, None] * (1.0 - part)
-        low_by, high_by = _span_by(self.problem, self.extra.shape[1])
+        span, none = self.problem.span, np.zeros(())
+        _, (low_by, high_by) = _expand_affine(lambda extra: span(none, extra), self.extra.shape[1])
         by = low_by * (1.0 - part[:, None]) + high_by * part[:, None]
         return first + np.broadcast_to(high, self.home.shape)[:, None] * part, by
 
@@ -308,19 +309,16 @@ def _input_table(problem: Problem, extra: np.ndarray) -> tuple[np.ndarray, np.nd
     The inputs of a problem are affine in its own unknowns.
     """
     own = extra.shape[1]
-    base = np.asarray(problem.inputs(np.zeros(own)), float)
-    by = np.stack([np.asarray(problem.inputs(row), float) - base for row in np.eye(own)] or [base[:0]], axis=-1)
-    by = by.reshape(len(base), own)
+    base, by = _expand_affine(problem.inputs, own)
     if not problem.affine:
         return np.stack([np.asarray(problem.inputs(row), float) for row in extra]), by
     return base + extra @ by.T if own else np.repeat(base[None], len(extra), axis=0), by
 
 
-def _span_by(problem: Problem, own: int) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the ends of the range by the own unknowns, ``(own,)`` each."""
-    low, high = problem.span(np.zeros(()), np.zeros(own))
-    moved = [problem.span(np.zeros(()), row) for row in np.eye(own)]
-    return np.array([a - low for a, _ in moved]), np.array([b - high for _, b in moved])
+def _expand_affine(f: Callable[[np.ndarray], Any], own: int) -> tuple[np.ndarray, np.ndarray]:
+    """Value of an affine function at zero, and its derivatives by so many unknowns, in an axis behind."""
+    base, *rows = (np.asarray(f(row), float) for row in (np.zeros(own), *np.eye(own)))
+    return base, np.stack([row - base for row in rows], axis=-1) if own else np.zeros((*base.shape, 0))
 
 
 def _make_track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
@@ -401,7 +399,7 @@ LANES = 48  # the most designs evaluated at once
 MEETS = 1e-8  # violation of a condition that a design may have
 
 
-def violation(conditions: np.ndarray, equal: np.ndarray) -> np.ndarray:
+def violation(conditions: Numbers, equal: np.ndarray | bool) -> np.ndarray:
     """Distance of conditions from being met, ``(..., k)``."""
     return np.where(equal, np.abs(conditions), np.maximum(-conditions, 0.0))
 

@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.doors import door
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import METRES, outside
-from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.motion import Motion, drawn_motion
 from jaxnc.notebooks import align_columns
-from jaxnc.solvers.assembly import derive
 from jaxnc.vehicle.hardpoints import RACK, trade_names
 from jaxnc.vehicle.suspension import ATTITUDE, NUMBERS, Layout, Options, resolve, suspension, wheel_numbers
 
@@ -161,7 +161,7 @@ class SuspensionReport:
     def data(self) -> dict[str, str]:
         """All of it as dictionaries, lists and numbers; None where a number is not finite."""
         arrays = {"along": self.along.tolist(), "curves": {k: v.tolist() for k, v in self.curves.items()}}
-        return _plain_data(asdict(self) | arrays)
+        return msgspec.json.decode(msgspec.json.encode(asdict(self) | arrays))  # what is not finite as null
 
     def to_json(self, path: "str | Path") -> "Path":
         """Write `data` to a file.
@@ -223,7 +223,7 @@ def suspension_report(
         raise InputError("suspension_report: give a sweep, poses in a row over wheel travel or steering")
     found = suspension(motion, **options)
     given = Options(**options)
-    layout, still = resolve(motion, given), _as_drawn(motion)
+    layout, still = resolve(motion, given), drawn_motion(motion.system, motion.driven, motion.held)
     by, along, travels = _report_axis(motion, layout, still)
     static, slopes = (
         {name: float(v) for name, v in found.items() if v is not None and name != "contact"}
@@ -268,15 +268,6 @@ def suspension_report(
         hardpoints=_drawn_hardpoints(still, mm),
         vehicle=_anti_percentages(static, layout.axle, wheelbase, mass_height, (brake_share, drive_share)),
     )
-
-
-def _as_drawn(motion: Motion) -> Motion:
-    """The mechanism as drawn, as a motion of one pose with the same inputs."""
-    home: Any = np.asarray(derive(motion.system).home)
-    asked: Any = np.array([home[motion.system.topology.position[name]] for name in motion.driven])
-    zero: Any = np.zeros(())
-    right: Any = np.zeros((), int)
-    return Motion(motion.system, motion.driven, motion.held, home, (), asked, right, zero, None)
 
 
 def _report_axis(motion: Motion, layout: Layout, still: Motion) -> tuple[str, np.ndarray, bool]:
@@ -378,11 +369,3 @@ def _row_cells(row: SuspensionRow) -> list[str]:
         *ends,
         _format_number(row.largest_at, 1),
     ]
-
-
-def _plain_data(value: object) -> Any:
-    if isinstance(value, Mapping):
-        return {k: _plain_data(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain_data(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

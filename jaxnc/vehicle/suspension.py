@@ -2,7 +2,8 @@
 
 import dataclasses
 import warnings
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,9 +24,6 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Float
 from jaxnc.vehicle.hardpoints import Line, Names, names_in, trade_names, usual
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SIZES = (0.04, 8.0)
 """How wide a suspension may be, metres: of model cars to haul trucks."""
@@ -149,7 +147,7 @@ class Suspension(Shown):
         lines += [[*(f"{c[i]:.4f}" if good[i] else "-" for c in columns), "" if good[i] else "not found"] for i in at]
         return "\n".join(align_columns(lines, (len(header),)))
 
-    def to_csv(self, path: "str | Path") -> "Path":
+    def to_csv(self, path: str | Path) -> Path:
         """Write all poses and all numbers as a table, units as in `table`; poses that failed have empty cells.
 
         Args:
@@ -159,13 +157,12 @@ class Suspension(Shown):
             OutputError: the file cannot be written.
         """
         outside(self, "to_csv()")
-        from jaxnc.io.target import write
+        from jaxnc.io.target import csv_text, write
 
         header, columns = _table_columns(self, every=True)
         good = np.asarray(self.converged).reshape(-1)
-        lines = [",".join(header)]
-        lines += [",".join(f"{c[i]:.17g}" if good[i] else "" for c in columns) for i in range(len(good))]
-        return write(path, ("\n".join(lines) + "\n").encode())
+        rows = ([f"{c[i]:.17g}" if good[i] else "" for c in columns] for i in range(len(good)))
+        return write(path, csv_text([header, *rows]))
 
     def __repr__(self) -> str:
         shape = "×".join(map(str, self.camber.shape)) or "one"

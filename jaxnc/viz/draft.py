@@ -7,11 +7,9 @@ import jax
 import numpy as np
 
 from jaxnc.errors import InputError, JaxncError
-from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.motion import Motion, drawn_motion
 from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
-from jaxnc.solvers.assembly import derive
-from jaxnc.status import Status
 from jaxnc.system.assemble import assemble
 from jaxnc.system.system import System, drivable, unheld
 from jaxnc.types import Inputs
@@ -31,11 +29,7 @@ def draft(thing: Mechanism | System | Motion) -> Motion:
         raise InputError(f"only a Mechanism, a System or a Motion can be drawn; got {type(thing).__name__}")
     if np.ndim(system.parameters.points) > 2:
         raise InputError(f"{system.name!r}: a batch of designs is not drawn at once; index one")
-    top = system.topology
-    q = np.asarray(derive(system).home)
-    asked = q[[top.position[name] for name in top.scalars]]
-    good = np.array(int(Status.CONVERGED))
-    return Motion(system, top.scalars, (), q, (), asked, good, None, None)  # pyright: ignore[reportArgumentType]
+    return drawn_motion(system, system.topology.scalars)
 
 
 def caption(thing: Mechanism | System) -> str:

@@ -34,7 +34,7 @@ from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.spatial.camera import read_view
 from jaxnc.viz.spatial.drawing import SpaceView
 from jaxnc.viz.style import LIGHT, axis_name, colour_of, furnish, wide, wrap
-from jaxnc.viz.view import Legend, View
+from jaxnc.viz.view import Legend, Names, View
 
 _MARGIN = 6.2  # around the mechanism, units
 _EDGE = 4.0  # of the paper, points
@@ -123,10 +123,7 @@ def make_view(
     data: Poses, shown: Sequence[int], trace, labels: bool, view: Sequence[float] | None
 ) -> "PlaneView | SpaceView":
     """Make a view of the plane or of space, to be put in axes."""
-    camera = read_view(data, view)
-    if data.dim == 3:
-        return SpaceView(data, shown, trace, labels, camera)
-    return PlaneView(data, shown, trace, labels)
+    return (SpaceView if data.dim == 3 else PlaneView)(data, shown, trace, labels, read_view(data, view))
 
 
 class PlaneView(View):
@@ -134,7 +131,7 @@ class PlaneView(View):
 
     letters = 1.8
 
-    def __init__(self, data: Poses, shown: Sequence[int], trace: str | Iterable[str], labels: bool):
+    def __init__(self, data: Poses, shown: Sequence[int], trace: Names, labels: bool, camera: object = None):
         super().__init__(data, shown, trace, labels, sketch_plane(data))
         self.marks: list[tuple[Quiver | PathCollection, Arrows]] = []  # arrows, and symbols of centres of mass
         self.paths: list[tuple[Line2D, int]] = []

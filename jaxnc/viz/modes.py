@@ -267,8 +267,7 @@ def draw_circuits(
     below.yaxis.set_major_locator(MaxNLocator(3, integer=True))
     ax.set_xlim(circuits.values[0] * factor, circuits.values[-1] * factor)
     ax.set_ylabel(across)
-    below.set_ylabel("number")
-    below.set_xlabel(along)
+    below.set(xlabel=along, ylabel="number")
     for axes in (ax, below):
         furnish(axes)
     ax.tick_params(labelbottom=False)

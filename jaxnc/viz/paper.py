@@ -18,7 +18,7 @@ from jaxnc.viz.picture import Picture, finish
 from jaxnc.viz.plots import draw_curves, draw_paths, group_quantities
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa
-from jaxnc.viz.style import LIGHT, NUMBERS, TEXT, axis_name, crown, furnish, symbol, wrap
+from jaxnc.viz.style import LIGHT, NUMBERS, TEXT, axis_name, crown, furnish, short, symbol, wrap
 
 PAPER = {"a4": (8.27, 11.69), "letter": (8.5, 11.0)}
 """Width and height, inches."""
@@ -193,10 +193,6 @@ def _default_quantities(data: Poses, points: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _number(value: float) -> str:
-    return f"{0.0 if abs(value) < 1e-12 else value:.4g}".replace("-", "−")
-
-
 def _dimension_table(data: Poses) -> list[tuple[str, ...]]:
     """List the lengths of links and of the ground, as they are in the first pose that is right."""
     top, x = data.topology, data.places[data.extent_poses[0]]
@@ -207,7 +203,7 @@ def _dimension_table(data: Poses) -> list[tuple[str, ...]]:
     for name, points in sets:
         pairs = list(itertools.pairwise(points)) + ([(points[0], points[-1])] if len(points) == 3 else [])
         for a, b in pairs:
-            rows.append((name, f"{top.points[a]}–{top.points[b]}", _number(float(np.linalg.norm(x[b] - x[a])))))
+            rows.append((name, f"{top.points[a]}–{top.points[b]}", short(float(np.linalg.norm(x[b] - x[a])))))
             name = ""
     most = 16  # dimensions in the table
     if len(rows) > most:
@@ -229,7 +225,7 @@ def _extreme_table(x: Quantity, panels: list) -> list[tuple[str, ...]]:
             at = [np.nanargmin(size), np.nanargmax(size)]
             label = q.label if q.kind == "number" else f"|{q.label}|"
             label = f"{label} [{q.unit}]" if q.unit else label
-            rows.append((label, *(v for k in at for v in (_number(float(size[k])), _number(float(x.values[k]))))))
+            rows.append((label, *(v for k in at for v in (short(float(size[k])), short(float(x.values[k]))))))
     return rows
 
 
@@ -244,7 +240,7 @@ def _write_heading(figure: Figure, data: Poses, box, title: str | None) -> None:
     for driven in data.motion.driven:
         q = abscissa(data, driven)
         ends = q.values[[0, -1]]
-        facts.append(f"{q.label} from {_number(float(ends[0]))} to {_number(float(ends[1]))} {q.unit}".rstrip())
+        facts.append(f"{q.label} from {short(float(ends[0]))} to {short(float(ends[1]))} {q.unit}".rstrip())
     bad = int((~data.good).sum())
     facts.append(counted(data.count, "pose") + (f", {bad} of them not right" if bad else ""))
     look: dict[str, Any] = {"ha": "left", "va": "top", "parse_math": False}

@@ -35,13 +35,12 @@ class Pen:
         self.moving: list[Artist] = []
         self.moves: list[Move] = []
         self.opacity = 0.16 if ghost else None
-        self.names = -1  # the last label that was added
         self.offsets: np.ndarray | None = None
         for item in scene.items:
             if not ghost or item.role in ghost:
                 self._add(item, places)
-        for label in scene.labels:
-            self._add_label(label, places)
+        for k, label in enumerate(scene.labels):
+            self._add_label(k, label, places)
         self.fade(False)
 
     def move(self, places: np.ndarray, offsets: np.ndarray | None = None) -> None:
@@ -137,8 +136,7 @@ class Pen:
         self.moving.append(name)
         return name
 
-    def _add_label(self, item: Label, places: np.ndarray) -> None:
-        k = self.names = self.names + 1
+    def _add_label(self, k: int, item: Label, places: np.ndarray) -> None:
         text = self._write(item.text, colour_of("ink", -1), fontstyle="italic", gid="label", parse_math=False)
 
         def move(p: np.ndarray) -> None:

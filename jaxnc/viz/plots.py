@@ -190,8 +190,7 @@ def draw_paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
         _add_direction(ax, q.values[right], colour)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
-    ax.set_xlabel(axis_name("x", unit))
-    ax.set_ylabel(axis_name("y", unit))
+    ax.set(xlabel=axis_name("x", unit), ylabel=axis_name("y", unit))
     failed = int(np.sum(~data.good))
     if failed:
         ax.text(

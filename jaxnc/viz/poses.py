@@ -123,8 +123,7 @@ class Poses:
     @property
     def gaps(self) -> list[tuple[int, int]]:
         """Runs of poses that are not right, each from its first to after its last."""
-        edges = np.diff(np.concatenate([[0], (~self.good).astype(int), [0]]))
-        return list(zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True))
+        return true_runs(~self.good)
 
     @property
     def extent_poses(self) -> np.ndarray:
@@ -260,6 +259,12 @@ class Poses:
             return False
         size = np.ptp(self.places[self.good].reshape(-1, self.dim), axis=0).max()
         return bool(np.abs(self.places[0] - self.places[-1]).max() <= 1e-6 * max(size, 1e-300))
+
+
+def true_runs(x: np.ndarray) -> list[tuple[int, int]]:
+    """Find the runs in which all of some truth values ``(T,)`` hold, each from its first to after its last."""
+    edges = np.diff(np.concatenate([[0], x.astype(int), [0]]))
+    return list(zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True))
 
 
 def chords(x: np.ndarray, size: float) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxnc.io.target import file_name, writing
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
@@ -102,6 +103,13 @@ def _subject(thing: Any) -> Mechanism | System | Motion | None:
     if getattr(thing, "designs", ()):
         return thing.designs[getattr(thing, "knee", 0)].turn
     return thing.problem.system if hasattr(thing, "problem") else getattr(thing, "system", None)
+
+
+def save_page(path: str | Path, text: str) -> Path:
+    """Write a page to a file; returns its path, which a notebook shows as the page."""
+    with writing(path, (".html", ".htm"), "a page") as new:
+        new.write_text(text, encoding="utf-8", newline="\n")
+    return ShownPath(file_name(path))
 
 
 class ShownPath(type(Path())):

@@ -1,13 +1,15 @@
 """Scene of a planar mechanism: the bar, block, guide, wheel or pin that an engineer would draw for body and joint."""
 
 from collections import defaultdict
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
 from jaxnc.forces import COUPLE
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.identity import Owner
-from jaxnc.system.topology import BodyIndex, JointIndex
+from jaxnc.system.topology import Block, BodyIndex, JointIndex
 from jaxnc.viz.bodies import FLAT, Bodies, hull, inline
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Scene, Span, Stamp, least_angle
@@ -15,6 +17,57 @@ from jaxnc.viz.style import INK, symbol
 
 _BLOCK = (2.3, 1.45)  # half length and half height of a slider block, units
 _PIVOT = (1.9, 3.0)  # half width and height of a ground pivot's triangle, units
+
+
+class Sketch:
+    """A scene of a motion, in the plane or in space, that is put together part by part."""
+
+    drawn_by: dict[Callable[[JointIndex], None], tuple[str, ...]]
+    """The methods that draw joints, and the types that each draws."""
+
+    def __init__(self, poses: Poses):
+        self.poses, self.top, self.bodies = poses, poses.topology, Bodies(poses)
+        self.x = poses.every_column[poses.extent_poses]  # (T, columns, dim)
+        self.items: list[Any] = []
+
+    def add_joints(self) -> None:
+        """Draw joints that the mechanism lists."""
+        for joint in self.top.joints:
+            for add, types in self.drawn_by.items():
+                if joint.drawn and joint.type in types:
+                    add(joint)
+
+    def forces(self) -> Iterator[tuple[str, object, tuple[int, ...], tuple[Block, int, bool] | None]]:
+        """List forces: a word for each, its kind, its points, and what it acts on in their place: see `measure_of`."""
+        for block in self.top.loads.forces:
+            word = block.kind.name.split()[-1]  # of "coordinate spring", and of a user's "leaf spring", a spring
+            for points, scalars in zip(block.points, block.scalars, strict=True):
+                measure = self.measure_of(scalars[0]) if scalars else None
+                yield word, block.kind, () if scalars else points, measure
+        for function in self.top.loads.functions:
+            if function.acts == "effort":
+                yield "effort", None, (), self.measure_of(function.at)
+
+    def measure_of(self, coordinate: int) -> tuple[Block, int, bool] | None:
+        """Find the rows of an angle or distance, by its place among the coordinates, and whether it is an angle."""
+        k = coordinate - (len(self.top.coordinates) - len(self.top.scalars))
+        if k < 0:
+            return None
+        block, instance = self.top.measures[k]
+        return self.top.blocks[block], instance, self.top.angles[k]
+
+    def radii(self, owner: Owner) -> list[tuple[float, int]]:
+        """Find the radii of a gear pair or a disc, each with its place among the numbers of the equations."""
+        eq, first = derive(self.poses.motion.system), 0
+        for block, constants in zip(self.top.blocks, eq.constants, strict=True):
+            names = [c for c in block.kind.constants if c.startswith("radius")]
+            mine = [i for i, owners in enumerate(block.owners) if owner in owners]
+            size = len(block.kind.constants) + len(block.kind.rows)
+            if names and mine:
+                row, at = np.asarray(constants)[mine[0]], [block.kind.constants.index(c) for c in names]
+                return [(abs(float(row[k])), first + mine[0] * size + k) for k in at]
+            first += block.count * size
+        return []
 
 
 def sketch_plane(poses: Poses) -> Scene:
@@ -32,13 +85,11 @@ def sketch_plane(poses: Poses) -> Scene:
     return drawing.scene()
 
 
-class _PlaneSketch:
+class _PlaneSketch(Sketch):
     def __init__(self, poses: Poses):
-        self.poses, self.top, self.bodies = poses, poses.topology, Bodies(poses)
-        self.x = poses.places[poses.extent_poses]
+        super().__init__(poses)
         self.ground, self.holding, self.colour = self.bodies.ground, self.bodies.holding, self.bodies.colour
         self.colours = self.bodies.colour_by_name
-        self.items: list[Item] = []
         self.meet: dict[int, set] = defaultdict(set)  # what is joined at a point
         self.pins: set[int] = set()  # drawn as a pin in any case
         self.used: set[int] = set()  # points in view for another reason
@@ -49,6 +100,14 @@ class _PlaneSketch:
         for body in self.top.bodies:
             if len(body.points) == 1:
                 self.sliders.setdefault(body.points[0], body)
+        self.drawn_by = {
+            self.add_revolute: ("revolute",),
+            self.add_prismatic: ("prismatic",),
+            self.add_slot: ("slot",),
+            self.add_gear: ("gear", "internal gear"),
+            self.add_rolling: ("rolling",),
+            self.add_cable: ("cable",),
+        }
 
     # -- bodies -------------------------------------------------------------------------------------------------
 
@@ -101,20 +160,6 @@ class _PlaneSketch:
 
     # -- joints -------------------------------------------------------------------------------------------------
 
-    def add_joints(self) -> None:
-        draw = {
-            "revolute": self.add_revolute,
-            "prismatic": self.add_prismatic,
-            "slot": self.add_slot,
-            "gear": self.add_gear,
-            "internal gear": self.add_gear,
-            "rolling": self.add_rolling,
-            "cable": self.add_cable,
-        }
-        for joint in self.top.joints:
-            if joint.drawn and joint.type in draw:
-                draw[joint.type](joint)
-
     def add_revolute(self, joint: JointIndex) -> None:
         a, b = joint.points
         both = self.meet[a] | self.meet[b] | {("revolute", joint.name)}
@@ -125,14 +170,12 @@ class _PlaneSketch:
         a, b, pin = joint.points
         frame = Frame(a, (a, b))
         self.pins.add(pin)
-        if self.ground[[a, b]].all():
-            self.guide((a, b), frame, self.along(pin, a, b), pin)
+        fixed, slider = self.ground[[a, b]].all(), self.sliders.get(pin)
+        if fixed or (slider is not None and slider.base == (a, b)):
             self.blocks[pin] = (Frame(pin, (a, b)), self.block_colour(pin))
-            return
-        slider = self.sliders.get(pin)
-        if slider is not None and slider.base == (a, b):
-            self.blocks[pin] = (Frame(pin, (a, b)), self.block_colour(pin))
-            if self.holding(a, b) is None:
+            if fixed:
+                self.guide((a, b), frame, self.along(pin, a, b), pin)
+            elif self.holding(a, b) is None:
                 self.items.append(Line("centre line", (a, b)))
             return
         t = self.along(pin, a, b)
@@ -148,9 +191,8 @@ class _PlaneSketch:
         a, b, c, d = joint.points
         if self.ground[[a, b]].all():
             self.guide((a, b), Frame(a, (a, b)), self.along(c, a, b), c)
-        elif self.holding(a, b) is None:
-            self.items.append(Line("centre line", (a, b)))
-            self.used.update((a, b))
+        else:
+            self.add_free_line(a, b)
         self.blocks[c] = (Frame(c, (a, b)), self.colour(c, d))
 
     def add_gear(self, joint: JointIndex) -> None:
@@ -166,19 +208,6 @@ class _PlaneSketch:
                 self.items.append(Circle("annulus", centre, radius, 1.6, number=number, body=colour))
             self.used.add(centre)
 
-    def radii(self, owner: Owner) -> list[tuple[float, int]]:
-        """Find the radii of a gear pair or a disc, each with its place among the numbers of the equations."""
-        eq, first = derive(self.poses.motion.system), 0
-        for block, constants in zip(self.top.blocks, eq.constants, strict=True):
-            names = [c for c in block.kind.constants if c.startswith("radius")]
-            mine = [i for i, owners in enumerate(block.owners) if owner in owners]
-            size = len(block.kind.constants) + len(block.kind.rows)
-            if names and mine:
-                row, at = np.asarray(constants)[mine[0]], [block.kind.constants.index(c) for c in names]
-                return [(abs(float(row[k])), first + mine[0] * size + k) for k in at]
-            first += block.count * size
-        return []
-
     def add_rolling(self, joint: JointIndex) -> None:
         a, b, centre, contact, rim = joint.points
         radius = float(np.median(np.hypot(*(self.x[:, centre] - self.x[:, contact]).T)))
@@ -189,7 +218,12 @@ class _PlaneSketch:
             side = -1 if d[0] * w[1] - d[1] * w[0] > 0 else 1
             t = self.along(contact, a, b)
             self.guide((a, b, "rolling"), Frame(a, (a, b)), t, contact, 0.6 * radius, 0.0, side)
-        elif self.holding(a, b) is None:
+        else:
+            self.add_free_line(a, b)
+
+    def add_free_line(self, a: int, b: int) -> None:
+        """Draw the line of two points that no body holds."""
+        if self.holding(a, b) is None:
             self.items.append(Line("centre line", (a, b)))
             self.used.update((a, b))
 
@@ -297,44 +331,30 @@ class _PlaneSketch:
 
     def add_forces(self) -> None:
         """Draw springs, dampers and stops between points and on coordinates; torques."""
-        loads, beside = self.top.loads, defaultdict(int)
-        for block in loads.forces:
-            word = block.kind.name.split()[-1]  # of "coordinate spring", and of a user's "leaf spring", a spring
-            for ends, scalars in zip(block.points, block.scalars, strict=True):
-                angle = None
-                if scalars:
-                    ends, angle = self.measured_points(scalars[0])
-                if block.kind == COUPLE:
-                    self.add_about("effort", ends[:2], 0.5)
-                elif angle is not None and word in _ABOUT:
-                    self.add_about(word, angle)
-                elif word in _BETWEEN and len(ends) == 2 and ends[0] != ends[1]:
-                    both = (min(ends), max(ends))
-                    aside = (0.0, 3.0, -3.0, 6.0)[beside[both] % 4]
-                    for role, path in _BETWEEN[word]:
-                        corners = tuple((s, 0.0, y + (aside if 0.0 < s < 1.0 else 0.0)) for s, y in path)
-                        self.items.append(Span(role, both, corners))
-                    beside[both] += 1
-                    self.used.update(both)
-        for function in loads.functions:
-            angle = self.measured_points(function.at)[1] if function.acts == "effort" else None
-            if angle is not None:
-                self.add_about("effort", angle)
+        beside = defaultdict(int)
+        for word, kind, ends, measure in self.forces():
+            angle = False
+            if measure is not None:
+                block, instance, angle = measure
+                ends = block.points[instance]
+            if kind == COUPLE:
+                self.add_about("effort", ends[:2], 0.5)
+            elif angle and word in _ABOUT:
+                self.add_about(word, ends[-2:])
+            elif word in _BETWEEN and len(ends) == 2 and ends[0] != ends[1]:
+                both = (min(ends), max(ends))
+                aside = (0.0, 3.0, -3.0, 6.0)[beside[both] % 4]
+                for role, path in _BETWEEN[word]:
+                    corners = tuple((s, 0.0, y + (aside if 0.0 < s < 1.0 else 0.0)) for s, y in path)
+                    self.items.append(Span(role, both, corners))
+                beside[both] += 1
+                self.used.update(both)
 
     def add_about(self, word: str, arm: tuple[int, ...], share: float = 0.0) -> None:
         """Draw what turns about the start of an arm, or about a place that is a share of the way along it."""
         for role, path in _ABOUT[word]:
             corners = tuple((share, x, y) for x, y in path)
             self.items.append(Span(role, (arm[0], arm[1]), corners, closed=role == "torque head"))
-
-    def measured_points(self, coordinate: int) -> tuple[tuple[int, ...], tuple[int, int] | None]:
-        """Find the points of an angle or distance, by its place among the coordinates; the arm of an angle."""
-        k = coordinate - 2 * len(self.top.points)
-        if k < 0:
-            return (), None
-        block, instance = self.top.measures[k]
-        points = self.top.blocks[block].points[instance]
-        return points, (points[-2], points[-1]) if self.top.angles[k] else None
 
     # -- points -------------------------------------------------------------------------------------------------
 

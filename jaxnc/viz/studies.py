@@ -19,7 +19,7 @@ from jaxnc.viz.plots import stack_axes
 from jaxnc.viz.style import BODIES, HEADING, LIGHT, LINES, NUMBERS, TEXT, axis_name, crown, furnish, symbol
 
 if TYPE_CHECKING:
-    from jaxnc.families.compare import Comparison
+    from jaxnc.families.comparison import Comparison
     from jaxnc.synthesis.tolerance.spread import Tolerance
     from jaxnc.vehicle.report import SuspensionReport, SuspensionRow
 
@@ -70,8 +70,7 @@ def plot_energy(
         if rows:
             ax.set_ylabel(what)
     axes[-1].plot(t, found.error, color=LIGHT["ink"], linewidth=1.2)
-    axes[-1].set_ylabel("error of the balance [J]")
-    axes[-1].set_xlabel("time [s]")
+    axes[-1].set(xlabel="time [s]", ylabel="error of the balance [J]")
     for ax in axes[:-1]:
         ax.tick_params(labelbottom=False)
     heading = motion.system.name if title is None else title
@@ -99,7 +98,7 @@ def plot_families(
         InputError: no family has numbers.
         OutputError: a file that cannot be written.
     """
-    from jaxnc.families.compare import SPREADS
+    from jaxnc.families.comparison import SPREADS
 
     rows = [row for row in comparison.families if row.n is not None]
     if not rows:
@@ -143,12 +142,10 @@ def plot_families(
     axes[2].set_xticks(SPREADS, [f"{s:g}" for s in SPREADS])
     axes[2].minorticks_off()
     axes[2].set_ylim(-0.03, 1.03)
-    axes[2].set_xlabel("distance of the start, part of the size")
-    axes[2].set_ylabel("ends at the drawing's assembly")
+    axes[2].set(xlabel="distance of the start, part of the size", ylabel="ends at the drawing's assembly")
     axes[2].legend(frameon=False, fontsize=NUMBERS, handlelength=3.6)  # so that dashes are seen beside the mark
-    furnish(axes[0], "x")
-    furnish(axes[1], "x")
-    furnish(axes[2], "y")
+    for axis, grid in zip(axes, ("x", "x", "y"), strict=True):
+        furnish(axis, grid)
     axes[0].tick_params(axis="y", labelsize=TEXT)
     crown(axes[0], room=0.3 * inches(size)[0])
     return finish(figure, path, dpi)
@@ -208,8 +205,7 @@ def band(
         )  # fmt: skip
     furnish(left, "y")
     furnish(right, "x")
-    left.set_xlabel(axis_name(symbol(driven), unit))
-    left.set_ylabel(axis_name(f"deviation of {symbol(name)}", shown))
+    left.set(xlabel=axis_name(symbol(driven), unit), ylabel=axis_name(f"deviation of {symbol(name)}", shown))
     left.margins(x=0.0)
     if unit == "deg" and np.ptp(x) >= 180.0:
         left.xaxis.set_major_locator(MultipleLocator(60.0))

@@ -135,6 +135,11 @@ def symbol(name: str) -> str:
     return _GREEK.get(stem, stem) + name[len(stem) :]
 
 
+def short(value: float, digits: int = 4) -> str:
+    """Write a number in few digits, with a real minus; rounding is zero."""
+    return f"{0.0 if abs(value) < 1e-12 else value:.{digits}g}".replace("-", "−")
+
+
 def axis_name(what: str, unit: str = "") -> str:
     """Write the name of an axis: a quantity and its unit."""
     return f"{what} [{unit}]" if unit else what

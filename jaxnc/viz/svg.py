@@ -6,20 +6,18 @@ import io
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
+from jaxnc.system.system import System
 from jaxnc.viz.labels import place_labels
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Arc, Casing, Circle, Hatch, Item, Line, Span, Stamp
 from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.style import LIGHT, colour_of
-
-if TYPE_CHECKING:
-    from jaxnc.kinematics.motion import Motion
-    from jaxnc.mechanism import Mechanism
-    from jaxnc.system.system import System
 
 _WIDTH, _NARROW = 640.0, 480.0  # pixels, in pages and in notebooks
 _UNIT = 5.5  # pixels
@@ -207,7 +205,7 @@ def _draw_in_space(data: Poses, pose: int, traces: Sequence[int]) -> str:
     return drawn
 
 
-def draw_pixels(drawn: "Mechanism | System | Motion", pose: int = 0, trace: Sequence[str] = ()) -> str:
+def draw_pixels(drawn: Mechanism | System | Motion, pose: int = 0, trace: Sequence[str] = ()) -> str:
     """Draw a pose as a small PNG of few colours, in the letters of base64."""
     from PIL import Image
 

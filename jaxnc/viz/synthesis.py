@@ -232,8 +232,7 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
     if least > 0 and most < 30.0 * least:  # so that the axis has a mark or two
         ax.set_ylim(0.2 * least, 5.0 * most)
     furnish(ax)
-    ax.set_xlabel("round of the refinement")
-    ax.set_ylabel(axis_name("best error", unit_of(result.problem).strip()))
+    ax.set(xlabel="round of the refinement", ylabel=axis_name("best error", unit_of(result.problem).strip()))
     time = f"{result.history[-1].seconds:.3g} s"
     crown(ax, f"{result.refined} of {result.screened} designs refined in {time}")
     return finish(figure, path)
@@ -271,9 +270,7 @@ def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> F
         furnish(ax)
     shown = unit.replace("^2", "²")
     above.set_ylabel(axis_name("sample of the error" if history.random else "error", shown))
-    below.set_ylabel("projected gradient")
-    below.set_xlabel("step")
-    below.set_xlim(1, max(history.count, 2))
+    below.set(xlabel="step", ylabel="projected gradient", xlim=(1, max(history.count, 2)))
     below.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     lanes = value.shape[1]
     made = f"{np.sum(~np.isnan(history.value)):,}".replace(",", "\u202f")  # what it took, whatever else the machine did
@@ -335,8 +332,7 @@ def _plot_pair(front: "Front", ax: Axes, i: int, j: int, shown: list[int]) -> No
         ax.plot(x[k], y[k], "o", ms=7.5, mfc="none", mec=TARGET, mew=1.3)
         ax.annotate("abc"[n], (x[k], y[k]), (7, 6), textcoords="offset points", fontsize=TEXT, color=TARGET)
     furnish(ax)
-    ax.set_xlabel(_axis_name(front, i))
-    ax.set_ylabel(_axis_name(front, j))
+    ax.set(xlabel=_axis_name(front, i), ylabel=_axis_name(front, j))
     ax.margins(0.09)
     for name, values in (("x", x), ("y", y)):
         # An axis is logarithmic if the largest value is 30 times the least; a condition that is met is no decade.

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.offsetbox import AnnotationBbox, HPacker, TextArea, VPacker
 from matplotlib.text import Text
+from matplotlib.transforms import Transform
 
 from jaxnc.viz.arrows import Arrows, arrows, nice
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import HEADING, LIGHT, NUMBERS, wide, wrap
 
-if TYPE_CHECKING:
-    from matplotlib.transforms import Transform
+Names = str | Iterable[str]
 
 _GAP = "    "  # between entries of a legend
 
@@ -36,7 +36,7 @@ class View:
     unit: float  # length of a unit
     letters: float  # size of numbers and keys, units
 
-    def __init__(self, data: Poses, shown: Sequence[int], trace: str | Iterable[str], labels: bool, scene: Any):
+    def __init__(self, data: Poses, shown: Sequence[int], trace: Names, labels: bool, scene: Any):
         self.data, self.shown = data, list(shown)
         self.traces = data.columns(trace, "trace")
         self.scene = scene if labels else dataclasses.replace(scene, labels=())
@@ -111,7 +111,7 @@ class View:
         """Write a text in the plane of the picture."""
         return Axes.text(self.ax, x, y, text, **{"parse_math": False, **look})
 
-    def add_banner(self, height: float, transform: "Transform") -> None:
+    def add_banner(self, height: float, transform: Transform) -> None:
         """Make room for what became of a pose that is not right."""
         self.banner = self.write(
             0.5, height, "", transform=transform, color=LIGHT["failure"], fontsize=self.text_size, ha="center",
@@ -126,14 +126,6 @@ class View:
         self.banner.set_visible(not right)
         if not right:
             self.banner.set_text(f"Pose {k} failed. {self.data.sentence(k)}")
-
-    def draw(self, k: int, sampled: Iterable[int] | None = None) -> None:
-        """Make all artists, in pose `k`; names are placed to suit the sampled poses."""
-        raise NotImplementedError
-
-    def film(self, k: int, sampled: Iterable[int]) -> None:
-        """Make all artists for an animation."""
-        self.draw(k, sampled)
 
     def move(self, k: int, right: bool) -> None:
         """Bring all artists but the banner to pose `k`, as a ghost if it is not right."""

@@ -1,6 +1,5 @@
 """A mechanism made of plates in layers: its parts, pins, spacers and tables, and drawings in DXF and SVG."""
 
-import csv
 import io
 import itertools
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, JaxncError
-from jaxnc.io.target import folder, replacing, stem
+from jaxnc.io.target import csv_text, folder, replacing, stem
 from jaxnc.notebooks import align_columns
 from jaxnc.viz.svg import element
 from jaxnc.workshop.shop import Shop
@@ -265,10 +264,7 @@ class Assembly:
         for ending in check_formats(formats):
             for drawing in self.drawings():
                 files[f"{drawing.name}.{ending}"] = drawing.dxf(self) if ending == "dxf" else drawing.svg(self)
-        for name, table in (("parts.csv", self.rows()), ("pins.csv", self.stacks())):
-            text = io.StringIO()
-            csv.writer(text, lineterminator="\n").writerows(table)
-            files[name] = text.getvalue().encode()
+        files |= {"parts.csv": csv_text(self.rows()), "pins.csv": csv_text(self.stacks())}
         files["parts.txt"] = f"{self}\n".encode()
         where = folder(where)
         with ExitStack() as stack:  # nothing is put in place before everything is written

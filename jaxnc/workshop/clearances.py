@@ -95,27 +95,18 @@ def complex_points(motion: Motion, unit: float, q: np.ndarray | None = None) -> 
     return x[:, ::2] + 1j * x[:, 1::2]
 
 
-@dataclass
 class Gaps:
-    """Distances of pairs of things over a course."""
+    """Distances of pairs of things over a course, at all its poses."""
 
-    course: PartCourse  # the stretches between poses
-    radii: np.ndarray  # of each pair, what the outlines of both together are rounded by, mm
-    shapes: list[tuple[np.ndarray, np.ndarray]]  # of each pair, which places of the course are the corners of both
-    ends: np.ndarray  # distance at both ends of each stretch, (2, K, pairs), mm; not positive where they overlap
-    ways: np.ndarray  # direction of the distance at both ends, complex, (2, K, pairs); 0 where they overlap
-    low: np.ndarray  # what the distance is at least in each stretch, (K, pairs)
-    unsure: bool = False  # whether poses could not be looked at finely enough somewhere
-
-    @classmethod
-    def of(cls, course: PartCourse, radii: np.ndarray, shapes: list[tuple[np.ndarray, np.ndarray]]) -> "Gaps":
-        """Measure all pairs at all poses."""
-        none = np.zeros((2, 0, 0))
-        found = cls(course, radii, shapes, none, none, none[0])
-        both = [found.measure(z) for z in course.z]
-        found.ends, found.ways = np.stack([b[0] for b in both]), np.stack([b[1] for b in both])
-        found.low = found.bounds(np.arange(course.s.shape[1]))
-        return found
+    def __init__(self, course: PartCourse, radii: np.ndarray, shapes: list[tuple[np.ndarray, np.ndarray]]):
+        self.course = course  # the stretches between poses
+        self.radii = radii  # of each pair, what the outlines of both together are rounded by, mm
+        self.shapes = shapes  # of each pair, which places of the course are the corners of both
+        # Of both ends of each stretch, (2, K, pairs): distances, mm, not positive where things overlap, and their
+        # directions, complex, 0 where they overlap.
+        self.ends, self.ways = map(np.stack, zip(*map(self.measure, course.z), strict=True))
+        self.low = self.bounds(np.arange(course.s.shape[1]))  # what the distance is at least, (K, pairs)
+        self.unsure = False  # whether poses could not be looked at finely enough somewhere
 
     def measure(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return distances and their directions ``(K, pairs)`` at places ``(K, places)``."""

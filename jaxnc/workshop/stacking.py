@@ -194,7 +194,7 @@ class _Stacking:
             pin.parts.sort()
         self.near, radii, shapes, rows = self._pairs(stock)
         weights, constant = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
-        self.gaps = Gaps.of(PartCourse.of(motion, weights, constant, shop.unit), np.array(radii), shapes)
+        self.gaps = Gaps(PartCourse.of(motion, weights, constant, shop.unit), np.array(radii), shapes)
 
     def _pairs(self, stock: PartStock) -> tuple[list[Rule], list[float], list[tuple[np.ndarray, np.ndarray]], list]:
         """List what might come close, the radii and corners of both, and all corners as functions of the points."""

@@ -503,14 +503,12 @@ def test_what_is_meant_is_asked(capsys, words, parts):
 
 @pytest.mark.parametrize("command", ["run", "report"])
 def test_names_of_expectations_are_read_before_the_mechanism_is_moved(capsys, monkeypatch, tmp_path, command):
-    from jaxnc.cli import run
-    from jaxnc.reporting import study
+    from jaxnc.reporting import outcome
 
     def moved(*_, **__):
         raise AssertionError("moved before its expectations were read")
 
-    monkeypatch.setattr(run, "sweep", moved)
-    monkeypatch.setattr(study, "sweep", moved)
+    monkeypatch.setattr(outcome, "sweep", moved)
     monkeypatch.chdir(tmp_path)
     assert main([command, FOUR_BAR, "--expect", "psii range > 3"]) == 2
     told = capsys.readouterr().err

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.dynamics import derivative
-from jaxnc.dynamics.derivative import ReplayedFlow
-from jaxnc.dynamics.design import DERIVED, DesignChanges, host_differentiates
+from jaxnc.dynamics import runs
 from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.flow import Flow, Law
 from jaxnc.dynamics.model import dynamics
+from jaxnc.dynamics.runs import DERIVED, DesignChanges, ReplayedFlow, host_differentiates
 from jaxnc.dynamics.start import assemble_pose
 
 T = np.linspace(0.0, 0.2, 4)
@@ -248,8 +247,6 @@ def test_what_an_input_closes_over_has_derivatives_in_both_directions():
 @pytest.mark.parametrize("step", [None, 0.03], ids=["one a time", "several"])
 def test_steps_that_were_kept_are_gone_back_through_as_steps_made_again(step, monkeypatch):
     """By the design, by what an input closes over, and by times, which decide how long single steps are."""
-    from jaxnc.dynamics import runs
-
     start = float(np.arctan2(-0.2, 0.3))
 
     def far(system, rate, t=T):
@@ -258,7 +255,7 @@ def test_steps_that_were_kept_are_gone_back_through_as_steps_made_again(step, mo
         return run["C"][-1, 0] + 0.3 * run.velocity("C")[1, 1] + 1e-3 * run.multipliers[2, 0]
 
     kept, plain = [], runs.recall
-    monkeypatch.setattr(derivative, "recall", lambda *x: (kept.append(1), plain(*x))[1])
+    monkeypatch.setattr(runs, "recall", lambda *x: (kept.append(1), plain(*x))[1])
     given, gradients = (double(), 0.7, jnp.asarray(T))[: 2 if step else 3], []
     for most in (runs._KEPT, 0):
         monkeypatch.setattr(runs, "_KEPT", most)
@@ -284,10 +281,8 @@ def test_the_hosts_share_of_a_traced_gradient_is_mapped_and_a_lane_that_fails_pa
 
     A spring far too stiff for its step is data among others: its state overflows, its derivatives are zero.
     """
-    from jaxnc.dynamics import design
-
-    asked, plain = [], design.pull_back_design
-    monkeypatch.setattr(design, "pull_back_design", lambda *given: (asked.append(1), plain(*given))[1])
+    asked, plain = [], runs.pull_back_design
+    monkeypatch.setattr(runs, "pull_back_design", lambda *given: (asked.append(1), plain(*given))[1])
     m = nc.Mechanism("pendulum")
     a, b = m.ground("A", (0, 0)), m.point("B", (1, 0))
     m.body("bar", [a, b], mass=1.0)

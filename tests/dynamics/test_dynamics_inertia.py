@@ -9,8 +9,7 @@ from independent import rigid_bodies as rigid
 
 import jaxnc as nc
 from jaxnc.dynamics.extended import extended
-from jaxnc.dynamics.mass import mass_matrix
-from jaxnc.dynamics.model import dynamics
+from jaxnc.dynamics.model import dynamics, mass_matrix
 from jaxnc.dynamics.reactions import states_of
 from jaxnc.solvers.assembly import derive
 

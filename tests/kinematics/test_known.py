@@ -11,9 +11,9 @@ from mechanisms import four_bar_mechanism, pendulum
 
 import jaxnc as nc
 from jaxnc.constraints.kind import dot
-from jaxnc.io.stream import drawing_as_motion
 from jaxnc.io.tables import load_npz
 from jaxnc.kinematics.inputs import make_plan
+from jaxnc.kinematics.motion import drawn_motion
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.viz.draft import draft
@@ -24,7 +24,7 @@ PULL = nc.forces.ForceKind(
     potential=lambda p, v, s, c: 0.5 * c[0] * dot(p[1] - p[0], p[1] - p[0]),
 )  # fmt: skip
 MADE = {
-    "stream": lambda: drawing_as_motion(pendulum().compile(), ("phi",), ()),
+    "stream": lambda: drawn_motion(pendulum().compile(), ("phi",)),
     "picture": lambda: draft(pendulum()),
     "family": lambda: nc.families.simulate(nc.formulate(pendulum(), "natural"), T),
 }

@@ -513,3 +513,86 @@ def test_what_is_refused():
         (name,) = wrong
         with pytest.raises(nc.InputError, match=rf"{name} must be"):
             nc.modes(nc.library.four_bar().compile(), {"phi": 0.3}, **wrong)
+
+
+# -- ways that would leave the family --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_angle_between_two_moving_bars_is_driven(seed):
+    """A second row of it would contradict the lengths on the way from a generic mechanism."""
+    m = planar("four-bar", dict(A=(0, 0), D=(4, 0)), dict(B=(0.6, 0.8), C=(3.6, 2)), ["AB", "BC", "DC"])
+    m.angle("mu", at="C", to="B", start="D")
+    found = nc.modes(m.compile(), {"mu": -1.2}, seed=seed)
+    across, down = np.hypot(3.0, 1.2), np.hypot(0.4, 2.0)
+    x = (1.0 + 16.0 - (across**2 + down**2 - 2.0 * across * down * np.cos(1.2))) / 8.0
+    assert found.complete and found.mirrored.status.shape == (2,)  # the angle's half turns
+    places = np.asarray(found.poses["B"])
+    np.testing.assert_allclose(places[np.argsort(places[:, 1])], [[x, -np.sqrt(1 - x * x)], [x, np.sqrt(1 - x * x)]])
+
+
+def test_ends_at_infinity_are_those_of_paths_in_the_family():
+    """Of an RCCC, ways that are straight in what linear rows give end at infinity for every other angle."""
+    system = nc.library.rccc().compile()
+    for phi in (1.445, 4.461, 0.3, 2.9):
+        found = nc.modes(system, {"phi": phi})
+        assert len(found) == 2 and found.complete and not found.at_infinity
+    assert nc.modes(system, {"phi": np.array([1.445, 4.461])}).count.tolist() == [2, 2]
+
+
+def test_relations_of_lengths():
+    """A string over two pins, by the length of one part and by the distance of a third point."""
+    m = planar("ellipse", dict(F1=(-1, 0), F2=(1, 0), A=(0.3, 0.2)), dict(P=(0.9, 1.2)), [], None, [
+        ("r1", "F1", "P"), ("r2", "F2", "P"), ("R", "A", "P"),
+    ])  # fmt: skip
+    m.relation("string", {"r1": 1, "r2": 1})
+    system, string = m.compile(), np.hypot(1.9, 1.2) + np.hypot(0.1, 1.2)
+    x = (1.5**2 - (string - 1.5) ** 2) / 4.0
+    found = nc.modes(system, {"r1": 1.5})
+    assert found.complete
+    np.testing.assert_allclose(np.sort(found.poses["P"][:, 1]), np.sqrt(1.5**2 - (x + 1.0) ** 2) * np.array([-1, 1]))
+    by_distance = nc.modes(system, {"R": 1.2})
+    places = np.asarray(by_distance.poses["P"])
+    assert by_distance.complete and len(places) == 2
+    lengths = sum(np.linalg.norm(places - pin, axis=1) for pin in ((-1, 0), (1, 0)))
+    np.testing.assert_allclose(lengths, string)
+
+
+def test_values_at_which_linear_rows_divide_by_zero():
+    five = planar("five-bar", dict(A=(0, 0), E=(2, 0)), dict(B=(-0.8, 1.2), D=(2.9, 1.1), P=(1, 2.5)),
+                  ["AB", "BP", "DP", "ED"]).compile()  # fmt: skip
+    x, y = np.meshgrid([0.5, 2.0, 3.0], [1.0, 1.5], indexing="ij")  # 2 is where a pivot is
+    found = nc.modes(five, {"P.x": x, "P.y": y})
+    assert found.complete and (found.count == 4).all()
+    slider = planar("slider-crank", dict(A=(0, 0)), dict(B=(0.4, 0.9)), ["AB"], "AB")
+    slider.point("C", (2.8, 0.2), fixed="y")
+    slider.body("rod", ["B", "C"])
+    counts = nc.circuits(slider.compile(), {"C.x": np.linspace(-5, 5, 41)}).count
+    assert counts.tolist() == counts[::-1].tolist() and counts.max() == 2
+
+
+@pytest.mark.parametrize("away", [100.0, 1e6])
+def test_a_mechanism_far_from_the_origin(away):
+    def range_of(away):
+        places = [{p: (x + away, y - 2.0 * away) for p, (x, y) in some.items()} for some in (
+            dict(A=(0, 0), D=(3, 0.2), G=(4.8, 1.5)),
+            dict(B=(0.5, 1.1), C=(2.9, 1.9), E=(1.9, 2.9), F=(4.1, 2.8)),
+        )]  # fmt: skip
+        system = planar("six-bar", *places, ["AB", "BCE", "DC", "EF", "GF"], "GF").compile()
+        return nc.circuits(system, {"phi": np.linspace(2.4, 3.0, 25)})
+
+    near, far = range_of(0.0), range_of(away)
+    assert far.count.tolist() == near.count.tolist() and far.doubtful == near.doubtful == 0
+    np.testing.assert_allclose(far.dead_points, near.dead_points, atol=1e-7)
+
+
+def test_dead_points_are_within_their_step():
+    """A kite whose coupler folds onto its rocker turns freely there: no dead point is made up."""
+    c, s = np.cos(0.5), np.sin(0.5)
+    middle, half = np.array([2 * c + 2, 2 * s]), np.hypot(4 * c - 4, 4 * s) / 2
+    out = np.array([4 * s, 4 - 4 * c]) / (2 * half)
+    points = dict(B=(4 * c, 4 * s), C=tuple(middle + np.sqrt(4 - half**2) * out))
+    kite = planar("kite", dict(A=(0, 0), D=(4, 0)), points, ["AB", "BC", "DC"], "AB").compile()
+    found = nc.circuits(kite, {"phi": np.linspace(-np.pi, np.pi, 90)})
+    np.testing.assert_allclose(found.dead_points, np.radians([-60.0, 60.0]), atol=1e-9)
+    assert found.doubtful

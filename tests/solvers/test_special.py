@@ -133,3 +133,22 @@ def test_rows_that_follow_from_a_block_take_over_where_its_own_are_weak():
     np.testing.assert_allclose(np.einsum("lrc,rl->cl", matrix, back), weights, rtol=1e-11)
     change = jax.jvp(lambda b: jnp.stack(part.solve(eq, slopes, list(b))), (right,), (2.0 * right,))[1]
     np.testing.assert_allclose(change, 2.0 * x, rtol=1e-11)
+
+
+def test_second_derivatives_in_reverse_where_a_block_has_rows_that_follow():
+    """A ball in a slot in space: of what it misses sideways one row follows."""
+    m = nc.Mechanism("slot", dim=3)
+    m.ground("O", (0, 0, 0)), m.ground("Q", (0.1, 0, 0)), m.point("P", (0.3, 0.2, 0.1)), m.point("S", (0.6, 0, 0))
+    m.ground_vector("z", (0, 0, 1)), m.ground_vector("x", (1, 0, 0))
+    m.body("crank", ["O", "P"], vectors=["z"]), m.body("rod", ["P", "S"]), m.slot("slot", "S", ("Q", "x"))
+    m.angle("phi", at="O", to="P", about="z")
+    system, r, drawn = m.compile(), np.sqrt(0.13), np.arctan2(0.2, 0.3)
+
+    def reach(phi):
+        return nc.solve_position(system, {"phi": phi})["S"][0]
+
+    def closed(phi):
+        return r * jnp.cos(drawn + phi) + jnp.sqrt(0.13 - (r * jnp.sin(drawn + phi)) ** 2)
+
+    found, right = (float(nc.jit(jax.grad(jax.grad(f)))(0.05)) for f in (reach, closed))
+    assert found == pytest.approx(right, rel=1e-12)

@@ -29,7 +29,21 @@ from jaxnc.viz.pages.packing import pack
 from jaxnc.viz.pages.solver import Refused, page_design, page_solver
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import forces_of, quantity
-from jaxnc.viz.spatial.mesh import coil, dashes, disc, drum, in_units, join, reach, shell, stand, tube, two_sided
+from jaxnc.viz.spatial.mesh import (
+    Coil,
+    Mesh,
+    Ring,
+    Shell,
+    dashes,
+    drum,
+    in_units,
+    join,
+    reach,
+    revolve,
+    stand,
+    tube,
+    two_sided,
+)
 
 driven = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium, so pages are not tried in a browser")
 TWO = ("add", "sub", "mul", "div", "lt", "le", "gt", "ge", "eq", "ne", "atan2", "pow", "rem", "max", "min")
@@ -882,13 +896,15 @@ def test_a_page_makes_the_solids_that_the_library_makes(browser):
     whole = join(
         tube(0.4, 3),
         stand(3.0, 1.9),
-        shell(profile, 5),
-        coil(2, 1.4, 0.5, 0.7),
+        Mesh((Shell(profile, 5),)),
+        Mesh((Coil(2, 1.4, 0.5, 0.7),)),
         reach(0.2, 0.5),
         drum(-1.0, 1.0, 2.0, 4, prism=True),
     )
     flat = in_units(0.0, 1.0, 2.0), in_units(0.0, 2.0, 1.0), in_units(1.0, 0.0, 0.5)
-    whole = join(whole, dashes(3), two_sided(flat), disc(0.3, 0.5))
+    whole = join(
+        whole, dashes(3), two_sided(flat), revolve((Ring(units=-0.5, radius=0.3), Ring(units=0.5, radius=0.3)), 40)
+    )
     pieces = json.dumps([write_piece(x) for x in whole.pieces])
     run = f"(() => {{ const {{ max, cos, sin, PI }} = Math, turn = 2 * PI; {script} return solid({pieces}); }})()"
     found, made = browser.run(run), whole.polygons

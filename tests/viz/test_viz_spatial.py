@@ -420,11 +420,11 @@ def test_a_point_on_a_rail():
         mesh.tube(0.5, 6),
         mesh.drum(-1.5, 1.5, 0.9),
         mesh.drum(-2.0, 2.0, 1.2, 4, prism=True),
-        mesh.disc(1.0, 0.4),
+        mesh.revolve((mesh.Ring(units=-0.4, radius=1.0), mesh.Ring(units=0.4, radius=1.0)), 40),
         mesh.arrow(9.0, 0.2, 0.6),
         mesh.reach(0.2, 0.6),
         mesh.stand(2.9, 1.5),
-        mesh.coil(3, 1.5, 0.5, 0.5),
+        mesh.Mesh((mesh.Coil(3, 1.5, 0.5, 0.5),)),
         mesh.dashes(4),
     ],
 )

@@ -18,6 +18,7 @@ four-bar linkages, J. Mech. Des. 114 (1992) 153-159.
 import abc
 import dataclasses
 import functools
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -60,7 +61,8 @@ _REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps f
 
 def _product(p: list, q: list, k: int) -> Any:
     """Coefficient k of a product of power series, whose terms may end early."""
-    return sum((p[i] * q[k - i] for i in range(max(0, k - len(q) + 1), min(k, len(p) - 1) + 1)), start=0.0)
+    terms = [p[i] * q[k - i] for i in range(max(0, k - len(q) + 1), min(k, len(p) - 1) + 1)]
+    return functools.reduce(operator.add, terms) if terms else 0.0
 
 
 class BarPaths(abc.ABC):
@@ -100,9 +102,8 @@ class BarPaths(abc.ABC):
 
     def turned(self, z: np.ndarray, at: np.ndarray) -> np.ndarray:
         """Unknowns of paths, from z: γ and γ' follow from both bars."""
-        (known,) = self.places(at, 0)
-        ends = BarEnds(self, z, known)
-        (u, v), (uu, vv), (w, r) = ends.u, ends.uu, ends.rest
+        ends = BarEnds(self, self.places(at, 0), z)
+        (u, v), (uu, vv), (w, r) = ends.u[0], ends.uu[0], ends.rest(0)
         return np.concatenate([z, *(np.stack([r * uu - w * vv, v * w - u * r]) / (u * vv - uu * v))])
 
     def correct(
@@ -110,19 +111,18 @@ class BarPaths(abc.ABC):
     ) -> tuple[np.ndarray, "Linearised", np.ndarray]:
         """Take one of Newton's steps; see `jaxnc.continuation.tracker.Problem`."""
         z, g = w[:8], w[8:].reshape(2, self.turns, -1)
-        (known,) = self.places(at, 0)
-        ends = BarEnds(self, z, known)
+        ends = BarEnds(self, self.places(at, 0), z)
         linear = linearise_bars(self, ends, g, self.base_slopes(z, at))
-        dz, dg = linear.step(*self.residuals(z, g, ends, known), self.base([z], at))
+        dz, dg = linear.step(*self.residuals(z, g, ends), self.base([z], at))
         size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
         size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
         return w + np.concatenate([dz, *dg]), linear, np.where(np.isfinite(size), size, np.inf)
 
-    def residuals(self, z: np.ndarray, g: np.ndarray, ends: "BarEnds", known: Places) -> tuple[np.ndarray, np.ndarray]:
+    def residuals(self, z: np.ndarray, g: np.ndarray, ends: "BarEnds") -> tuple[np.ndarray, np.ndarray]:
         """Residuals of bars and turns."""
         if not self.wide:
-            return ends.u * g[0] + ends.uu * g[1] + ends.rest, g[0] * g[1] + g[0] + g[1]
-        one, two = Twofold(g[0]), Twofold(g[1])
+            return ends.u[0] * g[0] + ends.uu[0] * g[1] + ends.rest(0), g[0] * g[1] + g[0] + g[1]
+        one, two, known = Twofold(g[0]), Twofold(g[1]), ends.known[0]
         x, xx, *rs = z.reshape(4, 2, 1, -1)
         out = []
         for bar in (0, 1):
@@ -142,11 +142,8 @@ class BarPaths(abc.ABC):
     def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: "Linearised") -> list[np.ndarray]:
         """First coefficients of the paths' power series, those of z before those of γ: products are convolutions."""
         g = w[8:].reshape(2, self.turns, -1)
-        known = self.places(at, ORDER)
-        zs, gs = [w[:8]], [[g[0]], [g[1]]]
-        ends = _EndSeries(self, known)
-        ends.push(zs)
-        out = []
+        zs, gs, out = [w[:8]], [[g[0]], [g[1]]], []
+        ends = BarEnds(self, self.places(at, ORDER), w[:8])
         for k in range(1, ORDER + 1):
             zs.append(np.zeros_like(zs[0]))
             ends.push(zs)
@@ -309,19 +306,46 @@ def follow_routes(
 
 
 class BarEnds:
-    """Ends of both bars at some lanes, and the parts of their equations."""
+    """Power series of the ends of both bars, and of the parts of their equations, from the first term of z's on."""
 
-    def __init__(self, paths: BarPaths, z: np.ndarray, known: Places):
-        self.q, self.qq, *rs = z.reshape(4, 2, 1, -1)
-        self.known = known
-        p, pp = (paths.gather(r) + b for r, b in zip(rs, known.b, strict=True))
-        self.move, self.back = known.c
-        if known.s is not None:
-            turned = (paths.gather(s * r) for s, r in zip(known.s, rs, strict=True))
-            self.move, self.back = (c + t for c, t in zip(known.c, turned, strict=True))
-        self.there, self.barred = p + self.move, pp + self.back  # at each pose
-        self.u, self.uu = self.q * self.barred, self.qq * self.there
-        self.rest = (self.q + p) * self.back + (self.qq + self.barred) * self.move
+    def __init__(self, paths: BarPaths, known: list[Places], z: np.ndarray):
+        self.paths, self.known = paths, known
+        self.u: list = []
+        self.uu: list = []
+        # q, q', q + p, p' + Δ', p + Δ, q' + p' + Δ', Δ, Δ'
+        self.parts: list[list] = [[] for _ in range(8)]
+        self.rs: list[list] = [[], []]
+        self.turns = [[term.s[side] for term in known if term.s is not None] for side in (0, 1)]
+        self.push([z])
+
+    def push(self, zs: list[np.ndarray]) -> None:
+        """Take the last term of z's series, anew if it was there before."""
+        k, known = len(zs) - 1, self.known
+        q, qq, *rs = zs[k].reshape(4, 2, 1, -1)
+        ends: list[Any] = []
+        for side, r in enumerate(rs):
+            del self.rs[side][k:]
+            self.rs[side].append(r)
+            p, move = self.paths.gather(r), None
+            if k < len(known):
+                p, move = p + known[k].b[side], known[k].c[side]
+            if self.turns[side]:
+                turned = self.paths.gather(_product(self.turns[side], self.rs[side], k))
+                move = turned if move is None else move + turned
+            ends += [p, move]
+        p, move, pp, back = ends
+        to, fro = (pp, p) if back is None else (pp + back, p + move)
+        for series, value in zip(self.parts, (q, qq, q + p, to, fro, qq + to, move, back), strict=True):
+            del series[k:]
+            if value is not None:
+                series.append(value)
+        for series, one, two in ((self.u, 0, 3), (self.uu, 1, 4)):
+            del series[k:]
+            series.append(_product(self.parts[one], self.parts[two], k))
+
+    def rest(self, k: int) -> Any:
+        """Coefficient k of what γ and γ' are not in."""
+        return _product(self.parts[2], self.parts[7], k) + _product(self.parts[5], self.parts[6], k)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -362,19 +386,20 @@ class Linearised:
 
 def linearise_bars(paths: BarPaths, ends: BarEnds, g: np.ndarray, base: Any) -> Linearised:
     """Derive the equations at a solution, of which `base` are the rows of those without turns."""
-    q, u, uu, n = g[::-1] + 1.0, ends.u, ends.uu, paths.turns
+    q, u, uu, n = g[::-1] + 1.0, ends.u[0], ends.uu[0], paths.turns
+    bar, mirrored, _, barred, there, _, move, back = (part[0] for part in ends.parts)
+    s = ends.known[0].s
     # What is orthogonal to both columns (u, v, q) and (u', v', q'): rows of the equations without γ and γ'.
     minor = q[0] * uu - q[1] * u
     minors = np.stack([minor[1], -minor[0], u[0] * uu[1] - uu[0] * u[1]])
-    of_q = ends.barred * g[0] + ends.back, ends.there * g[1] + ends.move
-    of_r = ends.qq * g[1] + ends.back, ends.q * g[0] + ends.move
-    of_move = () if ends.known.s is None else (ends.qq * q[0] + ends.barred, ends.q * q[1] + ends.there)
-    parts = [side[bar] for side in of_q for bar in (0, 1)]
+    of_q = barred * g[0] + back, there * g[1] + move
+    of_r = mirrored * g[1] + back, bar * g[0] + move
+    of_move = () if s is None else (mirrored * q[0] + barred, bar * q[1] + there)
+    parts = [side[at] for side in of_q for at in (0, 1)]
     for side in (0, 1):
-        for bar, k in paths.pairs:
-            slope = of_r[side][bar]
-            s = ends.known.s
-            parts.append(slope if s is None else slope + s[side][k] * of_move[side][bar])
+        for at, k in paths.pairs:
+            slope = of_r[side][at]
+            parts.append(slope if s is None else slope + s[side][k] * of_move[side][at])
     slopes = np.stack(parts)
     weighted = minors[paths.bars] * slopes
     rows = np.zeros((8, 8, g.shape[2]), complex)
@@ -383,45 +408,3 @@ def linearise_bars(paths: BarPaths, ends: BarEnds, g: np.ndarray, base: Any) -> 
     rows[n:] = base
     inverse = inverses(np.moveaxis(rows, 2, 0))
     return Linearised(paths, inverse, q, u, uu, minors, slopes)
-
-
-class _EndSeries:
-    """Power series of the parts of the bars' equations."""
-
-    def __init__(self, paths: BarPaths, known: list[Places]):
-        self.paths, self.known = paths, known
-        self.u: list = []
-        self.uu: list = []
-        # q, q', q + p, p' + Δ', p + Δ, q' + p' + Δ', Δ, Δ'
-        self.parts: list[list] = [[] for _ in range(8)]
-        self.rs: list[list] = [[], []]
-        self.turns = [[term.s[side] for term in known if term.s is not None] for side in (0, 1)]
-
-    def push(self, zs: list[np.ndarray]) -> None:
-        """Take the last term of z's series, anew if it was there before."""
-        k, known = len(zs) - 1, self.known
-        q, qq, *rs = zs[k].reshape(4, 2, 1, -1)
-        ends: list[Any] = []
-        for side, r in enumerate(rs):
-            del self.rs[side][k:]
-            self.rs[side].append(r)
-            p, move = self.paths.gather(r), None
-            if k < len(known):
-                p, move = p + known[k].b[side], known[k].c[side]
-            if self.turns[side]:
-                turned = self.paths.gather(_product(self.turns[side], self.rs[side], k))
-                move = turned if move is None else move + turned
-            ends += [p, move]
-        p, move, pp, back = ends
-        to, fro = (pp, p) if back is None else (pp + back, p + move)
-        for series, value in zip(self.parts, (q, qq, q + p, to, fro, qq + to, move, back), strict=True):
-            del series[k:]
-            if value is not None:
-                series.append(value)
-        for series, one, two in ((self.u, 0, 3), (self.uu, 1, 4)):
-            del series[k:]
-            series.append(_product(self.parts[one], self.parts[two], k))
-
-    def rest(self, k: int) -> Any:
-        """Coefficient k of what γ and γ' are not in."""
-        return _product(self.parts[2], self.parts[7], k) + _product(self.parts[5], self.parts[6], k)

@@ -343,7 +343,7 @@ class Guidance:
             InputError: not four poses, or four that are all translations of one another.
         """
         self._check_count(4, "curves()")
-        pairs = [(i, j) for i, j in itertools.combinations(range(4), 2)]
+        pairs = list(itertools.combinations(range(4), 2))
         poles = np.array([self.pole(i, j) for i, j in pairs])
         # As seen from the body in its first pose, poles lie on the circle-point curve: one of them starts the pencil.
         seen = [
@@ -392,13 +392,9 @@ class Guidance:
         """
         self._check_count(5, "pairs()")
         forms = self._forms()
-        # Unknowns, homogeneous: s, u = s b, a, v = ā b (complex ones as two), with four linear equations and
-        # s v = ā u, two conics in the plane that the linear equations leave.
-        t, r = self._shift[1:], self._turn[1:]
-        g, m = np.conj(t) * r, r - 1.0
-        rows = np.stack(
-            [0.5 * np.abs(t) ** 2, g.real, -g.imag, -t.real, -t.imag, -m.real, m.imag], axis=1
-        )  # fmt: skip
+        # Unknowns, homogeneous: s, u = s b, a, v = ā b (complex ones as two), with four linear equations, of the same
+        # coefficients, and s v = ā u, two conics in the plane that the linear equations leave.
+        rows = forms[:, [2, 2, 2, 0, 1, 0, 0], [2, 0, 1, 2, 2, 0, 1]]
         _, sizes, directions = np.linalg.svd(rows)
         if sizes[3] < 1e-12 * sizes[0]:
             raise InputError(
@@ -406,12 +402,7 @@ class Guidance:
                 "about one point; leave one out and choose a dyad by curve_dyad()"
             )
         basis = directions[-3:]
-        s, u, a, v = (
-            basis[:, 0],
-            basis[:, 1] + 1j * basis[:, 2],
-            basis[:, 3] + 1j * basis[:, 4],
-            basis[:, 5] + 1j * basis[:, 6],
-        )
+        s, u, a, v = basis[:, 0], *(basis[:, 1::2] + 1j * basis[:, 2::2]).T
         product = np.outer(s, v) - np.outer(np.conj(a), u)
         conics = [0.5 * (q + q.T) for q in (np.real(product), np.imag(product))]
         real, others, infinite, worst = [], 0, 0, 0.0
@@ -453,9 +444,8 @@ class Guidance:
                 "jaxnc.synthesis.PathGeneration for that point"
             )
         # Bars through five of the poses are near those that come near all of them.
-        some = (
-            self if len(self.poses) == 5 else Guidance(self.poses[np.linspace(0, len(self.poses) - 1, 5).astype(int)])
-        )
+        five = np.linspace(0, len(self.poses) - 1, 5).astype(int)
+        some = self if len(self.poses) == 5 else Guidance(self.poses[five])
         pairs = []
         with contextlib.suppress(InputError):  # too special
             pairs = [(complex(*pair.moving), complex(*pair.fixed)) for pair in some.pairs()]

@@ -1,5 +1,6 @@
 """Roberts' cognates: the three four-bars of one coupler curve, and whether two four-bars have the same curve."""
 
+import cmath
 import itertools
 from collections.abc import Sequence
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
-from jaxnc.synthesis.exact.linkage import FourBar, SliderCrank, point_of, turn_vector
+from jaxnc.synthesis.exact.linkage import FourBar, SliderCrank, point_of
 from jaxnc.system.system import System
 from jaxnc.types import Float
 
@@ -178,5 +179,5 @@ def slider_crank_cognate(linkage: SliderCrank) -> SliderCrank:
     a, b = complex(*linkage.A), complex(*linkage.B)
     p = complex(*(linkage.P or linkage.B))
     pin = a + p - b
-    line = turn_vector(complex(*linkage.direction), float(np.angle(k)))
+    line = complex(*linkage.direction) * cmath.rect(1.0, float(np.angle(k)))
     return SliderCrank(linkage.A, point_of(pin), point_of(pin + k * (b - a)), point_of(line), point_of(p))

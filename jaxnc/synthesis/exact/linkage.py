@@ -1,6 +1,5 @@
 """Linkages of exact synthesis by the places of their pivots, and whether they really pass given poses."""
 
-import cmath
 import dataclasses
 import functools
 import math
@@ -237,11 +236,6 @@ class FourBar(DrawnLinkage):
 def wrap_angle(angle: ArrayLike) -> Any:
     """An angle between -π and π, radians."""
     return np.angle(np.exp(1j * np.asarray(angle)))
-
-
-def turn_vector(z: complex, angle: float) -> complex:
-    """A vector turned anticlockwise by an angle, radians."""
-    return z * cmath.rect(1.0, angle)
 
 
 def sweep_through(system: System, inputs: np.ndarray, parts: int, least: int = 0) -> tuple[Motion, np.ndarray]:

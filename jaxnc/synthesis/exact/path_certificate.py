@@ -8,7 +8,7 @@ and imaginary parts of a number and of its primed one are what stands for the tw
 import collections
 import dataclasses
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -16,7 +16,10 @@ from jaxnc.continuation.certificate import are_disjoint, certify
 from jaxnc.continuation.twofold import Twofold
 from jaxnc.errors import counted
 from jaxnc.synthesis.exact.bar_paths import BarPaths
-from jaxnc.synthesis.exact.linkage import Listed
+from jaxnc.synthesis.exact.linkage import GuidedFourBar, Listed
+
+if TYPE_CHECKING:
+    from jaxnc.synthesis.exact.six_bars import SixBarDesign
 
 
 def certify_designs(here: BarPaths, w: np.ndarray, others: Sequence[np.ndarray]) -> tuple[np.ndarray, bool]:
@@ -106,16 +109,7 @@ def _as_real(forms: np.ndarray) -> np.ndarray:
     return np.real(turn.T @ forms @ turn)
 
 
-class Judged(Protocol):
-    """A linkage that was moved through what it is to pass."""
-
-    @property
-    def defects(self) -> tuple[str, ...]:
-        """Why it does not pass; empty if it does."""
-        ...
-
-
-D = TypeVar("D", bound=Judged)
+D = TypeVar("D", bound="GuidedFourBar | SixBarDesign")
 
 
 @dataclasses.dataclass(frozen=True)

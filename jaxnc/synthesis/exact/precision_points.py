@@ -14,6 +14,7 @@ four-bar linkages, J. Mech. Des. 114 (1992) 153-159.
 import dataclasses
 import functools
 import importlib.resources
+import itertools
 
 import numpy as np
 
@@ -238,10 +239,9 @@ def _check_task(points: ArrayLike, A: Any, D: Any) -> tuple[np.ndarray, list[dic
         )
     places = given[:, 0] + 1j * given[:, 1]
     scale = float(np.abs(places - places.mean()).max())
-    for i in range(len(places)):
-        for j in range(i):
-            if abs(places[i] - places[j]) < 1e-9 * scale or scale == 0.0:
-                raise InputError(f"path_four_bars: points[{j}] and points[{i}] are the same; leave one out")
+    for i, j in itertools.combinations(range(len(places)), 2):
+        if abs(places[i] - places[j]) < 1e-9 * scale or scale == 0.0:
+            raise InputError(f"path_four_bars: points[{i}] and points[{j}] are the same; leave one out")
     if len(base[0]) == 2 and base[0] == base[1]:
         raise InputError(f"path_four_bars: A and D are both {A}; a four-bar has two fixed pivots")
     return places, base

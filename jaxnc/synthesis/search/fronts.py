@@ -176,11 +176,11 @@ def pareto(
             rng = np.random.default_rng(seed)
             begun = starting_rows(problem, Refinement(goal, iterations), starts, refine, rng)
             # objectives that do not count weigh 1e-8, so that among equals the better one is taken
-            ends = [(np.where(np.arange(k) == i, 1.0, 1e-8), np.full(k, OPEN)) for i in range(k)]
-            search.refine([(x, *end) for end in ends for x in begun])
+            ends = [np.append(np.where(np.arange(k) == i, 1.0, 1e-8), np.full(k, OPEN)) for i in range(k)]
+            search.refine([(x, end) for end in ends for x in begun])
             search.settle()
-            if all(e in search for e in ends):
-                corners = np.array([search.value(e) for e in ends])
+            if all(end in search for end in ends):
+                corners = np.array([goal.values(search.row(end)) for end in ends])
                 low, high = corners.min(axis=0), corners.max(axis=0)
                 if np.any(high - low > _POINT * np.abs(high)):
                     search.between(ends, low, high, points, begun)
@@ -191,7 +191,7 @@ def pareto(
     basins = [Basin(one, search.end(key), 1) for key, one in zip(search.best, moves, strict=True)]
     designs = judge(problem, basins, ranked=False)
     whole = [n for n, d in enumerate(designs) if not d.defects]
-    values = np.array([search.value(e) for e in search.best]).reshape(-1, k)
+    values = np.array([goal.values(x) for _, x in search.best.values()]).reshape(-1, k)
     kept = [whole[n] for n in _pareto_rows(values[whole])]
     kept.sort(key=lambda n: values[n, 0])
     return Front(
@@ -207,12 +207,8 @@ def pareto(
     )
 
 
-_Place = tuple[np.ndarray, np.ndarray]
-"""Weights and bounds of the objectives."""
-
-
 class _Search:
-    """The best design for each choice of weights and bounds."""
+    """The best design for each place: a choice of weights and bounds of the objectives, ``(2 k,)``."""
 
     def __init__(self, goal: Goal, iterations: int):
         self.goal, self.iterations, self.refined = goal, iterations, 0
@@ -220,19 +216,16 @@ class _Search:
         self.ends: dict[bytes, End] = {}
         self.stopped = ""
 
-    def key(self, place: _Place | bytes) -> bytes:
-        return place if isinstance(place, bytes) else np.concatenate(place).tobytes()
+    def __contains__(self, place: np.ndarray) -> bool:
+        return place.tobytes() in self.best
 
-    def __contains__(self, place: _Place) -> bool:
-        return self.key(place) in self.best
+    def row(self, place: np.ndarray) -> np.ndarray:
+        return self.best[place.tobytes()][1]
 
-    def value(self, place: _Place | bytes) -> np.ndarray:
-        return self.goal.values(self.best[self.key(place)][1])
-
-    def refine(self, starts: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
-        """Refine designs ``(n,)``, each with the weights and bounds that follow it."""
+    def refine(self, starts: list[tuple[np.ndarray, np.ndarray]]) -> None:
+        """Refine designs ``(n,)``, each at the place that follows it."""
         run, n = Refinement(self.goal, self.iterations), self.goal.count
-        run.queue = [np.concatenate([x[:n], *place]) for x, *place in starts]
+        run.queue = [np.concatenate([x[:n], place]) for x, place in starts]
         self.refined += len(starts)
         try:
             found = run.run()
@@ -266,21 +259,21 @@ class _Search:
             return known
         return End.unknown(x, square, self.stopped or "no step is possible")
 
-    def between(self, ends: list[_Place], low: np.ndarray, high: np.ndarray, points: int, begun: list) -> None:
+    def between(self, ends: list[np.ndarray], low: np.ndarray, high: np.ndarray, points: int, begun: list) -> None:
         """Refine at bounds between the ends: from the ends, a few random designs, and then each other's designs."""
         k = len(low)
         each = max(1, round((points - k) ** (1.0 / (k - 1))))
         steps = [low[j] + (high[j] - low[j]) * np.arange(1, each + 1) / (each + 1) for j in range(1, k)]
-        places = [(ends[0][0], np.array([OPEN, *np.square(b)])) for b in itertools.product(*steps)]
-        corners = [self.best[self.key(e)][1] for e in ends]
+        places = [np.array([*ends[0][:k], OPEN, *np.square(b)]) for b in itertools.product(*steps)]
+        corners = [self.row(end) for end in ends]
         # 4 random designs from which each point of the front is also started
-        self.refine([(x, *place) for place in places for x in [*corners, *begun[:4]]])
+        self.refine([(x, place) for place in places for x in [*corners, *begun[:4]]])
         for _ in range(2):  # the points of the front are started from each other's designs
             starts = []
             for place in places:
-                apart = [float(np.abs(np.sqrt(p[1][1:]) - np.sqrt(place[1][1:])).sum()) for p in places]
+                apart = [float(np.abs(np.sqrt(p[k + 1 :]) - np.sqrt(place[k + 1 :])).sum()) for p in places]
                 near = [places[i] for i in np.argsort(apart, kind="stable")[1 : 1 + 2 * (k - 1)]]
-                starts += [(self.best[self.key(p)][1], *place) for p in near if p in self]
+                starts += [(self.row(p), place) for p in near if p in self]
             if starts:
                 self.refine(starts)
 

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxnc.kinematics.design import geometry_components, geometry_vector, with_geometry
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers.host.matrices import solve_exactly
 from jaxnc.synthesis.bounds import Boxes
 from jaxnc.synthesis.evaluate import marker_places
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration
@@ -129,9 +131,10 @@ def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
     a, b = (z[i] for i in found.base)
     drawn.append(move_whole(problem, found, flat, 0.0, 1.0, z[found.tracer] + 0.2 * (b - a)))
     names = (problem.point, *(top.points[i] for i in found.base if found.free))
-    each = [_point_paths(problem, names, one) for one in drawn]
-    paths, good = (np.stack(v) for v in zip(*each, strict=True))
-    paths = paths[:, :, good.all(axis=0)]  # (ways, names, poses) of complex numbers
+    motions = [sweep_drawing(problem, one) for one in drawn]
+    good = np.all([motion.converged for motion in motions], axis=0)
+    # (ways, names, poses) of complex numbers
+    paths = np.stack([[np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names] for motion in motions])[:, :, good]
     here = paths[0]
 
     def like(k: int, name: int, other: np.ndarray) -> bool:
@@ -149,10 +152,9 @@ def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
     )
 
 
-def _point_paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Move a drawing over the range of the input: places of points, and which poses are found."""
-    motion = problem.sweep(with_geometry(problem.system, flat), np.linspace(*problem.travel, 37))
-    return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
+def sweep_drawing(problem: PathGeneration, flat: np.ndarray) -> Motion:
+    """Move a drawing over the range of the input, to try whether a mechanism moves, turns and grows as a whole."""
+    return problem.sweep(with_geometry(problem.system, flat), np.linspace(*problem.travel, 37))
 
 
 def component_rows(found: Linear, flat: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -186,11 +188,12 @@ def _sum_products(a: np.ndarray, b: np.ndarray) -> AnyArray:
     return (a[..., None, :] @ b[..., :, None])[..., 0, 0]
 
 
-def _solve_finite(normal: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Solve linear systems; NaN where one is not finite."""
-    good: AnyArray = np.isfinite(normal).all(axis=(-2, -1))
-    solved = np.linalg.solve(np.where(good[..., None, None], normal, np.eye(normal.shape[-1])), side)
-    return np.where(good[..., None, None], solved, np.nan)
+def solve_finite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve linear systems ``(…, n, n)`` for right sides ``(…, n, c)``; NaN where one is not finite or singular."""
+    n = matrix.shape[-1]
+    good: AnyArray = np.isfinite(matrix).all(axis=(-2, -1), keepdims=True)
+    safe = np.where(good, matrix, np.eye(n)).reshape(-1, n, n)
+    return np.where(good, solve_exactly(safe, right.reshape(-1, *right.shape[-2:])).reshape(right.shape), np.nan)
 
 
 def _pull_inside(
@@ -227,7 +230,7 @@ def _pull_inside(
             heavy = np.where(far > 0.0, weight * limits.extent[own] ** 2, 0.0)[:, None]
             more[:, columns, columns] += heavy / sizes[lanes][:, columns] ** 2
             aim[:, columns] += heavy * factor[:, None] * w / sizes[lanes][:, columns]
-        flat_y[lanes] = _solve_finite(normal[lanes] + more, (side[lanes] + aim)[..., None])[..., 0]
+        flat_y[lanes] = solve_finite(normal[lanes] + more, (side[lanes] + aim)[..., None])[..., 0]
     y[...] = flat_y.reshape(y.shape)
     return missed.reshape(shape)
 
@@ -243,7 +246,7 @@ def nearest_move(
     heavy = np.where(np.arange(n) < first, 1.0, extent[:, None] ** 2) * 1e-9
     normal = np.swapaxes(rows, 1, 2) @ rows + heavy[:, None, :] * np.eye(n)
     side = np.einsum("lbc,lb->lc", rows, goal) + heavy * home
-    z0, w, _ = found.join(_solve_finite(normal, side[..., None])[..., 0].T)
+    z0, w, _ = found.join(solve_finite(normal, side[..., None])[..., 0].T)
     return z0, w
 
 
@@ -291,10 +294,8 @@ class PlanarFit:
         base = place(self.free.base[0])
         return base, place(self.free.base[1]) - base, self._body_direction(q)
 
-    def limits(self, z: np.ndarray) -> LinearLimits | None:
-        """Room that bounds leave of designs; None where they are only drawn in them."""
-        if not (any(self.free.axes) or self.free.scale or self.free.free):
-            return None
+    def limits(self, z: np.ndarray) -> LinearLimits:
+        """Room that bounds leave of designs."""
         return limits_of(Boxes.of(self.problem), self.free, all_parameters(self.problem, z))
 
     def into(self, boxes: Boxes, flat: np.ndarray, goal: np.ndarray) -> np.ndarray:
@@ -312,9 +313,7 @@ class PlanarFit:
             flat[:, at] = goal[:, at]
         return flat
 
-    def fit(
-        self, rows: tuple[np.ndarray, ...], limits: LinearLimits | None, some: slice | np.ndarray = slice(None)
-    ) -> Any:
+    def fit(self, rows: tuple[np.ndarray, ...], limits: LinearLimits, some: slice | np.ndarray = slice(None)) -> Any:
         """Fit place, similarity, tracer and turn of designs ``(B, …)`` to some targets; the squares left."""
         base, along, seen = rows
         z0, w, k, left = self._fit_places(base, along, limits, some)
@@ -350,7 +349,7 @@ class PlanarFit:
         return move_whole(self.problem, self.free, flat, z0, w, place), turn, np.abs(w)
 
     def _fit_places(
-        self, base: np.ndarray, direction: np.ndarray, limits: LinearLimits | None, some: slice | np.ndarray
+        self, base: np.ndarray, direction: np.ndarray, limits: LinearLimits, some: slice | np.ndarray
     ) -> tuple[np.ndarray, ...]:
         """Fit place z0, similarity w and tracer w·k of paths by least squares; the sum of squares left, ``(B, …)``.
 
@@ -384,11 +383,9 @@ class PlanarFit:
         sizes = np.maximum(np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1)), 1e-12)
         normal = normal / (sizes[..., :, None] * sizes[..., None, :]) + 1e-10 * np.eye(len(spots))
         side = (side / sizes)[..., None]
-        y = _solve_finite(normal, side)
-        missed = 0.0
-        if limits is not None:
-            # what bounds miss is 1e3 times as heavy as errors, before it is cut off
-            missed = _pull_inside(limits, normal, side, sizes, y, 1e3 * float(weights.sum()))
+        y = solve_finite(normal, side)
+        # what bounds miss is 1e3 times as heavy as errors, before it is cut off
+        missed = _pull_inside(limits, normal, side, sizes, y, 1e3 * float(weights.sum()))
         left = total + np.sum(y * (normal @ y - 2.0 * side), axis=(-2, -1))
         left = np.where(left > 0.0, left, 0.0 * left) + missed
         return *found.join(np.moveaxis(y[..., 0] / sizes, -1, 0)), left

@@ -14,6 +14,7 @@ import numpy as np
 from jaxnc.synthesis.conditions import Links
 from jaxnc.synthesis.evaluate import LANES, MEETS, Evaluator, violation
 from jaxnc.synthesis.search.goal import Goal
+from jaxnc.synthesis.search.planar import solve_finite
 from jaxnc.types import ArrayLike
 
 # -- least squares in lanes --------------------------------------------------------------------------------------------
@@ -106,7 +107,7 @@ def _propose(now: LaneState, equal: np.ndarray, low: np.ndarray, high: np.ndarra
     # Marquardt's scaling alone lets directions run away that hardly matter: a small even part holds them.
     damping = now.damping[:, None] * (diagonal + 1e-3 * largest) + 1e-15 * largest
     matrix = normal + damping[:, :, None] * np.eye(damping.shape[1])
-    step = -_solve_lanes(matrix, gradient)
+    step = -solve_finite(matrix, gradient[:, :, None])[:, :, 0]
     step = np.where(np.isfinite(step), step, 0.0)
     x = np.clip(now.x + step, low, high)
     linear = r + np.einsum("bmn,bn->bm", slopes, x - now.x)
@@ -171,15 +172,6 @@ def _decide(now: LaneState, x: np.ndarray, expected: np.ndarray, evaluated: Eval
     return LaneState(
         *(np.where(now.settled.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in zip(out, now, strict=True))
     )
-
-
-def _solve_lanes(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve linear systems, ``(B, n)``; not finite where a matrix is singular."""
-    good = np.asarray(np.isfinite(matrix).all(axis=(1, 2)))
-    good[good] = np.linalg.slogdet(matrix[good])[0] != 0.0
-    out = np.full(right.shape, np.nan)
-    out[good] = np.linalg.solve(matrix[good], right[good, :, None])[:, :, 0]
-    return out
 
 
 # -- starts and lanes --------------------------------------------------------------------------------------------------

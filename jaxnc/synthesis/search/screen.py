@@ -197,8 +197,7 @@ class _Curves(NamedTuple):
 
     def of(self, at: np.ndarray) -> "_Curves":
         """Select some shapes."""
-        limits = None if self.limits is None else self.limits.of(at)
-        return _Curves(tuple(row[at] for row in self.rows), self.begin[at], limits)
+        return _Curves(tuple(row[at] for row in self.rows), self.begin[at], self.limits.of(at))
 
 
 class _Screening:

@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxnc.kinematics.design import with_geometry
 from jaxnc.synthesis.bounds import Boxes
 from jaxnc.synthesis.evaluate import assemble_drawings
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix, rotation_vector
 from jaxnc.synthesis.pytree import take
-from jaxnc.synthesis.search.planar import Pairs, all_parameters, length_dimensions
+from jaxnc.synthesis.search.planar import Pairs, all_parameters, length_dimensions, solve_finite, sweep_drawing
 from jaxnc.system.topology import Segment
 
 _RIDGE = 1e-10  # of each unknown's own weight: what nothing depends on stays as it is
@@ -189,10 +188,7 @@ def _solve_linear(normal: np.ndarray, side: np.ndarray, use: np.ndarray, size: n
     side = side / sizes
     normal[:, at, at] += weight
     side[:, at] += weight * size * sizes[:, at]
-    good = np.isfinite(normal).all(axis=(1, 2)) & np.isfinite(side).all(axis=1)
-    out = np.full(side.shape, np.nan)
-    out[good] = np.linalg.solve(normal[good], side[good, :, None])[..., 0] / sizes[good]
-    return out
+    return solve_finite(normal, side[:, :, None])[..., 0] / sizes
 
 
 def _common_turn(turns: np.ndarray) -> np.ndarray:
@@ -492,7 +488,7 @@ class Spatial:
         ways = [home._replace(place=0.1 * size * axis[None]) for axis in eye]
         ways += [home._replace(grown=np.full(1, by), tracer=by * home.tracer) for by in (1.1, -1.1)]
         ways += [home._replace(turn=rotation_matrix(_TURN)[None]), home._replace(tracer=home.tracer + 0.1 * size)]
-        seen = [self._track_point(self._move_whole(flat[None], fit), fit) for fit in (home, *ways)]
+        seen = [self._track_point(self._move_whole(flat[None], fit)) for fit in (home, *ways)]
         good = np.all([ok for *_, ok in seen], axis=0)
         (place, turns, _), wanted = seen[0], []
         for fit in ways:
@@ -509,13 +505,11 @@ class Spatial:
         scale, tracer = free.scale and same[3], free.tracer and same[6]
         return Freedom(axes, scale, scale and same[4], turn, tracer, free.frame)
 
-    def _track_point(self, flat: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _track_point(self, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Move a drawing over the range: the tracer's places, its body's turns, and which poses are found."""
-        problem = self.problem
-        poses = 37  # at which it is tried whether a mechanism moves, turns and grows as a whole
-        motion = problem.sweep(with_geometry(problem.system, flat[0]), np.linspace(*problem.travel, poses))
+        motion = sweep_drawing(self.problem, flat[0])
         turns = self._turns(np.asarray(motion.q), flat[:, : 3 * (self.points + self.vectors)])
-        return np.asarray(motion[problem.point]), turns, np.asarray(motion.converged)
+        return np.asarray(motion[self.problem.point]), turns, np.asarray(motion.converged)
 
 
 def _complex_pairs(curve: np.ndarray, wanted: np.ndarray, weight: float) -> Pairs:

@@ -78,8 +78,7 @@ class Stock(Condition):
         """Value of the length or variable."""
         if self.place is not None:
             return geometry_vector(seen.system)[self.place]
-        a, b = self.what
-        return jnp.linalg.norm(seen.motion[a][0] - seen.motion[b][0])
+        return seen.distance(*self.what)
 
     def values(self, seen: Seen) -> Array:
         value = self.value(seen)

@@ -151,7 +151,12 @@ def calibrate(
     Source: K. Levenberg (1944), D. W. Marquardt (1963); covariance and rank: Å. Björck, Numerical Methods for Least
     Squares Problems (1996), chapters 1, 2.
     """
-    names, at, units = _variables(system, variables)
+    wanted = [variables] if isinstance(variables, str) else variables
+    found = [row for name in wanted for row in zip(*variable_components("calibration", system, name), strict=True)]
+    if not found:
+        raise InputError("calibration: no variables; name the dimensions to be fitted")
+    names, places, units = zip(*dict.fromkeys(found), strict=True)
+    at = np.array(places)
     if not isinstance(measurements, Mapping) or not measurements:
         raise InputError("calibration: no measurements; give measurements={'P': array (T, 2), …} by output")
     asked, values = make_question("calibration", system, inputs, list(measurements), hold)
@@ -183,9 +188,8 @@ def calibrate(
 
     def evaluate(changes: np.ndarray):
         given = (jnp.asarray(at), jnp.asarray(changes), values, measured, weights)
-        rest, slopes, good = _linearise(asked, angular, system, *given)
-        rest, slopes, good = np.asarray(rest), np.asarray(slopes) * scales, np.asarray(good)
-        return rest, slopes, good
+        rest, slopes, good = map(np.asarray, _linearise(asked, angular, system, *given))
+        return rest, slopes * scales, good
 
     x = np.zeros(len(at))
     rest, slopes, good = evaluate(x)
@@ -214,7 +218,8 @@ def calibrate(
     s = np.concatenate([s, np.zeros(len(at) - len(s))])
     kept = s > _RANK * s[0] if s[0] > 0 else np.zeros(len(s), bool)
     lost = vt[~kept]
-    used = int(sum((np.broadcast_to(_align(good, w), w.shape) & (w > 0)).sum() for w in weights.values()))
+    counts = {name: np.broadcast_to(_align(good, w), w.shape) & (w > 0) for name, w in weights.items()}
+    used = int(sum(some.sum() for some in counts.values()))
     freedom = used - int(kept.sum())
     chi = float(rest @ rest)
     noise = math.sqrt(chi / freedom) if freedom > 0 else math.nan
@@ -227,9 +232,8 @@ def calibrate(
         w = weights[name]
         block = rest[offset : offset + w.size].reshape(w.shape)
         offset += w.size
-        shown = (w > 0) & np.broadcast_to(_align(good, w), w.shape)
-        residuals[name] = np.where(shown, block / np.where(w > 0, w, 1.0), np.nan)
-        rms[name] = float(np.sqrt(np.nanmean(residuals[name] ** 2))) if shown.any() else math.nan
+        residuals[name] = np.where(counts[name], block / np.where(w > 0, w, 1.0), np.nan)
+        rms[name] = float(np.sqrt(np.nanmean(residuals[name] ** 2))) if counts[name].any() else math.nan
     drawn = np.asarray(geometry_vector(system))[at]
     return Calibration(
         system=shift_geometry(system, at, jnp.asarray(x)),
@@ -280,14 +284,3 @@ def _linearise(asked, angles, system, at, changes, values, measured, weights):
 def _align(good: Numbers, like: Numbers) -> Numbers:
     """Poses with trailing axes, to stand beside an output."""
     return good.reshape(good.shape + (1,) * (like.ndim - good.ndim))
-
-
-def _variables(system: System, variables: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
-    wanted = [variables] if isinstance(variables, str) else variables
-    found = dict.fromkeys(
-        row for name in wanted for row in zip(*variable_components("calibration", system, name), strict=True)
-    )
-    if not found:
-        raise InputError("calibration: no variables; name the dimensions to be fitted")
-    names, at, units = zip(*found, strict=True)
-    return names, np.array(at), units

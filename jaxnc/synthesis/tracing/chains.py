@@ -11,7 +11,7 @@ Theory 38 (2003), for the numbers of chains with turning pairs: 1, 2, 16 of four
 
 import functools
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -85,16 +85,22 @@ def _recognise(chain: Chain) -> str:
 
 def _name_six_bar(chain: Chain) -> str:
     """Tell which of the five inversions of the chains by Watt and Stephenson it is."""
-    meets: dict[int, set[int]] = {body: set() for body in range(chain.bars)}
-    for a, b, _ in chain.edges:
-        meets[a].add(b)
-        meets[b].add(a)
+    meets = neighbours(chain.bars, ((a, b) for a, b, _ in chain.edges))
     one, two = (body for body, others in meets.items() if len(others) == 3)
     if two in meets[one]:
         return "Watt II" if GROUND in (one, two) else "Watt I"
     if GROUND in (one, two):
         return "Stephenson III"
     return "Stephenson I" if meets[GROUND] == {one, two} else "Stephenson II"
+
+
+def neighbours(bars: int, joints: Iterable[tuple[int, int]]) -> dict[int, set[int]]:
+    """Find the links to which each link is joined."""
+    meets: dict[int, set[int]] = {link: set() for link in range(bars)}
+    for a, b in joints:
+        meets[a].add(b)
+        meets[b].add(a)
+    return meets
 
 
 JANSEN = Chain((Hung("RRR", 0, 1), Hung("RRR", 0, 1), Hung("RRR", 2, 5)), 7)

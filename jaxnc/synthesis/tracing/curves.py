@@ -19,8 +19,9 @@ import jax
 import jax.numpy as jnp
 
 from jaxnc.solvers.kernel import fusion_barrier
+from jaxnc.synthesis.problem import array_module
 from jaxnc.synthesis.tracing.chains import KINDS, ChainArrays
-from jaxnc.types import Array
+from jaxnc.types import Array, Numbers
 
 EACH = 6  # numbers of a dyad
 _RRR, _RRP, _RPR, _PRP = range(len(KINDS))
@@ -61,13 +62,13 @@ def _minus(a: Pair, b: Pair) -> Pair:
 
 def _select(kind: Any, *by_kind: Any) -> Any:
     """Take what belongs to a kind of dyad, in the order of `KINDS`."""
-    out: Any = by_kind[-1]
+    out, of = by_kind[-1], array_module(kind, *jax.tree.leaves(by_kind))
     for k in range(len(by_kind) - 2, -1, -1):
         one = by_kind[k]
         if isinstance(one, tuple):
-            out = tuple(jnp.where(kind == k, a, b) for a, b in zip(one, out, strict=True))
+            out = tuple(of.where(kind == k, a, b) for a, b in zip(one, out, strict=True))
         else:
-            out = jnp.where(kind == k, one, out)
+            out = of.where(kind == k, one, out)
     return out
 
 
@@ -82,10 +83,11 @@ class Frame(NamedTuple):
         return _add(self.origin, times(self.along, local))
 
 
-def begin(theta: Array) -> list[Frame]:
-    """Frames of the ground and of the crank at its angles."""
-    zero, one = jnp.zeros_like(theta), jnp.ones_like(theta)
-    return [Frame((zero, zero), (one, zero)), Frame((zero, zero), (jnp.cos(theta), jnp.sin(theta)))]
+def begin(theta: Numbers) -> list[Frame]:
+    """Frames of the ground and of the crank at its angles; NumPy's by NumPy's, as of `close`."""
+    of = array_module(theta)
+    zero, one = of.zeros_like(theta), of.ones_like(theta)
+    return [Frame((zero, zero), (one, zero)), Frame((zero, zero), (of.cos(theta), of.sin(theta)))]
 
 
 def frame_of(frames: list[Frame], body: Any) -> Frame:
@@ -116,12 +118,12 @@ def close(
     Returns:
         The square of the sine of its transmission angle, the inner joint, and the frames of its links.
     """
-    v = _minus(q, p)
-    square = jnp.maximum(v[0] * v[0] + v[1] * v[1], _TINY)
+    v, of = _minus(q, p), array_module(kind, m, *p, *q)
+    square = of.maximum(v[0] * v[0] + v[1] * v[1], _TINY)
     turns = kind == _RRR
-    one = jnp.where(turns | (kind == _RRP), m, 1.0)  # lengths
-    two = jnp.where(turns, n, 1.0)
-    offset = jnp.where(kind == _RPR, m, 0.0)
+    one = of.where(turns | (kind == _RRP), m, 1.0)  # lengths
+    two = of.where(turns, n, 1.0)
+    offset = of.where(kind == _RPR, m, 0.0)
     a, b = times(on, m_line), times(other, n_line)
     foot = _turned_back(_scaled(v, -1.0), b)  # the first joint along and beside the second line
     cosine = (one * one + two * two - square) / (2.0 * one * two)
@@ -133,12 +135,12 @@ def close(
         1.0 - offset * offset / square,
         skew * skew,
     )
-    root = sign * jnp.sqrt(jnp.maximum(sine, 1e-9))
+    root = sign * of.sqrt(of.maximum(sine, 1e-9))
     x = (square + one * one - two * two) / (2.0 * square)
     y = one * two * root / square
-    reach = root * jnp.sqrt(square)
-    skewed = jnp.where(kind == _PRP, skew, 1.0)
-    far = (v[0] * b[1] - v[1] * b[0]) / jnp.where(jnp.abs(skewed) < _TINY, _TINY, skewed)
+    reach = root * of.sqrt(square)
+    skewed = of.where(kind == _PRP, skew, 1.0)
+    far = (v[0] * b[1] - v[1] * b[0]) / of.where(of.abs(skewed) < _TINY, _TINY, skewed)
     inner = _select(
         kind,
         _add(p, times(v, (x, y))),
@@ -159,7 +161,8 @@ def close(
 
 
 def _choose(which: Any, a: Pair, b: Pair) -> Pair:
-    return jnp.where(which, a[0], b[0]), jnp.where(which, a[1], b[1])
+    of = array_module(which, *a, *b)
+    return of.where(which, a[0], b[0]), of.where(which, a[1], b[1])
 
 
 def _direction(angle: Any, about: Any) -> Pair:

@@ -7,6 +7,7 @@ import numpy as np
 HARMONICS = 10  # of closed curves, either way round
 WAVES = 14  # of open ones
 _SHIFTS = 64  # starts that are tried when closed curves are laid on one another
+_ORDER = np.r_[-HARMONICS:0, 1 : HARMONICS + 1]
 
 
 def closed_coefficients(points: Any, of: Any = np) -> Any:
@@ -20,8 +21,14 @@ def closed_coefficients(points: Any, of: Any = np) -> Any:
         Real and imaginary parts for the harmonics -K … -1, 1 … K, ``(…, 2 K, 2)``, in units of the curve.
     """
     step = of.roll(points, -1, axis=-2) - points
-    order = np.r_[-HARMONICS:0, 1 : HARMONICS + 1]
-    return _integrate(points + 0.5 * step, step, order, 2.0 * np.pi, of)
+    middle, length = points + 0.5 * step, of.sqrt(of.sum(step * step, axis=-1))
+    total = of.sum(length, axis=-1)[..., None]
+    weight = length / of.where(total > 0, total, 1.0)
+    angle = 2.0 * np.pi * (of.cumsum(weight, axis=-1) - 0.5 * weight)
+    phase = angle[..., None, :] * _ORDER[:, None]
+    cos, sin = of.cos(phase) * weight[..., None, :], of.sin(phase) * weight[..., None, :]
+    x, y = middle[..., 0][..., None], middle[..., 1][..., None]
+    return of.concatenate([cos @ x + sin @ y, cos @ y - sin @ x], axis=-1)
 
 
 def open_coefficients(points: Any, of: Any = np, share: Any = 1.0) -> Any:
@@ -45,19 +52,6 @@ def open_coefficients(points: Any, of: Any = np, share: Any = 1.0) -> Any:
     middle = middle - of.sum(middle * weight[..., None], axis=-2)[..., None, :]
     waves = of.cos(angle[..., None, :] * np.arange(1, WAVES + 1)[:, None]) * weight[..., None, :]
     return 2.0 * waves @ middle
-
-
-def _integrate(middle: Any, step: Any, order: np.ndarray, turn: float, of: Any) -> Any:
-    length = of.sqrt(of.sum(step * step, axis=-1))
-    total = of.sum(length, axis=-1)[..., None]
-    weight = length / of.where(total > 0, total, 1.0)
-    angle = turn * (of.cumsum(weight, axis=-1) - 0.5 * weight)
-    phase = angle[..., None, :] * order[:, None]
-    cos, sin = of.cos(phase) * weight[..., None, :], of.sin(phase) * weight[..., None, :]
-    x, y = middle[..., 0][..., None], middle[..., 1][..., None]
-    real = cos @ x + sin @ y
-    imaginary = cos @ y - sin @ x
-    return of.concatenate([real, imaginary], axis=-1)
 
 
 def normalise(coefficients: Any, of: Any = np) -> Any:
@@ -94,17 +88,9 @@ def lay_closed(target: np.ndarray, found: np.ndarray) -> tuple[np.ndarray, np.nd
         The mean square that is left, by which angle each is turned, and whether it is mirrored first, ``(N,)`` each.
     """
     goal, own = _complex(target), _complex(found)
-    order = np.r_[-HARMONICS:0, 1 : HARMONICS + 1]
-    wave = np.exp(2j * np.pi * order[:, None] * np.arange(_SHIFTS) / _SHIFTS).astype(np.complex64)
+    wave = np.exp(2j * np.pi * _ORDER[:, None] * np.arange(_SHIFTS) / _SHIFTS).astype(np.complex64)
     ways = (own, own[:, ::-1], np.conj(own[:, ::-1]), np.conj(own))  # as it is, backwards, mirrored, both
-    best = np.stack([_best((goal * np.conj(way)) @ wave) for way in ways])
-    which = np.abs(best).argmax(axis=0)
-    chosen = best[which, np.arange(len(own))]
-    return 1.0 - np.abs(chosen) ** 2, np.angle(chosen), which >= 2
-
-
-def _best(fit: np.ndarray) -> np.ndarray:
-    return fit[np.arange(len(fit)), np.abs(fit).argmax(axis=1)]
+    return _lay_best([((goal * np.conj(way)) @ wave).T for way in ways])
 
 
 def lay_open(target: np.ndarray, found: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -112,7 +98,12 @@ def lay_open(target: np.ndarray, found: np.ndarray) -> tuple[np.ndarray, np.ndar
     goal, own = _complex(target), _complex(found)
     back = (-1.0) ** np.arange(1, WAVES + 1)
     ways = (own, own * back, np.conj(own), np.conj(own) * back)
-    fit = np.stack([np.sum(goal * np.conj(way), axis=1) for way in ways])
-    which = np.abs(fit).argmax(axis=0)
-    chosen = fit[which, np.arange(len(own))]
-    return 1.0 - np.abs(chosen) ** 2, np.angle(chosen), which >= 2
+    return _lay_best([np.sum(goal * np.conj(way), axis=1)[None] for way in ways])
+
+
+def _lay_best(fits: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Choose for each curve the best of four ways, the last two mirrored, and starts, ``(starts, N)`` of each way."""
+    every = np.concatenate(fits)
+    which = np.abs(every).argmax(axis=0)
+    chosen = every[which, np.arange(every.shape[1])]
+    return 1.0 - np.abs(chosen) ** 2, np.angle(chosen), which >= 2 * len(fits[0])

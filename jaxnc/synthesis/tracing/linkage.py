@@ -6,8 +6,8 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.mechanism import Mechanism
-from jaxnc.synthesis.tracing.chains import CRANK, GROUND, Chain
-from jaxnc.synthesis.tracing.curves import EACH
+from jaxnc.synthesis.tracing.chains import CRANK, GROUND, KINDS, Chain
+from jaxnc.synthesis.tracing.curves import EACH, begin, close
 
 TRACER = "P"
 INPUT = "phi"
@@ -27,45 +27,21 @@ class ChainDesign(NamedTuple):
     begin: float  # angle of the crank, before the turn
     span: float  # how far it goes
 
-    def frames(self, theta: float) -> list[tuple[complex, complex]]:
-        """Origins and directions of all bodies where the crank has an angle, in units of the crank."""
-        out = [(0j, 1 + 0j), (0j, np.exp(1j * theta))]
+    def frames(self, theta: Any) -> list[tuple[Any, Any]]:
+        """Origins and directions of all bodies where the crank has an angle or some, complex, in units of the crank."""
+        frames = begin(np.asarray(theta, float))
         for d, (kind, a, b) in enumerate(self.chain.dyads):
             row = self.design[EACH * d : EACH * (d + 1)]
-            (o, u), (oo, w) = out[a], out[b]
-            p, q = o + u * complex(row[0], row[1]), oo + w * complex(row[2], row[3])
-            out += close(kind, self.sign[d], p, q, u, w, row[4], row[5])
-        return out
+            on, other = frames[a], frames[b]
+            p, q = on.at((row[0], row[1])), other.at((row[2], row[3]))
+            lines = ((np.cos(angle), np.sin(angle)) for angle in row[4:])
+            frames += close(KINDS.index(kind), self.sign[d], p, q, on.along, other.along, *row[4:], *lines)[2]
+        return [(x + 1j * y, c + 1j * s) for (x, y), (c, s) in frames]
 
     def trace(self, theta: Any) -> np.ndarray:
         """Place of the tracing point at some angles of the crank, complex ``(T,)``."""
-        local = complex(*self.design[-2:])
-        at = [self.frames(t)[self.chain.tracer] for t in np.atleast_1d(theta)]
-        return np.array([self.place + self.factor * (o + u * local) for o, u in at])
-
-
-def close(
-    kind: str, sign: float, p: complex, q: complex, u: complex, w: complex, m: float, n: float
-) -> list[tuple[complex, complex]]:
-    """Close a dyad; see `curves.close`, whose arguments and frames these are."""
-    v = q - p
-    if kind == "RRR":
-        square = abs(v) ** 2
-        along = (square + m * m - n * n) / (2.0 * square)
-        across = np.sqrt(max(m * m / square - along**2, 0.0))
-        inner = p + v * complex(along, sign * across)
-        return [(p, (inner - p) / m), (q, (inner - q) / n)]
-    if kind == "RRP":
-        line = w * np.exp(1j * n)
-        foot = (p - q) * np.conj(line)
-        inner = q + line * (foot.real + sign * np.sqrt(max(m * m - foot.imag**2, 0.0)))
-        return [(p, (inner - p) / m), (inner, line)]
-    if kind == "RPR":
-        along = v / complex(sign * np.sqrt(max(abs(v) ** 2 - m * m, 0.0)), m)
-        return [(p, along), (q, along)]
-    first, second = u * np.exp(1j * m), w * np.exp(1j * n)
-    inner = p + first * (v * np.conj(second)).imag / (first * np.conj(second)).imag
-    return [(inner, first), (inner, second)]
+        origin, along = self.frames(np.atleast_1d(theta))[self.chain.tracer]
+        return self.place + self.factor * (origin + along * complex(*self.design[-2:]))
 
 
 class _Sheet:
@@ -77,6 +53,11 @@ class _Sheet:
         self.on: dict[int, list[str]] = {body: [] for body in range(drawn.chain.bars)}
         self.fresh = iter([*_NAMES, *(f"{c}{k}" for k in (1, 2, 3) for c in _NAMES)])
         self.size = 1.0
+
+    @property
+    def pin(self) -> str:
+        """The point of the crank that is farthest from its pivot."""
+        return max(self.on[CRANK][1:], key=lambda point: abs(self.places[point]))
 
     def add(self, at: complex, *bodies: int) -> str:
         """Take a point that bodies share; if one of them has a point there, that one."""
@@ -102,16 +83,33 @@ def to_mechanism(drawn: ChainDesign, name: str = "") -> tuple[Mechanism, float]:
     """
     sheet = _Sheet(drawn)
     long = float(np.median([max(abs(complex(*row[:2])), 0.1) for row in drawn.design[:-2].reshape(-1, EACH)]))
-    slides = _hang(sheet, long)
-    origin, along = sheet.frames[drawn.chain.tracer]
-    tracer = origin + along * complex(*drawn.design[-2:])
-    return _build(sheet, slides, tracer, name or drawn.chain.name, long)
+    slides, m = _hang(sheet, long), Mechanism(name or drawn.chain.name)
+
+    def put(at: complex) -> tuple[float, float]:
+        z = drawn.place + drawn.factor * at
+        return float(z.real), float(z.imag)
+
+    ends: dict[int, tuple[str, complex]] = {}
+    for _, body, at, along in slides:  # a sliding body's direction is that of two of its points
+        first = sheet.add(at, body)
+        ends[body] = first, at + long * along
+    on: dict[int, tuple[str, str]] = {}
+    for body, (first, far) in ends.items():
+        on[body] = first, sheet.add(far, body)
+    for point, at in sheet.places.items():
+        (m.ground if point in sheet.on[GROUND] else m.point)(point, put(at))
+    for body in range(CRANK, drawn.chain.bars):
+        m.body("crank" if body == CRANK else f"link {body}", _farthest_first(sheet, body))
+    for k, (line, body, _, _) in enumerate(slides):
+        m.prismatic(f"slide {k + 1}", line, on[body])
+    m.angle(INPUT, at=sheet.on[CRANK][0], to=sheet.pin)
+    return m, float(np.angle(drawn.factor * sheet.places[sheet.pin]))
 
 
 def _hang(sheet: _Sheet, long: float) -> list[tuple[tuple[str, str], int, complex, complex]]:
     """Hang up all dyads: points go on the sheet, and of what slides the line, the body, its place and its direction.
 
-    A line has its second point so far from the first as `long` says.
+    A line has its second point so far from the first as `long` says. The tracing point comes last.
     """
     drawn, chain, frames = sheet.drawn, sheet.drawn.chain, sheet.frames
     sheet.add(0j, GROUND, CRANK)
@@ -135,6 +133,9 @@ def _hang(sheet: _Sheet, long: float) -> list[tuple[tuple[str, str], int, comple
             slides.append((_line(sheet, a, p, frames[one][1], long), one, inner, frames[one][1]))
         if kind[2] == "P":
             slides.append((_line(sheet, b, q, frames[two][1], long), two, inner, frames[two][1]))
+    origin, along = frames[chain.tracer]
+    sheet.places[TRACER] = origin + along * complex(*drawn.design[-2:])
+    sheet.on[chain.tracer].append(TRACER)
     return slides
 
 
@@ -147,11 +148,7 @@ def to_joints(drawn: ChainDesign) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     sheet = _Sheet(drawn)
     _hang(sheet, 1.0)
-    origin, along = sheet.frames[drawn.chain.tracer]
-    sheet.places[TRACER] = origin + along * complex(*drawn.design[-2:])
-    sheet.on[drawn.chain.tracer].append(TRACER)
-    pin = max(sheet.on[CRANK][1:], key=lambda point: abs(sheet.places[point]))
-    first = [sheet.on[CRANK][0], pin]
+    first = [sheet.on[CRANK][0], sheet.pin]
     order = [*first, *(point for point in sheet.places if point not in first)]
     at = {point: k for k, point in enumerate(order)}
     bars = np.zeros((len(order), len(order)), np.int8)
@@ -168,35 +165,6 @@ def to_joints(drawn: ChainDesign) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _line(sheet: _Sheet, body: int, at: complex, along: complex, long: float) -> tuple[str, str]:
     """Two points of a body on a line of it."""
     return sheet.add(at, body), sheet.add(at + long * along, body)
-
-
-def _build(sheet: _Sheet, slides: list, tracer: complex, name: str, long: float) -> tuple[Mechanism, float]:
-    drawn, m = sheet.drawn, Mechanism(name)
-
-    def put(at: complex) -> tuple[float, float]:
-        z = drawn.place + drawn.factor * at
-        return float(z.real), float(z.imag)
-
-    riding = drawn.chain.tracer
-    sheet.places[TRACER] = tracer
-    sheet.on[riding].append(TRACER)
-    ends: dict[int, tuple[str, complex]] = {}
-    for _, body, at, along in slides:  # a sliding body's direction is that of two of its points
-        first = sheet.add(at, body)
-        ends[body] = first, at + long * along
-    on: dict[int, tuple[str, str]] = {}
-    for body, (first, far) in ends.items():
-        on[body] = first, sheet.add(far, body)
-    for point, at in sheet.places.items():
-        (m.ground if point in sheet.on[GROUND] else m.point)(point, put(at))
-    for body in range(CRANK, drawn.chain.bars):
-        m.body("crank" if body == CRANK else f"link {body}", _farthest_first(sheet, body))
-    for k, (line, body, _, _) in enumerate(slides):
-        m.prismatic(f"slide {k + 1}", line, on[body])
-    pivot = sheet.on[CRANK][0]
-    end = max(sheet.on[CRANK][1:], key=lambda point: abs(sheet.places[point]))
-    m.angle(INPUT, at=pivot, to=end)
-    return m, float(np.angle(drawn.factor * sheet.places[end]))
 
 
 def _farthest_first(sheet: _Sheet, body: int) -> list[str]:

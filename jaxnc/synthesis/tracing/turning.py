@@ -10,6 +10,8 @@ import itertools
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from jaxnc.synthesis.tracing.chains import neighbours
+
 Joints = tuple[tuple[int, int], ...]
 
 
@@ -27,11 +29,11 @@ class Census(NamedTuple):
 
 def count_chains(bars: int) -> Census:
     """Count chains of turning pairs, what can be made of them, and what is left as chains of dyads."""
-    chains = list(_chains(bars))
+    chains = _chains(bars)
     inversions = driven = traced = dyadic = 0
     for joints in chains:
-        group = _symmetries(bars, joints)
-        meets = _neighbours(bars, joints)
+        group = _mappings(bars, joints, joints)
+        meets = neighbours(bars, joints)
         inversions += len({min(g[link] for g in group) for link in range(bars)})
         pairs = [(a, b) for a in range(bars) for b in sorted(meets[a])]
         cranks = {min((g[a], g[b]) for g in group) for a, b in pairs}
@@ -43,32 +45,22 @@ def count_chains(bars: int) -> Census:
     return Census(len(chains), inversions, driven, traced, dyadic)
 
 
-def _neighbours(bars: int, joints: Joints) -> dict[int, set[int]]:
-    meets: dict[int, set[int]] = {link: set() for link in range(bars)}
-    for a, b in joints:
-        meets[a].add(b)
-        meets[b].add(a)
-    return meets
-
-
-def _chains(bars: int) -> Iterator[Joints]:
-    """Yield all chains, none of them twice: links with many joints first, then strings of links between them."""
-    seen = set()
+def _chains(bars: int) -> list[Joints]:
+    """Find all chains, none of them twice: links with many joints first, then strings of links between them."""
     if bars == 4:
-        yield ((0, 1), (0, 3), (1, 2), (2, 3))
-        return
+        return [((0, 1), (0, 3), (1, 2), (2, 3))]
+    found: list[Joints] = []
     for quaternary in range((bars - 4) // 2 + 1):
-        ternary = bars - 4 - 2 * quaternary
-        needs = [4] * quaternary + [3] * ternary
+        needs = [4] * quaternary + [3] * (bars - 4 - 2 * quaternary)
+        fresh = bars - len(needs)
         for edges in _multigraphs(needs):
-            for lengths in _shares(bars - len(needs), len(edges)):
-                chain = _spell_out(len(needs), edges, lengths)
-                if len(set(chain)) < len(chain) or not _moves(bars, chain):
-                    continue
-                mark = _canonical(needs, edges, lengths)
-                if mark not in seen:
-                    seen.add(mark)
-                    yield chain
+            for lengths in itertools.product(range(fresh + 1), repeat=len(edges)):
+                if sum(lengths) == fresh:
+                    chain = _spell_out(len(needs), edges, lengths)
+                    alone = len(set(chain)) == len(chain) and _moves(bars, chain)
+                    if alone and not any(_mappings(bars, chain, known) for known in found):
+                        found.append(chain)
+    return found
 
 
 def _multigraphs(needs: list[int]) -> Iterator[tuple[tuple[int, int], ...]]:
@@ -90,15 +82,6 @@ def _multigraphs(needs: list[int]) -> Iterator[tuple[tuple[int, int], ...]]:
     yield from fill(0, needs, ())
 
 
-def _shares(total: int, parts: int) -> Iterator[tuple[int, ...]]:
-    if parts == 1:
-        yield (total,)
-        return
-    for first in range(total + 1):
-        for rest in _shares(total - first, parts - 1):
-            yield (first, *rest)
-
-
 def _spell_out(many: int, edges: tuple[tuple[int, int], ...], lengths: tuple[int, ...]) -> Joints:
     joints, fresh = [], itertools.count(many)
     for (a, b), between in zip(edges, lengths, strict=True):
@@ -117,19 +100,9 @@ def _moves(bars: int, joints: Joints) -> bool:
     return True
 
 
-def _canonical(needs: list[int], edges: tuple[tuple[int, int], ...], lengths: tuple[int, ...]) -> tuple:
-    ways = []
-    for order in itertools.permutations(range(len(needs))):
-        if [needs[i] for i in order] == needs:
-            place = {old: new for new, old in enumerate(order)}
-            strings = [(*sorted((place[a], place[b])), n) for (a, b), n in zip(edges, lengths, strict=True)]
-            ways.append(tuple(sorted(strings)))
-    return (tuple(needs), min(ways))
-
-
-def _symmetries(bars: int, joints: Joints) -> list[tuple[int, ...]]:
-    """All ways to number the links of a chain that leave its joints as they are."""
-    meets, found = _neighbours(bars, joints), []
+def _mappings(bars: int, one: Joints, other: Joints) -> list[tuple[int, ...]]:
+    """All ways to number the links of a chain that make its joints those of another one, or of itself."""
+    meets, there, found = neighbours(bars, one), neighbours(bars, other), []
 
     def extend(image: list[int]) -> None:
         k = len(image)
@@ -137,8 +110,8 @@ def _symmetries(bars: int, joints: Joints) -> list[tuple[int, ...]]:
             found.append(tuple(image))
             return
         for new in range(bars):
-            fits = new not in image and len(meets[new]) == len(meets[k])
-            if fits and all((j in meets[k]) == (image[j] in meets[new]) for j in range(k)):
+            fits = new not in image and len(there[new]) == len(meets[k])
+            if fits and all((j in meets[k]) == (image[j] in there[new]) for j in range(k)):
                 extend([*image, new])
 
     extend([])

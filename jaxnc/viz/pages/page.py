@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
-from jaxnc.io.target import file_name, writing
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.branch import page_numbers
@@ -17,7 +16,7 @@ from jaxnc.viz.pages.packing import embed_json, fill_template, page_part
 from jaxnc.viz.pages.solver import Refused, page_solver
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import EXERTED
-from jaxnc.viz.repr_html import ShownPath
+from jaxnc.viz.repr_html import save_page
 from jaxnc.viz.spatial.camera import read_view
 from jaxnc.viz.style import BODIES, DARK, INK, LIGHT, colour_of
 from jaxnc.viz.svg import draw_still
@@ -26,21 +25,6 @@ if TYPE_CHECKING:
     from jaxnc.dynamics.reactions import InverseDynamics, Reactions
     from jaxnc.kinematics.modes import Modes, ModesMap
 
-_SVG = '<svg id="drawing" role="group" aria-label="Drawing of the mechanism"></svg>'
-_BACK = """<button id="undo" type="button" disabled title="The dimensions before the last change">undo</button>\
-<button id="reset" type="button" title="The mechanism as it was">reset</button>"""
-_MODES = f"""
-<div id="viewing"><button id="move" type="button" aria-pressed="true" title="Drag a joint: the mechanism moves">move\
-</button><button id="shape" type="button" aria-pressed="false" \
-title="Drag a joint: the links that meet there change">shape</button>{_BACK}</div>"""
-_CANVAS = """<canvas id="drawing" role="img" tabindex="0" aria-label="Drawing of the mechanism; \
-with the drawing in focus the arrow keys turn it, with shift they shift it, plus and minus zoom, 0 resets"></canvas>
-<div id="viewing"><label><input id="names" type="checkbox" checked>names</label>\
-<label><input id="arrows" type="checkbox" checked>vectors</label>\
-<button id="front" type="button" title="Along y: the xz plane">front</button>\
-<button id="side" type="button" title="Along x: the yz plane">side</button>\
-<button id="top" type="button" title="Along z: the xy plane">top</button>\
-<button id="home" type="button" title="The first view again">view</button></div>"""
 _STEPPING = "Space plays; the arrow keys step; Home and End jump."
 _DRAGGING = "Drag a joint to move the mechanism, or choose shape and drag it to change the links that meet there. "
 _SIZING = (
@@ -51,22 +35,12 @@ _TURNING = (
     "Drag to turn, with shift or the right button to shift, the wheel or two fingers to zoom; Tab to the drawing and "
     f"the arrow keys turn it. {_STEPPING}"
 )
-_LIVE = """const F = {{EQUATIONS}};
-{{SOLVER}}
-handled = (() => { const L = D.live;
-{{HANDLING}}
-})();
-"""
 _SENTENCES = {
     "live": "With these dimensions this assembly does not reach it.",
     "stuck": " goes no further: the mechanism could not be assembled.",
     "stays": "So it cannot be assembled: it stays as it was.",
     "home": "It cannot be saved: with these dimensions it does not reach the pose in which it was drawn.",
 }
-# In space a changed design is drawn in the pose of the first drawing, from which angles may be counted.
-_UNSHAPED = """let fit=()=>{},grips=fit,stretch=fit;
-let drawing=()=>{let q=now.q.slice();return S.follow(q,now.c,L.home)?q:null};
-"""
 _DESIGN = '<button id="design" type="button">{}</button>'
 
 
@@ -124,9 +98,7 @@ def to_html(
         motion, trace, velocities, accelerations, title, fps, view, model, unit, plots=plots, forces=forces, modes=modes
     )
     parts["COLOURS"] = page_colours("@media (prefers-color-scheme:dark){:root{#}}")
-    with writing(path, (".html", ".htm"), "a page") as new:
-        new.write_text(fill_template(page_part("page.html"), parts), encoding="utf-8", newline="\n")
-    return ShownPath(file_name(path))
+    return save_page(path, fill_template(page_part("page.html"), parts))
 
 
 def page_parts(
@@ -163,11 +135,13 @@ def page_parts(
     content["first"] = first_plot(data, content)
     names = dict.fromkeys(row["name"] for row in content["series"])
     plotted = [name for name in names if name.partition(" ")[0] in EXERTED]  # forces, which a page may find again
-    drawing, hint = (_SVG, _STEPPING) if plane else (_CANVAS, _TURNING)
+    drawing, hint = page_part("planar.html" if plane else "spatial.html"), _STEPPING if plane else _TURNING
+    back = page_part("back.html").strip()
     try:
         equations, content["live"] = page_solver(data, model, drawn, plotted, modes)
         content["sentences"] |= _SENTENCES
-        drawing, hint = (drawing + _MODES, _DRAGGING + hint) if plane else (drawing, _SIZING + hint)
+        hint = (_DRAGGING if plane else _SIZING) + hint
+        drawing += fill_template(page_part("reshape.html"), {"BACK": back}) if plane else ""
     except Refused as reason:
         equations, hint = "", f"{hint} {html.escape(str(reason))}"
     alive = "live" in content
@@ -189,7 +163,7 @@ def page_parts(
     }
     return {
         "TITLE": html.escape(heading),
-        "DRAWING": drawing,
+        "DRAWING": drawing.rstrip(),
         "HINT": hint,
         "STILL": draw_still(data) if plane and not scripted else "",
         "DATA": embed_json(content),
@@ -198,14 +172,15 @@ def page_parts(
         "CHARTS": page_part("charts.js"),
         **{name: f"{number:g}" for name, number in page_numbers().items()},
         **{part: page_part(name) if needed else "" for part, (name, needed) in scripts.items()},
-        "LIVE": _LIVE if alive else "",
+        "LIVE": page_part("calculating.js") if alive else "",
         "EQUATIONS": equations,
-        "SHAPING": page_part("shape.js") if alive and plane else _UNSHAPED,
+        # In space a changed design is drawn in the pose of the first drawing, from which angles may be counted.
+        "SHAPING": page_part("shape.js" if alive and plane else "unshaped.js"),
         "HOLDING": page_part("hold.js") if exerting else "let holding={};",
         "MORE": "",
         "PICTURE": "SVG" if plane else "PNG",
         "DESIGN": _DESIGN.format("design" if model is None else "model file") if alive else "",
-        "BACK": f"<span>{_BACK}</span>" if alive and not plane else "",
+        "BACK": f"<span>{back}</span>" if alive and not plane else "",
     }
 
 

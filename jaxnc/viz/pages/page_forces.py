@@ -15,8 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.dynamics.extended import extended, lift, lift_rates
-from jaxnc.dynamics.mass import mass_matrix
-from jaxnc.dynamics.model import Dynamics, dynamics, forces
+from jaxnc.dynamics.model import Dynamics, dynamics, forces, mass_matrix
 from jaxnc.dynamics.reactions import Reactions, nodal_forces
 from jaxnc.dynamics.wrenches import Ledger
 from jaxnc.reading import Unreadable, trace

@@ -11,24 +11,15 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, JaxncError, OutputError
-from jaxnc.io.target import file_name, writing
 from jaxnc.synthesis.tracing.atlas import Atlas, atlas
 from jaxnc.synthesis.tracing.chains import KINDS, Chain
 from jaxnc.synthesis.tracing.trace import TracedDesign, TraceResult, trace
 from jaxnc.viz.pages.packing import embed_json, fill_template, page_part
 from jaxnc.viz.pages.page import page_colours
-from jaxnc.viz.repr_html import ShownPath
+from jaxnc.viz.repr_html import save_page
 
 _EMBEDDED = {4: 1200, 6: 1800}  # machines in a page, by their number of bars
 _LIVE = (3, 20)  # seconds of the searches that follow each other
-_OFFLINE = (
-    "This page knows {} four- and six-bars and lays the most alike on what is drawn; it does not refine them. With "
-    "Python, <code>jaxnc trace --page</code> searches all four-, six- and eight-bars. Drag any joint."
-)
-_ONLINE = (
-    "First what the page knows, then what searches of {} s find. Drag any joint; <em>open</em> shows a machine on a "
-    "page where it is reshaped too, <em>model</em> saves it for <code>jaxnc run</code> and <code>jaxnc parts</code>."
-)
 
 
 @public
@@ -45,10 +36,7 @@ def trace_page(path: str | Path, source: Atlas | None = None) -> Path:
     Raises:
         OutputError: a file that cannot be written.
     """
-    text = _page(source, ())
-    with writing(path, (".html", ".htm"), "a page") as new:
-        new.write_text(text, encoding="utf-8", newline="\n")
-    return ShownPath(file_name(path))
+    return save_page(path, _page(source, ()))
 
 
 def _page(source: Atlas | None, live: tuple[float, ...]) -> str:
@@ -62,7 +50,8 @@ def _page(source: Atlas | None, live: tuple[float, ...]) -> str:
             numbers = [float(f"{x:.5g}") for x in (*shelf.window[k].tolist(), *shelf.design[k].tolist())]
             rows.append([chain, *numbers[:2], *shelf.sign[k].tolist(), *numbers[2:]])
     data = {"chains": [_chain(chain) for chain in chains], "rows": rows, "live": live}
-    hint = _ONLINE.format(" and ".join(f"{s:g}" for s in live)) if live else _OFFLINE.format(f"{len(rows):,}")
+    hint = page_part("trace_online.html" if live else "trace_offline.html").strip()
+    hint = hint.format(" and ".join(f"{s:g}" for s in live) if live else f"{len(rows):,}")
     colours = page_colours("@media (prefers-color-scheme:dark){:root{#}}")
     parts = {"COLOURS": colours, "HINT": hint, "DATA": embed_json(data), "PROGRAM": page_part("trace.js")}
     return fill_template(page_part("trace.html"), parts)

@@ -11,12 +11,11 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError, JaxncError
-from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.motion import Motion, drawn_motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.sensitivity import Outputs, Sensitivity, sensitivity
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, settle
-from jaxnc.status import Status
 from jaxnc.system.host import from_jax
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
@@ -244,12 +243,9 @@ class Widget:
 
     def _find_pose(self, system: System, inputs: Mapping[str, float], near: np.ndarray | None = None) -> Motion:
         """Find the pose of a design that follows from its drawing, or the one next to some coordinates."""
-        start = None
-        if near is not None:
-            good, held = np.array(int(Status.CONVERGED)), self._motion.held
-            asked: Any = np.array([inputs[name] for name in self._motion.driven])
-            start = Motion(system, self._motion.driven, held, near, (), asked, good, None, None)  # pyright: ignore[reportArgumentType]
-        return solve_position(system, dict(inputs), hold=self._motion.held, start=start, throw=True)
+        driven, held = self._motion.driven, self._motion.held
+        start = None if near is None else drawn_motion(system, driven, held, near)
+        return solve_position(system, dict(inputs), hold=held, start=start, throw=True)
 
     def _check_system(self, value: Mechanism | System) -> System:
         """Check a system that is assigned, and find where it stands."""

@@ -25,13 +25,12 @@ from jaxnc.viz.picture import Picture, unit_on
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.scene import UNITS_ACROSS, Label
 from jaxnc.viz.spatial.camera import Camera, choose_camera
-from jaxnc.viz.spatial.loads import CENTRE
 from jaxnc.viz.spatial.mesh import reach
 from jaxnc.viz.spatial.painter import Painter
 from jaxnc.viz.spatial.scene import Solid, SpaceFrame, Turn, Way, segment
-from jaxnc.viz.spatial.sketch import sketch_space
+from jaxnc.viz.spatial.sketch import CENTRE, sketch_space
 from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, axis_name, colour_of, wide, wrap
-from jaxnc.viz.view import View
+from jaxnc.viz.view import Names, View
 
 _MARGIN = 4.2  # around the mechanism, units
 _BORDER = 33.0  # for numbers and names of the axes, points
@@ -147,9 +146,7 @@ class SpaceView(View):
 
     letters = 1.9
 
-    def __init__(
-        self, data: Poses, shown: Sequence[int], trace: str | Iterable[str], labels: bool, camera: Camera | None
-    ):
+    def __init__(self, data: Poses, shown: Sequence[int], trace: Names, labels: bool, camera: Camera | None):
         scene = sketch_space(data)
         self.axes = tuple(label for label in scene.labels if label.way)
         self.tips = self.others = np.zeros((0, 3))  # of unit vectors and names; further places to be in the picture
@@ -464,6 +461,8 @@ class SpaceView(View):
             self.ax.add_artist(name)
         self.add_banner(self.corner[1] - 0.015, self.paper)
         self.show(k)
+
+    film = draw  # of an animation
 
     def move(self, k: int, right: bool) -> None:
         """Bring all artists but the banner to pose `k`, as a ghost if it is not right."""

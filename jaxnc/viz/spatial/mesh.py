@@ -189,16 +189,9 @@ class Mesh:
         return np.array(self.polygons.vertices)
 
 
-def revolve(
-    rings: tuple[Ring, ...], sides: int = 14, prism: bool = False, caps: bool = True, lined: bool = True
-) -> Mesh:
+def revolve(rings: tuple[Ring, ...], sides: int = 14, prism: bool = False, lined: bool = True) -> Mesh:
     """Make a solid of one turned piece."""
-    return Mesh((Turned(rings, sides, prism, caps, lined),))
-
-
-def shell(profile: tuple[tuple[float, float], ...], sides: int) -> Mesh:
-    """Make a thin surface of revolution."""
-    return Mesh((Shell(profile, sides),))
+    return Mesh((Turned(rings, sides, prism, lined=lined),))
 
 
 def _divide(start: Ring, end: Ring, parts: int) -> tuple[Ring, ...]:
@@ -222,11 +215,6 @@ def tube(thick: float, pieces: int, sides: int = 10) -> Mesh:
 def drum(low: float, high: float, thick: float, sides: int = 16, share: float = 0.0, prism: bool = False) -> Mesh:
     """Make a cylinder, or a prism, about a place of the frame's segment, from `low` to `high` units beside it."""
     return revolve(tuple(Ring(share=share, units=u, thick=thick) for u in (low, high)), sides, prism)
-
-
-def disc(radius: float, half: float) -> Mesh:
-    """Make a wheel about the frame's origin: its radius is a length, its half width in units."""
-    return revolve((Ring(units=-half, radius=radius), Ring(units=half, radius=radius)), 40)
 
 
 def arrow(length: float, shaft: float, head: float, start: float = 0.0, further: float = 0.0, sides: int = 10) -> Mesh:
@@ -266,11 +254,6 @@ def dashes(count: int) -> Mesh:
     """Make a dashed line along the frame's segment."""
     ends: list[Vertex] = [(k / (3 * count - 1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(3 * count)]
     return lines(list(zip(ends[::3], ends[2::3], strict=True)))
-
-
-def coil(turns: int, radius: float, start: float, end: float) -> Mesh:
-    """Make a spring around the frame's segment."""
-    return Mesh((Coil(turns, radius, start, end),))
 
 
 def lines(pairs: list[tuple[Vertex, Vertex]]) -> Mesh:

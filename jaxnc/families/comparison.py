@@ -16,10 +16,10 @@ from jax import lax
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, JaxncError
-from jaxnc.families.formulate import FAMILIES, formulate
-from jaxnc.families.formulation import Formulation, measure_all
+from jaxnc.families.formulation import FAMILIES, Formulation, formulate, measure_all
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
+from jaxnc.notebooks import align_columns
 from jaxnc.solvers.assembly import derive, evaluate
 from jaxnc.solvers.newton import largest, step_of_newton, tolerance
 from jaxnc.solvers.plan import Plan, plan
@@ -85,14 +85,11 @@ class Comparison:
     def __str__(self) -> str:
         table = [[title for title, _ in _COLUMNS]]
         table += [[_show_cell(getattr(row, key)) for _, key in _COLUMNS] for row in self.families]
-        widths = [max(len(line[k]) for line in table) for k in range(len(_COLUMNS))]
-        lines = ["  ".join(f"{cell:>{w}}" if k else f"{cell:{w}}" for k, (cell, w) in enumerate(
-            zip(line, widths, strict=True))).rstrip() for line in table]  # fmt: skip
         moved = ", ".join(f"{name} by {value:.3g}" for name, value in self.inputs.items())
         notes = [f"  {row.family}: {row.note}" for row in self.families if row.note]
         spreads = ", ".join(f"{s:g}" for s in SPREADS)
         return "\n".join([
-            f"{self.mechanism}: families of coordinates", *lines, *notes,
+            f"{self.mechanism}: families of coordinates", *align_columns(table, left=(0,)), *notes,
             f"  displaced: {moved}; iterations of undamped Newton from the drawing",
             f"  basin, any: parts of {_STARTS} random starts that end at the drawing's assembly, and at any, their "
             f"points {spreads} of the mechanism's size away",

@@ -1,0 +1,9 @@
+from jaxnc.families.comparison import Comparison as Comparison
+from jaxnc.families.comparison import compare as compare
+from jaxnc.families.formulation import FAMILIES as FAMILIES
+from jaxnc.families.formulation import Formulation as Formulation
+from jaxnc.families.formulation import formulate as formulate
+from jaxnc.families.motion import accelerations as accelerations
+from jaxnc.families.motion import mass_matrix as mass_matrix
+from jaxnc.families.motion import simulate as simulate
+from jaxnc.families.recursion import Chain as Chain

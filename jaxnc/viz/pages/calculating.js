@@ -1,0 +1,5 @@
+const F = {{EQUATIONS}};
+{{SOLVER}}
+handled = (() => { const L = D.live;
+{{HANDLING}}
+})();
