@@ -116,6 +116,7 @@ class ImportTree:
         self.coordinates = {n: self._word(n) for n, j in joints.items() if j.kind in ("hinge", "slide") and not j.held}
         origins = np.array([link.origin for link in d.links] + [j.at for j in joints.values()])
         self.size = float(np.linalg.norm(np.ptp(origins, axis=0))) or 1.0
+        self._grounded = self._welded_to_ground()
         for k in range(1, len(d.links)):
             self._hang(k)
         welds = [loop for loop in d.loops if not self._pin(loop)]
@@ -147,6 +148,22 @@ class ImportTree:
 
     # -- joints -------------------------------------------------------------------------------------------------
 
+    def _welded_to_ground(self) -> set[int]:
+        """Find the links with joints that welds make part of the ground, so that their chains close there."""
+        d, found = self.description, {0}
+
+        def carrier(k: int) -> int:
+            while k not in found and all(j.held for j in d.links[k].joints):
+                k = d.links[k].parent
+            return k
+
+        welds = [loop for loop in d.loops if loop.kind == "weld"]
+        for _ in welds:  # one may hold on to what another holds
+            for loop in welds:
+                ends = {carrier(loop.first), carrier(loop.second)}
+                found |= ends if ends & found else set()
+        return found
+
     def _hang(self, k: int) -> None:
         link = self.description.links[k]
         before = self.rigid_of[link.parent]
@@ -154,11 +171,13 @@ class ImportTree:
         held = ""
         for i, joint in enumerate(joints, start=1):
             name = link.name if i == len(joints) else f"{link.name} {i}"
-            self.rigids.append(Rigid(name, loose=joint.kind == "ball"))
-            at, axis, held = self._join(joint, self.rigids[before], self.rigids[-1], held)
+            after = 0 if i == len(joints) and k in self._grounded else len(self.rigids)
+            if after:
+                self.rigids.append(Rigid(name, loose=joint.kind == "ball"))
+            at, axis, held = self._join(joint, self.rigids[before], self.rigids[after], held)
             self.rigids[before].loose &= joint.kind == "ball"
-            self.anchors[joint.name] = Anchor(at, axis, before, len(self.rigids) - 1)
-            before = len(self.rigids) - 1
+            self.anchors[joint.name] = Anchor(at, axis, before, after)
+            before = after
         self.rigid_of[k] = before
         self.rigids[before].links.append(k)
 
@@ -302,16 +321,13 @@ class ImportTree:
             if p != q:
                 m.spherical(name, p, q)
         for loop in welds:
-            one, other = (self.rigid_of[k] for k in (loop.first, loop.second))
-            if 0 in (one, other):
-                held = d.links[max(loop.first, loop.second)].name
-                raise MechanismError(f"weld {loop.name!r}: it holds {held!r} to the ground, so what is between cannot "
-                                     f"move; leave it out with without=[{loop.name!r}]")  # fmt: skip
-            m.weld(loop.name, self.bodies[one], self.bodies[other])
+            m.weld(loop.name, *(self.bodies[self.rigid_of[k]] for k in (loop.first, loop.second)))
         for follower in d.followers:
             self._follow(m, follower)
         for tie in d.ties:
-            m.relation(tie.name, {self.coordinates[j]: f for j, f in tie.terms.items()})
+            terms = {self.coordinates[j]: f for j, f in tie.terms.items() if j in self.coordinates}  # others are held
+            if terms:
+                m.relation(tie.name, terms)
         for joint in d.joints.values():
             self._load(m, joint)
         for k, link in enumerate(d.links):
@@ -320,14 +336,21 @@ class ImportTree:
         return m
 
     def _follow(self, m: Mechanism, follower: Follower) -> None:
-        first = self.coordinates[follower.first]
-        if follower.second is None:
-            m.relation(follower.name, {first: 1.0})
-            return
-        second, f = self.coordinates[follower.second], (*follower.factors, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+        first, second = (self.coordinates.get(j or "") for j in (follower.first, follower.second))
+        f = (*follower.factors, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+        if first is None:  # held at home: the other joint stands still
+            if second is None or not any(f):
+                return
+            if f[0] and (any(f[2:]) or not f[1]):
+                raise MechanismError(f"{follower.name!r} ties {follower.second!r} to {follower.first!r}, which is "
+                                     "held, by more than a factor; hold both")  # fmt: skip
+            first, second, f = second, None, (f[0] and -f[0] / f[1], *f[1:])
+        if second is None:
+            f = (f[0], 0.0, 0.0, 0.0, 0.0)
         if f[0] == 0.0 and not any(f[2:]):
-            m.relation(follower.name, {first: 1.0, second: -f[1]})
+            m.relation(follower.name, {first: 1.0, second: -f[1]} if second else {first: 1.0})
         else:
+            second = second or first  # without a factor
             given: dict[str, float] = dict(zip(("a0", "a1", "a2", "a3", "a4"), f, strict=True))
             m.constrain(follower.name, FOLLOWED, scalars=[first, second], constants=given)
 

@@ -51,7 +51,8 @@ class MjcfFile:
             self.spec: Any = self.mujoco.MjSpec.from_file(str(path))
         except (ValueError, OSError) as error:
             raise self.fault(f"MuJoCo does not read it: {_one_line(error)}") from None
-        self.missing: list[str] = []
+        self.missing_meshes: list[str] = []
+        self.missing_pictures: list[str] = []
         self._replace_missing_assets()
         try:
             self.model: Any = self.spec.compile()
@@ -70,10 +71,13 @@ class MjcfFile:
         self.mujoco.mj_kinematics(self.model, self.data)
 
     def name(self, kind: str, number: int) -> str:
-        """Return a name, or one made of a number where there is none."""
-        return self.mujoco.mj_id2name(self.model, getattr(self.mujoco.mjtObj, f"mjOBJ_{kind}"), number) or (
-            f"{kind.lower()} {number}"
-        )
+        """Return a name, or one made of a number, that nothing else has, where there is none."""
+        sort, name = getattr(self.mujoco.mjtObj, f"mjOBJ_{kind}"), f"{kind.lower()} {number}"
+        if given := self.mujoco.mj_id2name(self.model, sort, number):
+            return given
+        while self.mujoco.mj_name2id(self.model, sort, name) >= 0:
+            name += "_"
+        return name
 
     def names(self, kind: str, numbers: Iterable[Any]) -> list[str]:
         """Return the names of several things of a kind."""
@@ -82,17 +86,17 @@ class MjcfFile:
     def _replace_missing_assets(self) -> None:
         """Put something in place of pictures and meshes that are not there: only their names are kept."""
         folder, assets = self.path.parent, dict(self.spec.assets)
-        for items, where in (
-            (self.spec.meshes, self.spec.meshdir),
-            (self.spec.textures, self.spec.texturedir),
-            (self.spec.hfields, self.spec.meshdir),
+        for items, where, missing in (
+            (self.spec.meshes, self.spec.meshdir, self.missing_meshes),
+            (self.spec.textures, self.spec.texturedir, self.missing_pictures),
+            (self.spec.hfields, self.spec.meshdir, self.missing_pictures),
         ):
             for item in items:
                 if item.file and not (folder / where / item.file).is_file() and item.file not in assets:
-                    self.missing.append(item.name or item.file)
+                    missing.append(item.name or item.file)
                     key = f"{where.rstrip('/')}/{item.file}" if where else item.file
                     assets[key] = _stand_in(item.file)
-        if self.missing:
+        if self.missing_meshes or self.missing_pictures:
             self.spec.assets = assets
 
     def qpos_near(self, home: str | Mapping[str, float], joints: Collection[str]) -> np.ndarray:
@@ -133,7 +137,7 @@ class MjcfFile:
         m = self.model
         gravity = tuple(float(g) for g in m.opt.gravity)
         self.description = d = Description(self.spec.modelname or self.path.stem)
-        d.gravity = gravity if any(gravity) else None
+        d.gravity = gravity if any(gravity) and not self._is_off("GRAVITY") else None
         for k in range(m.nbody):
             d.links.append(self._link(k, hold))
         if unknown := set(hold) - {link.name for link in d.links}:
@@ -152,6 +156,11 @@ class MjcfFile:
         self._leave_out()
         return d
 
+    def _is_off(self, *flags: str) -> bool:
+        """Tell whether the file switches one of some parts of the simulation off."""
+        bits = self.mujoco.mjtDisableBit
+        return any(self.model.opt.disableflags & int(getattr(bits, f"mjDSBL_{flag}")) for flag in flags)
+
     def _link(self, k: int, hold: Sequence[str]) -> Link:
         m, d = self.model, self.data
         link = Link(self.name("BODY", k), int(m.body_parentid[k]) if k else -1, np.array(d.xpos[k]), _matrix(d.xmat[k]))
@@ -159,8 +168,8 @@ class MjcfFile:
             dof, q = m.jnt_dofadr[j], m.jnt_qposadr[j]
             kind = _KINDS[m.jnt_type[j]]
             joint = ElementaryJoint(self.name("JOINT", j), kind, np.array(d.xaxis[j]), np.array(d.xanchor[j]))
-            joint.stiffness = float(np.ravel(m.jnt_stiffness[j])[0])
-            joint.damping = float(np.ravel(m.dof_damping[dof])[0])
+            joint.stiffness = 0.0 if self._is_off("SPRING") else float(np.ravel(m.jnt_stiffness[j])[0])
+            joint.damping = 0.0 if self._is_off("DAMPER") else float(np.ravel(m.dof_damping[dof])[0])
             if kind in ("hinge", "slide"):
                 joint.reference, joint.rest = float(d.qpos[q]), float(m.qpos_spring[q])
             elif kind == "ball":
@@ -172,21 +181,21 @@ class MjcfFile:
             link.joints.append(joint)
         for s in np.flatnonzero(m.site_bodyid == k):
             link.sites[self.name("SITE", int(s))] = np.array(d.site_xpos[s])
-        if m.body_mass[k] > 0 and not (self.missing and self._mass_of_geoms(k)):
+        if m.body_mass[k] > 0 and not self._mass_is_missing(k):
             axes = _matrix(d.ximat[k])
             tensor = axes @ np.diag(m.body_inertia[k]) @ axes.T
             link.inertia = Inertia(float(m.body_mass[k]), np.array(d.xipos[k]), tensor)
         return link
 
-    def _mass_of_geoms(self, k: int) -> bool:
-        """Tell whether a body's mass comes from geoms, of which some are not there."""
-        body = {b.id: b for b in self.spec.bodies}.get(k)
-        return body is not None and not body.explicitinertial
+    def _mass_is_missing(self, k: int) -> bool:
+        """Tell whether a body's mass comes from geoms of which some have meshes that are not there."""
+        body = {b.id: b for b in self.spec.bodies}.get(k) if self.missing_meshes else None
+        return bool(body and not body.explicitinertial and any(g.meshname in self.missing_meshes for g in body.geoms))
 
     def _equality(self, i: int, without: Sequence[str]) -> None:
         m, d, eq = self.model, self.description, self.mujoco.mjtEq
         name, kind, data = self.name("EQUALITY", i), eq(int(m.eq_type[i])), np.array(m.eq_data[i])
-        if name in without or not m.eq_active0[i]:
+        if name in without or not m.eq_active0[i] or self._is_off("EQUALITY", "CONSTRAINT"):
             d.left_out.append(f"equality {name!r}: {'as asked' if name in without else 'not active'}")
             return
         one, other = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
@@ -226,8 +235,8 @@ class MjcfFile:
     def _follower(self, name: str, numbers: list[int], data: np.ndarray) -> Follower:
         m, names = self.model, self.names("JOINT", numbers)
         joints = [self.description.joints[n] for n in names]
-        if any(j.kind not in ("hinge", "slide") or j.held for j in joints):
-            raise self._refuse(name, "it ties joints that are no hinges or slides, or are held")
+        if any(j.kind not in ("hinge", "slide") for j in joints):
+            raise self._refuse(name, "it ties joints that are no hinges or slides")
         away = [float(j.reference - m.qpos0[m.jnt_qposadr[k]]) for j, k in zip(joints, numbers, strict=True)]
         factors = np.poly1d(data[4::-1])
         if len(names) > 1:  # counted from home, which need not be where the file counts from
@@ -274,17 +283,28 @@ class MjcfFile:
         d.leave_out("contacts of geoms", names("GEOM", np.flatnonzero(m.geom_contype | m.geom_conaffinity)))
         d.leave_out("contact pairs", names("PAIR", range(m.npair)))
         d.leave_out("meshes", names("MESH", range(m.nmesh)))
-        d.leave_out("meshes and pictures that are not there", self.missing)
+        d.leave_out("meshes and pictures that are not there", [*self.missing_meshes, *self.missing_pictures])
         d.leave_out("tendons", names("TENDON", [i for i in range(m.ntendon) if i not in tied]))
         d.leave_out("limits of joints", names("JOINT", np.flatnonzero(m.jnt_limited)))
         d.leave_out("dry friction of joints", joints_with(m.dof_frictionloss))
         d.leave_out("armature of joints", joints_with(m.dof_armature))
+        steep = [] if self._is_off("SPRING") else names("JOINT", np.flatnonzero(self._higher("jnt_stiffness")))
+        bent = [] if self._is_off("DAMPER") else joints_with(self._higher("dof_damping"))
+        d.leave_out("what is not linear in springs and dampers of joints", list(dict.fromkeys([*steep, *bent])))
+        d.leave_out("drag in a medium", [of for of in ("density", "viscosity") if getattr(m.opt, of)])
+        if d.gravity:
+            d.leave_out("gravity compensation of bodies", names("BODY", np.flatnonzero(m.body_gravcomp)))
         d.leave_out("sensors", names("SENSOR", range(m.nsensor)))
         d.leave_out("keyframes", names("KEY", range(m.nkey)))
         d.leave_out("flexible bodies", names("FLEX", range(m.nflex)))
-        if self.missing:
-            without = [link.name for k, link in enumerate(d.links) if k and link.inertia is None]
-            d.leave_out("masses, which come from meshes that are not there, of bodies", without)
+        massless = [link.name for k, link in enumerate(d.links) if m.body_mass[k] > 0 and link.inertia is None]
+        d.leave_out("masses, which come from meshes that are not there, of bodies", massless)
+
+    def _higher(self, what: str) -> np.ndarray:
+        """Tell of each spring or damper whether it has terms above the linear one."""
+        values = np.asarray(getattr(self.model, what))
+        values = getattr(self.model, f"{what}poly", values.reshape(len(values), -1)[:, 1:])  # or in one array
+        return np.any(values, axis=1)
 
     # -- writing ------------------------------------------------------------------------------------------------
 
@@ -360,6 +380,9 @@ def _stand_in(name: str) -> bytes:
         case ".obj":
             lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["f " + " ".join(str(i + 1) for i in f) for f in faces]
             return "\n".join(lines).encode()
+        case ".msh":
+            counts = struct.pack("<4i", len(corners), 0, 0, len(faces))
+            return counts + corners.tobytes() + np.array(faces, dtype="<i4").tobytes()
     import io
 
     from PIL import Image

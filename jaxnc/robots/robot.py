@@ -45,8 +45,9 @@ class Robot:
     """
 
     def __init__(self, file: MjcfFile | UrdfFile, without: Sequence[str] = (), hold: Sequence[str] = ()):
+        names = ((x,) if isinstance(x, str) else tuple(x) for x in (without, hold))
         try:
-            self._description = file.read(without, hold)
+            self._description = file.read(*names)
             self._tree = ImportTree(self._description)
         except MechanismError as error:
             raise ModelFileError(f"{file.path}: {error}") from None
@@ -70,18 +71,27 @@ class Robot:
         sprung = [c for j, c in own.items() if joints[j].stiffness and c not in driven]
         others = [c for c in own.values() if c not in driven and c not in sprung]
         dense = self.mechanism.compile(sparse=False)
-        sample = max(sample_poses(dense, 3)[::-1], key=lambda s: s.rank)  # not at home, which may be a dead point
-        _, null = rank_of(sample.jacobian)
-        moves = np.zeros((len(null), len(top.coordinates)))
-        moves[:, top.unknown] = null
+        samples = sample_poses(dense, 3)
+        most = max(s.rank for s in samples)  # home may be a dead point, of another rank
+        poses = []
+        for sample in samples[::-1]:
+            if sample.rank == most:
+                null = rank_of(sample.jacobian)[1]
+                poses.append(np.zeros((len(null), len(top.coordinates))))
+                poses[-1][:, top.unknown] = null
         chosen: list[str] = []
-        for name in (*driven, *sprung, *others, *top.named(top.unknown)):
-            if len(chosen) == len(null):
+        for name in (*driven, *sprung, *others):
+            if len(chosen) == len(poses[0]):
                 break
             at = [top.position[c] for c in (*chosen, name)]
             # 1e-6 of a null space must a coordinate still move to be taken for an input
-            if np.linalg.svd(moves[:, at], compute_uv=False)[-1] > 1e-6:
+            if np.linalg.svd(poses[0][:, at], compute_uv=False)[-1] > 1e-6:
                 chosen.append(name)
+        while len(chosen) < len(poses[0]):  # no joint tells what is left, such as a spin between two balls
+            at = [top.position[c] for c in chosen]
+            left = [np.linalg.norm(rank_of(null[:, at].T)[1] @ null, axis=0) for null in poses]
+            rates = np.min(left, axis=0)  # where they are least: a coordinate at its extreme can be held nowhere else
+            chosen.append(top.coordinates[int(np.argmax(rates > 0.999 * rates.max()))])  # the first of equal ones
         motors = set(driven) or set(own.values())
         return tuple(c for c in chosen if c in motors), tuple(c for c in chosen if c not in motors)
 
@@ -103,7 +113,10 @@ class Robot:
             InputError: another number of values.
             AssemblyError: a single pose is not found.
         """
-        return self.joint_values(self.pose(values, system, **options))
+        found = self.joint_values(self.pose(values, system, **options))
+        if not self.actuated:  # one pose, however many are asked for
+            found = jnp.broadcast_to(found, (*np.shape(values)[:-1], found.shape[-1]))
+        return found
 
     def pose(self, values: Any, system: System | None = None, **options: Any) -> Motion:
         """Poses of the mechanism: points, vectors, angles, frames of links, from what `positions` takes."""

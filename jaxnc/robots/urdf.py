@@ -178,8 +178,9 @@ class UrdfFile:
             u = axis / np.linalg.norm(axis)
             one = perpendicular(u)
             kinds = [("slide", one), ("slide", np.cross(u, one)), ("hinge", u)]
+        names = [name] if len(kinds) == 1 else [free_name(f"{name} {i + 1}", self.joints) for i in range(len(kinds))]
         for i, (k, direction) in enumerate(kinds):
-            own = ElementaryJoint(name if len(kinds) == 1 else f"{name} {i + 1}", k, direction, link.origin)
+            own = ElementaryJoint(names[i], k, direction, link.origin)
             own.damping = self._number(joint.find("dynamics"), "damping", 0, what)
             if k == "free" or held:
                 own.held = {"free": (*link.origin, 1.0, 0.0, 0.0, 0.0), "ball": (1.0, 0.0, 0.0, 0.0)}.get(k, (0.0,))
@@ -257,6 +258,8 @@ class UrdfFile:
             d.loops.append(LoopClosure(name, "connect", one, other, at))
         elif kind in ("revolute", "continuous"):
             size = 0.1 * (float(np.linalg.norm(np.ptp([x.origin for x in d.links], axis=0))) or 1.0)
+            if not np.linalg.norm(axis) > 0:
+                raise self.fault(f"loop joint {name!r}: its axis is zero")
             u = axis / np.linalg.norm(axis)
             d.loops.append(LoopClosure(name, "connect", one, other, at))
             far = at[0] + size * a.turn @ turn @ u, at[1] + size * b.turn @ turn2 @ u
@@ -301,7 +304,8 @@ class UrdfFile:
 
     def _leave_out(self) -> None:
         d, joints, links = self.description, self.joints.items(), self.links.items()
-        limited = [n for n, j in joints if j.get("type") == "revolute" or j.find("safety_controller") is not None]
+        bounded = ("revolute", "prismatic")
+        limited = [n for n, j in joints if j.get("type") in bounded or j.find("safety_controller") is not None]
         d.leave_out("limits of joints", limited)
         rubbing = [n for n, j in joints if self._number(j.find("dynamics"), "friction", 0, f"joint {n!r}")]
         d.leave_out("dry friction of joints", rubbing)

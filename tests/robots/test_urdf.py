@@ -1,5 +1,6 @@
 """Mechanisms as URDF and back: the tree as MuJoCo and Pinocchio read it, the table of loops as we do."""
 
+import re
 import xml.etree.ElementTree as ET
 from importlib.util import find_spec
 from pathlib import Path
@@ -192,6 +193,31 @@ def test_a_file_by_hand(folder):
     assert not (folder / "never.urdf").exists()
 
 
+def test_a_mimic_of_none_or_a_held_joint_stands_at_its_offset(folder):
+    still = changed('<parent link="one"/>', '<parent link="one"/><mimic joint="j1" multiplier="0" offset="0.3"/>')
+    (folder / "still.urdf").write_text(re.sub("<loop_joint.*</loop_joint>|<transmission.*</transmission>", "", still))
+    robot = nc.from_urdf(folder / "still.urdf")
+    assert robot.joints == ("j1", "j2", "j3") and robot.actuated == ("j1", "j3")
+    assert np.abs(np.asarray(robot.positions([0.2, 0.1])) - [0.2, 0.3, 0.1]).max() < 1e-12
+    (folder / "still.urdf").write_text((folder / "still.urdf").read_text().replace('multiplier="0"', 'multiplier="2"'))
+    for hold, wanted in {"one": [0.0, 0.3, 0.1], "two": [-0.15, 0.0, 0.1]}.items():
+        held = nc.from_urdf(folder / "still.urdf", hold=[hold])
+        assert held.actuated == ("j3",) and np.abs(np.asarray(held.positions([0.1])) - wanted).max() < 1e-12
+
+
+def test_pieces_of_a_joint_get_names_of_their_own(folder):
+    text = ROBOT.format(loop="").replace('name="j2" type="continuous"', 'name="j2" type="planar"')
+    (folder / "planar.urdf").write_text(text.replace('name="j3"', 'name="j2 1"'))
+    robot = nc.from_urdf(folder / "planar.urdf")
+    assert robot.joints == ("j1", "j2 1 2", "j2 2", "j2 3", "j2 1") and len(robot.held) == 4
+
+
+def test_limits_of_slides_are_named(folder):
+    text = ROBOT.format(loop="").replace('name="j2" type="continuous"', 'name="j2" type="prismatic"')
+    (folder / "slide.urdf").write_text(text)
+    assert "limits of joints: j1, j2" in nc.from_urdf(folder / "slide.urdf").left_out
+
+
 def test_loops_as_gazebo_has_them(folder):
     """The same file with a joint in <gazebo> alone: the same robot."""
     robot = nc.from_urdf(arm(folder))
@@ -250,6 +276,10 @@ def changed(old: str, new: str) -> str:
         (changed('link2 link="three"', 'link2 link="tree"'), ["loop joint 'close'", "'tree'", "did you mean"]),
         (changed('<link2 link="three"/>', ""), ["loop joint 'close'", "two ends"]),
         (changed('type="spherical"', 'type="rubber"'), ["loop joint 'close'", "'rubber'"]),
+        (
+            changed('type="spherical">', 'type="revolute"><axis xyz="0 0 0"/>'),
+            ["loop joint 'close': its axis is zero"],
+        ),
         (changed('type="spherical"', 'type="fixed"'), ["loop joint 'close'", "other than they are at home"]),
         (changed('transmission name="t"><joint name="j1"', 'transmission name="t"><joint name="jj"'), ["'jj'"]),
         (changed('<parent link="one"/>', '<parent link="one"/><mimic joint="j2"/>'), ["mimic of joint 'j2'", "itself"]),
