@@ -353,6 +353,8 @@ def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, ho
         branches.append(Branch(order[r], poses, float(lower), float(upper), dead, turns))
     branches.sort(key=lambda b: (b.circuit, b.lower))
     points = sorted({s for strand in strands for s in (strand.start, strand.end) if s is not None})
+    fine = 1e-9 * (values[-1] - values[0])  # found from several branches it is one dead point still
+    points = [p for k, p in enumerate(points) if not k or p - points[k - 1] > fine]
     count = np.array([p.w.shape[1] for p in range_.places])
     doubtful = sum(p.doubtful for p in range_.places)
     for s in strands:  # ends that found no other to meet: steps are too long there

@@ -24,7 +24,7 @@ class Dexterity(Reported):
     """How a hand moves with its actuators, pose by pose.
 
     All of it is dimensionless: velocities are divided by the characteristic length, and so are the rates of actuators
-    that are lengths.
+    and inputs that are lengths.
 
     Attributes:
         motion: the poses.
@@ -106,13 +106,16 @@ def dexterity(
             f"dexterity(): {len(names)} actuators ({', '.join(names)}) for {len(motion.driven)} inputs "
             f"({', '.join(motion.driven)}); there must be as many"
         )
+    if len({*names}) < len(names):
+        raise InputError(f"dexterity(): each actuator is named once; got {', '.join(names)}")
     shape, good = motion.status.shape, np.asarray(motion.converged).reshape(-1)
     parts: list[tuple[np.ndarray, np.ndarray]] = []
     if length is None:
         length = _length(motion, point, body)
     positive(length, "dexterity(): length")
     for name in motion.driven:
-        one = dataclasses.replace(motion, rates=(tangents(motion, {name: 1.0})[0],))
+        unit = 1.0 if top.is_angle(name) else length
+        one = dataclasses.replace(motion, rates=(tangents(motion, {name: unit})[0],))
         place = np.asarray(one.velocity(point)).reshape(good.size, -1) / length
         turn = [] if body is None else [np.asarray(one.angular_velocity(body)).reshape(good.size, -1)]
         acts = [np.asarray(one.velocity(n)).reshape(-1) / (1.0 if top.is_angle(n) else length) for n in names]

@@ -55,12 +55,14 @@ def test_a_platform_is_not_held_where_its_legs_meet_in_a_point(tmp_path):
         along = (hand - np.asarray(system[leg])) / np.linalg.norm(hand - np.asarray(system[leg]), axis=-1)[..., None]
         r = hand - np.asarray(motion["A"])
         lines.append([along[..., 0], along[..., 1], r[..., 0] * along[..., 1] - r[..., 1] * along[..., 0]])
-    want = np.linalg.det(np.moveaxis(np.array(lines), (0, 1), (-2, -1))) / found.length**3
+    want = np.linalg.det(np.moveaxis(np.array(lines), (0, 1), (-2, -1))) / found.length  # rates of three lengths by two
     np.testing.assert_allclose(found.held, want, rtol=1e-9, atol=1e-9)
     assert (want > 0).any() and (want < 0).any()
     # By its legs the same Jacobian.
     legs = nc.solve_position(system, {n: motion[n][3, 4] for n in ("La", "Lb", "Lc")}, start=motion.pose((3, 4)))
-    np.testing.assert_allclose(nc.dexterity(legs, "A", "body ABC").jacobian, found.jacobian[3, 4], rtol=1e-8)
+    by_legs = nc.dexterity(legs, "A", "body ABC")
+    np.testing.assert_allclose(by_legs.jacobian, found.jacobian[3, 4], rtol=1e-8)
+    np.testing.assert_allclose(by_legs.held, 1.0, rtol=1e-12)
     found.draw(tmp_path / "platform.png")
     assert (tmp_path / "platform.png").stat().st_size > 1000
 
@@ -70,6 +72,7 @@ def test_what_is_refused():
     for options, says in (
         ({"actuators": ["ph"]}, "no actuator 'ph'"),
         ({"actuators": ["phi", "C.x"]}, "must be as many"),
+        ({"actuators": ["phi", "phi"]}, "must be as many"),
         ({"body": "couplr"}, "no body 'couplr'"),
         ({"length": -1.0}, "length"),
     ):
