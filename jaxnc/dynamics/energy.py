@@ -32,6 +32,7 @@ from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.equations import coefficients, slips
 from jaxnc.system.frames import spread
+from jaxnc.system.precision import as_its_system
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Float, Numbers
 from jaxnc.validate import as_shape

@@ -25,6 +25,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers.newton import largest
 from jaxnc.system.equations import weights
+from jaxnc.system.precision import as_its_system
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs, PyTree
 from jaxnc.validate import as_shape
@@ -283,6 +284,7 @@ def _motion(field: VectorField, t: Array, q: Array, v: Array) -> Simulation:
 
 
 @public
+@as_its_system
 def vector_field(
     system: System,
     inputs: Mapping[str, Callable] | None = None,

@@ -46,6 +46,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import coefficients, refuse_rates
 from jaxnc.system.frames import spread, turns
 from jaxnc.system.identity import Owner, Thing, addresses, find
+from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
@@ -146,7 +147,7 @@ def _in_one_program(f: Callable[..., R]) -> Callable[..., R]:
     def call(self: "Reactions", *args: object, **named: object) -> R:
         return (f if is_concrete(self) else compiled)(self, *args, **named)
 
-    return call
+    return as_its_system(call)
 
 
 def all_parts(system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
@@ -559,6 +560,7 @@ class InverseDynamics(Reactions):
 
 
 @public
+@as_its_system
 def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
     """Find the efforts of the inputs for a prescribed motion, and the reactions in every joint.
 

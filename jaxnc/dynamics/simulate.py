@@ -28,6 +28,7 @@ from jaxnc.kinematics.inputs import array, finite, in_radians, outside, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.status import Status
 from jaxnc.system.equations import refuse_rates
+from jaxnc.system.precision import as_its_system
 from jaxnc.system.system import System
 from jaxnc.types import Array, Numbers, PyTree
 from jaxnc.validate import as_real, call_user
@@ -37,6 +38,7 @@ FIXED = ("rk4", "generalised alpha")
 
 
 @public
+@as_its_system
 def simulate(
     system: System,
     t: Any,
