@@ -76,6 +76,7 @@ def momentum(motion: Motion) -> Float[Array, "... dim"]:
 
 
 @public
+@as_its_system
 def angular_momentum(motion: Motion, about: ArrayLike | None = None) -> Array:
     """Angular momentum about a fixed place, kg m²/s.
 

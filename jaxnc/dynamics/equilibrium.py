@@ -27,7 +27,7 @@ from jaxnc.solvers.dense import solver
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.equations import refuse_rates, residual, weights
-from jaxnc.system.precision import as_its_system, limits, numbers
+from jaxnc.system.precision import as_its_system, limits, more_digits, numbers
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
@@ -144,7 +144,7 @@ def equilibrium(
         raise AssemblyError(
             f"{system.name!r}: no equilibrium was found from here; a force of {float(left):.3g} N is left, the "
             f"constraints are met to {float(gap):.3g}. Begin elsewhere with state=, or give it springs or gravity "
-            f"that hold it"
+            f"that hold it{more_digits(left)}"
         )
     free = max(system.degrees_of_freedom - len(drives), 1)
     return Equilibrium(motion, rows, values[:free], left)

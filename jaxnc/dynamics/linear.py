@@ -91,6 +91,7 @@ class Linearisation:
         values, least = self.eigenvalues, 0.1 * limits(self.mass).balance
         return bool(np.max(np.real(values), initial=-np.inf) <= least * np.max(np.abs(values), initial=1e-300))
 
+    @as_its_system
     def mode(self, number: int, amplitude: float = 0.1, poses: int = 41) -> Motion:
         """One period of a mode as a motion, to be drawn or animated.
 

@@ -42,7 +42,7 @@ class Limits(NamedTuple):
     redundant: float
     nothing: float  # of the largest inertia or stiffness: what is smaller is none
     force: float  # of the largest: less is not gained by another step to an equilibrium
-    balance: float  # of the largest: what may be left in an equilibrium
+    balance: float  # of the largest: what may be left of forces that balance
     step: float  # relative: what a step that follows its errors errs by at least
     instant: float  # of the time: instants that are no farther apart are the same
     misfit: float  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
@@ -82,6 +82,11 @@ _AS_IT_IS = contextlib.nullcontext()
 def limits(like: Numbers) -> Limits:
     """Limits of what counts as nothing among numbers like those of an array."""
     return _SINGLE if like.dtype == NARROW else _DOUBLE
+
+
+def more_digits(like: Numbers) -> str:
+    """Hint at 64 bits for messages, where numbers have 32."""
+    return "" if like.dtype != NARROW else ". Its numbers have 32 bits: more digits has system.astype('float64')"
 
 
 def farthest(like: Numbers) -> float:
@@ -190,9 +195,7 @@ def as_its_system(f: Callable) -> Callable:
 
     @functools.wraps(f)
     def inner(system, *arguments, **options):
-        found = system
-        for owner in ("motion", "system"):
-            found = getattr(found, owner, found)
+        found = getattr(system, "system", getattr(getattr(system, "motion", None), "system", system))
         points = getattr(getattr(found, "parameters", None), "points", None)
         if points is None or not hasattr(points, "dtype"):  # refused by the analysis itself
             return f(system, *arguments, **options)
