@@ -30,6 +30,7 @@ from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.equations import coefficients, slips
 from jaxnc.system.frames import spread
+from jaxnc.system.precision import as_its_system
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Float, Numbers
 from jaxnc.validate import as_shape
@@ -72,6 +73,7 @@ def momentum(motion: Motion) -> Float[Array, "... dim"]:
 
 
 @public
+@as_its_system
 def angular_momentum(motion: Motion, about: ArrayLike | None = None) -> Array:
     """Angular momentum about a fixed place, kg m²/s.
 

@@ -27,12 +27,11 @@ from jaxnc.solvers.dense import solver
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.equations import refuse_rates, residual, weights
-from jaxnc.system.precision import limits
+from jaxnc.system.precision import as_its_system, limits, more_digits, numbers
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
 _METHODS = ("minimum", "newton")
-_NEUTRAL = 1e-12  # of the largest stiffness: a motion that meets less is indifferent
 
 
 @public
@@ -82,6 +81,7 @@ class Equilibrium:
 
 
 @public
+@as_its_system
 def equilibrium(
     system: System,
     state: Motion | Inputs | None = None,
@@ -144,7 +144,7 @@ def equilibrium(
         raise AssemblyError(
             f"{system.name!r}: no equilibrium was found from here; a force of {float(left):.3g} N is left, the "
             f"constraints are met to {float(gap):.3g}. Begin elsewhere with state=, or give it springs or gravity "
-            f"that hold it"
+            f"that hold it{more_digits(left)}"
         )
     free = max(system.degrees_of_freedom - len(drives), 1)
     return Equilibrium(motion, rows, values[:free], left)
@@ -179,6 +179,11 @@ def _project_admissible(j: Array) -> Array:
     return jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
 
 
+def _neutral(values: Array) -> Array:
+    """Tell of stiffnesses, in parts of the largest, which are none: a motion that meets less is indifferent."""
+    return jnp.abs(values) < 10.0 * limits(values).nothing
+
+
 def _largest_stiffness(k: Array) -> Array:
     """Return the largest stiffness, 1 where there is none at all."""
     size = largest(k)
@@ -198,12 +203,16 @@ def _admissible_stiffness(k: Array, p: Array) -> tuple[Array, Array]:
 def _indifferent(k: Array, p: Array) -> Array:
     """Project on the admissible motions that meet no force: a step along them is not determined, and left out."""
     values, vectors = _admissible_stiffness(k, p)
-    return (vectors * (jnp.abs(values) < _NEUTRAL)) @ vectors.T
+    return (vectors * _neutral(values)) @ vectors.T
 
 
 def _balanced_change(_: None, found: tuple[Array, Array], args: tuple, changes: tuple) -> tuple[Array, Array]:
     """Change an equilibrium and its multipliers with the design: forces stay balanced, and rows are met."""
-    flow, ok = args
+    with numbers(found[0]):
+        return _changed(found, *args, changes)
+
+
+def _changed(found: tuple[Array, Array], flow: Flow, ok: Array, changes: tuple) -> tuple[Array, Array]:
     view, eq = flow.view, flow.dyn.eq
     q, lam = jnp.where(ok, found[0], eq.home), jnp.where(ok, found[1], 0.0)
 
@@ -249,7 +258,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     home = jnp.asarray(flow.dyn.eq.home)[view.fixed]
     q = jax.lax.stop_gradient(fixed.impose(jnp.zeros(()), q.at[view.fixed].set(home), q)[0])
     q = fixed.project_position(q, 20)  # 20 corrections of a start, which what is held may be far from
-    length = fixed.dyn.eq.length
+    length, least = fixed.dyn.eq.length, limits(q)
 
     def evaluate(q) -> _Place:
         every = forces(fixed.dyn, jnp.zeros(()), q, jnp.zeros_like(q))
@@ -268,15 +277,15 @@ def _find(flow: Flow, q: Array, downhill: bool):
     def step(state):
         """Take a trial or not, and make the next: so everything is asked in one line of the program, the start too."""
         i, q, at, new, far, shift, _ = state
-        now, size = evaluate(new), jnp.maximum(largest(at.f), 1e-300)
+        now, size = evaluate(new), jnp.maximum(largest(at.f), least.tiny)
         # What is gained on the way: of the potential, less the work of the loads that have none.
         gain = now.energy - at.energy - 0.5 * jnp.dot(at.other + now.other, new - q)
-        better = gain <= 1e-14 * size * length if downhill else jnp.ones((), bool)
+        better = gain <= least.rounding * size * length if downhill else jnp.ones((), bool)
         good = (i == 0) | (jnp.isfinite(new).all() & better)
         q, at = jax.tree.map(lambda new, old: jnp.where(good, new, old), (new, now), (q, at))
         shift = jnp.where(good, 0.1 * shift, jnp.maximum(10.0 * shift, 1e-4))
         shift = jnp.where(shift < 1e-8, 0.0, shift)
-        stop = (i > 0) & ((largest(at.free) <= 1e-13 * size) | (far < 1e-15 * length) | (shift > 1e8))
+        stop = (i > 0) & ((largest(at.free) <= least.force * size) | (far < 2.5 * least.floor * length) | (shift > 1e8))
         k, p = at.k, at.p
         spread = _largest_stiffness(k)
         if downhill:
@@ -288,7 +297,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
         else:
             rows = saddle(k / spread + _indifferent(k / spread, p), at.j, True)
             dx, _ = rows(at.free / spread, jnp.zeros(at.j.shape[0]))
-        dx = dx * jnp.minimum(1.0, 0.2 * length / jnp.maximum(largest(dx), 1e-300))
+        dx = dx * jnp.minimum(1.0, 0.2 * length / jnp.maximum(largest(dx), least.tiny))
         new = fixed.project_position(view.move(q, dx / weight), 4)
         return i + 1, q, at, new, largest(dx), shift, stop
 
@@ -300,11 +309,10 @@ def _find(flow: Flow, q: Array, downhill: bool):
     gap = largest(residual(fixed.dyn.eq, q)[view.rows])
     spread = _largest_stiffness(k)
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
-    # 1e-11 of the forces is left at an equilibrium, and a place is off by 1e-14 of the length, by rounding
-    rounding = jnp.maximum(1e-11 * 1e3 * jnp.maximum(largest(f), 1e-300), 1e-14 * largest(k) * length)
+    rounding = jnp.maximum(least.balance * jnp.maximum(largest(f), least.tiny), least.rounding * largest(k) * length)
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))
     q, lam = attach(_balanced_change, None, (q, lam), flow, status == 0)
     values, _ = _admissible_stiffness(k / spread, p)
-    values = jnp.where(jnp.abs(values) > _NEUTRAL, spread * values, 0.0)  # rounding is no stiffness
+    values = jnp.where(_neutral(values), 0.0, spread * values)  # rounding is no stiffness
     rows = jnp.zeros(len(flow.dyn.topology.rows)).at[view.rows].set(lam)
     return q, rows, values, left, gap, status

@@ -25,7 +25,7 @@ from jaxnc.system.frames import spread
 from jaxnc.system.on_lanes import reading
 from jaxnc.system.structure import Formula
 from jaxnc.system.system import Parameters, System
-from jaxnc.system.topology import Topology
+from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import AnyArray, Array, Numbers
 
 
@@ -116,8 +116,8 @@ def across_vectors(top: Topology, points: Numbers, vectors: Numbers) -> Numbers:
 def shown_places(top: Topology) -> np.ndarray:
     """Return where the coordinates of a topology are among those of its extended one."""
     if top.extended is None:
-        return np.arange(len(top.coordinates))
-    return np.array([top.extended.position[name] for name in top.coordinates])
+        return np.arange(len(top.coordinates), dtype=INDEX)
+    return np.array([top.extended.position[name] for name in top.coordinates], INDEX)
 
 
 def lower(top: Topology, x: Array) -> Array:

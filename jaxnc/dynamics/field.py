@@ -25,6 +25,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers.newton import largest
 from jaxnc.system.equations import weights
+from jaxnc.system.precision import as_its_system
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs, PyTree
 from jaxnc.validate import as_shape
@@ -76,6 +77,7 @@ class VectorField:
     def _flow(self) -> Flow:
         return jax.tree.unflatten(self._structure, self._arrays)[2]
 
+    @as_its_system
     def __call__(self, t: ArrayLike, y: Phase, args: System | None = None) -> Phase:
         """Give the rates of a state.
 
@@ -99,6 +101,7 @@ class VectorField:
         field._refuse(t, q, v)
         return _rates(field, jnp.asarray(t, float), q, v)
 
+    @as_its_system
     def start(
         self,
         state: Motion | Inputs | None = None,
@@ -134,6 +137,7 @@ class VectorField:
         """Look at a state by name: ``state["C"]``, ``state.velocity("phi")``, for events, outputs and controls."""
         return State(self.system.topology, t, *self._pair(y))
 
+    @as_its_system
     def response(self, t: ArrayLike, y: Phase, efforts: Mapping[str, ArrayLike]) -> Phase:
         """Give the rates that efforts add to those of the field: what noise and controls multiply.
 
@@ -166,6 +170,7 @@ class VectorField:
         _, added = jax.jvp(lambda extra: flow.accelerate(t, x, w, extra)[0], (still,), (push,))
         return jnp.zeros_like(q), lower(top, added)
 
+    @as_its_system
     def motion(self, t: ArrayLike, y: Phase) -> Simulation:
         """Make a motion of states: by name, to be plotted, drawn, saved, with its energy and its reactions.
 
@@ -282,6 +287,7 @@ def _motion(field: VectorField, t: Array, q: Array, v: Array) -> Simulation:
 
 
 @public
+@as_its_system
 def vector_field(
     system: System,
     inputs: Mapping[str, Callable] | None = None,

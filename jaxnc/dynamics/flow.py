@@ -37,7 +37,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.rows import Rows
 from jaxnc.system.equations import Equations, coefficients, slips, weights
 from jaxnc.system.structure import curvature, jax_function, pattern, program, quadratic, size
-from jaxnc.system.topology import Topology
+from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import AnyArray, Array, ArrayLike, Coordinates, PyTree
 
 Drive = tuple[str, Callable]
@@ -102,7 +102,7 @@ def _read_by_jax(kind: Kind, dim: int) -> _KindReading:
 def _row_order(view: Plan) -> np.ndarray:
     """Return the places of the plan's rows among the rows of all blocks, row by row of each."""
     rows = [np.zeros(0, int), *(layout.rows.T.reshape(-1) for layout in view.topology.layout)]
-    back = np.empty(len(view.topology.rows), int)
+    back = np.empty(len(view.topology.rows), INDEX)
     back[np.concatenate(rows)] = np.arange(len(back))
     return back[view.rows]
 

@@ -16,6 +16,7 @@ from jax import lax
 
 from jaxnc.dynamics.steps import METHODS, MotionState
 from jaxnc.status import Status
+from jaxnc.system.precision import limits
 from jaxnc.types import Array, ArrayLike, PyTree
 
 SAFE, LEAST, MOST = 0.9, 0.2, 10.0
@@ -127,7 +128,11 @@ def _norm(errors: Sequence[Array], old: Sequence[Array], new: Sequence[Array], c
     """Measure errors of poses and rates in parts of what is allowed; return the larger one."""
 
     def part(e, a, b):
-        return jnp.sqrt(jnp.mean((e / (control.atol + control.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b)))) ** 2))
+        size, least = jnp.maximum(jnp.abs(a), jnp.abs(b)), limits(a).step
+        allowed = control.atol + (control.rtol + least) * size
+        if least:  # what is small takes its rounding from what is large
+            allowed = allowed + 0.1 * least * jnp.max(size)
+        return jnp.sqrt(jnp.mean((e / allowed) ** 2))
 
     return jnp.maximum(*(part(*x) for x in zip(errors, old, new, strict=True)))
 
@@ -139,7 +144,7 @@ def _first_step(state: MotionState, control: Control) -> Array:
     """
     old, slope = (state.q, state.v), (state.v, state.a)
     size, rate = _norm(old, old, old, control), _norm(slope, old, old, control)
-    chosen = jnp.where((size < 1e-5) | (rate < 1e-5), 1e-6, 0.01 * size / jnp.maximum(rate, 1e-300))
+    chosen = jnp.where((size < 1e-5) | (rate < 1e-5), 1e-6, 0.01 * size / jnp.maximum(rate, limits(rate).tiny))
     return jnp.where(control.first > 0.0, control.first, chosen)
 
 
@@ -155,7 +160,7 @@ def _march(
     if not job.order:
         return _march_evenly(job, course, ends, warm, note, memory, until)
     control, event, (t0, t1) = job.control, job.event, ends
-    span = jnp.abs(whole[1] - whole[0])
+    instant = limits(job.t).instant * jnp.abs(whole[1] - whole[0])
 
     def more(carry):
         course, count, _, _ = carry
@@ -189,7 +194,7 @@ def _march(
             value = event(job.parameters, there, new)
             crossed = (value * course.value < 0.0) | ((value == 0.0) & (course.value != 0.0))
             looking = good & (warm == 0) & (crossed | (bracket.high > 0.0))
-            met = looking & ((jnp.abs(h - bracket.last) <= 1e-14 * span) | (value == 0.0))
+            met = looking & ((jnp.abs(h - bracket.last) <= instant) | (value == 0.0))
             bracket = jax.tree.map(
                 lambda a, b: jnp.where(looking & ~met, a, b), bracket.after(h, value, course.value), bracket
             )
@@ -199,7 +204,7 @@ def _march(
         some = jnp.where(warm > 0, 0, 1)
         made, vain = made + jnp.where(taken, some, 0), vain + jnp.where(good, 0, 1)
         ended = jnp.where(taken, there, t) >= whole[1]
-        long = wanted >= 1e-13 * span  # no step is, of a state that is no number
+        long = wanted >= 10.0 * instant  # no step is, of a state that is no number
         status = jnp.where((status == 0) & ~taken & ~long, int(Status.STEP_UNDERFLOW), status)
         status = jnp.where((status == 0) & (made + vain >= control.most) & ~ended, int(Status.TOO_MANY_STEPS), status)
         if note is not None:

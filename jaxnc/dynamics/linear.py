@@ -22,7 +22,7 @@ from jaxnc.records import record, static
 from jaxnc.solvers import dense
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import refuse_rates, weights
-from jaxnc.system.precision import limits
+from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
@@ -58,7 +58,7 @@ class Linearisation:
     def eigenvalues(self) -> np.ndarray:
         """Eigenvalues of the state matrix, rad/s, complex, in order of their size, ``(2g,)``."""
         outside(self, "eigenvalues (and what follows from them)")
-        values = np.linalg.eigvals(np.asarray(self.state_matrix)).astype(complex)
+        values = np.linalg.eigvals(np.asarray(self.state_matrix, float)).astype(complex)
         return values[np.argsort(np.abs(values), kind="stable")]
 
     @property
@@ -88,9 +88,10 @@ class Linearisation:
     @property
     def stable(self) -> bool:
         """True if no eigenvalue has a positive real part."""
-        values = self.eigenvalues
-        return bool(np.max(np.real(values), initial=-np.inf) <= 1e-9 * np.max(np.abs(values), initial=1e-300))
+        values, least = self.eigenvalues, 0.1 * limits(self.mass).balance
+        return bool(np.max(np.real(values), initial=-np.inf) <= least * np.max(np.abs(values), initial=1e-300))
 
+    @as_its_system
     def mode(self, number: int, amplitude: float = 0.1, poses: int = 41) -> Motion:
         """One period of a mode as a motion, to be drawn or animated.
 
@@ -129,6 +130,7 @@ class Linearisation:
 
 
 @public
+@as_its_system
 def linearise(
     system: System,
     state: Motion | Equilibrium | Inputs | None = None,

@@ -37,7 +37,7 @@ from jaxnc.system.on_lanes import reading
 from jaxnc.system.precision import numbers
 from jaxnc.system.structure import Formula
 from jaxnc.system.system import Parameters, System
-from jaxnc.system.topology import Topology
+from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import Array, ArrayLike, Coordinates, Float, Numbers
 from jaxnc.validate import as_real, as_scalars, call_user
 
@@ -416,13 +416,13 @@ def _parts(system: System, home: Numbers, par: Parameters) -> Any:
 def force_variables(top: Topology, number: int) -> np.ndarray:
     """Return the coordinates of every force of a block, ``(forces, variables)``."""
     block, dim = top.loads.forces[number], top.dim
-    count, axes = len(block.names), np.arange(dim)
+    count, axes = len(block.names), np.arange(dim, dtype=INDEX)
 
     def spread(which, offset):
-        at = np.array(which, dtype=np.int64).reshape(count, -1)
+        at = np.array(which, dtype=INDEX).reshape(count, -1)
         return ((offset + at)[:, :, None] * dim + axes).reshape(count, -1)
 
-    scalars = np.array(block.scalars, dtype=np.int64).reshape(count, -1)
+    scalars = np.array(block.scalars, dtype=INDEX).reshape(count, -1)
     return np.concatenate([spread(block.points, 0), spread(block.vectors, len(top.points)), scalars], axis=1)
 
 

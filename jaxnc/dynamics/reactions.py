@@ -47,6 +47,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import coefficients, refuse_rates
 from jaxnc.system.frames import spread, turns
 from jaxnc.system.identity import Owner, Thing, addresses, find
+from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
@@ -140,7 +141,7 @@ def _in_one_program(f: Callable[..., R]) -> Callable[..., R]:
     def call(self: "Reactions", *args: object, **named: object) -> R:
         return (f if is_concrete(self) else compiled)(self, *args, **named)
 
-    return call
+    return as_its_system(call)
 
 
 def all_parts(system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
@@ -182,6 +183,7 @@ class Reactions:
     multipliers: Array
     efforts: Array
 
+    @as_its_system
     def on(self, body: str, about: str | None = None, frame: str | None = None) -> dict[str, Wrench]:
         """All wrenches on a body: their sum is its mass times the acceleration of its centre, and its rate of spin.
 
@@ -201,6 +203,7 @@ class Reactions:
         """
         return self._name_wrenches(self._ledger(), _number(extended(self.motion.system).topology, body), about, frame)
 
+    @as_its_system
     def all(self) -> dict[str, dict[str, Wrench]]:
         """All wrenches on every body, as `on` returns them, about the centre of mass of each."""
         ledger = self._ledger()
@@ -347,6 +350,7 @@ class Reactions:
         called = [f"{name} (row {k + 1})" if often[name] > 1 else name for k, name in enumerate(names)]
         return {called[k]: self.multipliers[..., k] for k in chosen}
 
+    @as_its_system
     def unique(self) -> dict[str, bool]:
         """Which reactions and efforts equilibrium alone determines, in the first pose; the rest are of least norm.
 
@@ -362,13 +366,14 @@ class Reactions:
         view = plan(top, motion.driven, motion.held)
         inner = np.asarray(evaluate(dyn.eq, q)[1])[view.rows][:, view.unknown]
         left, values, _ = np.linalg.svd(inner)
-        rank = int(np.sum(values > 1e-9 * values[0])) if len(values) else 0
+        least = limits(inner).balance
+        rank = int(np.sum(values > 0.1 * least * values[0])) if len(values) else 0
         # Self-stress: multipliers that put no force on what moves. A reaction is unique if none of them reaches it.
         stress = np.zeros((left.shape[1] - rank, len(top.rows) + len(top.rate_rows)))
         stress[:, view.rows] = left[:, rank:].T
         reached = _stress_reaches(dyn, view, q, stress)
         largest = max((float(np.abs(x).max(initial=0.0)) for x in reached.values()), default=0.0)
-        return {name: bool(np.abs(x).max(initial=0.0) <= 1e-8 * max(largest, 1e-6)) for name, x in reached.items()}
+        return {name: bool(np.abs(x).max(initial=0.0) <= least * max(largest, 1e-6)) for name, x in reached.items()}
 
     # -- inside ---------------------------------------------------------------------------------------------------
 
@@ -485,6 +490,7 @@ def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> 
     return {name: force for name, (_, _, force) in zip(names, out, strict=True)}
 
 
+@as_its_system
 def motion_reactions(motion: Motion, multipliers: Array) -> Reactions:
     """Return the reactions of a motion with its multipliers, with the efforts that its inputs then take."""
     found = Reactions(motion, multipliers, jnp.zeros((*motion.status.shape, len(motion.driven) + len(motion.held))))
@@ -553,6 +559,7 @@ class InverseDynamics(Reactions):
 
 
 @public
+@as_its_system
 def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
     """Find the efforts of the inputs for a prescribed motion, and the reactions in every joint.
 

@@ -1045,4 +1045,14 @@ def _with_real(tree: PyTree, real: list) -> PyTree:
     return jax.tree.map(lambda x: next(each) if _is_real(x) else x, tree)
 
 
-_RULES = Rules(_value, _tangent, _cotangent)
+def _in_its_numbers(rule: Callable) -> Callable:
+    """Return a rule, which JAX may call where the width of the system's numbers is no longer in force."""
+
+    def inner(question: _Question, x: list, *more: PyTree) -> PyTree:
+        with numbers_as(x[0]):  # points of the design
+            return rule(question, x, *more)
+
+    return inner
+
+
+_RULES = Rules(*map(_in_its_numbers, (_value, _tangent, _cotangent)))

@@ -18,7 +18,7 @@ from jax.custom_batching import custom_vmap
 from jaxnc.autodiff import solve_linear
 from jaxnc.process import one_thread
 from jaxnc.solvers import dense
-from jaxnc.system.precision import numbers
+from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Float
 
 
@@ -33,7 +33,7 @@ def saddle(
     m, n = jacobian.shape
     h, j = lax.stop_gradient((hessian, jacobian))
     # ε where rows are redundant: larger is safer at singular positions, smaller converges faster
-    small = 1e-9 if redundant else 1e-13
+    small = limits(jacobian).redundant if redundant else limits(jacobian).damping
     matrix = jnp.concatenate(
         [jnp.concatenate([h, j.T], axis=1), jnp.concatenate([j, -small * jnp.eye(m)], axis=1)], axis=0
     )

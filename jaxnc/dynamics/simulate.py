@@ -27,6 +27,7 @@ from jaxnc.kinematics.inputs import array, finite, in_radians, outside, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.status import Status
 from jaxnc.system.equations import refuse_rates
+from jaxnc.system.precision import as_its_system, more_digits
 from jaxnc.system.system import System
 from jaxnc.types import Array, Numbers, PyTree
 from jaxnc.validate import as_real, call_user
@@ -36,6 +37,7 @@ FIXED = ("rk4", "generalised alpha")
 
 
 @public
+@as_its_system
 def simulate(
     system: System,
     t: Any,
@@ -271,4 +273,4 @@ def _check_reached(flow: Flow, run: Simulation, method: str) -> None:
     if blamed:
         raise AssemblyError(f"{said}: force {blamed!r} is not finite there")
     found = Status(int(status[bad[0]]))
-    raise AssemblyError(f"{said}. {found.sentence} {_HINTS.get(found, '')}")
+    raise AssemblyError(f"{said}. {found.sentence} {_HINTS.get(found, '')}{more_digits(q)}")

@@ -20,6 +20,7 @@ from jaxnc.solvers.assembly import derive, free_plan, rank_of, to_host
 from jaxnc.solvers.newton import attach_start
 from jaxnc.status import Status
 from jaxnc.system.equations import coefficients, weights
+from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Inputs, Numbers, PyTree
@@ -222,7 +223,7 @@ def _solve_rows(h: np.ndarray, j: np.ndarray, f: np.ndarray, g: np.ndarray) -> n
     m, n = j.shape
     true = np.block([[h, j.T], [j, np.zeros((m, m))]])
     right, z = np.concatenate([f, g]), np.zeros(n + m)
-    # 1e-9 on the diagonal of rows, as in `jaxnc.dynamics.saddle`, with as many refinements
+    # As in `jaxnc.dynamics.saddle`, with as many refinements; always of 64 bits.
     inverse = np.linalg.inv(true - 1e-9 * np.diag(np.repeat([0.0, 1.0], [n, m])))
     for _ in range(4):
         z = z + inverse @ (right - true @ z)
@@ -260,7 +261,7 @@ def check_begin(flow: Flow, q: Array) -> None:
 
 def _check_inertia(flow: Flow, slopes: np.ndarray) -> None:
     """Refuse a mechanism of which a motion that the rows admit has no inertia: its acceleration is not determined."""
-    none = 1e-13  # of the largest inertia: a motion has none below
+    none = limits(flow.dyn.mass).nothing  # of the largest inertia: a motion has none below
     top, view = flow.dyn.topology, flow.view
     whole = np.asarray(flow.dyn.mass)
     if np.linalg.eigvalsh(whole)[0] < -none * np.abs(whole).max():

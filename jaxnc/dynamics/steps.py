@@ -20,6 +20,7 @@ from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, StageSol
 from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.solvers import dense
+from jaxnc.system.precision import WIDE, active
 from jaxnc.types import AnyArray, Array, ArrayLike, PyTree
 
 
@@ -153,14 +154,17 @@ METHODS: dict[str, Method] = {
 
 
 @functools.cache
-def phases_of(method: str, settled: bool) -> dict[str, np.ndarray]:
-    """Tabulate the phases of a step, a row of every table for each phase."""
+def phases_of(method: str, settled: bool, dtype: np.dtype = WIDE) -> dict[str, np.ndarray]:
+    """Tabulate the phases of a step, a row of every table for each phase.
+
+    There is a table for each width of numbers: JAX remembers what it made of an array, whatever its setting was then.
+    """
     found = METHODS[method]
     s = len(found.times)
     stages = np.arange(1, s - 1)  # the first is known, the last comes after the corrections
     ends = [POSITION, VELOCITY, ACCELERATION] if settled else [ACCELERATION]
     number = np.array([*stages, *(s - 1,) * len(ends)])
-    return {
+    tables = {
         "stage": np.array([*(ACCELERATION,) * len(stages), *ends], np.int32),
         "number": number.astype(np.int32),
         "fresh": np.arange(len(number)) <= len(stages),  # where the state is put together from the stages
@@ -170,6 +174,7 @@ def phases_of(method: str, settled: bool) -> dict[str, np.ndarray]:
         "place": (found.rows @ found.rows)[number],
         "share": found.rows[-1][np.minimum(number, s - 1)] * (number < s - 1),
     }
+    return {name: x.astype(dtype) if x.dtype == WIDE else x for name, x in tables.items()}
 
 
 class Phase(NamedTuple):
@@ -214,7 +219,7 @@ def step(
 
     first = StageSolution(state.a, state.multipliers, state.gap, state.slip)
     start = (state.q, state.v, stages.begin(), first, jnp.zeros(()))
-    (q, v, memory, last, miss), each = jax.lax.scan(phase, start, (phases_of(method, settled), known))
+    (q, v, memory, last, miss), each = jax.lax.scan(phase, start, (phases_of(method, settled, active()), known))
     return MotionState(q, v, *last), stages.errors(memory, miss), each
 
 
@@ -316,7 +321,7 @@ class _StoredStages:
 
     def errors(self, memory: Array, miss: Array) -> tuple[Array, Array]:
         """Estimate the errors of pose and rates; what the stages were not solved to is added."""
-        h, weights = self.h, self.method.error
+        h, weights = self.h, self.method.error.astype(memory.dtype)
         q, v = h * h * ((weights @ self.method.rows) @ memory), h * (weights @ memory)
         return jnp.abs(q) + h * h * miss, jnp.abs(v) + h * miss
 

@@ -38,6 +38,13 @@ class Limits(NamedTuple):
     crossing: float  # of the size: so short a step may change an orientation sign
     told: float  # radians: where neighbouring numbers are farther apart, turns are not told
     whole: float  # of the way: what is left of it when it is done
+    # On the diagonal of redundant rows of a motion: rounding of a pivot that ought to be zero is less.
+    redundant: float
+    nothing: float  # of the largest inertia or stiffness: what is smaller is none
+    force: float  # of the largest: less is not gained by another step to an equilibrium
+    balance: float  # of the largest: what may be left of forces that balance
+    step: float  # relative: what a step that follows its errors errs by at least
+    instant: float  # of the time: instants that are no farther apart are the same
     misfit: float  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
     tiny: float  # keeps a divisor from being zero
 
@@ -58,6 +65,12 @@ _BOTH = {
     "crossing": (1e-6, 1e-4),
     "told": (1e-7, 1e-3),
     "whole": (1e-9, 1e-6),
+    "redundant": (1e-9, 1e-4),
+    "nothing": (1e-13, 1e-6),
+    "force": (1e-13, 1e-7),
+    "balance": (1e-8, 1e-5),  # 1e-11 and 1e-7 are left of it by rounding
+    "step": (0.0, 1e-6),
+    "instant": (1e-14, 1e-7),
     "misfit": (1e-7, 1e-4),
     "tiny": (1e-300, 1e-37),
 }
@@ -69,6 +82,11 @@ _AS_IT_IS = contextlib.nullcontext()
 def limits(like: Numbers) -> Limits:
     """Limits of what counts as nothing among numbers like those of an array."""
     return _SINGLE if like.dtype == NARROW else _DOUBLE
+
+
+def more_digits(like: Numbers) -> str:
+    """Hint at 64 bits for messages, where numbers have 32."""
+    return "" if like.dtype != NARROW else ". Its numbers have 32 bits: more digits has system.astype('float64')"
 
 
 def farthest(like: Numbers) -> float:
@@ -173,11 +191,12 @@ def widened(f: Callable) -> Callable:
 
 
 def as_its_system(f: Callable) -> Callable:
-    """An analysis, whose first argument is a system: calculated with numbers such as the system's."""
+    """An analysis, whose first argument is a system or has one: calculated with numbers such as the system's."""
 
     @functools.wraps(f)
     def inner(system, *arguments, **options):
-        points = getattr(getattr(system, "parameters", None), "points", None)
+        found = getattr(system, "system", getattr(getattr(system, "motion", None), "system", system))
+        points = getattr(getattr(found, "parameters", None), "points", None)
         if points is None or not hasattr(points, "dtype"):  # refused by the analysis itself
             return f(system, *arguments, **options)
         with numbers(points):

@@ -1,0 +1,141 @@
+"""Dynamics of systems with 32-bit numbers against the same with 64-bit ones, whatever JAX's setting is."""
+
+import json
+import subprocess
+import sys
+import textwrap
+
+import jax
+import numpy as np
+import pytest
+from places import ROOT
+
+import jaxnc as nc
+
+DIGITS = 1e-4  # of the largest: six digits of a pose, of which stiffnesses and half a second of a swing lose two
+T = np.linspace(0, 0.5, 6)
+
+
+def pendulum() -> nc.Mechanism:
+    """A rod that hangs level from its pin."""
+    m = nc.Mechanism("pendulum")
+    m.ground("O", (0, 0))
+    m.point("A", (1, 0))
+    m.body("rod", ["O", "A"], mass=1.0)
+    m.angle("a", at="O", to="A")
+    m.gravity = (0, -9.81)
+    return m
+
+
+def four_bar() -> nc.Mechanism:
+    """A crank-rocker with a spring, masses on all bars, and a gravity that lets it swing."""
+    m = nc.Mechanism("four-bar")
+    m.ground("A", (0, 0))
+    m.ground("D", (0.4, 0))
+    m.point("B", (0, 0.1))
+    m.point("C", (0.33, 0.29))
+    m.body("crank", ["A", "B"], mass=0.5)
+    m.body("coupler", ["B", "C"], mass=1.2, com=(0.15, 0.22), inertia=0.01)
+    m.body("rocker", ["C", "D"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    m.spring("return", "B", "D", stiffness=60.0)
+    m.damper("bearing", "phi", damping=0.002)
+    return m
+
+
+def answers(system: nc.System) -> dict[str, np.ndarray]:
+    """Everything that dynamics says of a system, by name; each must have numbers like the system's."""
+    name = system.topology.scalars[0]
+    found = {}
+    # All methods of the smaller one, which is compiled sooner.
+    for method in ("dopri8", "generalised alpha", "kvaerno5", "rk4") if name == "a" else ("dopri8", "rk4"):
+        step = {} if method in ("dopri8", "kvaerno5") else {"step": 1e-3}
+        run = nc.simulate(system, T, rates={name: 1.0}, method=method, **step)
+        found[method] = run.q
+    assert not np.any(np.asarray(run.status))
+    found |= {"rates": run.rates[0], "energy": run.energy, "kinetic": nc.dynamics.kinetic_energy(run)}
+    assert "energy balance" in run.report()
+    point = "A" if name == "a" else "B"
+    body = system.topology.bodies[0].name
+    felt = nc.reactions(run)
+    found |= {"at": felt.at(point, on=body).force, "on": felt.on(body)["weight"].force}
+    rest = nc.equilibrium(system)
+    assert rest.stable
+    about = nc.linearise(system, rest)
+    assert about.stable
+    found |= {"rest": rest.motion.q, "stiffness": rest.stiffness, "frequencies": about.frequencies}
+    found |= {"held": nc.equilibrium(system, hold={name: 0.5}).reactions.effort(name)}
+    motion = nc.motion(system, {name: lambda t: 10 * t}, T)
+    found |= {"effort": nc.inverse_dynamics(system, motion)[name], "driven": nc.reactions(motion).effort(name)}
+    field = nc.dynamics.vector_field(system)
+    found |= {"field": field(0.0, field.start(rates={name: 1.0}))[1]}
+    assert [name for name, x in found.items() if x.dtype != system.dtype] == []
+    return {name: np.asarray(x, float) for name, x in found.items()}
+
+
+def gradients(system: nc.System) -> dict[str, np.ndarray]:
+    """Derivatives of a simulation and of an equilibrium by the design, also under ``jit``."""
+    t, name = T[:3], system.topology.scalars[0]
+
+    def swing(s: nc.System, method: str) -> jax.Array:
+        step = {} if method == "dopri8" else {"step": 5e-3}
+        return nc.simulate(s, t, rates={name: 1.0}, method=method, **step)[name][-1]
+
+    found = {"dopri8": jax.grad(swing)(system, "dopri8")}
+    found["jit"] = jax.jit(jax.grad(lambda s: swing(s, "rk4")))(system)
+    found["rest"] = jax.grad(lambda s: nc.equilibrium(s)[name])(system)
+    assert {str(x.dtype) for x in jax.tree.leaves(found)} == {str(system.dtype)}
+    return {k: np.concatenate([np.asarray(x, float).reshape(-1) for x in jax.tree.leaves(v)]) for k, v in found.items()}
+
+
+def near(found: dict, wanted: dict) -> None:
+    assert found.keys() == wanted.keys()
+    for name, x in wanted.items():
+        np.testing.assert_allclose(found[name], x, rtol=0, atol=DIGITS * max(np.max(np.abs(x)), 1e-3), err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def wide() -> dict[str, dict[str, np.ndarray]]:
+    """The answers of 64 bits; asked first, as what JAX remembers of them must not be met by 32 bits."""
+    return {make.__name__: answers(make().compile()) for make in (pendulum, four_bar)} | {
+        "gradients": gradients(four_bar().compile())
+    }
+
+
+@pytest.mark.parametrize("make", [pendulum, four_bar])
+def test_answers_are_those_of_64_bits(wide, make):
+    near(answers(make().compile(dtype="float32")), wide[make.__name__])
+
+
+@pytest.mark.slow
+def test_gradients_are_those_of_64_bits(wide):
+    near(gradients(four_bar().compile(dtype="float32")), wide["gradients"])
+
+
+def test_a_simulation_that_breaks_off_names_what_has_more_digits():
+    system = four_bar().compile(dtype="float32")
+    with pytest.raises(nc.AssemblyError, match=r"most=.*32 bits.*astype\('float64'\)"):
+        nc.simulate(system, T, rates={"phi": 1.0}, most=5)
+
+
+@pytest.mark.slow
+def test_without_64_bit_numbers(wide):
+    script = """
+        import sys
+        sys.path += ["tests", "tests/dynamics"]
+        import json, warnings
+        warnings.simplefilter("error")
+        import jax
+        jax.config.update("jax_enable_x64", False)
+        from test_dynamics_precision import answers, four_bar, gradients
+        system = four_bar().compile(dtype="float32")
+        print(json.dumps([{k: x.tolist() for k, x in f(system).items()} for f in (answers, gradients)]))
+    """
+    run = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, cwd=ROOT, timeout=500
+    )
+    assert run.returncode == 0, run.stderr[-2000:]
+    found, slopes = json.loads(run.stdout)
+    near(found, wide["four_bar"])
+    near(slopes, wide["gradients"])
