@@ -179,9 +179,7 @@ def circuits(
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most)
     range_ = _Range(design, family, order, values, k, seed)
     angle = system.topology.is_angle(moving[0])
-    turn = (values[-1, k] - values[0, k]) / (2.0 * math.pi)
-    closes = angle and turn > 0.5 and abs(turn - round(turn)) < 1e-9  # a whole number of turns long
-    found = _join(range_, closes)
+    found = _join(range_, angle)
     motion = functools.partial(to_motion, system, view)
     return _report(system, range_, found, motion, moving[0], inputs, hold, angle)
 
@@ -251,7 +249,7 @@ class _Strand:
         return self.first + len(self.modes) - 1
 
 
-def _join(range_: _Range, closes: bool) -> tuple[list[_Strand], list[int]]:
+def _join(range_: _Range, angle: bool) -> tuple[list[_Strand], list[int]]:
     """Strands, and which circuit each belongs to."""
     steps = range_.connect()
     strands: list[_Strand] = []
@@ -286,7 +284,7 @@ def _join(range_: _Range, closes: bool) -> tuple[list[_Strand], list[int]]:
                         setattr(strands[s], side, value)
                     joined.append(pair)
         here = then
-    if closes:
+    if angle:
         joined += _close(range_, strands)
     graph = np.zeros((len(strands), len(strands)))
     graph[tuple(np.array(joined, int).reshape(-1, 2).T)] = 1.0
@@ -311,21 +309,24 @@ def _pairs(range_: _Range, strands: list[_Strand], some: list[int], k: int) -> l
 
 
 def _close(range_: _Range, strands: list[_Strand]) -> Iterator[tuple[int, int]]:
-    """Join what ends with a whole number of turns to what begins there: pairs of strands."""
-    first, last = range_.places[0], range_.places[-1]
-    size = range_.design.reading.first
+    """Join what is a whole number of turns behind the begin to what begins there: pairs of strands."""
+    turned = (range_.values[:, range_.k] - range_.values[0, range_.k]) / (2.0 * np.pi)
+    first, last, size = range_.places[0], len(turned) - 1, range_.design.reading.first
     unit = range_.design.unit[:size, None]
-    for k, strand in enumerate(strands):
-        if strand.last != len(range_.places) - 1 or strand.end is not None:
-            continue
-        pose = last.q[:size, strand.modes[-1] : strand.modes[-1] + 1]
-        apart = np.abs((first.q[:size] - pose) / unit).max(axis=0, initial=0.0)
-        if len(apart) and apart.min() < _SAME:
-            mode = int(apart.argmin())
-            for other, one in enumerate(strands):
-                if one.first == 0 and one.modes[0] == mode:
-                    strand.turns = one.turns = True
-                    yield k, other
+    begin = {strand.modes[0]: k for k, strand in enumerate(strands) if strand.first == 0}
+    for at in np.flatnonzero((turned > 0.5) & (np.abs(turned - np.round(turned)) < 1e-9)):
+        for k, strand in enumerate(strands):
+            if not strand.first <= at <= strand.last:
+                continue
+            mode = strand.modes[at - strand.first]
+            apart = np.abs((first.q[:size] - range_.places[at].q[:size, mode : mode + 1]) / unit).max(
+                axis=0, initial=0.0
+            )
+            if len(apart) and apart.min() < _SAME:
+                other = begin[int(apart.argmin())]
+                if at == last and strand.end is None:
+                    strand.turns = strands[other].turns = True
+                yield k, other
 
 
 def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, hold, angle: bool) -> Circuits:

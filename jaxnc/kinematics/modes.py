@@ -214,7 +214,7 @@ def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, pro
         base.check_cases(design.x, design.constants)
         rng = np.random.default_rng([seed, 33])
         generic = draw_generic(design, rng)
-        if base.freedoms(*generic) < len(inputs):
+        if base.freedoms(*generic) < sum(not base.top.fixed[c] for c in inputs):
             raise NoMember  # overconstrained: generic dimensions do not move
         reading = base.paired(*generic)
         # A row that others tie down would contradict them on the way from one member to another: half turns are then

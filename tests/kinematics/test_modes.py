@@ -558,6 +558,14 @@ def test_relations_of_lengths():
     np.testing.assert_allclose(lengths, string)
 
 
+def test_a_coordinate_of_the_ground_is_driven():
+    m = planar("rocker", dict(A=(0, 0), D=(4, 0)), dict(B=(0, 1), C=(3.3, 2.9)), ["AB", "BC", "CD"], "AB")
+    system, inputs = m.compile(), {"phi": 1.2, "A.x": 0.3}
+    found = nc.modes(system, inputs)
+    assert found.complete and len(found) == 2
+    np.testing.assert_allclose(found.poses["C"][0], nc.solve_position(system, inputs)["C"], atol=ROUNDING)
+
+
 def test_values_at_which_linear_rows_divide_by_zero():
     five = planar("five-bar", dict(A=(0, 0), E=(2, 0)), dict(B=(-0.8, 1.2), D=(2.9, 1.1), P=(1, 2.5)),
                   ["AB", "BP", "DP", "ED"]).compile()  # fmt: skip
@@ -584,6 +592,15 @@ def test_a_mechanism_far_from_the_origin(away):
     near, far = range_of(0.0), range_of(away)
     assert far.count.tolist() == near.count.tolist() and far.doubtful == near.doubtful == 0
     np.testing.assert_allclose(far.dead_points, near.dead_points, atol=1e-7)
+
+
+def test_a_circuit_comes_back_after_each_turn():
+    """A crank with dead points at 85.2 and 274.8 degrees, over one turn and over two."""
+    m = planar("rocker", dict(A=(0, 0), D=(4, 0)), dict(B=(1.5, 0.9), C=(3.3, 2.0)), ["AB", "BC", "CD"], "AB")
+    system = m.compile()
+    found = [nc.circuits(system, {"phi": np.linspace(0.0, turns * 2 * np.pi, 90 * turns + 1)}) for turns in (1, 2)]
+    assert len(found[0]) == len(found[1]) == 1 and not found[0].doubtful + found[1].doubtful
+    assert len(found[0].dead_points) == 2 and len(found[1].dead_points) == 4
 
 
 def test_dead_points_are_within_their_step():
