@@ -192,14 +192,16 @@ def widened(f: Callable) -> Callable:
 
 def as_its_system(f: Callable) -> Callable:
     """An analysis, whose first argument is a system or has one: calculated with numbers such as the system's."""
+    first = next(iter(inspect.signature(f).parameters))
 
     @functools.wraps(f)
-    def inner(system, *arguments, **options):
-        found = getattr(system, "system", getattr(getattr(system, "motion", None), "system", system))
+    def inner(*arguments, **options):
+        given = arguments[0] if arguments else options.get(first)
+        found = getattr(given, "system", getattr(getattr(given, "motion", None), "system", given))
         points = getattr(getattr(found, "parameters", None), "points", None)
         if points is None or not hasattr(points, "dtype"):  # refused by the analysis itself
-            return f(system, *arguments, **options)
+            return f(*arguments, **options)
         with numbers(points):
-            return f(system, *arguments, **options)
+            return f(*arguments, **options)
 
     return inner
