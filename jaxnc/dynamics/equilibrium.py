@@ -208,8 +208,9 @@ def _indifferent(k: Array, p: Array) -> Array:
 
 def _balanced_change(_: None, found: tuple[Array, Array], args: tuple, changes: tuple) -> tuple[Array, Array]:
     """Change an equilibrium and its multipliers with the design: forces stay balanced, and rows are met."""
+    flow, ok = args
     with numbers(found[0]):
-        return _changed(found, *args, changes)
+        return _changed(found, flow, ok, changes)
 
 
 def _changed(found: tuple[Array, Array], flow: Flow, ok: Array, changes: tuple) -> tuple[Array, Array]:
