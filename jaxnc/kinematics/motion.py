@@ -355,12 +355,12 @@ class Motion(Drawn):
         status = np.asarray(self.status).reshape(-1)
         if not status.any():
             return self
-        bad = np.flatnonzero(status)
+        bad, known = np.flatnonzero(status), jax.lax.stop_gradient(self)  # a gradient may be asked for
         kinds = [f"{int(np.sum(status == s))} × {Status(s).sentence}" for s in np.unique(status[bad]).tolist()]
         inputs = []
         for name in self.driven:
-            value = float(np.asarray(self.inputs[name]).reshape(-1)[bad[0]])
-            got = float(np.asarray(self[name]).reshape(-1)[bad[0]])
+            value = float(np.asarray(known.inputs[name]).reshape(-1)[bad[0]])
+            got = float(np.asarray(known[name]).reshape(-1)[bad[0]])
             inputs.append(f"{name} = {value:.6g} (the motion got to {got:.6g})")
         where = f"; the first is pose {bad[0]}, {', '.join(inputs)}" if inputs else ""
         ended = bool({int(Status.SINGULAR), int(Status.DID_NOT_ASSEMBLE)} & {*status[bad].tolist()})

@@ -406,6 +406,7 @@ def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> No
         return
     if not status:
         return
+    eq, motion = jax.lax.stop_gradient((eq, motion))  # it is differentiated where a gradient is asked for
     text = f"{motion.system.name!r}: {Status(int(status)).sentence}"
     if int(status) == Status.DID_NOT_ASSEMBLE and start:
         worst = worst_rows(motion.system, eq, np.asarray(motion.q))

@@ -232,3 +232,16 @@ def test_what_is_held_follows_lengths_that_are_given():
             d[k] = h
             slope = (held(system.replace({name: x + d})) - held(system.replace({name: x - d}))) / (2 * h)
             assert abs(np.asarray(got[name])[k] - slope) < 1e-8  # differences, of second order
+
+
+def test_a_gradient_where_a_pose_is_out_of_reach_tells_how_far_it_goes():
+    """A crank that stops at 139.9°: values are known where a gradient is asked for, though they are traced."""
+    m = nc.Mechanism("rocker")
+    m.ground("A", (0, 0)), m.ground("D", (4, 0)), m.point("B", (0, 1)), m.point("C", (3.3, 2.9))
+    m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C"]), m.body("rocker", ["C", "D"], lengths={("C", "D"): 1.0})
+    m.angle("phi", at="A", to="B")
+    system = m.compile()
+    with pytest.raises(nc.AssemblyError, match=r"as far as phi = 2\.44"):
+        jax.grad(lambda phi: nc.solve_position(system, {"phi": phi})["C"][0])(3.0)
+    with pytest.raises(nc.AssemblyError, match=r"got to 2\.44"):
+        jax.grad(lambda k: nc.sweep(system, {"phi": k * np.array([1.0, 2.0, 3.0])}, throw=True)["C"][-1, 0])(1.0)
