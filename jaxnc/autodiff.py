@@ -79,15 +79,19 @@ def solve_linear(
         transposed: likewise of the transposed function; the function is symmetric if not given.
     """
 
-    def tied(parts: tuple) -> tuple:
+    def tie_parts(parts: tuple) -> tuple:
         alike = len({jnp.shape(part) for part in parts}) == 1
         none = 0.0 * functools.reduce(jnp.add, parts if alike else [jnp.sum(part) for part in parts])
         return tuple(part + none for part in parts)
 
     back = None if transposed is None else lambda _, given: transposed(given)
-    return tied(
+    return tie_parts(
         lax.custom_linear_solve(
-            lambda x: tied(product(tied(x))), tied(right), lambda _, given: solve(given), back, symmetric=back is None
+            lambda x: tie_parts(product(tie_parts(x))),
+            tie_parts(right),
+            lambda _, given: solve(given),
+            back,
+            symmetric=back is None,
         )
     )
 

@@ -210,10 +210,10 @@ def _balanced_change(_: None, found: tuple[Array, Array], args: tuple, changes: 
     """Change an equilibrium and its multipliers with the design: forces stay balanced, and rows are met."""
     flow, ok = args
     with numbers(found[0]):
-        return _changed(found, flow, ok, changes)
+        return _change_equilibrium(found, flow, ok, changes)
 
 
-def _changed(found: tuple[Array, Array], flow: Flow, ok: Array, changes: tuple) -> tuple[Array, Array]:
+def _change_equilibrium(found: tuple[Array, Array], flow: Flow, ok: Array, changes: tuple) -> tuple[Array, Array]:
     view, eq = flow.view, flow.dyn.eq
     q, lam = jnp.where(ok, found[0], eq.home), jnp.where(ok, found[1], 0.0)
 

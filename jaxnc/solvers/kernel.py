@@ -145,13 +145,13 @@ class _AllRows:
         """Return the least-squares solution for one right-hand side, differentiable to any order."""
         known, count = lax.stop_gradient(slopes), len(right)
 
-        def split(parts: tuple) -> tuple[tuple, tuple]:
+        def rows_and_columns(parts: tuple) -> tuple[tuple, tuple]:
             return parts[:count], parts[count:]
 
         return solve_linear(
-            lambda x: sum(_augmented(slopes, *split(x)), ()),
+            lambda x: sum(_augmented(slopes, *rows_and_columns(x)), ()),
             (*right, *(jnp.zeros_like(right[0]) for _ in self._pure)),
-            lambda b: sum(self._solve_augmented(eq, known, *split(b)), ()),
+            lambda b: sum(self._solve_augmented(eq, known, *rows_and_columns(b)), ()),
         )[count:]
 
     def _solve_augmented(self, eq: Equations, slopes: dict, b: tuple, c: tuple) -> tuple[tuple, tuple]:
