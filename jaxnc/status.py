@@ -48,8 +48,8 @@ _SENTENCES = {
     ),
     Status.TOO_MANY_STEPS: "The simulation broke off before: it had made as many steps as it may.",
     Status.CAME_APART: (
-        "The simulation broke off before: its constraints could no longer be met, or its numbers were no longer finite "
-        "(a step too long, a singular position, an input beyond reach)."
+        "The simulation broke off before: its constraints could no longer be met, its rates jumped, or its numbers "
+        "were no longer finite (a step too long, a singular position, an input beyond reach)."
     ),
     Status.STOPPED: "The simulation had stopped before, at the event that it was asked to stop at.",
     Status.NOT_REACHED: "Not reached: the motion had already stopped at an earlier pose.",

@@ -220,7 +220,7 @@ def _show_trace_page(options: argparse.Namespace) -> int:
 
     if options.page:
         path = trace_page(options.page)
-        print(f"  {path}  a page that needs no Python ({path.stat().st_size / 1000:.0f} kB)")
+        list_files([(path, f"a page that needs no Python, {path.stat().st_size / 1000:.0f} kB")], options.verdict)
         return 0
     with TraceServer(options.port) as server:
         print(f"  {server.url}  draw there; Ctrl-C ends it", flush=True)

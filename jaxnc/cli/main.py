@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NoReturn
 
 import jaxnc
@@ -223,6 +223,20 @@ def configure(no_cache: bool) -> None:
     jax.config.update("jax_enable_compilation_cache", False)
 
 
+_KEYS = -(2**63), 2**63 - 1
+
+
+def _whole(low: int, high: int) -> Callable[[str], int]:
+    """Return the reader of an option that is a whole number from low to high."""
+
+    def read(text: str) -> int:
+        if not re.fullmatch(r"[+-]?\d+", text) or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(f"{text}: expected a whole number from {low} to {high}")
+        return int(text)
+
+    return read
+
+
 def command_parser() -> argparse.ArgumentParser:
     """The parser of all commands and their options."""
     parser = _Parser(
@@ -280,7 +294,7 @@ def command_parser() -> argparse.ArgumentParser:
     synthesise.add_argument("--starts", type=int, metavar="N", help="random designs to look at")
     synthesise.add_argument("--refine", type=int, metavar="N", help="how many of them are refined")
     synthesise.add_argument("--seconds", type=float, metavar="S", help="stop after so long")
-    synthesise.add_argument("--key", type=int, metavar="N", help="another number gives other random designs")
+    synthesise.add_argument("--key", type=_whole(*_KEYS), metavar="N", help="another number gives other random designs")
     synthesise.add_argument("--checkpoint", metavar="FILE", help="keep the search in FILE while it runs")
     synthesise.add_argument("--resume", metavar="FILE", help="go on with the search that was kept in FILE, and keep it")
     synthesise.add_argument("--out", metavar="DIR", help="write the designs as model files, and pictures, into DIR")
@@ -292,10 +306,12 @@ def command_parser() -> argparse.ArgumentParser:
     trace.add_argument(
         "--page", metavar="HTML", nargs="?", const="", help="draw the curve on a page; with a name, one without Python"
     )
-    trace.add_argument("--port", type=int, default=0, metavar="N", help="of the page (any that is free)")
+    trace.add_argument("--port", type=_whole(0, 65535), default=0, metavar="N", help="of the page (any that is free)")
     trace.add_argument("--bars", metavar="N[,N]", help="numbers of links: 4, 6, 8 (all)")
     trace.add_argument("--seconds", type=float, default=60.0, metavar="S", help="time for the search (60)")
-    trace.add_argument("--key", type=int, default=0, metavar="N", help="another number gives other random designs")
+    trace.add_argument(
+        "--key", type=_whole(*_KEYS), default=0, metavar="N", help="another number gives other random designs"
+    )
     ends = trace.add_mutually_exclusive_group()
     ends.add_argument("--closed", action="store_true", default=None, help="the last point is joined to the first")
     ends.add_argument("--open", action="store_false", dest="closed", help="it is not; without either, where they meet")

@@ -169,9 +169,15 @@ def read_modes(options: argparse.Namespace) -> Question:
 def read_curve(options: argparse.Namespace) -> Question:
     """Read the curve that is to be traced; the mechanism is an empty one that bears its name."""
     if options.page is not None and options.file is None:
+        plain = {"seconds": 60.0, "key": 0, "no_sliders": False, "no_pictures": False}
+        for name in ("bars", "transmission", "out", "checkpoint", "resume", "closed", *plain):
+            if (given := getattr(options, name)) != plain.get(name):
+                told = "open" if name == "closed" and not given else name.replace("_", "-")
+                raise InputError(f"trace: --{told} is for a search of a FILE, and --page draws; leave one of them out")
         return replace(_question(Mechanism("trace"), record.Run(), options), title="a page to draw a curve on")
     if options.file is None or options.page is not None:
-        raise InputError("trace: give the FILE of a curve, or --page to draw one")
+        more = "" if options.file is None else ", not both"
+        raise InputError(f"trace: give the FILE of a curve, or --page to draw one{more}")
     from jaxnc.io.curve_files import load_curve
 
     points, closed = load_curve(options.file)

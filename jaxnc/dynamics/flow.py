@@ -14,7 +14,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -590,6 +590,7 @@ class WrittenFlow:
     flow: Flow  # the motion
     inverse: Array  # inverse of the mass matrix on the massed unknowns
     form: WrittenRows = static()  # the rows, and what follows from which
+    redundant: ClassVar[bool] = False
 
     @classmethod
     def of(cls, flow: Flow, freedom: int) -> "WrittenFlow | None":

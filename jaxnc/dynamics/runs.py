@@ -617,6 +617,11 @@ class ReplayedFlow:
     flow: Flow  # the motion, with its matrices prepared
     law: Law  # its numbers, by which it is differentiated
 
+    @property
+    def redundant(self) -> bool:
+        """Whether rows are redundant, or may become so."""
+        return self.flow.redundant
+
     def impose(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
         """Put the state where the drives have it, as `Flow.impose`."""
         return dataclasses.replace(self.flow, drive_args=self.law.drive_args).impose(t, q, v)

@@ -20,12 +20,17 @@ from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, StageSol
 from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.solvers import dense
-from jaxnc.system.precision import WIDE, active
+from jaxnc.system.precision import WIDE, active, limits
 from jaxnc.types import AnyArray, Array, ArrayLike, PyTree
 
 
 class Moving(Protocol):
     """A motion that can be integrated; coordinates are an array, or a tuple with one number for each."""
+
+    @property
+    def redundant(self) -> bool:
+        """Whether rows are redundant, or may become so."""
+        ...
 
     def impose(self, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Put driven coordinates of a state where the drives have them."""
@@ -194,9 +199,9 @@ def step(
     `settled` says whether the step ends on the constraints. What is `known` of all phases the motion takes as further
     arguments, its own in each.
     """
-    found = METHODS[method]
-    stages = (_ChainedStages if found.chained else _StoredStages)(found, h, state)
-    solve: Any = _implicit_stage(moving, found.implicit * h, t, state) if found.implicit else None
+    way = METHODS[method]
+    stages = (_ChainedStages if way.chained else _StoredStages)(way, h, state)
+    solve: Any = _implicit_stage(moving, way.implicit * h, t, state) if way.implicit else None
 
     def phase(carry, xs):
         row, more = xs
@@ -220,7 +225,27 @@ def step(
     first = StageSolution(state.a, state.multipliers, state.gap, state.slip)
     start = (state.q, state.v, stages.begin(), first, jnp.zeros(()))
     (q, v, memory, last, miss), each = jax.lax.scan(phase, start, (phases_of(method, settled, active()), known))
-    return MotionState(q, v, *last), stages.errors(memory, miss), each
+    last, errors = MotionState(q, v, *last), stages.errors(memory, miss)
+    if settled and not moving.redundant:
+        # Corrections are smaller than the estimate, but at singular positions, where they would take energy.
+        place, rate = (jax.tree.map(lambda x, k=k: x[k], each.solution.change) for k in (-3, -2))
+        if way.error.any():
+            errors = errors[0] + jnp.abs(place), errors[1] + jnp.abs(rate)
+        else:
+            torn = jnp.isinf(state.gap) | _tears(h, state, last, rate)
+            last = last._replace(gap=jnp.where(torn, jnp.inf, last.gap))
+    return last, errors, each
+
+
+def _tears(h: Array, old: MotionState, new: MotionState, correction: AnyArray) -> Array:
+    """Tell whether the rates were corrected by so much that the motion behind a step is another one."""
+
+    def most(x: AnyArray) -> Array:
+        return functools.reduce(jnp.maximum, [jnp.max(jnp.abs(e)) for e in jax.tree.leaves(x)])
+
+    much, rates, places = jax.lax.stop_gradient((most(correction), most((old.v, new.v)), most(new.q)))
+    # Steps that are worth something err by less than a hundredth; what is rounding tears nothing.
+    return (much > 0.01 * rates) & (h * much > limits(much).close * 1e-3 * places)
 
 
 def settle(moving: Moving, t: Array, state: MotionState) -> MotionState:

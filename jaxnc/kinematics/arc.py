@@ -83,6 +83,7 @@ class Travel(Reported):
         intervals: all of them, in the order in which the circuit passes them, the drawing's first; where it was not
             followed to its end, from one end to the other.
         system: the system, for its drawing.
+        ends: its values where the motion ends without turning back, since rows have no derivative there.
     """
 
     name: str
@@ -93,20 +94,23 @@ class Travel(Reported):
     closed: bool
     intervals: tuple[Interval, ...] = ()
     system: System | None = field(default=None, repr=False, compare=False)
+    ends: tuple[float, ...] = ()
 
     def __str__(self) -> str:
         if self.turns:
             return f"{self.name} turns fully: no dead point on its circuit"
-        if not self.dead_points:
+        if not self.dead_points and not self.ends:
             return f"{self.name}: no dead point found within {LONGEST:g} sizes of the mechanism along its motion"
-        lines = [f"{self.name} travels from {self.lower:.12g} to {self.upper:.12g}"]
+        digits = 9 if self.ends else 12  # an end is found by ever shorter steps
+        lines = [f"{self.name} travels from {self.lower:.{digits}g} to {self.upper:.{digits}g}"]
         lines += [f"  dead point, {d.kind} at {self.name} = {d.value:.12g}" for d in self.dead_points]
+        lines += [f"  ends at {self.name} = {end:.9g}: rows have no derivative there" for end in self.ends]
         if len({(round(i.lower, 9), round(i.upper, 9)) for i in self.intervals}) > 1:
             lines.append("  the circuit passes these intervals in turn, each as the next pose of the one before:")
             for k, one in enumerate(self.intervals, 1):
                 drawn = ", the drawing's" if one.drawn else ""
                 lines.append(f"    {k}: {self.name} from {one.lower:.12g} to {one.upper:.12g}{drawn}")
-        if not self.closed:
+        if not self.closed and len(self.ends) < 2:
             lines.append(f"  the circuit was not followed to its end (it is longer than {LONGEST:g} sizes)")
         if self.system is not None and (hint := circuits_hint(self.system, [self.name])):
             lines.append(f"  {hint}")
@@ -158,14 +162,20 @@ def travel(system: System, name: str, hold: Sequence[str] = (), start: Motion | 
     top, least = system.topology, -np.inf
     if name in top.scalars and top.blocks[top.measures[top.scalars.index(name)][0]].kind is DISTANCE_BETWEEN:
         least = 0.0  # of two points' distance: its mirror image is no motion of it
-    intervals = _intervals(line, behind, curve.closed, least)
+    (first, rising), (last, on) = ((float(curve.q[k][index]), curve.t[k][place] > 0) for k in (0, -1))
+    begin = [(first, "minimum" if rising else "maximum")] * curve.stuck[0]
+    end = [(last, "maximum" if on else "minimum")] * curve.stuck[1]
+    intervals = _intervals([*begin, *line, *end], behind + len(begin), curve.closed, least)
+    # What lies behind an end is none.
+    intervals = intervals[len(begin) : len(intervals) - len(end)]
     steady = abs(curve.t[drawn][place]) > 1e-9
     own = next((i for i in intervals if i.drawn), None) if steady or curve.closed else None
     lower, upper = (least, np.inf) if own is None else (own.lower, own.upper)
     all_poses = _pose(system, (name,), hold, np.array(poses)) if line else None
     met = [k for k in (*range(behind, len(line)), *range(behind - 1, -1, -1)) if line[k][0] >= least]
     found = [DeadPoint(*line[k], all_poses.pose(k)) for k in met] if all_poses is not None else []
-    return Travel(name, lower, upper, turns, tuple(found), curve.closed, intervals, system)
+    ends = tuple(value for value, _ in (*begin, *end))
+    return Travel(name, lower, upper, turns, tuple(found), curve.closed, intervals, system, ends)
 
 
 def _intervals(dead: list[tuple[float, str]], behind: int, closed: bool, least: float) -> tuple[Interval, ...]:
@@ -251,8 +261,9 @@ def _whole_curve(view: HostView, q: np.ndarray) -> TracedCurve:
     if ahead.closed:
         return ahead
     behind = trace_curve(view, q, -t)
-    turned = [-t for t in behind.t[:0:-1]]
-    return TracedCurve(behind.q[:0:-1] + ahead.q, turned + ahead.t, [-s for s in behind.s[:0:-1]] + ahead.s)
+    s, turned = [-s for s in behind.s[:0:-1]] + ahead.s, [-t for t in behind.t[:0:-1]]
+    stuck = behind.stuck[1], ahead.stuck[1]
+    return TracedCurve(behind.q[:0:-1] + ahead.q, turned + ahead.t, s, stuck=stuck)
 
 
 def _prepare(system: System, names, hold, start) -> tuple[HostView, np.ndarray]:

@@ -526,5 +526,6 @@ def transmission_angle(motion: "Motion", start: str, joint: str, end: str) -> Ar
     a, b, c = places
     d, w = a - b, c - b
     cosine = abs((d * w).sum(axis=-1))
-    sine = abs(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0])
-    return as_jax(_library_of(sine).arctan2(sine, cosine))
+    numeric, flat = _library_of(d), d.shape[-1] == 2
+    sine = abs(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0]) if flat else _vector_norm(numeric.cross(d, w))
+    return as_jax(numeric.arctan2(sine, cosine))

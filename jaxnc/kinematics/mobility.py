@@ -106,7 +106,7 @@ class Mobility(Reported):
             lines.append(f"  {self.velocities} freedoms of velocity, by rows that positions do not see: "
                          f"{list_first(self.slips, 12, '; ')}")  # fmt: skip
         if self.redundant:
-            harmless = "" if self.overconstrained else ", whatever its dimensions"
+            harmless = "" if self.overconstrained or self.conflicting else ", whatever its dimensions"
             lines.append(f"  redundant{harmless}: {list_first(self.redundant, 12, '; ')}")
             lines.append(f"  rows that depend on each other: {list_first(self.involved, 12, '; ')}")
         if self.overconstrained:

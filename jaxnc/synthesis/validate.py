@@ -71,11 +71,14 @@ def as_weights(values: object, count: int, what: str) -> np.ndarray:
     return out
 
 
-def as_timing(values: object, count: int, what: str, turn: float, ordered: bool = True) -> np.ndarray:
+def as_timing(
+    values: object, count: int, what: str, turn: float, ordered: bool = True,
+    remedy: str = "give travel=(low, high) if it turns more than once",
+) -> np.ndarray:  # fmt: skip
     """Check values of the input at the targets, in the order in which a mechanism comes through them, ``(count,)``.
 
     The input goes as far as `turn` at most: a whole turn of an angle, or the range that was given for it; twice as far
-    where the targets are not `ordered`.
+    where the targets are not `ordered`; `remedy` is what to do if that was meant.
     """
     out = as_sequence(values, count, what)
     way = 1.0 if out[-1] >= out[0] else -1.0
@@ -88,7 +91,7 @@ def as_timing(values: object, count: int, what: str, turn: float, ordered: bool 
             f"(numpy.unwrap)"
         )
     most = turn if ordered else 2 * turn
-    check_radians(out, what, most, "give travel=(low, high) if it turns more than once")
+    check_radians(out, what, most, remedy)
     return out
 
 

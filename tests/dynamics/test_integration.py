@@ -28,6 +28,8 @@ jax.monitoring.register_event_duration_secs_listener(_heard)
 class Oscillator:
     """q'' = -q, without constraints."""
 
+    redundant = False
+
     def impose(self, t, q, v):
         return q, v
 

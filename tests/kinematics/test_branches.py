@@ -104,6 +104,19 @@ def test_limits_of_travel_to_rounding(crank):
     assert "dead point" in str(found)
 
 
+def test_a_motion_that_ends_without_turning_back_has_limits():
+    """A rope over a peg through which its load slides: it is used up when the arm's end is 1.5 away."""
+    m = nc.Mechanism("hoist")
+    m.ground("A", (0, 0)), m.ground("H", (2, 0))
+    m.point("B", (1, 0)), m.point("W", (2, -0.5), fixed="x")
+    m.body("arm", ["A", "B"]), m.cable("rope", ["B", "H", "W"])
+    m.angle("phi", at="A", to="B")
+    found = nc.travel(m.compile(), "phi")
+    end = np.arccos((5 - 2.25) / 4)
+    assert found.upper == pytest.approx(end, abs=1e-7) and found.lower == pytest.approx(-end, abs=1e-7)
+    assert found.ends == (found.lower, found.upper) and str(found).count("ends at phi = ") == 2
+
+
 def test_a_slider_has_its_stroke_and_a_crank_turns():
     found = nc.travel(slider_crank(), "S.x")
     r, length, e = 0.1, 0.3, 0.02

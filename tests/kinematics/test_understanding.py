@@ -178,6 +178,15 @@ def test_transmission_angle_by_the_law_of_cosines():
     np.testing.assert_allclose(nc.transmission_angle(mo, "A", "B", "O4"), np.minimum(mu, np.pi - mu), atol=1e-12)
 
 
+def test_transmission_angle_in_space():
+    system = nc.library.rssr().compile()
+    mo = nc.sweep(system, {system.independent[0]: np.linspace(0.3, 0.6, 5)})
+    one, two = (np.asarray(mo[name]) - np.asarray(mo["B"]) for name in ("1", "2"))
+    cosine = np.sum(one * two, axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(two, axis=1)
+    found = nc.transmission_angle(mo, "1", "B", "2")
+    np.testing.assert_allclose(found, np.arccos(abs(cosine)), rtol=1e-10)
+
+
 def test_a_row_that_holds_nothing_is_named():
     """A Scotch yoke whose ends slide across its length: that has no slope there, a relation has."""
     yokes = []

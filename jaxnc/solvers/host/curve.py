@@ -28,12 +28,13 @@ class Corrected(NamedTuple):
 
 @dataclass
 class TracedCurve:
-    """Nodes of a traced curve: poses, tangents and arc length; whether it closed."""
+    """Nodes of a traced curve: poses, tangents and arc length; whether it closed, or cannot be followed at its ends."""
 
     q: list[np.ndarray] = field(default_factory=list)
     t: list[np.ndarray] = field(default_factory=list)
     s: list[float] = field(default_factory=list)
     closed: bool = False
+    stuck: tuple[bool, bool] = (False, False)
 
     def add(self, q: np.ndarray, t: np.ndarray, step: float) -> None:
         """Append a node `step` further along."""
@@ -164,6 +165,7 @@ def trace_curve(
         if not (r <= limit and moved <= 0.2 * h and t @ new > 0.97):
             h *= 0.5
             if h < shortest:
+                curve.stuck = (False, True)
                 break
             continue
         if within is not None:

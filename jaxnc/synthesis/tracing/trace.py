@@ -50,7 +50,7 @@ from jaxnc.synthesis.tracing.fit import (
 )
 from jaxnc.synthesis.tracing.linkage import INPUT, ChainDesign, to_mechanism
 from jaxnc.synthesis.tracing.plates import Walls, to_walls
-from jaxnc.synthesis.validate import as_floats, as_seed, as_time_limit, as_timing
+from jaxnc.synthesis.validate import as_floats, as_seed, as_timing, check_limit
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -74,6 +74,7 @@ _LEAST = float(np.radians(8.0))  # of the transmission angle
 _POSES = 720  # at which a design is judged
 _TURNS = {4: 1, 6: 2, 8: 3}  # how often linkages with so many bars are looked at
 _LONGEST = 86_400  # seconds
+_ONE_TURN = "a curve is passed in one turn of the crank"
 _ALONG = 2000  # points by arc length, of a distance between curves
 _ROUGHLY = 300  # points of a curve where designs are only put in order
 _ALIKE = 2e-3  # of the target's size: curves no farther apart are the same one
@@ -87,13 +88,23 @@ class Curve(NamedTuple):
     centre: np.ndarray  # (2,)
     size: float  # root mean square distance from the centre, by arc length
     even: np.ndarray  # corners at equal distances, in units of the size about the centre, (COUNT, 2)
-    own: np.ndarray  # the points as given, in the same units, at most COUNT of them
-    timing: np.ndarray | None  # of these, from zero on
+    timing: np.ndarray | None  # of the points as given, from zero on
 
     @property
     def line(self) -> np.ndarray:
         """The corners as they were given, the first one again at the end of a closed curve."""
         return np.vstack([self.given, self.given[:1]]) if self.closed else self.given
+
+    @property
+    def some(self) -> np.ndarray:
+        """Which of the points as given a search looks at, at most COUNT."""
+        return _thin(len(self.given), COUNT)
+
+    @property
+    def parts(self) -> list[np.ndarray]:
+        """Which of the points as given are looked at together, so that all are, or many of very many."""
+        every = _thin(len(self.given), _ALONG)
+        return np.array_split(every, -(-len(every) // COUNT))
 
     @classmethod
     def of(cls, points: Any, closed: bool | None, timing: Any = None) -> "Curve":
@@ -107,14 +118,15 @@ class Curve(NamedTuple):
         steps = np.linalg.norm(np.diff(given, axis=0), axis=1)
         if not steps.max() > 0:
             raise InputError("trace: all points are the same; draw a curve")
-        when = None if timing is None else as_timing(timing, len(given), "trace: timing", 2.0 * np.pi)
+        when = None if timing is None else as_timing(timing, len(given), "trace: timing", 2.0 * np.pi, remedy=_ONE_TURN)
         if when is not None and when[-1] < when[0]:
             given, when = given[::-1], when[::-1]
         keep = np.append(True, steps > 1e-12 * steps.max()) if when is None else np.ones(len(given), bool)
         given = given[keep]
         gap = np.linalg.norm(given[-1] - given[0])
         if closed is None:
-            closed = bool(len(given) > 3 and gap <= 1.5 * np.median(steps[keep[1:]]))
+            near = steps[keep[1:]]
+            closed = bool(len(given) > 3 and gap <= 1.5 * max(np.median(near), near[0], near[-1]))
         if not isinstance(closed, bool | np.bool_):
             raise InputError(f"trace: closed={closed!r}: expected True, False, or None to see whether the ends meet")
         if closed and gap <= 1e-9 * steps.max():
@@ -126,10 +138,8 @@ class Curve(NamedTuple):
         dense = space_evenly(corners, _ALONG)
         centre = dense.mean(axis=0)
         size = float(np.sqrt(np.mean(np.sum((dense - centre) ** 2, axis=1))))
-        thin = np.unique(np.linspace(0, len(given) - 1, min(len(given), COUNT)).round().astype(int))
-        own = (given[thin] - centre) / size
-        when = None if when is None else when[thin] - when[0]
-        return cls(given, bool(closed), centre, size, (even - centre) / size, own, when)
+        when = None if when is None else when - when[0]
+        return cls(given, bool(closed), centre, size, (even - centre) / size, when)
 
     def target(
         self,
@@ -139,16 +149,17 @@ class Curve(NamedTuple):
         longest: float,
         mean: bool = False,
         walls: tuple[Walls, ...] = (),
+        which: np.ndarray | None = None,
     ) -> Target:
-        """The curve as `fit.refine` takes it: both ways evenly, or only the points as they were given."""
-        points, weight = self.even, np.full(COUNT, 1.0 / COUNT)
+        """The curve as `fit.refine` takes it: both ways evenly, or `which` of the points as they were given."""
+        points, weight, when = self.even, np.full(COUNT, 1.0 / COUNT), np.zeros(COUNT)
+        which = self.some if which is None else which
         if not both:
-            count = len(self.own)
-            points = np.concatenate([self.own, np.repeat(self.own[-1:], COUNT - count, axis=0)])
+            own, count = (self.given[which] - self.centre) / self.size, len(which)
+            points = np.concatenate([own, np.repeat(own[-1:], COUNT - count, axis=0)])
             weight = np.where(np.arange(COUNT) < count, 1.0 / count, 0.0)
-        when = np.zeros(COUNT)
         if self.timing is not None:
-            when[: len(self.own)] = self.timing
+            when[: len(which)] = self.timing[which]
         numbers = (
             float(self.closed),
             float(both),
@@ -162,6 +173,11 @@ class Curve(NamedTuple):
         )
         some: Any = map(jnp.asarray, (points, weight, *numbers))
         return Target(*some)._replace(walls=walls)
+
+
+def _thin(count: int, most: int) -> np.ndarray:
+    """Choose at most so many of a count, evenly, the ends among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
 def space_evenly(corners: np.ndarray, count: int) -> np.ndarray:
@@ -200,7 +216,7 @@ class TracedDesign:
         chain: its chain of dyads.
         distance: mean distance between its curve and the target, both ways added, in units of the target's root mean
             square distance from its centre; with given timings the root mean square of the errors at the points.
-        exact: whether it meets the points as they were given, but for rounding.
+        exact: whether it meets the points as they were given, but for rounding (of more than 2,000, so many).
         curve: its curve, in the target's place and unit, ``(N, 2)``.
         closed: whether the last point of its curve is joined to the first.
         transmission: the smallest transmission angle of its dyads along the curve, radians.
@@ -343,8 +359,8 @@ class TraceResult:
     def __str__(self) -> str:
         exact = sum(d.exact for d in self.designs)
         lines = [
-            f"trace: {len(self.designs)} linkages, {self.refined:,} candidates refined in {self.seconds:.3g} s; "
-            f"{self.stopped}",
+            f"trace of {'a closed' if self.closed else 'an open'} curve: {len(self.designs)} linkages, "
+            f"{self.refined:,} candidates refined in {self.seconds:.3g} s; {self.stopped}",
             "      distance  bars  transmission  crank      linkage",
         ]
         for k, d in enumerate(self.designs, 1):
@@ -425,8 +441,9 @@ def trace(
 
     Args:
         points: the curve, ``(N, 2)``, in order; straight between them.
-        closed: the last point is joined to the first; if not given, where they are as near as neighbours are.
-        timing: angles of the crank at the points, radians, from wherever it begins; free if not given.
+        closed: the last point is joined to the first; if not given, where they are as near as neighbours are. The
+            table says how it was taken.
+        timing: angles of the crank at the points, radians, from wherever it begins, over one turn; free if not given.
         bars: numbers of links that are looked for, of 4, 6 and 8.
         subject_to: `transmission_angle`, `crank_turns`, `within` for ``"ground"``, all pivots of the ground, and
             `clear_of`; links are called ``"crank"``, ``"link 2"`` and so on, all that move if none are named.
@@ -448,11 +465,14 @@ def trace(
         InputError: points that are no curve, conditions that need names, no time, a file of another search.
     """
     refuse_fork()
-    wanted, limit = check_bars("trace", bars), as_time_limit("trace", seconds)
+    wanted = check_bars("trace", bars)
+    limit = check_limit(
+        "trace", "a positive number; a search that goes on for good needs an end", 1e-9, seconds=seconds
+    )
     target, terms = Curve.of(points, closed, timing), _Terms.of(subject_to, wanted)
     refuse_enclosed("trace", subject_to, None, target.given)
     if limit > _LONGEST:
-        raise InputError(f"trace: seconds={seconds!r}; a search that goes on for good needs an end: at most {_LONGEST}")
+        raise InputError(f"trace: seconds={seconds!r}; a search needs an end: at most {_LONGEST}")
     seed = as_seed("trace", key)
     rng = np.random.default_rng(seed)
     if isinstance(keep, bool) or not isinstance(keep, int | np.integer) or keep < 1:
@@ -518,12 +538,15 @@ class _Search:
         self.bars, self.target, self.rng, self.simpler = bars, target, rng, simpler
         # A little more than asked for, so that what is found meets it between the poses too.
         sine = float(np.sin(min(terms.least * 1.01 + 0.001, np.pi / 2)) ** 2)
-        ground = (terms.ground - target.centre) / target.size
+        ground = (_inside(terms.ground, target.size) - target.centre) / target.size
         walls = [wall.in_units(target.centre, target.size) for wall in terms.walls]
         # By so much more, in sizes of the target, links shall be clear in the poses that are looked at.
         walls = tuple(wall._replace(room=wall.room + 0.01) for wall in walls)
         self.goal = target.target(target.timing is None, sine, ground, _LARGE, walls=walls)
         self.points = target.target(False, sine, ground, _LARGE, walls=walls)
+        # All points, where more are given than are looked at on the way.
+        parts = target.parts if len(target.parts) > 1 else []
+        self.rest = [target.target(False, sine, ground, _LARGE, walls=walls, which=which) for which in parts]
         self.means = target.target(True, sine, ground, _LARGE, True, walls)._replace(closing=jnp.asarray(FIRM))
         self.allowed = np.array([allowed is None or allowed(chain) for chain in dyadic_chains(bars)])
         # Six designs of a chain are kept on the way, and more where there are few chains.
@@ -695,12 +718,15 @@ class _Search:
         best = slice(_TOGETHER)
         self._keep(*self._refine(_some(self.pool, best), _STEPS[2]), self.line[best])
         self.polished = float(self.cost[:_TOGETHER].sum())
-        if self.best < _SMOOTH and len(self.target.own) > self.pool.row.shape[1]:
+        if self.best < _SMOOTH and len(self.target.some) > self.pool.row.shape[1]:
             own, error = self._refine(_some(self.pool, slice(_WIDTH)), _STEPS[2], self.points, 6)
             if 1e-7**2 < error.min() < 1e-3**2:  # on their way, in a valley that turns
                 best = _some(own, np.argsort(error, kind="stable")[:_TOGETHER])
                 own, error = self._refine(best, 4 * _STEPS[2], self.points, 6)
             good = np.flatnonzero(error < 1e-7**2)  # of the target's size: the points are met
+            for part in self.rest if len(good) else []:
+                error[good] = np.maximum(error[good], self._refine(_some(own, good), 0, part, 6)[1])
+            good = good[error[good] < 1e-7**2]
             if len(good):
                 self.exact = _some(own, good[np.argsort(error[good], kind="stable")])
 
@@ -716,7 +742,8 @@ class _Search:
 
         begun = time.perf_counter()
         found = map_threads(work, range(0, len(lanes.row), _TOGETHER), self.refined > 0)
-        self.pace = (time.perf_counter() - begun) / (steps * len(lanes.row))
+        if steps:
+            self.pace = (time.perf_counter() - begun) / (steps * len(lanes.row))
         rows, costs = zip(*found, strict=True)
         cost = np.concatenate(costs)
         return lanes._replace(row=np.concatenate(rows)), np.where(np.isfinite(cost), cost, np.inf)
@@ -823,7 +850,7 @@ def _measured(design: TracedDesign, target: Curve, count: int = _ALONG) -> Trace
     """Measure how far a design's curve is from the target; where timings are given, from point to point."""
     if target.timing is not None:
         found = design.numbers.trace(design.numbers.begin + target.timing)
-        wanted = (target.centre + target.size * target.own) @ [1, 1j]
+        wanted = target.given @ [1, 1j]
         return dataclasses.replace(design, distance=float(np.sqrt(np.mean(np.abs(found - wanted) ** 2))) / target.size)
     return dataclasses.replace(design, distance=curve_distance(design.line, target.line, count) / target.size)
 
@@ -844,13 +871,13 @@ def _look_closely(target: Curve, terms: _Terms, lanes: Lanes, bars: int, exact: 
         clear = np.minimum(clear, np.asarray(gap)[:count])
     found = []
     for k, row in enumerate(np.asarray(lanes.row)):
-        turns = bool(turning[k] > 0.5 * np.sin(_LEAST) ** 2)
+        turns = target.closed or bool(turning[k] > 1e-4)  # between poses dyads that do not close may hide below
         if not sines[k] >= 0.999 * np.sin(terms.least) ** 2 or (terms.turning and not turns):
             continue
         if not clear[k] >= 0.0:
             continue
         factor, place = complex(*row[-4:-2]) * target.size, complex(*(target.centre + target.size * row[-6:-4]))
-        if not _within(lanes, k, place, factor, terms.ground):
+        if not _within(lanes, k, place, factor, terms.ground, target.size):
             continue
         chain = _chain_of(lanes, k, bars)
         span = 2.0 * np.pi if target.closed else float(row[-1])
@@ -862,7 +889,14 @@ def _look_closely(target: Curve, terms: _Terms, lanes: Lanes, bars: int, exact: 
     return found
 
 
-def _within(lanes: Lanes, k: int, place: complex, factor: complex, box: np.ndarray) -> bool:
+def _inside(box: np.ndarray, size: float) -> np.ndarray:
+    """Draw in a box a little, so that what is found by penalties for going beyond is not beyond it."""
+    width = box[1] - box[0]
+    less = np.where(width > 4e-3 * size, 1e-3 * size, 0.25 * width)
+    return box + np.array([less, -less])
+
+
+def _within(lanes: Lanes, k: int, place: complex, factor: complex, box: np.ndarray, size: float) -> bool:
     """Say whether all pivots of the ground are in a box."""
     if not np.isfinite(box).any():
         return True
@@ -872,7 +906,8 @@ def _within(lanes: Lanes, k: int, place: complex, factor: complex, box: np.ndarr
         local += [complex(*spot) for spot, body in ((row[:2], a), (row[2:4], b)) if body == GROUND]
     at = place + factor * np.array(local)
     at = np.stack([at.real, at.imag], axis=1)
-    slack = 1e-3 * abs(factor)
+    narrow = box[1] - box[0] <= 4e-3 * size  # penalties do not bring a pivot onto a line
+    slack = np.where(narrow, 1e-3 * abs(factor), 0.0)
     return bool(((at >= box[0] - slack) & (at <= box[1] + slack)).all())
 
 
