@@ -269,7 +269,7 @@ def _is_number(value: Any) -> bool:
     if isinstance(value, str | bytes | type) or getattr(value, "shape", ()) != ():
         return False
     if isinstance(value, np.generic | np.ndarray) or (hasattr(value, "dtype") and hasattr(value, "shape")):
-        return value.dtype.kind in "biufV"
+        return _kind(value) in "biufV"
     if not isinstance(value, Real):
         return False
     try:
@@ -281,10 +281,14 @@ def _is_number(value: Any) -> bool:
     return True
 
 
+def _kind(value: Any) -> str:
+    return getattr(value.dtype, "kind", "V")  # a random key's type has none
+
+
 def _is_array(value: object) -> bool:
     if isinstance(value, list | tuple):
         return all(_is_array(x) for x in value[:_MANY])
-    return getattr(getattr(value, "dtype", None), "kind", "") in tuple("biufV") or _is_number(value)
+    return hasattr(value, "dtype") and _kind(value) in "biufV" or _is_number(value)
 
 
 def _is_list(value: Any, args: tuple, fixed: bool) -> bool:

@@ -66,7 +66,8 @@ def with_geometry(system: System, flat: np.ndarray | Array) -> System:
 
 def shift_geometry(system: System, at: np.ndarray | Array, changes: Array) -> System:
     """Add changes to the chosen components of a system's design."""
-    return with_geometry(system, jnp.asarray(geometry_vector(system)).at[at].add(changes))
+    flat = jnp.asarray(geometry_vector(system))
+    return with_geometry(system, flat.at[at].add(changes.astype(flat.dtype)))
 
 
 def geometry_components(system: System) -> list[tuple[str, str, str]]:

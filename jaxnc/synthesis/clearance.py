@@ -296,6 +296,12 @@ def pad_pieces(pieces: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack([np.concatenate([p, np.repeat(p[-1:], most - len(p), axis=0)]) for p in pieces], axis=2)
 
 
+def _largest_sag(turn: Motion, links: Sequence[tuple[str, ...]]) -> float:
+    """The largest of the bounds for leaving the straight line that are taken off a distance."""
+    places = np.stack([np.asarray(turn[name]) for name in {name for names in links for name in names}])
+    return 0.25 * float(np.max(np.linalg.norm(np.diff(places, 2, axis=1), axis=-1), initial=0.0))
+
+
 def _where_solved(motion: Motion, found: Array) -> Array:
     return jnp.ravel(jnp.where(motion.converged[1:] & motion.converged[:-1], found, NO_POSE))
 
@@ -345,6 +351,9 @@ class ClearOf(Condition):
         found = swept_distance(links, walls, all_pairs(len(links)), ring(len(walls)))
         return _where_solved(turn, (found - self.room) / seen.size)
 
+    def sag(self, turn: Motion) -> float:
+        return _largest_sag(turn, self.points)
+
 
 @dataclass(frozen=True)
 class ClearLinks(Condition):
@@ -385,6 +394,9 @@ class ClearLinks(Condition):
         one, other = (_corners(turn, [pair[k] for pair in self.pairs]) for k in range(2))
         found = swept_distance(one, other, all_pairs(len(one)), all_pairs(len(other)))
         return _where_solved(turn, (found - self.width - self.margin) / seen.size)
+
+    def sag(self, turn: Motion) -> float:
+        return sum(_largest_sag(turn, [pair[k] for pair in self.pairs]) for k in range(2))
 
 
 @public

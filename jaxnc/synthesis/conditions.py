@@ -23,7 +23,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.pickling import Remade
 from jaxnc.synthesis.loops import Loop, four_bar_loop, loop_sines
 from jaxnc.synthesis.pytree import Leaves
-from jaxnc.synthesis.validate import as_floats, as_interval, call_on_motion, check_name
+from jaxnc.synthesis.validate import as_floats, as_interval, call_on_motion, check_limit, check_name
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike
 
@@ -89,6 +89,10 @@ class Condition(Leaves):
     def values(self, seen: Seen) -> Array:
         """Numbers that are to be zero or positive, ``(k,)``."""
         raise NotImplementedError
+
+    def sag(self, turn: Motion) -> float:
+        """How far lengths between poses that follow each other are in doubt; more, the fewer the poses are."""
+        return 0.0
 
 
 @dataclass(frozen=True)
@@ -185,6 +189,11 @@ class Within(Condition):
     def _points(self) -> tuple[str, ...]:
         return (self.point,)
 
+    def prepare(self, system: System, driven: str) -> "Condition":
+        if len(self.box) > system.topology.dim:
+            raise InputError(f"within({self.point!r}): {system.name!r} is planar; leave z= out")
+        return super().prepare(system, driven)
+
     def values(self, seen: Seen) -> Array:
         return _inside(seen.motion[self.point], self.box, seen.size)
 
@@ -197,6 +206,7 @@ class Local(Condition):
     point: str
     along: tuple[str, str]
     box: tuple[tuple[float, float], ...]
+    planar = "local"
 
     @property
     def spans(self) -> tuple[tuple[str, str], ...]:
@@ -218,11 +228,14 @@ class Size(Condition):
     over_range = True
 
     def values(self, seen: Seen) -> Array:
-        assert seen.turn is not None
-        top = seen.system.topology
-        q = seen.turn.q[..., : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
-        extent = jnp.max(q, axis=(0, 1)) - jnp.min(q, axis=(0, 1))
-        return (self.most - extent) / seen.size
+        turn, top = seen.turn, seen.system.topology
+        assert turn is not None
+        spots = (*top.points, *(m.name for m in top.markers if not m.direction))
+        q, good = jnp.stack([turn[name] for name in spots]), turn.converged[:, None]
+        high, low = (end * jnp.max(jnp.where(good, end * q, -jnp.inf), axis=1) for end in (1.0, -1.0))
+        # Of each two points, as a largest value has no derivative where another point takes over.
+        extent = high[:, None] - low[None]
+        return jnp.ravel(jnp.where(jnp.any(good), (self.most - extent) / seen.size, NO_POSE))
 
 
 def _is_four_bar(system: System) -> bool:
@@ -390,7 +403,7 @@ def crank_turns(kind: str | None = None, margin: float = 0.0) -> Condition:
     """
     if kind is not None:
         check_name(kind, ("crank-rocker", "double-crank"), f"crank_turns: kind={kind!r}")
-    return CrankTurns(kind, float(margin))
+    return CrankTurns(kind, check_limit("crank_turns", "zero or more", margin=margin))
 
 
 @public
@@ -454,6 +467,8 @@ def length(start: str, end: str, min: float | None = None, max: float | None = N
     low, high = as_interval((min, max), f"length {start}-{end}: its bounds")
     if not np.isfinite([low, high]).any():
         raise InputError(f"length {start}-{end}: give min=, max=, or both")
+    if high < 0.0:
+        raise InputError(f"length {start}-{end}: max={max!r}; a length is zero or more")
     return Length(start, end, low, high)
 
 
@@ -464,7 +479,11 @@ def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Condition:
         pair = isinstance(ends, (tuple, list)) and len(ends) == 2 and all(isinstance(name, str) for name in ends)
         if not pair and (ends is first or isinstance(ends, bool) or not isinstance(ends, (int, float, np.number))):
             raise InputError(f"equal: {ends!r} must be the names of two points, as in equal(('A', 'B'), ('C', 'D'))")
-    return Equal((first[0], first[1]), (second[0], second[1]) if isinstance(second, (tuple, list)) else float(second))
+    if isinstance(second, (tuple, list)):
+        return Equal((first[0], first[1]), (second[0], second[1]))
+    if not 0.0 <= second < np.inf:
+        raise InputError(f"equal: {second!r}; a length is zero or more")
+    return Equal((first[0], first[1]), float(second))
 
 
 @public
@@ -492,7 +511,9 @@ def within(point: str, x: object = None, y: object = None, z: object = None) -> 
 @public
 def local(point: str, along: tuple[str, str], x: object = None, y: object = None) -> Condition:
     """Coordinates of a point in a body's frame, from the first point of `along` towards the second, lie in bounds."""
-    return Local(point, along, _as_box(f"local({point!r})", x, y))
+    if not isinstance(along, (tuple, list)) or len(along) != 2 or along[0] == along[1]:
+        raise InputError(f"local({point!r}): along={along!r} must be the names of two points, such as ('B', 'C')")
+    return Local(point, (along[0], along[1]), _as_box(f"local({point!r})", x, y))
 
 
 @public

@@ -236,7 +236,7 @@ def _judge_one(problem: Problem, one: MovedDesign, end: "End", starts: int) -> D
         size=tuple(float(v) for v in np.ptp(places, axis=0)),
         lengths=link_lengths(one.motion),
         defects=tuple(defects),
-        binding=tuple(_binding(problem, told, one.x)),
+        binding=tuple(_binding(problem, told, one)),
         converged=end.converged,
         optimality=end.optimality,
         feasibility=end.feasibility,
@@ -259,17 +259,20 @@ def _least_sine(problem: Problem, one: MovedDesign, moves: np.ndarray, good: np.
     return float(np.min(np.concatenate([at, found[between]]), initial=1.0))
 
 
-def _binding(problem: Problem, told: _Numbers, x: np.ndarray) -> list[str]:
+def _binding(problem: Problem, told: _Numbers, one: MovedDesign) -> list[str]:
     """Conditions that are just met, and unknowns at a bound."""
     out = []
     close = 1e-3  # a condition that is met by less may hold a design back; of the size, where it is a length
+    # Between the poses of the search, which are fewer, more is in doubt, by the square of their number.
+    finer = (len(one.turn.status) / max(problem.poses, 1)) ** 2
     for c, values in zip(problem.conditions, told.conditions, strict=True):
-        if c.equality or (values.size and values.min() < close):
+        least = close + max(finer - 1.0, 0.0) * c.sag(one.turn) / problem.length
+        if c.equality or (values.size and values.min() < least):
             out.append(c.name)
     if told.own.size and told.own.min() < close:
         out.append(problem.rule[0])
     near = close * problem.scale
-    for name, v, low, high, e in zip(problem.names, x, problem.low, problem.high, near, strict=True):
+    for name, v, low, high, e in zip(problem.names, one.x, problem.low, problem.high, near, strict=True):
         if v <= low + e or v >= high - e:
             out.append(f"the bound of {name}")
     return out

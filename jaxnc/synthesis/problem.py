@@ -225,7 +225,8 @@ class Problem(Remade, Leaves):
         """The system with these values of the variables; pure, for traced values too."""
         flat, at = geometry_vector(self.system), self.variables.at
         if isinstance(z, Tracer) or isinstance(flat, Tracer):
-            return with_geometry(self.system, jnp.asarray(flat).at[at].set(z))
+            flat = jnp.asarray(flat)
+            return with_geometry(self.system, flat.at[at].set(jnp.asarray(z, flat.dtype)))
         new = np.array(flat)
         new[at] = np.asarray(z)
         return with_geometry(self.system, new)

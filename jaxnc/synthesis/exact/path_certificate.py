@@ -126,7 +126,7 @@ class FollowedDesigns(Listed[D]):
 
     @property
     def complete(self) -> bool:
-        """True if every path ended in a solution of its own, so that none is missing."""
+        """True if every path ended in a solution of its own: as many as a general task has."""
         return self.found == self.expected
 
     @property

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError
+from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.sensitivity import Outputs, Sensitivity, sensitivity
 from jaxnc.synthesis.tolerance.sampling import by_component, make_question, move_nominal, variable_components
 from jaxnc.system.precision import on_host
@@ -121,6 +121,7 @@ def allocate_tolerances(
     Raises:
         InputError: unknown names, limits or costs that are not positive, bounds that leave nothing, limits that even
             the finest tolerances miss (named, with the smallest limit that works).
+        AssemblyError: the nominal design does not assemble in a pose.
 
     Source: the problem is that of M. F. Spotts (1973) and K. W. Chase and W. H. Greenwood (1988), here with any number
     of limits, by a primal-dual interior-point method (S. Boyd and L. Vandenberghe, Convex Optimization, section 11.7).
@@ -146,6 +147,11 @@ def allocate_tolerances(
         parts = [part for name in costs for part in variable_components("allocation", system, name)[0]]
         asked, values = make_question("allocation", system, inputs, wanted, hold)
         found = sensitivity(move_nominal(system, asked, values), wanted, variables=parts)
+    if failures := int(np.count_nonzero(~np.asarray(found.converged))):
+        raise AssemblyError(
+            f"allocation: the nominal design of {found.name!r} does not assemble in {failures} of "
+            f"{np.size(found.converged)} poses; leave those out, or see jaxnc.diagnose"
+        )
     rows, labels, allowed = _limit_rows(found, limits)
     groups = _dimension_groups(found, costs)
     power = 2.0 if rule == RULES[0] else 1.0
@@ -203,22 +209,19 @@ def _limit_rows(
 ) -> tuple[np.ndarray, list[tuple[str, int, str]], np.ndarray]:
     """Derivatives of every limited output in every pose, who they are, and what is allowed."""
     lead = found.converged.shape
-    good = found.converged.reshape(-1)
     rows, labels, allowed = [], [], []
     for limit, value in limits.items():
-        hits = 0
+        met: set[str] = set()  # a point, and a coordinate of it, may both be outputs
         for name, jacobian in found.derivatives.items():
             for label, index in by_component(name, found.values[name], lead).items():
-                if limit not in (name, label):
+                if limit not in (name, label) or label in met:
                     continue
-                hits += 1
-                block = jacobian[(..., *index, slice(None))].reshape(-1, len(found.variables))
-                for k, row in enumerate(block):
-                    if len(block) != len(good) or good[k]:
-                        rows.append(row)
-                        labels.append((label, k, limit))
-                        allowed.append(value)
-        if not hits:
+                met.add(label)
+                for k, row in enumerate(jacobian[(..., *index, slice(None))].reshape(-1, len(found.variables))):
+                    rows.append(row)
+                    labels.append((label, k, limit))
+                    allowed.append(value)
+        if not met:
             raise InputError(
                 f"allocation: limit of {limit!r}, which is no output; outputs are {', '.join(found.values)}"
             )

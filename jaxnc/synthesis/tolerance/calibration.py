@@ -175,10 +175,11 @@ def calibrate(
         if isinstance(sigma, Mapping) and spread is None:
             raise InputError(f"calibration: sigma has nothing for {name!r}; give it for every output or for none")
         spread = np.broadcast_to(np.asarray(1.0 if spread is None else spread, float), array.shape)
-        if not (np.isfinite(spread).all() and (spread > 0).all()):
+        seen = np.isfinite(array)
+        if not ((spread > 0) & (spread < np.inf))[seen].all():
             raise InputError(f"calibration: sigma of {name!r} must be positive")
-        measured[name] = np.where(np.isfinite(array), array, 0.0)
-        weights[name] = np.where(np.isfinite(array), 1.0 / spread, 0.0)
+        measured[name] = np.where(seen, array, 0.0)
+        weights[name] = np.where(seen, 1.0 / np.where(seen, spread, 1.0), 0.0)
     count = sum(int((w > 0).sum()) for w in weights.values())
     if count < 1:
         raise InputError("calibration: every measurement is NaN; there is nothing to fit")

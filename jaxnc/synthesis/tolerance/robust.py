@@ -27,7 +27,8 @@ class Robust:
     """A statistic of one number over the same sampled deviations of every design: call it with a system.
 
     It is pure: ``jax.grad(measure)(system)``, ``jax.jit``, ``jax.vmap`` work. A sample that does not assemble counts as
-    the worst of those that do, and every one adds its part of `penalty`, so that failing never pays.
+    the worst of those that do, and every one adds its part of `penalty`, so that failing never pays; where none
+    assembles the value is infinite.
     """
 
     asked: Question
@@ -36,7 +37,7 @@ class Robust:
     changes: Array
     statistic: str
     percentile: float
-    penalty: float
+    penalty: float | None
 
     def samples(self, system: System) -> tuple[Array, Array]:
         """The number for every sampled design, ``(samples,)``, and which designs assemble in every pose.
@@ -60,7 +61,8 @@ class Robust:
         """The statistic for a design."""
         found, good = self.samples(system)
         worst = jnp.max(jnp.where(good, found, -jnp.inf))
-        worst = jax.lax.stop_gradient(jnp.where(jnp.isfinite(worst), worst, 0.0))
+        some = jnp.isfinite(worst)
+        worst = jax.lax.stop_gradient(jnp.where(some, worst, 0.0))
         x = jnp.where(good, found, worst)
         if self.statistic == "mean":
             value = jnp.mean(x)
@@ -71,9 +73,10 @@ class Robust:
         else:
             value = jnp.sum((x - jnp.mean(x)) ** 2) / (len(x) - 1)
             if self.statistic == "std":
-                some = value > 0
-                value = jnp.where(some, jnp.sqrt(jnp.where(some, value, 1.0)), 0.0)
-        return value + self.penalty * jnp.mean(~good)
+                spread = value > 0
+                value = jnp.where(spread, jnp.sqrt(jnp.where(spread, value, 1.0)), 0.0)
+        penalty = jnp.abs(worst) if self.penalty is None else self.penalty
+        return jnp.where(some, value + penalty * jnp.mean(~good), jnp.inf)
 
 
 @public
@@ -90,7 +93,7 @@ def robust(
     covariance: ArrayLike | None = None,
     sigmas: float = 3.0,
     hold: Sequence[str] = (),
-    penalty: float = 1.0,
+    penalty: float | None = None,
 ) -> Robust:
     """An objective for robust design: a statistic of an output over seeded samples of the tolerances.
 
@@ -109,7 +112,8 @@ def robust(
         covariance: as in `tolerance`.
         sigmas: as in `tolerance`.
         hold: free coordinates that keep the value at which the nominal design starts.
-        penalty: added times the part of the samples that does not assemble, in the output's unit.
+        penalty: added times the part of the samples that does not assemble, in the output's unit; as much as the worst
+            of those that do if not given.
 
     Returns:
         The objective, a function of a system.
@@ -133,4 +137,6 @@ def robust(
             f"robust: the output must be one number for a design, its shape is {shapes}; take its largest value or a "
             f"sum over the poses"
         )
-    return Robust(asked, values, vary.at, changes, statistic, float(percentile), float(penalty))
+    return Robust(
+        asked, values, vary.at, changes, statistic, float(percentile), None if penalty is None else float(penalty)
+    )
