@@ -288,7 +288,7 @@ def _kind(value: Any) -> str:
 def _is_array(value: object) -> bool:
     if isinstance(value, list | tuple):
         return all(_is_array(x) for x in value[:_MANY])
-    return hasattr(value, "dtype") and _kind(value) in "biufV" or _is_number(value)
+    return (hasattr(value, "dtype") and _kind(value) in "biufV") or _is_number(value)
 
 
 def _is_list(value: Any, args: tuple, fixed: bool) -> bool:

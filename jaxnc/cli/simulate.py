@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxnc.cli.output import Task, write_files
 from jaxnc.cli.question import Question, read_number, read_pair
-from jaxnc.dynamics.simulate import simulate
+from jaxnc.dynamics.simulate import FIXED, simulate
 from jaxnc.dynamics.simulation import Simulation, join
 from jaxnc.errors import InputError
 from jaxnc.io.drives import check_driven
@@ -113,6 +113,8 @@ def _simulation_section(mechanism: Mechanism, options: argparse.Namespace) -> re
     section = mechanism.model.simulate
     changed = {k: v for k in ("duration", "times", "method", "step", "rtol") if (v := getattr(options, k)) is not None}
     section = msgspec.structs.replace(section, **changed)
+    if options.rtol is not None and section.method in FIXED:
+        raise InputError(f"--rtol is for steps that follow their errors; {section.method} has --step")
     rates = dict(section.rates)
     for text in options.rate:
         name, value = read_pair(text, "--rate", "NAME=RATE, for instance phi=10 or phi=90deg")

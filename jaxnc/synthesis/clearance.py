@@ -47,6 +47,8 @@ def ring(count: int) -> Pairs:
 def signed_distance(one: Array, other: Array, edges: Pairs, other_edges: Pairs) -> Array:
     """Distance of two convex shapes; where they overlap minus the shortest way by which they come apart.
 
+    Which corners and which edge are nearest is found first, without derivatives; then their distance has them.
+
     Args:
         one: corners, ``(k, 2, …)``; what follows are poses.
         other: corners, ``(m, 2, …)``.
@@ -56,21 +58,69 @@ def signed_distance(one: Array, other: Array, edges: Pairs, other_edges: Pairs) 
     Returns:
         Distances, ``(…)``.
     """
-    ends = [_edge_ends(one, edges), _edge_ends(other, other_edges)]
-    deep = jnp.full(one.shape[2:], -jnp.inf)
-    ways = jnp.concatenate([b - a for a, b in ends])
-    if len(ways):
-        square = ways[:, 0] ** 2 + ways[:, 1] ** 2
-        real = square > 0.0
-        size = jnp.sqrt(jnp.where(real, square, 1.0))
-        x, y = -ways[:, 1] / size, ways[:, 0] / size
-        first, second = (shape[:, None, 0] * x + shape[:, None, 1] * y for shape in (one, other))
-        gaps = jnp.stack([select_least(second) - _most(first), select_least(first) - _most(second)])
-        deep = _most(jnp.where(real, _most(gaps), -jnp.inf))
-    apart = (deep > 0.0) | ~jnp.isfinite(deep)  # single points have no edges
-    square = select_least(jnp.stack([_least_square(one, *ends[1], other), _least_square(other, *ends[0], one)]))
-    far = jnp.sqrt(jnp.where(apart & (square > 0.0), square, 1.0))
-    return jnp.where(apart, jnp.where(square > 0.0, far, 0.0), jnp.where(jnp.isfinite(deep), deep, 0.0))
+    both = jnp.concatenate([one, other])
+    chosen, across, sense = _find_nearest(jax.lax.stop_gradient(both), len(one), edges, other_edges)
+    own = np.arange(len(both)).reshape(-1, 1, *(1,) * (both.ndim - 2))
+    p, q, a, b = (jnp.sum(jnp.where(own == k, both, 0.0), axis=0) for k in chosen)
+    gap, way = q - p, b - a
+    square, length = (x[0] ** 2 + x[1] ** 2 for x in (gap, way))
+    far = jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
+    height = (way[0] * gap[1] - way[1] * gap[0]) / jnp.sqrt(jnp.where(length > 0.0, length, 1.0))
+    return jnp.where(across, jnp.where(sense == 0.0, jnp.abs(height), sense * height), far)
+
+
+def _find_nearest(
+    both: Array, count: int, edges: Pairs, other_edges: Pairs
+) -> tuple[tuple[Array, Array, Array, Array], Array, Array]:
+    """Find what of two shapes is nearest; the first so many corners are those of the first one.
+
+    Returns:
+        A corner of each, and both ends of an edge, by number; whether the distance is that across the edge rather than
+        that of the corners; and to which side of it, 0 for the one that it is on.
+    """
+    pairs = np.array([*edges, *((i + count, j + count) for i, j in other_edges)], int).reshape(-1, 2)
+    start, way = both[pairs[:, 0]], both[pairs[:, 1]] - both[pairs[:, 0]]
+    square = way[:, 0] ** 2 + way[:, 1] ** 2
+    # A corner and an edge of the other shape, or one of its ends; corners alone where there are no edges.
+    spots = [(c, e) for e, (i, _) in enumerate(pairs) for c in range(len(both)) if (c < count) != (i < count)]
+    if not spots:
+        p, q = np.indices((count, len(both) - count)).reshape(2, -1)
+        best = _find_least(jnp.sum((both[p] - both[count + q]) ** 2, axis=1))[1]
+        p, q = jnp.asarray(p)[best], count + jnp.asarray(q)[best]
+        return (p, q, p, q), jnp.zeros(best.shape, bool), jnp.zeros(best.shape)
+    corner, edge = np.array(spots).T
+    x, y = (both[corner, k] - start[edge, k] for k in range(2))
+    along = x * way[edge, 0] + y * way[edge, 1]
+    share = jnp.clip(along / jnp.where(square > 0.0, square, 1.0)[edge], 0.0, 1.0)
+    best = _find_least((x - share * way[edge, 0]) ** 2 + (y - share * way[edge, 1]) ** 2)[1]
+    corner, edge = jnp.asarray(corner)[best], jnp.asarray(edge)[best]
+    share = jnp.take_along_axis(share, best[None], axis=0)[0]
+    a, b = (jnp.asarray(pairs[:, k])[edge] for k in range(2))
+    end = jnp.where(share < 1.0, a, b)
+    near = jnp.minimum(corner, end), jnp.maximum(corner, end), a, b
+    # Where they overlap the way out is across an edge, from the last corner of one to the first of the other.
+    level = both[:, None, 1] * way[:, 0] - both[:, None, 0] * way[:, 1]
+    (low, lows), (less, firsts) = _find_least(level[:count]), _find_least(level[count:])
+    (high, highs), (more, lasts) = _find_least(-level[:count]), _find_least(-level[count:])
+    gaps = jnp.concatenate([less + high, low + more])  # how far the other one is beyond the first, and before it
+    size = jnp.tile(jnp.sqrt(square), (2, *(1,) * (square.ndim - 1)))
+    deep, side = _find_least(jnp.where(size > 0.0, -gaps / jnp.where(size > 0.0, size, 1.0), jnp.inf))
+    p, q = (jnp.take_along_axis(jnp.concatenate(x), side[None], axis=0)[0] for x in ((highs, lows), (firsts, lasts)))
+    a, b = (jnp.asarray(pairs[:, k])[side % len(pairs)] for k in range(2))
+    overlap = (deep >= 0.0) & jnp.isfinite(deep)
+    chosen = tuple(jnp.where(overlap, x, y) for x, y in zip((p, count + q, a, b), near, strict=True))
+    across = overlap | ((share > 0.0) & (share < 1.0))
+    return chosen, across, jnp.where(overlap, jnp.where(side < len(pairs), 1.0, -1.0), 0.0)
+
+
+def _find_least(x: Array) -> tuple[Array, Array]:
+    """Least along the first axis, and where it is."""
+    at = jnp.broadcast_to(jnp.arange(len(x)).reshape(-1, *(1,) * (x.ndim - 1)), x.shape)
+    while len(x) > 1:
+        half = len(x) // 2
+        less = x[:half] < x[half : 2 * half]
+        x, at = (jnp.concatenate([jnp.where(less, a[:half], a[half : 2 * half]), a[2 * half :]]) for a in (x, at))
+    return x[0], at[0]
 
 
 def select_least(x: Array) -> Array:
@@ -78,29 +128,7 @@ def select_least(x: Array) -> Array:
 
     JAX finds what a minimum depends on by comparing again, and where XLA has rounded otherwise then, it finds nothing.
     """
-    while len(x) > 1:
-        half = len(x) // 2
-        a, b = x[:half], x[half : 2 * half]
-        x = jnp.concatenate([jnp.where(a < b, a, b), x[2 * half :]])
-    return x[0]
-
-
-def _most(x: Array) -> Array:
-    return -select_least(-x)
-
-
-def _edge_ends(shape: Array, pairs: Pairs) -> tuple[Array, Array]:
-    first, second = (np.array([pair[k] for pair in pairs], int) for k in range(2))
-    return shape[first], shape[second]
-
-
-def _least_square(points: Array, start: Array, end: Array, corners: Array) -> Array:
-    """Square of the least distance of points from edges, and from corners where there are no edges."""
-    start, way = (start, end - start) if len(start) else (corners, jnp.zeros_like(corners))
-    square = way[:, 0] ** 2 + way[:, 1] ** 2
-    x, y = (points[:, None, k] - start[:, k] for k in range(2))
-    share = jnp.clip((x * way[:, 0] + y * way[:, 1]) / jnp.where(square > 0.0, square, 1.0), 0.0, 1.0)
-    return select_least(select_least((x - share * way[:, 0]) ** 2 + (y - share * way[:, 1]) ** 2))
+    return _find_least(x)[0]
 
 
 def swept_distance(one: Array, other: Array, edges: Pairs, other_edges: Pairs) -> Array:
@@ -150,11 +178,11 @@ def _pull_back(
 def _sag(corners: Array) -> Array:
     """Bound how far corners leave the straight line from each pose to the next, ``(…, T - 1)``."""
     bend = jnp.diff(corners, 2, axis=-1)
-    square = _most(bend[:, 0] ** 2 + bend[:, 1] ** 2)
+    square = -select_least(-(bend[:, 0] ** 2) - bend[:, 1] ** 2)
     bend = jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
     bend = jnp.concatenate([bend[..., :1], bend, bend[..., -1:]], axis=-1)
     # Twice how far a parabola leaves its chord, which is an eighth of the second difference.
-    return (2.0 / 8.0) * _most(jnp.stack([bend[..., :-1], bend[..., 1:]]))
+    return (2.0 / 8.0) * jnp.maximum(bend[..., :-1], bend[..., 1:])
 
 
 # -- regions -----------------------------------------------------------------------------------------------------------

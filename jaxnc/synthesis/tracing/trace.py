@@ -360,7 +360,8 @@ class TraceResult:
         exact = sum(d.exact for d in self.designs)
         lines = [
             f"trace of {'a closed' if self.closed else 'an open'} curve: {len(self.designs)} linkages, "
-            f"{self.refined:,} candidates refined in {self.seconds:.3g} s; {self.stopped}",
+            f"{self.refined:,} candidates refined in {self.seconds:.3g} s"
+            f"{'' if self.refined else ' (they are as in the atlas)'}; {self.stopped}",
             "      distance  bars  transmission  crank      linkage",
         ]
         for k, d in enumerate(self.designs, 1):
