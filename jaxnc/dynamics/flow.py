@@ -14,7 +14,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Sequence
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -590,7 +590,6 @@ class WrittenFlow:
     flow: Flow  # the motion
     inverse: Array  # inverse of the mass matrix on the massed unknowns
     form: WrittenRows = static()  # the rows, and what follows from which
-    redundant: ClassVar[bool] = False
 
     @classmethod
     def of(cls, flow: Flow, freedom: int) -> "WrittenFlow | None":
@@ -606,6 +605,11 @@ class WrittenFlow:
             return cls(flow, on_device(np.linalg.inv(np.asarray(flow.dyn.mass)[np.ix_(at, at)])), form)
         solve = dense.solver(flow.dyn.mass[at[:, None], at[None]])
         return cls(flow, jax.vmap(solve, out_axes=1)(jnp.eye(len(at))), form)
+
+    @property
+    def redundant(self) -> bool:
+        """Whether rows are redundant, which are not written out."""
+        return False
 
     def impose(self, t: Array, q: object, v: object) -> tuple[AnyArray, AnyArray]:
         """Return the state as it is: nothing is driven."""

@@ -131,6 +131,11 @@ class _Family:
     natural: Equations
     own: Equations
 
+    @property
+    def redundant(self) -> bool:
+        """Whether rows are redundant."""
+        return self.formulation.rows > self.formulation.r
+
     def lift(self, z: Array) -> Array:
         """Coordinates of the dynamics, with hidden vectors."""
         return lift(self.formulation.natural.topology, self.formulation.place(self.natural, z))
@@ -157,7 +162,7 @@ class _Family:
 
         right = select_stage(stage, push, lambda: jnp.zeros_like(z), lambda: jnp.zeros_like(z))
         wanted = select_stage(stage, lambda: -_second_derivative(self.rows, z, dz), lambda: -rows, lambda: -rates)
-        change, multipliers = saddle(mass / size, slope, f.rows > f.r)(right, wanted)
+        change, multipliers = saddle(mass / size, slope, self.redundant)(right, wanted)
         return StageSolution(change, multipliers * size, largest(rows), largest(rates))
 
 

@@ -108,9 +108,9 @@ def _find_nearest(
     p, q = (jnp.take_along_axis(jnp.concatenate(x), side[None], axis=0)[0] for x in ((highs, lows), (firsts, lasts)))
     a, b = (jnp.asarray(pairs[:, k])[side % len(pairs)] for k in range(2))
     overlap = (deep >= 0.0) & jnp.isfinite(deep)
-    chosen = tuple(jnp.where(overlap, x, y) for x, y in zip((p, count + q, a, b), near, strict=True))
+    p, q, a, b = (jnp.where(overlap, x, y) for x, y in zip((p, count + q, a, b), near, strict=True))
     across = overlap | ((share > 0.0) & (share < 1.0))
-    return chosen, across, jnp.where(overlap, jnp.where(side < len(pairs), 1.0, -1.0), 0.0)
+    return (p, q, a, b), across, jnp.where(overlap, jnp.where(side < len(pairs), 1.0, -1.0), 0.0)
 
 
 def _find_least(x: Array) -> tuple[Array, Array]:
