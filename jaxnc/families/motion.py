@@ -151,7 +151,7 @@ class _Family:
 
     def solve_stage(self, stage: ArrayLike, t: Array, q: Array, v: Array) -> StageSolution:
         """Solve a stage as `jaxnc.dynamics.flow.Flow` does: one system of equations with other right-hand sides."""
-        z, dz, f, dyn = q, v, self.formulation, self.dyn
+        z, dz, dyn = q, v, self.dyn
         q, v = jax.jvp(self.lift, (z,), (dz,))
         j, slope = jax.jacfwd(self.lift)(z), jax.jacfwd(self.rows)(z)
         mass, rows, rates = j.T @ dyn.mass @ j, self.rows(z), slope @ dz

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from tracing import LANES, shorten, small_atlas
+from turning_chains import count_chains
 
 import jaxnc as nc
 from jaxnc.cli.main import main
@@ -21,7 +22,6 @@ from jaxnc.synthesis.tracing.chains import Chain, Hung, dyadic_chains
 from jaxnc.synthesis.tracing.descriptors import closed_coefficients, lay_closed, normalise
 from jaxnc.synthesis.tracing.linkage import ChainDesign, to_mechanism
 from jaxnc.synthesis.tracing.trace import Curve, curve_distance, space_evenly
-from jaxnc.synthesis.tracing.turning import count_chains
 from jaxnc.viz.pages import trace_page
 
 
