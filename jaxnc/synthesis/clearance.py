@@ -143,7 +143,7 @@ def swept_distance(one: Array, other: Array, edges: Pairs, other_edges: Pairs) -
     Returns:
         Bounds, ``(…, T - 1)``.
     """
-    gap = _least_between(one[..., :-1], one[..., 1:], other[..., :-1], other[..., 1:], edges, other_edges)
+    gap = _least_straight(one[..., :-1], one[..., 1:], other[..., :-1], other[..., 1:], edges, other_edges)
     return gap - _sag(one) - _sag(other)
 
 
@@ -159,20 +159,6 @@ def _least_straight(a: Array, b: Array, c: Array, d: Array, edges: Pairs, other_
     dips = (leaving < 0.0) & (coming > 0.0)
     share = jnp.clip((last - first - coming) / jnp.where(dips, leaving - coming, 1.0), 0.0, 1.0)
     return select_least(jnp.stack([first, last, jnp.where(dips, first + share * leaving, first)]))
-
-
-_least_between = jax.custom_jvp(_least_straight, nondiff_argnums=(4, 5))
-
-
-@_least_between.defjvp
-def _pull_back(
-    edges: Pairs, other_edges: Pairs, at: tuple[Array, ...], change: tuple[Array, ...]
-) -> tuple[Array, Array]:
-    # Searches ask for changes in some thirty directions at once: one reverse sweep serves all of them.
-    a, b, c, d = at
-    gap, pull = jax.vjp(lambda a, b, c, d: _least_straight(a, b, c, d, edges, other_edges), a, b, c, d)
-    slopes = pull(jnp.ones_like(gap))
-    return gap, sum((jnp.sum(s * w, axis=(0, 1)) for s, w in zip(slopes, change, strict=True)), jnp.zeros(()))
 
 
 def _sag(corners: Array) -> Array:
