@@ -26,7 +26,7 @@ from jaxnc.compiling import on_device
 from jaxnc.constraints import Kind
 from jaxnc.dynamics.model import Dynamics, force_variables, forces, function_forces, inertia_coordinates, instance_force
 from jaxnc.dynamics.saddle import saddle
-from jaxnc.dynamics.wrenches import friction_forces, has_friction
+from jaxnc.dynamics.wrenches import balance_friction, has_friction
 from jaxnc.errors import InputError, nearest
 from jaxnc.reading import Builder, function, partials, rate
 from jaxnc.records import record, static
@@ -268,17 +268,13 @@ class Flow:
     def solve_stage(self, stage: ArrayLike, t: Array | float, q: Coordinates, v: Coordinates) -> StageSolution:
         """Solve a stage as `solve_frictionless`, for accelerations with friction if there is any."""
 
-        def settle(state, _):  # a loop, so that accelerations are compiled once
-            total, _ = state
+        def respond(total: Array) -> tuple[Array, Array, StageSolution]:
             found = self.solve_frictionless(ACCELERATION, t, q, v, total)
-            rows = self.place_multipliers(found.multipliers)
-            return (friction_forces(self.dyn, q, v, found.change, rows, total, t), found), None
+            return found.change, self.place_multipliers(found.multipliers), found
 
         def accelerate() -> StageSolution:
-            zero = jnp.zeros_like(q)
-            start = zero, StageSolution(zero, self.zero_multipliers(), jnp.zeros(()), jnp.zeros(()))
-            # Six times accelerations and friction are made consistent.
-            return jax.lax.scan(settle, start, None, length=7)[0][1]
+            _, found, slides = balance_friction(self.dyn, t, q, v, respond)
+            return found._replace(gap=jnp.where(slides, found.gap, jnp.inf))
 
         def project() -> StageSolution:
             return self.solve_frictionless(stage, t, q, v)

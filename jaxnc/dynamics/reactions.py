@@ -27,6 +27,7 @@ from jaxnc.dynamics.wrenches import (
     Ledger,
     Masses,
     Parts,
+    balance_friction,
     body_masses,
     cross,
     friction_forces,
@@ -37,7 +38,7 @@ from jaxnc.dynamics.wrenches import (
     pose_parts,
     row_forces,
 )
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.forces import COUPLE, EFFORT
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
@@ -600,7 +601,14 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
         )
     t = 0.0 if motion.time is None else motion.time
     flow = Flow(dyn, view, (), len(view.rows) + len(dyn.topology.rate_rows) > len(view.unknown))
-    efforts, lam = _inverse(system, flow, t, motion.q, *motion.rates[:2], motion.status == 0)
+    efforts, lam, slides = _inverse(system, flow, t, motion.q, *motion.rates[:2], motion.status == 0)
+    if not isinstance(slides, Tracer) and not slides.all():
+        first = int(np.flatnonzero(~np.asarray(slides))[0])
+        names = ", ".join(repr(f.name) for f in dyn.topology.loads.friction)
+        raise AssemblyError(
+            f"inverse_dynamics: {system.name!r} locks in pose {first}: no force overcomes the friction of {names}; "
+            f"take a smaller coefficient or radius"
+        )
     if system is not motion.system:  # reactions are those of the masses and forces that were asked for
         motion = dataclasses.replace(motion, system=system)
     return InverseDynamics(motion, lam, efforts)
@@ -622,14 +630,19 @@ def _inverse(system: System, flow: Flow, t: ArrayLike, q: Array, v: Array, a: Ar
             y = solve(right[view.unknown] / (weight * size), flow.zero_multipliers())[1]
             return flow.place_multipliers(y * size)
 
-        lam, rubbing = multipliers(right), jnp.zeros_like(x)
-        if has_friction(dyn):
-            for _ in range(4):  # the forces of friction change the reactions that they are proportional to
-                rubbing = friction_forces(dyn, x, dx, ddx, lam, rubbing, t)
-                lam = multipliers(right + rubbing)
-        return open_forces(dyn, t, x, dx, ddx, lam, rubbing)[view.known], lam
+        def respond(rubbing: Array) -> tuple[Array, Array, Array]:
+            lam = multipliers(right + rubbing)
+            return ddx, lam, lam
 
-    return tuple(jnp.where(ok, x, 0.0).reshape(*lead, -1) for x in jax.vmap(one)(t, *states))
+        if has_friction(dyn):
+            rubbing, lam, slides = balance_friction(dyn, t, x, dx, respond)
+        else:
+            rubbing, lam, slides = jnp.zeros_like(x), multipliers(right), jnp.array(True)
+        return open_forces(dyn, t, x, dx, ddx, lam, rubbing)[view.known], lam, slides
+
+    *found, slides = jax.vmap(one)(t, *states)
+    efforts, lam = (jnp.where(ok, x, 0.0).reshape(*lead, -1) for x in found)
+    return efforts, lam, slides | ~ok[:, 0]
 
 
 @public

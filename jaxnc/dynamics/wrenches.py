@@ -17,15 +17,15 @@ and does the same work. What it has more is held by the bearings, and passes thr
 
 Coulomb friction in joints is proportional to the joint's reaction, which it changes itself. The reaction is that of
 `jaxnc.dynamics.reactions`: what passes through the pin, also where the pin is a point that two bodies share.
-Accelerations, reactions and friction are made consistent by repetition: with a pin of radius r in links of length L
-each pass leaves a part of about ``μ r / L``; in a slider ``μ`` times the slope of the rod that pushes it. The sign of
-the sliding speed is smoothed, ``tanh(v / speed)``: a joint that sticks creeps at a part of that speed.
+Accelerations, reactions and friction are made consistent by Newton's method for one number of each friction, the force
+that presses; where they cannot be, the joint locks. The sign of the sliding speed is smoothed, ``tanh(v / speed)``: a
+joint that sticks creeps at a part of that speed.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,13 +34,14 @@ import numpy as np
 from jaxnc.dynamics.model import Dynamics, force_values, forces, inertia_coordinates, inertia_nodes, inertias
 from jaxnc.forces import COUPLE
 from jaxnc.remembered import with_owner
+from jaxnc.solvers.dense import solver
 from jaxnc.system.equations import Equations, coefficients, entries, places
 from jaxnc.system.frames import spins, spread
 from jaxnc.system.identity import GROUND, Owner, Thing
 from jaxnc.system.loads import ForceBlock, FrictionIndex
 from jaxnc.system.system import System
 from jaxnc.system.topology import Block, JointIndex, Segment, Topology
-from jaxnc.types import AnyArray, Array, Numbers
+from jaxnc.types import AnyArray, Array, Numbers, PyTree
 
 # -- vectors of poses -------------------------------------------------------------------------------------------------
 
@@ -820,10 +821,55 @@ def friction_forces(
     return sum((f for pair in frictions(dyn, q, v, a, lam, before, t) for f in pair), jnp.zeros_like(q))
 
 
+def balance_friction(
+    dyn: Dynamics, t: Array | float, q: Array, v: Array, respond: Callable[[Array], tuple[Array, Array, PyTree]]
+) -> tuple[Array, PyTree, Array]:
+    """Find friction that is consistent with the reactions that it changes.
+
+    Args:
+        dyn: the equations of motion.
+        t: time.
+        q: pose ``(N,)``.
+        v: rates.
+        respond: of forces of friction ``(N,)``, accelerations, multipliers of all rows, and what else is wanted.
+
+    Returns:
+        The forces, what else was wanted, and whether the joints slide rather than lock.
+    """
+    still, rows = jnp.zeros_like(q), jnp.zeros(len(dyn.topology.rows) + len(dyn.topology.rate_rows))
+    ways = jnp.stack([one + other for _, one, other in _press(dyn, q, v, still, rows, still, t)])
+    count = len(ways)
+
+    def press(normals: Array) -> tuple[Array, tuple[Array, PyTree]]:
+        total = normals @ ways
+        a, lam, more = respond(total)
+        return jnp.stack([normal for normal, *_ in _press(dyn, q, v, a, lam, total, t)]), (total, more)
+
+    def closer(state: tuple[Array, Any], _: None) -> tuple[tuple[Array, Any], Array]:
+        normals, _ = state
+        found, push, more = jax.linearize(press, normals, has_aux=True)
+        slope = jax.vmap(push, out_axes=1)(jnp.eye(count))
+        off = (jnp.max(jnp.abs(found - normals)) > 1e-4 * jnp.max(jnp.abs(found))) | jnp.any(found < 0.0)
+        return (normals + solver(jnp.eye(count) - slope)(found - normals), more), off
+
+    shapes = jax.eval_shape(press, jnp.zeros(count))[1]
+    first = jnp.zeros(count), jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    # Of seven steps the first one begins without friction, and the last one has nothing left to gain.
+    (_, (total, more)), off = jax.lax.scan(closer, first, None, length=7)
+    return total, more, ~off[-1]
+
+
 def frictions(
     dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, before: Array | None, t: Array | float
 ) -> list[tuple[Array, Array]]:
     """Evaluate each friction's forces on the two bodies of `jaxnc.dynamics.wrenches.friction_bodies`, ``(N,)`` each."""
+    return [(n * one, n * other) for n, one, other in _press(dyn, q, v, a, lam, before, t)]
+
+
+def _press(
+    dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, before: Array | None, t: Array | float
+) -> list[tuple[Array, Array, Array]]:
+    """Find the force that presses in each friction, and what each unit of it puts on the two bodies."""
     top, found = dyn.topology, []
     before = jnp.zeros_like(q) if before is None else before
     now = _Instant(dyn, jnp.asarray(t, float), q, v, a, lam, before)
@@ -851,23 +897,34 @@ def _oppose(rate: Array, speed: Array) -> Array:
     return -jnp.where(size > 0, jnp.tanh(size / speed) / jnp.where(size > 0, size, 1.0), 1.0 / speed) * rate
 
 
-def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array]:
+def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array, Array]:
     """Put a couple on both bodies of a pin, hinge or ball, against the relative rotation."""
     top = now.dyn.topology
     coefficient, speed, radius = numbers
     assert index.bodies is not None
     turns = [_spin_and_couple(top, body, now.q, now.v) for body in index.bodies]
     against = coefficient * radius * _oppose((turns[0][0] - turns[1][0]) * radius, speed)
-    moving = next(body for body in index.bodies if body != GROUND)
-    k = index.bodies.index(moving)
-    # What the couple itself puts on the body where the joint holds it is taken out again, and as that is proportional
-    # to the force that is wanted, both follow from one equation.
-    pull, at = _through(now, moving, index.point)
-    own = jnp.sum(spread(top, turns[k][1](against if k == 0 else -against))[0][at], axis=0)
-    normal = magnitude(pull)
-    for _ in range(4):
-        normal = magnitude(pull - normal * own)
-    return normal * turns[0][1](against), -normal * turns[1][1](against)
+    each: list[tuple[Array, Array]] = []
+    held = sum(index.point in body.points for body in top.bodies)
+    for k, body in enumerate(index.bodies):
+        # Of a pin that more bodies share, the force into the first is meant.
+        if body == GROUND or (each and held > 2):
+            continue
+        # What the couple itself puts on the body where the joint holds it is taken out again, and as that is
+        # proportional to the force n that is wanted, both follow from one equation, n = |pull - n own|.
+        pull, at = _through(now, body, index.point)
+        own = jnp.sum(spread(top, turns[k][1](against if k == 0 else -against))[0][at], axis=0)
+        size, square = magnitude(pull), jnp.sum(own * own)
+        along = jnp.sum(pull * own) / jnp.where(size > 0, size, 1.0)
+        inner = along**2 + 1.0 - square
+        root = along + jnp.sqrt(jnp.where(inner > 0, inner, 1.0))
+        # Below zero where there is none: the couple is larger than what the body can bear.
+        normal = jnp.where((inner > 0) & (root > 0), size / jnp.where(root > 0, root, 1.0), -size)
+        each.append((square, normal))
+    (square, normal), *other = each
+    for less, found in other:  # of two bodies the one with the longer arm tells it better
+        normal = jnp.where(less < square, found, normal)
+    return normal, turns[0][1](against), -turns[1][1](against)
 
 
 def _spin_and_couple(top: Topology, body: int, q: Array, v: Array) -> tuple[Array, Callable[[Array], Array]]:
@@ -890,7 +947,7 @@ def _spin_and_couple(top: Topology, body: int, q: Array, v: Array) -> tuple[Arra
     return rate, lambda couple: back(couple)[0]
 
 
-def _rub_guide(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array]:
+def _rub_guide(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array, Array]:
     """Rub at a point with a fixed coordinate, by what holds the coordinate."""
     dyn, top = now.dyn, now.dyn.topology
     at = np.arange(top.dim) + index.point * top.dim
@@ -898,11 +955,11 @@ def _rub_guide(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Arr
     whole = dyn.mass @ now.a + row_forces(dyn.eq, np.arange(len(top.rows)), now.q, now.lam)
     whole = whole - forces(dyn, now.t, now.q, now.v) - now.before
     normal = magnitude(whole[at[fixed]])
-    push = numbers[0] * normal * _oppose(now.v[at[~fixed]], numbers[1])
-    return jnp.zeros_like(now.q).at[at[~fixed]].set(push), jnp.zeros_like(now.q)
+    push = numbers[0] * _oppose(now.v[at[~fixed]], numbers[1])
+    return normal, jnp.zeros_like(now.q).at[at[~fixed]].set(push), jnp.zeros_like(now.q)
 
 
-def _rub_slider(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array]:
+def _rub_slider(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array, Array]:
     """Rub along the line of a slot, prismatic or cylindrical joint, by what its rows press across it."""
     top = now.dyn.topology
     assert index.joint is not None
@@ -919,7 +976,7 @@ def _rub_slider(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Ar
     force, _ = spread(top, row_forces(now.dyn.eq, top.rows_of(index.joint), now.q, now.lam))
     normal = magnitude(jnp.sum(force[np.array(on)], axis=0))
     slide = jnp.dot(rates[at] + sum(share * rates[k] for k, share in ends.items()), u)
-    push = -numbers[0] * normal * jnp.tanh(slide / numbers[1]) * u
+    push = -numbers[0] * jnp.tanh(slide / numbers[1]) * u
     none, axes = jnp.zeros_like(now.q), np.arange(top.dim)
     line = sum((none.at[axes + k * top.dim].add(share * push) for k, share in ends.items()), none)
-    return none.at[axes + at * top.dim].add(push), line
+    return normal, none.at[axes + at * top.dim].add(push), line

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxnc.constraints import ALIGNED, COINCIDENT, COINCIDENT_IN_SPACE, FIXED_ANGLE, SCALAR_PRODUCT
 from jaxnc.constraints.kind import Kind
+from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.model import body_inertia
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Joined, Origin, Part, Parts, apart, closures
@@ -786,8 +787,9 @@ def _centre_of_mass(
     q, dim = home.copy(), natural.topology.dim
     for p, at in drawn.items():
         q[dim * p : dim * p + dim] = at
+    whole, q = extended(natural), np.asarray(lift(natural.topology, q))  # a body may have a third direction there
     moment, mass = np.zeros(dim), 0.0
     for body in part.bodies:
-        at, _, first, m = body_inertia(natural, body)
+        at, _, first, m = body_inertia(whole, body)
         moment, mass = moment + np.asarray(first) @ q[at], mass + float(m)
     return moment / mass if mass else None

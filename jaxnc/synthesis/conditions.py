@@ -351,7 +351,10 @@ class OnlyCircuit(Condition):
         """Tell what can be assembled instead of a design that moves through its range; empty if nothing."""
         (name,) = turn.driven
         values = np.unique(np.asarray(turn.asked)[:, 0])
-        found = circuits(turn.system, {name: values}, hold=turn.held, unit="rad")
+        try:
+            found = circuits(turn.system, {name: values}, hold=turn.held, unit="rad")
+        except InputError as error:  # of gears, cams and others whose assemblies cannot be listed
+            return f"may be assembled on another circuit, which cannot be told: {error}"
         if found.doubtful:
             return "has circuits that cannot be told apart over its range"
         for branch in found.branches:

@@ -47,6 +47,33 @@ def test_a_journal_runs_down_by_the_friction_of_its_pin():
     assert np.asarray(pin.moment) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("coefficient", [0.1, 0.4, 0.8])
+def test_a_wide_pin_of_a_short_crank_takes_the_torque_of_its_balance(coefficient):
+    """An eccentric of 10 mm on a pin of 40 mm radius, 100 N at the slider; the rod's balance is solved by SciPy.
+
+    A pass of repetition would leave 4 times the coefficient of the error there.
+    """
+    from scipy.optimize import brentq
+
+    e, radius, length, speed, w, phi = 0.01, 0.04, 0.12, 0.01, 10.0, 1.0
+    m = nc.Mechanism("eccentric")
+    m.ground("O", (0, 0))
+    m.point("B", (e, 0)), m.point("C", (e + length, 0), fixed="y")
+    m.body("crank", ["O", "B"]), m.body("rod", ["B", "C"])
+    m.angle("phi", at="O", to="B")
+    m.force("load", "C", (-100.0, 0))
+    m.friction("pin", coefficient=coefficient, bodies=("crank", "rod"), at="B", radius=radius, speed=speed)
+    system = m.compile()
+    result = nc.inverse_dynamics(system, nc.motion(system, {"phi": lambda t: phi + w * t}, np.array([0.0, 0.01])))
+    x, y = e * np.cos(phi), e * np.sin(phi)
+    reach = np.sqrt(length**2 - y**2)
+    rubs = -coefficient * radius * np.tanh((-w * x / reach - w) * radius / speed)  # for each unit of force
+    across = brentq(lambda n: reach * n - 100.0 * y + rubs * np.hypot(100.0, n), -1e4, 1e4)
+    torque = rubs * np.hypot(100.0, across) - x * across - 100.0 * y
+    assert float(result["phi"][0]) == pytest.approx(torque, rel=1e-9)
+    np.testing.assert_allclose(result.reactions.at("B", on="rod").force[0], [100.0, -across], rtol=1e-9)
+
+
 def test_lost_energy_is_the_work_of_the_friction():
     """Slider-crank with a rubbing slider and a rubbing pin between two moving bodies: power balance at every time."""
     m = nc.Mechanism("slider-crank")

@@ -275,7 +275,10 @@ class Widget:
         """Check inputs that are assigned."""
         if not isinstance(value, Mapping) or set(value) != set(self._motion.driven):
             raise InputError(f"widget: inputs are the values of {', '.join(self._motion.driven)}, got {value!r}")
-        found = {name: float(value[name]) for name in self._motion.driven}
+        try:
+            found = {name: float(value[name]) for name in self._motion.driven}
+        except (TypeError, ValueError):
+            raise InputError(f"widget: inputs are numbers, got {value!r}") from None
         if not self._hearing:
             self._known = self.system, found, self._find_pose(self.system, found)
         return found
