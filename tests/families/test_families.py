@@ -507,3 +507,12 @@ def test_compare_says_and_writes(tmp_path, capsys):
     assert picture.startswith(b"\x89PNG")
     assert main(["compare", str(path), "--families", "absolute", "--no-cache"]) == 2
     assert "no family 'absolute'" in capsys.readouterr().err
+
+
+def test_a_mass_of_a_body_with_two_directions_has_its_centre():
+    """A crank of two points and one vector has a third direction in its inertia, which its coordinates have not."""
+    m = nc.Mechanism("arm", dim=3)
+    m.ground("A", (0, 0, 0)), m.ground_vector("v", (0, 0, 1)), m.point("B", (1, 0, 0))
+    m.body("arm", ["A", "B"], vectors=["v"], mass=1.0, com=(0.3, 0.1, 0.1), inertia=np.eye(3))
+    places = nc.formulate(m, "reference").variables
+    assert len(places) == nc.formulate(m, "reference", reference="middle").n > 0

@@ -189,3 +189,40 @@ def test_a_crank_is_found_whichever_way_it_turns(sense):
     np.testing.assert_allclose(np.asarray(nc.sweep(best.system, {"phi": best.inputs})["P"]), target, atol=1e-8)
     with pytest.raises(nc.InputError, match=r"either_sense=True.*timing=.*offset="):
         S.PathGeneration(four_bar(), "P", target, either_sense=True)
+
+
+def test_a_size_counts_markers():
+    """The marker P of the coupler sticks out beyond all joints."""
+    m = four_bar()
+    m.marker("far", "coupler", at=(2, 8))
+    system = m.compile()
+    turn = nc.sweep(system, {"phi": jnp.linspace(0.0, 2 * np.pi, 25)})
+    spots = [*system.topology.points, "far"]
+    extent = np.ptp(np.concatenate([np.asarray(turn[name]) for name in spots]), axis=0).max()
+    for most in (0.99 * extent, 1.01 * extent):
+        found = np.asarray(S.size(most).values(Seen(system, turn, turn, 1.0)))
+        assert found.min() == pytest.approx(most - extent, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: S.equal(("A", "B"), -2.0), "zero or more"),
+        (lambda: S.equal(("A", "B"), np.nan), "zero or more"),
+        (lambda: S.length("A", "B", max=-1.0), "zero or more"),
+        (lambda: S.crank_turns(margin=np.nan), "margin"),
+        (lambda: S.local("P", ("B", "C", "D"), x=(0, 1)), "two points"),
+        (lambda: S.local("P", ("B", "B"), x=(0, 1)), "two points"),
+        (lambda: path(subject_to=[S.within("P", z=(0, 1))]), "z="),
+    ],
+)
+def test_conditions_that_cannot_hold_are_refused(make, said):
+    with pytest.raises(nc.InputError, match=said):
+        make()
+
+
+def test_what_holds_back_between_poses_is_named():
+    """A region just touched in the poses of the search is not touched in the finer ones of the judge."""
+    asked = [S.crank_turns(), S.clear_of([(-9.0, -9.0), (9.0, 0.5)], width=0.1)]
+    found = S.solve(path(subject_to=asked), starts=40, refine=3, keep=1, progress=False).designs[0]
+    assert found.error > 1e-5 and any("clear of" in name for name in found.binding)
