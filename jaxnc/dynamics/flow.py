@@ -604,7 +604,7 @@ class WrittenFlow:
 
     @property
     def redundant(self) -> bool:
-        """Whether rows are redundant, which are not written out."""
+        """True if rows are redundant, which are not written out."""
         return False
 
     def impose(self, t: Array, q: object, v: object) -> tuple[AnyArray, AnyArray]:

@@ -619,7 +619,7 @@ class ReplayedFlow:
 
     @property
     def redundant(self) -> bool:
-        """Whether rows are redundant, or may become so."""
+        """True if rows are redundant, or may become so."""
         return self.flow.redundant
 
     def impose(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:

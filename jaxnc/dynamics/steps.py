@@ -29,7 +29,7 @@ class Moving(Protocol):
 
     @property
     def redundant(self) -> bool:
-        """Whether rows are redundant, or may become so."""
+        """True if rows are redundant, or may become so."""
         ...
 
     def impose(self, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray]:

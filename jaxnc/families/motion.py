@@ -133,7 +133,7 @@ class _Family:
 
     @property
     def redundant(self) -> bool:
-        """Whether rows are redundant."""
+        """True if rows are redundant."""
         return self.formulation.rows > self.formulation.r
 
     def lift(self, z: Array) -> Array:
