@@ -217,6 +217,7 @@ _FEEL = 1e-7  # of the unknowns' scales: the step of differences of gradients
 _NEAR = 1e-7  # a condition that is met by less is active
 _PROMISE = 1e-10  # of the square: a point is an end if a step of second order promises no more
 _EXACT = 1e-26  # mean square of the errors that is none
+_SLOW = 20  # iterations in a row without a gain of 1e-4: a corner of a condition, along which steps get ever shorter
 _STALE = 3  # steps after which second derivatives are formed anew; between them they are updated
 
 
@@ -267,6 +268,7 @@ class SqpLane:
     optimality: float = np.inf
     promised: float = np.inf
     lost: bool = False
+    slow: int = 0  # iterations in a row that brought next to nothing
     kept: tuple[float, np.ndarray, float] | None = None  # the best place that meets the conditions
 
     @property
@@ -493,7 +495,8 @@ class Sqp:
         end = far <= MEETS and (exact or lane.promised <= _PROMISE)
         # At an end it goes on to rounding as long as that is quick.
         done = exact or lane.promised <= 1e-3 * _PROMISE or lane.lost
-        lane.over = (end and done) or max(lane.reach, lane.wide) < 1e-13  # smaller steps are none
+        stuck = max(lane.reach, lane.wide) < 1e-13 or lane.slow >= _SLOW  # smaller steps are none
+        lane.over = (end and done) or stuck
         return lane.over
 
     def _least(self, square: float) -> float:
@@ -570,6 +573,7 @@ class Sqp:
         best = min(tries, key=lambda one: one.merit)
         lane.fresh = best.merit < lane.merit
         lane.lost = not lane.fresh
+        lane.slow = lane.slow + 1 if best.merit > (1.0 - 1e-4) * lane.merit else 0
         if lane.fresh:
             self._update_curvature(lane, best)
             lane.y, lane.errors, lane.conditions, lane.slopes = best.y, best.errors, best.conditions, best.slopes
