@@ -1,7 +1,7 @@
 """Static equilibrium: where forces do no work on any motion that the constraints admit, and whether it is stable."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -129,8 +129,10 @@ def equilibrium(
     flow = Flow.of(dyn, system.degrees_of_freedom, drives)
     if hold and state is None and len(hold) == system.degrees_of_freedom:
         state = hold  # nothing else to find: the drawing's branch is followed to there
-    begin = lift(system.topology, assemble_pose(system, check_pose(system, state)))
-    q, rows, values, left, gap, status = _find(flow, begin, method == "minimum")
+    # The search has no derivatives, and is the same program with and without them: they follow from where it ends.
+    begin = lift(system.topology, assemble_pose(*jax.lax.stop_gradient((system, check_pose(system, state)))))
+    q, lam, values, left, gap, status = _find(jax.lax.stop_gradient(flow), begin, method == "minimum")
+    q, rows = _attach(flow, q, lam, status == 0)
     q = lower(system.topology, q)
     zero, asked, least = on_device(
         [np.zeros(q.shape, q.dtype), np.array([f.value for _, f in drives], q.dtype), np.zeros((), q.dtype)]
@@ -173,10 +175,11 @@ def _stiffness(flow: Flow, q: Array, lam: Array) -> Array:
     return jax.jacfwd(lambda x: _residual_forces(flow, q.at[u].set(x), lam))(q[u]) / (weight[:, None] * weight[None])
 
 
-def _project_admissible(j: Array) -> Array:
-    """Return the projection on the motions that rows ``(m, n)`` admit."""
+def _nearest(j: Array) -> tuple[Callable[[Array, Array], tuple[Array, Array]], Array]:
+    """Return `saddle` of what is nearest, for rows ``(m, n)``, and the projection on the motions that they admit."""
     eye = jnp.eye(j.shape[1])
-    return jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
+    solve = saddle(eye, j, True)
+    return solve, jax.vmap(lambda e: solve(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
 
 
 def _neutral(values: Array) -> Array:
@@ -225,9 +228,8 @@ def _change_equilibrium(found: tuple[Array, Array], flow: Flow, ok: Array, chang
     weight = weights(eq)[view.unknown]
     j, k = view.linearise(eq, q)[1] / weight, _stiffness(flow, q, lam)
     spread = jax.lax.stop_gradient(_largest_stiffness(k))
-    k, p = k / spread, _project_admissible(j)
+    k, (rows, p) = k / spread, _nearest(j)
     still = _indifferent(*jax.lax.stop_gradient((0.5 * (k + k.T), p)))
-    rows = saddle(jnp.eye(len(k)), j, True)
     dx = rows(jnp.zeros(len(k)), -miss)[0]
     force = wrong / weight / spread
     dx = dx - solver(p @ k @ p + jnp.eye(len(k)) - p + still)(p @ (force + k @ dx))
@@ -251,25 +253,24 @@ class _Place:
 @filter_jit
 def _find(flow: Flow, q: Array, downhill: bool):
     view, u = flow.view, flow.view.unknown
-    eye = jnp.eye(len(u))
-    fixed = jax.lax.stop_gradient(flow)
-    weight = weights(fixed.dyn.eq)[u]
+    weight = weights(flow.dyn.eq)[u]
     # What is nearest is measured in lengths here: there may be no masses.
-    fixed = dataclasses.replace(fixed, ready=(weight, jnp.ones(()), eye))
+    flow = dataclasses.replace(flow, ready=(weight, jnp.ones(()), jnp.eye(len(u))))
     home = jnp.asarray(flow.dyn.eq.home)[view.fixed]
-    q = jax.lax.stop_gradient(fixed.impose(jnp.zeros(()), q.at[view.fixed].set(home), q)[0])
-    q = fixed.project_position(q, 20)  # 20 corrections of a start, which what is held may be far from
-    length, least = fixed.dyn.eq.length, limits(q)
+    q = flow.impose(jnp.zeros(()), q.at[view.fixed].set(home), q)[0]
+    q = flow.project_position(q, 20)  # 20 corrections of a start, which what is held may be far from
+    length, least = flow.dyn.eq.length, limits(q)
 
     def evaluate(q) -> _Place:
-        every = forces(fixed.dyn, jnp.zeros(()), q, jnp.zeros_like(q))
+        every = forces(flow.dyn, jnp.zeros(()), q, jnp.zeros_like(q))
         f = every[u] / weight
-        _, j = view.linearise(fixed.dyn.eq, q)
+        _, j = view.linearise(flow.dyn.eq, q)
         j = j / weight
-        free, lam = saddle(eye, j, True)(f, jnp.zeros(j.shape[0]))
-        energy, slope = jax.value_and_grad(lambda x: potential(fixed.dyn, x))(q) if downhill else (jnp.zeros(()), q)
-        k = _stiffness(fixed, q, lam)
-        return _Place(f, free, lam, j, 0.5 * (k + k.T), _project_admissible(j), energy, every + slope)
+        rows, p = _nearest(j)
+        free, lam = rows(f, jnp.zeros(j.shape[0]))
+        energy, slope = jax.value_and_grad(lambda x: potential(flow.dyn, x))(q) if downhill else (jnp.zeros(()), q)
+        k = _stiffness(flow, q, lam)
+        return _Place(f, free, lam, j, 0.5 * (k + k.T), p, energy, every + slope)
 
     def more(state):
         i, *_, stop = state
@@ -299,7 +300,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
             rows = saddle(k / spread + _indifferent(k / spread, p), at.j, True)
             dx, _ = rows(at.free / spread, jnp.zeros(at.j.shape[0]))
         dx = dx * jnp.minimum(1.0, 0.2 * length / jnp.maximum(largest(dx), least.tiny))
-        new = fixed.project_position(view.move(q, dx / weight), 4)
+        new = flow.project_position(view.move(q, dx / weight), 4)
         return i + 1, q, at, new, largest(dx), shift, stop
 
     none = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(evaluate, q))
@@ -307,13 +308,18 @@ def _find(flow: Flow, q: Array, downhill: bool):
     _, q, at, *_ = jax.lax.while_loop(more, step, begin)
     f, lam, k, p = at.f, at.lam, at.k, at.p
     left = largest(at.free)
-    gap = largest(residual(fixed.dyn.eq, q)[view.rows])
+    gap = largest(residual(flow.dyn.eq, q)[view.rows])
     spread = _largest_stiffness(k)
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
     rounding = jnp.maximum(least.balance * jnp.maximum(largest(f), least.tiny), least.rounding * largest(k) * length)
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))
-    q, lam = attach(_balanced_change, None, (q, lam), flow, status == 0)
     values, _ = _admissible_stiffness(k / spread, p)
     values = jnp.where(_neutral(values), 0.0, spread * values)  # rounding is no stiffness
-    rows = jnp.zeros(len(flow.dyn.topology.rows)).at[view.rows].set(lam)
-    return q, rows, values, left, gap, status
+    return q, lam, values, left, gap, status
+
+
+@filter_jit
+def _attach(flow: Flow, q: Array, lam: Array, ok: Array) -> tuple[Array, Array]:
+    """Attach to an equilibrium how it changes with the design; return it and the multipliers of all rows."""
+    q, lam = attach(_balanced_change, None, (q, lam), flow, ok)
+    return q, jnp.zeros(len(flow.dyn.topology.rows)).at[flow.view.rows].set(lam)
