@@ -16,12 +16,16 @@ os.environ.pop("JAXNC_CACHE", None)
 # Threads of BLAS wait actively: beside other workers for nothing. Set before NumPy's is loaded; later it is a number.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Code that is quick to compile instead of quick to run, which halves the suite; test_reference.py runs once more as a
-# user's machine compiles it. An unknown flag would end the process: the last is known to be there in 0.10 only.
+# user's machine compiles it. An unknown flag would end the process: the last two are known to be there in 0.10 only.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
     + " --xla_cpu_parallel_codegen_split_count=1"
-    + (" --xla_cpu_use_fusion_emitters=false" if jaxlib.__version__.startswith("0.10.") else ""),
+    + (
+        " --xla_cpu_use_fusion_emitters=false --xla_cpu_enable_concurrency_optimized_scheduler=false"
+        if jaxlib.__version__.startswith("0.10.")
+        else ""
+    ),
 )
 # Which lines of Python an operation comes from is noted in every program, up to 100 for each: a twentieth of the time.
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
