@@ -229,12 +229,12 @@ _KEYS = -(2**63), 2**63 - 1
 def _whole(low: int, high: int) -> Callable[[str], int]:
     """Return the reader of an option that is a whole number from low to high."""
 
-    def read(text: str) -> int:
+    def parse(text: str) -> int:
         if not re.fullmatch(r"[+-]?\d+", text) or not low <= int(text) <= high:
             raise argparse.ArgumentTypeError(f"{text}: expected a whole number from {low} to {high}")
         return int(text)
 
-    return read
+    return parse
 
 
 def command_parser() -> argparse.ArgumentParser:

@@ -273,6 +273,6 @@ def _check_reached(flow: Flow, run: Simulation, method: str) -> None:
     if blamed:
         raise AssemblyError(f"{said}: force {blamed!r} is not finite there")
     found = Status(int(status[bad[0]]))
-    if rubbing := ", ".join(repr(f.name) for f in top.loads.friction):
+    if found == Status.CAME_APART and (rubbing := ", ".join(repr(f.name) for f in top.loads.friction)):
         said += f" (where the friction of {rubbing} may lock it)"
     raise AssemblyError(f"{said}. {found.sentence} {_HINTS.get(found, '')}{more_digits(q)}")

@@ -232,9 +232,9 @@ def step(
         if way.error.any():
             errors = errors[0] + jnp.abs(place), errors[1] + jnp.abs(rate)
         else:
-            torn = jnp.isinf(state.gap) | _tears(h, state, last, rate)
-            last = last._replace(gap=jnp.where(torn, jnp.inf, last.gap))
-    return last, errors, each
+            last = last._replace(gap=jnp.where(_tears(h, state, last, rate), jnp.inf, last.gap))
+    # What has broken off, also by friction that locks, stays so.
+    return last._replace(gap=jnp.where(jnp.isinf(state.gap), jnp.inf, last.gap)), errors, each
 
 
 def _tears(h: Array, old: MotionState, new: MotionState, correction: AnyArray) -> Array:

@@ -72,7 +72,7 @@ def read_numbers(path: Path, first: int | None = None) -> np.ndarray:
         except ValueError:
             if rows:
                 raise ValueError(f"line {number}: {line.strip()[:40]!r} is not a row of numbers") from None
-            chosen = _columns(words, first) if first else chosen
+            chosen = _find_columns(words, first) if first else chosen
             continue
         if len(rows[-1]) != len(rows[0]) or len(rows[0]) < (first or 1):
             wanted = f"each line needs {first}" if first else "a table has as many in each row"
@@ -80,7 +80,7 @@ def read_numbers(path: Path, first: int | None = None) -> np.ndarray:
     return np.array(rows)
 
 
-def _columns(heading: list[str], count: int) -> Sequence[int]:
+def _find_columns(heading: list[str], count: int) -> Sequence[int]:
     """Find the columns that a heading calls x, y and so on; the first ones where it names none."""
     names = [re.sub(r"\s*[\[(].*", "", word).lower() for word in heading]
     found = [[k for k, name in enumerate(names) if name == axis or name.endswith(f".{axis}")] for axis in "xyz"[:count]]

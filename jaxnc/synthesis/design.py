@@ -203,7 +203,8 @@ def _judge_one(problem: Problem, one: MovedDesign, end: "End", starts: int) -> D
             defects.append(f"misses {c.name} by {far.max():.2g}")
         if isinstance(c, OnlyCircuit) and good.all() and (wrong := c.defect(one.turn)):
             defects.append(wrong)
-    if problem.system.topology.dim == 3 and moves.all() and not _is_followed(problem, one.motion):
+    in_space = problem.system.topology.dim == 3 and not problem.at_rest
+    if in_space and moves.all() and not _is_followed(problem, one.motion):
         defects.append("is not followed to its targets by a sweep: assemblies meet on the way")
     top, loop, sharp, kind = problem.system.topology, four_bar_loop(problem.system, problem.driven), np.nan, ""
     spots = (*top.points, *(m.name for m in top.markers if not m.direction))
@@ -252,7 +253,8 @@ def _judge_one(problem: Problem, one: MovedDesign, end: "End", starts: int) -> D
 def _is_followed(problem: Problem, motion: Motion) -> bool:
     """Tell whether a sweep from the design's drawing comes to the same poses as the search did."""
     again = problem.sweep(motion.system, np.asarray(motion.asked)[:, 0])
-    off = np.abs(np.asarray(again.poses) - np.asarray(motion.poses)).max()
+    places = motion.poses.shape[-1] - len(motion.system.topology.scalars)  # of angles whole turns do not count
+    off = np.abs(np.asarray(again.poses) - np.asarray(motion.poses))[:, :places].max()
     return bool(np.asarray(again.converged).all() and off <= 1e-6 * problem.length)
 
 

@@ -219,7 +219,7 @@ def test_points_that_are_not_looked_at_on_the_way_are_judged(small, brief):
     timing = np.linspace(2.0, 6.5, 129)
     z = drawn.trace(timing)
     size = Curve.of(np.stack([z.real, z.imag], axis=1), False).size
-    aside = np.setdiff1d(np.arange(129), Curve.of(np.stack([z.real, z.imag], axis=1), False).some)
+    aside = np.setdiff1d(np.arange(129), Curve.of(np.stack([z.real, z.imag], axis=1), False).sample)
     moved = z.copy()
     moved[aside] += 0.3 * size
     points, more = np.stack([moved.real, moved.imag], axis=1), {"bars": (4,), "seconds": 1, "source": small}

@@ -96,7 +96,7 @@ class Curve(NamedTuple):
         return np.vstack([self.given, self.given[:1]]) if self.closed else self.given
 
     @property
-    def some(self) -> np.ndarray:
+    def sample(self) -> np.ndarray:
         """Which of the points as given a search looks at, at most COUNT."""
         return _thin(len(self.given), COUNT)
 
@@ -153,7 +153,7 @@ class Curve(NamedTuple):
     ) -> Target:
         """The curve as `fit.refine` takes it: both ways evenly, or `which` of the points as they were given."""
         points, weight, when = self.even, np.full(COUNT, 1.0 / COUNT), np.zeros(COUNT)
-        which = self.some if which is None else which
+        which = self.sample if which is None else which
         if not both:
             own, count = (self.given[which] - self.centre) / self.size, len(which)
             points = np.concatenate([own, np.repeat(own[-1:], COUNT - count, axis=0)])
@@ -539,7 +539,7 @@ class _Search:
         self.bars, self.target, self.rng, self.simpler = bars, target, rng, simpler
         # A little more than asked for, so that what is found meets it between the poses too.
         sine = float(np.sin(min(terms.least * 1.01 + 0.001, np.pi / 2)) ** 2)
-        ground = (_inside(terms.ground, target.size) - target.centre) / target.size
+        ground = (_draw_in(terms.ground, target.size) - target.centre) / target.size
         walls = [wall.in_units(target.centre, target.size) for wall in terms.walls]
         # By so much more, in sizes of the target, links shall be clear in the poses that are looked at.
         walls = tuple(wall._replace(room=wall.room + 0.01) for wall in walls)
@@ -719,7 +719,7 @@ class _Search:
         best = slice(_TOGETHER)
         self._keep(*self._refine(_some(self.pool, best), _STEPS[2]), self.line[best])
         self.polished = float(self.cost[:_TOGETHER].sum())
-        if self.best < _SMOOTH and len(self.target.some) > self.pool.row.shape[1]:
+        if self.best < _SMOOTH and len(self.target.sample) > self.pool.row.shape[1]:
             own, error = self._refine(_some(self.pool, slice(_WIDTH)), _STEPS[2], self.points, 6)
             if 1e-7**2 < error.min() < 1e-3**2:  # on their way, in a valley that turns
                 best = _some(own, np.argsort(error, kind="stable")[:_TOGETHER])
@@ -890,7 +890,7 @@ def _look_closely(target: Curve, terms: _Terms, lanes: Lanes, bars: int, exact: 
     return found
 
 
-def _inside(box: np.ndarray, size: float) -> np.ndarray:
+def _draw_in(box: np.ndarray, size: float) -> np.ndarray:
     """Draw in a box a little, so that what is found by penalties for going beyond is not beyond it."""
     width = box[1] - box[0]
     less = np.where(width > 4e-3 * size, 1e-3 * size, 0.25 * width)
