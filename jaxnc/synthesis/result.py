@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -283,29 +284,77 @@ class Result(Shown):
 
         Model files are written where the problem was given a `Mechanism`. `load` reads the folder back.
         """
-        from jaxnc.io import target
-
-        folder = target.folder(folder)
-        x = np.stack([d.x for d in self.designs]) if self.designs else np.zeros((0, self.problem.count))
+        meta = {"screened": self.screened, "refined": self.refined, "broken": self.broken, "unfit": self.unfit}
         history = np.array([tuple(h) for h in self.history], dtype=float).reshape(-1, 3)
-        ends = [(d.optimality, d.error, d.feasibility, d.iterations, d.starts) for d in self.designs]
-        meta = {"names": self.problem.names, "screened": self.screened, "refined": self.refined, "broken": self.broken}
-        meta |= {"unfit": self.unfit}
-        meta |= {"reasons": [d.reason for d in self.designs], "freedoms": [d.freedom for d in self.designs]}
-        with target.replacing(folder / "result.npz") as new:
-            more: Any = {} if self.steps is None else {f"steps.{k}": v for k, v in fields_of(self.steps).items()}
-            ends = np.reshape(ends, (-1, 5))
-            np.savez(new, x=x, history=history, ends=ends, meta=np.array(json.dumps(meta)), **more)
-        target.write(folder / "designs.txt", f"{self}\n".encode())
-        if self.problem.mechanism is not None:
-            for k, d in enumerate(self.designs):
-                to_mechanism(self.problem.mechanism, d.system).save(folder / f"design_{k + 1}.toml")
-        return folder
+        steps = {} if self.steps is None else {f"steps.{k}": v for k, v in fields_of(self.steps).items()}
+        return write_designs(folder, self.problem, self.designs, f"{self}\n", meta, {"history": history, **steps})
 
 
 def format_quantity(value: float, unit: str, digits: int = 3) -> str:
     """A number with its unit, if it has one."""
     return f"{value:.{digits}g} {unit}".rstrip()
+
+
+def write_designs(
+    folder: str | Path,
+    problem: Problem,
+    designs: Sequence[Design],
+    table: str,
+    meta: Mapping[str, Any],
+    arrays: Mapping[str, np.ndarray],
+) -> Path:
+    """Write a folder of designs: a table, ``result.npz`` with arrays and meta data beside theirs, and model files."""
+    from jaxnc.io import target
+
+    folder = target.folder(folder)
+    x = np.stack([d.x for d in designs]) if designs else np.zeros((0, problem.count))
+    ends = np.reshape([(d.optimality, d.error, d.feasibility, d.iterations, d.starts) for d in designs], (-1, 5))
+    told = json.dumps({
+        **meta, "names": problem.names, "reasons": [d.reason for d in designs], "freedoms": [d.freedom for d in designs]
+    })  # fmt: skip
+    more: Any = arrays
+    with target.replacing(folder / "result.npz") as new:
+        np.savez(new, x=x, ends=ends, meta=np.array(told), **more)
+    target.write(folder / "designs.txt", table.encode())
+    if problem.mechanism is not None:
+        for k, d in enumerate(designs):
+            to_mechanism(problem.mechanism, d.system).save(folder / f"design_{k + 1}.toml")
+    return folder
+
+
+def read_designs(
+    folder: str | Path, problem: Problem, writer: str, *names: str
+) -> tuple[list[Design], dict[str, Any], dict[str, np.ndarray]]:
+    """Read what `write_designs` wrote for a writer: designs, each judged again, meta data and arrays.
+
+    Of these the writer needs some by name.
+
+    Raises:
+        InputError: there is nothing of the kind, or it belongs to a problem with other unknowns.
+        ModelFileError: it is damaged, or another one's.
+    """
+    path = Path(folder) / "result.npz"
+    if not path.exists():
+        raise InputError(f"{folder} holds no result of a search: there is no {path.name} in it")
+    from jaxnc.io import archive
+
+    arrays = archive.read_archive(path, f"a file that {writer} wrote")
+    try:
+        x, ends, meta = arrays["x"], arrays["ends"], json.loads(str(arrays["meta"]))
+        wanted, reasons, freedoms = meta["names"], meta["reasons"], meta["freedoms"]
+        missing = [name for name in names if name not in arrays and name not in meta]
+    except (KeyError, ValueError, TypeError):
+        missing = ["meta"]
+    if missing:
+        raise ModelFileError(f"{path} is not a file that {writer} wrote; save the result again")
+    if tuple(wanted) != problem.names:
+        raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
+    basins = [
+        Basin(one, End(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))
+        for one, end, reason in zip(move_designs(problem, list(x)), ends, reasons, strict=True)
+    ]
+    judged = zip(judge(problem, basins, ranked=False), freedoms, strict=True)
+    return [dataclasses.replace(design, freedom=int(freedom)) for design, freedom in judged], meta, arrays
 
 
 @public
@@ -316,31 +365,11 @@ def load(folder: str | Path, problem: Problem) -> Result:
         InputError: there is no such result, or it belongs to a problem with other unknowns.
         ModelFileError: it is damaged.
     """
-    path = Path(folder) / "result.npz"
-    if not path.exists():
-        raise InputError(f"{folder} holds no result of a search: there is no {path.name} in it")
-    from jaxnc.io import archive
-
-    arrays = archive.read_archive(path, "a file that Result.save wrote")
-    try:
-        x, history, meta = arrays["x"], arrays["history"], json.loads(str(arrays["meta"]))
-        ends, reasons = arrays["ends"], meta["reasons"]
-        wanted, refined, screened, broken = (meta[name] for name in ("names", "refined", "screened", "broken"))
-    except (KeyError, ValueError, TypeError):
-        raise ModelFileError(f"{path} is not a file that Result.save wrote; save the result again") from None
-    if tuple(wanted) != problem.names:
-        raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
-    rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
-    basins = [
-        Basin(one, End(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))
-        for one, end, reason in zip(move_designs(problem, list(x)), ends, reasons, strict=True)
-    ]
+    counts = ("screened", "refined", "broken", "unfit")
+    designs, meta, arrays = read_designs(folder, problem, "Result.save", "history", *counts)
+    rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in arrays["history"])
     known: Any = {name.removeprefix("steps."): a for name, a in arrays.items() if name.startswith("steps.")}
     steps = Steps(**known | {"random": bool(known["random"])}) if known else None
-    unfit, freedoms = int(meta.get("unfit", 0)), meta.get("freedoms", [0] * len(basins))
-    designs = [
-        dataclasses.replace(design, freedom=int(freedom))
-        for design, freedom in zip(judge(problem, basins, ranked=False), freedoms, strict=True)
-    ]
     designs.sort(key=lambda design: design.rank)
+    screened, refined, broken, unfit = (int(meta[name]) for name in counts)
     return Result(problem, tuple(designs), rows, refined, screened, broken, None, "", unfit, steps=steps)

@@ -104,6 +104,11 @@ def test_a_front_that_is_not_convex(mechanism, tmp_path):
     assert "the front is one point" in str(one) and "do not contradict each other" in str(one)
     front.plot(tmp_path / "front.png")
     assert (tmp_path / "front.png").stat().st_size > 10_000
+    again = S.Front.load(front.save(tmp_path / "front"), goal)
+    assert str(again) == str(front) and (tmp_path / "front" / "designs.txt").read_text() == f"{front}\n"
+    np.testing.assert_array_equal(again.values, front.values)
+    with pytest.raises(nc.ModelFileError, match="Result.save"):
+        S.load(tmp_path / "front", goal)
     with pytest.raises(nc.InputError, match="needs at least 3"):
         S.pareto(goal, points=2)
     with pytest.raises(nc.InputError, match="others={name: function".replace("{", "[{]")):

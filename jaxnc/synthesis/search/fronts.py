@@ -21,6 +21,7 @@ from jaxnc.synthesis.design import Design, judge
 from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Problem, check_problem
+from jaxnc.synthesis.result import read_designs, write_designs
 from jaxnc.synthesis.search.basins import Basin
 from jaxnc.synthesis.search.checkpoint import interruptible
 from jaxnc.synthesis.search.goal import OPEN, Goal
@@ -33,6 +34,7 @@ from jaxnc.types import Array, ArrayLike
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_TOLD = ("refined", "screened", "dominated", "defective", "stopped")  # of a front, beside its designs
 _POINT = 1e-6  # a front that is narrower than this part of its values is one point
 
 
@@ -116,6 +118,23 @@ class Front(Shown):
         from jaxnc.viz import synthesis
 
         return synthesis.front(self, path)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write a folder with the table, the numbers and a model file of each design; `load` reads it back."""
+        meta = {"objectives": self.names} | {name: getattr(self, name) for name in _TOLD}
+        return write_designs(folder, self.problem, self.designs, f"{self}\n", meta, {"values": self.values})
+
+    @classmethod
+    def load(cls, folder: str | Path, problem: Problem) -> "Front":
+        """Read what `save` wrote, of the same problem; every design is judged again.
+
+        Raises:
+            InputError: there is no front, or it belongs to a problem with other unknowns.
+            ModelFileError: it is damaged, or the result of a search for one objective.
+        """
+        designs, meta, arrays = read_designs(folder, problem, "Front.save", "values", "objectives", *_TOLD)
+        told = {name: meta[name] for name in _TOLD}
+        return cls(problem, tuple(meta["objectives"]), arrays["values"], tuple(designs), **told)
 
 
 @public
