@@ -107,7 +107,7 @@ def test_a_front_that_is_not_convex(mechanism, tmp_path):
     again = S.Front.load(front.save(tmp_path / "front"), goal)
     assert str(again) == str(front) and (tmp_path / "front" / "designs.txt").read_text() == f"{front}\n"
     np.testing.assert_array_equal(again.values, front.values)
-    with pytest.raises(nc.ModelFileError, match="Result.save"):
+    with pytest.raises(nc.ModelFileError, match=r"Result\.save"):
         S.load(tmp_path / "front", goal)
     with pytest.raises(nc.InputError, match="needs at least 3"):
         S.pareto(goal, points=2)
