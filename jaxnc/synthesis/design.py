@@ -252,9 +252,9 @@ def _judge_one(problem: Problem, one: MovedDesign, end: "End", starts: int) -> D
 
 def _is_followed(problem: Problem, motion: Motion) -> bool:
     """Tell whether a sweep from the design's drawing comes to the same poses as the search did."""
-    again = problem.sweep(motion.system, np.asarray(motion.asked)[:, 0])
-    places = motion.poses.shape[-1] - len(motion.system.topology.scalars)  # of angles whole turns do not count
-    off = np.abs(np.asarray(again.poses) - np.asarray(motion.poses))[:, :places].max()
+    again, poses = problem.sweep(motion.system, np.asarray(motion.asked)[:, 0]), np.asarray(motion.poses)
+    places = poses.shape[-1] - len(motion.system.topology.scalars)  # of angles whole turns do not count
+    off = np.abs(np.asarray(again.poses) - poses)[:, :places].max()
     return bool(np.asarray(again.converged).all() and off <= 1e-6 * problem.length)
 
 
