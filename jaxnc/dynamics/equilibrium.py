@@ -175,8 +175,8 @@ def _stiffness(flow: Flow, q: Array, lam: Array) -> Array:
     return jax.jacfwd(lambda x: _residual_forces(flow, q.at[u].set(x), lam))(q[u]) / (weight[:, None] * weight[None])
 
 
-def _nearest(j: Array) -> tuple[Callable[[Array, Array], tuple[Array, Array]], Array]:
-    """Return `saddle` of what is nearest, for rows ``(m, n)``, and the projection on the motions that they admit."""
+def _admissible_motions(j: Array) -> tuple[Callable[[Array, Array], tuple[Array, Array]], Array]:
+    """Return the solver for the nearest motion that rows ``(m, n)`` admit, and the projection on these motions."""
     eye = jnp.eye(j.shape[1])
     solve = saddle(eye, j, True)
     return solve, jax.vmap(lambda e: solve(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
@@ -228,7 +228,7 @@ def _change_equilibrium(found: tuple[Array, Array], flow: Flow, ok: Array, chang
     weight = weights(eq)[view.unknown]
     j, k = view.linearise(eq, q)[1] / weight, _stiffness(flow, q, lam)
     spread = jax.lax.stop_gradient(_largest_stiffness(k))
-    k, (rows, p) = k / spread, _nearest(j)
+    k, (rows, p) = k / spread, _admissible_motions(j)
     still = _indifferent(*jax.lax.stop_gradient((0.5 * (k + k.T), p)))
     dx = rows(jnp.zeros(len(k)), -miss)[0]
     force = wrong / weight / spread
@@ -266,7 +266,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
         f = every[u] / weight
         _, j = view.linearise(flow.dyn.eq, q)
         j = j / weight
-        rows, p = _nearest(j)
+        rows, p = _admissible_motions(j)
         free, lam = rows(f, jnp.zeros(j.shape[0]))
         energy, slope = jax.value_and_grad(lambda x: potential(flow.dyn, x))(q) if downhill else (jnp.zeros(()), q)
         k = _stiffness(flow, q, lam)

@@ -346,7 +346,10 @@ def read_designs(
     except (KeyError, ValueError, TypeError):
         missing = ["meta"]
     if missing:
-        raise ModelFileError(f"{path} is not a file that {writer} wrote; save the result again")
+        raise ModelFileError(
+            f"{path} is not a file that {writer} wrote. A result is read by load(), a front by Front.load(); if it is "
+            f"damaged, save it again"
+        )
     if tuple(wanted) != problem.names:
         raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
     basins = [
