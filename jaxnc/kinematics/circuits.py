@@ -14,9 +14,9 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from jaxnc.calls import public
-from jaxnc.continuation.tracker import CAREFUL
 from jaxnc.doors import door
 from jaxnc.errors import AssemblyError, InputError, counted
+from jaxnc.kinematics.host_solve import solve_lanes
 from jaxnc.kinematics.inputs import check_inputs, check_system
 from jaxnc.kinematics.modes import MOST, Design, Family, Targets, prepare, to_motion
 from jaxnc.kinematics.motion import Motion
@@ -25,7 +25,7 @@ from jaxnc.notebooks import Reported
 from jaxnc.process import one_thread
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.curve import turning_point
-from jaxnc.solvers.plan import plan
+from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
@@ -175,9 +175,8 @@ def circuits(
     k = names.index(moving[0])
     if not (np.diff(values[:, k]) > 0.0).all():
         raise InputError(f"circuits(): the values of {moving[0]!r} must ascend, each one greater than the one before")
-    order = tuple(system.topology.position[n] for n in names)
-    design, family = prepare(system, order, tuple(map(int, view.held)), seed, most)
-    range_ = _Range(design, family, order, values, k, seed)
+    design, family = prepare(system, tuple(map(int, view.driven)), tuple(map(int, view.held)), seed, most)
+    range_ = _Range(view, design, family, values, k, seed)
     angle = system.topology.is_angle(moving[0])
     found = _join(range_, angle)
     motion = functools.partial(to_motion, system, view)
@@ -187,9 +186,9 @@ def circuits(
 class _Range(Targets):
     """A mechanism over the values of an input, the k-th one."""
 
-    def __init__(self, design: Design, family: Family, order: tuple[int, ...], values: np.ndarray, k: int, seed: int):
-        super().__init__([design], family, order, values, seed)
-        self.design, self.k = design, k
+    def __init__(self, view: Plan, design: Design, family: Family, values: np.ndarray, k: int, seed: int):
+        super().__init__([design], family, tuple(map(int, view.driven)), values, seed)
+        self.view, self.design, self.k = view, design, k
 
     @functools.cached_property
     def free(self) -> HostView:
@@ -199,28 +198,18 @@ class _Range(Targets):
 
     def connect(self) -> list[np.ndarray]:
         """For every value but the last: which assembly at the next each one becomes, -1 for none."""
-        count = len(self.places)
-        each = max((p.w.shape[1] for p in self.places), default=0)
-        n, out = self.reduction.n, []
-        if not each:
-            return [np.zeros(0, int)] * (count - 1)
-        ends_at = np.full((n, (count - 1) * each), np.nan, complex)
-        for j, place in enumerate(self.places[:-1]):
-            ends_at[:, j * each : j * each + place.w.shape[1]] = place.w
-        arrived = np.ones(ends_at.shape[1], bool)
-        if n:
-            here, there = self.end.choose(np.arange(count - 1)), self.end.choose(np.arange(1, count))
-            ends = self.reduction.paths(here, there, each).follow(ends_at, CAREFUL)
-            ends_at, arrived = ends.w, ends.arrived
-        for j, (place, then) in enumerate(zip(self.places[:-1], self.places[1:], strict=True)):
-            out.append(np.full(place.w.shape[1], -1))
-            for i in range(place.w.shape[1]):
-                lane = j * each + i
-                if arrived[lane] and then.w.shape[1]:
-                    apart = np.abs(then.w - ends_at[:, lane : lane + 1]).max(axis=0, initial=0.0)
-                    if apart.min() < _SAME * (1.0 + np.abs(ends_at[:, lane]).max(initial=0.0)):
-                        out[-1][i] = int(apart.argmin())
-        return out
+        counts = [p.w.shape[1] for p in self.places[:-1]]
+        step = np.repeat(np.arange(len(counts)), counts)
+        start = np.concatenate([p.q for p in self.places[:-1]], axis=1)
+        size = self.design.reading.first
+        found = solve_lanes(self.view, self.design.host, start.T, self.values[step + 1], np.arange(len(step)))
+        ends, unit = found.q[:, :size] / self.design.unit[:size], self.design.unit[:size, None]
+        out = np.full(len(step), -1)
+        for lane in np.flatnonzero(found.size <= self.free.least.close * self.free.eq.length):
+            apart = np.abs(self.places[step[lane] + 1].q[:size] / unit - ends[lane][:, None]).max(axis=0, initial=0.0)
+            if len(apart) and apart.min() < _SAME:
+                out[lane] = int(apart.argmin())
+        return np.split(out, np.cumsum(counts)[:-1])
 
     def dead_point(self, step: int, one: np.ndarray, two: np.ndarray) -> float | None:
         """Value of the input in a step, at which two assemblies ``(N,)`` become one; None if they do not turn there."""

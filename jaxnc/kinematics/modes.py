@@ -41,7 +41,8 @@ from jaxnc.kinematics.starts import (
 from jaxnc.notebooks import Reported
 from jaxnc.process import one_thread
 from jaxnc.solvers.assembly import derive, to_host
-from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.host import HostView, correct_poses
+from jaxnc.solvers.plan import Plan, plan
 from jaxnc.status import Status
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
@@ -699,12 +700,16 @@ def place_poses(design: Design, x: np.ndarray, maps: np.ndarray, w: np.ndarray) 
 
 
 def judge(design: Design, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Real poses with what follows measured, their statuses and largest residuals."""
+    """Real poses, corrected and with what follows measured, their statuses and largest residuals."""
     reading, host = design.reading, design.host
     with np.errstate(all="ignore"):
         measured = host.measured(q)
         follows = reading.follows[reading.first :]
         q[reading.first :][follows] = measured[follows]
+        # Solutions of combined rows are as good as these are conditioned; a correction of more than 1e-4 is none.
+        view = HostView(plan(reading.top, reading.top.named(reading.inputs)), host)
+        exact = correct_poses(view, q)
+        q = np.where((np.abs(exact - q) / design.unit[:, None]).max(axis=0, initial=0.0) < 1e-4, exact, q)
         gap = np.abs(host.residual(q)).max(axis=0, initial=0.0)
         upright, mirrored = host.guards(q)
     # A pose meets all rows if none is off by more than 1e-9 of the mechanism's size.

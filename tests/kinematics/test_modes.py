@@ -612,4 +612,22 @@ def test_dead_points_are_within_their_step():
     kite = planar("kite", dict(A=(0, 0), D=(4, 0)), points, ["AB", "BC", "DC"], "AB").compile()
     found = nc.circuits(kite, {"phi": np.linspace(-np.pi, np.pi, 90)})
     np.testing.assert_allclose(found.dead_points, np.radians([-60.0, 60.0]), atol=1e-9)
-    assert found.doubtful
+    assert len(found) == 1 and len(found.branches) == 2 and not found.doubtful
+
+
+@pytest.mark.parametrize("pin", [(2.0, 0.1), (2.0, 0.7), (1.5, 0.9)])
+@pytest.mark.parametrize("values", [181, 361])
+def test_circuits_of_cranks_that_fold_onto_the_ground(pin, values):
+    """The law of cosines has the dead points; the solution of linear rows is 60 times the size next to them."""
+    ends = ((3, 1), (2, 0)) if pin[0] == 2.0 else ((3.4, 1.6), (3, 0))
+    linkage = nc.synthesis.FourBar((0, 0), pin, *ends)
+    turn = np.linspace(0.013, 2 * np.pi, values)
+    found, long = nc.circuits(linkage.system, {"phi": turn}), linkage.lengths
+    ground, crank = long["ground"], long["crank"]
+    reach = abs(long["coupler"] - long["rocker"]), long["coupler"] + long["rocker"]
+    cosine = [(ground**2 + crank**2 - d**2) / (2 * ground * crank) for d in reach]
+    dead = [angle for c in cosine if abs(c) < 1 for angle in (np.arccos(c), 2 * np.pi - np.arccos(c))]
+    np.testing.assert_allclose(found.dead_points, sorted(dead), atol=1e-7)
+    apart = abs(ground - crank * np.exp(1j * turn))
+    np.testing.assert_array_equal(found.count, 2 * ((apart > reach[0]) & (apart < reach[1])))
+    assert len(found) == 2 and len(found.branches) == 4 and not found.doubtful
