@@ -100,6 +100,17 @@ class TestFreudenstein:
         """Hartenberg and Denavit: three points on [1, 2] lie at 1.067, 1.5 and 1.933."""
         np.testing.assert_allclose(syn.chebyshev_points(3, (1, 2)), [1.0669873, 1.5, 1.9330127], atol=1e-7)
 
+    def test_a_straight_line_of_slope_one_is_every_parallelogram(self):
+        x = np.array([0.1, 0.4, 0.8, 1.1, 1.5])
+        for points, offset in ((5, None), (4, 0.2)):
+            found = syn.precision_four_bars(x[:points], x[:points] + 0.3, offset, None)
+            assert not len(found) and "parallelogram" in str(found)
+
+    def test_the_unit_of_length_does_not_decide(self):
+        phi, s = R([20.0, 60.0, 110.0]), np.array([3.2, 2.7, 1.9])
+        small, large = syn.slider_crank_function(phi, s), syn.slider_crank_function(phi, 1e12 * s)
+        np.testing.assert_allclose(large[0].B, 1e12 * np.array(small[0].B), rtol=1e-9)
+
     def test_a_branch_defect_is_seen(self):
         """Points of both assemblies of one linkage: the equations hold, the motion does not."""
         a, b, c, d = 1.0, 2.5, 1.8, 2.2
@@ -301,6 +312,37 @@ class TestBurmester:
         turn = np.exp(1j * (five[1, 2] - five[0, 2]))
         start, end = (complex(*p) for p in five[:2, :2])
         assert abs(turn * (pole - start) + end - pole) < 1e-13
+
+    @pytest.mark.parametrize("near", [(-40, 30), (1000, 0), (-3, -3), (5, 5), (0, 0), (100, 50)])
+    def test_a_curve_dyad_is_exact_and_the_nearest(self, near):
+        guide = syn.Guidance([[0, 0, 0], [1.0, 0.6, 0.5], [2.0, 0.9, 1.1], [2.6, 0.4, 1.9]])
+        dyad = guide.curve_dyad(near)
+        assert dyad.residual < 1e-14
+        circle = guide.curves(points=4000, extent=200.0).circle
+        nearest = np.nanmin(np.hypot(*(circle - near).T))
+        assert np.hypot(*np.subtract(dyad.moving, near)) <= nearest * (1 + 1e-9)
+
+    def test_poses_of_which_no_curve_is_known(self):
+        turns, ways = [[0, 0, t] for t in (0, 0.5, 1.0, 1.5)], [[0, 0, 0], [1, 0.5, 0], [1.5, 2, 0], [3, 1, 0]]
+        for poses in (turns, ways):
+            for ask in (lambda guide: guide.curves(), lambda guide: guide.curve_dyad((1, 1))):
+                with pytest.raises(nc.InputError, match="every point"):
+                    ask(syn.Guidance(poses))
+
+    def test_poses_at_one_place(self):
+        """A body that turns about its origin: the poses have no size, the coupler has."""
+        guide = syn.Guidance([[0, 0, 0], [0, 0, 0.5]])
+        design = guide.four_bar(guide.dyad(moving=(1, 0), along=-0.7), guide.dyad(moving=(0.3, 1), along=1.2))
+        assert not design.defects and design.error < 1e-12
+
+    def test_a_parallelogram_may_leave_at_its_change_point(self):
+        turns = np.array([0.0, 0.5, 1.1])
+        guide, found = syn.Guidance(np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)), []
+        for along in np.linspace(0.2, 2 * np.pi, 12):  # direction of the coupler; in line where the cranks have it too
+            design = guide.four_bar(guide.dyad((1, 0)), guide.dyad((1 + 3 * np.cos(along), 3 * np.sin(along))))
+            np.testing.assert_allclose(sorted(design.linkage.lengths.values()), [1, 1, 3, 3], atol=1e-9)
+            found.append((along % np.pi < 1.1, design.defects))
+        assert {*found} == {(True, ("branch",)), (False, ())}
 
     def test_an_order_defect_is_seen(self, five):
         guide = syn.Guidance(five[[0, 2, 1, 3]])

@@ -162,6 +162,18 @@ def test_matrices_that_are_singular_to_the_last_bit_stop_no_other_lane():
     assert np.isnan(inverses(lanes)[1]).all()
 
 
+def test_a_point_on_a_fixed_pivot():
+    """Seen from that point no equation loses its turn: all six linkages that another search found are there."""
+    points = [(0.5, 1.06), (-0.83, -0.27), (-0.34, 0.22), (-0.13, 0.43), (0.0, 0.0)]
+    orders = [points, [points[4], *points[:4]], [*points[:2], points[4], *points[2:4]]]
+    found = [syn.path_four_bars(some, A=(0, 0), D=(1, 0.3)) for some in orders]
+    lengths = [sorted(round(d.linkage.lengths["crank"], 9) for d in designs) for designs in found]
+    assert lengths[0] == lengths[1] == lengths[2] and len(lengths[0])
+    assert all(designs.residual < 1e-12 and not designs.missing for designs in found)
+    with pytest.raises(nc.InputError, match="fixed pivots"):
+        syn.path_four_bars([*points[:4], (1, 0.3)], A=(0.5, 1.06), D=(1, 0.3))
+
+
 def test_no_other_real_linkage_is_found_by_newton():
     """Five points: 4000 real random starts of Newton end in the linkages that are known, and in each."""
     rng = np.random.default_rng(8)

@@ -76,17 +76,31 @@ def cubic_slope(forms: np.ndarray, b: complex) -> complex:
     return complex(*parts)
 
 
-def nearest_on_cubic(forms: np.ndarray, near: complex) -> complex:
-    """The point of the curve that Newton's steps along the gradient lead to from a place."""
-    b = near
+def nearest_on_cubic(forms: np.ndarray, begin: complex, near: complex) -> complex:
+    """The point of the curve that is nearest to a place, from one that is about there.
+
+    Newton's steps on two conditions: it is on the curve, and the way from the place runs across the curve.
+    """
+
+    def conditions(z: complex) -> np.ndarray:
+        g = cubic_slope(forms, z)
+        return np.array([complex(cubic_value(forms, z)).real, (np.conj(g) * (z - near)).imag])
+
+    def onto_curve(b: complex) -> complex:
+        for _ in range(10):
+            g = cubic_slope(forms, b)
+            b -= complex(cubic_value(forms, b)).real * g / max(abs(g) ** 2, 1e-300)
+        return b
+
+    b = begin
     for _ in range(60):
-        g = cubic_slope(forms, b)
-        step = complex(cubic_value(forms, b)).real * g / max(abs(g) ** 2, 1e-300)
-        step *= min(1.0, 0.5 / max(abs(step), 1e-300))
-        b -= step
-        if abs(step) < 1e-16 * max(1.0, abs(b)):
+        h = 1e-6 * (1.0 + abs(b))
+        slope = np.stack([(conditions(b + e * h) - conditions(b - e * h)) / (2.0 * h) for e in (1.0, 1j)], axis=1)
+        step = complex(*np.linalg.lstsq(slope, conditions(b), rcond=1e-14)[0])
+        b -= step * min(1.0, 0.3 * (1.0 + abs(begin - near)) / max(abs(step), 1e-300))
+        if abs(step) < 1e-12 * (1.0 + abs(b)):
             break
-    return b
+    return min(onto_curve(begin), onto_curve(b), key=lambda z: abs(z - near))
 
 
 def _crossings(forms: np.ndarray, start: complex, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -141,7 +155,7 @@ def trace_cubic(forms: np.ndarray, start: complex, points: int, extent: float) -
             takes = (c2 > 0) == (sign < 0)
             with np.errstate(divide="ignore", invalid="ignore"):
                 s = np.where(takes, big / (2.0 * c3), 2.0 * c1 / big)
-            b = start + s * np.exp(1j * angle)
+                b = start + s * np.exp(1j * angle)
             b = np.where(np.abs(b) < extent, b, np.nan)
             pieces += [b[:: int(sign)], np.array([np.nan + 0j])]
     return np.concatenate(pieces) if pieces else np.zeros(0, complex)
@@ -343,20 +357,8 @@ class Guidance:
             InputError: not four poses, or four that are all translations of one another.
         """
         self._check_count(4, "curves()")
-        pairs = list(itertools.combinations(range(4), 2))
-        poles = np.array([self.pole(i, j) for i, j in pairs])
-        # As seen from the body in its first pose, poles lie on the circle-point curve: one of them starts the pencil.
-        seen = [
-            (self._inwards(complex(*pole)) - self._shift[i]) / self._turn[i]
-            for (i, _), pole in zip(pairs, poles, strict=True)
-            if math.isfinite(pole[0])
-        ]
-        if not seen:
-            raise InputError(
-                "guidance: the poses are translations of one another; every point is a circle point of three"
-            )
-        forms = self._forms()
-        b = trace_cubic(forms, min(seen, key=abs), points, extent)
+        poles = np.array([self.pole(i, j) for i, j in itertools.combinations(range(4), 2)])
+        forms, b = self._trace(points, extent)
         a = _partners(forms, b)
         far = ~(np.abs(a) < extent)
         circle = self._outwards(b)
@@ -374,12 +376,40 @@ class Guidance:
             The dyad, exact: the point of the curve is polished, not interpolated.
 
         Raises:
-            InputError: not four poses.
+            InputError: not four poses, four of which no curve is known, or a place so far off that its dyad's bar has
+                no end that is known exactly.
         """
         self._check_count(4, "curve_dyad()")
+        place = self._inwards(complex_of("guidance", "near", near))
+        forms, curve = self._trace(2000, 20.0 + 4.0 * abs(place))
+        curve = curve[np.isfinite(curve)]
+        b = nearest_on_cubic(forms, complex(curve[np.argmin(np.abs(curve - place))]), place)
+        found = self._dyad(b, complex(_partners(forms, np.array([b]))[0]))
+        if not found.residual <= EXACT:
+            raise InputError(
+                f"guidance: the dyad nearest to {near} misses the poses by {found.residual:.1e} of its size: its bar is "
+                f"so long that it is next to a slider; choose a place nearer to the poses"
+            )
+        return found
+
+    def _trace(self, points: int, extent: float) -> tuple[np.ndarray, np.ndarray]:
+        """The forms of four poses, and the circle-point curve as polylines, see `trace_cubic`."""
+        # As seen from the body in its first pose, poles lie on the circle-point curve: one of them starts the pencil.
+        pairs = itertools.combinations(range(4), 2)
+        seen = [(self._inwards(complex(*self.pole(i, j))) - self._shift[i]) / self._turn[i] for i, j in pairs]
+        seen = [z for z in seen if np.isfinite(z)]
+        if not seen:
+            raise InputError(
+                "guidance: the poses are translations of one another; every point is a circle point of three"
+            )
         forms = self._forms()
-        b = nearest_on_cubic(forms, self._inwards(complex_of("guidance", "near", near)))
-        return self._dyad(b, complex(_partners(forms, np.array([b]))[0]))
+        b = trace_cubic(forms, min(seen, key=abs), points, extent)
+        if not np.isfinite(b).any():
+            raise InputError(
+                "guidance: every point of the body goes on a circle through these poses, as where it turns about one "
+                "point; leave a pose out and choose a dyad by dyad()"
+            )
+        return forms, b
 
     def pairs(self) -> BurmesterPairs:
         """All dyads through five poses: Burmester's pairs, at most four real ones.

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
-from jaxnc.kinematics.inputs import one_number
+from jaxnc.kinematics.inputs import one_number, whole
 from jaxnc.kinematics.instant import transmission_angle
 from jaxnc.kinematics.position import sweep
 from jaxnc.synthesis.exact.linkage import FourBar, Listed, SliderCrank, sweep_through, wrap_angle
@@ -40,8 +40,7 @@ def chebyshev_points(count: int, over: tuple[float, float] = (-1.0, 1.0)) -> Flo
     Source: P. L. Chebyshev (1854); R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages (1964), chapter 5.
     """
     low, high = _as_range("over", over)
-    if count < 1:
-        raise InputError(f"Chebyshev spacing: count = {count} must be at least 1")
+    count = whole(count, "Chebyshev spacing: count")
     k = np.arange(1, count + 1)
     return 0.5 * (low + high) - 0.5 * (high - low) * np.cos((2 * k - 1) * np.pi / (2 * count))
 
@@ -176,6 +175,10 @@ def precision_four_bars(
         None if value is None else one_number(value, f"precision_four_bars: {name}")
         for value, name in ((input_offset, "input_offset"), (output_offset, "output_offset"))
     )
+    # So near to a straight line of slope one, in radians, rounding decides where bars end.
+    if need > 3 and float(np.ptp(y - x)) < 1e-9 * float(np.ptp(x)):
+        every = "the output turns as the input does: every parallelogram meets the points, its bars as long as you like"
+        return FunctionDesigns((), (every,))
     if input_offset is not None and output_offset is not None:
         solutions: list = [_solve_three(x + input_offset, y + output_offset, input_offset, output_offset)]
     elif need == 4:
@@ -230,7 +233,7 @@ def function_four_bars(
     low, high = _as_range("over", over)
     need = 3 + (input_start is None) + (output_start is None)
     chosen = need if points is None else points
-    if np.ndim(chosen) == 0 and int(np.asarray(chosen)) != need:
+    if np.ndim(chosen) == 0 and chosen != need:
         raise InputError(
             f"function_four_bars: points = {chosen}, but there are {need} unknowns; give input_start and output_start "
             f"for 3 points, one of them for 4, none for 5"
@@ -284,14 +287,15 @@ def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[Slider
     phi, s = check_points("slider_crank_function", inputs, outputs)
     if len(phi) != 3:
         raise InputError(f"slider_crank_function: {len(phi)} inputs and outputs; there must be three of each")
-    matrix = np.stack([s * np.cos(phi), np.sin(phi), np.ones(3)], axis=1)
+    unit = float(np.abs(s).max()) or 1.0
+    matrix = np.stack([s / unit * np.cos(phi), np.sin(phi), np.ones(3)], axis=1)
     if np.linalg.cond(matrix) > 1e13:
         raise InputError("slider_crank_function: the three equations do not determine the bars; choose other inputs")
-    k = np.linalg.solve(matrix, s * s)
-    crank = 0.5 * k[0]
-    if abs(crank) < 1e-12 * np.abs(s).max():
+    k = np.linalg.solve(matrix, (s / unit) ** 2)
+    crank = 0.5 * unit * k[0]
+    if abs(crank) < 1e-12 * unit:
         raise InputError("slider_crank_function: the crank would have no length; choose other outputs")
-    offset = 0.5 * k[1] / crank
+    offset = unit * k[1] / k[0]
     pin = crank * np.exp(1j * phi[0])
     found = SliderCrank((0.0, 0.0), (pin.real, pin.imag), (float(s[0]), float(offset)))
     turned = phi + (math.pi if crank < 0 else 0.0)
@@ -440,7 +444,8 @@ def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
     if not np.isfinite(found).all() and "dead point" not in defects:
         defects.append("dead point")
     structural = wrap_angle(found - bars[1] - wanted) if wanted is not None else np.zeros(0)
-    least = float(np.nanmin(np.concatenate([angles, ranged])))
+    every = np.concatenate([angles, ranged])
+    least = float(np.min(every[np.isfinite(every)], initial=math.inf))
     return FunctionDesign(
         linkage=linkage,
         input_offset=float(phi0),

@@ -11,7 +11,6 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import check_system
-from jaxnc.kinematics.instant import transmission_angle
 from jaxnc.kinematics.mobility import Grashof, grashof_type
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
@@ -302,10 +301,11 @@ class GuidedFourBar:
         linkage: the four-bar, drawn in the first pose; P is the body's origin, and the crank A-B drives it.
         inputs: crank angle ``phi`` in every pose, in the order of the poses, radians, ``(n,)``.
         error: largest distance from a pose after really moving there: lengths, and angles, counted from the first pose,
-            times the poses' size; NaN if it does not get there.
+            times the size of the poses or the length of the coupler, whichever is larger; NaN if it does not get there.
         transmission: smallest transmission angle on the way, radians; 0 if it does not get there.
         defects: ``"circuit"``: some poses belong to the other assembly of the linkage; ``"branch"``: a dead point of
-            either bar lies between; ``"order"``: the poses are passed in another order. Empty: the design works.
+            either bar lies between, or a position in which all bars are in line, so that the linkage may leave it the
+            other way; ``"order"``: the poses are passed in another order. Empty: the design works.
     """
 
     linkage: FourBar
@@ -350,6 +350,7 @@ def _draw_near(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
     return FourBar(point_of(a), point_of(b), point_of(c), point_of(d), point_of(p))
 
 
+_IN_LINE = 1e-6  # radians of transmission: two bars are in line
 _BACK = 0.1  # radians that a bar may go back between poses that are only met nearly
 
 
@@ -364,6 +365,7 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", near: bool 
     """
     draw, slack = (_draw_near, _BACK) if near else (_draw_exact, 0.0)
     best: GuidedFourBar | None = None
+    in_line = False  # whether the poses are passed in order, but for a position in which two bars are in line
     for first, second in ((crank, rocker), (rocker, crank)):
         linkage = draw(poses[0], first, second)
         way = first.places - np.array(first.fixed)
@@ -373,9 +375,13 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", near: bool 
             if abs(steps.sum()) > 2.0 * np.pi + slack:
                 continue  # more than one turn: the poses are passed in another order
             inputs = angles[0] + np.concatenate([[0.0], np.cumsum(steps)])
-            error, transmission, same = _move_through(linkage, inputs, poses, second.places)
+            transmission = _least_transmission(linkage, inputs)
+            if transmission <= _IN_LINE:
+                in_line = in_line or abs(linkage.grashof.margin) <= _IN_LINE * max(linkage.lengths.values())
+                continue
+            error, same = _move_through(linkage, inputs, poses, second.places)
             # An exact pose that is further off, after really moving there, is not reached.
-            if error <= 1e-8 * _pose_size(poses) or (near and same):
+            if error <= 1e-8 * _size(poses, linkage) or (near and same):
                 found = GuidedFourBar(linkage, inputs, error, transmission, ())
                 if best is None or found.transmission > best.transmission:
                     best = found
@@ -384,34 +390,45 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", near: bool 
     linkage = draw(poses[0], crank, rocker)
     way = crank.places - np.array(crank.fixed)
     inputs = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
-    return GuidedFourBar(linkage, inputs, math.nan, 0.0, (_defect(linkage, crank, rocker),))
+    return GuidedFourBar(linkage, inputs, math.nan, 0.0, ("branch" if in_line else _defect(linkage, crank, rocker),))
 
 
-def _pose_size(poses: np.ndarray) -> float:
-    return max(float(np.ptp(poses[:, :2], axis=0).max()), 1e-300)
+def _size(poses: np.ndarray, linkage: FourBar) -> float:
+    """Size of the poses, of which all may be at one place, or of the coupler."""
+    return max(float(np.ptp(poses[:, :2], axis=0).max()), linkage.lengths["coupler"])
 
 
-def _move_through(
-    linkage: FourBar, inputs: np.ndarray, poses: np.ndarray, rocker: np.ndarray
-) -> tuple[float, float, bool]:
+def _least_transmission(linkage: FourBar, inputs: np.ndarray) -> float:
+    """Smallest transmission angle between the first crank angle and the last: at an end, or where the crank is in line
+    with the ground; 0 if the linkage does not close everywhere."""
+    a, _, _, d, _ = linkage.z
+    ground, crank, coupler, rocker = (linkage.lengths[name] for name in ("ground", "crank", "coupler", "rocker"))
+    low, high = min(inputs), max(inputs)
+    along = np.angle(d - a) + np.pi * np.arange(-8, 9)
+    turns = np.concatenate([inputs, along[(along > low) & (along < high)]]) - np.angle(d - a)
+    square = ground**2 + crank**2 - 2.0 * ground * crank * np.cos(turns)
+    cosine = (coupler**2 + rocker**2 - square) / (2.0 * coupler * rocker)
+    return float(np.arccos(np.minimum(np.abs(cosine), 1.0)).min())
+
+
+def _move_through(linkage: FourBar, inputs: np.ndarray, poses: np.ndarray, rocker: np.ndarray) -> tuple[float, bool]:
     """Sweep a linkage through poses in which the end of its rocker has given places, ``(n, 2)``.
 
     Returns:
-        The error in the poses, the smallest transmission angle, and whether the assembly that it moves in is the one
-        that is nearer; infinite, 0, false if it stops.
+        The error in the poses, and whether the assembly that it moves in is the one that is nearer; infinite and false
+        if it stops.
     """
     motion, at = sweep_through(linkage.system, inputs, max(1, _STEPS // (len(poses) - 1)), _STEPS)
     if not np.asarray(motion.converged).all():
-        return math.inf, 0.0, False
+        return math.inf, False
     place = np.asarray(motion["P"])[at]
     turn = np.asarray(motion["theta"])[at]
     off = np.hypot(*(place - poses[:, :2]).T)
-    tilt = np.abs(wrap_angle(turn - turn[0] - poses[:, 2] + poses[0, 2])) * _pose_size(poses)
-    least = float(np.min(np.asarray(transmission_angle(motion, "B", "C", "D"))))
+    tilt = np.abs(wrap_angle(turn - turn[0] - poses[:, 2] + poses[0, 2])) * _size(poses, linkage)
     b, c, d = (np.asarray(motion[name])[at] @ [1.0, 1j] for name in "BCD")
     # On the same side of the line from B to D as the place where it should be.
     sides = [np.imag(np.conj(d - b) * (z - b)) > 0 for z in (c, rocker @ [1.0, 1j])]
-    return float(max(off.max(), tilt.max())), least, bool((sides[0] == sides[1]).all())
+    return float(max(off.max(), tilt.max())), bool((sides[0] == sides[1]).all())
 
 
 def _defect(linkage: FourBar, crank: "Dyad", rocker: "Dyad") -> str:

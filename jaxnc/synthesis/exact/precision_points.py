@@ -168,7 +168,8 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     places, given = _check_task(points, A, D)
     size = float(np.abs(places - places.mean()).max()) / 1.5
     exchanged = len(given[1]) > len(given[0])
-    task = _make_task(places, given[::-1] if exchanged else given, size)
+    order = _reference_first(places, given)
+    task = _make_task(places[order], given[::-1] if exchanged else given, size)
     name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
     expected, keys = _expected_count(name, given), functools.partial(_solution_keys, count=len(places))
     ends, routes, missing = follow_routes(lambda k: _route(name, task, expected, 1.0 + 2.4 * k), 3, expected, keys)
@@ -178,7 +179,8 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
         real = real[:, ~np.triu(_match_solutions(real[:8], real[_OTHER])).any(axis=0)]
     exact, disjoint = certify_designs(here, real, list(_base_forms(task)))
     turned = np.vstack([np.ones(real.shape[1]), 1.0 + real[8 : 7 + len(places)]])
-    designs, curves, residual = _linkages(places, size * (real[_OTHER] if exchanged else real[:8]), turned, size)
+    z = size * (real[_OTHER] if exchanged else real[:8])
+    designs, curves, residual = _linkages(places, order, z, turned, size)
     proved = tuple(bool(exact[curve]) for curve in curves)
     return PathDesigns(designs, expected, ends.shape[1], routes, missing, proved, disjoint, curves, residual)
 
@@ -245,6 +247,21 @@ def _check_task(points: ArrayLike, A: Any, D: Any) -> tuple[np.ndarray, list[dic
     if len(base[0]) == 2 and base[0] == base[1]:
         raise InputError(f"path_four_bars: A and D are both {A}; a four-bar has two fixed pivots")
     return places, base
+
+
+def _reference_first(places: np.ndarray, base: list[dict[str, float]]) -> np.ndarray:
+    """Order the points: one that lies on a given fixed pivot comes first, as what linkages are seen from.
+
+    From another one, at a = δ, the coupler's turn there would drop out of the dyad's equation.
+    """
+    pivots = [complex(pair["x"], pair["y"]) for pair in base if len(pair) == 2]
+    apart = np.array([np.abs(places - pivot) for pivot in pivots]).reshape(-1, len(places))
+    on = np.flatnonzero((apart < 1e-9 * np.abs(places - places.mean()).max()).any(axis=0))
+    if len(on) > 1:
+        raise InputError(
+            f"path_four_bars: points[{on[0]}] and points[{on[1]}] lie on the fixed pivots; move one of them, or a pivot"
+        )
+    return np.array([*on, *(k for k in range(len(places)) if k not in on)])
 
 
 def _make_task(places: np.ndarray, base: list[dict[str, float]], size: float) -> Task:
@@ -353,12 +370,15 @@ def _match_solutions(z: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _linkages(
-    places: np.ndarray, z: np.ndarray, theta: np.ndarray, size: float
+    places: np.ndarray, order: np.ndarray, z: np.ndarray, theta: np.ndarray, size: float
 ) -> tuple[tuple[GuidedFourBar, ...], tuple[int, ...], float]:
-    """Real solutions as linkages that were moved through the points, with their cognates if the base is free."""
+    """Real solutions as linkages that were moved through the points, with their cognates if the base is free.
+
+    Solutions are seen from the first point of the order, and the coupler's turns are in it.
+    """
     x, y, _, _, a, b, _, _ = z
-    p = places[:, None]
-    A, D, B, C = places[0] + a, places[0] + b, p - theta * x, p - theta * y
+    p, theta = places[:, None], theta[np.argsort(order)]
+    A, D, B, C = places[order[0]] + a, places[order[0]] + b, p - theta * x, p - theta * y
     linkages = [(A, B, D, C)]
     if len(places) == 9:
         k = x / (x - y)  # the coupler's shape, (P - B) / (C - B)
