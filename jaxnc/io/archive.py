@@ -146,7 +146,7 @@ class PartialTable:
         self.index = index
 
     def append(self, arrays: Mapping[str, np.ndarray], inputs: dict[str, int], counts: Mapping[str, int]) -> None:
-        """Write a chunk."""
+        """Write a chunk; its numbers become such as the first chunk has."""
         index = self.index
         index.columns = index.columns or {name: (a.dtype.str, list(a.shape[1:])) for name, a in arrays.items()}
         with self._writing():
@@ -154,7 +154,7 @@ class PartialTable:
                 # What lies beyond the index was written by a call that did not come as far as to count it.
                 with (self.folder / f"{k}.bin").open("r+b" if index.rows else "wb") as file:
                     file.seek(index.rows * _row_bytes(dtype, shape))
-                    file.write(np.ascontiguousarray(arrays[name]).data)
+                    file.write(np.ascontiguousarray(arrays[name], dtype).data)
                     file.truncate()
             index.rows += len(next(iter(arrays.values())))
             index.inputs, index.counts = inputs, dict(counts)

@@ -327,6 +327,7 @@ def _join_read_pieces(pieces: Iterator[Block], size: int) -> Iterator[Block]:
         there = count_lanes(waiting)
         for start in range(0, there - size + 1, size):
             yield take_lanes(waiting, start, start + size)
-        waiting = take_lanes(waiting, there - there % size, there) if there % size else {}
+        rest = take_lanes(waiting, there - there % size, there) if there % size else {}
+        waiting = {name: np.array(v) for name, v in rest.items()}  # the next piece may come in the same memory
     if waiting:
         yield waiting

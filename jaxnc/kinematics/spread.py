@@ -248,8 +248,8 @@ def choose(devices: Devices) -> tuple[Device, ...]:
         if devices not in ("all", "global"):
             raise InputError(f"devices={devices!r}; give {_FORMS}")
         return tuple(jax.local_devices() if devices == "all" else jax.devices())
-    if isinstance(devices, int) and not isinstance(devices, bool):
-        return _first_devices(devices)
+    if isinstance(devices, int | np.integer) and not isinstance(devices, bool):
+        return _first_devices(int(devices))
     some = (devices,) if isinstance(devices, jax.Device) else devices
     if isinstance(some, bool) or not isinstance(some, Sequence):
         raise InputError(f"devices={devices!r}; give {_FORMS}")

@@ -82,8 +82,17 @@ def _batched(arrays: Sequence[Array], axes: Sequence, of: Mapped, structure: obj
     has = [axis is not None for axis in axes]  # None: not mapped
     size = next(a.shape[axis] for a, axis, b in zip(arrays, axes, has, strict=True) if b)
     first = [jnp.moveaxis(a, axis, 0) if axis else a for a, axis in zip(arrays, axes, strict=True)]
-    found, which = of.rule(size, jax.tree.unflatten(structure, has), *jax.tree.unflatten(structure, first))
-    return jax.tree.leaves(found), [0 if b else None for b in jax.tree.leaves(which)]
+
+    def rule(size: int, *arrays: Array) -> tuple[PyTree, PyTree]:
+        return of.rule(size, jax.tree.unflatten(structure, has), *jax.tree.unflatten(structure, arrays))
+
+    if size:
+        found, which = rule(size, *first)
+        return jax.tree.leaves(found), [0 if b else None for b in jax.tree.leaves(which)]
+    # Of none the shapes are all there is to know, and one has them too.
+    one = [jnp.zeros((1, *a.shape[1:]), a.dtype) if b else a for a, b in zip(first, has, strict=True)]
+    like = jax.tree.leaves(jax.eval_shape(lambda *arrays: rule(1, *arrays)[0], *one))
+    return [jnp.zeros((0, *x.shape[1:]), x.dtype) for x in like], [0] * len(like)
 
 
 _MAPPED = Primitive("mapped")

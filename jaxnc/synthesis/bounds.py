@@ -174,6 +174,13 @@ class Bounds(Leaves):
 
         return lax.fori_loop(0, 24, sweep, y)  # what is left after 24 sweeps over all lengths is a condition's to mend
 
+    def slope_along(self, y: Array, slope: Array) -> Array:
+        """Return what bounds leave of a gradient for a short step down it: what they push back is taken away."""
+        size = jnp.linalg.norm(slope)
+        short = 1e-4 / jnp.where(size > 0.0, size, 1.0)  # unknowns are of size one
+        ahead = y - short * slope
+        return slope - (self.project(ahead) - ahead) / short
+
     def distance_down(self, y: Array, slope: Array) -> Array:
         """Length of a step down the gradient that does not leave the bounds; 0 where they allow none."""
         return jnp.linalg.norm(y - jax.lax.stop_gradient(self.project(y - slope)))

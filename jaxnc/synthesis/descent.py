@@ -28,6 +28,7 @@ from jax.core import Tracer
 from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device, refuse_fork
 from jaxnc.errors import InputError
+from jaxnc.internals import outermost
 from jaxnc.notebooks import Shown
 from jaxnc.records import record
 from jaxnc.synthesis.bounds import Bounds
@@ -352,7 +353,17 @@ class Descent(Shown, Leaves):
         if not random:
             over = over | (good & (left <= self.tolerance) & (far <= MEETS))
 
-        moves, after = self.optimiser.updates(slope, memory, y, merit, merit_of)
+        searches = False
+
+        def looked_at(y: Array) -> Array:
+            nonlocal searches
+            searches = True
+            return merit_of(y)
+
+        # An optimiser that gives unknowns rates of their own would be turned along a bound by the gradient across it.
+        moves, after = self.optimiser.updates(bounds.slope_along(y, slope), memory, y, merit, looked_at)
+        if searches:  # along lines: then it has to know the gradient of what it looks at
+            moves, after = self.optimiser.updates(slope, memory, y, merit, merit_of)
         moves = jnp.where(jnp.isfinite(moves), moves, 0.0)
         after = jax.tree.map(_strong, after, memory)
         trial = bounds.project(y + share * moves)
@@ -652,7 +663,7 @@ def descend(
     check_limit(what, _GRADIENT, gradient=gradient)
     if enough is not None:
         check_limit(what, "an error to stop at, or None", -np.inf, enough=enough)
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((problem, starts, key))):
+    if not outermost() or any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((problem, starts, key))):
         raise InputError(
             f"{what} is a loop in Python and needs numbers; in traced code take steps of your own: "
             f"lane = descent.begin(x), then lane = descent(lane), of descent = nc.synthesis.Descent(problem, optimiser)"

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
+from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import whole
 from jaxnc.types import Array
 from jaxnc.validate import as_real, call_user
@@ -177,6 +178,8 @@ def check_limit(what: str, wanted: str, least: float = 0.0, **given: Any) -> flo
 
 def as_seed(what: str, key: Any) -> list[int]:
     """The numbers of a key of random numbers, those of ``jax.random.key(0)`` for None."""
+    if not outermost():
+        raise InputError(f"{what}() needs numbers, and in traced code there are none: call it outside")
     if key is None:
         key = jax.random.key(0)
     try:

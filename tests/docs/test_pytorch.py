@@ -1,4 +1,4 @@
-"""The page on PyTorch: its forty lines give what the library gives, and refuse what they cannot take."""
+"""The page on PyTorch: its fifty lines give what the library gives, and refuse what they cannot take."""
 
 import re
 
@@ -57,3 +57,18 @@ def test_tensors_of_another_type_or_device_are_refused_in_a_sentence(page):
         narrow(x.double())
     with pytest.raises(nc.InputError, match=r"argument 0 is of torch\.int64"):
         double(torch.arange(3))
+
+
+def test_what_is_not_differentiated_comes_along(page):
+    """A second array is handed on; a penalty on a gradient would be lost without a word, and is refused."""
+    both = page["in_torch"](lambda x: (x**2, x > 1.0))
+    x = torch.tensor([0.5, 2.0], dtype=torch.float64, requires_grad=True)
+    square, large = both(x)
+    assert large.tolist() == [False, True] and not large.requires_grad
+    square.sum().backward()
+    np.testing.assert_array_equal(x.grad, [1.0, 4.0])
+    (slope,) = torch.autograd.grad(both(x)[0].sum(), x, create_graph=True)
+    with pytest.raises(nc.InputError, match="in JAX"):
+        slope.sum().backward()
+    with pytest.raises(nc.InputError, match="argument 0 is a list"):
+        both([1.0])

@@ -79,6 +79,30 @@ def test_inputs_may_come_from_anywhere(whole, tmp_path):
             np.testing.assert_array_equal(got.velocities[name], want.velocities[name][turned])
 
 
+def test_pieces_may_come_in_the_same_memory(whole, tmp_path):
+    memory = np.empty(6)
+
+    def pieces():
+        for begin in range(0, 21, 6):
+            piece = X[begin : begin + 6]
+            memory[: len(piece)] = piece
+            yield {"S.x": memory[: len(piece)]}
+
+    got = stream(tmp_path / "p.npz", pieces(), rates={"S.x": 2.0}).table()
+    np.testing.assert_array_equal(got["S"], whole.table()["S"])
+
+
+def test_chunks_that_the_host_and_compiled_code_solve(tmp_path):
+    """The first chunks are the host's; who asks again is compiled for, and the table must not see it."""
+    linkage = nc.synthesis.FourBar((0, 0), (2, 0.7), (3, 1), (2, 0)).system
+    turn = np.radians(np.linspace(0, 80, 3001))  # with a dead point at 73.2 degrees
+    done = nc.stream(linkage, {"phi": turn}, tmp_path / "t.npz", chunk=600, progress=False)
+    table, want = done.table(), nc.solve_position(linkage, {"phi": turn})
+    assert 0 < done.failures < 3001 and done.failures == (table.status != 0).sum()
+    np.testing.assert_array_equal(table.status, want.status)
+    np.testing.assert_allclose(table["phi"], np.where(want.converged, turn, np.nan), atol=1e-12)
+
+
 @pytest.mark.parametrize("inside", [False, True], ids=["whole", "in pieces"])
 def test_angles_in_degrees(tmp_path, inside):
     """Inputs, their rates and a start by name; what is written is in radians, and lengths are left alone."""

@@ -94,6 +94,16 @@ def test_designs_stay_in_their_boxes_and_lengths():
     assert found.converged and "the bound of P.y" in found.binding
 
 
+def test_rates_of_their_own_do_not_turn_a_step_along_a_bound():
+    """A pin in a disc about A that is to come near a place: Lagrange's condition in closed form."""
+    A, goal = np.asarray(IDEA["A"]), np.array([1.0, 1.5])
+    problem = S.Loss(
+        IDEA, lambda system: jnp.sum((system["B"] - A - goal) ** 2), free=["B"], bounds={"A-B": (0.5, 1.0)}
+    )
+    found = S.descend(problem, optax.adam(2e-2), steps=1000, starts=1, gradient=1e-9).designs[0]
+    np.testing.assert_allclose(found.system["B"], A + goal / np.linalg.norm(goal), atol=1e-6)
+
+
 @pytest.mark.slow
 def test_other_conditions_are_met_by_the_augmented_lagrangian():
     problem = S.Loss(IDEA, near_goal, free=["P"], subject_to=[S.equal(("B", "P"), 2.0)])

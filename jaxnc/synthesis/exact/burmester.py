@@ -387,8 +387,8 @@ class Guidance:
         found = self._dyad(b, complex(_partners(forms, np.array([b]))[0]))
         if not found.residual <= EXACT:
             raise InputError(
-                f"guidance: the dyad nearest to {near} misses the poses by {found.residual:.1e} of its size: its bar is "
-                f"so long that it is next to a slider; choose a place nearer to the poses"
+                f"guidance: the dyad nearest to {near} misses the poses by {found.residual:.1e} of its size: its bar "
+                f"is so long that it is next to a slider; choose a place nearer to the poses"
             )
         return found
 

@@ -399,8 +399,10 @@ def _size(poses: np.ndarray, linkage: FourBar) -> float:
 
 
 def _least_transmission(linkage: FourBar, inputs: np.ndarray) -> float:
-    """Smallest transmission angle between the first crank angle and the last: at an end, or where the crank is in line
-    with the ground; 0 if the linkage does not close everywhere."""
+    """Smallest transmission angle from the first crank angle to the last; 0 if the linkage does not close everywhere.
+
+    It is at an end, or where the crank is in line with the ground.
+    """
     a, _, _, d, _ = linkage.z
     ground, crank, coupler, rocker = (linkage.lengths[name] for name in ("ground", "crank", "coupler", "rocker"))
     low, high = min(inputs), max(inputs)

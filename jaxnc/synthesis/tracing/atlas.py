@@ -160,7 +160,7 @@ class Atlas:
             "connectivity": np.zeros((len(found), most, most), np.int8),
             "node_types": np.zeros((len(found), most), np.int8),
             "joints": joints,
-            "target_curves": np.array([np.stack([z.real, z.imag], axis=1) for *_, z in found]),
+            "target_curves": np.array([np.stack([z.real, z.imag], axis=1) for *_, z in found]).reshape(-1, points, 2),
         }
         for k, (places, bars, fixed, _) in enumerate(found):
             n = len(places)
