@@ -23,6 +23,18 @@ def evaluate_at_once() -> Any:
     return getattr(core, "eval_context", jax.ensure_compile_time_eval)()
 
 
+def known_values(tree: Any) -> Any:
+    """Return the numbers behind arrays that are differentiated, and no more than that; None if some are not known.
+
+    Derivatives of a second order, mapped arrays and what is being compiled have none.
+    """
+    leaves, structure = jax.tree.flatten(tree)
+    found = [getattr(x, "primal", None) if isinstance(x, core.Tracer) else x for x in leaves]
+    if any(x is None or isinstance(x, core.Tracer) for x in found):
+        return None
+    return jax.tree.unflatten(structure, found)
+
+
 def name_of_jax(jaxpr: Any) -> str | None:
     """Return the name of the function that a jaxpr was made of, if it is one of JAX's own."""
     told = getattr(jaxpr, "debug_info", None)

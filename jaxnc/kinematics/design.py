@@ -16,8 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.autodiff import attach
 from jaxnc.compiling import jit, on_device
 from jaxnc.errors import InputError
+from jaxnc.internals import evaluate_at_once
 from jaxnc.kinematics.host_solve import rates_of_poses
 from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, screw_axis
 from jaxnc.kinematics.motion import Motion, coordinates_of
@@ -26,17 +28,14 @@ from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.design import carry_design
+from jaxnc.system.design import GEOMETRY, carry_design, differentiated, with_unit_changes
 from jaxnc.system.frames import along, marker_place, spins
 from jaxnc.system.on_lanes import columns_on_lanes, needed_inputs, on_host, reading
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-from jaxnc.types import AnyArray, Array, ArrayLike, Numbers
+from jaxnc.types import AnyArray, Array, ArrayLike, Numbers, PyTree
 from jaxnc.validate import call_user, function_name
-
-_GEOMETRY = "points", "vectors", "markers", "dimensions"
-
 
 # -- the design as one vector -----------------------------------------------------------------------------------------
 
@@ -46,7 +45,7 @@ def geometry_vector(system: System) -> Numbers:
 
     It is NumPy's, unless it is traced.
     """
-    leaves = [getattr(system.parameters, name) for name in _GEOMETRY]
+    leaves = [getattr(system.parameters, name) for name in GEOMETRY]
     if any(isinstance(leaf, Tracer) for leaf in leaves):
         return jnp.concatenate([jnp.ravel(leaf) for leaf in leaves])
     return np.concatenate([np.ravel(leaf) for leaf in leaves])  # nothing to compile
@@ -54,12 +53,12 @@ def geometry_vector(system: System) -> Numbers:
 
 def with_geometry(system: System, flat: np.ndarray | Array) -> System:
     """Make a system of the same topology with this geometry."""
-    leaves = [getattr(system.parameters, name) for name in _GEOMETRY]
+    leaves = [getattr(system.parameters, name) for name in GEOMETRY]
     ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
     known = not isinstance(flat, Tracer)
     split: Any = np.split(np.asarray(flat), ends) if known else jnp.split(flat, ends)
     parts = [part.reshape(leaf.shape) for part, leaf in zip(split, leaves, strict=True)]
-    changed = dict(zip(_GEOMETRY, on_device(parts) if known else parts, strict=True))
+    changed = dict(zip(GEOMETRY, on_device(parts) if known else parts, strict=True))
     parameters = dataclasses.replace(system.parameters, **changed)
     return dataclasses.replace(system, parameters=parameters)
 
@@ -93,6 +92,43 @@ def attach_poses(motion: Motion, system: System, asked: Array) -> Motion:
     q = jax.lax.map(lambda a: attach_pose(view, a[0], eq, a[1]), (motion.q, known))
     q = jnp.where((motion.status == 0)[:, None], q, motion.q)
     return dataclasses.replace(motion, system=system, poses=q, asked=asked)
+
+
+def attach_slopes(motion: Motion, system: System, asked: Array) -> Motion:
+    """Give poses that the host has found their derivatives by a design and by inputs, which JAX differentiates once.
+
+    These are numbers: nothing is compiled but their product with a change. They have no derivatives themselves.
+    """
+    changed, at = differentiated(system.parameters)
+    with evaluate_at_once():
+        by_design = by_inputs = None
+        if len(at):
+            view = plan_of(motion)
+            derivatives = DesignDerivatives(view, motion, at)
+            by_design, ground = derivatives.slopes(), derivatives.drawn.home[view.fixed, 1:].T
+            # The ground is where it is in poses that were not found, too.
+            by_design[0][..., view.fixed] = ground.reshape(len(at), *[1] * motion.status.ndim, len(view.fixed))
+        if isinstance(asked, Tracer):
+            by_inputs = np.stack([tangents(motion, {name: 1.0})[0] for name in motion.driven])
+    poses = np.asarray(motion.poses), tuple(map(np.asarray, motion.rates))
+    poses, rates = attach(_change_by_slopes, None, poses, changed, asked, by_design, by_inputs)
+    return dataclasses.replace(motion, system=system, poses=poses, rates=rates, asked=asked)
+
+
+def _change_by_slopes(_: None, value: PyTree, args: tuple, changes: tuple) -> PyTree:
+    return _multiply_slopes(value, changes[:2], args[2:])
+
+
+@jit
+def _multiply_slopes(value: PyTree, changes: tuple, slopes: tuple) -> PyTree:
+    (q, rates), (changed, asked), (by_design, by_inputs) = value, changes, slopes
+    found = [jnp.zeros_like(x) for x in (q, *rates)]
+    if by_design is not None:
+        flat = jnp.concatenate([jnp.ravel(x) for x in changed])
+        found = [jnp.tensordot(flat, slope, 1) for slope in by_design]
+    if by_inputs is not None:
+        found[0] += jnp.einsum("...k,k...n->...n", asked, by_inputs)
+    return found[0], tuple(found[1:])
 
 
 # -- what is read off poses -------------------------------------------------------------------------------------------
@@ -316,10 +352,8 @@ class DesignDerivatives:
         self.motion, self.at, self.count = motion, at, len(at)
         self.view = host.HostView(view, to_host(derive(motion.system)))
         flat = np.asarray(geometry_vector(motion.system))
-        changes = np.zeros((len(flat), len(at)))
-        changes[at, np.arange(len(at))] = 1.0
         with np.errstate(all="ignore"):
-            self.drawn = carry_design(motion.system.topology, np.concatenate([flat[:, None], changes], axis=1))
+            self.drawn = carry_design(motion.system.topology, with_unit_changes(flat, at))
         poses = np.asarray(motion.q)
         self.good = np.flatnonzero(np.asarray(motion.converged).reshape(-1))
         self.q = poses.reshape(-1, poses.shape[-1])[self.good].T
@@ -388,11 +422,11 @@ class DesignDerivatives:
             output = functools.partial(output)
         shapes = jax.eval_shape(functools.partial(_outputs, output), self.motion)
         count = sum(int(np.prod(s.shape, dtype=int)) for s in jax.tree.leaves(shapes))
-        given = self.motion, jnp.asarray(self.at), self._slopes()
+        given = self.motion, jnp.asarray(self.at), self.slopes()
         derivatives, values = _output_jacobian(output, count < self.count, *given)
         return values, derivatives
 
-    def _slopes(self) -> tuple[np.ndarray, ...]:
+    def slopes(self) -> tuple[np.ndarray, ...]:
         """Changes of poses and of their rates, ``(variables, *poses, N)`` each; zero where they do not exist."""
         lead, width = self.motion.q.shape[:-1], len(self.q)
         rates = [np.asarray(x).reshape(-1, width)[self.good].T for x in self.motion.rates]

@@ -145,7 +145,8 @@ class Motion(Drawn):
     @property
     def _q(self) -> Any:
         """The poses as they were found, ``(..., N)``: NumPy's, if on the host."""
-        return self.q if isinstance(self.poses, Columns) else self.poses
+        found: Any = self.q if isinstance(self.poses, Columns) else self.poses
+        return np.asarray(found) if on_host(found) else found
 
     @property
     def converged(self) -> Array:

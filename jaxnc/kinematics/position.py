@@ -14,7 +14,7 @@ from jax.core import Tracer
 from jaxnc.calls import public
 from jaxnc.compiling import blame_callback, jit
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.internals import outermost
+from jaxnc.internals import evaluate_at_once, known_values, outermost
 from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,
@@ -38,6 +38,7 @@ from jaxnc.solvers.host import view_of
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
+from jaxnc.system.design import differentiated
 from jaxnc.system.equations import Equations, guards, measured, rate_constants, slips, weights
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import as_its_system, limits
@@ -131,7 +132,18 @@ def solve_position(
         AssemblyError: no pose found, if `throw`.
     """
     question, start = _check_call(system, inputs, hold, rates, accelerations, start, unit)
-    view, shape = question.view, question.shape
+    chosen = None if devices is None else choose(devices)
+    solve = functools.partial(_solve_lanes, repair, chosen, branch, throw)
+    if chosen is not None:
+        return solve(question, start)
+    return _answer(question, "lanes" if start is None else "guess", start, solve)
+
+
+def _solve_lanes(
+    repair: bool, devices: tuple | None, branch: Motion | None, throw: bool | None, question: _Question, start: Any
+) -> Motion:
+    """Solve for poses each on its own."""
+    system, view, shape = question.system, question.view, question.shape
     eq = derive(system)
     q0: AnyArray = None  # an earlier pose needs no drawing
     if not isinstance(start, Motion):
@@ -142,8 +154,7 @@ def solve_position(
     begin = begin_at(system, view, eq, q0, start, question.values)
     if start is not None:
         begin = begin.reshape(count, -1)
-    chosen = None if devices is None else choose(devices)
-    found = _find_poses(view, "lanes" if start is None else "guess", eq, begin, flat, orders, repair, chosen)
+    found = _find_poses(view, "lanes" if start is None else "guess", eq, begin, flat, orders, repair, devices)
     motion = question.answer(found)
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)
@@ -206,7 +217,7 @@ def sweep(
             f"a sweep needs a sequence of values for its inputs, shape (T,); got shape {question.shape}. "
             f"For one pose or other batches use solve_position"
         )
-    return _follow_inputs(question, start, repair, throw)
+    return _answer(question, "continuation", start, functools.partial(_follow_inputs, repair, throw))
 
 
 @public
@@ -258,7 +269,8 @@ def motion(
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
     ]
-    return _follow_inputs(_Question(system, view, orders[0], tuple(orders[1:]), t), start, repair, throw)
+    question = _Question(system, view, orders[0], tuple(orders[1:]), t)
+    return _answer(question, "continuation", start, functools.partial(_follow_inputs, repair, throw))
 
 
 def _check_call(
@@ -321,7 +333,28 @@ def _in_time(name: str, data: "Callable | tuple | ArrayLike", t: np.ndarray, cou
     return out
 
 
-def _follow_inputs(question: _Question, start: Motion | Inputs | None, repair: bool, throw: bool) -> Motion:
+def _answer(question: _Question, method: str, start: Any, solve: Callable[[_Question, Any], Motion]) -> Motion:
+    """Solve; poses that are differentiated once, outside of compiled code, on the host, with derivatives as numbers."""
+    system, view, values, orders, _ = question
+    if not any(isinstance(x, Tracer) for x in jax.tree.leaves((system, values))):
+        return solve(question, start)
+    known = known_values((question._replace(view=None), start))
+    by_inputs = isinstance(values, Tracer)
+    if known is None or view.large or view.held or any(isinstance(x, Tracer) for x in orders) or (by_inputs and orders):
+        return solve(question, start)
+    asked, begin = known
+    flat = np.asarray(asked.values).reshape(math.prod(question.shape), len(view.driven))
+    variables = len(differentiated(system.parameters)[1]) + by_inputs * len(view.driven)
+    if not host_solve.suits_slopes(view, method, flat, variables):
+        return solve(question, start)
+    from jaxnc.kinematics.design import attach_slopes  # with all that XLA needs, and the host does not
+
+    with evaluate_at_once():
+        found = solve(asked._replace(view=view, values=np.asarray(asked.values)), begin)
+    return attach_slopes(found, system, values)
+
+
+def _follow_inputs(repair: bool, throw: bool, question: _Question, start: Motion | Inputs | None) -> Motion:
     """Follow a sequence of inputs along one branch."""
     view, eq = question.view, derive(question.system)
     q0 = start_of(question.system, eq, start, repair=repair)

@@ -1,5 +1,6 @@
 """A robot that was read from a file: its mechanism, and all of its joints from those that are actuated."""
 
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
@@ -10,9 +11,10 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
+from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, MechanismError, ModelFileError, counted
 from jaxnc.families.shapes import rotation_rows
-from jaxnc.kinematics.instant import as_jax
+from jaxnc.kinematics.instant import as_jax, body_of
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
@@ -20,7 +22,7 @@ from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 from jaxnc.robots.mjcf import MjcfFile
 from jaxnc.robots.urdf import UrdfFile
 from jaxnc.solvers.assembly import derive, rank_of, sample_poses
-from jaxnc.system.frames import quaternions
+from jaxnc.system.frames import quaternions, turns
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Float, Numbers
@@ -127,7 +129,7 @@ class Robot:
                 f"{self.mechanism.name!r} is driven by {counted(len(self.actuated), 'joint')} "
                 f"({', '.join(self.actuated)}); got values of shape {values.shape}"
             )
-        away = self._away(system)
+        away = self._away(derive(system).home)
         inputs = {c: values[..., k] + away[c] for k, c in enumerate(self.actuated)}
         try:
             return solve_position(system, inputs, hold=self.held, **options)
@@ -136,54 +138,60 @@ class Robot:
             told = f" These are coordinates of the mechanism; values of joints are less by {less}." if less else ""
             raise AssemblyError(f"{error}{told}") from None
 
-    def _away(self, system: System) -> dict[str, Any]:
-        """Return what to add to a joint's value to have its coordinate, as drawn."""
-        home, top = derive(system).home, system.topology
-        if not isinstance(home, Tracer):  # nothing to compile
-            home = np.asarray(home)
-        joints = self._description.joints
+    def _away(self, home: Numbers) -> dict[str, Any]:
+        """Return what to add to a joint's value to have its coordinate, from the coordinates as drawn."""
+        home = home if isinstance(home, Tracer) else np.asarray(home)  # nothing to compile
+        joints, top = self._description.joints, self.system.topology
         return {c: home[top.position[c]] - joints[j].reference for j, c in self._tree.coordinates.items()}
 
     def joint_values(self, motion: Motion) -> Float[Array, "... nq"]:
         """Values of all joints of poses of the mechanism, in the order of the file."""
-        away, out = self._away(motion.system), []
-        lead, numeric = motion.status.shape, _array_library(motion)
+        home, known = derive(motion.system).home, on_host(motion.poses, motion)
+        if known:
+            return as_jax(self._joint_values(np.asarray(motion.q), np.asarray(home)))
+        return _in_jax(self, motion.q, home)
+
+    def _joint_values(self, q: Numbers, home: Numbers) -> Numbers:
+        """Joints of poses ``(..., N)`` of a design with these coordinates as drawn, ``(N,)``."""
+        top, out = self.system.topology, []
+        lead, numeric = q.shape[:-1], _array_library(q)
+        away = self._away(home)
         for link in self._description.links:
             for joint in link.joints:
                 if joint.held:
                     out.append(numeric.broadcast_to(np.array(joint.held), (*lead, joint.width)))
                 elif joint.kind in ("hinge", "slide"):
                     coordinate = self._tree.coordinates[joint.name]
-                    out.append((numeric.asarray(motion[coordinate]) - away[coordinate])[..., None])
+                    out.append((q[..., top.position[coordinate]] - away[coordinate])[..., None])
                 else:  # a ball's rotation in the frame of its link
                     anchor = self._tree.anchors[joint.name]
-                    home = np.array(rotation_rows("euler parameters", [*joint.quaternion], []))
-                    before, after = self._turn(motion, anchor.before), self._turn(motion, anchor.after)
+                    drawn = np.array(rotation_rows("euler parameters", [*joint.quaternion], []))
+                    before, after = self._turn(q, home, anchor.before), self._turn(q, home, anchor.after)
                     own = numeric.swapaxes(before, -1, -2) @ after
-                    out.append(quaternions(home @ link.turn.T @ own @ link.turn))
-        return as_jax(numeric.concatenate(out, axis=-1))
+                    out.append(quaternions(drawn @ link.turn.T @ own @ link.turn))
+        return numeric.concatenate(out, axis=-1)
 
-    def _turn(self, motion: Motion, number: int) -> Array:
+    def _turn(self, q: Numbers, home: Numbers, number: int) -> Any:
         """Rotation of a rigid from the drawing ``(..., 3, 3)``; of a rod the one without spin."""
-        rigid, numeric = self._tree.rigids[number], _array_library(motion)
+        rigid, numeric, top = self._tree.rigids[number], _array_library(q), self.system.topology
         if not number:
-            return numeric.broadcast_to(numeric.eye(3), (*motion.status.shape, 3, 3))
+            return numeric.broadcast_to(numeric.eye(3), (*q.shape[:-1], 3, 3))
         if not self._tree.flat(rigid):
-            return numeric.asarray(motion.orientation(self._tree.bodies[number]))
-        p, q = rigid.points
-        home, top = derive(motion.system).home, motion.system.topology
-        drawn = numeric.asarray(home)[: 3 * len(top.points)].reshape(-1, 3)
-        a = drawn[top.points.index(q)] - drawn[top.points.index(p)]
-        return _shortest_turn(a, numeric.asarray(motion[q]) - numeric.asarray(motion[p]))
+            return turns(top, body_of(top, self._tree.bodies[number]).segments, home, q)
+        drawn, place = (x[..., : 3 * len(top.points)].reshape(*x.shape[:-1], len(top.points), 3) for x in (home, q))
+        a, b = (top.points.index(p) for p in rigid.points)
+        return _shortest_turn(drawn[b] - drawn[a], place[..., b, :] - place[..., a, :])
 
     def frames(self, motion: Motion) -> dict[str, tuple[Array, Array]]:
         """Places ``(..., 3)`` and axes, as columns ``(..., 3, 3)``, of the frames of all links."""
-        out = {}
+        out, q, home = {}, motion.q, derive(motion.system).home
+        if on_host(motion.poses, motion):
+            q, home = np.asarray(q), np.asarray(home)
         for k, link in enumerate(self._description.links[1:], start=1):
             number = self._tree.rigid_of[k]
-            turn = as_jax(self._turn(motion, number) @ link.turn)
+            turn = as_jax(self._turn(q, home, number) @ link.turn)
             if not number:
-                place = _array_library(motion).broadcast_to(np.asarray(link.origin), (*motion.status.shape, 3))
+                place = _array_library(q).broadcast_to(np.asarray(link.origin), (*motion.status.shape, 3))
                 out[link.name] = (as_jax(place), turn)
             elif (k, "") in self._tree.marks:
                 out[link.name] = (motion[self._tree.marks[k, ""]], turn)
@@ -234,6 +242,11 @@ class Robot:
         return "\n".join(lines)
 
 
+@functools.partial(jit, static_argnums=0)
+def _in_jax(robot: Robot, q: Array, home: Array) -> Array:
+    return robot._joint_values(q, home)
+
+
 def _named_places(system: System) -> dict[str, np.ndarray]:
     """Return places of points and markers and unit vectors of a design, by name."""
     top, par = system.topology, system.parameters
@@ -242,9 +255,9 @@ def _named_places(system: System) -> dict[str, np.ndarray]:
     return out | {m.name: at for m, at in zip(top.markers, np.asarray(par.markers), strict=True)}
 
 
-def _array_library(motion: Motion) -> ModuleType:
+def _array_library(x: Numbers) -> ModuleType:
     """Choose NumPy for poses that are known, which then need nothing compiled; else JAX's arrays."""
-    return np if on_host(motion.poses, motion) else jnp
+    return np if isinstance(x, np.ndarray) else jnp
 
 
 def _shortest_turn(a: Numbers, b: Numbers) -> Any:

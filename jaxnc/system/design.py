@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.elementary import Small, ratio, root, stacked, where
@@ -322,6 +323,25 @@ def _run_design(top: Topology, like: Numbers, given: Iterable[Numbers], levels: 
         return [xp.broadcast_to(xp.asarray(v, dtype), given.shape[1:]) for v in values]
 
     return run_steps(design(top), x, run, xp.concatenate, levels)
+
+
+GEOMETRY = "points", "vectors", "markers", "dimensions"
+"""The parameters that a drawing is made of, in the order in which they stand in the row of a design."""
+
+
+def differentiated(parameters: Parameters) -> tuple[tuple[Array, ...], np.ndarray]:
+    """Find the arrays of the geometry that are traced, and the places of their numbers among all of the geometry."""
+    leaves = [getattr(parameters, name) for name in GEOMETRY]
+    traced = [isinstance(leaf, Tracer) for leaf in leaves]
+    at = np.flatnonzero(np.repeat(traced, [leaf.size for leaf in leaves]))
+    return tuple(leaf for leaf, one in zip(leaves, traced, strict=True) if one), at
+
+
+def with_unit_changes(geometry: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Give the numbers of a geometry changes, in each another of those at some places: ``(numbers, 1 + changes)``."""
+    changes = np.zeros((len(geometry), len(at)), geometry.dtype)
+    changes[at, np.arange(len(at))] = 1.0
+    return np.concatenate([geometry[:, None], changes], axis=1)
 
 
 class Drawn(NamedTuple):

@@ -20,14 +20,15 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device, refuse_fork
 from jaxnc.constraints import Kind
 from jaxnc.errors import InputError, nearest
+from jaxnc.internals import evaluate_at_once, known_values
 from jaxnc.reading import Builder, partials
 from jaxnc.records import record, static
-from jaxnc.system.design import design, design_numbers
+from jaxnc.system.design import GEOMETRY, carry_design, design, design_numbers, differentiated, with_unit_changes
 from jaxnc.system.precision import numbers
 from jaxnc.system.structure import Formula, pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
-from jaxnc.types import AnyArray, Array, Coordinates, Float, Inputs, Numbers
+from jaxnc.types import AnyArray, Array, Coordinates, Float, Inputs, Numbers, PyTree
 from jaxnc.validate import as_scalars, as_shape, call_user
 
 
@@ -112,6 +113,9 @@ def derived(system: System, differentiate_scales: bool = False) -> Equations:
     """Make `equations` on the host where the parameters are numbers, else compiled once for the structure."""
     with numbers(system.parameters.points):
         if any(isinstance(x, Tracer) for x in jax.tree.leaves(system)):
+            known = None if differentiate_scales or system.topology.large else known_values(system)
+            if known is not None:
+                return _attach_slopes(known, system.parameters)
             return _derive_compiled(system.topology.structure, system.parameters, differentiate_scales)
         with np.errstate(all="ignore"):
             return on_device(equations(System(system.topology, system.parameters.in_numpy())))
@@ -120,6 +124,39 @@ def derived(system: System, differentiate_scales: bool = False) -> Equations:
 @functools.partial(jit, static_argnums=(0, 2))
 def _derive_compiled(topology: Topology, parameters: Parameters, differentiate_scales: bool) -> Equations:
     return equations(System(topology, parameters), differentiate_scales)
+
+
+def _attach_slopes(known: System, parameters: Parameters) -> Equations:
+    """Derive the equations of a design that JAX differentiates once on the host, their derivatives as a matrix."""
+    from jaxnc.autodiff import attach  # with all that derivatives need, and values do not
+
+    with evaluate_at_once():
+        eq = derived(known)
+    changed, at = differentiated(parameters)
+    if not len(at):
+        return eq
+    own = known.parameters.in_numpy()
+    geometry = np.concatenate([np.ravel(getattr(own, name)) for name in GEOMETRY])
+    with np.errstate(all="ignore"):
+        drawn = carry_design(eq.topology, with_unit_changes(geometry, at))
+        moved = renumbered(eq, drawn.constants, [np.asarray(x) for x in eq.scales])
+    moves = drawn.home, drawn.constants, moved.linear, moved.quadratic, drawn.markers
+    slopes = np.concatenate([x[..., 1:].reshape(-1, len(at)) for x in jax.tree.leaves(moves)])
+    found = eq.home, eq.constants, eq.linear, eq.quadratic, eq.markers
+    home, constants, linear, second, markers = attach(_change_by_slopes, None, found, changed, slopes)
+    return dataclasses.replace(eq, home=home, constants=constants, linear=linear, quadratic=second, markers=markers)
+
+
+def _change_by_slopes(_: None, value: PyTree, args: tuple, changes: tuple) -> PyTree:
+    return _multiply_slopes(value, changes[0], args[1])
+
+
+@jit
+def _multiply_slopes(value: PyTree, changed: tuple[Array, ...], slopes: Array) -> PyTree:
+    leaves, structure = jax.tree.flatten(value)
+    flat = slopes @ jnp.concatenate([jnp.ravel(x) for x in changed])
+    parts = jnp.split(flat, np.cumsum([leaf.size for leaf in leaves])[:-1])
+    return jax.tree.unflatten(structure, [x.reshape(leaf.shape) for x, leaf in zip(parts, leaves, strict=True)])
 
 
 @functools.lru_cache(maxsize=1024)

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.constraints.directions import cross3, unit
 from jaxnc.constraints.elementary import Small, ratio, stacked
 from jaxnc.constraints.kind import dot, norm
@@ -148,7 +149,12 @@ def _along_poses(f, fixed: tuple, q: Array | np.ndarray, rates: tuple[Array, ...
     """The k-th time derivative of ``f(*fixed, pose, *constants)``: of NumPy lanes where the poses are such."""
     if on_host(q, rates, constants):
         return on_lanes(f, fixed, np.asarray(q), rates, constants)
-    return along(lambda x: f(*fixed, x, *constants), jnp.asarray(q), rates)
+    return _along_compiled(f, fixed, jnp.asarray(q), rates, constants)
+
+
+@functools.partial(jit, static_argnums=(0, 1))
+def _along_compiled(f, fixed: tuple, q: Array, rates: tuple[Array, ...], constants: tuple[Array, ...]) -> Array:
+    return along(lambda x: f(*fixed, x, *constants), q, rates)
 
 
 def over(f, *arrays: Array) -> Array:

@@ -18,9 +18,15 @@ from jaxnc.types import Array, Numbers
 
 
 def on_host(*given: object) -> bool:
-    """Tell whether poses, given first, were found on the host, and nothing is traced, which makes arrays of JAX's."""
-    traced = not outermost() or any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
-    return isinstance(given[0], np.ndarray) and not traced
+    """Tell whether poses, given first, are in the host's memory, and nothing is traced, which makes arrays of JAX's."""
+    if not outermost() or any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
+        return False
+    return all(isinstance(x, np.ndarray) or _is_in_memory(x) for x in jax.tree.leaves(given[0]))
+
+
+def _is_in_memory(x: object) -> bool:
+    """Tell an array of JAX's that NumPy reads without a copy: whole, on one CPU."""
+    return isinstance(x, jax.Array) and [d.platform for d in x.devices()] == ["cpu"]
 
 
 @functools.lru_cache(maxsize=512)

@@ -1,0 +1,97 @@
+"""Gradients outside of compiled code, which the host finds as numbers: the same as those of compiled code."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.kinematics import host_solve, traced
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.plan import plan
+
+MADE = {
+    "four-bar": nc.library.four_bar,
+    "failed poses": nc.library.crank_slider_on_bar,
+    "redundant rows": nc.library.peaucellier_lipkin,
+    "markers in space": nc.library.rssr,
+}
+
+
+def moved(make):
+    """A system, and a few values of its independent coordinates from the drawing on."""
+    system = make().compile()
+    home, place = np.asarray(derive(system).home), system.topology.position
+    return system, {name: home[place[name]] + np.linspace(0.0, 0.01, 4) for name in system.independent}
+
+
+def weigh(found, names, of):
+    return sum(jnp.sum(jnp.sin(5.0 * of(name)) * jnp.arange(1.0, 1.0 + of(name).size).reshape(of(name).shape))
+               for name in names)  # fmt: skip
+
+
+def both(f, x, monkeypatch):
+    """A gradient with derivatives by numbers, and by compiled code."""
+    by_numbers = jax.grad(f)(x)
+    monkeypatch.setattr(host_solve, "suits_slopes", lambda *_: False)
+    return by_numbers, jax.grad(f)(x)
+
+
+def same(found, wanted):
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(wanted), strict=True):
+        assert one.dtype == other.dtype
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * max(1.0, np.abs(other).max(initial=0.0)))
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_designs_with_rates(name, monkeypatch):
+    system, inputs = moved(MADE[name])
+    top = system.topology
+    names = [*top.points, *top.vectors, *(m.name for m in top.markers), *top.scalars]
+    rates = dict.fromkeys(inputs, 1.3)
+
+    def value(system):
+        motion = nc.sweep(system, inputs, rates=rates)
+        return weigh(motion, names, lambda n: motion[n]) + weigh(motion, names, motion.velocity)
+
+    found, wanted = both(value, system, monkeypatch)
+    assert max(float(np.abs(x).max(initial=0.0)) for x in jax.tree.leaves(found)) > 0.1
+    same(found, wanted)
+
+
+def test_inputs_and_places_to_begin_from(monkeypatch):
+    system, inputs = moved(nc.library.four_bar)
+
+    def value(given):
+        near = nc.solve_position(system.replace({"D": given["D"]}), {"phi": given["phi"]}, start={"C": (0.3, 0.2)})
+        return weigh(near, ["B", "C"], lambda n: near[n])
+
+    given = {"D": jnp.asarray(system["D"]), "phi": jnp.asarray(inputs["phi"])}
+    same(*both(value, given, monkeypatch))
+
+
+def test_what_is_known_stays_on_the_host(monkeypatch):
+    """No solver is compiled for a first derivative; a second one is compiled, and right."""
+    system, inputs = moved(nc.library.four_bar)
+    compiled, ask = [], traced.analyse_traced
+    monkeypatch.setattr(traced, "analyse_traced", lambda *given: compiled.append(1) or ask(*given))
+    value = lambda place: nc.sweep(system.replace({"D": place}), inputs)["C"][:, 0].sum()  # noqa: E731
+    place = jnp.asarray(system["D"])
+    slope = jax.grad(value)(place)
+    np.testing.assert_allclose(jax.jacfwd(value)(place), slope, atol=1e-12)
+    assert not compiled
+    second, step = jax.hessian(value)(place), 1e-5
+    assert compiled
+    for k in range(2):
+        change = step * jnp.eye(2)[k]
+        by_steps = (jax.grad(value)(place + change) - jax.grad(value)(place - change)) / (2 * step)
+        np.testing.assert_allclose(second[k], by_steps, atol=1e-6 * np.abs(second).max())
+
+
+def test_many_gradients_are_compiled_for():
+    """Who goes on asking is better off with compiled code: for as long as it takes to compile the host answers."""
+    system = nc.library.scotch_yoke().compile()
+    view = plan(system.topology, system.independent, (), system.degrees_of_freedom)
+    answers = [host_solve.suits_slopes(view, "continuation", np.zeros((300, 1)), 40) for _ in range(2000)]
+    assert answers[0] and not answers[-1] and answers == sorted(answers, reverse=True)
+    assert not host_solve.suits_slopes(view, "continuation", np.zeros((10**6, 1)), 40)
