@@ -48,7 +48,7 @@ from jaxnc.internals import evaluate_at_once
 from jaxnc.records import record
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.assembly import free_plan, to_host
-from jaxnc.solvers.host import HostView
+from jaxnc.solvers.host import HostView, start_changes
 from jaxnc.solvers.newton import attach_pose, largest
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.traced import PIECE, ask_host, shorten_equations
@@ -479,21 +479,8 @@ class DesignChanges:
         if self.top is not top:  # hidden vectors follow from what is moved
             drawn, x = self._carry(top, self.given["vectors"]), q[shown_places(top)]
             eq = equations(System(top, self.system.parameters.in_numpy()))
-        host, at = to_host(eq) if eq is self.eq else from_jax(eq), drawn.home.copy()
-        at[:, 0] = x
-        put = np.isin(view.unknown, still)
-        at[view.unknown[put], 1:] = 0.0
-        weight = host.weights[view.unknown]
-        slopes = host.jacobian(x[:, None])[0][np.ix_(view.rows, view.unknown)] / weight
-        left = host.changes(at[:, None], (), drawn.constants)[view.rows, 0]
-        if not (np.isfinite(slopes).all() and np.isfinite(left).all()):
-            return np.zeros((len(q), self.count))
-        for some in [np.where(put, 0.0, slopes), slopes] if put.any() else [slopes]:
-            # 1e-7 of the largest singular value: rows below are redundant
-            step = np.linalg.pinv(some, rcond=1e-7) @ left
-            at[view.unknown, 1:] -= step / weight[:, None]
-            left = left - slopes @ step
-        return lift(top, at)[:, 1:]
+        found = start_changes(view, to_host(eq) if eq is self.eq else from_jax(eq), drawn, x, still)
+        return np.zeros((len(q), self.count)) if found is None else lift(top, found)[:, 1:]
 
 
 def pull_back_design(

@@ -25,7 +25,7 @@ from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, screw_axis
 from jaxnc.kinematics.motion import Motion, coordinates_of
 from jaxnc.kinematics.traced import batch_rates
 from jaxnc.solvers import host
-from jaxnc.solvers.assembly import derive, to_host
+from jaxnc.solvers.assembly import derive, free_plan, settle, to_host
 from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.design import GEOMETRY, carry_design, differentiated, with_unit_changes
@@ -104,10 +104,13 @@ def attach_slopes(motion: Motion, system: System, asked: Array) -> Motion:
         by_design = by_inputs = None
         if len(at):
             view = plan_of(motion)
-            derivatives = DesignDerivatives(view, motion, at)
-            by_design, ground = derivatives.slopes(), derivatives.drawn.home[view.fixed, 1:].T
-            # The ground is where it is in poses that were not found, too.
-            by_design[0][..., view.fixed] = ground.reshape(len(at), *[1] * motion.status.ndim, len(view.fixed))
+            derivatives = DesignDerivatives(view, motion, at, follows=True)
+            by_design = derivatives.slopes()
+            # The ground, and what is held, are where they are in poses that were not found, too.
+            for places, change in ((view.fixed, derivatives.drawn.home[view.fixed, 1:]), (view.held, derivatives.held)):
+                if len(places):
+                    wide = change.T.reshape(len(at), *[1] * motion.status.ndim, len(places))
+                    by_design[0][..., list(places)] = wide
         if isinstance(asked, Tracer):
             by_inputs = np.stack([tangents(motion, {name: 1.0})[0] for name in motion.driven])
     poses = np.asarray(motion.poses), tuple(map(np.asarray, motion.rates))
@@ -345,10 +348,10 @@ class OutputSet:
 class DesignDerivatives:
     """The derivatives of solved poses by chosen components of the design.
 
-    `at` are places of the components among those of `geometry_components`.
+    `at` are places of the components among those of `geometry_components`. What is held stays, or follows the drawing.
     """
 
-    def __init__(self, view: Plan, motion: Motion, at: np.ndarray):
+    def __init__(self, view: Plan, motion: Motion, at: np.ndarray, follows: bool = False):
         self.motion, self.at, self.count = motion, at, len(at)
         self.view = host.HostView(view, to_host(derive(motion.system)))
         flat = np.asarray(geometry_vector(motion.system))
@@ -357,6 +360,15 @@ class DesignDerivatives:
         poses = np.asarray(motion.q)
         self.good = np.flatnonzero(np.asarray(motion.converged).reshape(-1))
         self.q = poses.reshape(-1, poses.shape[-1])[self.good].T
+        self.held = self._held_changes(view) if follows and view.held else None
+
+    def _held_changes(self, view: Plan) -> np.ndarray:
+        """Changes of what is held, which has the values of the assembled drawing, ``(held, changes)``."""
+        eq = derive(self.motion.system)
+        drawing = np.asarray(settle(eq, np.zeros(len(self.q))).q, float)
+        with np.errstate(all="ignore"):
+            found = host.start_changes(free_plan(view.topology), to_host(eq), self.drawn, drawing)
+        return np.zeros((len(view.held), self.count)) if found is None else found[list(view.held), 1:]
 
     def _chunks(self) -> Iterator[np.ndarray]:
         size = max(1, 8192 // (1 + self.count))  # 8192 numbers at a time: poses times changes
@@ -432,7 +444,8 @@ class DesignDerivatives:
         rates = [np.asarray(x).reshape(-1, width)[self.good].T for x in self.motion.rates]
         out = [np.zeros((self.count, int(np.prod(lead, dtype=int)), width), self.q.dtype) for _ in (0, *rates)]
         for lanes in self._chunks():
-            first, others = host.changes(self.view, self.drawn, self.q[:, lanes], [x[:, lanes] for x in rates])
+            moved = [x[:, lanes] for x in rates]
+            first, others = host.changes(self.view, self.drawn, self.q[:, lanes], moved, self.held)
             for whole, part in zip(out, (first, *others), strict=True):
                 whole[:, self.good[lanes]] = np.where(np.isfinite(part), part, 0.0)[..., 1:].T
         if self.motion.conditioning is not None:

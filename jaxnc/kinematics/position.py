@@ -340,7 +340,9 @@ def _answer(question: _Question, method: str, start: Any, solve: Callable[[_Ques
         return solve(question, start)
     known = known_values((question._replace(view=None), start))
     by_inputs = isinstance(values, Tracer)
-    if known is None or view.large or view.held or any(isinstance(x, Tracer) for x in orders) or (by_inputs and orders):
+    if known is None or view.large or any(isinstance(x, Tracer) for x in orders) or (by_inputs and orders):
+        return solve(question, start)
+    if view.held and start is not None:  # which may give what is held
         return solve(question, start)
     asked, begin = known
     flat = np.asarray(asked.values).reshape(math.prod(question.shape), len(view.driven))

@@ -70,6 +70,18 @@ def test_inputs_and_places_to_begin_from(monkeypatch):
     same(*both(value, given, monkeypatch))
 
 
+def test_what_is_held_follows_the_drawing(monkeypatch):
+    system = nc.library.macpherson().compile()
+    home, place = np.asarray(derive(system).home), system.topology.position
+    first, *others = system.independent
+
+    def value(system):
+        motion = nc.sweep(system, {first: home[place[first]] + np.linspace(-0.02, 0.02, 3)}, hold=others)
+        return weigh(motion, system.topology.points, lambda n: motion[n])
+
+    same(*both(value, system, monkeypatch))
+
+
 def test_what_is_known_stays_on_the_host(monkeypatch):
     """No solver is compiled for a first derivative; a second one is compiled, and right."""
     system, inputs = moved(nc.library.four_bar)

@@ -83,6 +83,8 @@ def test_results_are_kept_and_drawn(timed, tmp_path):
         assert path.stat().st_size > 10_000
     with pytest.raises(nc.InputError, match="holds no result"):
         S.load(tmp_path, timed.problem)
+    with pytest.raises(nc.ModelFileError, match=r"Front\.save"):
+        S.Front.load(tmp_path / "out", timed.problem)
 
 
 def test_a_search_goes_on_from_its_file(timed, tmp_path, monkeypatch):

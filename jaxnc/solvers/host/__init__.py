@@ -5,6 +5,7 @@ from jaxnc.solvers.host.newton import changes as changes
 from jaxnc.solvers.host.newton import closest as closest
 from jaxnc.solvers.host.newton import correct_poses as correct_poses
 from jaxnc.solvers.host.newton import pose_rates as pose_rates
+from jaxnc.solvers.host.newton import start_changes as start_changes
 from jaxnc.solvers.host.newton import unabsorbed_changes as unabsorbed_changes
 from jaxnc.solvers.host.poses import solve_scattered as solve_scattered
 from jaxnc.solvers.host.poses import solve_sequences as solve_sequences

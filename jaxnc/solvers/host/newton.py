@@ -10,7 +10,9 @@ import numpy as np
 
 from jaxnc.solvers.host.matrices import Near
 from jaxnc.solvers.host.view import HostView, largest_of_lanes
+from jaxnc.solvers.plan import Plan
 from jaxnc.system.design import Drawn
+from jaxnc.system.host import HostEquations
 
 ITERATIONS = 8  # of Newton from a predicted pose, of which two are usual
 SLOW = 0.5  # of a correction: so short the next one of Newton's must be, or it leads nowhere
@@ -147,12 +149,35 @@ def pose_rates(view: HostView, q: np.ndarray, known: Sequence[np.ndarray]) -> li
     return found
 
 
+def start_changes(
+    plan: Plan, eq: HostEquations, drawn: Drawn, q: np.ndarray, still: Sequence[int] = ()
+) -> np.ndarray | None:
+    """Return an assembled start pose ``(N,)`` with its changes, ``(N, 1 + changes)``; None where they are not finite.
+
+    Nothing is driven in the plan; see `jaxnc.solvers.newton.attach_start`, also for what is `still`.
+    """
+    at = drawn.home.copy()
+    at[:, 0], put, weight = q, np.isin(plan.unknown, still), eq.weights[plan.unknown]
+    at[plan.unknown[put], 1:] = 0.0
+    slopes = eq.jacobian(q[:, None])[0][np.ix_(plan.rows, plan.unknown)] / weight
+    left = eq.changes(at[:, None], (), drawn.constants)[plan.rows, 0]
+    if not (np.isfinite(slopes).all() and np.isfinite(left).all()):
+        return None
+    for some in [np.where(put, 0.0, slopes), slopes] if put.any() else [slopes]:
+        # 1e-7 of the largest singular value: rows below are redundant
+        step = np.linalg.pinv(some, rcond=1e-7) @ left
+        at[plan.unknown, 1:] -= step / weight[:, None]
+        left = left - slopes @ step
+    return at
+
+
 def changes(
-    view: HostView, drawn: Drawn, q: np.ndarray, rates: Sequence[np.ndarray] = ()
+    view: HostView, drawn: Drawn, q: np.ndarray, rates: Sequence[np.ndarray] = (), held: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return poses and derivatives with their changes, ``(N, lanes, 1 + changes)``; not finite at a singular position.
 
-    The known coordinates and their rates stay. Solved poses and rates are ``(N, lanes)``.
+    The known coordinates and their rates stay, but what is `held`, whose changes are ``(held, changes)``. Solved poses
+    and rates are ``(N, lanes)``.
     """
     plan, width = view.plan, drawn.home.shape[-1]
     matrix = view.matrices(q)[0]
@@ -162,6 +187,8 @@ def changes(
         term = np.concatenate([values[..., None], np.zeros((*values.shape, width - 1), q.dtype)], axis=2)
         if not order:
             term[plan.fixed, :, 1:] = drawn.home[plan.fixed][:, None, 1:]
+            if held is not None:
+                term[list(plan.held), :, 1:] = held[:, None]
         terms = [*found, term]
         right = np.moveaxis(view.eq.changes(terms[0], terms[1:], drawn.constants)[plan.rows], 1, 0)
         term[plan.unknown, :, 1:] = -np.moveaxis(view.solve(matrix, right), 0, 1)
