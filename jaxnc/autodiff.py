@@ -19,7 +19,7 @@ from jax.core import ShapedArray, Tracer
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxnc.compiling import in_chunks
+from jaxnc.compiling import in_chunks, jit
 from jaxnc.promotion import promoted
 from jaxnc.types import AnyArray, Array, PyTree
 
@@ -58,6 +58,29 @@ def attach(rule: Rule | TwoRules, static: Hashable, value: object, *args: object
     return jax.tree.unflatten(shape, _ATTACH.bind(
         *found, *given, count=shape.num_leaves, rule=rule, static=static, shape=shape, structure=structure, axes=()
     ))  # fmt: skip
+
+
+def attach_matrix(value: PyTree, by: tuple[Array, ...], slopes: np.ndarray) -> PyTree:
+    """Give known arrays their derivatives by some others: a matrix of numbers, which has no derivatives itself.
+
+    Args:
+        value: a pytree of arrays.
+        by: arrays by which it is differentiated once.
+        slopes: derivatives of all numbers of the value by all of these, ``(numbers, numbers)``.
+    """
+    return attach(_change_by_matrix, None, value, by, slopes)
+
+
+def _change_by_matrix(_: None, value: PyTree, args: tuple, changes: tuple) -> PyTree:
+    return _multiply(value, changes[0], args[1])
+
+
+@jit
+def _multiply(value: PyTree, changes: tuple[Array, ...], slopes: Array) -> PyTree:
+    leaves, structure = jax.tree.flatten(value)
+    flat = slopes @ jnp.concatenate([jnp.ravel(x) for x in changes])
+    parts = jnp.split(flat, np.cumsum([leaf.size for leaf in leaves])[:-1])
+    return jax.tree.unflatten(structure, [x.reshape(leaf.shape) for x, leaf in zip(parts, leaves, strict=True)])
 
 
 def solve_linear(

@@ -17,19 +17,21 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.autodiff import attach_matrix
 from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.dynamics.extended import extended, is_concrete
 from jaxnc.errors import InputError, nearest
 from jaxnc.forces import CATALOGUE, ForceKind
+from jaxnc.internals import evaluate_at_once, known_values
 from jaxnc.kinematics.inputs import check_parameters, check_system
 from jaxnc.kinematics.motion import coordinates_of
 from jaxnc.reading import OutOfRange, Unreadable, trace
 from jaxnc.records import record, static
 from jaxnc.remembered import by_identity, with_owner
 from jaxnc.solvers.assembly import derive
-from jaxnc.system.design import design, design_numbers
+from jaxnc.system.design import GEOMETRY, carry_design, design, design_numbers, differentiated, with_unit_changes
 from jaxnc.system.equations import Equations, equations, rate_constants
 from jaxnc.system.frames import orthonormal_axes
 from jaxnc.system.loads import ForceBlock, InertiaIndex
@@ -40,6 +42,8 @@ from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import Array, ArrayLike, Coordinates, Float, Numbers
 from jaxnc.validate import as_real, as_scalars, call_user
+
+_PARAMETERS = *GEOMETRY, "physical"
 
 
 @public
@@ -385,7 +389,37 @@ def dynamics(system: System) -> Dynamics:
     Known numbers are derived by the host, with nothing compiled, and remembered; traced ones are compiled once for the
     topology.
     """
-    return _derive_on_host(system) if is_concrete(system) else _derive_traced(system)
+    if is_concrete(system):
+        return _derive_on_host(system)
+    known, inner = known_values(system), system.topology
+    kinds = (f.kind for f in inner.loads.forces)
+    if known is None or inner.rates or inner.large or any(not _is_read(kind, inner.dim) for kind in kinds):
+        return _derive_traced(system)
+    return _attach_slopes(known, system)
+
+
+def _is_read(kind: ForceKind, dim: int) -> bool:
+    """Tell whether the host differentiates what a kind's parameters are where they are drawn."""
+    return kind.drawn is None or drawn_parameters(kind, dim)[0].program is not None
+
+
+def _attach_slopes(known: System, system: System) -> Dynamics:
+    """Derive on the host what JAX differentiates once, its derivatives as a matrix."""
+    with evaluate_at_once():
+        found = _derive_on_host(known)
+    changed, at = differentiated(system.parameters, _PARAMETERS)
+    value = found.mass, found.moments, found.total, found.gravity, found.constants, found.friction
+    if len(at):
+        top, par = known.topology, known.parameters.in_numpy()
+        flat = with_unit_changes(np.concatenate([np.ravel(getattr(par, name)) for name in _PARAMETERS]), at)
+        points, physical = flat[: par.points.size].reshape(*par.points.shape, -1), flat[-par.physical.size :]
+        with np.errstate(all="ignore"):
+            drawn = carry_design(top, flat[: len(flat) - par.physical.size])
+            carried = group_inertias(top, points, drawn.drawing, drawn.vectors, physical)
+            moves = _sums(top, carried, drawn.home, physical)
+        slopes = np.concatenate([x[..., 1:].reshape(-1, len(at)) for x in jax.tree.leaves(moves)])
+        value = attach_matrix(value, changed, slopes)
+    return Dynamics(derive(system), *value, system.parameters.own, found.rates, system=system)
 
 
 @by_identity
@@ -404,12 +438,21 @@ def _derive_traced(system: System) -> Dynamics:
 
 def _parts(system: System, home: Numbers, par: Parameters) -> Any:
     """Return the fields of `Dynamics` between equations and system: NumPy's of NumPy parameters."""
-    top, loads = system.topology, system.topology.loads
-    mass, moments, total = sum_inertias(top, inertias(system))
-    gravity = par.physical[np.array(loads.gravity)] if loads.gravity else np.zeros(top.dim, home.dtype)
-    constants = tuple(force_constants(top, home, block, par.physical) for block in loads.forces)
-    friction = tuple(par.physical[np.array(f.numbers)] for f in loads.friction)
-    return mass, moments, total, gravity, constants, friction, par.own, rate_constants(System(top, par))
+    sums = _sums(system.topology, inertias(system), home, par.physical)
+    return *sums, par.own, rate_constants(System(system.topology, par))
+
+
+def _sums(
+    top: Topology, found: Sequence[tuple[np.ndarray, Numbers, Numbers, Numbers]], home: Any, physical: Any
+) -> Any:
+    """Return masses, gravity and what forces and frictions are given, from `inertias`, coordinates and parameters.
+
+    NumPy's may carry changes along a last axis; then all of it does.
+    """
+    loads, tail = top.loads, home.shape[1:]
+    gravity = physical[np.array(loads.gravity)] if loads.gravity else np.zeros((top.dim, *tail), home.dtype)
+    constants = tuple(force_constants(top, home, block, physical) for block in loads.forces)
+    return *sum_inertias(top, found), gravity, constants, tuple(physical[np.array(f.numbers)] for f in loads.friction)
 
 
 @with_owner

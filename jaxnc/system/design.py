@@ -329,9 +329,12 @@ GEOMETRY = "points", "vectors", "markers", "dimensions"
 """The parameters that a drawing is made of, in the order in which they stand in the row of a design."""
 
 
-def differentiated(parameters: Parameters) -> tuple[tuple[Array, ...], np.ndarray]:
-    """Find the arrays of the geometry that are traced, and the places of their numbers among all of the geometry."""
-    leaves = [getattr(parameters, name) for name in GEOMETRY]
+def differentiated(parameters: Parameters, names: tuple[str, ...] = GEOMETRY) -> tuple[tuple[Array, ...], np.ndarray]:
+    """Find the arrays of the geometry that are traced, and the places of their numbers among all of the geometry.
+
+    Of other parameters than the geometry, if `names` has them.
+    """
+    leaves = [getattr(parameters, name) for name in names]
     traced = [isinstance(leaf, Tracer) for leaf in leaves]
     at = np.flatnonzero(np.repeat(traced, [leaf.size for leaf in leaves]))
     return tuple(leaf for leaf, one in zip(leaves, traced, strict=True) if one), at

@@ -28,7 +28,7 @@ from jaxnc.system.precision import numbers
 from jaxnc.system.structure import Formula, pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
-from jaxnc.types import AnyArray, Array, Coordinates, Float, Inputs, Numbers, PyTree
+from jaxnc.types import AnyArray, Array, Coordinates, Float, Inputs, Numbers
 from jaxnc.validate import as_scalars, as_shape, call_user
 
 
@@ -128,7 +128,7 @@ def _derive_compiled(topology: Topology, parameters: Parameters, differentiate_s
 
 def _attach_slopes(known: System, parameters: Parameters) -> Equations:
     """Derive the equations of a design that JAX differentiates once on the host, their derivatives as a matrix."""
-    from jaxnc.autodiff import attach  # with all that derivatives need, and values do not
+    from jaxnc.autodiff import attach_matrix  # with all that derivatives need, and values do not
 
     with evaluate_at_once():
         eq = derived(known)
@@ -143,20 +143,8 @@ def _attach_slopes(known: System, parameters: Parameters) -> Equations:
     moves = drawn.home, drawn.constants, moved.linear, moved.quadratic, drawn.markers
     slopes = np.concatenate([x[..., 1:].reshape(-1, len(at)) for x in jax.tree.leaves(moves)])
     found = eq.home, eq.constants, eq.linear, eq.quadratic, eq.markers
-    home, constants, linear, second, markers = attach(_change_by_slopes, None, found, changed, slopes)
+    home, constants, linear, second, markers = attach_matrix(found, changed, slopes)
     return dataclasses.replace(eq, home=home, constants=constants, linear=linear, quadratic=second, markers=markers)
-
-
-def _change_by_slopes(_: None, value: PyTree, args: tuple, changes: tuple) -> PyTree:
-    return _multiply_slopes(value, changes[0], args[1])
-
-
-@jit
-def _multiply_slopes(value: PyTree, changed: tuple[Array, ...], slopes: Array) -> PyTree:
-    leaves, structure = jax.tree.flatten(value)
-    flat = slopes @ jnp.concatenate([jnp.ravel(x) for x in changed])
-    parts = jnp.split(flat, np.cumsum([leaf.size for leaf in leaves])[:-1])
-    return jax.tree.unflatten(structure, [x.reshape(leaf.shape) for x, leaf in zip(parts, leaves, strict=True)])
 
 
 @functools.lru_cache(maxsize=1024)

@@ -94,6 +94,16 @@ def test_the_host_knows_how_the_numbers_of_a_motion_change_with_the_design():
     assert np.allclose(carried.start(q, ()), components(pose, 1), atol=1e-11)
 
 
+@pytest.mark.parametrize("make", [swing, four_bar])
+def test_what_is_derived_outside_of_compiled_code_changes_as_within(make):
+    system = extended(make())
+    rng = np.random.default_rng(3)
+    way = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), system)
+    found, wanted = (jax.jvp(f, (system,), (way,)) for f in (dynamics, jax.jit(dynamics)))
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(wanted), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12 * max(1.0, np.abs(other).max(initial=0.0)))
+
+
 @pytest.mark.parametrize("state", [None, {"B": (0.02, 0.035)}], ids=["drawn", "near a place"])
 def test_a_start_follows_given_lengths_as_it_is_assembled(state):
     """What lengths and places leave open moves as little as it must, in values and derivatives alike."""
