@@ -419,7 +419,8 @@ def _attach_slopes(known: System, system: System) -> Dynamics:
             moves = _sums(top, carried, drawn.home, physical)
         slopes = np.concatenate([x[..., 1:].reshape(-1, len(at)) for x in jax.tree.leaves(moves)])
         value = attach_matrix(value, changed, slopes)
-    return Dynamics(derive(system), *value, system.parameters.own, found.rates, system=system)
+    rest: Any = *value, system.parameters.own, found.rates
+    return Dynamics(derive(system), *rest, system=system)
 
 
 @by_identity

@@ -108,9 +108,8 @@ def attach_slopes(motion: Motion, system: System, asked: Array) -> Motion:
             by_design = derivatives.slopes()
             # The ground, and what is held, are where they are in poses that were not found, too.
             for places, change in ((view.fixed, derivatives.drawn.home[view.fixed, 1:]), (view.held, derivatives.held)):
-                if len(places):
-                    wide = change.T.reshape(len(at), *[1] * motion.status.ndim, len(places))
-                    by_design[0][..., list(places)] = wide
+                wide = change.T.reshape(len(at), *[1] * motion.status.ndim, len(places))
+                by_design[0][..., np.array(places, int)] = wide
         if isinstance(asked, Tracer):
             by_inputs = np.stack([tangents(motion, {name: 1.0})[0] for name in motion.driven])
     poses = np.asarray(motion.poses), tuple(map(np.asarray, motion.rates))
@@ -360,7 +359,7 @@ class DesignDerivatives:
         poses = np.asarray(motion.q)
         self.good = np.flatnonzero(np.asarray(motion.converged).reshape(-1))
         self.q = poses.reshape(-1, poses.shape[-1])[self.good].T
-        self.held = self._held_changes(view) if follows and view.held else None
+        self.held = self._held_changes(view) if follows and view.held else np.zeros((len(view.held), self.count))
 
     def _held_changes(self, view: Plan) -> np.ndarray:
         """Changes of what is held, which has the values of the assembled drawing, ``(held, changes)``."""

@@ -151,7 +151,7 @@ class Robot:
             return as_jax(self._joint_values(np.asarray(motion.q), np.asarray(home)))
         return _in_jax(self, motion.q, home)
 
-    def _joint_values(self, q: Numbers, home: Numbers) -> Numbers:
+    def _joint_values(self, q: Any, home: Any) -> Any:
         """Joints of poses ``(..., N)`` of a design with these coordinates as drawn, ``(N,)``."""
         top, out = self.system.topology, []
         lead, numeric = q.shape[:-1], _array_library(q)
@@ -171,7 +171,7 @@ class Robot:
                     out.append(quaternions(drawn @ link.turn.T @ own @ link.turn))
         return numeric.concatenate(out, axis=-1)
 
-    def _turn(self, q: Numbers, home: Numbers, number: int) -> Any:
+    def _turn(self, q: Any, home: Any, number: int) -> Any:
         """Rotation of a rigid from the drawing ``(..., 3, 3)``; of a rod the one without spin."""
         rigid, numeric, top = self._tree.rigids[number], _array_library(q), self.system.topology
         if not number:
