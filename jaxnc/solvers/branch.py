@@ -24,6 +24,7 @@ NEAR = 0.1  # of the way between two anchors: so far may a pose lie from where t
 # Determinants of the diagonal blocks.
 REBOUND = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
 DROP = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
+LANDING = 0.1  # of the determinant that a step may begin from: so little may be left of it behind a singular position
 CLEAR = 1e-3  # of the largest determinant: where all are larger, Newton's corrections are squares of one another
 
 # How long steps may be.
@@ -79,8 +80,10 @@ def is_accepted(step: TrialStep, least: Limits, length: float) -> np.ndarray:
     slack = least.close * length
     close = step.corrected <= SHARP * step.expected + slack
     even = step.fresh | smooth(step.bend, step.kink, step.expected + step.after, slack)
-    regular = np.all(step.level >= least.crossing, axis=0)  # nearer to a singular position, rounding decides
-    return close & even & (step.fresh | ((_keeps_signs(step) | _is_short(step, least, length)) & regular))
+    keeps = _keeps_signs(step)
+    # Nearer to a singular position rounding decides; where a step over one ends may be nearer than where it began.
+    regular = np.all(step.level >= np.where(keeps, 1.0, LANDING) * least.crossing, axis=0)
+    return close & even & (step.fresh | ((keeps | _is_short(step, least, length)) & regular))
 
 
 def is_edge(step: TrialStep, least: Limits, length: float, corner: Callable[[], np.ndarray]) -> np.ndarray:
@@ -102,7 +105,7 @@ def _keeps_signs(step: TrialStep) -> np.ndarray:
 
 
 def _is_short(step: TrialStep, least: Limits, length: float) -> np.ndarray:
-    return (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
+    return (step.expected <= 20.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
 
 
 def smooth(bend: Numbers, kink: AnyArray, lengths: AnyArray, slack: AnyArray) -> np.ndarray:
@@ -151,6 +154,16 @@ def next_step(step: TrialStep, least: Limits, length: float) -> np.ndarray:
 def crossing(speed: np.ndarray, least: Limits, length: float) -> np.ndarray:
     """The part of a way that a step makes which may cross a singular position, from the speed along the way."""
     return 5.0 * least.crossing * length / np.maximum(speed, least.tiny)
+
+
+def leap(over_it: np.ndarray, rise: np.ndarray, least: Limits) -> np.ndarray:
+    """The part of a way that a step over a singular position makes.
+
+    It ends as far behind as it begins before, as determinants fall by what they `rise` for a part of the way.
+    """
+    falling = np.max(-rise, axis=0, initial=0.0)
+    # up to 3 times as long where they fall slowly
+    return np.clip(2.0 / np.maximum(falling, least.tiny), over_it, 3.0 * over_it)
 
 
 def longest(plan: Plan, way: np.ndarray) -> np.ndarray:

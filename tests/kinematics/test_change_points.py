@@ -82,6 +82,26 @@ def test_parallelogram_stays_one_on_every_grid(grid):
         check(u, mo["C"], mo.status, 0.0, parallel)
 
 
+@pytest.mark.parametrize("crank, base", [(0.624, 1.698), (1.175, 2.905), (1.279, 1.607), (1.336, 2.9), (0.807, 1.668)])
+@pytest.mark.parametrize("count", [37, 91, 180])
+def test_the_antiparallelogram_goes_on_too(crank, base, count):
+    """Its determinants fall slowly: a step over the change point is as long as they say."""
+
+    def form(u):  # the parallelogram's corner, reflected in the line from B to D
+        b = crank * np.exp(1j * np.asarray(u))
+        along = (base - b) / np.abs(base - b)
+        return b + 2 * np.real((base) * np.conj(along)) * along - base
+
+    begin = 0.9
+    b, c = crank * np.exp(1j * begin), form(begin)
+    linkage = nc.synthesis.FourBar((0, 0), (b.real, b.imag), (c.real, c.imag), (base, 0))
+    for shift in (0.003, 0.021, 0.043):
+        u = begin + shift + np.linspace(0, 2 * np.pi, count)
+        motion = linkage.move({"phi": u})
+        assert not motion.failures
+        np.testing.assert_allclose(np.asarray(motion["C"]) @ [1, 1j], form(u), atol=1e-8)
+
+
 def test_library_parallelogram_in_38_poses():
     """The grid that gave 38 poses of the antiparallelogram, each of them CONVERGED."""
     u = np.linspace(-np.pi, np.pi, 38)

@@ -242,7 +242,8 @@ def _evaluate_step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     shortened = (st.s == 0.0) & (part == branch.SHORT)
     longer = np.minimum(np.where(shortened, 1.0, 2.0 * st.h), branch.next_step(trial, least, length))
     longer = np.where(fresh, branch.SHORT, longer)
-    st.h = np.where(good, longer, np.where(leap, over_it, np.where(bad, 0.25 * part, st.h)))
+    across = branch.leap(over_it, st.rise, least)
+    st.h = np.where(good, longer, np.where(leap, across, np.where(bad, 0.25 * part, st.h)))
     leaving = (st.s == 0.0) & (st.target > 0)
     # Just before a fold steps are short as parts of the way, not as lengths: a target that lies there is gone on to.
     near = (1.0 - st.s < least.touch) & (st.h > least.whole) & (st.h * speed > least.crossing * length)

@@ -190,25 +190,45 @@ class _Found:
         marks = _choose_anchors(self.view, self.ordered, self.counts)
         at, counts, every = _to_front(marks), np.sum(marks, axis=0), np.arange(len(self.counts))
         seen = follow(self.view, self.start, np.moveaxis(self.ordered[at, :, every], 1, 2), counts)
-        reached, start = seen.reached, self.start
         self._take(at, seen, every)
         self.last, self.exhausted = np.array(seen.last), np.array(seen.exhausted)
-        # Where a branch ends on the way to an anchor: pose by pose.
-        aim = at[np.minimum(reached, len(at) - 1), every]
-        before = np.where(reached > 0, at[np.maximum(reached, 1) - 1, every], -1)
-        ended = np.flatnonzero((reached < counts) & (aim - before > 1))
-        if len(ended):
-            place = before[ended] + 1 + np.arange(np.max((aim - before)[ended]))[:, None]
-            rest = self.ordered[np.minimum(place, self.total - 1), :, ended]
-            begin = np.where(reached[ended] > 0, self.q[:, self.first[ended] + before[ended]], start[:, ended])
-            more = follow(self.view.select(ended), begin, np.moveaxis(rest, 1, 2), (aim - before)[ended])
-            self._take(place, more, ended)
-            self.last[:, ended], self.exhausted[ended] = more.last, more.exhausted
-        kept = np.cumsum(marks, axis=0) <= reached
-        self._fill(*self._between(marks & kept))
-        self._repair(marks & kept, before)
+        done = np.where(seen.reached > 0, at[np.maximum(seen.reached, 1) - 1, every], -1)
+        self._go_on(marks, done, np.flatnonzero(seen.reached < counts))
+        kept = marks & (np.arange(self.total)[:, None] <= done)
+        self._fill(*self._between(kept))
+        self._repair(kept, done)
         good = self.good.reshape(-1, self.total)
         self.good = (np.cumsum(~good, axis=1) == 0).reshape(-1)  # a branch is followed in order
+
+    def _go_on(self, marks: np.ndarray, done: np.ndarray, ended: np.ndarray) -> None:
+        """Follow sequences that ended on the way to an anchor pose by pose to it, and from there to all others.
+
+        `done` is the last anchor that each sequence was followed to, and is kept up to date.
+        """
+        while len(ended):
+            ways, singly = [], []
+            for k in ended:
+                ahead = np.flatnonzero(marks[:, k])
+                ahead = ahead[ahead > done[k]]
+                singly.append(ahead[0] - done[k])
+                ways.append([*range(done[k] + 1, ahead[0]), *ahead])
+            open_ = np.array(singly) > 1  # a next pose that is an anchor was tried
+            ended, singly, ways = (
+                ended[open_],
+                np.array(singly)[open_],
+                [w for w, b in zip(ways, open_, strict=True) if b],
+            )
+            if not len(ended):
+                return
+            counts = np.array([len(way) for way in ways])
+            place = np.stack([np.pad(way, (0, int(counts.max()) - len(way)), "edge") for way in ways], axis=1)
+            begin = np.where(done[ended] >= 0, self.q[:, self.first[ended] + done[ended]], self.start[:, ended])
+            more = follow(self.view.select(ended), begin, np.moveaxis(self.ordered[place, :, ended], 1, 2), counts)
+            self._take(place, more, ended)
+            self.last[:, ended], self.exhausted[ended] = more.last, more.exhausted
+            through = more.reached >= singly
+            done[ended[through]] = place[more.reached - 1, np.arange(len(ended))][through]
+            ended = ended[through & (more.reached < counts)]
 
     def _take(self, place: np.ndarray, seen: Followed, which: np.ndarray) -> None:
         """Take over poses ``(T, lanes)`` that some sequences were followed to."""
