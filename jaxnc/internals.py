@@ -24,13 +24,18 @@ def evaluate_at_once() -> Any:
 
 
 def known_values(tree: Any) -> Any:
-    """Return the numbers behind arrays that are differentiated, and no more than that; None if some are not known.
+    """Return the numbers behind arrays that are differentiated once; None if some are not known.
 
-    Derivatives of a second order, mapped arrays and what is being compiled have none.
+    Mapped arrays and what is being compiled have none. Derivatives of a second order are made by two traces: those of
+    one array, or one trace's of one array and the other's of another.
     """
     leaves, structure = jax.tree.flatten(tree)
+    traced = [x for x in leaves if isinstance(x, core.Tracer)]
     found = [getattr(x, "primal", None) if isinstance(x, core.Tracer) else x for x in leaves]
     if any(x is None or isinstance(x, core.Tracer) for x in found):
+        return None
+    traces = [getattr(x, "_trace", None) for x in traced]
+    if any(trace is None or trace is not traces[0] for trace in traces):
         return None
     return jax.tree.unflatten(structure, found)
 

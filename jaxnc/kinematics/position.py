@@ -134,7 +134,7 @@ def solve_position(
     question, start = _check_call(system, inputs, hold, rates, accelerations, start, unit)
     chosen = None if devices is None else choose(devices)
     solve = functools.partial(_solve_lanes, repair, chosen, branch, throw)
-    if chosen is not None:
+    if chosen is not None or branch is not None:
         return solve(question, start)
     return _answer(question, "lanes" if start is None else "guess", start, solve)
 
@@ -353,7 +353,7 @@ def _answer(question: _Question, method: str, start: Any, solve: Callable[[_Ques
 
     with evaluate_at_once():
         found = solve(asked._replace(view=view, values=np.asarray(asked.values)), begin)
-    return attach_slopes(found, system, values)
+    return dataclasses.replace(attach_slopes(found, system, values), time=question.time)
 
 
 def _follow_inputs(repair: bool, throw: bool, question: _Question, start: Motion | Inputs | None) -> Motion:

@@ -100,6 +100,49 @@ def test_what_is_known_stays_on_the_host(monkeypatch):
         np.testing.assert_allclose(second[k], by_steps, atol=1e-6 * np.abs(second).max())
 
 
+def test_two_derivatives_by_different_things():
+    """Each has numbers behind it, and together they are a derivative of the second order."""
+    system = nc.synthesis.FourBar((0, 0), (0.3, 0.8), (2.1, 1.9), (2.5, 0)).system
+
+    def place(pin, angle, length=None):
+        changed = system.replace({"D": pin} | ({} if length is None else {"B": length}))
+        return nc.solve_position(changed, {"phi": angle})["C"][0]
+
+    pin, angle, step = jnp.asarray(system["D"]), 0.7, 1e-5
+    inner = lambda d: jax.grad(place, 1)(d, angle)  # noqa: E731
+    steps = [(inner(pin + step * e) - inner(pin - step * e)) / (2 * step) for e in jnp.eye(2)]
+    ways = [
+        jax.grad(inner)(pin),
+        jax.jacfwd(inner)(pin),
+        jax.jacfwd(jax.grad(place), 1)(pin, angle),
+        jax.grad(lambda d: jax.jvp(lambda p: place(d, p), (angle,), (1.0,))[1])(pin),
+    ]
+    for found in ways:
+        np.testing.assert_allclose(found, steps, rtol=1e-6)
+    crank = jnp.asarray(system["B"])
+    both = jax.jacfwd(lambda d: jax.grad(lambda b: place(d, angle, b))(crank))
+    np.testing.assert_allclose(both(pin), nc.jit(both)(pin), atol=1e-10)
+    assert np.abs(both(pin)).max() > 0.1
+
+
+def test_times_and_branches_beside_a_design():
+    system, turn = nc.library.four_bar().compile(), np.linspace(0.3, 0.6, 3)
+    given = turn, np.ones(3), np.zeros(3)
+
+    def late(t, pin):
+        return jnp.sum(nc.motion(system.replace({"D": pin}), {"phi": given}, t).time ** 2)
+
+    t, pin = jnp.linspace(0.0, 1.0, 3), jnp.asarray(system["D"])
+    np.testing.assert_allclose(jax.grad(late, argnums=(0, 1))(t, pin)[0], 2 * t)
+
+    def beside(pin):
+        design = system.replace({"D": pin})
+        branch = nc.solve_position(design, {"phi": 0.3})
+        return nc.solve_position(design, {"phi": turn}, branch=branch)["C"].sum()
+
+    np.testing.assert_allclose(jax.grad(beside)(pin), nc.jit(jax.grad(beside))(pin), atol=1e-10)
+
+
 def test_many_gradients_are_compiled_for():
     """Who goes on asking is better off with compiled code: for as long as it takes to compile the host answers."""
     system = nc.library.scotch_yoke().compile()
