@@ -121,8 +121,8 @@ class Motion(Drawn):
         status: `jaxnc.Status` of each pose as an integer, ``(...,)``.
         residual: largest residual of each pose, a length, ``(...,)``; of the attempt, where a pose was not found;
             None of poses that were not solved for, such as a drawing.
-        conditioning: estimate of each pose's reciprocal condition number; zero at a singular position, ``(...,)``; None
-            of poses that were not solved for their inputs, such as those of a simulation.
+        conditioning: estimate of each pose's reciprocal condition number, which has no derivative; zero at a singular
+            position, ``(...,)``; None of poses that were not solved for their inputs, such as those of a simulation.
         time: time of each pose if the inputs were functions of time, ``(...,)``.
     """
 
