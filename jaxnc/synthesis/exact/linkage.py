@@ -301,7 +301,7 @@ class GuidedFourBar:
         linkage: the four-bar, drawn in the first pose; P is the body's origin, and the crank A-B drives it.
         inputs: crank angle ``phi`` in every pose, in the order of the poses, radians, ``(n,)``.
         error: largest distance from a pose after really moving there: lengths, and angles, counted from the first pose,
-            times the size of the poses or the length of the coupler, whichever is larger; NaN if it does not get there.
+            times the poses' size, or the coupler's length where they are at one place; NaN if it does not get there.
         transmission: smallest transmission angle on the way, radians; 0 if it does not get there.
         defects: ``"circuit"``: some poses belong to the other assembly of the linkage; ``"branch"``: a dead point of
             either bar lies between, or a position in which all bars are in line, so that the linkage may leave it the
@@ -394,8 +394,9 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", near: bool 
 
 
 def _size(poses: np.ndarray, linkage: FourBar) -> float:
-    """Size of the poses, of which all may be at one place, or of the coupler."""
-    return max(float(np.ptp(poses[:, :2], axis=0).max()), linkage.lengths["coupler"])
+    """Size of the poses, or length of the coupler where all of them are at one place."""
+    spread, coupler = float(np.ptp(poses[:, :2], axis=0).max()), linkage.lengths["coupler"]
+    return spread if spread > 1e-6 * coupler else coupler
 
 
 def _least_transmission(linkage: FourBar, inputs: np.ndarray) -> float:
