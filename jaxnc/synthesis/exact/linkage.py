@@ -350,7 +350,6 @@ def _draw_near(pose: np.ndarray, crank: "Dyad", rocker: "Dyad") -> FourBar:
     return FourBar(point_of(a), point_of(b), point_of(c), point_of(d), point_of(p))
 
 
-_IN_LINE = 1e-6  # radians of transmission: two bars are in line
 _BACK = 0.1  # radians that a bar may go back between poses that are only met nearly
 
 
@@ -366,6 +365,7 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", near: bool 
     draw, slack = (_draw_near, _BACK) if near else (_draw_exact, 0.0)
     best: GuidedFourBar | None = None
     in_line = False  # whether the poses are passed in order, but for a position in which two bars are in line
+    least = 1e-6  # radians of transmission: they are
     for first, second in ((crank, rocker), (rocker, crank)):
         linkage = draw(poses[0], first, second)
         way = first.places - np.array(first.fixed)
@@ -376,8 +376,8 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", near: bool 
                 continue  # more than one turn: the poses are passed in another order
             inputs = angles[0] + np.concatenate([[0.0], np.cumsum(steps)])
             transmission = _least_transmission(linkage, inputs)
-            if transmission <= _IN_LINE:
-                in_line = in_line or abs(linkage.grashof.margin) <= _IN_LINE * max(linkage.lengths.values())
+            if transmission <= least:
+                in_line = in_line or abs(linkage.grashof.margin) <= least * max(linkage.lengths.values())
                 continue
             error, same = _move_through(linkage, inputs, poses, second.places)
             # An exact pose that is further off, after really moving there, is not reached.
