@@ -72,11 +72,11 @@ def attach_matrix(value: PyTree, by: tuple[Array, ...], slopes: np.ndarray) -> P
 
 
 def _change_by_matrix(_: None, value: PyTree, args: tuple, changes: tuple) -> PyTree:
-    return _multiply(value, changes[0], args[1])
+    return _multiply_matrix(value, changes[0], args[1])
 
 
 @jit
-def _multiply(value: PyTree, changes: tuple[Array, ...], slopes: Array) -> PyTree:
+def _multiply_matrix(value: PyTree, changes: tuple[Array, ...], slopes: Array) -> PyTree:
     leaves, structure = jax.tree.flatten(value)
     flat = slopes @ jnp.concatenate([jnp.ravel(x) for x in changes])
     parts = jnp.split(flat, np.cumsum([leaf.size for leaf in leaves])[:-1])

@@ -23,7 +23,7 @@ def evaluate_at_once() -> Any:
     return getattr(core, "eval_context", jax.ensure_compile_time_eval)()
 
 
-def known_values(tree: Any) -> Any:
+def values_behind(tree: Any) -> Any:
     """Return the numbers behind arrays that are differentiated once; None if some are not known.
 
     Mapped arrays and what is being compiled have none. Derivatives of a second order are made by two traces: those of

@@ -24,14 +24,14 @@ from jaxnc.constraints.directions import unit
 from jaxnc.dynamics.extended import extended, is_concrete
 from jaxnc.errors import InputError, nearest
 from jaxnc.forces import CATALOGUE, ForceKind
-from jaxnc.internals import evaluate_at_once, known_values
+from jaxnc.internals import evaluate_at_once, values_behind
 from jaxnc.kinematics.inputs import check_parameters, check_system
 from jaxnc.kinematics.motion import coordinates_of
 from jaxnc.reading import OutOfRange, Unreadable, trace
 from jaxnc.records import record, static
 from jaxnc.remembered import by_identity, with_owner
 from jaxnc.solvers.assembly import derive
-from jaxnc.system.design import GEOMETRY, carry_design, design, design_numbers, differentiated, with_unit_changes
+from jaxnc.system.design import GEOMETRY, carry_design, design, design_numbers, find_traced, with_unit_changes
 from jaxnc.system.equations import Equations, equations, rate_constants
 from jaxnc.system.frames import orthonormal_axes
 from jaxnc.system.loads import ForceBlock, InertiaIndex
@@ -391,11 +391,11 @@ def dynamics(system: System) -> Dynamics:
     """
     if is_concrete(system):
         return _derive_on_host(system)
-    known, inner = known_values(system), system.topology
+    known, inner = values_behind(system), system.topology
     kinds = (f.kind for f in inner.loads.forces)
     if known is None or inner.rates or inner.large or any(not _is_read(kind, inner.dim) for kind in kinds):
         return _derive_traced(system)
-    return _attach_slopes(known, system)
+    return _derive_with_changes(known, system)
 
 
 def _is_read(kind: ForceKind, dim: int) -> bool:
@@ -403,11 +403,11 @@ def _is_read(kind: ForceKind, dim: int) -> bool:
     return kind.drawn is None or drawn_parameters(kind, dim)[0].program is not None
 
 
-def _attach_slopes(known: System, system: System) -> Dynamics:
+def _derive_with_changes(known: System, system: System) -> Dynamics:
     """Derive on the host what JAX differentiates once, its derivatives as a matrix."""
     with evaluate_at_once():
         found = _derive_on_host(known)
-    changed, at = differentiated(system.parameters, _PARAMETERS)
+    changed, at = find_traced(system.parameters, _PARAMETERS)
     value = found.mass, found.moments, found.total, found.gravity, found.constants, found.friction
     if len(at):
         top, par = known.topology, known.parameters.in_numpy()

@@ -200,6 +200,8 @@ class _Range(Targets):
         """For every value but the last: which assembly at the next each one becomes, -1 for none."""
         counts = [p.w.shape[1] for p in self.places[:-1]]
         step = np.repeat(np.arange(len(counts)), counts)
+        if not len(step):
+            return [step] * len(counts)
         start = np.concatenate([p.q for p in self.places[:-1]], axis=1)
         size = self.design.reading.first
         found = solve_lanes(self.view, self.design.host, start.T, self.values[step + 1], np.arange(len(step)))

@@ -28,7 +28,7 @@ from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, free_plan, settle, to_host
 from jaxnc.solvers.newton import attach_pose
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.design import GEOMETRY, carry_design, differentiated, with_unit_changes
+from jaxnc.system.design import GEOMETRY, carry_design, find_traced, with_unit_changes
 from jaxnc.system.frames import along, marker_place, spins
 from jaxnc.system.on_lanes import columns_on_lanes, needed_inputs, on_host, reading
 from jaxnc.system.precision import limits
@@ -99,7 +99,7 @@ def attach_slopes(motion: Motion, system: System, asked: Array) -> Motion:
 
     These are numbers: nothing is compiled but their product with a change. They have no derivatives themselves.
     """
-    changed, at = differentiated(system.parameters)
+    changed, at = find_traced(system.parameters)
     with evaluate_at_once():
         by_design = by_inputs = None
         if len(at):

@@ -14,7 +14,7 @@ from jax.core import Tracer
 from jaxnc.calls import public
 from jaxnc.compiling import blame_callback, jit
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.internals import evaluate_at_once, known_values, outermost
+from jaxnc.internals import evaluate_at_once, outermost, values_behind
 from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,
@@ -38,7 +38,7 @@ from jaxnc.solvers.host import view_of
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
-from jaxnc.system.design import differentiated
+from jaxnc.system.design import find_traced
 from jaxnc.system.equations import Equations, guards, measured, rate_constants, slips, weights
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import as_its_system, limits
@@ -136,7 +136,7 @@ def solve_position(
     solve = functools.partial(_solve_lanes, repair, chosen, branch, throw)
     if chosen is not None or branch is not None:
         return solve(question, start)
-    return _answer(question, "lanes" if start is None else "guess", start, solve)
+    return _solve_question(question, "lanes" if start is None else "guess", start, solve)
 
 
 def _solve_lanes(
@@ -217,7 +217,7 @@ def sweep(
             f"a sweep needs a sequence of values for its inputs, shape (T,); got shape {question.shape}. "
             f"For one pose or other batches use solve_position"
         )
-    return _answer(question, "continuation", start, functools.partial(_follow_inputs, repair, throw))
+    return _solve_question(question, "continuation", start, functools.partial(_follow_inputs, repair, throw))
 
 
 @public
@@ -270,7 +270,7 @@ def motion(
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
     ]
     question = _Question(system, view, orders[0], tuple(orders[1:]), t)
-    return _answer(question, "continuation", start, functools.partial(_follow_inputs, repair, throw))
+    return _solve_question(question, "continuation", start, functools.partial(_follow_inputs, repair, throw))
 
 
 def _check_call(
@@ -333,12 +333,12 @@ def _in_time(name: str, data: "Callable | tuple | ArrayLike", t: np.ndarray, cou
     return out
 
 
-def _answer(question: _Question, method: str, start: Any, solve: Callable[[_Question, Any], Motion]) -> Motion:
+def _solve_question(question: _Question, method: str, start: Any, solve: Callable[[_Question, Any], Motion]) -> Motion:
     """Solve; poses that are differentiated once, outside of compiled code, on the host, with derivatives as numbers."""
     system, view, values, orders, _ = question
     if not any(isinstance(x, Tracer) for x in jax.tree.leaves((system, values))):
         return solve(question, start)
-    known = known_values((question._replace(view=None), start))
+    known = values_behind((question._replace(view=None), start))
     by_inputs = isinstance(values, Tracer)
     if known is None or view.large or any(isinstance(x, Tracer) for x in orders) or (by_inputs and orders):
         return solve(question, start)
@@ -346,7 +346,7 @@ def _answer(question: _Question, method: str, start: Any, solve: Callable[[_Ques
         return solve(question, start)
     asked, begin = known
     flat = np.asarray(asked.values).reshape(math.prod(question.shape), len(view.driven))
-    variables = len(differentiated(system.parameters)[1]) + by_inputs * len(view.driven)
+    variables = len(find_traced(system.parameters)[1]) + by_inputs * len(view.driven)
     if not host_solve.suits_slopes(view, method, flat, variables):
         return solve(question, start)
     from jaxnc.kinematics.design import attach_slopes  # with all that XLA needs, and the host does not

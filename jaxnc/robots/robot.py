@@ -149,7 +149,7 @@ class Robot:
         home, known = derive(motion.system).home, on_host(motion.poses, motion)
         if known:
             return as_jax(self._joint_values(np.asarray(motion.q), np.asarray(home)))
-        return _in_jax(self, motion.q, home)
+        return _joints_in_jax(self, motion.q, home)
 
     def _joint_values(self, q: Any, home: Any) -> Any:
         """Joints of poses ``(..., N)`` of a design with these coordinates as drawn, ``(N,)``."""
@@ -243,7 +243,7 @@ class Robot:
 
 
 @functools.partial(jit, static_argnums=0)
-def _in_jax(robot: Robot, q: Array, home: Array) -> Array:
+def _joints_in_jax(robot: Robot, q: Array, home: Array) -> Array:
     return robot._joint_values(q, home)
 
 

@@ -329,7 +329,7 @@ GEOMETRY = "points", "vectors", "markers", "dimensions"
 """The parameters that a drawing is made of, in the order in which they stand in the row of a design."""
 
 
-def differentiated(parameters: Parameters, names: tuple[str, ...] = GEOMETRY) -> tuple[tuple[Array, ...], np.ndarray]:
+def find_traced(parameters: Parameters, names: tuple[str, ...] = GEOMETRY) -> tuple[tuple[Array, ...], np.ndarray]:
     """Find the arrays of the geometry that are traced, and the places of their numbers among all of the geometry.
 
     Of other parameters than the geometry, if `names` has them.

@@ -20,10 +20,10 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device, refuse_fork
 from jaxnc.constraints import Kind
 from jaxnc.errors import InputError, nearest
-from jaxnc.internals import evaluate_at_once, known_values
+from jaxnc.internals import evaluate_at_once, values_behind
 from jaxnc.reading import Builder, partials
 from jaxnc.records import record, static
-from jaxnc.system.design import GEOMETRY, carry_design, design, design_numbers, differentiated, with_unit_changes
+from jaxnc.system.design import GEOMETRY, carry_design, design, design_numbers, find_traced, with_unit_changes
 from jaxnc.system.precision import numbers
 from jaxnc.system.structure import Formula, pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
@@ -113,7 +113,7 @@ def derived(system: System, differentiate_scales: bool = False) -> Equations:
     """Make `equations` on the host where the parameters are numbers, else compiled once for the structure."""
     with numbers(system.parameters.points):
         if any(isinstance(x, Tracer) for x in jax.tree.leaves(system)):
-            known = None if differentiate_scales or system.topology.large else known_values(system)
+            known = None if differentiate_scales or system.topology.large else values_behind(system)
             if known is not None:
                 return _attach_slopes(known, system.parameters)
             return _derive_compiled(system.topology.structure, system.parameters, differentiate_scales)
@@ -132,7 +132,7 @@ def _attach_slopes(known: System, parameters: Parameters) -> Equations:
 
     with evaluate_at_once():
         eq = derived(known)
-    changed, at = differentiated(parameters)
+    changed, at = find_traced(parameters)
     if not len(at):
         return eq
     own = known.parameters.in_numpy()

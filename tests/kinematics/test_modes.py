@@ -631,3 +631,4 @@ def test_circuits_of_cranks_that_fold_onto_the_ground(pin, values):
     apart = abs(ground - crank * np.exp(1j * turn))
     np.testing.assert_array_equal(found.count, 2 * ((apart > reach[0]) & (apart < reach[1])))
     assert len(found) == 2 and len(found.branches) == 4 and not found.doubtful
+    assert str(nc.circuits(linkage.system, {"phi": np.linspace(2.8, 3.4, 5)})).startswith("no assembly")

@@ -381,7 +381,7 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", near: bool 
                 continue
             error, same = _move_through(linkage, inputs, poses, second.places)
             # An exact pose that is further off, after really moving there, is not reached.
-            if error <= 1e-8 * _size(poses, linkage) or (near and same):
+            if error <= 1e-8 * _span_of_poses(poses, linkage) or (near and same):
                 found = GuidedFourBar(linkage, inputs, error, transmission, ())
                 if best is None or found.transmission > best.transmission:
                     best = found
@@ -393,7 +393,7 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", near: bool 
     return GuidedFourBar(linkage, inputs, math.nan, 0.0, ("branch" if in_line else _defect(linkage, crank, rocker),))
 
 
-def _size(poses: np.ndarray, linkage: FourBar) -> float:
+def _span_of_poses(poses: np.ndarray, linkage: FourBar) -> float:
     """Size of the poses, or length of the coupler where all of them are at one place."""
     spread, coupler = float(np.ptp(poses[:, :2], axis=0).max()), linkage.lengths["coupler"]
     return spread if spread > 1e-6 * coupler else coupler
@@ -427,7 +427,7 @@ def _move_through(linkage: FourBar, inputs: np.ndarray, poses: np.ndarray, rocke
     place = np.asarray(motion["P"])[at]
     turn = np.asarray(motion["theta"])[at]
     off = np.hypot(*(place - poses[:, :2]).T)
-    tilt = np.abs(wrap_angle(turn - turn[0] - poses[:, 2] + poses[0, 2])) * _size(poses, linkage)
+    tilt = np.abs(wrap_angle(turn - turn[0] - poses[:, 2] + poses[0, 2])) * _span_of_poses(poses, linkage)
     b, c, d = (np.asarray(motion[name])[at] @ [1.0, 1j] for name in "BCD")
     # On the same side of the line from B to D as the place where it should be.
     sides = [np.imag(np.conj(d - b) * (z - b)) > 0 for z in (c, rocker @ [1.0, 1j])]
