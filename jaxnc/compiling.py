@@ -65,6 +65,20 @@ def filter_jit(f: Callable[..., R]) -> Callable[..., R]:
     return _compile_either(f, compiler)
 
 
+def in_one_program(f: Callable[..., R]) -> Callable[..., R]:
+    """Compile a formula as a whole for JAX's arrays, instead of one operation after the other.
+
+    If all arrays are NumPy's they are given to it as they are, and it does its work in NumPy.
+    """
+    compiled = jit(f)
+
+    @functools.wraps(f)
+    def call(*args: Any) -> R:
+        return (compiled if any(isinstance(x, jax.Array) for x in jax.tree.leaves(args)) else f)(*args)
+
+    return call
+
+
 def shapes_of(f: Callable, *args: PyTree) -> PyTree:
     """Return what a function returns, arrays by their shapes and types; nothing is calculated."""
     kept = []

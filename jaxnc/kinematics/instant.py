@@ -5,14 +5,14 @@ lies at infinity, or is not defined because nothing moves, is said by flags, and
 """
 
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.compiling import on_device
+from jaxnc.compiling import in_one_program, on_device
 from jaxnc.errors import InputError, nearest
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.topology import BodyIndex, Topology
@@ -171,6 +171,7 @@ def _rounding_share(x: Numbers) -> float:
     return float(np.finfo(x.dtype).eps) ** (2 / 3)  # a relative rate below this power of the rounding unit is none
 
 
+@in_one_program
 def instant_of(state: BodyState) -> InstantMotion:
     """The motion of a planar body at an instant, from positions and rates."""
     p, velocity, spin, acceleration, turning, speed, pull, size = state
@@ -199,6 +200,7 @@ def instant_of(state: BodyState) -> InstantMotion:
     )
 
 
+@in_one_program
 def without_noise(state: BodyState) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Place, velocity and angular velocity of a body in space, rates set to zero where they are only rounding."""
     numeric, tiny = _library_of(state.velocity, state.spin), _rounding_share(state.velocity)
@@ -207,6 +209,7 @@ def without_noise(state: BodyState) -> tuple[AnyArray, AnyArray, AnyArray]:
     return state.place, numeric.where(moves, state.velocity, 0.0), numeric.where(turns, state.spin, 0.0)
 
 
+@in_one_program
 def screw_axis(place: Numbers, velocity: Numbers, spin: Numbers) -> ScrewAxis:
     """Find the screw of a rigid velocity field: of a point of the body, its velocity and spin, all ``(..., 3)``."""
     numeric = _library_of(place, velocity, spin)
@@ -221,6 +224,7 @@ def screw_axis(place: Numbers, velocity: Numbers, spin: Numbers) -> ScrewAxis:
     return ScrewAxis(place + offset, direction, rate, advance, pitch)
 
 
+@in_one_program
 def curvature_of(state: BodyState) -> PathCurvature:
     """How the path of a point bends, from its position, velocity and acceleration."""
     p, velocity, _, acceleration, _, speed, pull, size = state
@@ -240,6 +244,7 @@ def curvature_of(state: BodyState) -> PathCurvature:
     return PathCurvature(curvature, centre, tangent, bent, moving)
 
 
+@in_one_program
 def seen_from(state: BodyState, other: BodyState) -> BodyState:
     """A body's state as it is seen from another body, in the axes of the ground."""
     arm, spin = state.place - other.place, other.spin
@@ -291,28 +296,38 @@ def state_of(motion: "Motion", body: str | None = None, point: str | None = None
     # Of a large batch, whose poses are JAX's arrays, nothing is compiled either, unless it is traced.
     if on_host(np.zeros(()), given, drawn):
         given, drawn = [None if x is None else np.asarray(x) for x in given], np.asarray(drawn)
-    place, velocity, acceleration = given[:3]
-    zero = velocity if top.dim == 3 else velocity[..., 0]
-    turn: Any = given[3:] if turns else (zero * 0.0, zero * 0.0 if second else None)
-    spin, turning = turn
+    rates: list[AnyArray] = [rate[..., : len(top.points) * top.dim] for rate in motion.rates[: 2 if second else 1]]
+    rates = [np.asarray(rate) if on_host(np.zeros(()), rate) else rate for rate in rates]
+    return _with_noise(drawn, rates, *given)
+
+
+@in_one_program
+def _with_noise(
+    drawn: Numbers,
+    rates: list[AnyArray],
+    place: Numbers,
+    velocity: Numbers,
+    acceleration: Numbers | None,
+    spin: Numbers | None = None,
+    turning: Numbers | None = None,
+) -> BodyState:
+    """Complete the state of a body by the size of the drawing, and by the rates that others are compared with."""
+    dim, second = velocity.shape[-1], acceleration is not None
+    if spin is None:
+        spin = 0.0 * (velocity if dim == 3 else velocity[..., 0])
+        turning = spin if second else None
     size = _vector_norm(drawn.max(axis=-2) - drawn.min(axis=-2))
     size = _library_of(size).where(size > 0, size, 1.0)
     if size.ndim:  # of several designs, each with its own poses
         size = size.reshape(*size.shape, *[1] * (velocity.ndim - 1 - size.ndim))
-    whirl = abs(spin) if top.dim == 2 else _vector_norm(spin)
-    speed, pull = _fastest(motion, 1) + whirl * size, None
-    if second:
-        rise: AnyArray = abs(turning) if top.dim == 2 else _vector_norm(turning)
-        pull = _fastest(motion, 2) + (whirl * whirl + rise) * size
+    # The largest rate of any point: rounding in the others is a share of it.
+    fastest = [_vector_norm(rate.reshape(*rate.shape[:-1], -1, dim)).max(axis=-1) for rate in rates]
+    whirl = abs(spin) if dim == 2 else _vector_norm(spin)
+    speed, pull = fastest[0] + whirl * size, None
+    if turning is not None:
+        rise: AnyArray = abs(turning) if dim == 2 else _vector_norm(turning)
+        pull = fastest[1] + (whirl * whirl + rise) * size
     return BodyState(place, velocity, spin, acceleration, turning, speed, pull, size)
-
-
-def _fastest(motion: "Motion", order: int) -> Numbers:
-    """The largest rate of any point, ``(...,)``, of which rounding in the others is a share."""
-    top = motion.system.topology
-    rate: AnyArray = motion.rates[order - 1]
-    rate = np.asarray(rate) if on_host(np.zeros(()), rate) else rate
-    return _vector_norm(rate[..., : len(top.points) * top.dim].reshape(*rate.shape[:-1], -1, top.dim)).max(axis=-1)
 
 
 def as_jax(found: PyTree) -> PyTree:

@@ -21,7 +21,7 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.status import Status
-from jaxnc.system.frames import marker_along, marker_in_lanes, quaternions, spins, turns
+from jaxnc.system.frames import angle_along, marker_along, marker_in_lanes, quaternions, spins, turns
 from jaxnc.system.host import from_jax
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.precision import numbers
@@ -286,10 +286,8 @@ class Motion(Drawn):
             with numbers(self.system.parameters.points):
                 return as_jax(turns(top, found.segments, derive(self.system).home, self._q))
         assert found.base is not None
-        a, b = (2 * k for k in found.base)
-        x, numeric = self._q, cast(Any, np if isinstance(self._q, np.ndarray) else jnp)
-        angle = numeric.arctan2(x[..., b + 1] - x[..., a + 1], x[..., b] - x[..., a])
-        return as_jax(numeric.unwrap(angle, axis=-1) if angle.ndim else angle)
+        foot, tip = (self._q[..., 2 * k : 2 * k + 2] for k in found.base)
+        return as_jax(angle_along(tip - foot))
 
     def quaternion(self, body: str) -> Array:
         """Rotation of a body of a spatial mechanism from its drawing as Euler parameters ``(..., 4)``, scalar first.

@@ -11,13 +11,14 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
-from jaxnc.compiling import jit
+from jaxnc.compiling import in_one_program
 from jaxnc.errors import AssemblyError, InputError, MechanismError, ModelFileError, counted
 from jaxnc.families.shapes import rotation_rows
 from jaxnc.kinematics.instant import as_jax, body_of
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
+from jaxnc.robots.description import ElementaryJoint, Link
 from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 from jaxnc.robots.mjcf import MjcfFile
 from jaxnc.robots.urdf import UrdfFile
@@ -146,30 +147,35 @@ class Robot:
 
     def joint_values(self, motion: Motion) -> Float[Array, "... nq"]:
         """Values of all joints of poses of the mechanism, in the order of the file."""
-        home, known = derive(motion.system).home, on_host(motion.poses, motion)
-        if known:
-            return as_jax(self._joint_values(np.asarray(motion.q), np.asarray(home)))
-        return _joints_in_jax(self, motion.q, home)
+        q, home = self._known(motion)
+        balls = []
+        for joint, link in self._moving("ball"):
+            anchor = self._tree.anchors[joint.name]
+            drawn = np.array(rotation_rows("euler parameters", [*joint.quaternion], []))
+            ends = self._turn(q, home, anchor.before), self._turn(q, home, anchor.after)
+            balls.append(_ball_values(*ends, drawn, np.asarray(link.turn)))
+        return as_jax(_line_up(q, home, balls, *self._order))
 
-    def _joint_values(self, q: Any, home: Any) -> Any:
-        """Joints of poses ``(..., N)`` of a design with these coordinates as drawn, ``(N,)``."""
-        top, out = self.system.topology, []
-        lead, numeric = q.shape[:-1], _array_library(q)
-        away = self._away(home)
-        for link in self._description.links:
-            for joint in link.joints:
-                if joint.held:
-                    out.append(numeric.broadcast_to(np.array(joint.held), (*lead, joint.width)))
-                elif joint.kind in ("hinge", "slide"):
-                    coordinate = self._tree.coordinates[joint.name]
-                    out.append((q[..., top.position[coordinate]] - away[coordinate])[..., None])
-                else:  # a ball's rotation in the frame of its link
-                    anchor = self._tree.anchors[joint.name]
-                    drawn = np.array(rotation_rows("euler parameters", [*joint.quaternion], []))
-                    before, after = self._turn(q, home, anchor.before), self._turn(q, home, anchor.after)
-                    own = numeric.swapaxes(before, -1, -2) @ after
-                    out.append(quaternions(drawn @ link.turn.T @ own @ link.turn))
-        return numeric.concatenate(out, axis=-1)
+    @functools.cached_property
+    def _order(self) -> tuple[np.ndarray, ...]:
+        """Coordinates and references of hinges and slides, what is held, and where the file has each number of all."""
+        every, top = [joint for link in self._description.links for joint in link.joints], self.system.topology
+        lone, held = [joint for joint, _ in self._moving("hinge", "slide")], [joint for joint in every if joint.held]
+        places = [top.position[self._tree.coordinates[joint.name]] for joint in lone]
+        first = [*lone, *(joint for joint, _ in self._moving("ball")), *held]
+        starts = dict(zip([j.name for j in first], np.cumsum([0, *(j.width for j in first)]).tolist(), strict=False))
+        order = [starts[joint.name] + k for joint in every for k in range(joint.width)]
+        still = [x for joint in held for x in joint.held]
+        return np.array(places, int), np.array([j.reference for j in lone]), np.array(still), np.array(order, int)
+
+    def _known(self, motion: Motion) -> tuple[Any, Any]:
+        """All coordinates of poses and of the drawing, NumPy's where nothing has to be compiled for them."""
+        q, home = motion.q, derive(motion.system).home
+        return (np.asarray(q), np.asarray(home)) if on_host(motion.poses, motion) else (q, home)
+
+    def _moving(self, *kinds: str) -> list[tuple[ElementaryJoint, Link]]:
+        links = self._description.links
+        return [(joint, link) for link in links for joint in link.joints if joint.kind in kinds and not joint.held]
 
     def _turn(self, q: Any, home: Any, number: int) -> Any:
         """Rotation of a rigid from the drawing ``(..., 3, 3)``; of a rod the one without spin."""
@@ -184,9 +190,7 @@ class Robot:
 
     def frames(self, motion: Motion) -> dict[str, tuple[Array, Array]]:
         """Places ``(..., 3)`` and axes, as columns ``(..., 3, 3)``, of the frames of all links."""
-        out, q, home = {}, motion.q, derive(motion.system).home
-        if on_host(motion.poses, motion):
-            q, home = np.asarray(q), np.asarray(home)
+        out, (q, home) = {}, self._known(motion)
         for k, link in enumerate(self._description.links[1:], start=1):
             number = self._tree.rigid_of[k]
             turn = as_jax(self._turn(q, home, number) @ link.turn)
@@ -242,9 +246,26 @@ class Robot:
         return "\n".join(lines)
 
 
-@functools.partial(jit, static_argnums=0)
-def _joints_in_jax(robot: Robot, q: Array, home: Array) -> Array:
-    return robot._joint_values(q, home)
+@in_one_program
+def _ball_values(before: Numbers, after: Numbers, drawn: Numbers, turn: Numbers) -> Any:
+    """Quaternions of a ball: how the one link turns in the frame of the other, as the file has both at home."""
+    return quaternions(drawn @ turn.T @ before.swapaxes(-1, -2) @ after @ turn)
+
+
+@in_one_program
+def _line_up(
+    q: Numbers,
+    home: Numbers,
+    balls: list[Numbers],
+    places: np.ndarray,
+    references: np.ndarray,
+    held: np.ndarray,
+    order: np.ndarray,
+) -> Any:
+    """Numbers of all joints in the order of the file: of hinges and slides, of balls, and of what is held."""
+    numeric = _array_library(q)
+    still = numeric.broadcast_to(held, (*q.shape[:-1], len(held)))
+    return numeric.concatenate([q[..., places] - (home[places] - references), *balls, still], axis=-1)[..., order]
 
 
 def _named_places(system: System) -> dict[str, np.ndarray]:
@@ -260,6 +281,7 @@ def _array_library(x: Numbers) -> ModuleType:
     return np if isinstance(x, np.ndarray) else jnp
 
 
+@in_one_program
 def _shortest_turn(a: Numbers, b: Numbers) -> Any:
     """Return the smallest rotations ``(..., 3, 3)`` that take one direction ``(3,)`` to others ``(..., 3)``."""
     numeric: Any = np if isinstance(b, np.ndarray) else jnp

@@ -13,13 +13,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.compiling import jit
+from jaxnc.compiling import in_one_program, jit
 from jaxnc.constraints.directions import cross3, unit
 from jaxnc.constraints.elementary import Small, ratio, stacked
 from jaxnc.constraints.kind import dot, norm
 from jaxnc.reading import Program, trace
 from jaxnc.remembered import with_owner
-from jaxnc.system.on_lanes import on_host, on_lanes
+from jaxnc.system.on_lanes import attach_along, on_host, on_lanes
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.topology import MarkerIndex, Segment, Topology
 from jaxnc.types import Array, Float, Numbers
@@ -149,6 +149,9 @@ def _along_poses(f, fixed: tuple, q: Array | np.ndarray, rates: tuple[Array, ...
     """The k-th time derivative of ``f(*fixed, pose, *constants)``: of NumPy lanes where the poses are such."""
     if on_host(q, rates, constants):
         return on_lanes(f, fixed, np.asarray(q), rates, constants)
+    known = attach_along(f, fixed, q, rates, constants)
+    if known is not None:
+        return known
     return _along_compiled(f, fixed, jnp.asarray(q), rates, constants)
 
 
@@ -181,6 +184,7 @@ def spins(top: Topology, segments: tuple[Segment, ...], q: Array, rates: tuple[A
     return _spin_of_axes(axes, last)
 
 
+@in_one_program
 def _spin_of_axes(axes: Numbers, change: Numbers) -> Any:
     if axes.shape[-1] == 2:
         return 0.5 * (axes[..., 0] * change[..., 1] - axes[..., 1] * change[..., 0]).sum(axis=-1)
@@ -188,6 +192,7 @@ def _spin_of_axes(axes: Numbers, change: Numbers) -> Any:
     return 0.5 * numeric.cross(axes, change).sum(axis=-2)
 
 
+@in_one_program
 def quaternions(rotation: Array | np.ndarray) -> Array:
     """Euler parameters ``(..., 4)``, scalar first, of rotation matrices ``(..., 3, 3)``; continuous along a sweep.
 
@@ -216,6 +221,14 @@ def quaternions(rotation: Array | np.ndarray) -> Array:
     turned = numeric.sum(p[..., 1:, :] * p[..., :-1, :], axis=-1) < 0
     signs = numeric.cumprod(numeric.where(turned, -1.0, 1.0), axis=-1)
     return p * numeric.concatenate([numeric.ones_like(p[..., :1, 0]), signs], axis=-1)[..., None]
+
+
+@in_one_program
+def angle_along(way: Numbers) -> Array:
+    """Angle of vectors of the plane ``(..., 2)`` from the x axis, unwrapped along a sweep."""
+    numeric = cast(Any, np if isinstance(way, np.ndarray) else jnp)
+    angle = numeric.arctan2(way[..., 1], way[..., 0])
+    return numeric.unwrap(angle, axis=-1) if angle.ndim else angle
 
 
 class GivenCentre(NamedTuple):

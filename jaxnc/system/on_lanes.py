@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.autodiff import attach
 from jaxnc.compiling import jit
-from jaxnc.internals import outermost
+from jaxnc.internals import outermost, values_behind
 from jaxnc.reading import trace
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.structure import Formula
@@ -73,6 +74,69 @@ def on_lanes(
     return out.reshape(*q.shape[:-1], *shape).astype(q.dtype, copy=False)
 
 
+def attach_along(
+    f: Callable, fixed: tuple[Hashable, ...], q: Numbers, rates: Sequence[Numbers], constants: Sequence[Numbers]
+) -> Array | None:
+    """The same of arrays that JAX differentiates once, with derivatives that are numbers: nothing is compiled for them.
+
+    Returns:
+        None for arrays that are not known, and for so many lanes that compiling is worth its time.
+    """
+    given = [q, *constants, *rates]
+    known = values_behind(given)
+    if known is None or not all(isinstance(x, np.ndarray) or _is_in_memory(x) for x in known):
+        return None
+    pose, *rest = (np.asarray(x) for x in known)
+    const, terms = rest[: len(constants)], rest[len(constants) :]
+    shapes, lead = (pose.shape[-1:], *(c.shape for c in const)), pose.shape[:-1]
+    derivative = _time_derivative(f, fixed, shapes, len(rates))
+    assert derivative.program is not None
+    shared = [0 < k <= len(constants) for k in range(len(given))]
+    counts = [np.size(x) if one else np.shape(x)[-1] for x, one in zip(given, shared, strict=True)]
+    changing = np.concatenate([np.full(n, isinstance(x, Tracer)) for x, n in zip(given, counts, strict=True)])
+    needed = sorted({node.value for node in derivative.program.nodes if node.op == "input" and changing[node.value]})
+    most = 2e7  # numbers: a quarter of a second of NumPy's
+    if np.prod(lead) * len(needed) * len(derivative.program.nodes) > most:
+        return None
+    changes = np.zeros((sum(counts), 1, len(needed)))
+    changes[needed, 0] = np.eye(len(needed))
+    columns = _columns([pose], const, [[term] for term in terms])
+    wide = [
+        np.concatenate([np.reshape(x, (-1, 1)), np.broadcast_to(change, (np.size(x), len(needed)))], axis=1)
+        for x, change in zip(columns, changes, strict=True)
+    ]
+    with np.errstate(all="ignore"):
+        found = derivative.carrying(wide)
+    width = (int(np.prod(lead)), 1 + len(needed))
+    every = np.stack([np.broadcast_to(x, width) for x in found], axis=1) if found else np.zeros((width[0], 0, width[1]))
+    value, slopes = np.split(every.astype(pose.dtype, copy=False), [1], axis=2)
+    slopes = np.where(np.isfinite(slopes), slopes, 0.0)  # no pose, no derivative
+    array, first = np.repeat(np.arange(len(given)), counts)[needed], np.cumsum([0, *counts])
+    by = tuple(sorted(set(array.tolist())))
+    value = value.reshape(*lead, *reading(f, fixed, shapes)[1])
+    return attach(
+        _change_along,
+        tuple(shared[k] for k in by),
+        value,
+        [given[k] for k in by],
+        [np.array(needed, int)[array == k] - first[k] for k in by],
+        [slopes[..., array == k] for k in by],
+    )
+
+
+def _change_along(shared: tuple[bool, ...], value: Array, args: tuple, changes: tuple) -> Array:
+    return _multiply_along(shared, value, changes[0], *args[1:])
+
+
+@functools.partial(jit, static_argnums=0)
+def _multiply_along(shared: tuple[bool, ...], value: Array, changes: list, places: list, slopes: list) -> Array:
+    out: Any = 0.0
+    for one, change, at, slope in zip(shared, changes, places, slopes, strict=True):
+        wide = change.reshape(1, -1) if one else change.reshape(-1, change.shape[-1])
+        out += (slope * wide[:, None, at]).sum(axis=-1)
+    return jnp.reshape(out, value.shape)
+
+
 def columns_on_lanes(
     f: Callable,
     fixed: tuple[Hashable, ...],
@@ -90,11 +154,15 @@ def columns_on_lanes(
     found = _time_derivative(f, fixed, shapes, len(rates))
     if traced:
         return _columns_in_jax(found.traced, tuple(q), tuple(map(tuple, rates)), tuple(given))
-    x = [column for part in q for column in np.moveaxis(part, -1, 0)]
-    x += [number for c in given for number in c.reshape(-1)]
-    x += [column for term in rates for part in term for column in np.moveaxis(np.asarray(part), -1, 0)]
+    x = _columns(q, given, rates)
     with np.errstate(all="ignore"):
         return [np.broadcast_to(value, lead).astype(q[0].dtype, copy=False) for value in found.on_lanes(x)]
+
+
+def _columns(q: Sequence[Any], constants: Sequence[Any], rates: Sequence[Sequence[Any]]) -> list[Any]:
+    x = [column for part in q for column in np.moveaxis(part, -1, 0)]
+    x += [number for c in constants for number in c.reshape(-1)]
+    return x + [column for term in rates for part in term for column in np.moveaxis(np.asarray(part), -1, 0)]
 
 
 @functools.partial(jit, static_argnums=0)

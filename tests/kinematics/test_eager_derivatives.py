@@ -11,6 +11,7 @@ import jaxnc as nc
 from jaxnc.kinematics import host_solve, traced
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import plan
+from jaxnc.system import frames, on_lanes
 
 
 @pytest.fixture(autouse=True)
@@ -66,6 +67,53 @@ def test_designs_with_rates(name, monkeypatch):
     found, wanted = both(value, system, monkeypatch)
     assert max(float(np.abs(x).max(initial=0.0)) for x in jax.tree.leaves(found)) > 0.1
     same(found, wanted)
+
+
+READINGS = {
+    "four-bar": [
+        ("coupler", nc.Motion.orientation), ("coupler", nc.Motion.angular_acceleration), ("coupler", nc.kinematics.instant_motion),
+    ],
+    "markers in space": [
+        ("rocker", nc.Motion.quaternion), ("rocker", nc.Motion.orientation), ("rocker", nc.Motion.angular_velocity),
+        ("rocker", nc.Motion.screw_axis),
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", READINGS)
+def test_what_is_read_off_poses(name, monkeypatch):
+    """Nothing is compiled for a body's axes, and the derivatives are those of compiled code."""
+    system, inputs = moved(MADE[name])
+    order = dict.fromkeys(inputs, 1.3)
+
+    def value(system):
+        motion = nc.sweep(system, inputs, rates=order, accelerations=order)
+        read = jax.tree.leaves([f(motion, body) for body, f in READINGS[name]])
+        read += [motion.acceleration(m.name) for m in system.topology.markers]
+        parts = [jnp.sin(x).ravel() for x in read if jnp.issubdtype(x.dtype, jnp.floating)]
+        return sum(jnp.vdot(x, jnp.arange(1.0, 1.0 + x.size)) for x in parts)
+
+    compiled, run = [], frames._along_compiled
+    monkeypatch.setattr(frames, "_along_compiled", lambda *given: compiled.append(given[0]) or run(*given))
+    by_numbers = jax.grad(value)(system)
+    assert not compiled
+    wanted = nc.jit(jax.grad(value))(system)
+    assert compiled
+    same(by_numbers, wanted)
+
+
+def test_so_many_poses_are_read_by_compiled_code(monkeypatch):
+    system = nc.library.four_bar().compile()
+    top, q = system.topology, np.zeros((10**6, len(system.topology.coordinates)))
+    asked = []
+
+    def along(pose):
+        asked.append(on_lanes.attach_along(frames.frame, (top, top.bodies[0].segments), pose, (), ()))
+        return pose.sum()
+
+    jax.grad(along)(q)
+    jax.grad(along)(q[:100])
+    assert asked[0] is None and asked[1] is not None
 
 
 def test_inputs_and_places_to_begin_from(monkeypatch):
