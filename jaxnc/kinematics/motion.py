@@ -21,6 +21,7 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.status import Status
+from jaxnc.system.equations import derived
 from jaxnc.system.frames import angle_along, marker_along, marker_in_lanes, quaternions, spins, turns
 from jaxnc.system.host import from_jax
 from jaxnc.system.on_lanes import on_host
@@ -370,7 +371,10 @@ class Motion(Drawn):
         )
 
     def singular_values(self) -> Float[Array, "... n"]:
-        """Singular values of every pose's Jacobian with respect to the unknowns, largest first."""
+        """Singular values of every pose's Jacobian with respect to the unknowns, largest first.
+
+        They have first derivatives; where two are equal each of them has those of a part of the pair.
+        """
         dense_only(self.system.topology, "singular_values()")
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
         q: Any = self._q
@@ -380,7 +384,7 @@ class Motion(Drawn):
                 inner = HostView(view, from_jax(derive(self.system)))
                 values = on_device(np.linalg.svd(inner.matrices(flat.T)[0], compute_uv=False))
             else:
-                values = _singular_values(view, derive(self.system), flat)
+                values = _singular_values(view, derived(self.system, differentiate_scales=True), flat)
         return values.reshape(*q.shape[:-1], -1)
 
     # -- looking ------------------------------------------------------------------------------------------------

@@ -15,7 +15,8 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 
-from jaxnc.autodiff import solve_linear
+from jaxnc.autodiff import attach, solve_linear
+from jaxnc.errors import InputError
 from jaxnc.process import one_thread
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Float, Int
@@ -160,9 +161,34 @@ def independent_columns(matrix: Float[Array, "n m"]) -> Int[Array, " n"]:
 
 
 @_with_batch()
-def singular_values(matrix: Float[Array, "m n"]) -> Float[Array, " k"]:
-    """Singular values, largest first."""
+def _svd(matrix: Array) -> tuple[Array, Array, Array]:
+    return tuple(jnp.linalg.svd(matrix, full_matrices=False))
+
+
+@jax.custom_jvp
+def _singular_vectors(matrix: Array) -> tuple[Array, Array]:
+    left, _, right = _svd(matrix)
+    return left, right
+
+
+@_singular_vectors.defjvp
+def _refuse_second_derivatives(*_: object) -> None:
+    raise InputError("singular values are differentiated once; a second derivative of them is not known")
+
+
+@_with_batch()
+def _svd_values(matrix: Array) -> Array:
     return jnp.linalg.svd(matrix, compute_uv=False)
+
+
+def singular_values(matrix: Float[Array, "m n"]) -> Float[Array, " k"]:
+    """Singular values, largest first, with their first derivatives."""
+    return attach(_change_singular_values, None, _svd_values(lax.stop_gradient(matrix)), matrix)
+
+
+def _change_singular_values(_: None, value: Array, args: tuple, changes: tuple) -> Array:
+    left, right = _singular_vectors(args[0])
+    return jnp.einsum("mk,mn,kn->k", left, changes[0], right)
 
 
 @_with_batch()

@@ -242,6 +242,21 @@ def test_singular_values_and_conditioning():
     assert bool(jnp.all((mo.conditioning > 1e-3) & (mo.conditioning <= 1)))
 
 
+def test_derivatives_of_singular_values():
+    """By differences of what NumPy finds; the scales of the equations follow the design too."""
+    system = nc.library.four_bar().compile()
+
+    def least(pin):
+        return nc.sweep(system.replace({"D": pin}), {"phi": np.linspace(0.5, 0.6, 3)}).singular_values()[:, -1].sum()
+
+    pin = jnp.asarray(system["D"])
+    steps = [(least(pin + 1e-6 * e) - least(pin - 1e-6 * e)) / 2e-6 for e in np.eye(2)]
+    for slope in (jax.grad(least), nc.jit(jax.grad(least)), jax.jacfwd(least)):
+        np.testing.assert_allclose(slope(pin), steps, rtol=1e-6)
+    with pytest.raises(nc.InputError, match="second derivative"):
+        jax.hessian(least)(pin)
+
+
 def test_printing():
     text = str(four_bar())
     assert "n = 7 coordinates, 6 constraint rows, rank 6, 1 degree of freedom" in text
