@@ -71,7 +71,8 @@ def test_designs_with_rates(name, monkeypatch):
 
 READINGS = {
     "four-bar": [
-        ("coupler", nc.Motion.orientation), ("coupler", nc.Motion.angular_acceleration), ("coupler", nc.kinematics.instant_motion),
+        ("coupler", nc.Motion.orientation), ("coupler", nc.Motion.angular_acceleration),
+        ("coupler", nc.kinematics.instant_motion),
     ],
     "markers in space": [
         ("rocker", nc.Motion.quaternion), ("rocker", nc.Motion.orientation), ("rocker", nc.Motion.angular_velocity),
