@@ -430,6 +430,10 @@ def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> M
         raise InputError(f"branch= is one earlier pose, such as solve_position returns; got {shape}")
     same = _is_on_branch(view, eq, motion.q.reshape(-1, motion.q.shape[-1]), branch.q).reshape(motion.status.shape)
     status = jnp.where((motion.status == 0) & ~same, int(Status.BRANCH_JUMP), motion.status)
+    if isinstance(motion.q, Tracer):  # what was not found does not change with the design, as in any other motion
+        unknown = np.array(view.unknown, int)
+        still = motion.q.at[..., unknown].set(jax.lax.stop_gradient(motion.q[..., unknown]))
+        motion = dataclasses.replace(motion, poses=jnp.where(same[..., None], motion.q, still))
     return dataclasses.replace(motion, status=status)
 
 

@@ -208,3 +208,20 @@ def test_many_gradients_are_compiled_for():
     answers = [host_solve.suits_slopes(view, "continuation", np.zeros((300, 1)), 40) for _ in range(2000)]
     assert answers[0] and not answers[-1] and answers == sorted(answers, reverse=True)
     assert not host_solve.suits_slopes(view, "continuation", np.zeros((10**6, 1)), 40)
+
+
+def test_poses_of_another_branch_stand_still():
+    system = nc.library.four_bar().compile()
+    values = np.array([0.5, 0.6])
+    one, other = nc.modes(system, {"phi": 0.5}).poses["C"]
+
+    def place(pin, branch):
+        return nc.solve_position(system.replace({"D": pin}), {"phi": values}, branch=branch, throw=False)["C"].sum()
+
+    pin = jnp.asarray(system["D"])
+    slopes = []
+    for at in (one, other):
+        branch = nc.solve_position(system, {"phi": 0.5}, start={"C": at})
+        slopes.append(jax.grad(place)(pin, branch))
+        np.testing.assert_allclose(nc.jit(jax.grad(place))(pin, branch), slopes[-1], atol=1e-10)
+    assert sorted(bool(np.any(slope)) for slope in slopes) == [False, True]
