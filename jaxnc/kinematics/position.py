@@ -359,9 +359,15 @@ def _solve_question(question: _Question, method: str, start: Any, solve: Callabl
 def _follow_inputs(repair: bool, throw: bool, question: _Question, start: Motion | Inputs | None) -> Motion:
     """Follow a sequence of inputs along one branch."""
     view, eq = question.view, derive(question.system)
-    q0 = start_of(question.system, eq, start, repair=repair)
-    if start is None:
-        q0 = begin_at(question.system, view, eq, q0, None, question.values)
+    for coordinate in question.system.topology.named(view.held):
+        point = coordinate.rpartition(".")[0]
+        if point and isinstance(start, Mapping) and isinstance(start.get(point), Tracer):
+            raise InputError(  # the start is the assembly that is nearest to all that is given
+                f"a sweep is not differentiated by the place of {point!r} in its start, where {coordinate!r} is held: "
+                f"give start={{{coordinate!r}: …}}"
+            )
+    drawn = start_of(question.system, eq, jax.tree.map(_without_slope, start), repair=repair)
+    q0 = _with_slopes_of_held(question.system, view, eq, drawn, drawn, start, ())
     found = _find_poses(view, "continuation", eq, q0, question.values, question.orders, repair)
     motion = _check_rolling(question.answer(found))
     if throw:
@@ -496,23 +502,45 @@ def begin_at(
 ) -> AnyArray:
     """Find where poses for inputs ``(*shape, k)`` begin: at the drawing `q0`, ``(N,)``, or each nearest to a start.
 
-    What is held changes in traced code with the drawing, unless the start gives it, or its point or vector, by name.
+    What is held changes in traced code with what gives it.
     """
-    top, begin, given = system.topology, q0, set()
+    top, begin, shape = system.topology, q0, values.shape[:-1]
     if start is not None:
         known = {name: values[..., k] for k, name in enumerate(top.named(view.driven))}
-        begin = start_poses(top, eq, q0, start, known, top.named(view.held), values.shape[:-1])
-        if isinstance(start, Motion):
-            return begin
-        given = {*start}
-    names = [(c, top.coordinates[c]) for c in view.held]
-    held = np.array([c for c, name in names if not {name, name.rpartition(".")[0]} & given], int)
-    if not len(held) or not any(isinstance(x, Tracer) for x in jax.tree.leaves(eq)):
-        return begin
-    from jaxnc.solvers.newton import attach_start  # with all that XLA needs, and the host does not
+        fixed = [jax.tree.map(_without_slope, x) for x in (eq, start, known)]
+        begin = start_poses(top, fixed[0], q0, *fixed[1:], top.named(view.held), shape)
+    return _with_slopes_of_held(system, view, eq, begin, q0, start, shape)
 
-    drawn = attach_start(free_plan(view.topology), jax.lax.stop_gradient(q0), eq)
-    return jnp.asarray(begin).at[..., held].set(drawn[held])
+
+def _without_slope(x: AnyArray) -> AnyArray:
+    return jax.lax.stop_gradient(x) if isinstance(x, Tracer) else x
+
+
+def _with_slopes_of_held(
+    system: System,
+    view: Plan,
+    eq: Equations,
+    begin: AnyArray,
+    q0: AnyArray,
+    start: Motion | Mapping[str, Any] | None,
+    shape: tuple[int, ...],
+) -> AnyArray:
+    """Let what is held change with an earlier pose, with what a start names, or else with the drawing."""
+    held = np.array(view.held, int)
+    if not len(held) or not any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, start))):
+        return begin
+    if isinstance(start, Motion):
+        given = start.q
+    else:
+        from jaxnc.solvers.newton import attach_start  # with all that XLA needs, and the host does not
+
+        given = attach_start(free_plan(view.topology), jax.lax.stop_gradient(q0), eq)
+        given = jnp.broadcast_to(given, (*shape, len(given)))
+        for name, value in (start or {}).items():
+            columns, value = _guess_entry(system.topology, name, value, shape, "start")
+            given = given.at[..., np.array(columns)].set(value)
+    change = given[..., held] - jax.lax.stop_gradient(given[..., held])
+    return jnp.asarray(begin).at[..., held].add(change)
 
 
 def start_poses(

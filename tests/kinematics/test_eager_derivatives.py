@@ -140,6 +140,37 @@ def test_what_is_held_follows_the_drawing(monkeypatch):
     same(*both(value, system, monkeypatch))
 
 
+def test_what_is_held_follows_a_start():
+    """As if it were an input; by name, and in an earlier pose."""
+    system = nc.library.macpherson().compile()
+    home, place = np.asarray(derive(system).home), system.topology.position
+    first, second, *others = system.independent
+    values, at = home[place[first]] + np.linspace(-0.02, 0.02, 3), home[place[second]] + 0.01
+
+    def driven(value):
+        return nc.sweep(system, {first: values, second: jnp.full(3, value)}, hold=others)
+
+    def named(value):
+        return nc.sweep(system, {first: values}, hold=system.independent[1:], start={second: value})
+
+    def alone(value):
+        return nc.solve_position(system, {first: values}, hold=system.independent[1:], start={second: value})
+
+    def from_earlier(value):
+        pose = nc.solve_position(system, {first: values[0], second: value}, hold=others)
+        return nc.sweep(system, {first: values}, hold=system.independent[1:], start=pose)
+
+    points = system.topology.points
+    slope = lambda f: jax.grad(lambda x: weigh(f(x), points, f(x).__getitem__))(at)  # noqa: E731
+    for f in (named, alone, from_earlier):
+        np.testing.assert_allclose(slope(f), slope(driven), rtol=1e-6)
+    point = second.rpartition(".")[0]
+    with pytest.raises(nc.InputError, match="not differentiated by the place"):
+        jax.grad(lambda x: nc.sweep(system, {first: values}, hold=system.independent[1:], start={point: x}).q.sum())(
+            jnp.asarray(system[point])
+        )
+
+
 def test_what_is_known_stays_on_the_host(monkeypatch):
     """No solver is compiled for a first derivative; a second one is compiled, and right."""
     system, inputs = moved(nc.library.four_bar)
