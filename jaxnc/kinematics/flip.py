@@ -6,6 +6,7 @@ with the other sign, and those that hang on it after it.
 """
 
 import functools
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -42,7 +43,8 @@ class FlipMargin:
         input: how far the input can go until the nearest dead point, forwards or backwards, ``(...,)``, in radians or
             lengths; right to third order near a dead point. Of several inputs, all angles or all lengths, the root of
             the sum of squares of their changes on the shortest way to a singular position, right to second order.
-            Infinite where it would be farther than half a turn, or the mechanism's size, and for inputs of both kinds.
+            Infinite where it would be farther than half a turn, or the mechanism's size, where the continuation has no
+            zero (which proves nothing: see `jaxnc.travel`), and for inputs of both kinds.
         dead_point: value of the only input there, ``(...,)``; infinite for several.
         other: all coordinates of the assembly into which it flips, ``(..., N)``; those of the pose if there is none.
     """
@@ -58,9 +60,10 @@ def flip_margin(motion: Motion) -> FlipMargin:
     """Measure how far the poses of a motion are from flipping into another assembly.
 
     Both measures are exact functions of pose and design, with exact derivatives, in `jax.jit`, `jax.vmap` and
-    `jax.grad`. Where a block of the constraints has a closed form (a dyad), the other assembly is found in any case.
-    Elsewhere it is sought by Newton's steps from where second derivatives say that it is: near a singular position it
-    is found; far from any, one that is farther away may be found, or none. `jaxnc.modes` lists all.
+    `jax.grad`. Where a block of the constraints has a closed form (a dyad), the other assembly is found in any case,
+    with either orientation of up to three dyads that hang on it. Elsewhere it is sought by Newton's steps from where
+    second derivatives say that it is: near a singular position it is found; far from any, one that is farther away may
+    be found, or none. `jaxnc.modes` lists all.
 
     Args:
         motion: any poses of one design, or of a batch of designs.
@@ -144,29 +147,35 @@ def _square_of_movement(view: Plan, eq: Equations, x: Lanes, other: Lanes) -> An
 
 
 def _flip(core: Kernel, view: Plan, eq: Equations, x: Lanes) -> tuple[Lanes, Array]:
-    """The nearest of the assemblies that differ in one block and what hangs on it, and whether there is one.
+    """The nearest of the assemblies that differ in a block and what hangs on it, and whether there is one.
 
     All of them are sought side by side, which compiles the solution of a pose once.
     """
     signs, lanes = core.signs(eq, x), x[0].shape
-    starts, turned = [], []  # of each attempt: all coordinates, and the block that is to turn
+    bent = [block.rows.form not in ("affine", "angle") for block in core.blocks]
+    starts, turned, loose = [], [], []  # of each attempt: all coordinates, blocks that turn, and those that may
     for k, block in enumerate(core.blocks):
-        if block.rows.form in ("affine", "angle"):
+        if not bent[k]:
             continue
+        behind = _blocks_behind(core, k)
+        # Both orientations of three dyads that hang on it: more of them are ways that are many, and far.
+        dyads = [j for j in behind if bent[j] and core.blocks[j].closed][:3]
         several = [x] if block.closed else _seek(block, eq, x)
-        starts += several
-        turned += [k] * len(several)
+        for chosen in itertools.product((False, True), repeat=len(dyads)):
+            starts += several
+            turned += [{k, *itertools.compress(dyads, chosen)}] * len(several)
+            loose += [{k, *behind}] * len(several)
     if not starts:
         return x, jnp.zeros(lanes, bool)
     begin = [jnp.stack([jnp.broadcast_to(start[c], lanes) for start in starts]) for c in range(len(x))]
     wanted: list[Array] = []
     for k, sign in enumerate(signs):
-        turns = np.array([k == other for other in turned])
+        turns = np.array([k in blocks for blocks in turned])
         wanted.append(jnp.where(turns[:, None], -sign, jnp.broadcast_to(sign, (len(turns), *lanes))))
     found = core.solve(eq, begin, wanted)
     for k, block in enumerate(core.blocks):
         if not block.closed:  # one that is told by its place, and has either orientation
-            free = np.array([k == other for other in turned])
+            free = np.array([k in blocks for blocks in loose])
             wanted[k] = jnp.where(free[:, None], jnp.sign(found.determinants[k]), wanted[k])
     far = _square_of_movement(view, eq, x, found.x)
     # What is as near as 1e-7 of the mechanism's size is the same assembly.
@@ -177,6 +186,16 @@ def _flip(core: Kernel, view: Plan, eq: Equations, x: Lanes) -> tuple[Lanes, Arr
         return jnp.take_along_axis(jnp.broadcast_to(values, far.shape), best, axis=0)[0]
 
     return [nearest(v) for v in found.x], jnp.isfinite(nearest(far))
+
+
+def _blocks_behind(core: Kernel, first: int) -> list[int]:
+    """Count up the blocks that hang on one, directly or through others."""
+    moved, out = {*core.blocks[first].columns}, []
+    for k in range(first + 1, len(core.blocks)):
+        if moved & {*core.blocks[k].rows.coordinates}:
+            moved |= {*core.blocks[k].columns}
+            out.append(k)
+    return out
 
 
 def _seek(block: Any, eq: Equations, x: Lanes) -> list[Lanes]:

@@ -535,10 +535,9 @@ def _with_slopes_of_held(
         from jaxnc.solvers.newton import attach_start  # with all that XLA needs, and the host does not
 
         given = attach_start(free_plan(view.topology), jax.lax.stop_gradient(q0), eq)
-        given = jnp.broadcast_to(given, (*shape, len(given)))
         for name, value in (start or {}).items():
             columns, value = _guess_entry(system.topology, name, value, shape, "start")
-            given = given.at[..., np.array(columns)].set(value)
+            given = jnp.broadcast_to(given, (*shape, given.shape[-1])).at[..., np.array(columns)].set(value)
     change = given[..., held] - jax.lax.stop_gradient(given[..., held])
     return jnp.asarray(begin).at[..., held].add(change)
 

@@ -164,6 +164,8 @@ def test_what_is_held_follows_a_start():
     slope = lambda f: jax.grad(lambda x: weigh(f(x), points, f(x).__getitem__))(at)  # noqa: E731
     for f in (named, alone, from_earlier):
         np.testing.assert_allclose(slope(f), slope(driven), rtol=1e-6)
+    batch = jax.grad(lambda s: nc.solve_position(s, {first: values}, hold=system.independent[1:]).q.sum())
+    same(batch(system), nc.jit(batch)(system))
     point = second.rpartition(".")[0]
     with pytest.raises(nc.InputError, match="not differentiated by the place"):
         jax.grad(lambda x: nc.sweep(system, {first: values}, hold=system.independent[1:], start={point: x}).q.sum())(

@@ -53,6 +53,27 @@ def test_a_dyad_flips_into_its_mirror_image():
     assert np.isinf(found.input[0]), "nothing says that there is one"
 
 
+def test_two_dyads_that_flip_together():
+    """A six-bar of Watt's kind whose nearest assembly has both of its dyads the other way round."""
+    m = nc.Mechanism("Watt II")
+    m.ground("A", (0.0, 0.0)), m.ground("D", (3.0, 0.2)), m.ground("G", (5.5, 0.3))
+    for name, at in {"B": (0.388, 0.014), "C": (3.399, 0.412), "E": (4.838, 1.89), "F": (8.447, 2.457)}.items():
+        m.point(name, at)
+    for body in ("AB", "BC", "DCE", "EF", "GF"):
+        m.body(body, list(body))
+    m.angle("phi", at="A", to="B")
+    system = m.compile()
+    pose = nc.solve_position(system, {"phi": 0.05})
+    found = nc.flip_margin(pose)
+    assert float(found.distance) == pytest.approx(nearest(system, pose, 0.05), rel=1e-9)
+    q, other = (np.asarray(x)[:14].reshape(7, 2) for x in (pose.q, found.other))
+    points = system.topology.points
+    for dyad in ("BDC", "EGF"):
+        corners = [at[[points.index(p) for p in dyad]] for at in (q, other)]
+        one, two = (np.linalg.det(at[1:] - at[0]) for at in corners)
+        assert one * two < 0.0, "its triangle is turned over"
+
+
 def test_a_crank_that_turns_has_a_distance_and_no_dead_point():
     found = nc.flip_margin(nc.sweep(nc.library.four_bar().compile(), {"phi": np.linspace(0.0, 6.0, 25)}))
     assert np.isfinite(found.distance).all() and float(found.distance.min()) > 0.1
