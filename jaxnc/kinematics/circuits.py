@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from jaxnc.calls import public
 from jaxnc.doors import door
-from jaxnc.errors import AssemblyError, InputError, counted
+from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.host_solve import solve_lanes
 from jaxnc.kinematics.inputs import check_inputs, check_system
 from jaxnc.kinematics.modes import MOST, Design, Family, Targets, prepare, to_motion
@@ -62,7 +62,7 @@ class Circuits(Reported):
 
     Attributes:
         name: the input.
-        values: its values, ``(values,)``.
+        values: its values, ``(values,)``: those asked for, but for a part of a step where assemblies meet at one.
         branches: all branches, those of the drawing's circuit first.
         count: number of assemblies at each value, ``(values,)``.
         drawn: number of the drawing's circuit, 0; None if the drawing is on none of them.
@@ -125,7 +125,7 @@ class Circuits(Reported):
         if self.doubtful:
             text += (
                 f" At {counted(self.doubtful, 'value')} solutions are not isolated, paths were lost, or a branch ends "
-                f"alone: take smaller steps there."
+                f"alone: take smaller steps there, or other values."
             )
         return text
 
@@ -176,8 +176,8 @@ def circuits(
     if not (np.diff(values[:, k]) > 0.0).all():
         raise InputError(f"circuits(): the values of {moving[0]!r} must ascend, each one greater than the one before")
     design, family = prepare(system, tuple(map(int, view.driven)), tuple(map(int, view.held)), seed, most)
-    range_ = _Range(view, design, family, values, k, seed)
     angle = system.topology.is_angle(moving[0])
+    range_ = _Range(view, design, family, values, k, seed).beside_crossings(angle)
     found = _join(range_, angle)
     motion = functools.partial(to_motion, system, view)
     return _report(system, range_, found, motion, moving[0], inputs, hold, angle)
@@ -195,6 +195,35 @@ class _Range(Targets):
         """The mechanism with nothing driven, and everything held that is given but the input."""
         top, given = self.design.reading.top, self.design.reading.inputs
         return HostView(plan(top, (), top.named(c for c in given if c != self.order[self.k])), self.design.host)
+
+    def beside_crossings(self, angle: bool) -> "_Range":
+        """Move values at which assemblies meet: there nobody can tell which is which, and beside them each is single.
+
+        A range of whole turns is moved as a whole if its ends are such values.
+        """
+        part = 0.38  # of a step: crossings at round values are at round parts of it
+        values, last = self.values[:, self.k], len(self.values) - 1
+        doubtful = np.array([place.doubtful for place in self.places])
+        turns = (values[last] - values[0]) / (2.0 * np.pi)
+        if angle and abs(turns - round(turns)) < 1e-9 and (doubtful[0] or doubtful[last]):
+            moved = self.values.copy()
+            moved[:, self.k] += part * (values[1] - values[0])
+            return _Range(self.view, self.design, self.family, moved, self.k, self.seed).beside_crossings(False)
+        which = np.flatnonzero(doubtful)
+        if len(which):
+            aside = self.values[which]
+            aside[:, self.k] += part * np.where(
+                which < last, np.append(np.diff(values), 0.0)[which], values[-2] - values[-1]
+            )
+            for at, one, place in zip(
+                which,
+                aside,
+                _Range(self.view, self.design, self.family, aside, self.k, self.seed).places,
+                strict=True,
+            ):
+                if not place.doubtful:
+                    self.values[at], self.places[at] = one, place
+        return self
 
     def connect(self) -> list[np.ndarray]:
         """For every value but the last: which assembly at the next each one becomes, -1 for none."""
@@ -355,21 +384,22 @@ def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, ho
 
 
 def _drawn(system: System, range_: _Range, strands: list[_Strand], inputs: Inputs, hold, angle: bool) -> int | None:
-    """Which strand the drawing is on, when its input is brought to the nearest value; None if on none."""
+    """Which strand the drawing is on, when its input is brought to a value near it; None if on none."""
     drawn = range_.design.pose[range_.order[range_.k]]
     values = range_.values[:, range_.k]
     turns = 2.0 * np.pi * np.round((values - drawn) / (2.0 * np.pi)) if angle else np.zeros(len(values))
     # A range may begin whole turns away from the drawing; a value of its own turn comes before others.
-    k = int((np.abs(values - turns - drawn) + 1e-9 * np.abs(turns)).argmin())
-    at = range_.values[k] - turns[k] * (np.arange(len(range_.values[k])) == range_.k)
-    asked = {n: float(v) for n, v in zip(inputs, at, strict=True)}
-    try:
-        pose = np.asarray(solve_position(system, asked, hold=hold, throw=False).check().q, float)
-    except AssemblyError:
-        return None
+    near = np.argsort(np.abs(values - turns - drawn) + 1e-9 * np.abs(turns), kind="stable")
     size = range_.design.reading.first
-    apart = np.abs((range_.places[k].q[:size] - pose[:size, None]) / range_.design.unit[:size, None]).max(axis=0)
-    if not len(apart) or apart.min() > _SAME:
-        return None
-    mode = int(apart.argmin())
-    return next(i for i, s in enumerate(strands) if s.first <= k <= s.last and s.modes[k - s.first] == mode)
+    for k in near[:4]:  # the nearest may be behind a dead point
+        at = range_.values[k] - turns[k] * (np.arange(len(range_.values[k])) == range_.k)
+        asked = {n: float(v) for n, v in zip(inputs, at, strict=True)}
+        pose = solve_position(system, asked, hold=hold, throw=False)
+        if int(pose.status) != 0:
+            continue
+        q = np.asarray(pose.q, float)
+        apart = np.abs((range_.places[k].q[:size] - q[:size, None]) / range_.design.unit[:size, None]).max(axis=0)
+        if len(apart) and apart.min() <= _SAME:
+            mode = int(apart.argmin())
+            return next(i for i, s in enumerate(strands) if s.first <= k <= s.last and s.modes[k - s.first] == mode)
+    return None

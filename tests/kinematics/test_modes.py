@@ -632,3 +632,30 @@ def test_circuits_of_cranks_that_fold_onto_the_ground(pin, values):
     np.testing.assert_array_equal(found.count, 2 * ((apart > reach[0]) & (apart < reach[1])))
     assert len(found) == 2 and len(found.branches) == 4 and not found.doubtful
     assert str(nc.circuits(linkage.system, {"phi": np.linspace(2.8, 3.4, 5)})).startswith("no assembly")
+
+
+@pytest.mark.parametrize("steps", [180, 90, 179])
+def test_assemblies_that_meet_at_a_value(steps):
+    """A crank as long as its rod: C.x is 2 cos(phi) or 0, which meet at 90 and 270 degrees, and no dead point."""
+    b = np.cos(0.5), np.sin(0.5)
+    m = planar("equal", dict(A=(0, 0)), dict(B=b), ["AB"], "AB")
+    m.point("C", (2 * b[0], 0.0), fixed="y"), m.body("rod", ["B", "C"])
+    found = nc.circuits(m.compile(), {"phi": np.linspace(0, 2 * np.pi, steps + 1)})
+    assert len(found) == len(found.branches) == 2 and not found.dead_points and not found.doubtful
+    for branch, wanted in zip(found.branches, (2.0, 0.0), strict=True):
+        np.testing.assert_allclose(branch.poses["C.x"], wanted * np.cos(branch.poses["phi"]), atol=1e-9)
+    cranks = planar("cranks", dict(A=(0, 0), D=(3, 0)), dict(B=b, C=(3 + b[0], b[1])), ["AB", "BC", "CD"], "AB")
+    found = nc.circuits(cranks.compile(), {"phi": np.linspace(0, 2 * np.pi, steps + 1)})  # which meet at its ends
+    assert len(found) == len(found.branches) == 2 and not found.dead_points and not found.doubtful
+
+
+@pytest.mark.parametrize("values", [73, 181])
+def test_the_drawing_beside_a_dead_point(values):
+    """The nearest value is behind it; the drawing is on the circuit for all that."""
+    end, at = 0.5, np.radians(28.0)
+    rocker = abs(4 - np.exp(1j * end)) - 1.2
+    linkage = nc.synthesis.FourBar((0, 0), (np.cos(at), np.sin(at)), (2.0803657103, 0.39079595013), (4, 0))
+    assert linkage.lengths["rocker"] == pytest.approx(rocker, rel=1e-9)
+    found = nc.circuits(linkage.system, {"phi": np.linspace(0, 2 * np.pi, values)})
+    assert len(found) == 1 and found.drawn == 0
+    np.testing.assert_allclose(found.dead_points, [end, 2 * np.pi - end], atol=1e-7)
