@@ -23,7 +23,16 @@ from jaxnc.doors import door
 from jaxnc.errors import InputError, brief, counted
 from jaxnc.kinematics.inputs import check_inputs, check_system, whole
 from jaxnc.kinematics.motion import Motion, motion_of
-from jaxnc.kinematics.polynomial import ZERO, Design, Member, NotPolynomial, Reading, describe, read_polynomials
+from jaxnc.kinematics.polynomial import (
+    ZERO,
+    Design,
+    Member,
+    NotPolynomial,
+    Reading,
+    by_structure,
+    describe,
+    read_polynomials,
+)
 from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
 from jaxnc.kinematics.starts import (
     NoMember,
@@ -209,9 +218,9 @@ class Family:
 
 def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, prove: bool) -> Family:
     """The family of a design: made once for a structure, of `most` solutions, or read from the user's cache."""
-    base, zeros = design.reading, tuple((np.abs(c) <= ZERO).tobytes() for c in design.constants)
+    base, fixed = design.reading, tuple(by_structure(c).tobytes() for c in design.constants)
     known = base.families
-    if (zeros, seed) not in known:
+    if (fixed, seed) not in known:
         base.check_cases(design.x, design.constants)
         rng = np.random.default_rng([seed, 33])
         generic = draw_generic(design, rng)
@@ -229,8 +238,8 @@ def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, pro
         if starts is None:
             starts = find_starts(dataclasses.replace(design, reading=reading), inputs, rng, key, most)
             save_starts(starts, key)
-        known[zeros, seed] = Family(reading, starts)
-    family = known[zeros, seed]
+        known[fixed, seed] = Family(reading, starts)
+    family = known[fixed, seed]
     if prove and not family.starts.proof:
         rng, own = np.random.default_rng([seed, 34]), dataclasses.replace(design, reading=family.reading)
         family.starts = prove_starts(own, inputs, family.starts, rng)
@@ -628,10 +637,11 @@ def prepare(
             f"{known:,} are known{' and kept' * kept}, about {expected:,} are expected, which take about "
             f"{_write_time(seconds)}; jaxnc.modes(…, most={_round_up(2 * expected)}) looks for them"
         ) from None
-    except NoMember:
+    except NoMember as error:
+        beside = ", or directions in it depend on each other (let bodies share a vector)" if error.args else ""
         raise InputError(
-            f"modes(): {top.name!r} is overconstrained: it moves for special dimensions only, and has no family of "
-            f"mechanisms to begin from; leave out what is redundant (jaxnc.mobility(system) names it)"
+            f"modes(): {top.name!r} is overconstrained{beside}: it moves for special dimensions only, and has no "
+            f"family of mechanisms to begin from; leave out what is redundant (jaxnc.mobility(system) names it)"
         ) from None
     return dataclasses.replace(design, reading=family.reading), family
 

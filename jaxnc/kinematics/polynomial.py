@@ -34,6 +34,17 @@ ZERO = 1e-10  # of the mechanism's size: a constant of a design below is zero by
 Function = Callable[[Sequence[Any]], tuple[Any, ...]]
 
 
+def by_structure(constants: np.ndarray) -> np.ndarray:
+    """Constants of a block ``(instances, constants, ...)`` that belong to the structure, not to a design; else NaN.
+
+    These are the zeros, and the one of what is a copy of a single other, as of parallel unit vectors in a body.
+    """
+    zero = np.abs(constants) <= ZERO
+    others = zero.shape[1] - 1
+    one = (others > 0) & (zero.sum(axis=1, keepdims=True) == others) & (np.abs(np.abs(constants) - 1.0) <= ZERO)
+    return np.where(zero, 0.0, np.where(one, np.sign(constants), np.nan))
+
+
 # -- kinds -------------------------------------------------------------------------------------------------------------
 
 
@@ -389,7 +400,7 @@ class Reading:
         """Draw a generic member: constants, and a complex pose ``(N, 1)`` that it has; None if none was found.
 
         The pose is somewhere about the real one ``(N,)`` that is given with the design's constants; constants that are
-        zero stay zero.
+        so `by_structure` stay.
         """
         noise = rng.normal(size=(2, len(x)))
         z = (x + 0.35 * (noise[0] + 1j * noise[1]))[:, None]
@@ -426,11 +437,11 @@ class Reading:
         return bool(((first > 1e-6) & (second < 1e-3)).any())
 
     def _redrawn(self, constants: Sequence[np.ndarray], z: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Constants as a pose has them, those that are zero in a design zero again."""
+        """Constants as a pose has them, but those of the structure."""
         out = []
         for b, c in enumerate(constants):
             found = self._drawn(b, z, c)
-            out.append(np.where(np.abs(c) > ZERO, found if found is not None else c, c))
+            out.append(np.where(np.isnan(by_structure(c)), found if found is not None else c, c))
         return tuple(out)
 
     @functools.cached_property

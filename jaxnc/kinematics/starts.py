@@ -20,7 +20,7 @@ from jaxnc.continuation.monodromy import Found, is_new, run_loops, solve_by_degr
 from jaxnc.continuation.quadratic import QuadraticPaths
 from jaxnc.continuation.sections import trace_solutions
 from jaxnc.errors import counted
-from jaxnc.kinematics.polynomial import ZERO, Design, Member, Reading
+from jaxnc.kinematics.polynomial import Design, Member, Reading, by_structure
 from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
 from jaxnc.process import cache_folder
 
@@ -48,7 +48,7 @@ class PositiveDimension(Exception):
 
 
 class NoMember(Exception):
-    """No generic member was found: rows contradict each other but for special dimensions."""
+    """No generic member moves: rows contradict each other but for special dimensions. With an argument: none was drawn."""
 
 
 class TooMany(Exception):
@@ -159,7 +159,7 @@ def draw_generic(design: Design, rng: np.random.Generator) -> tuple[tuple[np.nda
         drawn = design.reading.draw_member(design.x, design.constants, rng)
         if drawn is not None:
             return drawn
-    raise NoMember
+    raise NoMember("drawn")
 
 
 def count_tied(design: Design, inputs: Sequence[int], constants: tuple[np.ndarray, ...], pose: np.ndarray) -> int:
@@ -193,9 +193,13 @@ def structure_key(reading: Reading, constants: Sequence[np.ndarray], seed: int) 
         for part in reading.parts
     ]
     index = [(b.points, b.vectors, b.scalars) for b in top.blocks]
-    zeros = [np.flatnonzero(np.abs(c) <= ZERO).tolist() for c in constants]
+    fixed = [by_structure(c) for c in constants]
+    zeros = [np.flatnonzero(c == 0.0).tolist() for c in fixed]
+    copies = [c[np.abs(c) == 1.0].tolist() for c in fixed]
     # 3 is the version of the files, and of what their keys mean.
-    text = repr((3, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros))
+    text = repr(
+        (3, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros, *([copies] if any(copies) else []))
+    )
     return f"{hashlib.sha256(text.encode()).hexdigest()[:40]}-{seed}"
 
 

@@ -93,21 +93,30 @@ def arm() -> nc.System:
     hand[:3, 3] = -1.140175, 0.0, 0.0
 
     def frames(theta):
-        out = [np.eye(4)]
-        for t, x, z, tilt in zip(theta, a, d, alpha, strict=True):
-            c, s, ca, sa = np.cos(t), np.sin(t), np.cos(tilt), np.sin(tilt)
-            link = [[c, -s * ca, s * sa, x * c], [s, c * ca, -c * sa, x * s], [0, sa, ca, z], [0, 0, 0, 1]]
-            out.append(out[-1] @ np.array(link))
-        return out
+        return denavit_hartenberg(theta, a, d, alpha)
 
     rng = np.random.default_rng(0)
     found = None
     while found is None or np.abs(found.fun).max() > 1e-13:
         start = rng.uniform(-3, 3, 6)
         found = least_squares(lambda x: (frames(x)[-1] - hand)[:3].ravel(), start, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    return hinged(frames(found.x), (0.0, 0.35, -0.4, 0.3, 0.45, 0.2))  # apart where axes meet
+
+
+def denavit_hartenberg(theta, a, d, alpha) -> list[np.ndarray]:
+    """Frames of an arm, one behind each hinge."""
+    out = [np.eye(4)]
+    for t, x, z, tilt in zip(theta, a, d, alpha, strict=True):
+        c, s, ca, sa = np.cos(t), np.sin(t), np.cos(tilt), np.sin(tilt)
+        link = [[c, -s * ca, s * sa, x * c], [s, c * ca, -c * sa, x * s], [0, sa, ca, z], [0, 0, 0, 1]]
+        out.append(out[-1] @ np.array(link))
+    return out
+
+
+def hinged(frames, along) -> nc.System:
+    """Six hinges about the z axes of frames, their points so far along these, base and hand held."""
     m = nc.Mechanism("arm", dim=3)
-    along = (0.0, 0.35, -0.4, 0.3, 0.45, 0.2)  # points on the axes, apart where axes meet
-    for k, (frame, x) in enumerate(zip(frames(found.x), along, strict=False)):
+    for k, (frame, x) in enumerate(zip(frames, along, strict=False)):
         held = k in (0, 5)
         (m.ground if held else m.point)(f"O{k}", frame[:3, 3] + x * frame[:3, 2])
         (m.ground_vector if held else m.vector)(f"u{k}", frame[:3, 2])
@@ -187,6 +196,17 @@ def test_counts_in_space(sooner):
     # No two of the hand's solutions are one: told by all axes.
     axes = np.concatenate([np.asarray(found.poses[f"u{k}"]) for k in range(1, 5)], axis=1)
     assert np.abs(axes[:, None] - axes).max(axis=2)[~np.eye(16, dtype=bool)].min() > 1e-3
+
+
+def test_an_arm_with_parallel_axes(sooner):
+    """Universal Robots' UR5: vectors of their own for axes that are parallel.
+
+    Source: K. P. Hawkins, Analytic inverse kinematics for the Universal Robots UR-5/UR-10 arms, Georgia Tech (2013).
+    """
+    a, d = [0, -0.425, -0.39225, 0, 0, 0], [0.089159, 0, 0, 0.10915, 0.09465, 0.0823]
+    alpha = np.radians([90, 0, 0, 90, -90, 0])
+    frames = denavit_hartenberg([0.4, -1.2, 1.5, -0.7, 1.1, 0.3], a, d, alpha)
+    check(nc.modes(hinged(frames, (0.05, 0.12, -0.2, 0.15, 0.1, 0.2)), {}), 8, 8)
 
 
 def test_all_forty_of_dietmaiers_platform(cached, sooner):
