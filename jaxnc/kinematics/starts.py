@@ -48,7 +48,7 @@ class PositiveDimension(Exception):
 
 
 class NoMember(Exception):
-    """No generic member moves: rows contradict each other but for special dimensions. With an argument: none was drawn."""
+    """No generic member moves: rows contradict each other but for special dimensions. With an argument: none drawn."""
 
 
 class TooMany(Exception):
