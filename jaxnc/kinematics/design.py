@@ -94,42 +94,45 @@ def attach_poses(motion: Motion, system: System, asked: Array) -> Motion:
     return dataclasses.replace(motion, system=system, poses=q, asked=asked)
 
 
-def attach_slopes(motion: Motion, system: System, asked: Array) -> Motion:
+def attach_slopes(motion: Motion, system: System, asked: Array, orders: tuple[Array, ...]) -> Motion:
     """Give poses that the host has found their derivatives by a design and by inputs, which JAX differentiates once.
 
     These are numbers: nothing is compiled but their product with a change. They have no derivatives themselves.
+    `orders` are the time derivatives of the inputs.
     """
     changed, at = find_traced(system.parameters)
+    inputs = len(motion.driven) if any(isinstance(x, Tracer) for x in (asked, *orders)) else 0
     with evaluate_at_once():
-        by_design = by_inputs = None
-        if len(at):
-            view = plan_of(motion)
-            derivatives = DesignDerivatives(view, motion, at, follows=True)
-            by_design = derivatives.slopes()
-            # The ground, and what is held, are where they are in poses that were not found, too.
-            for places, change in ((view.fixed, derivatives.drawn.home[view.fixed, 1:]), (view.held, derivatives.held)):
-                wide = change.T.reshape(len(at), *[1] * motion.status.ndim, len(places))
-                by_design[0][..., np.array(places, int)] = wide
-        if isinstance(asked, Tracer):
-            by_inputs = np.stack([tangents(motion, {name: 1.0})[0] for name in motion.driven])
+        view = plan_of(motion)
+        derivatives = DesignDerivatives(view, motion, at, follows=True, inputs=inputs)
+        slopes = derivatives.slopes()
+        # The ground, and what is held, are where they are in poses that were not found, too.
+        for places, change in ((view.fixed, derivatives.drawn.home[view.fixed, 1:]), (view.held, derivatives.held)):
+            wide = change.T.reshape(derivatives.count, *[1] * motion.status.ndim, len(places))
+            slopes[0][..., np.array(places, int)] = wide
     poses = np.asarray(motion.poses), tuple(map(np.asarray, motion.rates))
-    poses, rates = attach(_change_by_slopes, None, poses, changed, asked, by_design, by_inputs)
+    parts = [[x[: len(at)] for x in slopes] if len(at) else None, [x[len(at) :] for x in slopes] if inputs else None]
+    poses, rates = attach(_change_by_slopes, None, poses, changed, asked, orders, *parts)
     return dataclasses.replace(motion, system=system, poses=poses, rates=rates, asked=asked)
 
 
 def _change_by_slopes(_: None, value: PyTree, args: tuple, changes: tuple) -> PyTree:
-    return _multiply_slopes(value, changes[:2], args[2:])
+    return _multiply_slopes(value, changes[:3], args[3:])
 
 
 @jit
 def _multiply_slopes(value: PyTree, changes: tuple, slopes: tuple) -> PyTree:
-    (q, rates), (changed, asked), (by_design, by_inputs) = value, changes, slopes
+    (q, rates), (changed, asked, orders), (by_design, by_inputs) = value, changes, slopes
     found = [jnp.zeros_like(x) for x in (q, *rates)]
     if by_design is not None:
         flat = jnp.concatenate([jnp.ravel(x) for x in changed])
         found = [jnp.tensordot(flat, slope, 1) for slope in by_design]
     if by_inputs is not None:
-        found[0] += jnp.einsum("...k,k...n->...n", asked, by_inputs)
+        # A change e of the m-th derivative of the inputs is one of e tᵐ / m! in time, and moves the pose by its product
+        # with the slopes, which change in time themselves; the n-th derivative of that is taken at t = 0.
+        for n in range(len(found)):
+            for m, change in enumerate((asked, *orders)[: n + 1]):
+                found[n] += math.comb(n, m) * jnp.einsum("...k,k...n->...n", change, by_inputs[n - m])
     return found[0], tuple(found[1:])
 
 
@@ -348,14 +351,16 @@ class DesignDerivatives:
     """The derivatives of solved poses by chosen components of the design.
 
     `at` are places of the components among those of `geometry_components`. What is held stays, or follows the drawing.
+    So many `inputs`, the first or none, are variables behind them.
     """
 
-    def __init__(self, view: Plan, motion: Motion, at: np.ndarray, follows: bool = False):
-        self.motion, self.at, self.count = motion, at, len(at)
+    def __init__(self, view: Plan, motion: Motion, at: np.ndarray, follows: bool = False, inputs: int = 0):
+        self.motion, self.at, self.count, self.inputs = motion, at, len(at) + inputs, inputs
         self.view = host.HostView(view, to_host(derive(motion.system)))
         flat = np.asarray(geometry_vector(motion.system))
         with np.errstate(all="ignore"):
-            self.drawn = carry_design(motion.system.topology, with_unit_changes(flat, at))
+            changes = np.pad(with_unit_changes(flat, at), ((0, 0), (0, inputs)))
+            self.drawn = carry_design(motion.system.topology, changes)
         poses = np.asarray(motion.q)
         self.good = np.flatnonzero(np.asarray(motion.converged).reshape(-1))
         self.q = poses.reshape(-1, poses.shape[-1])[self.good].T
@@ -441,10 +446,12 @@ class DesignDerivatives:
         """Changes of poses and of their rates, ``(variables, *poses, N)`` each; zero where they do not exist."""
         lead, width = self.motion.q.shape[:-1], len(self.q)
         rates = [np.asarray(x).reshape(-1, width)[self.good].T for x in self.motion.rates]
+        driven = np.eye(len(self.motion.driven), self.count, self.count - self.inputs)
+        known = np.concatenate([driven, self.held])
         out = [np.zeros((self.count, int(np.prod(lead, dtype=int)), width), self.q.dtype) for _ in (0, *rates)]
         for lanes in self._chunks():
             moved = [x[:, lanes] for x in rates]
-            first, others = host.changes(self.view, self.drawn, self.q[:, lanes], moved, self.held)
+            first, others = host.changes(self.view, self.drawn, self.q[:, lanes], moved, known)
             for whole, part in zip(out, (first, *others), strict=True):
                 whole[:, self.good[lanes]] = np.where(np.isfinite(part), part, 0.0)[..., 1:].T
         if self.motion.conditioning is not None:

@@ -52,6 +52,7 @@ from jaxnc.process import one_thread
 from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.solvers.host import HostView, correct_poses
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.rows import Rows
 from jaxnc.status import Status
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
@@ -614,6 +615,15 @@ def prepare(
     seed, most = whole(seed, "modes(): seed", 0), whole(most, "modes(): most")
     if not isinstance(prove, bool | np.bool_):
         raise InputError(f"modes(): prove must be True or False, got {brief(prove)}")
+    if top.large:  # with too many assemblies to begin
+        view = plan(top, top.named(driven), top.named(held), system.degrees_of_freedom)
+        blocks = (([int(view.rows[r]) for r in rows], view.unknown[columns].tolist()) for rows, columns in view.choice)
+        dyads = sum(Rows(top, *block).form == "round" for block in blocks)
+        if 2.0**dyads > most:
+            raise InputError(
+                f"modes(): {top.name!r} has {counted(dyads, 'dyad')}, each with two assemblies, one behind the other: "
+                f"2^{dyads} in all, and most={most} are asked for"
+            )
     try:
         reading = read_polynomials(top.structure, (*driven, *held))
         design = describe(system, reading)

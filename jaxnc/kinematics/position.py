@@ -336,11 +336,11 @@ def _in_time(name: str, data: "Callable | tuple | ArrayLike", t: np.ndarray, cou
 def _solve_question(question: _Question, method: str, start: Any, solve: Callable[[_Question, Any], Motion]) -> Motion:
     """Solve; poses that are differentiated once, outside of compiled code, on the host, with derivatives as numbers."""
     system, view, values, orders, _ = question
-    if not any(isinstance(x, Tracer) for x in jax.tree.leaves((system, values))):
+    by_inputs = any(isinstance(x, Tracer) for x in (values, *orders))
+    if not by_inputs and not any(isinstance(x, Tracer) for x in jax.tree.leaves(system)):
         return solve(question, start)
     known = values_behind((question._replace(view=None), start))
-    by_inputs = isinstance(values, Tracer)
-    if known is None or view.large or any(isinstance(x, Tracer) for x in orders) or (by_inputs and orders):
+    if known is None or view.large:
         return solve(question, start)
     if view.held and start is not None:  # which may give what is held
         return solve(question, start)
@@ -353,7 +353,7 @@ def _solve_question(question: _Question, method: str, start: Any, solve: Callabl
 
     with evaluate_at_once():
         found = solve(asked._replace(view=view, values=np.asarray(asked.values)), begin)
-    return dataclasses.replace(attach_slopes(found, system, values), time=question.time)
+    return dataclasses.replace(attach_slopes(found, system, values, orders), time=question.time)
 
 
 def _follow_inputs(repair: bool, throw: bool, question: _Question, start: Motion | Inputs | None) -> Motion:

@@ -128,6 +128,31 @@ def test_inputs_and_places_to_begin_from(monkeypatch):
     same(*both(value, given, monkeypatch))
 
 
+@pytest.mark.parametrize("name", ["four-bar", "markers in space"])
+def test_inputs_with_rates_beside_a_design(name, monkeypatch):
+    system, inputs = moved(MADE[name])
+    names, (first,) = system.topology.points, inputs
+
+    def value(given):
+        place, *orders = given
+        third = {"jerk": True} if len(orders) > 3 else {}
+        motion = nc.sweep(
+            system.replace({names[-1]: place}),
+            {first: orders[0]}, rates={first: orders[1]}, accelerations={first: orders[2]}, **third,
+        )  # fmt: skip
+        read = [motion.__getitem__, motion.velocity, motion.acceleration, *([motion.jerk] if third else [])]
+        return sum(weigh(motion, names, f) for f in read)
+
+    given = jnp.asarray(system[names[-1]]), jnp.asarray(inputs[first]), jnp.full(4, 0.3), jnp.full(4, -0.2)
+    if name == "four-bar":
+        same(*both(value, given, monkeypatch))
+    found = jax.grad(value)((*given, jnp.zeros(4)))  # with third derivatives, by differences of what is found
+    for k, x in enumerate(given):
+        change = jnp.linspace(0.5, 1.0, x.size).reshape(x.shape) * 1e-6
+        ends = [value((*given[:k], x + sign * change, *given[k + 1 :], jnp.zeros(4))) for sign in (1.0, -1.0)]
+        assert float(jnp.vdot(found[k], change)) == pytest.approx(float(ends[0] - ends[1]) / 2, rel=1e-5)
+
+
 def test_what_is_held_follows_the_drawing(monkeypatch):
     system = nc.library.macpherson().compile()
     home, place = np.asarray(derive(system).home), system.topology.position

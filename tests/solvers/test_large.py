@@ -482,6 +482,9 @@ def test_dense_analyses_are_refused_with_what_is_offered():
     ):
         with pytest.raises(nc.InputError, match=rf"{name}.*dense.*solve_position"):
             call()
+    for find, phi in ((nc.modes, 1.0), (nc.circuits, [1.0, 1.1])):
+        with pytest.raises(nc.InputError, match=r"dyads.*most=1000"):
+            find(system, {"phi": phi})
     with pytest.raises(nc.InputError, match=r"too few inputs.*'four-bar chain'"):
         nc.solve_position(system, {})
 

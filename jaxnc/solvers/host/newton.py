@@ -172,12 +172,12 @@ def start_changes(
 
 
 def changes(
-    view: HostView, drawn: Drawn, q: np.ndarray, rates: Sequence[np.ndarray] = (), held: np.ndarray | None = None
+    view: HostView, drawn: Drawn, q: np.ndarray, rates: Sequence[np.ndarray] = (), known: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return poses and derivatives with their changes, ``(N, lanes, 1 + changes)``; not finite at a singular position.
 
-    The known coordinates and their rates stay, but what is `held`, whose changes are ``(held, changes)``. Solved poses
-    and rates are ``(N, lanes)``.
+    The known coordinates stay, or have changes ``(known, changes)``; their rates stay. Solved poses and rates are
+    ``(N, lanes)``.
     """
     plan, width = view.plan, drawn.home.shape[-1]
     matrix = view.matrices(q)[0]
@@ -187,8 +187,8 @@ def changes(
         term = np.concatenate([values[..., None], np.zeros((*values.shape, width - 1), q.dtype)], axis=2)
         if not order:
             term[plan.fixed, :, 1:] = drawn.home[plan.fixed][:, None, 1:]
-            if held is not None:
-                term[list(plan.held), :, 1:] = held[:, None]
+            if known is not None:
+                term[plan.known, :, 1:] = known[:, None]
         terms = [*found, term]
         right = np.moveaxis(view.eq.changes(terms[0], terms[1:], drawn.constants)[plan.rows], 1, 0)
         term[plan.unknown, :, 1:] = -np.moveaxis(view.solve(matrix, right), 0, 1)
