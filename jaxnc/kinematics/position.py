@@ -507,8 +507,8 @@ def begin_at(
     top, begin, shape = system.topology, q0, values.shape[:-1]
     if start is not None:
         known = {name: values[..., k] for k, name in enumerate(top.named(view.driven))}
-        fixed = [jax.tree.map(_without_slope, x) for x in (eq, start, known)]
-        begin = start_poses(top, fixed[0], q0, *fixed[1:], top.named(view.held), shape)
+        still, guess, given = (jax.tree.map(_without_slope, x) for x in (eq, start, known))
+        begin = start_poses(top, still, q0, guess, given, top.named(view.held), shape)
     return _with_slopes_of_held(system, view, eq, begin, q0, start, shape)
 
 

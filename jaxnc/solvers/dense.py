@@ -8,7 +8,7 @@ loops is the time that it takes to compile them. Factorisations are not differen
 
 import functools
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import NoReturn, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -172,7 +172,7 @@ def _singular_vectors(matrix: Array) -> tuple[Array, Array]:
 
 
 @_singular_vectors.defjvp
-def _refuse_second_derivatives(*_: object) -> None:
+def _refuse_second_derivatives(*_: object) -> NoReturn:
     raise InputError("singular values are differentiated once; a second derivative of them is not known")
 
 
