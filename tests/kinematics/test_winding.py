@@ -85,10 +85,10 @@ def test_turns_left_out_are_those_followed():
 def test_turns_that_are_not_told_apart(system, far, evaluations):
     system = system()
     assert abs(far) > farthest(np.zeros(1))
-    begun = time.perf_counter()
+    begun = time.process_time()
     one = nc.solve_position(system, {"phi": far}, throw=False).status
     several = nc.sweep(system, {"phi": np.array([1.0, far, 1.0])}).status
-    assert time.perf_counter() - begun < AT_ONCE
+    assert time.process_time() - begun < AT_ONCE
     assert nc.Status(int(one)) is nc.Status.TOO_FAR
     assert [nc.Status(int(s)).name for s in several] == ["CONVERGED", "TOO_FAR", "NOT_REACHED"]
     np.testing.assert_array_equal(jax.jit(lambda u: nc.solve_position(system, {"phi": u}).status)(far), one)
@@ -99,9 +99,9 @@ def test_turns_that_are_not_told_apart(system, far, evaluations):
 def test_more_turns_than_can_be_followed():
     """Where turns are counted they are followed, and too many of them are refused before the first."""
     system = geared()
-    begun = time.perf_counter()
+    begun = time.process_time()
     assert list(nc.sweep(system, {"phi": np.array([1.0, 1e6])}).status) == [0, nc.Status.TOO_FAR]
-    assert time.perf_counter() - begun < AT_ONCE
+    assert time.process_time() - begun < AT_ONCE
     assert list(nc.sweep(system, {"phi": np.array([1.0, 40.0])}).status) == [0, 0]
 
 
@@ -110,9 +110,9 @@ def test_branch_that_ends_is_said_all_the_same():
     m = nc.library.four_bar()
     m.angle("psi", at="D", to="C")
     system = m.compile()
-    begun = time.perf_counter()
+    begun = time.process_time()
     motion = nc.sweep(system, {"psi": np.array([float(nc.solve_position(system, {"phi": 1.0})["psi"]), 1e6])})
-    assert time.perf_counter() - begun < AT_ONCE
+    assert time.process_time() - begun < AT_ONCE
     limit = nc.travel(system, "psi")
     assert motion.status[1] != 0
     assert abs(float(motion["psi"][1])) < 10.0, limit
