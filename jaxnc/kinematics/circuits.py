@@ -6,6 +6,7 @@ circuit is what can be reached without taking the mechanism apart: branches that
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -189,6 +190,9 @@ class _Range(Targets):
     def __init__(self, view: Plan, design: Design, family: Family, values: np.ndarray, k: int, seed: int):
         super().__init__([design], family, tuple(map(int, view.driven)), values, seed)
         self.view, self.design, self.k = view, design, k
+        # Ends of the range that were moved: side, place among the values, what was asked, and how many assemblies are
+        # fewer behind it.
+        self.ends: list[tuple[str, int, float, int]] = []
 
     @functools.cached_property
     def free(self) -> HostView:
@@ -211,18 +215,20 @@ class _Range(Targets):
             return _Range(self.view, self.design, self.family, moved, self.k, self.seed).beside_crossings(False)
         which = np.flatnonzero(doubtful)
         if len(which):
-            aside = self.values[which]
-            aside[:, self.k] += part * np.where(
-                which < last, np.append(np.diff(values), 0.0)[which], values[-2] - values[-1]
-            )
-            for at, one, place in zip(
-                which,
-                aside,
-                _Range(self.view, self.design, self.family, aside, self.k, self.seed).places,
-                strict=True,
-            ):
-                if not place.doubtful:
-                    self.values[at], self.places[at] = one, place
+            step = part * np.where(which < last, np.append(np.diff(values), 0.0)[which], values[-2] - values[-1])
+            beside = []
+            for sign in (1.0, -1.0):
+                moved = self.values[which]
+                moved[:, self.k] += sign * step
+                beside.append(_Range(self.view, self.design, self.family, moved, self.k, self.seed))
+            for k, at in enumerate(which):
+                place, behind = (some.places[k] for some in beside)
+                if place.doubtful:
+                    continue
+                if at in (0, last):
+                    fewer = place.w.shape[1] - behind.w.shape[1]
+                    self.ends.append(("end" if at else "start", int(at), float(values[at]), fewer))
+                self.values[at], self.places[at] = beside[0].values[k], place
         return self
 
     def connect(self) -> list[np.ndarray]:
@@ -242,16 +248,23 @@ class _Range(Targets):
                 out[lane] = int(apart.argmin())
         return np.split(out, np.cumsum(counts)[:-1])
 
-    def dead_point(self, step: int, one: np.ndarray, two: np.ndarray) -> float | None:
-        """Value of the input in a step, at which two assemblies ``(N,)`` become one; None if they do not turn there."""
+    def dead_point(self, low: float, high: float, one: np.ndarray, two: np.ndarray) -> tuple[float, float] | None:
+        """Value of the input in a range at which two assemblies ``(N,)`` become one; None if they do not turn there.
+
+        With it comes how far the pose there is from the middle between the two, against how far these are apart.
+        """
         change, at = two - one, self.free.plan.unknown
         angles = self.design.reading.first + np.flatnonzero(self.design.reading.top.angles)
         change[angles] -= 2.0 * np.pi * np.round(change[angles] / (2.0 * np.pi))
         along, place = change[at] * self.free.inner, at.tolist().index(self.order[self.k])
-        pose, left = turning_point(self.free, place, one + 0.5 * change, along / np.linalg.norm(along))
-        value, (low, high) = float(pose[self.order[self.k]]), self.values[step : step + 2, self.k]
-        near = 2.0 * low - high <= value <= 2.0 * high - low  # no farther off than a step
-        return value if near and left <= self.free.least.close * self.free.eq.length else None
+        slack = 1e-6 * (high - low)
+        for part in (0.5, 0.0, 1.0):  # from the middle, where it may be another one, from each of the two
+            pose, left = turning_point(self.free, place, one + part * change, along / np.linalg.norm(along))
+            value = float(pose[self.order[self.k]])
+            if low - slack <= value <= high + slack and left <= self.free.least.close * self.free.eq.length:
+                off = (pose - one)[: self.design.reading.first] - 0.5 * change[: self.design.reading.first]
+                return value, float(np.linalg.norm(off) / np.linalg.norm(change[: self.design.reading.first]))
+        return None
 
 
 @dataclasses.dataclass
@@ -279,6 +292,26 @@ def _join(range_: _Range, angle: bool) -> tuple[list[_Strand], list[int]]:
         strands.append(_Strand(first, [mode]))
         return len(strands) - 1
 
+    def meet(some: list[int], side: str, at: int, low: float, high: float, most: int) -> None:
+        """Join strands that end, or begin, at one dead point: those between which it lies."""
+        place = range_.places[at]
+        modes = {s: strands[s].modes[at - strands[s].first] for s in some}
+        pairs = itertools.combinations(some, 2)
+        apart = {(a, b): np.abs(place.w[:, modes[a]] - place.w[:, modes[b]]).max(initial=0.0) for a, b in pairs}
+        found = []
+        for pair in sorted(apart, key=lambda pair: apart[pair])[: 3 * len(some)]:  # the nearest, if they are many
+            point = range_.dead_point(low, high, *(place.q[:, modes[s]] for s in pair))
+            if point is not None and point[1] < 1.0:
+                found.append((point[1], pair, point[0]))
+        left = {*some}
+        for _, pair, value in sorted(found):
+            if left >= {*pair} and most > 0:
+                left -= {*pair}
+                most -= 1
+                joined.append(pair)
+                for s in pair:
+                    setattr(strands[s], side, value)
+
     here = {m: begin(0, m) for m in range(range_.places[0].w.shape[1])}
     for k, step in enumerate(steps):
         then: dict[int, int] = {}
@@ -295,15 +328,14 @@ def _join(range_: _Range, angle: bool) -> tuple[list[_Strand], list[int]]:
             if mode not in then:
                 then[mode] = begin(k + 1, mode)
                 begun.append(then[mode])
-        for some, side, at, of in ((ended, "end", k, -1), (begun, "start", k + 1, 0)):
-            for pair in _pairs(range_, strands, some, at):
-                one, two = (range_.places[at].q[:, strands[s].modes[of]] for s in pair)
-                value = range_.dead_point(k, one, two)
-                if value is not None:
-                    for s in pair:
-                        setattr(strands[s], side, value)
-                    joined.append(pair)
+        low, high = range_.values[k : k + 2, range_.k]
+        meet(ended, "end", k, low, high, len(ended))
+        meet(begun, "start", k + 1, low, high, len(begun))
         here = then
+    for side, at, asked, fewer in range_.ends:
+        some = [k for k, s in enumerate(strands) if (s.first if side == "start" else s.last) == at]
+        value = range_.values[at, range_.k]
+        meet(some, side, at, min(asked, value), max(asked, value), fewer // 2)
     if angle:
         joined += _close(range_, strands)
     graph = np.zeros((len(strands), len(strands)))
@@ -311,42 +343,39 @@ def _join(range_: _Range, angle: bool) -> tuple[list[_Strand], list[int]]:
     return strands, connected_components(graph, directed=False)[1].tolist()
 
 
-def _pairs(range_: _Range, strands: list[_Strand], some: list[int], k: int) -> list[tuple[int, int]]:
-    """Strands that end, or begin, at one dead point: the nearest ones of those at a value."""
-    out, left = [], list(some)
-    w = range_.places[k].w
-
-    def at(s: int) -> np.ndarray:
-        strand = strands[s]
-        return w[:, strand.modes[k - strand.first]]
-
-    while len(left) > 1:
-        apart = {(a, b): np.abs(at(a) - at(b)).max(initial=0.0) for i, a in enumerate(left) for b in left[i + 1 :]}
-        best = min(apart, key=lambda pair: apart[pair])
-        out.append(best)
-        left = [s for s in left if s not in best]
-    return out
-
-
 def _close(range_: _Range, strands: list[_Strand]) -> Iterator[tuple[int, int]]:
-    """Join what is a whole number of turns behind the begin to what begins there: pairs of strands."""
-    turned = (range_.values[:, range_.k] - range_.values[0, range_.k]) / (2.0 * np.pi)
-    first, last, size = range_.places[0], len(turned) - 1, range_.design.reading.first
-    unit = range_.design.unit[:size, None]
-    begin = {strand.modes[0]: k for k, strand in enumerate(strands) if strand.first == 0}
-    for at in np.flatnonzero((turned > 0.5) & (np.abs(turned - np.round(turned)) < 1e-9)):
-        for k, strand in enumerate(strands):
-            if not strand.first <= at <= strand.last:
-                continue
-            mode = strand.modes[at - strand.first]
-            apart = np.abs((first.q[:size] - range_.places[at].q[:size, mode : mode + 1]) / unit).max(
-                axis=0, initial=0.0
-            )
-            if len(apart) and apart.min() < _SAME:
-                other = begin[int(apart.argmin())]
-                if at == last and strand.end is None:
-                    strand.turns = strands[other].turns = True
-                yield k, other
+    """Join what is a whole turn behind something to that: pairs of strands; and say which branches close."""
+    values, turn = range_.values[:, range_.k], 2.0 * np.pi
+    last = len(values) - 1
+    strand_of = {(s.first + k, mode): number for number, s in enumerate(strands) for k, mode in enumerate(s.modes)}
+    # A pose of each strand, amid those that the range has a turn earlier, and the value next to it there.
+    amid = [[k for k in range(s.first, s.last + 1) if values[k] - turn >= values[0] - 1e-9] for s in strands]
+    begun = [(number, some[len(some) // 2]) for number, some in enumerate(amid) if some]
+    if not begun:
+        return
+    near = [int(np.abs(values - values[k] + turn).argmin()) for _, k in begun]
+    start = np.stack([range_.places[k].q[:, strands[n].modes[k - strands[n].first]] for n, k in begun], axis=1)
+    start[range_.order[range_.k]] -= turn
+    found = solve_lanes(range_.view, range_.design.host, start.T, range_.values[near], np.arange(len(near)))
+    for lane, ((number, _), k) in enumerate(zip(begun, near, strict=True)):
+        mode = _same_mode(range_, k, found.q[lane])
+        if mode is not None:
+            yield number, strand_of[k, mode]
+    turned = (values[last] - values[0]) / turn
+    if turned > 0.5 and abs(turned - round(turned)) < 1e-9:
+        for strand in strands:
+            at_end = strand.last == last and strand.end is None
+            mode = _same_mode(range_, 0, range_.places[last].q[:, strand.modes[-1]]) if at_end else None
+            if mode is not None:
+                strand.turns = strands[strand_of[0, mode]].turns = True
+
+
+def _same_mode(range_: _Range, k: int, q: np.ndarray) -> int | None:
+    """Which of the assemblies at a value a pose is; None if it is none of them."""
+    size = range_.design.reading.first
+    apart = np.abs((range_.places[k].q[:size] - q[:size, None]) / range_.design.unit[:size, None])
+    apart = apart.max(axis=0, initial=0.0)
+    return int(apart.argmin()) if len(apart) and apart.min() < _SAME else None
 
 
 def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, hold, angle: bool) -> Circuits:
@@ -357,6 +386,15 @@ def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, ho
     for r in roots:
         order.setdefault(r, len(order))
     values, reading = range_.values[:, range_.k], range_.design.reading
+    points: list[float] = []
+    for point in sorted({s for strand in strands for s in (strand.start, strand.end) if s is not None}):
+        # Found from several branches it is one dead point still.
+        if not points or point - points[-1] > 1e-9 * (values[-1] - values[0]):
+            points.append(point)
+
+    def limit(value: float, dead_point: float | None) -> float:
+        return float(value if dead_point is None else min(points, key=lambda point: abs(point - dead_point)))
+
     branches = []
     for strand, r in zip(strands, roots, strict=True):
         which = range(strand.first, strand.last + 1)
@@ -367,15 +405,11 @@ def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, ho
             q[turning] = np.unwrap(q[turning])
         gap, condition = (np.array([getattr(p, what)[m] for p, m in places]) for what in ("gap", "condition"))
         poses = motion(range_.values[strand.first : strand.last + 1], q, np.zeros(len(places), int), gap, condition)
-        lower = values[strand.first] if strand.start is None else strand.start
-        upper = values[strand.last] if strand.end is None else strand.end
+        ends = limit(values[strand.first], strand.start), limit(values[strand.last], strand.end)
         dead = (strand.start is not None, strand.end is not None)
         turns = strand.turns and not any(dead)
-        branches.append(Branch(order[r], poses, float(lower), float(upper), dead, turns))
+        branches.append(Branch(order[r], poses, *ends, dead, turns))
     branches.sort(key=lambda b: (b.circuit, b.lower))
-    points = sorted({s for strand in strands for s in (strand.start, strand.end) if s is not None})
-    fine = 1e-9 * (values[-1] - values[0])  # found from several branches it is one dead point still
-    points = [p for k, p in enumerate(points) if not k or p - points[k - 1] > fine]
     count = np.array([p.w.shape[1] for p in range_.places])
     doubtful = sum(p.doubtful for p in range_.places)
     for s in strands:  # ends that found no other to meet: steps are too long there
@@ -387,19 +421,17 @@ def _drawn(system: System, range_: _Range, strands: list[_Strand], inputs: Input
     """Which strand the drawing is on, when its input is brought to a value near it; None if on none."""
     drawn = range_.design.pose[range_.order[range_.k]]
     values = range_.values[:, range_.k]
-    turns = 2.0 * np.pi * np.round((values - drawn) / (2.0 * np.pi)) if angle else np.zeros(len(values))
-    # A range may begin whole turns away from the drawing; a value of its own turn comes before others.
+    # A range may lie whole turns away from the drawing.
+    away = angle and not values[0] <= drawn <= values[-1]
+    turns = 2.0 * np.pi * np.round((values - drawn) / (2.0 * np.pi)) if away else np.zeros(len(values))
     near = np.argsort(np.abs(values - turns - drawn) + 1e-9 * np.abs(turns), kind="stable")
-    size = range_.design.reading.first
     for k in near[:4]:  # the nearest may be behind a dead point
         at = range_.values[k] - turns[k] * (np.arange(len(range_.values[k])) == range_.k)
         asked = {n: float(v) for n, v in zip(inputs, at, strict=True)}
         pose = solve_position(system, asked, hold=hold, throw=False)
         if int(pose.status) != 0:
             continue
-        q = np.asarray(pose.q, float)
-        apart = np.abs((range_.places[k].q[:size] - q[:size, None]) / range_.design.unit[:size, None]).max(axis=0)
-        if len(apart) and apart.min() <= _SAME:
-            mode = int(apart.argmin())
+        mode = _same_mode(range_, int(k), np.asarray(pose.q, float))
+        if mode is not None:
             return next(i for i, s in enumerate(strands) if s.first <= k <= s.last and s.modes[k - s.first] == mode)
     return None

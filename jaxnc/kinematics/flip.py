@@ -174,7 +174,7 @@ def _flip(core: Kernel, view: Plan, eq: Equations, x: Lanes) -> tuple[Lanes, Arr
         wanted.append(jnp.where(turns[:, None], -sign, jnp.broadcast_to(sign, (len(turns), *lanes))))
     found = core.solve(eq, begin, wanted)
     for k, block in enumerate(core.blocks):
-        if not block.closed:  # one that is told by its place, and has either orientation
+        if not (block.closed and bent[k]):  # with one solution, or told by its place: it has either orientation
             free = np.array([k in blocks for blocks in loose])
             wanted[k] = jnp.where(free[:, None], jnp.sign(found.determinants[k]), wanted[k])
     far = _square_of_movement(view, eq, x, found.x)

@@ -163,7 +163,8 @@ class Modes(Reported):
             lines.append(f"Existence and uniqueness are proved of {told}{', and that no two are one' * self.disjoint}.")
         if self.singular:
             lines.append(
-                "Singular ends are multiple solutions, or not isolated: the mechanism moves with these inputs held."
+                "Singular ends are multiple solutions, as at a dead point, or not isolated: then the mechanism moves "
+                "with these inputs held."
             )
         if self.lost:
             lines.append("Lost paths may end in assemblies that are missing here.")
@@ -289,7 +290,8 @@ def _follow_all(family: Family, reduction: Reduction, begin: Placed, end: Placed
     """Ends of all paths in one elimination, those that have not arrived by several routes."""
     start = reduction.shorten(family.starts.x)
     t = np.tensordot(reduction.mix, end.restricted[0], 1).real
-    t = t / np.abs(t).max(axis=(1, 2), keepdims=True) if len(t) else t
+    largest = np.abs(t).max(axis=(1, 2), keepdims=True, initial=0.0)
+    t = t / np.where(largest > 0.0, largest, 1.0)
     count = start.shape[1]
     if not reduction.n:
         return Ends(np.zeros((0, 1)), certify(t, np.zeros((0, 1))), end.maps[0], 0, 0, 0)

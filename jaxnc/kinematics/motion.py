@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, jit, on_device
@@ -206,8 +207,16 @@ class Motion(Drawn):
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
             with numbers(self.system.parameters.points):
                 place = marker_along(derive(self.system), markers.index(point), self._q, self.rates[:order])
+            place = self._still_where_failed(place)
             return as_jax(place if not axis else place[..., "xyz".index(axis)])
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
+
+    def _still_where_failed(self, place: AnyArray) -> AnyArray:
+        """Take the derivatives from a marker's place, which follows the design, in poses that were not found."""
+        status = self.status
+        if not isinstance(place, Tracer) or not (isinstance(status, Tracer) or np.any(np.asarray(status))):
+            return place
+        return jnp.where(jnp.asarray(status == 0)[..., None], place, jax.lax.stop_gradient(place))
 
     def _columns(self, poses: Columns, name: str) -> Array | None:
         """A point, vector, marker or coordinate of a large batch, without putting the others together."""
@@ -216,7 +225,7 @@ class Motion(Drawn):
         if name in markers:
             every = [poses.column(c) for c in range(poses.rest.shape[-1])]
             with numbers(self.system.parameters.points):
-                return marker_in_lanes(derive(self.system), markers.index(name), every)
+                return self._still_where_failed(marker_in_lanes(derive(self.system), markers.index(name), every))
         at = coordinates_of(top, name)
         if isinstance(at, slice):
             return jnp.stack([poses.column(c) for c in range(at.start, at.stop)], axis=-1)

@@ -94,7 +94,8 @@ class Placed:
     def meets_all(self, w: np.ndarray) -> np.ndarray:
         """Tell which solutions ``(n, lanes)`` of combinations of rows meet every row of the first member."""
         y = np.concatenate([np.ones((1, w.shape[1])), w])
-        t = self.restricted[0] / np.abs(self.rows[0]).max(axis=(1, 2), keepdims=True)
+        largest = np.abs(self.rows[0]).max(axis=(1, 2), keepdims=True)
+        t = self.restricted[0] / np.where(largest > 0.0, largest, 1.0)
         rows = np.einsum("rij,is,js->rs", t, y, y)
         # A solution of combinations of rows meets each row if no residual is larger.
         return np.abs(rows).max(axis=0, initial=0.0) < 1e-8 * np.abs(y).max(axis=0) ** 2

@@ -283,3 +283,17 @@ def test_poses_of_another_branch_stand_still():
         slopes.append(jax.grad(place)(pin, branch))
         np.testing.assert_allclose(nc.jit(jax.grad(place))(pin, branch), slopes[-1], atol=1e-10)
     assert sorted(bool(np.any(slope)) for slope in slopes) == [False, True]
+
+
+def test_markers_of_poses_that_were_not_found_stand_still():
+    m = nc.Mechanism("stopped")
+    m.ground("A", (0, 0)), m.ground("D", (4, 0)), m.point("B", (0, 1)), m.point("C", (3.3, 2.2))
+    m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C"])
+    m.body("rocker", ["C", "D"], lengths={("C", "D"): 1.2}), m.marker("E", on="coupler", at=(2.0, 3.0))
+    m.angle("phi", at="A", to="B")
+    system, values = m.compile(), np.array([1.4, 3.0])
+    assert np.asarray(nc.solve_position(system, {"phi": values}).status).tolist()[0] == 0
+    for solve in (nc.solve_position, nc.sweep):
+        slope = jax.grad(lambda system, k, solve=solve: solve(system, {"phi": values})["E"][k].sum())
+        assert np.abs(slope(system, 0).parameters.points).max() > 0.1
+        assert not any(np.any(x) for x in jax.tree.leaves(slope(system, 1)))

@@ -74,6 +74,16 @@ def test_two_dyads_that_flip_together():
         assert one * two < 0.0, "its triangle is turned over"
 
 
+def test_a_planar_four_bar_with_hinges_in_space():
+    """It has redundant rows, and axes that follow a dyad."""
+    system = nc.library.four_bar_in_space().compile()
+    name = system.independent[0]
+    found, other = nc.flip_margin(nc.solve_position(system, {name: 0.5})), nc.modes(system, {name: 0.5}).poses
+    count = 3 * len(system.topology.points)
+    apart = np.linalg.norm(np.diff(np.asarray(other.q)[:, :count].reshape(2, -1, 3), axis=0)[0], axis=1).max()
+    assert float(found.distance) == pytest.approx(apart, rel=1e-9)
+
+
 def test_a_crank_that_turns_has_a_distance_and_no_dead_point():
     found = nc.flip_margin(nc.sweep(nc.library.four_bar().compile(), {"phi": np.linspace(0.0, 6.0, 25)}))
     assert np.isfinite(found.distance).all() and float(found.distance.min()) > 0.1

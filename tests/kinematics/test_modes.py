@@ -679,3 +679,54 @@ def test_the_drawing_beside_a_dead_point(values):
     found = nc.circuits(linkage.system, {"phi": np.linspace(0, 2 * np.pi, values)})
     assert len(found) == 1 and found.drawn == 0
     np.testing.assert_allclose(found.dead_points, [end, 2 * np.pi - end], atol=1e-7)
+
+
+def open_four_bar() -> nc.System:
+    """A four-bar 1.5, 1.2, 1, 3 with dead points at ±44.584 degrees."""
+    end = np.array([1.5 * np.cos(0.3), 1.5 * np.sin(0.3)])
+    way = np.array([3.0, 0.0]) - end
+    along = (1.2**2 - 1.0 + way @ way) / (2 * np.hypot(*way))
+    across = np.sqrt(1.2**2 - along**2) * np.array([-way[1], way[0]]) / np.hypot(*way)
+    c = end + along * way / np.hypot(*way) + across
+    return planar("open", dict(A=(0, 0), D=(3, 0)), dict(B=end, C=c), ["AB", "BC", "CD"], "AB").compile()
+
+
+@pytest.mark.parametrize("turns", [(-1.0, 1.0), (0.5, 3.5), (-0.1591, 3.1591)])
+def test_ranges_of_several_turns_have_each_assembly_once(turns):
+    found = nc.circuits(open_four_bar(), {"phi": 2 * np.pi * np.linspace(*turns, 541)})
+    assert len(found) == 1 and found.drawn == 0 and not found.doubtful
+    folded = np.abs((np.asarray(found.dead_points) + np.pi) % (2 * np.pi) - np.pi)
+    np.testing.assert_allclose(folded, np.arccos((1.5**2 + 9 - 2.2**2) / 9), atol=1e-9)
+
+
+def test_ranges_between_dead_points():
+    """As `travel` gives them: the ends are dead points, and are said to be."""
+    system = open_four_bar()
+    end = nc.travel(system, "phi").upper
+    found = nc.circuits(system, {"phi": np.linspace(-end, end, 61)})
+    assert len(found) == 1 and len(found.branches) == 2 and not found.doubtful
+    np.testing.assert_allclose(found.dead_points, [-end, end], atol=1e-9)
+    # Where branches cross at an end nothing is met there.
+    b = np.cos(0.5), np.sin(0.5)
+    m = planar("equal", dict(A=(0, 0)), dict(B=b), ["AB"], "AB")
+    m.point("C", (2 * b[0], 0.0), fixed="y"), m.body("rod", ["B", "C"])
+    found = nc.circuits(m.compile(), {"phi": np.radians(np.linspace(0, 90, 46))})
+    assert len(found) == 2 and not found.dead_points and not found.doubtful
+
+
+def test_dead_points_next_to_each_other():
+    """Two of a Stephenson six-bar, 1.75 degrees apart: each branch ends at its own."""
+    places = {
+        "A": (0.062735, 0.0548711), "B": (0.2625125, 0.1542756), "C": (0.3693093, 0.1523808),
+        "D": (0.39116, -0.0880661), "E": (0.215259, 0.4142913), "F": (0.6946424, 0.4104347),
+        "G": (0.8545333, -0.0591418),
+    }  # fmt: skip
+    system = nc.library.stephenson_six_bar("III", places=places).compile()
+    coarse, fine = (nc.circuits(system, {"phi": np.linspace(0, 2 * np.pi, n)}) for n in (241, 721))
+    assert len(coarse) == len(fine) == 1 and not coarse.doubtful
+    np.testing.assert_allclose(coarse.dead_points, fine.dead_points, atol=1e-8)
+    for branch in coarse.branches:
+        phi = np.asarray(branch.poses["phi"])
+        assert branch.lower - 1e-9 <= phi.min() and phi.max() <= branch.upper + 1e-9
+    said = [part for part in str(coarse).split("meet at phi = ")[1].split(". phi from")[0].split(", ")]
+    assert len(said) == len(coarse.dead_points)

@@ -465,6 +465,8 @@ class TestBurmester:
             syn.Guidance(five[:4]).nearest_dyads()
         with pytest.raises(nc.InputError, match="does not turn"):
             syn.Guidance(np.column_stack([six[:, :2], np.full(6, 0.2)])).nearest_dyads()
+        with pytest.raises(nc.InputError, match="does not turn"):
+            syn.Guidance(np.column_stack([six[:5, :2], np.full(5, 0.2)])).pairs()
         dyads = syn.Guidance(six).nearest_dyads()
         with pytest.raises(nc.InputError, match="a dyad of 6 poses, where there are 5"):
             syn.Guidance(five).four_bar(dyads[0], dyads[1])

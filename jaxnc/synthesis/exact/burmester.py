@@ -411,6 +411,13 @@ class Guidance:
             )
         return forms, b
 
+    def _check_turns(self) -> None:
+        if np.abs(self._turn - 1.0).max() < 1e-9:
+            raise InputError(
+                "guidance: the body does not turn, so any parallelogram whose bars suit one point suits all; use "
+                "jaxnc.synthesis.PathGeneration for that point"
+            )
+
     def pairs(self) -> BurmesterPairs:
         """All dyads through five poses: Burmester's pairs, at most four real ones.
 
@@ -418,9 +425,10 @@ class Guidance:
             The pairs with a certificate: all solutions of the equations are counted, and the residual of each is known.
 
         Raises:
-            InputError: not five poses.
+            InputError: not five poses, or a body that does not turn.
         """
         self._check_count(5, "pairs()")
+        self._check_turns()
         forms = self._forms()
         # Unknowns, homogeneous: s, u = s b, a, v = ā b (complex ones as two), with four linear equations, of the same
         # coefficients, and s v = ā u, two conics in the plane that the linear equations leave.
@@ -468,11 +476,7 @@ class Guidance:
                 f"guidance: nearest_dyads() needs 5 poses or more; through {len(self.poses)} infinitely many dyads go "
                 f"exactly"
             )
-        if np.abs(self._turn - 1.0).max() < 1e-9:
-            raise InputError(
-                "guidance: the body does not turn, so any parallelogram whose bars suit one point suits all; use "
-                "jaxnc.synthesis.PathGeneration for that point"
-            )
+        self._check_turns()
         # Bars through five of the poses are near those that come near all of them.
         five = np.linspace(0, len(self.poses) - 1, 5).astype(int)
         some = self if len(self.poses) == 5 else Guidance(self.poses[five])
