@@ -392,7 +392,7 @@ def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, ho
         if not points or point - points[-1] > 1e-9 * (values[-1] - values[0]):
             points.append(point)
 
-    def limit(value: float, dead_point: float | None) -> float:
+    def limit(value: Any, dead_point: float | None) -> float:
         return float(value if dead_point is None else min(points, key=lambda point: abs(point - dead_point)))
 
     branches = []
