@@ -27,7 +27,7 @@ from jaxnc.constraints import Kind
 from jaxnc.dynamics.model import Dynamics, force_variables, forces, function_forces, inertia_coordinates, instance_force
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.wrenches import balance_friction, has_friction
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError
 from jaxnc.reading import Builder, function, partials, rate
 from jaxnc.records import record, static
 from jaxnc.remembered import with_owner
@@ -171,10 +171,6 @@ def motion_plan(topology: Topology, driven: tuple[str, ...]) -> Plan:
             f"{topology.name!r} has {len(topology.unknown)} unknowns and is kept sparse; dynamics works with dense "
             f"matrices: compile(sparse=False)"
         )
-    for name in driven:
-        if name not in topology.position:
-            raise InputError(f"{topology.name!r} has no coordinate {name!r} to drive; "
-                             f"{nearest(name, topology.coordinates)}")  # fmt: skip
     return plan(topology, driven)
 
 

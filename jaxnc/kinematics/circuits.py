@@ -238,15 +238,18 @@ class _Range(Targets):
         if not len(step):
             return [step] * len(counts)
         start = np.concatenate([p.q for p in self.places[:-1]], axis=1)
-        size = self.design.reading.first
         found = solve_lanes(self.view, self.design.host, start.T, self.values[step + 1], np.arange(len(step)))
-        ends, unit = found.q[:, :size] / self.design.unit[:size], self.design.unit[:size, None]
         out = np.full(len(step), -1)
         for lane in np.flatnonzero(found.size <= self.free.least.close * self.free.eq.length):
-            apart = np.abs(self.places[step[lane] + 1].q[:size] / unit - ends[lane][:, None]).max(axis=0, initial=0.0)
-            if len(apart) and apart.min() < _SAME:
-                out[lane] = int(apart.argmin())
+            mode = self.mode_of(int(step[lane]) + 1, found.q[lane])
+            out[lane] = -1 if mode is None else mode
         return np.split(out, np.cumsum(counts)[:-1])
+
+    def mode_of(self, k: int, q: np.ndarray) -> int | None:
+        """Say which of the assemblies at a value a pose ``(N,)`` is; None if it is none of them."""
+        size, unit = self.design.reading.first, self.design.unit[:, None]
+        apart = np.abs((self.places[k].q[:size] - q[:size, None]) / unit[:size]).max(axis=0, initial=0.0)
+        return int(apart.argmin()) if len(apart) and apart.min() < _SAME else None
 
     def dead_point(self, low: float, high: float, one: np.ndarray, two: np.ndarray) -> tuple[float, float] | None:
         """Value of the input in a range at which two assemblies ``(N,)`` become one; None if they do not turn there.
@@ -358,24 +361,16 @@ def _close(range_: _Range, strands: list[_Strand]) -> Iterator[tuple[int, int]]:
     start[range_.order[range_.k]] -= turn
     found = solve_lanes(range_.view, range_.design.host, start.T, range_.values[near], np.arange(len(near)))
     for lane, ((number, _), k) in enumerate(zip(begun, near, strict=True)):
-        mode = _same_mode(range_, k, found.q[lane])
+        mode = range_.mode_of(k, found.q[lane])
         if mode is not None:
             yield number, strand_of[k, mode]
     turned = (values[last] - values[0]) / turn
     if turned > 0.5 and abs(turned - round(turned)) < 1e-9:
         for strand in strands:
             at_end = strand.last == last and strand.end is None
-            mode = _same_mode(range_, 0, range_.places[last].q[:, strand.modes[-1]]) if at_end else None
+            mode = range_.mode_of(0, range_.places[last].q[:, strand.modes[-1]]) if at_end else None
             if mode is not None:
                 strand.turns = strands[strand_of[0, mode]].turns = True
-
-
-def _same_mode(range_: _Range, k: int, q: np.ndarray) -> int | None:
-    """Which of the assemblies at a value a pose is; None if it is none of them."""
-    size = range_.design.reading.first
-    apart = np.abs((range_.places[k].q[:size] - q[:size, None]) / range_.design.unit[:size, None])
-    apart = apart.max(axis=0, initial=0.0)
-    return int(apart.argmin()) if len(apart) and apart.min() < _SAME else None
 
 
 def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, hold, angle: bool) -> Circuits:
@@ -431,7 +426,7 @@ def _drawn(system: System, range_: _Range, strands: list[_Strand], inputs: Input
         pose = solve_position(system, asked, hold=hold, throw=False)
         if int(pose.status) != 0:
             continue
-        mode = _same_mode(range_, int(k), np.asarray(pose.q, float))
+        mode = range_.mode_of(int(k), np.asarray(pose.q, float))
         if mode is not None:
             return next(i for i, s in enumerate(strands) if s.first <= k <= s.last and s.modes[k - s.first] == mode)
     return None

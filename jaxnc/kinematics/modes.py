@@ -621,7 +621,7 @@ def prepare(
         view = plan(top, top.named(driven), top.named(held), system.degrees_of_freedom)
         blocks = (([int(view.rows[r]) for r in rows], view.unknown[columns].tolist()) for rows, columns in view.choice)
         dyads = sum(Rows(top, *block).form == "round" for block in blocks)
-        if 2.0**dyads > most:
+        if dyads > math.log2(most):
             raise InputError(
                 f"modes(): {top.name!r} has {counted(dyads, 'dyad')}, each with two assemblies, one behind the other: "
                 f"2^{dyads} in all, and most={most} are asked for"

@@ -147,7 +147,7 @@ class Robot:
 
     def joint_values(self, motion: Motion) -> Float[Array, "... nq"]:
         """Values of all joints of poses of the mechanism, in the order of the file."""
-        q, home = self._known(motion)
+        q, home = self._coordinates_of(motion)
         balls = []
         for joint, link in self._moving("ball"):
             anchor = self._tree.anchors[joint.name]
@@ -168,7 +168,7 @@ class Robot:
         still = [x for joint in held for x in joint.held]
         return np.array(places, int), np.array([j.reference for j in lone]), np.array(still), np.array(order, int)
 
-    def _known(self, motion: Motion) -> tuple[Any, Any]:
+    def _coordinates_of(self, motion: Motion) -> tuple[Any, Any]:
         """All coordinates of poses and of the drawing, NumPy's where nothing has to be compiled for them."""
         q, home = motion.q, derive(motion.system).home
         return (np.asarray(q), np.asarray(home)) if on_host(motion.poses, motion) else (q, home)
@@ -190,7 +190,7 @@ class Robot:
 
     def frames(self, motion: Motion) -> dict[str, tuple[Array, Array]]:
         """Places ``(..., 3)`` and axes, as columns ``(..., 3, 3)``, of the frames of all links."""
-        out, (q, home) = {}, self._known(motion)
+        out, (q, home) = {}, self._coordinates_of(motion)
         for k, link in enumerate(self._description.links[1:], start=1):
             number = self._tree.rigid_of[k]
             turn = as_jax(self._turn(q, home, number) @ link.turn)

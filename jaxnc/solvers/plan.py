@@ -357,7 +357,7 @@ def _find_known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ..
         if name not in topology.position:
             use = "drive" if name in driven else "hold"
             raise InputError(
-                f"{topology.name!r} has no coordinate {name!r} to {use}; {nearest(name, topology.coordinates)}"
+                f"{topology.name!r} has no coordinate {name!r} to {use}; {nearest(name, drivable(topology))}"
             )
         known.append(topology.position[name])
     if len(set(known)) != len(known):

@@ -77,7 +77,7 @@ def on_lanes(
 def attach_along(
     f: Callable, fixed: tuple[Hashable, ...], q: Numbers, rates: Sequence[Numbers], constants: Sequence[Numbers]
 ) -> Array | None:
-    """The same of arrays that JAX differentiates once, with derivatives that are numbers: nothing is compiled for them.
+    """Find what `on_lanes` does of arrays that JAX differentiates once; nothing is compiled but a product with slopes.
 
     Returns:
         None for arrays that are not known, and for so many lanes that compiling is worth its time.
@@ -100,7 +100,7 @@ def attach_along(
         return None
     changes = np.zeros((sum(counts), 1, len(needed)))
     changes[needed, 0] = np.eye(len(needed))
-    columns = _columns([pose], const, [[term] for term in terms])
+    columns = _list_numbers([pose], const, [[term] for term in terms])
     wide = [
         np.concatenate([np.reshape(x, (-1, 1)), np.broadcast_to(change, (np.size(x), len(needed)))], axis=1)
         for x, change in zip(columns, changes, strict=True)
@@ -115,7 +115,7 @@ def attach_along(
     by = tuple(sorted(set(array.tolist())))
     value = value.reshape(*lead, *reading(f, fixed, shapes)[1])
     return attach(
-        _change_along,
+        _change_by_lanes,
         tuple(shared[k] for k in by),
         value,
         [given[k] for k in by],
@@ -124,7 +124,7 @@ def attach_along(
     )
 
 
-def _change_along(shared: tuple[bool, ...], value: Array, args: tuple, changes: tuple) -> Array:
+def _change_by_lanes(shared: tuple[bool, ...], value: Array, args: tuple, changes: tuple) -> Array:
     return _multiply_along(shared, value, changes[0], *args[1:])
 
 
@@ -154,12 +154,12 @@ def columns_on_lanes(
     found = _time_derivative(f, fixed, shapes, len(rates))
     if traced:
         return _columns_in_jax(found.traced, tuple(q), tuple(map(tuple, rates)), tuple(given))
-    x = _columns(q, given, rates)
+    x = _list_numbers(q, given, rates)
     with np.errstate(all="ignore"):
         return [np.broadcast_to(value, lead).astype(q[0].dtype, copy=False) for value in found.on_lanes(x)]
 
 
-def _columns(q: Sequence[Any], constants: Sequence[Any], rates: Sequence[Sequence[Any]]) -> list[Any]:
+def _list_numbers(q: Sequence[Any], constants: Sequence[Any], rates: Sequence[Sequence[Any]]) -> list[Any]:
     x = [column for part in q for column in np.moveaxis(part, -1, 0)]
     x += [number for c in constants for number in c.reshape(-1)]
     return x + [column for term in rates for part in term for column in np.moveaxis(np.asarray(part), -1, 0)]

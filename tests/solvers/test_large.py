@@ -485,6 +485,8 @@ def test_dense_analyses_are_refused_with_what_is_offered():
     for find, phi in ((nc.modes, 1.0), (nc.circuits, [1.0, 1.1])):
         with pytest.raises(nc.InputError, match=r"dyads.*most=1000"):
             find(system, {"phi": phi})
+    with pytest.raises(nc.InputError, match=r"2\^1101 in all"):  # no float has as many
+        nc.modes(library.four_bar_chain(1100).compile(), {"phi": 1.0})
     with pytest.raises(nc.InputError, match=r"too few inputs.*'four-bar chain'"):
         nc.solve_position(system, {})
 
