@@ -164,7 +164,8 @@ def test_input_that_does_not_exist():
     says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)}, rates={"psi": 1.0}), "'psi'", "phi")
     # An unknown name is said before the shape of its values, and by what it was to be used for.
     says(nc.InputError, lambda: nc.sweep(four_bar(), {"ph1": 1.0}), "'ph1' to drive", "did you mean 'phi'?")
-    says(nc.InputError, lambda: nc.sweep(four_bar(), {"q": 1.0}), "'q' to drive", "known names: B.x")  # none of the ground
+    # The names told are those that can be driven: none of the ground.
+    says(nc.InputError, lambda: nc.sweep(four_bar(), {"q": 1.0}), "'q' to drive", "known names: A.x, A.y, B.x")
     says(nc.InputError, lambda: nc.solve_position(four_bar(), {"phi": 1.0}, hold=["ph1"]), "'ph1' to hold", "'phi'")
     says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)})["Q"], "'Q'", "P")
     mo = nc.sweep(four_bar(), {"phi": np.zeros(3)})
