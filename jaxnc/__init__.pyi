@@ -12,6 +12,7 @@ from jaxnc import system as system
 from jaxnc import vehicle as vehicle
 from jaxnc import viz as viz
 from jaxnc import workshop as workshop
+from jaxnc.cli.main import cache as cache
 from jaxnc.compiling import jit as jit
 from jaxnc.dynamics.equilibrium import equilibrium as equilibrium
 from jaxnc.dynamics.linear import linearise as linearise
@@ -26,7 +27,6 @@ from jaxnc.errors import MechanismError as MechanismError
 from jaxnc.errors import ModelFileError as ModelFileError
 from jaxnc.errors import OutputError as OutputError
 from jaxnc.families import formulate as formulate
-from jaxnc.io.cache import cache as cache
 from jaxnc.io.files import load as load
 from jaxnc.io.stream import stream as stream
 from jaxnc.kinematics.arc import circuit as circuit

@@ -19,8 +19,8 @@ from jax.core import ShapedArray, Tracer
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxnc.calls import promoted
 from jaxnc.compiling import in_chunks, jit
-from jaxnc.promotion import promoted
 from jaxnc.types import AnyArray, Array, PyTree
 
 Arrays = Sequence[Array]

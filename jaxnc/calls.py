@@ -1,25 +1,63 @@
-"""Calls of public functions: one that a function does not take is refused in the user's words, not in Python's."""
+"""Calls of public functions: one that a function does not take is refused in the user's words, not in Python's.
+
+They are calculated with JAX's own settings of what is promoted. A user may tell JAX to refuse what it would promote
+(``jax_numpy_rank_promotion="raise"``, ``jax_numpy_dtype_promotion="strict"``). That holds for the user's code. What the
+library calculates is traced with JAX's own settings, and so are the rules of its transformations, which JAX calls
+later.
+"""
 
 import builtins
 import collections.abc
+import contextlib
 import functools
 import importlib
 import inspect
 import os
 import re
+import sys
 import types
 import typing
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from numbers import Real
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
 from jaxnc.errors import CallError, JaxncError, UnknownName, brief, nearest, not_installed
-from jaxnc.promotion import promoted, promoting
 
-_P = TypeVar("_P", bound=Callable)
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_AS_IT_IS = contextlib.nullcontext()
+
+
+def promoting(inner: contextlib.AbstractContextManager = _AS_IT_IS) -> contextlib.AbstractContextManager:
+    """Promote shapes and number types inside of a ``with`` statement, and be inside of another context too."""
+    jax = sys.modules.get("jax")
+    config = getattr(jax, "config", None)  # none as long as JAX is being imported, or never is
+    if config is None or (config.jax_numpy_rank_promotion, config.jax_numpy_dtype_promotion) == ("allow", "standard"):
+        return inner
+    return _promoting(jax, inner)
+
+
+@contextlib.contextmanager
+def _promoting(jax: Any, inner: contextlib.AbstractContextManager) -> Iterator[None]:
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"), inner:
+        yield
+
+
+def promoted(f: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Have a function promote shapes and number types, whatever the user's settings are."""
+
+    @functools.wraps(f)
+    def inner(*args: _P.args, **options: _P.kwargs) -> _R:
+        with promoting():
+            return f(*args, **options)
+
+    return inner
+
+
+_Thing = TypeVar("_Thing", bound=Callable)
 
 _RAW = (TypeError, ValueError, AttributeError, LookupError, OverflowError)
 _OPERATORS = ("__init__", "__call__", "__getitem__")
@@ -62,10 +100,10 @@ _CALLED = {
 _ELSEWHERE = {"redundancy": "an argument of sweep(system, …, redundancy='independent rows') alone"}
 
 
-def public(thing: _P) -> _P:
+def public(thing: _Thing) -> _Thing:
     """Open a function, or the methods of a class, to users.
 
-    Its calculations promote shapes and number types, see `jaxnc.promotion`. Whatever it raises on purpose passes. A
+    Its calculations promote shapes and number types, see `jaxnc.calls`. Whatever it raises on purpose passes. A
     call that does not bind, and one that fails because an argument is not of the kind that the signature says, raises a
     `CallError` instead; arguments are looked at only then.
     """

@@ -25,13 +25,13 @@ DOORS = {
     "Motion.to_csv": "jaxnc.io.tables:to_csv",
     "Motion.to_npz": "jaxnc.io.tables:to_npz",
     "Motion.to_parts": "jaxnc.workshop:to_parts",
-    "Motion.to_frame": "jaxnc.io.frames:to_frame",
-    "Motion.to_xarray": "jaxnc.io.frames:to_xarray",
+    "Motion.to_frame": "jaxnc.io.tables:to_frame",
+    "Motion.to_xarray": "jaxnc.io.tables:to_xarray",
     "SuspensionReport.plot": "jaxnc.viz.studies:plot_suspension",
     "System.degrees_of_freedom": "jaxnc.solvers.assembly:with_degrees_of_freedom",
     "System.extended": "jaxnc.dynamics.extended:look_around",
     "draw": "jaxnc.viz.drawing:draw",
-    "show_html": "jaxnc.viz.repr_html:show_html",
+    "show_html": "jaxnc.viz.svg:show_html",
 }
 """By door: the module and the function that it leads to."""
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from benchmarks.synthesis.case import Case
 from jaxnc.io.problems import load_problem
-from jaxnc.io.source import Source, decode
-from jaxnc.io.statement import ProblemFile
+from jaxnc.io.source import ProblemFile, Source, decode
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.result import Result
 

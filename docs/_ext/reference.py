@@ -43,7 +43,7 @@ UNNAMED = (
     "jaxnc.families.planner.Variable",
     "jaxnc.synthesis.conditions.Seen",
     "jaxnc.synthesis.problem.Extras",
-    "jaxnc.synthesis.tolerance.sampling.Question",
+    "jaxnc.synthesis.tolerance.spread.Question",
     "jaxnc.synthesis.problem.Variables",
     "jaxnc.system.identity.Owner",
     "jaxnc.system.topology.BlockLayout",

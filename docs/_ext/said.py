@@ -2,8 +2,8 @@
 
 import jaxnc as nc
 from jaxnc import synthesis
-from jaxnc.io import statement
-from jaxnc.io.svg import outline
+from jaxnc.io import source
+from jaxnc.io.curve_files import outline
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
@@ -268,10 +268,10 @@ RECORDS = {
 }
 
 PROBLEMS = {
-    "At the top": (statement.ProblemFile, synthesis.PathGeneration.__init__),
-    "[[conditions]]": (statement.ConditionEntry, None),
-    "[search]": (statement.SearchOptions, synthesis.solve),
-    "target = { svg = … }": (statement.SvgTarget, outline),
+    "At the top": (source.ProblemFile, synthesis.PathGeneration.__init__),
+    "[[conditions]]": (source.ConditionEntry, None),
+    "[search]": (source.SearchOptions, synthesis.solve),
+    "target = { svg = … }": (source.SvgTarget, outline),
 }
 
 KEYS_AS = {  # keys that the builder's methods call otherwise

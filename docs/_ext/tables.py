@@ -22,7 +22,7 @@ from jaxnc.constraints import CATALOGUE as KINDS
 from jaxnc.constraints import RATES
 from jaxnc.dynamics.simulate import FIXED
 from jaxnc.forces import CATALOGUE as FORCES
-from jaxnc.io import source, statement
+from jaxnc.io import source
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.model import angle_forms, distance_forms
@@ -490,7 +490,7 @@ def problem_files() -> str:
     told(
         "records of problem files",
         dict.fromkeys([s.__name__ for s, _ in said.PROBLEMS.values()], ""),
-        _records(statement),
+        _records(source),
     )
     for title, (spec, where) in said.PROBLEMS.items():
         parts += [f"## {title}\n", first(spec) + "\n", table(HEAD, _fields(spec, where))]

@@ -216,7 +216,7 @@ def do_trace(question: Question, options: argparse.Namespace, importing: float) 
 
 def _show_trace_page(options: argparse.Namespace) -> int:
     """Write the page on which a curve is drawn, or serve it until it is interrupted."""
-    from jaxnc.viz.pages.trace_page import TraceServer, trace_page
+    from jaxnc.viz.pages.page import TraceServer, trace_page
 
     if options.page:
         path = trace_page(options.page)

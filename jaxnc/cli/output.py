@@ -15,6 +15,7 @@ from jaxnc.kinematics.inputs import doubtful_size
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import align_columns
 from jaxnc.progress import step_bar
+from jaxnc.reporting.checked import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.outcome import (
     CROSSING,
     crossings,
@@ -25,7 +26,6 @@ from jaxnc.reporting.outcome import (
     scales_of,
     why,
 )
-from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import File, Verdict
 from jaxnc.status import Status
 from jaxnc.system.system import System

@@ -10,10 +10,8 @@ import msgspec
 import numpy as np
 
 from jaxnc.errors import InputError, OutputError, nearest
-from jaxnc.io.drives import check_driven, check_run, is_angle
-from jaxnc.io.files import load
-from jaxnc.io.source import SUFFIXES, Source, decode
-from jaxnc.io.statement import statement
+from jaxnc.io.files import check_driven, check_run, is_angle, load
+from jaxnc.io.source import SUFFIXES, Source, decode, statement
 from jaxnc.io.target import folder, stem
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record

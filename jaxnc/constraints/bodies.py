@@ -6,9 +6,8 @@ along it; the body then has five freedoms), two segments, or three of them in th
 
 from typing import Any
 
-from jaxnc.constraints.directions import counts, cross3, power, reader, triple
 from jaxnc.constraints.elementary import ratio, stacked, where
-from jaxnc.constraints.kind import Kind, cross, dot, norm
+from jaxnc.constraints.kind import Kind, counts, cross, cross3, dot, norm, power, reader, triple
 from jaxnc.pickling import factory
 
 

@@ -7,9 +7,8 @@ In the plane an angle runs from the direction ``p[0] -> p[1]`` to the direction 
 from collections.abc import Callable
 from typing import Any
 
-from jaxnc.constraints.directions import about, counts, cross3, power, radius, reader, unit_of
 from jaxnc.constraints.elementary import angle, cos, sin, where
-from jaxnc.constraints.kind import Kind, cross, dot, norm
+from jaxnc.constraints.kind import Kind, about, counts, cross, cross3, dot, norm, power, radius, reader, unit_of
 from jaxnc.pickling import factory
 from jaxnc.types import Array
 

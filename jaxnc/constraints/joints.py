@@ -5,9 +5,24 @@ In space they are written over directions that are unit vectors or segments. Row
 
 import math
 
-from jaxnc.constraints.directions import about, counts, cross3, power, radius, reader, triple, unit, unit_of
 from jaxnc.constraints.elementary import ratio, stacked, where
-from jaxnc.constraints.kind import Kind, RateKind, cross, dot, kept_angle, norm
+from jaxnc.constraints.kind import (
+    Kind,
+    RateKind,
+    about,
+    counts,
+    cross,
+    cross3,
+    dot,
+    kept_angle,
+    norm,
+    power,
+    radius,
+    reader,
+    triple,
+    unit,
+    unit_of,
+)
 from jaxnc.pickling import factory
 
 COINCIDENT = Kind(

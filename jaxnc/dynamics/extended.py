@@ -15,8 +15,8 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import on_device
-from jaxnc.constraints.directions import unit
-from jaxnc.remembered import by_identity, with_owner
+from jaxnc.constraints.kind import unit
+from jaxnc.records import by_identity, with_owner
 from jaxnc.solvers.assembly import derive, evaluate, rank_of, sample_poses
 from jaxnc.solvers.elimination import with_special
 from jaxnc.system.design import design, design_numbers

@@ -29,8 +29,7 @@ from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.wrenches import balance_friction, has_friction
 from jaxnc.errors import InputError
 from jaxnc.reading import Builder, function, partials, rate
-from jaxnc.records import record, static
-from jaxnc.remembered import with_owner
+from jaxnc.records import record, static, with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan

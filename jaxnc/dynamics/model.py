@@ -20,7 +20,7 @@ from jax.core import Tracer
 from jaxnc.autodiff import attach_matrix
 from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device
-from jaxnc.constraints.directions import unit
+from jaxnc.constraints.kind import unit
 from jaxnc.dynamics.extended import extended, is_concrete
 from jaxnc.errors import InputError, nearest
 from jaxnc.forces import CATALOGUE, ForceKind
@@ -28,8 +28,7 @@ from jaxnc.internals import evaluate_at_once, values_behind
 from jaxnc.kinematics.inputs import check_parameters, check_system
 from jaxnc.kinematics.motion import coordinates_of
 from jaxnc.reading import OutOfRange, Unreadable, trace
-from jaxnc.records import record, static
-from jaxnc.remembered import by_identity, with_owner
+from jaxnc.records import by_identity, record, static, with_owner
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.design import GEOMETRY, carry_design, design, design_numbers, find_traced, with_unit_changes
 from jaxnc.system.equations import Equations, equations, rate_constants

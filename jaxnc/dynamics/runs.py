@@ -45,8 +45,7 @@ from jaxnc.dynamics.start import (
 from jaxnc.dynamics.steps import METHODS, MotionState, Moving, Phase, alpha_step, phases_of, settle, start_alpha, step
 from jaxnc.dynamics.wrenches import has_friction
 from jaxnc.internals import evaluate_at_once
-from jaxnc.records import record
-from jaxnc.remembered import with_owner
+from jaxnc.records import record, with_owner
 from jaxnc.solvers.assembly import free_plan, to_host
 from jaxnc.solvers.host import HostView, start_changes
 from jaxnc.solvers.newton import attach_pose, largest

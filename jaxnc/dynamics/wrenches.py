@@ -33,7 +33,7 @@ import numpy as np
 
 from jaxnc.dynamics.model import Dynamics, force_values, forces, inertia_coordinates, inertia_nodes, inertias
 from jaxnc.forces import COUPLE
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.solvers.dense import solver
 from jaxnc.system.equations import Equations, coefficients, entries, places
 from jaxnc.system.frames import spins, spread

@@ -15,9 +15,8 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxnc.constraints.directions import about, reader, unit
 from jaxnc.constraints.elementary import angle, cos, ratio, sin
-from jaxnc.constraints.kind import cross, dot, norm
+from jaxnc.constraints.kind import about, cross, dot, norm, reader, unit
 from jaxnc.system.frames import body_axes, quaternions
 from jaxnc.types import AnyArray, Array, Components, Numbers, Scalar
 

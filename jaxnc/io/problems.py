@@ -6,12 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.io.curve_files import read_numbers
-from jaxnc.io.drives import unit_of
-from jaxnc.io.files import load
-from jaxnc.io.source import Source
-from jaxnc.io.statement import ConditionEntry, ProblemFile, SearchOptions, SvgTarget, statement
-from jaxnc.io.svg import outline
+from jaxnc.io.curve_files import outline, read_numbers
+from jaxnc.io.files import load, unit_of
+from jaxnc.io.source import ConditionEntry, ProblemFile, SearchOptions, Source, SvgTarget, statement
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import conditions as kinds
 from jaxnc.synthesis.clearance import clear_links, clear_of

@@ -13,9 +13,8 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted, nearest
-from jaxnc.io.archive import PartialTable, checksums
 from jaxnc.io.tables import Table, arrays_of, load_npz, select_quantities, table_arrays, table_head
-from jaxnc.io.target import file_name
+from jaxnc.io.target import PartialTable, checksums, file_name
 from jaxnc.kinematics.inputs import angle_unit, array, check_system, doubt_degrees, in_radians, make_plan, whole
 from jaxnc.kinematics.motion import Motion, drawn_motion
 from jaxnc.kinematics.position import solve_position

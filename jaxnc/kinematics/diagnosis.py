@@ -14,7 +14,7 @@ from jaxnc.kinematics.position import solve_position
 from jaxnc.notebooks import Reported
 from jaxnc.solvers.assembly import derive, free_plan, meets, settle
 from jaxnc.solvers.host import HostView
-from jaxnc.solvers.host.matrices import least_squares
+from jaxnc.solvers.host.view import least_squares
 from jaxnc.status import Status
 from jaxnc.system.host import Expansion, HostEquations, Slot, from_jax
 from jaxnc.system.precision import widened

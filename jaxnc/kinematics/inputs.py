@@ -15,7 +15,7 @@ from jax.core import Tracer
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, WrongCount, brief, nearest
 from jaxnc.kinematics.freedoms import explain_lock, loose_motions
-from jaxnc.remembered import by_identity
+from jaxnc.records import by_identity
 from jaxnc.solvers.assembly import derive, evaluate, meets, settle
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations

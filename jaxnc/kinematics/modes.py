@@ -17,8 +17,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.continuation.certificate import Balls, are_disjoint, certify
 from jaxnc.continuation.monodromy import SAME, is_new
-from jaxnc.continuation.quadratic import QuadraticPaths, inverses
-from jaxnc.continuation.tracker import BOLD, CAREFUL
+from jaxnc.continuation.tracker import BOLD, CAREFUL, QuadraticPaths, inverses
 from jaxnc.doors import door
 from jaxnc.errors import InputError, brief, counted
 from jaxnc.kinematics.inputs import check_inputs, check_system, whole

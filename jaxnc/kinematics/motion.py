@@ -443,11 +443,11 @@ class Motion(Drawn):
         return door("Motion.to_parts")(self, folder, formats, **sizes)
 
     def to_frame(self, names: Sequence[str] | None = None, unit: str | None = None) -> "pandas.DataFrame":
-        """A pandas data frame, one row a pose; see `jaxnc.io.frames.to_frame`."""
+        """A pandas data frame, one row a pose; see `jaxnc.io.tables.to_frame`."""
         return door("Motion.to_frame")(self, names, unit)
 
     def to_xarray(self, names: Sequence[str] | None = None, unit: str | None = None) -> "xarray.Dataset":
-        """An xarray data set with dimensions pose, point and axis; see `jaxnc.io.frames.to_xarray`."""
+        """An xarray data set with dimensions pose, point and axis; see `jaxnc.io.tables.to_xarray`."""
         return door("Motion.to_xarray")(self, names, unit)
 
     def __repr__(self) -> str:

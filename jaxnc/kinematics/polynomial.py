@@ -20,7 +20,7 @@ import numpy as np
 
 from jaxnc.constraints import Kind
 from jaxnc.reading import Builder, OutOfRange, Program, Unreadable, function, partials, polynomials
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations

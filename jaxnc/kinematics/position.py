@@ -31,7 +31,7 @@ from jaxnc.kinematics.inputs import (
 )
 from jaxnc.kinematics.motion import Columns, Motion, coordinates_of, motion_of
 from jaxnc.kinematics.spread import Devices, choose, solve_on
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, settle, to_host
 from jaxnc.solvers.host import view_of

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from jaxnc.continuation.quadratic import QuadraticPaths, fit_powers
+from jaxnc.continuation.tracker import QuadraticPaths, fit_powers
 from jaxnc.kinematics.polynomial import RANK, Member, Reading
 
 _NOTHING = 1e-12  # a coefficient, beside rows of size one, that is rounding

@@ -17,7 +17,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, brief
-from jaxnc.remembered import by_identity
+from jaxnc.records import by_identity
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.types import Array, PyTree

@@ -16,9 +16,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxnc.continuation.monodromy import Found, is_new, run_loops, solve_by_degree
-from jaxnc.continuation.quadratic import QuadraticPaths
-from jaxnc.continuation.sections import trace_solutions
+from jaxnc.continuation.monodromy import Found, is_new, run_loops, solve_by_degree, trace_solutions
+from jaxnc.continuation.tracker import QuadraticPaths
 from jaxnc.errors import counted
 from jaxnc.kinematics.polynomial import Design, Member, Reading, by_structure
 from jaxnc.kinematics.reduction import WAYS, Placed, Reduction

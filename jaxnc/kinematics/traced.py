@@ -20,7 +20,7 @@ from jaxnc import process
 from jaxnc.compiling import in_chunks, jit
 from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.motion import Columns
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.solvers import fill, host
 from jaxnc.solvers.fill import in_order, one_by_one
 from jaxnc.solvers.kernel import fusion_barrier, kernel, opaque_true, writes_out

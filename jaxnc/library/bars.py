@@ -4,9 +4,10 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
-from jaxnc.library.dimensions import Length, Misfit, offer
 from jaxnc.library.drawing import (
     TURN,
+    Length,
+    Misfit,
     Point,
     crank_travel,
     drive,
@@ -14,6 +15,7 @@ from jaxnc.library.drawing import (
     lay_out,
     lay_out_joints,
     meet,
+    offer,
     place_along,
     polar,
     turn_crank,

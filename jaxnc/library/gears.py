@@ -5,9 +5,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jaxnc.library.dimensions import Length, Misfit, offer
 from jaxnc.library.drawing import (
     TURN,
+    Length,
+    Misfit,
     Vector,
     X,
     Y,
@@ -18,6 +19,7 @@ from jaxnc.library.drawing import (
     drive,
     hardpoints,
     lay_out,
+    offer,
     place_along,
     polar,
     rotate,

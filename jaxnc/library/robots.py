@@ -5,19 +5,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jaxnc.library.dimensions import Length, Misfit, as_numbers, offer
 from jaxnc.library.drawing import (
     TURN,
+    Length,
+    Misfit,
     Point,
     Vector,
     X,
     Z,
+    as_numbers,
     crank_travel,
     drive,
     hardpoints,
     lay_out,
     lay_out_joints,
     meet,
+    offer,
     place_along,
     polar,
     rotate,

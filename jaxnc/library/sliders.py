@@ -3,8 +3,7 @@
 import math
 from typing import Literal
 
-from jaxnc.library.dimensions import Length, Misfit, offer
-from jaxnc.library.drawing import TURN, Point, crank_travel, drive, lay_out, polar, reach_guide
+from jaxnc.library.drawing import TURN, Length, Misfit, Point, crank_travel, drive, lay_out, offer, polar, reach_guide
 from jaxnc.mechanism import Mechanism
 
 

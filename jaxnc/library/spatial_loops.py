@@ -6,10 +6,11 @@ from typing import Literal
 
 import numpy as np
 
-from jaxnc.library.dimensions import Length, Misfit, offer
 from jaxnc.library.drawing import (
     FLAT,
     TURN,
+    Length,
+    Misfit,
     Vector,
     X,
     Y,
@@ -22,6 +23,7 @@ from jaxnc.library.drawing import (
     drive,
     hardpoints,
     lay_out,
+    offer,
     reach,
     revolve_point,
     rotate,

@@ -2,8 +2,19 @@
 
 import math
 
-from jaxnc.library.dimensions import Length, Misfit, offer
-from jaxnc.library.drawing import Point, crank_travel, drive, lay_out, meet, place_along, polar, turn_crank
+from jaxnc.library.drawing import (
+    Length,
+    Misfit,
+    Point,
+    crank_travel,
+    drive,
+    lay_out,
+    meet,
+    offer,
+    place_along,
+    polar,
+    turn_crank,
+)
 from jaxnc.mechanism import Mechanism
 
 

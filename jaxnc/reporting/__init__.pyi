@@ -1,6 +1,6 @@
-from jaxnc.reporting.quantity import Forces as Forces
-from jaxnc.reporting.quantity import Peak as Peak
-from jaxnc.reporting.quantity import Quantity as Quantity
+from jaxnc.reporting.checked import Forces as Forces
+from jaxnc.reporting.checked import Peak as Peak
+from jaxnc.reporting.checked import Quantity as Quantity
 from jaxnc.reporting.study import Report as Report
 from jaxnc.reporting.study import report as report
 from jaxnc.reporting.transmission import Transmission as Transmission

@@ -10,16 +10,15 @@ import msgspec
 import numpy as np
 
 from jaxnc.errors import InputError
-from jaxnc.io.drives import SweepArguments
-from jaxnc.io.drives import unit_of as unit_in_radians
+from jaxnc.io.files import SweepArguments
+from jaxnc.io.files import unit_of as unit_in_radians
 from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
 from jaxnc.kinematics.inputs import METRES
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.mechanism import Mechanism
-from jaxnc.reporting.checked import apart
-from jaxnc.reporting.quantity import ZERO, Quantity, constant, course, extreme, extreme_of, quantities, unit_of
+from jaxnc.reporting.checked import ZERO, Quantity, apart, constant, course, extreme, extreme_of, quantities, unit_of
 from jaxnc.reporting.transmission import transmissions
 from jaxnc.reporting.verdict import (
     Expectation,
@@ -35,8 +34,8 @@ from jaxnc.reporting.verdict import (
 from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
 from jaxnc.system.system import System, characteristic_length
-from jaxnc.vehicle.hardpoints import RACK, usual
 from jaxnc.vehicle.report import SuspensionReport, suspension_report
+from jaxnc.vehicle.suspension import RACK, usual
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import quantity
 
@@ -228,7 +227,7 @@ def check_expected(system: System, arguments: SweepArguments, texts: Sequence[st
 
     Args:
         system: the system.
-        arguments: as of `jaxnc.io.drives.sweep_arguments`.
+        arguments: as of `jaxnc.io.files.sweep_arguments`.
         texts: the expectations.
     """
     if not texts:

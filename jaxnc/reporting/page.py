@@ -14,18 +14,16 @@ from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError, counted
 from jaxnc.io.files import model_toml
 from jaxnc.kinematics.motion import Motion
-from jaxnc.reporting.checked import parts
+from jaxnc.reporting.checked import ZERO, Quantity, constant, parts, unit_of
 from jaxnc.reporting.outcome import energies, idle, inputs_at, scales_of
-from jaxnc.reporting.quantity import ZERO, Quantity, constant, unit_of
 from jaxnc.reporting.transmission import unexplained_bodies
 from jaxnc.reporting.verdict import Finding, Verdict
 from jaxnc.types import ArrayLike
-from jaxnc.viz.pages.packing import fill_template
+from jaxnc.viz.pages.content import fill_template
 from jaxnc.viz.pages.page import page_colours
 from jaxnc.viz.poses import poses, true_runs
-from jaxnc.viz.repr_html import save_page
 from jaxnc.viz.style import short, symbol
-from jaxnc.viz.svg import element, inline_pose, path_data
+from jaxnc.viz.svg import element, inline_pose, path_data, save_page
 
 if TYPE_CHECKING:
     from jaxnc.reporting.study import Report

@@ -16,8 +16,7 @@ from jaxnc.calls import public
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.exports import version
-from jaxnc.io.drives import sweep_arguments
-from jaxnc.io.files import json_text, plain
+from jaxnc.io.files import json_text, plain, sweep_arguments
 from jaxnc.kinematics.diagnosis import Diagnosis
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.mobility import Mobility, mobility
@@ -27,7 +26,21 @@ from jaxnc.kinematics.sensitivity import Sensitivity, sensitivity
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.notebooks import Reported
-from jaxnc.reporting.checked import assembly, count, drives, locking_parts, oddities, reach
+from jaxnc.reporting.checked import (
+    ZERO,
+    Forces,
+    Quantity,
+    assembly,
+    count,
+    drives,
+    forces,
+    locking_parts,
+    oddities,
+    quantities,
+    reach,
+    shown_in,
+    unit_of,
+)
 from jaxnc.reporting.outcome import (
     as_it_says,
     carry_out,
@@ -41,7 +54,6 @@ from jaxnc.reporting.outcome import (
     wheel,
     why,
 )
-from jaxnc.reporting.quantity import ZERO, Forces, Quantity, forces, quantities, shown_in, unit_of
 from jaxnc.reporting.transmission import Transmission, transmissions
 from jaxnc.reporting.verdict import Derivative, Drive, Verdict
 from jaxnc.solvers.assembly import derive
@@ -49,7 +61,7 @@ from jaxnc.system.assemble import assemble
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.vehicle.report import SuspensionReport
-from jaxnc.viz.draft import POSES, whole_range
+from jaxnc.viz.poses import POSES, whole_range
 
 
 @public

@@ -23,7 +23,7 @@ from jaxnc.families.bodies import (
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.checks import PARALLEL
-from jaxnc.robots.description import (
+from jaxnc.robots.import_tree import (
     Description,
     ElementaryJoint,
     Inertia,

@@ -15,9 +15,18 @@ from jaxnc.dynamics.model import force_constants
 from jaxnc.errors import InputError, JaxncError, ModelFileError, nearest
 from jaxnc.forces.kind import CATALOGUE
 from jaxnc.io.target import write
-from jaxnc.robots.description import Description, ElementaryJoint, Follower, Inertia, Link, LoopClosure, Tie
 from jaxnc.robots.export_tree import ExportTree
-from jaxnc.robots.import_tree import ImportTree, MovedPlaces
+from jaxnc.robots.import_tree import (
+    Description,
+    ElementaryJoint,
+    Follower,
+    ImportTree,
+    Inertia,
+    Link,
+    LoopClosure,
+    MovedPlaces,
+    Tie,
+)
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.frames import quaternions
 

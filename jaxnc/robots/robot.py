@@ -18,8 +18,7 @@ from jaxnc.kinematics.instant import as_jax, body_of
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
-from jaxnc.robots.description import ElementaryJoint, Link
-from jaxnc.robots.import_tree import ImportTree, MovedPlaces
+from jaxnc.robots.import_tree import ElementaryJoint, ImportTree, Link, MovedPlaces
 from jaxnc.robots.mjcf import MjcfFile
 from jaxnc.robots.urdf import UrdfFile
 from jaxnc.solvers.assembly import derive, rank_of, sample_poses

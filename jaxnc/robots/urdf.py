@@ -10,20 +10,21 @@ import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError, nearest
 from jaxnc.io.target import write
-from jaxnc.robots.description import (
+from jaxnc.robots.export_tree import ExportTree
+from jaxnc.robots.import_tree import (
     Description,
     ElementaryJoint,
     Follower,
+    ImportTree,
     Inertia,
     Link,
     LoopClosure,
+    MovedPlaces,
     Vec,
     free_name,
     perpendicular,
     rotate_about,
 )
-from jaxnc.robots.export_tree import ExportTree
-from jaxnc.robots.import_tree import ImportTree, MovedPlaces
 from jaxnc.robots.mjcf import add_element, xml_text
 
 _KINDS = {

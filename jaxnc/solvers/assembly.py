@@ -11,7 +11,7 @@ from jax.core import Tracer
 from jaxnc.compiling import jit, on_device
 from jaxnc.errors import MechanismError
 from jaxnc.process import one_thread
-from jaxnc.remembered import by_identity
+from jaxnc.records import by_identity
 from jaxnc.solvers import host
 from jaxnc.solvers.elimination import independent_coordinates, with_special
 from jaxnc.solvers.plan import LARGEST_WRITTEN, LargePlan, Plan, plan

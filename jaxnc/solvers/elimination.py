@@ -21,7 +21,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.system.equations import places
 from jaxnc.system.structure import host_kind, program
 from jaxnc.system.topology import Special, Topology

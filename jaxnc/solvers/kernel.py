@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 
 from jaxnc.autodiff import solve_linear
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import Eliminated, Factors, Pivots, eliminate_block, plan_elimination
 from jaxnc.solvers.plan import LARGEST_WRITTEN, Plan

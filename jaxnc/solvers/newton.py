@@ -15,7 +15,7 @@ from jax import lax
 
 from jaxnc import autodiff
 from jaxnc.compiling import in_chunks, jit
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.solvers import dense, host
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan

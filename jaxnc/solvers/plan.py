@@ -14,7 +14,7 @@ from jax import lax
 
 from jaxnc.autodiff import solve_linear
 from jaxnc.errors import InputError, WrongCount, counted, nearest
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.solvers import dense
 from jaxnc.solvers.elimination import match_rows, pivot_sizes, strong_components
 from jaxnc.solvers.sparse_matrix import Factoriser, Pattern

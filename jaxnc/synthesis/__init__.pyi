@@ -22,11 +22,6 @@ from jaxnc.synthesis.exact.burmester import BurmesterCurves as BurmesterCurves
 from jaxnc.synthesis.exact.burmester import BurmesterPairs as BurmesterPairs
 from jaxnc.synthesis.exact.burmester import Dyad as Dyad
 from jaxnc.synthesis.exact.burmester import Guidance as Guidance
-from jaxnc.synthesis.exact.cognates import coupler_curve as coupler_curve
-from jaxnc.synthesis.exact.cognates import distinct as distinct
-from jaxnc.synthesis.exact.cognates import roberts_cognates as roberts_cognates
-from jaxnc.synthesis.exact.cognates import same_curve as same_curve
-from jaxnc.synthesis.exact.cognates import slider_crank_cognate as slider_crank_cognate
 from jaxnc.synthesis.exact.freudenstein import FunctionDesign as FunctionDesign
 from jaxnc.synthesis.exact.freudenstein import FunctionDesigns as FunctionDesigns
 from jaxnc.synthesis.exact.freudenstein import chebyshev_points as chebyshev_points
@@ -36,6 +31,11 @@ from jaxnc.synthesis.exact.freudenstein import slider_crank_function as slider_c
 from jaxnc.synthesis.exact.linkage import FourBar as FourBar
 from jaxnc.synthesis.exact.linkage import GuidedFourBar as GuidedFourBar
 from jaxnc.synthesis.exact.linkage import SliderCrank as SliderCrank
+from jaxnc.synthesis.exact.linkage import coupler_curve as coupler_curve
+from jaxnc.synthesis.exact.linkage import distinct as distinct
+from jaxnc.synthesis.exact.linkage import roberts_cognates as roberts_cognates
+from jaxnc.synthesis.exact.linkage import same_curve as same_curve
+from jaxnc.synthesis.exact.linkage import slider_crank_cognate as slider_crank_cognate
 from jaxnc.synthesis.exact.nearest import NearestDyads as NearestDyads
 from jaxnc.synthesis.exact.precision_points import PathDesigns as PathDesigns
 from jaxnc.synthesis.exact.precision_points import path_four_bars as path_four_bars
@@ -66,10 +66,10 @@ from jaxnc.synthesis.tolerance.allocation import reciprocal as reciprocal
 from jaxnc.synthesis.tolerance.allocation import reciprocal_square as reciprocal_square
 from jaxnc.synthesis.tolerance.calibration import Calibration as Calibration
 from jaxnc.synthesis.tolerance.calibration import calibrate as calibrate
-from jaxnc.synthesis.tolerance.robust import Robust as Robust
-from jaxnc.synthesis.tolerance.robust import robust as robust
+from jaxnc.synthesis.tolerance.spread import Robust as Robust
 from jaxnc.synthesis.tolerance.spread import Spread as Spread
 from jaxnc.synthesis.tolerance.spread import Tolerance as Tolerance
+from jaxnc.synthesis.tolerance.spread import robust as robust
 from jaxnc.synthesis.tracing.atlas import Atlas as Atlas
 from jaxnc.synthesis.tracing.atlas import Candidates as Candidates
 from jaxnc.synthesis.tracing.atlas import Shelf as Shelf

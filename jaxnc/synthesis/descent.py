@@ -31,15 +31,14 @@ from jaxnc.errors import InputError
 from jaxnc.internals import outermost
 from jaxnc.notebooks import Shown
 from jaxnc.records import record
-from jaxnc.synthesis.bounds import Bounds
 from jaxnc.synthesis.design import judge
 from jaxnc.synthesis.evaluate import solve_poses
-from jaxnc.synthesis.problem import Problem, check_problem, repeat_drawing
+from jaxnc.synthesis.problem import Bounds, Problem, check_problem, repeat_drawing
 from jaxnc.synthesis.pytree import Leaves, Static
 from jaxnc.synthesis.result import Result, Steps
 from jaxnc.synthesis.search.basins import distinct_basins, list_once
-from jaxnc.synthesis.search.checkpoint import Course, interruptible
 from jaxnc.synthesis.search.screen import initial_guess, reseat_targets, screen
+from jaxnc.synthesis.search.solve import Course, interruptible
 from jaxnc.synthesis.search.sqp import End
 from jaxnc.synthesis.validate import as_floats, as_seed, as_time_limit, check_counts, check_limit
 from jaxnc.types import Array, ArrayLike, PyTree

@@ -274,10 +274,10 @@ class Result(Shown):
         return synthesis.convergence(self, path)
 
     def to_frame(self) -> "pandas.DataFrame":
-        """A pandas data frame, one row a design; see `jaxnc.io.frames.designs_to_frame`."""
-        from jaxnc.io import frames
+        """A pandas data frame, one row a design; see `jaxnc.io.tables.designs_to_frame`."""
+        from jaxnc.io import tables
 
-        return frames.designs_to_frame(self)
+        return tables.designs_to_frame(self)
 
     def save(self, folder: str | Path) -> Path:
         """Write a folder with the table, the numbers (``result.npz``) and a model file of each design.
@@ -336,9 +336,9 @@ def read_designs(
     path = Path(folder) / "result.npz"
     if not path.exists():
         raise InputError(f"{folder} holds no result of a search: there is no {path.name} in it")
-    from jaxnc.io import archive
+    from jaxnc.io.target import read_archive
 
-    arrays = archive.read_archive(path, f"a file that {writer} wrote")
+    arrays = read_archive(path, f"a file that {writer} wrote")
     try:
         x, ends, meta = arrays["x"], arrays["ends"], json.loads(str(arrays["meta"]))
         wanted, reasons, freedoms = meta["names"], meta["reasons"], meta["freedoms"]

@@ -14,11 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.constraints.directions import unit
 from jaxnc.constraints.elementary import Small, ratio, root, stacked, where
-from jaxnc.constraints.kind import cross, dot, norm
+from jaxnc.constraints.kind import cross, dot, norm, unit
 from jaxnc.reading import write
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.system.frames import carried
 from jaxnc.system.structure import Formula, formula
 from jaxnc.system.system import Parameters

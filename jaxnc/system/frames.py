@@ -14,11 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import in_one_program, jit
-from jaxnc.constraints.directions import cross3, unit
 from jaxnc.constraints.elementary import Small, ratio, stacked
-from jaxnc.constraints.kind import dot, norm
+from jaxnc.constraints.kind import cross3, dot, norm, unit
 from jaxnc.reading import Program, trace
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.system.on_lanes import attach_along, on_host, on_lanes
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.topology import MarkerIndex, Segment, Topology

@@ -15,10 +15,10 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.calls import promoting
 from jaxnc.compiling import on_device, refuse_fork
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.internals import outermost
-from jaxnc.promotion import promoting
 from jaxnc.types import Array, Numbers
 
 
@@ -97,7 +97,7 @@ def farthest(like: Numbers) -> float:
 def numbers(like: object) -> contextlib.AbstractContextManager:
     """Make new numbers as wide as those of an array (or as a type of numbers) inside of a ``with`` statement.
 
-    There the library's own promotion holds too: see `jaxnc.promotion`.
+    There the library's own promotion holds too: see `jaxnc.calls`.
     """
     refuse_fork()
     wide = getattr(like, "dtype", like) != NARROW

@@ -5,7 +5,7 @@ from jaxnc.viz.modes import draw_dexterity as draw_dexterity
 from jaxnc.viz.modes import draw_modes as draw_modes
 from jaxnc.viz.modes import draw_modes_map as draw_modes_map
 from jaxnc.viz.pages.page import to_html as to_html
-from jaxnc.viz.pages.trace_page import trace_page as trace_page
+from jaxnc.viz.pages.page import trace_page as trace_page
 from jaxnc.viz.pages.widget import Widget as Widget
 from jaxnc.viz.paper import motion_sheet as motion_sheet
 from jaxnc.viz.plots import plot as plot

@@ -18,8 +18,8 @@ from jaxnc.progress import bar
 from jaxnc.viz.drawing import PlaneView, make_view
 from jaxnc.viz.picture import Size, inches
 from jaxnc.viz.poses import Poses, evenly, poses
-from jaxnc.viz.repr_html import ShownPath
 from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mix
+from jaxnc.viz.svg import ShownPath
 
 
 @public

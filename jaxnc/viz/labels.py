@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxnc.viz.arrows import Segments
 from jaxnc.viz.scene import Arc, Circle, Hatch, Item, Label, Line, Scene, Span, Stamp
 from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceScene, Turn
+from jaxnc.viz.view import Segments
 
 TEXT = 2.0
 """Size of the letters, units."""

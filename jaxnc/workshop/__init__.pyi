@@ -3,11 +3,11 @@ from jaxnc.workshop.assembly import PartDrawing as PartDrawing
 from jaxnc.workshop.assembly import Passing as Passing
 from jaxnc.workshop.assembly import PlacedPart as PlacedPart
 from jaxnc.workshop.assembly import Spacer as Spacer
-from jaxnc.workshop.shop import Shop as Shop
 from jaxnc.workshop.stacking import to_parts as to_parts
 from jaxnc.workshop.stock import Contour as Contour
 from jaxnc.workshop.stock import Frame as Frame
 from jaxnc.workshop.stock import Hole as Hole
 from jaxnc.workshop.stock import Part as Part
 from jaxnc.workshop.stock import Pin as Pin
+from jaxnc.workshop.stock import Shop as Shop
 from jaxnc.workshop.stock import Slot as Slot

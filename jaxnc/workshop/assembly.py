@@ -16,8 +16,7 @@ from jaxnc.errors import InputError, JaxncError
 from jaxnc.io.target import csv_text, folder, replacing, stem
 from jaxnc.notebooks import align_columns
 from jaxnc.viz.svg import element
-from jaxnc.workshop.shop import Shop
-from jaxnc.workshop.stock import Contour, Part, Pin
+from jaxnc.workshop.stock import Contour, Part, Pin, Shop
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,8 +14,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.status import Status
 from jaxnc.workshop.assembly import Assembly, Passing, check_formats
 from jaxnc.workshop.clearances import Gaps, PartCourse, complex_points
-from jaxnc.workshop.shop import SIZES, Shop
-from jaxnc.workshop.stock import PartStock, Pin
+from jaxnc.workshop.stock import SIZES, PartStock, Pin, Shop
 
 _MOST = 1_500_000  # looked at before the search is given up
 

@@ -22,7 +22,7 @@ from jaxnc.errors import JaxncError
 from jaxnc.io.files import load
 from jaxnc.io.tables import load_csv, load_npz
 from jaxnc.library.catalogue import CATALOGUE
-from jaxnc.reporting.quantity import Quantity, extreme, extreme_of
+from jaxnc.reporting.checked import Quantity, extreme, extreme_of
 
 FOUR_BAR = str(EXAMPLES / "four_bar.toml")
 LIFT = str(EXAMPLES / "scissor_lift.toml")

@@ -9,8 +9,8 @@ import pytest
 from places import EXAMPLES, ROOT
 
 import jaxnc as nc
+from jaxnc.cli.main import trim
 from jaxnc.errors import OutputError
-from jaxnc.io.cache import trim
 from jaxnc.process import cache_folder
 
 SWINGING = str(EXAMPLES / "swinging_four_bar.toml")

@@ -9,8 +9,8 @@ from mechanisms import reference, slider_crank
 from processes import child, ended
 
 import jaxnc as nc
-from jaxnc.io.archive import read_archive
 from jaxnc.io.tables import load_npz
+from jaxnc.io.target import read_archive
 
 CHUNK = 8
 ROUNDING = 1e-13  # of lengths of some decimetres, beside the end of the stroke

@@ -13,7 +13,7 @@ from processes import full_disk
 
 import jaxnc as nc
 from jaxnc.io import target
-from jaxnc.io.archive import PartialTable, read_archive
+from jaxnc.io.target import PartialTable, read_archive
 
 
 @pytest.fixture(scope="module")

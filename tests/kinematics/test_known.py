@@ -16,7 +16,7 @@ from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.motion import drawn_motion
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, to_host
-from jaxnc.viz.draft import draft
+from jaxnc.viz.poses import draft
 
 T = np.linspace(0.0, 0.1, 3)
 PULL = nc.forces.ForceKind(

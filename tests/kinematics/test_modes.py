@@ -13,12 +13,10 @@ from test_assemblies import SMALL, USUAL, turns_of_the_plate
 
 import jaxnc as nc
 from benchmarks import modes as peer
-from jaxnc.continuation import monodromy, sections
+from jaxnc.continuation import monodromy
 from jaxnc.continuation.certificate import certify
-from jaxnc.continuation.monodromy import run_loops, solve_by_degree
-from jaxnc.continuation.quadratic import QuadraticPaths
-from jaxnc.continuation.sections import trace_solutions
-from jaxnc.continuation.tracker import PathEnds
+from jaxnc.continuation.monodromy import run_loops, solve_by_degree, trace_solutions
+from jaxnc.continuation.tracker import PathEnds, QuadraticPaths
 from jaxnc.kinematics import modes as module
 from jaxnc.kinematics import starts
 from jaxnc.kinematics.polynomial import read_polynomials
@@ -346,7 +344,7 @@ def test_a_number_that_was_observed_is_proved_by_trace(cached, sooner, monkeypat
     np.savez(file, **(arrays | {"x": arrays["x"][:, :3]}))
     read_polynomials(system.topology.structure, (system.topology.position["phi"],)).families.clear()
     with monkeypatch.context() as patch:
-        patch.setattr(sections, "_LOOPS", 1)
+        patch.setattr(monodromy, "_TRIES", 1)
         assert not nc.modes(system, phi, prove=True).proved
     found = nc.modes(system, phi, prove=True)
     check(found, 4)

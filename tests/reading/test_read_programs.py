@@ -15,7 +15,7 @@ from jax import lax
 
 import jaxnc as nc
 from jaxnc.reading import function, partials, rate, trace
-from jaxnc.reading.javascript import FUNCTIONS, javascript
+from jaxnc.viz.pages.solver import FUNCTIONS, javascript
 
 COUNT = 4  # numbers that an expression is made of
 STEPS = 14  # operations that are drawn, each on what there is before it

@@ -11,7 +11,8 @@ from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.reading import Builder, function
 from jaxnc.solvers.assembly import derive, settle, to_host
-from jaxnc.solvers.host import HostView, correct_poses, matrices
+from jaxnc.solvers.host import HostView, correct_poses
+from jaxnc.solvers.host import view as view_module
 
 MECHANISMS = {
     "four-bar": (lambda: nc.library.four_bar(explicit=False), ("phi",), ()),
@@ -84,7 +85,7 @@ def test_more_rows_than_unknowns_are_solved_by_normal_equations_where_these_do(s
     u, v = (np.linalg.qr(rng.normal(size=(5, n, 6)))[0] for n in (8, 6))
     matrix = (u * np.geomspace(1.0, smallest, 6) @ np.swapaxes(v, 1, 2)).astype(dtype)
     wanted = rng.normal(size=(5, 6, 2)).astype(dtype)
-    right, inverse = matrix @ wanted, matrices.inverse_of(matrix)
+    right, inverse = matrix @ wanted, view_module.inverse_of(matrix)
     found = inverse @ right
     found += inverse @ (right - matrix @ found)
     assert found.dtype == dtype
@@ -118,11 +119,11 @@ def test_inverses_of_some_poses_do_for_their_neighbours(name, digits, monkeypatc
     system, angles, inverted = getattr(nc.library, name)().compile(), np.linspace(0.3, 6.5, 360), []
     driven = "phi" if "phi" in system.topology.coordinates else system.topology.scalars[0]
 
-    def inverse(matrix, of=matrices.inverse_of):
+    def inverse(matrix, of=view_module.inverse_of):
         inverted.append(len(matrix))
         return of(matrix)
 
-    monkeypatch.setattr(matrices, "inverse_of", inverse)
+    monkeypatch.setattr(view_module, "inverse_of", inverse)
     found = nc.sweep(system, {driven: angles}, rates={driven: 1.0})
     assert sum(inverted) < 300  # for poses, judgement and rates; one by one they are a thousand
     monkeypatch.setattr(HostView, "wants_order", False)
@@ -142,7 +143,7 @@ def test_a_neighbour_proves_orientation_only_where_nothing_singular_lies_between
     u, v = (np.linalg.qr(rng.normal(size=(6, 6)))[0] for _ in range(2))
     t = np.linspace(-1.0, 1.0, 200)
     lanes = np.array([u @ np.diag([x, 1.0, 2.0, 1.0, 3.0, 1.0]) @ v for x in t])
-    close = matrices.near(t[None], 6.0, lambda at: lanes[at])
+    close = view_module.near(t[None], 6.0, lambda at: lanes[at])
     assert close is not None
     proper = close.proper(lanes)
     assert np.all(np.sign(t[close.at][close.nearest])[proper] == np.sign(t)[proper])

@@ -8,9 +8,8 @@ import pytest
 
 import jaxnc as nc
 from jaxnc import synthesis as syn
-from jaxnc.continuation.quadratic import inverses
-from jaxnc.continuation.tracker import PathEnds
-from jaxnc.continuation.twofold import Twofold
+from jaxnc.continuation.certificate import Twofold
+from jaxnc.continuation.tracker import PathEnds, inverses
 from jaxnc.synthesis.exact import precision_points
 from jaxnc.synthesis.exact.precision_points import Task, follow_paths, polish, stored_starts
 

@@ -12,8 +12,8 @@ import pytest
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar
 from jaxnc.synthesis.search import solve as search
-from jaxnc.synthesis.search.checkpoint import interruptible
 from jaxnc.synthesis.search.refine import Refinement
+from jaxnc.synthesis.search.solve import interruptible
 
 S = nc.synthesis
 TIMING = np.radians([30, 45, 60, 75, 90])

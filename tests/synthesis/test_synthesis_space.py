@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.synthesis.bounds import draw_designs
 from jaxnc.synthesis.evaluate import solve_poses
 from jaxnc.synthesis.path import rotation_matrix, rotation_vector
+from jaxnc.synthesis.problem import draw_designs
 from jaxnc.synthesis.search.screen import choose_fit, screen
 from jaxnc.synthesis.search.spatial import Freedom, Sums, begin_fit, fit_sums
 

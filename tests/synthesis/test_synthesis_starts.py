@@ -8,7 +8,7 @@ import pytest
 
 import jaxnc as nc
 from benchmarks.synthesis.published import four_bar
-from jaxnc.synthesis.bounds import draw_designs
+from jaxnc.synthesis.problem import draw_designs
 from jaxnc.synthesis.search.screen import order_targets, screen
 
 S = nc.synthesis

@@ -75,7 +75,7 @@ class TestTolerance:
 
     def test_samples_are_those_of_the_closed_form(self, system, found):
         """The batch is exact lane by lane: the same deviations through the closed form give the same statistics."""
-        from jaxnc.synthesis.tolerance.sampling import read_variation
+        from jaxnc.synthesis.tolerance.spread import read_variation
 
         vary = read_variation("test", system, WIDTHS)
         changed = np.array([0.04, 0.12, 0.08, 0.1]) + np.asarray(vary.draw(jax.random.key(1), SAMPLES))

@@ -18,11 +18,11 @@ from jaxnc.synthesis.clearance import clear_of
 from jaxnc.synthesis.tracing import atlas as making
 from jaxnc.synthesis.tracing import fit
 from jaxnc.synthesis.tracing import trace as searching
+from jaxnc.synthesis.tracing.atlas import closed_coefficients, lay_closed, normalise
 from jaxnc.synthesis.tracing.chains import Chain, Hung, dyadic_chains
-from jaxnc.synthesis.tracing.descriptors import closed_coefficients, lay_closed, normalise
 from jaxnc.synthesis.tracing.linkage import ChainDesign, to_mechanism
 from jaxnc.synthesis.tracing.trace import Curve, curve_distance, space_evenly
-from jaxnc.viz.pages import trace_page
+from jaxnc.viz.pages import page as page_module
 
 
 @pytest.fixture(scope="module")
@@ -452,7 +452,7 @@ def test_the_command_reads_files_and_writes_models(small, cache, brief, tmp_path
     file.write_text("x,y\n1,2\nthree,4\n")
     assert main(["trace", str(file)]) == 2 and "line 3" in capsys.readouterr().err
     page = tmp_path / "page.html"
-    monkeypatch.setattr(trace_page, "trace_page", lambda path: page.write_text("drawn") and page)
+    monkeypatch.setattr(page_module, "trace_page", lambda path: page.write_text("drawn") and page)
     assert main(["trace", "--page", str(page), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["files"][0]["path"] == str(page)
     assert main(["trace", "--page", str(page), "--bars", "4"]) == 2 and "--bars" in capsys.readouterr().err

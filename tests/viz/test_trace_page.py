@@ -18,7 +18,7 @@ from jaxnc.cli.main import main
 from jaxnc.synthesis.tracing.chains import KINDS, Chain, Hung
 from jaxnc.synthesis.tracing.linkage import ChainDesign
 from jaxnc.synthesis.tracing.trace import curve_distance
-from jaxnc.viz.pages.trace_page import TraceServer
+from jaxnc.viz.pages.page import TraceServer
 
 driven = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium, so pages are not tried in a browser")
 
@@ -165,7 +165,7 @@ def test_with_python_searches_follow(browser, small, monkeypatch):
 
 
 def test_the_command_writes_a_page(small, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("jaxnc.viz.pages.trace_page.atlas", lambda count: small)
+    monkeypatch.setattr("jaxnc.viz.pages.page.atlas", lambda count: small)
     assert main(["trace", "--page", str(tmp_path / "draw.html"), "--no-cache"]) == 0
     assert "needs no Python" in capsys.readouterr().out and (tmp_path / "draw.html").stat().st_size > 50_000
     assert main(["trace", "--no-cache"]) == 2 and "--page" in capsys.readouterr().err

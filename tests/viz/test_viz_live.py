@@ -17,16 +17,14 @@ from pages import CHROMIUM, PATIENCE, Browser, unpacked
 import jaxnc as nc
 from jaxnc import viz
 from jaxnc.constraints.coordinates import from_drawing
-from jaxnc.io.drives import sweep_arguments
+from jaxnc.io.files import sweep_arguments
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reading import Builder, function
-from jaxnc.reading.javascript import FUNCTIONS, javascript
 from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.solvers.branch import page_numbers
 from jaxnc.viz.pages import page
-from jaxnc.viz.pages.content import write_piece
-from jaxnc.viz.pages.packing import pack
-from jaxnc.viz.pages.solver import Refused, page_design, page_solver
+from jaxnc.viz.pages.content import pack, write_piece
+from jaxnc.viz.pages.solver import FUNCTIONS, Refused, javascript, page_design, page_solver
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import forces_of, quantity
 from jaxnc.viz.spatial.mesh import (

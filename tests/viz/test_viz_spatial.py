@@ -23,8 +23,7 @@ from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial import mesh
 from jaxnc.viz.spatial.camera import Camera, choose_camera
 from jaxnc.viz.spatial.drawing import Projection, Solids
-from jaxnc.viz.spatial.painter import Painter
-from jaxnc.viz.spatial.scene import Ball, Plate, Solid, SpaceFrame, SpaceScene, Turn, Way
+from jaxnc.viz.spatial.scene import Ball, Painter, Plate, Solid, SpaceFrame, SpaceScene, Turn, Way
 from jaxnc.viz.spatial.sketch import sketch_space
 
 DRAWN = 1e-12  # of the size: solids take their places from the motion unchanged

@@ -19,9 +19,9 @@ from PIL import Image
 from widget_cells import PAGE, Cell, jupyterlab
 
 import jaxnc as nc
-from jaxnc.viz.draft import default_motion
 from jaxnc.viz.pages import widget as widget_module
-from jaxnc.viz.pages.curve_edit import edit_curve
+from jaxnc.viz.pages.widget import edit_curve
+from jaxnc.viz.poses import default_motion
 
 THERE = importlib.util.find_spec("anywidget") is not None
 needed = pytest.mark.skipif(not THERE, reason='no anywidget, so there are no widgets: pip install "jaxnc[widget]"')
@@ -160,7 +160,7 @@ def test_a_pull_follows_the_whole_curve_before_and_after_and_no_more(four_bar, m
         asked.append(np.size(inputs["phi"]))
         return nc.solve_position(design, inputs, **options)
 
-    monkeypatch.setattr("jaxnc.viz.pages.curve_edit.solve_position", solved)
+    monkeypatch.setattr("jaxnc.viz.pages.widget.solve_position", solved)
     goal = np.asarray(nc.solve_position(motion.system, {"phi": 1.0})["C"]) + np.array([0.002, 0.004])
     found = edit_curve(motion, motion.system, "C", goal, {"phi": 1.0})
     np.testing.assert_allclose(nc.solve_position(found, {"phi": 1.0})["C"], goal, rtol=0, atol=1e-9)

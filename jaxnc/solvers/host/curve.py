@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxnc.solvers.host.matrices import least_squares
-from jaxnc.solvers.host.view import HostView
-from jaxnc.solvers.plan_program import slope_program
+from jaxnc.solvers.host.view import HostView, least_squares
+from jaxnc.solvers.rows import slope_program
 
 LONGEST = 60.0  # sizes of the mechanism: a longer curve is taken for unbounded
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.solvers import branch
 from jaxnc.solvers.host.view import HostView, largest_of_lanes
 from jaxnc.solvers.plan import Plan

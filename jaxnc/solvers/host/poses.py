@@ -7,9 +7,8 @@ import numpy as np
 
 from jaxnc import process
 from jaxnc.solvers import branch
-from jaxnc.solvers.host.follow import Followed, follow
+from jaxnc.solvers.host.follow import Followed, correct_poses, follow
 from jaxnc.solvers.host.lockstep import solve_at_once
-from jaxnc.solvers.host.newton import correct_poses
 from jaxnc.solvers.host.view import HostView, largest_of_lanes
 from jaxnc.solvers.plan import unwind
 from jaxnc.solvers.pose_batch import PoseBatch

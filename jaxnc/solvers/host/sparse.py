@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from jaxnc.remembered import with_owner
+from jaxnc.records import with_owner
 from jaxnc.solvers.host.view import HostView, largest_of_lanes
 from jaxnc.solvers.plan import LargePlan, Plan, by_lu, sparse
 from jaxnc.solvers.sparse_matrix import SMALL

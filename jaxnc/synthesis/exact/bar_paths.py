@@ -25,10 +25,9 @@ from typing import Any
 import numpy as np
 
 from jaxnc import progress
+from jaxnc.continuation.certificate import Twofold
 from jaxnc.continuation.monodromy import is_new
-from jaxnc.continuation.quadratic import inverses
-from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds, follow
-from jaxnc.continuation.twofold import Twofold
+from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds, follow, inverses
 from jaxnc.synthesis.evaluate import map_threads
 
 ORDER = 5

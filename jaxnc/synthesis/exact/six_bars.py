@@ -32,7 +32,7 @@ from jaxnc.synthesis.evaluate import map_threads
 from jaxnc.synthesis.exact.bar_paths import BLOCK, MIRRORED, Attempt, BarPaths, Places, follow_all, follow_routes
 from jaxnc.synthesis.exact.freudenstein import check_points
 from jaxnc.synthesis.exact.linkage import Point, complex_of, describe_linkage, point_of, sweep_through, wrap_angle
-from jaxnc.synthesis.exact.path_certificate import FollowedDesigns, certify_designs
+from jaxnc.synthesis.exact.precision_points import FollowedDesigns, certify_designs
 from jaxnc.synthesis.validate import check_name
 from jaxnc.system.system import System
 from jaxnc.types import Any, ArrayLike

@@ -23,10 +23,9 @@ from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Problem, check_problem
 from jaxnc.synthesis.result import read_designs, write_designs
 from jaxnc.synthesis.search.basins import Basin
-from jaxnc.synthesis.search.checkpoint import interruptible
 from jaxnc.synthesis.search.goal import OPEN, Goal
 from jaxnc.synthesis.search.refine import Refinement
-from jaxnc.synthesis.search.solve import starting_rows
+from jaxnc.synthesis.search.solve import interruptible, starting_rows
 from jaxnc.synthesis.search.sqp import MEETS, End, Sqp
 from jaxnc.synthesis.validate import as_seed, check_counts
 from jaxnc.types import Array, ArrayLike

@@ -13,10 +13,10 @@ import numpy as np
 
 from jaxnc.kinematics.design import geometry_components, geometry_vector, with_geometry
 from jaxnc.kinematics.motion import Motion
-from jaxnc.solvers.host.matrices import solve_exactly
-from jaxnc.synthesis.bounds import Boxes
+from jaxnc.solvers.host.view import solve_exactly
 from jaxnc.synthesis.evaluate import marker_places
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration
+from jaxnc.synthesis.problem import Boxes
 from jaxnc.types import AnyArray, ArrayLike
 
 

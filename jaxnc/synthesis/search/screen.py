@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from jaxnc.synthesis.bounds import draw_designs
 from jaxnc.synthesis.evaluate import map_threads, marker_places, reach_targets, solve_curves, solve_poses
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_vector
-from jaxnc.synthesis.problem import Problem, make_motion
+from jaxnc.synthesis.problem import Problem, draw_designs, make_motion
 from jaxnc.synthesis.search.planar import Pairs, PlanarFit
 from jaxnc.synthesis.search.spatial import Spatial, nearest_rotation
 from jaxnc.types import AnyArray

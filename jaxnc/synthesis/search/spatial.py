@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxnc.synthesis.bounds import Boxes
 from jaxnc.synthesis.evaluate import assemble_drawings
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix, rotation_vector
+from jaxnc.synthesis.problem import Boxes
 from jaxnc.synthesis.pytree import take
 from jaxnc.synthesis.search.planar import Pairs, all_parameters, length_dimensions, solve_finite, sweep_drawing
 from jaxnc.system.topology import Segment

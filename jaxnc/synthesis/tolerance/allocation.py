@@ -10,7 +10,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.sensitivity import Outputs, Sensitivity, sensitivity
-from jaxnc.synthesis.tolerance.sampling import by_component, make_question, move_nominal, variable_components
+from jaxnc.synthesis.tolerance.spread import by_component, make_question, move_nominal, variable_components
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Inputs

@@ -13,7 +13,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.design import geometry_vector, shift_geometry
-from jaxnc.synthesis.tolerance.sampling import make_question, variable_components
+from jaxnc.synthesis.tolerance.spread import make_question, variable_components
 from jaxnc.synthesis.validate import check_name
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System

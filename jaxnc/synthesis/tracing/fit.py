@@ -22,8 +22,7 @@ import numpy as np
 from jaxnc.compiling import jit
 from jaxnc.solvers.dense import cholesky_solve
 from jaxnc.synthesis.tracing.chains import GROUND, KINDS, ChainArrays
-from jaxnc.synthesis.tracing.curves import EACH, Frame, Traced, move, redraw
-from jaxnc.synthesis.tracing.plates import Walls, gaps, link_corners
+from jaxnc.synthesis.tracing.curves import EACH, Frame, Traced, Walls, gaps, link_corners, move, redraw
 from jaxnc.types import Array
 
 _RRR, _PRP = KINDS.index("RRR"), KINDS.index("PRP")

@@ -22,7 +22,7 @@ from jaxnc.synthesis.clearance import ClearOf, refuse_enclosed
 from jaxnc.synthesis.conditions import Condition, CrankTurns, TransmissionAngle, Within
 from jaxnc.synthesis.evaluate import map_threads
 from jaxnc.synthesis.result import Progress
-from jaxnc.synthesis.search.checkpoint import SavedSearch, interruptible
+from jaxnc.synthesis.search.solve import SavedSearch, interruptible
 from jaxnc.synthesis.tracing.atlas import (
     BARS,
     Atlas,
@@ -33,7 +33,7 @@ from jaxnc.synthesis.tracing.atlas import (
     check_bars,
 )
 from jaxnc.synthesis.tracing.chains import GROUND, Chain, ChainArrays, dyadic_chains
-from jaxnc.synthesis.tracing.curves import EACH
+from jaxnc.synthesis.tracing.curves import EACH, Walls, to_walls
 from jaxnc.synthesis.tracing.fit import (
     CLOSING,
     COUNT,
@@ -49,7 +49,6 @@ from jaxnc.synthesis.tracing.fit import (
     trace_curves,
 )
 from jaxnc.synthesis.tracing.linkage import INPUT, ChainDesign, to_mechanism
-from jaxnc.synthesis.tracing.plates import Walls, to_walls
 from jaxnc.synthesis.validate import as_floats, as_seed, as_timing, check_limit
 from jaxnc.system.system import System
 from jaxnc.types import Array

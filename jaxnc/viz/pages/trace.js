@@ -46,7 +46,7 @@ function pose(machine, theta) {
 const angles = (machine, count) => Array.from({ length: count + 1 }, (_, i) => machine.begin + machine.span * i / count);
 const curveOf = (machine, count = POSES) => angles(machine, count).map(theta => pose(machine, theta).point);
 
-// Fourier coefficients by arc length, as jaxnc/synthesis/tracing/descriptors.py; corners of closed curves end in the first one.
+// Fourier coefficients by arc length, as jaxnc/synthesis/tracing/atlas.py; corners of closed curves end in the first one.
 function coefficients(corners, closed) {
   const steps = corners.slice(1).map((p, i) => less(p, corners[i])), long = steps.map(s => hypot(...s)), total = long.reduce((a, b) => a + b, 0) || 1;
   const middles = steps.map((s, i) => add(corners[i], scaled(s, 0.5))), centre = middles.reduce((c, p, i) => add(c, scaled(p, long[i] / total)), [0, 0]), out = [];

@@ -2,6 +2,8 @@
 
 A *column* is a place or a direction in a pose: points and markers first, then unit vectors, then the tips of arrows.
 Lengths are those of the mechanism; symbols are sized in units (one unit is the radius of a joint).
+
+A scene in a pose becomes flat polygons, far to near: outlines, shading and order, with no library of pictures.
 """
 
 import math
@@ -12,7 +14,7 @@ import numpy as np
 from jaxnc.viz.poses import evenly
 from jaxnc.viz.scene import Item, Scene, shown_angle
 from jaxnc.viz.spatial.mesh import Mesh, Shell
-from jaxnc.viz.style import INK, Style
+from jaxnc.viz.style import INK, Style, colour_of
 
 
 @dataclass(frozen=True)
@@ -194,3 +196,226 @@ SOLIDS = {
 }
 """Style of every role. The layer brings it nearer to the viewer when things are sorted, units; the stroke ``"shade"``
 is the fill, darker."""
+
+
+LIGHT_FROM = np.array([-0.38, 0.62, 0.69])
+"""Where the light comes from: right, up, towards the viewer."""
+
+_BALL = 32  # corners of a ball's outline
+_TURN = 33  # places along the arrow of an angle
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Polygons in the picture, to be painted in order."""
+
+    corners: np.ndarray  # (polygons, corners, 2); shorter ones repeat their last corner, and a line has two
+    faces: np.ndarray  # red, green, blue and opacity of the areas, (polygons, 4)
+    edges: np.ndarray  # the same of the lines around them
+    widths: np.ndarray  # of these lines, units
+
+
+class Painter:
+    """A scene, prepared: which vertices make which face and line, with their colours.
+
+    All roles are painted, or `only` some. Of each path there are the places it runs through ``(T, 3)``, its colour,
+    dashes or not, and its role if that is not ``"trace"``.
+    """
+
+    def __init__(self, scene: SpaceScene, only: tuple[str, ...] | None = None, traces: tuple = ()):
+        items = [item for item in scene.items if only is None or item.role in only]
+        self.solids = [item for item in items if isinstance(item, Solid)]
+        self.plates = [item for item in items if isinstance(item, Plate)]
+        self.balls = [item for item in items if isinstance(item, Ball)]
+        self.turns = [item for item in items if isinstance(item, Turn)]
+        self.traces = [(np.asarray(x), body, dashes) for x, body, dashes, *_ in traces]
+        self.roles = [(*role, "trace")[0] for _, _, _, *role in traces]
+        self.columns = max([len(scene.bodies), *(1 + p for plate in self.plates for face in plate.faces for p in face)])
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Lay all faces and lines out as arrays of indices into one array of vertices, with their colours."""
+        faces: list[tuple[int, ...]] = []
+        face_rows: list[tuple[int, int, bool]] = []  # part, look, whether it is seen from both sides
+        edges: list[tuple[int, int, int, int, bool]] = []
+        edge_rows: list[tuple[int, int]] = []
+        looks: dict[tuple[str, int], int] = {}  # roles of bodies, numbered
+        self.parts, first = 0, self.columns
+
+        def look_of(role: str, body: int = INK) -> int:
+            return looks.setdefault((role, body), len(looks))
+
+        def add_face(face: tuple[int, ...], look: int) -> None:
+            faces.append(face)
+            face_rows.append((self.parts, look, True))
+            self.parts += 1
+
+        def add_line(a: int, b: int, look: int) -> None:
+            edges.append((a, b, -1, -1, True))
+            edge_rows.append((self.parts, look))
+            self.parts += 1
+
+        for plate in self.plates:
+            for face in plate.faces:
+                add_face(face, look_of(plate.role, plate.body))
+        for solid in self.solids:
+            mesh, look, base = solid.mesh.polygons, look_of(solid.role, solid.body), len(faces)
+            faces += [tuple(i + first for i in face) for face in mesh.faces]
+            face_rows += [(self.parts + k, look, False) for k in mesh.face_parts]
+            for a, b, f, g, sharp in mesh.edges:
+                sides = (base + f if f >= 0 else -1, base + g if g >= 0 else -1)
+                edges.append((a + first, b + first, *sides, sharp))
+            edge_rows += [(self.parts + k, look) for k in mesh.edge_parts]
+            self.parts += mesh.parts
+            first += len(mesh.vertices)
+        for turn in self.turns:
+            look, head = look_of(turn.role, turn.body), first + _TURN
+            for k in range(first, head - 3):
+                add_line(k, k + 1, look)
+            add_line(head + 3, head + 4, look_of("reference"))
+            add_face((head, head + 1, head + 2), look)
+            first = head + 5
+        for (x, body, dashes), role in zip(self.traces, self.roles, strict=True):
+            look = look_of(role, body)
+            for k in range(len(x) - 1):
+                if not dashes or k % dashes < dashes - dashes // 3:
+                    add_line(first + k, first + k + 1, look)
+            first += len(x)
+        self.ball_look = [look_of(ball.role, ball.body) for ball in self.balls]
+
+        styles = [(SOLIDS[role], body) for role, body in looks]
+        fills = [rgba(style.fill, body, style.opacity) for style, body in styles]
+        strokes = [
+            (*(0.62 * c for c in fill[:3]), 1.0) if style.stroke == "shade" else rgba(style.stroke, body)
+            for (style, body), fill in zip(styles, fills, strict=True)
+        ]
+        self.fills, self.strokes = (np.array(colours, dtype=float).reshape(-1, 4) for colours in (fills, strokes))
+        self.line_widths = np.array([style.width for style, _ in styles])
+        self.layers = np.array([style.layer for style, _ in styles], dtype=float)
+        self.fixed = np.array([style.fixed for style, _ in styles], dtype=bool)
+        self.width = max([3, *(len(f) for f in faces)])
+        self.faces = np.array([f + (f[-1],) * (self.width - len(f)) for f in faces], dtype=int).reshape(-1, self.width)
+        self.face_part = np.array([part for part, *_ in face_rows], dtype=int)
+        self.both = np.array([both for *_, both in face_rows], dtype=bool)
+        self.edges = np.array([edge[:4] for edge in edges], dtype=int).reshape(-1, 4)
+        self.sharp = np.array([edge[4] for edge in edges], dtype=bool)
+        self.edge_part = np.array([part for part, _ in edge_rows], dtype=int)
+        self.face_look = np.array([look for _, look, _ in face_rows], dtype=int)
+        self.edge_look = np.array([look for _, look in edge_rows], dtype=int)
+        self.layer = np.zeros(self.parts)
+        self.layer[self.face_part] = self.layers[self.face_look]
+        self.layer[self.edge_part] = self.layers[self.edge_look]
+
+    def vertices(self, pose: np.ndarray, scalars: np.ndarray, unit: float) -> np.ndarray:
+        """Find all vertices of a pose, ``(vertices, 3)``."""
+        parts = [pose[: self.columns], *(solid.vertices(pose, unit) for solid in self.solids)]
+        for turn in self.turns:
+            curve = turn.curve(pose, float(scalars[turn.scalar]), unit, _TURN)
+            tip, back = curve[-1], curve[-4]
+            out = (back - pose[turn.at]) / turn.units * 0.55
+            zero = 1.35 * (curve[0] - pose[turn.at])  # from where it is counted
+            parts += [curve, np.stack([tip, back + out, back - out, pose[turn.at] + 0.2 * zero, pose[turn.at] + zero])]
+        parts += [x for x, *_ in self.traces]
+        return np.concatenate(parts)
+
+    def paint(self, vertices: np.ndarray, pose: np.ndarray, project, unit: float, faded: float = 1.0) -> Sheet:
+        """Lay out the polygons of one pose in the order in which they are painted.
+
+        Args:
+            vertices: of the pose, from `vertices`.
+            pose: ``(columns, 3)``.
+            project: from places ``(n, 3)`` to the picture ``(n, 2)``, nearness ``(n,)`` as a length, and the axes of
+                the picture as rows ``(3, 3)``; lengths per unit of the picture last.
+            unit: length of a unit.
+            faded: opacity of what moves.
+        """
+        flat, near, axes, scale = project(vertices)
+        corners = flat[self.faces]
+        count = len(self.faces)
+        nxt = np.roll(corners, -1, axis=1)
+        area = (corners[..., 0] * nxt[..., 1] - corners[..., 1] * nxt[..., 0]).sum(axis=1)
+        front = area > 0
+        solid = vertices[self.faces]
+        normal = np.cross(solid, np.roll(solid, -1, axis=1)).sum(axis=1) if count else np.zeros((0, 3))
+        normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        light = normal @ (axes.T @ LIGHT_FROM)
+        light = np.where(self.both, np.abs(light), light)
+        face_colour = shade(self.fills[self.face_look], light)
+        # Parts are sorted by the depth of their middle; a ball is a part of its own.
+        total, number = np.zeros(self.parts), np.zeros(self.parts)
+        mean = near[self.faces].mean(axis=1)
+        np.add.at(total, self.face_part, mean)
+        np.add.at(number, self.face_part, 1.0)
+        bare = number == 0
+        lines = near[self.edges[:, :2]].mean(axis=1)
+        chosen = bare[self.edge_part]
+        np.add.at(total, self.edge_part[chosen], lines[chosen])
+        np.add.at(number, self.edge_part[chosen], 1.0)
+        depth = total / np.maximum(number, 1.0) + 0.9 * unit * self.layer
+        seen = (front | self.both) & np.isfinite(area)
+        sides = np.concatenate([front, [True]])[self.edges[:, 2:]]
+        shown = np.where(self.sharp, sides.any(axis=1), sides[:, 0] != sides[:, 1])
+        shown &= np.isfinite(flat[self.edges[:, :2]]).all(axis=(1, 2))
+        strokes = np.repeat(flat[self.edges[shown, 1]][:, None], self.width, axis=1)
+        strokes[:, 0] = flat[self.edges[shown, 0]]
+        rounds, round_faces, round_edges, round_widths, round_depth = self._balls(pose, project, unit, scale, faded)
+        dim = np.where(self.fixed, 1.0, faded)
+        face_look, edge_look = self.face_look[seen], self.edge_look[shown]
+        face_colour, rim = face_colour[seen], self.strokes[edge_look]
+        face_colour[:, 3] *= dim[face_look]
+        rim[:, 3] *= dim[edge_look]
+        own = face_colour.copy()  # a hairline of its own colour closes the seam between two faces
+        own[face_colour[:, 3] < 1.0] = 0.0
+        width = max(self.width, _BALL if len(rounds) else 0)
+        every = (corners[seen], strokes, rounds)
+        everything = [np.pad(x, ((0, 0), (0, width - x.shape[1]), (0, 0)), mode="edge") for x in every]
+        order_depth = np.concatenate([depth[self.face_part[seen]], depth[self.edge_part[shown]], round_depth])
+        kind = np.concatenate([np.zeros(seen.sum()), np.ones(shown.sum()), np.tile([0.0, 1.0], len(rounds) // 2)])
+        order = np.lexsort([kind, order_depth])
+        return Sheet(
+            np.concatenate(everything)[order],
+            np.concatenate([face_colour, np.zeros((shown.sum(), 4)), round_faces])[order],
+            np.concatenate([own, rim, round_edges])[order],
+            np.concatenate([np.full(seen.sum(), 0.06), self.line_widths[edge_look], round_widths])[order],
+        )
+
+    def _balls(self, pose: np.ndarray, project, unit: float, scale: float, faded: float) -> tuple[np.ndarray, ...]:
+        """Make two discs for each ball: itself, and a light on it."""
+        if not self.balls:
+            return np.zeros((0, 1, 2)), np.zeros((0, 4)), np.zeros((0, 4)), np.zeros(0), np.zeros(0)
+        centre, near, _, _ = project(pose[[ball.at for ball in self.balls]])
+        radius = np.array([ball.units for ball in self.balls]) * unit / scale
+        turn = 2 * np.pi * np.arange(_BALL) / _BALL
+        rim = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        body = centre[:, None] + radius[:, None, None] * rim
+        spot = centre[:, None] + radius[:, None, None] * (0.42 * rim + 0.36 * LIGHT_FROM[:2])
+        fill, stroke = self.fills[self.ball_look], self.strokes[self.ball_look]
+        widths, dim = self.line_widths[self.ball_look], np.where(self.fixed[self.ball_look], 1.0, faded)
+        base, glow = shade(fill, np.full(len(fill), 0.25)), shade(fill, np.full(len(fill), 1.0))
+        for colour in (base, glow, stroke):
+            colour[:, 3] *= dim
+        depth = near + unit * 0.9 * self.layers[self.ball_look]
+
+        def both(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+            return np.stack([x, y], axis=1).reshape(-1, *x.shape[1:])
+
+        twice = both(base, glow), both(stroke, 0.0 * stroke), both(widths, 0.0 * widths)
+        return both(body, spot), *twice, np.repeat(depth, 2)
+
+
+def rgba(name: str, body: int, opacity: float = 1.0) -> tuple[float, ...]:
+    """Read a colour by name as red, green, blue and opacity from 0 to 1; nothing for no name."""
+    if not name:
+        return (0.0, 0.0, 0.0, 0.0)
+    text = colour_of(name, body)
+    return (*(int(text[i : i + 2], 16) / 255.0 for i in (1, 3, 5)), opacity)
+
+
+def shade(colour: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Colours ``(n, 4)`` in a light from -1 to 1: darker or lighter than themselves."""
+    out = colour.copy()
+    dark = np.clip((0.55 - light) * 0.30, 0.0, 0.40)[:, None]
+    bright = np.clip((light - 0.55) * 0.55, 0.0, 0.28)[:, None]
+    out[:, :3] = out[:, :3] * (1.0 - dark)
+    out[:, :3] += (1.0 - out[:, :3]) * bright
+    return out
