@@ -69,8 +69,7 @@ def of_kind(kind: str, count: int, seed: int) -> Iterator[Row]:
 
     import jaxnc as nc
     from benchmarks.synthesis import published
-    from jaxnc.synthesis.tracing.atlas import make
-    from jaxnc.synthesis.tracing.linkage import ChainDesign
+    from jaxnc.synthesis.tracing.atlas import ChainDesign, make
 
     if kind == "outline":
         for letter in OUTLINES:

@@ -13,7 +13,7 @@ import numpy as np
 from rigs import after, shift, turn
 
 import jaxnc as nc
-from jaxnc.io.files import sweep_arguments
+from jaxnc.io.drives import sweep_arguments
 
 library = nc.library
 

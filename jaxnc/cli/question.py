@@ -10,7 +10,8 @@ import msgspec
 import numpy as np
 
 from jaxnc.errors import InputError, OutputError, nearest
-from jaxnc.io.files import check_driven, check_run, is_angle, load
+from jaxnc.io.drives import check_driven, check_poses_asked, check_run, is_angle
+from jaxnc.io.files import load
 from jaxnc.io.source import SUFFIXES, Source, decode, statement
 from jaxnc.io.target import folder, stem
 from jaxnc.mechanism import Mechanism
@@ -219,10 +220,8 @@ def run_settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Ru
         inputs[name] = msgspec.structs.replace(inputs[name], rate=value)
     if options.poses is not None:
         inputs = {n: msgspec.structs.replace(drive, poses=options.poses) for n, drive in inputs.items()}
-    most = 1_000_000  # more are taken for a slip
     for name, drive in inputs.items():
-        if drive.poses > most:
-            raise InputError(f"input {name!r}: {drive.poses} poses; at most {most} fit in one run")
+        check_poses_asked(f"input {name!r}", drive.poses)
     if not inputs:
         raise InputError(
             f"{mechanism.name!r} does not say what is driven; add --input NAME=FROM:TO, or a table [run.inputs] to the "

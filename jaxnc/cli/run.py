@@ -23,8 +23,8 @@ from jaxnc.cli.question import Question, read_number, read_pair
 from jaxnc.dynamics.simulate import FIXED, simulate
 from jaxnc.dynamics.simulation import Simulation, join
 from jaxnc.errors import AssemblyError, InputError, counted
-from jaxnc.io.files import SweepArguments, check_driven, sweep_arguments
-from jaxnc.io.files import unit_of as unit_in_radians
+from jaxnc.io.drives import SweepArguments, check_drive, check_driven, check_poses_asked, sweep_arguments
+from jaxnc.io.drives import unit_of as unit_in_radians
 from jaxnc.io.tables import list_columns, load_npz, to_csv, to_npz
 from jaxnc.io.target import csv_text, stem, write
 from jaxnc.kinematics.circuits import Circuits
@@ -63,6 +63,7 @@ def do_modes(question: Question, options: argparse.Namespace, importing: float) 
     verdict.drives, verdict.hold = drives(mechanism, run), list(run.hold)
     inputs = {}
     for name, drive in run.inputs.items():
+        check_drive(name, drive)
         values = np.linspace(drive.start, drive.end, drive.poses) * unit_in_radians(mechanism, name)
         inputs[name] = values if drive.poses > 1 else values[0]
     common = {"hold": run.hold, "unit": "rad", "seed": options.seed, "most": options.most}
@@ -259,6 +260,7 @@ def _simulation_section(mechanism: Mechanism, options: argparse.Namespace) -> re
         )
     if not (math.isfinite(section.duration) and section.duration > 0):
         raise InputError(f"--duration {section.duration}: seconds must be a positive number")
+    check_poses_asked("--times", section.times)
     if section.times < 2:
         raise InputError(f"--times {section.times}: keep at least 2")
     return section

@@ -162,7 +162,7 @@ class EnergyBalance:
     """The energy balance of a motion in time, on the host; times that were not reached are NaN.
 
     Attributes:
-        time: times, s, ``(T,)``, as everything else, which is in J.
+        time: times, s, ``(T,)``, as everything else.
         kinetic: kinetic energy.
         potential: potential energy, of gravity, springs and stops.
         inputs: work done by driven coordinates (and rows on velocities that drive) since the start.
@@ -172,6 +172,7 @@ class EnergyBalance:
         error: work less what was taken, less the change of what is stored: 0 for an exact motion.
         doubt: how far `error` may be due to the sum over the times that were kept, and to no error of the motion; of a
             motion that makes leaps between them, an impact, infinite.
+        unit: of all energies.
     """
 
     time: np.ndarray
@@ -183,6 +184,7 @@ class EnergyBalance:
     friction: np.ndarray
     error: np.ndarray
     doubt: float
+    unit: str = "J"
 
     @property
     def total(self) -> np.ndarray:
@@ -209,10 +211,11 @@ class EnergyBalance:
     @property
     def sentence(self) -> str:
         """The balance in a line of words."""
-        part = f", {self.relative:.1g} of the {self.exchanged:.3g} J exchanged" if self.exchanged > 0 else ""
+        unit, most = self.unit, f"{self.largest:.2g} {self.unit}"
+        part = f", {self.relative:.1g} of the {self.exchanged:.3g} {unit} exchanged" if self.exchanged > 0 else ""
         if self.relative > 1e-6 and not self.doubt < 0.3 * self.largest:
-            return f"known to {self.largest:.2g} J only{part}: keep more than {len(self.time)} times to sum work over"
-        return f"off by at most {self.largest:.2g} J{part}"
+            return f"known to {most} only{part}: keep more than {len(self.time)} times to sum work over"
+        return f"off by at most {most}{part}"
 
 
 @public
@@ -243,7 +246,8 @@ def energy_balance(motion: Motion) -> EnergyBalance:
     stored = kinetic + potential
     error = work.sum(axis=0) - (stored - stored[0])
     inputs, loads, damped, rubbed = work
-    return EnergyBalance(t, kinetic, potential, inputs, loads, 0.0 - damped, 0.0 - rubbed, error, doubt)
+    unit = motion.system.topology.load_unit("energy")
+    return EnergyBalance(t, kinetic, potential, inputs, loads, 0.0 - damped, 0.0 - rubbed, error, doubt, unit)
 
 
 def _largest_magnitude(x: np.ndarray) -> float:

@@ -63,22 +63,36 @@ class Linearisation:
 
     @property
     def _modes(self) -> tuple[Array, Array]:
-        """Undamped modes as columns, of unit modal mass, and their squared frequencies; first derivatives are exact."""
-        m, k = self.mass, 0.5 * (self.stiffness + self.stiffness.T)
-        fixed = jax.lax.stop_gradient(0.5 * (m + m.T))
+        """Undamped modes as columns, of unit modal mass, and their frequencies; first derivatives are exact."""
+        m, fixed = self.mass, jax.lax.stop_gradient(0.5 * (self.mass + self.mass.T))
         values, vectors = dense.symmetric_eigen(fixed)
         root = vectors / jnp.sqrt(values)
-        _, turned = dense.symmetric_eigen(root.T @ jax.lax.stop_gradient(k) @ root)
+        k = jax.lax.stop_gradient(self.stiffness)
+        _, turned = dense.symmetric_eigen(root.T @ (0.5 * (k + k.T)) @ root)
         modes = root @ turned
         # Rayleigh's quotient of a mode that is kept has the derivative of the eigenvalue.
-        return modes, jnp.sum(modes * (k @ modes), axis=0) / jnp.sum(modes * (m @ modes), axis=0)
+        square = jnp.sum(modes * (self.stiffness @ modes), axis=0) / jnp.sum(modes * (m @ modes), axis=0)
+        size = jnp.sqrt(jnp.where(square != 0, jnp.abs(square), 1.0))
+        frequencies = jnp.where(square != 0, jnp.sign(square) * size, 0.0)
+        # A force that turns with the mechanism makes K unsymmetric: left and right modes are then different ones.
+        twisted = ~_is_symmetric(k)
+        whole = jnp.where(twisted, root.T @ k @ root, jnp.diag(jnp.arange(1.0, len(k) + 1.0)))
+        left, right = (root @ v for v in dense.eigen(whole)[1:])
+        squares = jnp.sum(left.conj() * (self.stiffness @ right), axis=0) / jnp.sum(left.conj() * (m @ right), axis=0)
+        flutter = jnp.abs(squares.imag) > limits(m).balance * jnp.abs(squares)
+        sizes = jnp.sqrt(jnp.where(squares != 0, jnp.abs(squares), 1.0))
+        turning = jnp.where(flutter | (squares.real < 0), -sizes, jnp.where(squares != 0, sizes, 0.0))
+        order = jnp.argsort(turning)
+        return jnp.where(twisted, right.real[:, order], modes), jnp.where(twisted, turning[order], frequencies)
 
     @property
     def frequencies(self) -> Array:
-        """Undamped natural frequencies, rad/s, lowest first, ``(g,)``; negative where a motion grows (unstable)."""
-        square = self._modes[1]
-        size = jnp.sqrt(jnp.where(square != 0, jnp.abs(square), 1.0))
-        return jnp.where(square != 0, jnp.sign(square) * size, 0.0)
+        """Natural frequencies of M and K alone, rad/s, lowest first, ``(g,)``; negative where a motion grows.
+
+        Damping and gyroscopic forces are left out: `eigenvalues` have all of them. Where forces turn with the
+        mechanism two modes may flutter; both then have minus the size of their eigenvalues.
+        """
+        return self._modes[1]
 
     @property
     def modes(self) -> Array:
@@ -88,8 +102,12 @@ class Linearisation:
     @property
     def stable(self) -> bool:
         """True if no eigenvalue has a positive real part."""
-        values, least = self.eigenvalues, 0.1 * limits(self.mass).balance
-        return bool(np.max(np.real(values), initial=-np.inf) <= least * np.max(np.abs(values), initial=1e-300))
+        return bool(np.max(np.real(self.eigenvalues), initial=-np.inf) <= self._least)
+
+    @property
+    def _least(self) -> float:
+        """Size below which real parts of eigenvalues are rounding."""
+        return 0.1 * limits(self.mass).balance * float(np.max(np.abs(self.eigenvalues), initial=1e-300))
 
     @as_its_system
     def mode(self, number: int, amplitude: float = 0.1, poses: int = 41) -> Motion:
@@ -123,10 +141,24 @@ class Linearisation:
         rows = [f"linearised about a state of {self.motion.system.name!r} in {', '.join(self.coordinates)}"]
         if isinstance(self.stiffness, Tracer):
             return f"{rows[0]}, traced"
+        c, scale = self.damping, np.sqrt(np.abs(self.stiffness).max(initial=0.0) * np.abs(self.mass).max(initial=0.0))
+        if not _is_symmetric(c, scale):  # with gyroscopic forces M and K alone do not say how it moves
+            values = self.eigenvalues
+            for value in values[np.imag(values) >= 0]:
+                turns = f" ± {value.imag:.6g}i rad/s, {value.imag / (2 * np.pi):.6g} Hz" if value.imag else " rad/s"
+                said = ", grows" if value.real > self._least else ""
+                rows.append(f"  eigenvalue {value.real if abs(value.real) > self._least else 0.0:.6g}{turns}{said}")
+            return "\n".join(rows)
         for k, w in enumerate(np.asarray(self.frequencies)):
             said = f"{w / (2 * np.pi):.6g} Hz" if w > 0 else "grows" if w < 0 else "neutral"
             rows.append(f"  mode {k}: {abs(w):.6g} rad/s, {said}")
         return "\n".join(rows)
+
+
+def _is_symmetric(matrix: Array, scale: Array | float = 0.0) -> Array:
+    """Say whether a matrix is symmetric but for rounding, of its own size or of a larger one."""
+    most = jnp.maximum(jnp.max(jnp.abs(matrix), initial=0.0), scale)
+    return jnp.max(jnp.abs(matrix - matrix.T), initial=0.0) <= limits(matrix).balance * most
 
 
 @public

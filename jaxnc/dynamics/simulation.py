@@ -101,9 +101,10 @@ def _balance_lines(found: EnergyBalance) -> list[str]:
     k = int(last[0])
     parts = {"inputs": found.inputs, "loads": found.loads}
     parts |= {"dampers": -found.dissipated, "friction": -found.friction}
-    work = [f"{x[k]:.6g} J by {name}" for name, x in parts.items() if np.nanmax(np.abs(x)) > 0]
+    work = [f"{x[k]:.6g} {found.unit} by {name}" for name, x in parts.items() if np.nanmax(np.abs(x)) > 0]
+    first, last = (f"{found.total[j]:.9g} {found.unit}" for j in (0, k))
     return [
-        f"  energy                {found.total[0]:.9g} J at the start, {found.total[k]:.9g} J at the end",
+        f"  energy                {first} at the start, {last} at the end",
         *([f"  work                  {', '.join(work)}"] if work else []),
         f"  energy balance        {found.sentence}",
     ]

@@ -4,137 +4,31 @@ A file holds what the methods of `Mechanism` take, table by table, and is read b
 same messages. Lengths are in any one unit, which ``units.length`` names. Exactly these numbers are converted when they
 are used: with ``units.angle = "deg"``, the drives of inputs that are angles (`from`, `to` and `rate` in
 ``[run.inputs]``). Everything else is taken as it stands; constants of relations between angles are in radians.
-
-The run section of a model is checked here, and turned into what `jaxnc.sweep` takes.
 """
 
 import json
 import math
 import re
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
 
 import msgspec
-import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, MechanismError, ModelFileError, nearest
+from jaxnc.io.drives import check_run
 from jaxnc.io.source import SUFFIXES, Source, decode
 from jaxnc.io.target import file_name, write
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.vehicle.suspension import trade_names
+from jaxnc.vehicle.hardpoints import trade_names
 
 if TYPE_CHECKING:
     from jaxnc.constraints import Kind, RateKind
     from jaxnc.forces import ForceKind
 
     AnyKind = Kind | RateKind | ForceKind
-
-
-class SweepArguments(TypedDict):
-    """Arguments of `jaxnc.sweep`."""
-
-    inputs: dict[str, np.ndarray]  # radians and lengths
-    rates: dict[str, float] | None  # per second; None if no input has one
-    hold: tuple[str, ...]
-
-
-def sweep_arguments(mechanism: Mechanism, run: record.Run | None = None) -> SweepArguments:
-    """Return what `jaxnc.sweep` takes to do as a model's run section says.
-
-    Args:
-        mechanism: the mechanism.
-        run: a run section; the mechanism's own if not given. With ``angle_unit="deg"`` its numbers for inputs that are
-            angles are in degrees, and are converted here.
-
-    Returns:
-        Inputs, rates and what is held, for ``sweep(system, **sweep_arguments(mechanism))``.
-    """
-    run = mechanism.model.run if run is None else run
-    if not run.inputs:
-        raise InputError(f"{mechanism.name!r}: nothing is driven; say how one of its coordinates moves")
-    for name, drive in run.inputs.items():
-        _check_drive(name, drive)
-    _check_poses(run)
-    inputs, rates = {}, {}
-    for name, drive in run.inputs.items():
-        factor = unit_of(mechanism, name)
-        values = np.linspace(drive.start, drive.end, drive.poses)
-        inputs[name] = values if factor == 1.0 else values * factor
-        if drive.rate is not None:
-            rates[name] = drive.rate * factor
-    return {"inputs": inputs, "rates": rates or None, "hold": tuple(run.hold)}
-
-
-def is_angle(mechanism: Mechanism, name: str) -> bool:
-    """Tell whether a coordinate is an angle."""
-    made = [j.angle for j in mechanism.model.joints.values() if isinstance(j, record.Rolling | record.Screw)]
-    return name in (*mechanism.model.angles, *made)
-
-
-def unit_of(mechanism: Mechanism, name: str) -> float:
-    """Return one unit of a coordinate in a run section in radians or lengths: π/180 for angles in degrees."""
-    return math.pi / 180 if mechanism.model.units.angle == "deg" and is_angle(mechanism, name) else 1.0
-
-
-def check_run(
-    mechanism: Mechanism, run: record.Run, blamed: Callable[..., AbstractContextManager] = nullcontext
-) -> None:
-    """Check the names and numbers of a run section."""
-    places, axes, scalars = (*mechanism.all_points, *mechanism.all_vectors), mechanism.axes, _scalars(mechanism)
-    markers = [*mechanism.model.markers, *(f"{p}.{a}" for p in mechanism.model.markers for a in axes)]
-    for name, drive in run.inputs.items():
-        with blamed(("run", "inputs", name)):
-            check_driven(mechanism, name)
-            _check_drive(name, drive)
-    with blamed(("run", "inputs")):
-        _check_poses(run)
-    for name in run.hold:
-        with blamed(("run", "hold")):
-            _check_name(name, scalars, f"there is no coordinate {name!r} to hold")
-    for name in run.outputs:
-        with blamed(("run", "outputs")):
-            everything = [*places, *scalars, *markers]
-            noun = "point, marker" if mechanism.model.dim == 2 else "point, vector, marker"
-            _check_name(name, everything, f"there is no {noun} or coordinate {name!r} to show")
-
-
-def check_driven(mechanism: Mechanism, name: str, what: str = "") -> None:
-    """Refuse a name that is no coordinate; `what` stands before the message."""
-    _check_name(name, _scalars(mechanism), f"{what}{': ' if what else ''}there is no coordinate {name!r} to drive")
-
-
-def _scalars(mechanism: Mechanism) -> list[str]:
-    places = *mechanism.all_points, *mechanism.all_vectors
-    return [*mechanism.scalar_names, *(f"{p}.{a}" for p in places for a in mechanism.axes)]
-
-
-def _check_name(name: str, names: list[str], what: str) -> None:
-    if name not in names:
-        raise InputError(f"{what}; {nearest(name, names)}")
-
-
-def _check_drive(name: str, drive: record.Drive) -> None:
-    for key, value in (("from", drive.start), ("to", drive.end), ("rate", drive.rate)):
-        if value is not None and not math.isfinite(value):
-            raise InputError(f"input {name!r}: {key} = {value} must be a finite number")
-    if drive.poses < 1:
-        raise InputError(f"input {name!r}: poses = {drive.poses}; give at least 1")
-    if drive.poses == 1 and drive.start != drive.end:
-        raise InputError(
-            f"input {name!r}: poses = 1, but it goes from {drive.start:g} to {drive.end:g}; give at least 2"
-        )
-
-
-def _check_poses(run: record.Run) -> None:
-    counts = {name: drive.poses for name, drive in run.inputs.items()}
-    if len(set(counts.values())) > 1:
-        shown = ", ".join(f"{name} has {poses}" for name, poses in counts.items())
-        raise InputError(f"several inputs move together and need as many poses each; {shown}")
-
 
 _WIDTH = 100  # of a line in a file
 _NO_COMMENTS: Mapping[str, str] = {}

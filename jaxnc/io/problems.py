@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from jaxnc.io.curve_files import outline, read_numbers
-from jaxnc.io.files import load, unit_of
+from jaxnc.io.drives import unit_of
+from jaxnc.io.files import load
 from jaxnc.io.source import ConditionEntry, ProblemFile, SearchOptions, Source, SvgTarget, statement
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import conditions as kinds

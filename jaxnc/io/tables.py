@@ -1,6 +1,4 @@
-"""Tables of a motion: CSV for people and spreadsheets, npz for programs, data frames and data sets for pandas and
-xarray.
-"""
+"""Tables of a motion: CSV for people, npz for programs, frames and data sets for pandas and xarray."""
 
 import csv
 import importlib
@@ -416,9 +414,10 @@ def to_frame(motion: "Motion", names: Sequence[str] | None = None, unit: str | N
     data: dict[str, object] = {label: column for label, (_, column) in found.columns.items()}
     words = [Status(s).name.lower() for s in found.status.tolist()]
     data |= {"status": pandas.Categorical(words, [s.name.lower() for s in Status]), "residual": found.residual}
-    units["residual"] = motion.system.topology.length_unit
+    top = motion.system.topology
+    units["residual"] = top.length_unit
     for label, energy in _energies(motion).items():
-        data[label], units[label] = np.where(found.status != 0, np.nan, energy.reshape(-1)), "J"
+        data[label], units[label] = np.where(found.status != 0, np.nan, energy.reshape(-1)), top.load_unit("energy")
     index: Any = pandas.RangeIndex(len(words), name="pose")
     if len(found.axes) > 1:
         index = pandas.MultiIndex.from_arrays(list(found.places), names=found.axes)
@@ -483,7 +482,11 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
         attrs = {"units": "1", "long_name": "reciprocal condition number, estimated"}
         arrays["conditioning"] = over, np.asarray(motion.conditioning, float), attrs
     for label, energy in _energies(motion).items():
-        arrays[label] = over, np.where(status != 0, np.nan, energy), {"units": "J", "long_name": label}
+        arrays[label] = (
+            over,
+            np.where(status != 0, np.nan, energy),
+            {"units": top.load_unit("energy"), "long_name": label},
+        )
     if motion.time is not None:
         more["time"] = over, np.broadcast_to(np.asarray(motion.time, float), status.shape), {"units": "s"}
     for dimension, size in zip(over, status.shape, strict=True):

@@ -145,10 +145,12 @@ def _own_spin(system: System, q: np.ndarray, body: "BodyIndex") -> tuple[np.ndar
     shared = [k for k in body.vectors if top.fixed[3 * (count + k)] or any(k in b.vectors for b in others)]
     axes = [(i, vectors[k], top.vectors[k]) for i in held[:1] for k in shared]
     axes += [(i, points[j] - points[i], f"{top.points[i]}-{top.points[j]}") for i in held for j in held if i < j]
-    if not axes:
+    size = np.ptp(points, axis=0).max(initial=0.0)
+    ways = ((i, way, line) for i, way, line in axes if np.linalg.norm(way) > 1e-9 * size)  # not of joints at one place
+    start, way, line = next(ways, (0, None, ""))
+    if way is None:
         return None
-    start, direction, line = axes[0]
-    direction = direction / np.linalg.norm(direction)
+    direction = way / np.linalg.norm(way)
     change = np.zeros(len(q))
     for i in body.points:
         change[3 * i : 3 * i + 3] = np.cross(direction, points[i] - points[start])

@@ -252,9 +252,10 @@ def doubt_degrees(system: System, unit: str | None, *given: object) -> None:
             continue
         why = _like_degrees(x)
         if why:
+            shown = " (angle_unit= says how they are shown)" if system.topology.angle_unit == "deg" else ""
             warnings.warn(
-                f"{name!r} {why}: angles are in radians here; for degrees unit='deg', in a file units = {{ angle = "
-                f"\"deg\" }}, on the command line 0deg:360deg; for radians unit='rad'",
+                f"{name!r} {why}: angles are in radians here{shown}; for degrees unit='deg', in a file "
+                f"units = {{ angle = \"deg\" }}, on the command line 0deg:360deg; for radians unit='rad'",
                 UserWarning,
                 stacklevel=_levels(),
             )

@@ -14,7 +14,7 @@ import numpy as np
 from jaxnc.library.drawing import Length, Misfit, Vector, Z, across_axis, as_places, check_apart, drive, lay_out, offer
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.model import Place
-from jaxnc.vehicle.suspension import FIGURE_42
+from jaxnc.vehicle.hardpoints import FIGURE_42
 
 _RADIUS = 310.0  # mm, of the loaded tyre
 _UNITS = {"length_unit": "mm", "angle_unit": "deg"}

@@ -532,7 +532,7 @@ class Drive(_ModelRecord, rename={"start": "from", "end": "to"}):
     """How `jaxnc run` moves one input: from, to, the number of poses and its constant rate per second.
 
     For an input that is an angle all three are in the model's angle unit; they are converted when they are used (see
-    `jaxnc.io.files.sweep_arguments`).
+    `jaxnc.io.drives.sweep_arguments`).
     """
 
     start: float

@@ -10,8 +10,8 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError, counted
-from jaxnc.io.files import is_angle, sweep_arguments
-from jaxnc.io.files import unit_of as unit_in_radians
+from jaxnc.io.drives import is_angle, sweep_arguments
+from jaxnc.io.drives import unit_of as unit_in_radians
 from jaxnc.kinematics.arc import travel
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
 from jaxnc.kinematics.freedoms import explain_lock, undriven_freedoms
@@ -162,7 +162,7 @@ class Peak:
         on: the body.
         by: what exerts it.
         force: its largest size, N.
-        moment: the largest moment about the body's centre of mass, N m.
+        moment: the largest moment about the body's centre of mass.
         pose: where the force is largest.
     """
 
@@ -213,11 +213,18 @@ def forces(motion: Motion) -> Forces | None:
     for k, name in enumerate((*motion.driven, *motion.held)):
         angle = top.is_angle(name)
         values = np.where(good, np.asarray(found.efforts)[..., k], np.nan)
-        efforts.append(Quantity(f"effort {name}", "N m" if angle else "N", values, float(np.nanmax(np.abs(values)))))
+        efforts.append(
+            Quantity(
+                f"effort {name}",
+                top.load_unit("moment" if angle else "force"),
+                values,
+                float(np.nanmax(np.abs(values))),
+            )
+        )
     power = None
     if efforts and not resting:
         values = np.where(good, np.asarray(found.power), np.nan)
-        power = Quantity("power", "W", values, float(np.nanmax(np.abs(values))))
+        power = Quantity("power", top.load_unit("power"), values, float(np.nanmax(np.abs(values))))
     peaks = sorted(_peaks(found.reactions.all(), good), key=lambda p: -p.force)
     return Forces(motion, resting, tuple(efforts), power, tuple(peaks[:24]))  # peaks of forces that are listed
 

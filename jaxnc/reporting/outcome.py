@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 
 from jaxnc.errors import InputError
-from jaxnc.io.files import SweepArguments
-from jaxnc.io.files import unit_of as unit_in_radians
+from jaxnc.io.drives import SweepArguments
+from jaxnc.io.drives import unit_of as unit_in_radians
 from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
 from jaxnc.kinematics.inputs import METRES
@@ -34,8 +34,8 @@ from jaxnc.reporting.verdict import (
 from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
 from jaxnc.system.system import System, characteristic_length
+from jaxnc.vehicle.hardpoints import RACK, usual
 from jaxnc.vehicle.report import SuspensionReport, suspension_report
-from jaxnc.vehicle.suspension import RACK, usual
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import quantity
 
@@ -227,7 +227,7 @@ def check_expected(system: System, arguments: SweepArguments, texts: Sequence[st
 
     Args:
         system: the system.
-        arguments: as of `jaxnc.io.files.sweep_arguments`.
+        arguments: as of `jaxnc.io.drives.sweep_arguments`.
         texts: the expectations.
     """
     if not texts:
@@ -315,13 +315,13 @@ def enter_simulation(verdict: Verdict, run: "Simulation", asked_end: float | Non
 
 
 def energies(run: "Simulation") -> list[Quantity]:
-    """List energy that is stored, and that came and went since the start, J; only what is not always zero."""
-    found = run.balance
+    """List energy that is stored, and that came and went since the start; only what is not always zero."""
+    found, unit = run.balance, run.system.topology.load_unit("energy")
     parts = {"stored": found.total, "work of inputs": found.inputs, "work of loads": found.loads}
     parts |= {"taken by dampers": found.dissipated, "taken by friction": found.friction}
     size = max(float(np.nanmax(np.abs(x), initial=0.0)) for x in parts.values())
     return [
-        Quantity(name, "J", np.asarray(x), size) for name, x in parts.items() if np.nanmax(np.abs(x), initial=0.0) > 0
+        Quantity(name, unit, np.asarray(x), size) for name, x in parts.items() if np.nanmax(np.abs(x), initial=0.0) > 0
     ]
 
 

@@ -238,7 +238,7 @@ def _strip(lower: float, upper: float, first: float, last: float) -> str:
 def _simulation(run: Simulation) -> str:
     """Write what the integration tells of itself, and where the energy goes."""
     t, kinds = np.asarray(run.time, float), energies(run)
-    drawn = [chart(t, "time [s]", "J", {q.label: q.values for q in kinds})] if kinds else []
+    drawn = [chart(t, "time [s]", kinds[0].unit, {q.label: q.values for q in kinds})] if kinds else []
     text = "\n".join(line.removeprefix("  ") for line in run.report().splitlines()[1:])
     return f'<pre class="told">{html.escape(text)}</pre>{_charts(drawn)}'
 
@@ -368,7 +368,8 @@ def _forces(found: "Report") -> str:
         cells = [c for k in ends for c in (short(float(q.values[k])), _at(inputs_at(found.motion, k)))]
         rows.append([f"{with_symbols(q.label)} [{q.unit}]", *cells])
     out += [_table(rows)] if rows[1:] else []
-    peaks = [["on", "by", "largest force [N]", "at", "largest moment [N m]"]]
+    force, moment = (found.motion.system.topology.load_unit(kind) for kind in ("force", "moment"))
+    peaks = [["on", "by", f"largest force [{force}]", "at", f"largest moment [{moment}]"]]
     peaks += [[p.on, p.by, short(p.force), _at(inputs_at(found.motion, p.pose)), short(p.moment)] for p in f.peaks]
     out.append(f"<h3>Peaks in the joints</h3>{_table(peaks, text=(1,))}")
     hint = "Every pose is held at rest, since no rate is given." if f.resting else "With the rates of the motion."

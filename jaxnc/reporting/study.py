@@ -16,7 +16,8 @@ from jaxnc.calls import public
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.exports import version
-from jaxnc.io.files import json_text, plain, sweep_arguments
+from jaxnc.io.drives import sweep_arguments
+from jaxnc.io.files import json_text, plain
 from jaxnc.kinematics.diagnosis import Diagnosis
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.mobility import Mobility, mobility

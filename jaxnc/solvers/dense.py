@@ -198,6 +198,16 @@ def symmetric_eigen(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Fl
     return values, vectors
 
 
+@_with_batch()
+def eigen(matrix: Float[Array, "n n"]) -> tuple[Array, Array, Array]:
+    """Eigenvalues of any matrix and its left and right eigenvectors as columns, complex; not differentiable.
+
+    The left ones are met as ``left.conj().T @ matrix = values[:, None] * left.conj().T``.
+    """
+    values, left, right = lax.linalg.eig(matrix)
+    return values, left, right
+
+
 # -- linear systems -----------------------------------------------------------------------------------------------
 
 

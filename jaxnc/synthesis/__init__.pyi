@@ -22,6 +22,7 @@ from jaxnc.synthesis.exact.burmester import BurmesterCurves as BurmesterCurves
 from jaxnc.synthesis.exact.burmester import BurmesterPairs as BurmesterPairs
 from jaxnc.synthesis.exact.burmester import Dyad as Dyad
 from jaxnc.synthesis.exact.burmester import Guidance as Guidance
+from jaxnc.synthesis.exact.burmester import NearestDyads as NearestDyads
 from jaxnc.synthesis.exact.freudenstein import FunctionDesign as FunctionDesign
 from jaxnc.synthesis.exact.freudenstein import FunctionDesigns as FunctionDesigns
 from jaxnc.synthesis.exact.freudenstein import chebyshev_points as chebyshev_points
@@ -36,7 +37,6 @@ from jaxnc.synthesis.exact.linkage import distinct as distinct
 from jaxnc.synthesis.exact.linkage import roberts_cognates as roberts_cognates
 from jaxnc.synthesis.exact.linkage import same_curve as same_curve
 from jaxnc.synthesis.exact.linkage import slider_crank_cognate as slider_crank_cognate
-from jaxnc.synthesis.exact.nearest import NearestDyads as NearestDyads
 from jaxnc.synthesis.exact.precision_points import PathDesigns as PathDesigns
 from jaxnc.synthesis.exact.precision_points import path_four_bars as path_four_bars
 from jaxnc.synthesis.exact.six_bars import SixBarDesign as SixBarDesign
@@ -72,12 +72,12 @@ from jaxnc.synthesis.tolerance.spread import Tolerance as Tolerance
 from jaxnc.synthesis.tolerance.spread import robust as robust
 from jaxnc.synthesis.tracing.atlas import Atlas as Atlas
 from jaxnc.synthesis.tracing.atlas import Candidates as Candidates
+from jaxnc.synthesis.tracing.atlas import ChainDesign as ChainDesign
 from jaxnc.synthesis.tracing.atlas import Shelf as Shelf
 from jaxnc.synthesis.tracing.atlas import atlas as atlas
 from jaxnc.synthesis.tracing.chains import Chain as Chain
 from jaxnc.synthesis.tracing.chains import Hung as Hung
 from jaxnc.synthesis.tracing.chains import dyadic_chains as dyadic_chains
-from jaxnc.synthesis.tracing.linkage import ChainDesign as ChainDesign
 from jaxnc.synthesis.tracing.trace import TracedDesign as TracedDesign
 from jaxnc.synthesis.tracing.trace import TraceResult as TraceResult
 from jaxnc.synthesis.tracing.trace import trace as trace

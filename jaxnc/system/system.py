@@ -287,8 +287,13 @@ def unheld(top: Topology) -> list[str]:
     tied |= {i for body in top.bodies for i in body.points}
     tied |= {i for block in top.loads.forces for points in block.points for i in points}
     tied |= {one.origin for group in top.loads.inertias for one in group}
+    related = {
+        k // top.dim for block in top.blocks for some in block.scalars for k in some
+    }  # a coordinate in a relation
+    tied |= related
     held = {i for b in top.bodies for i in b.vectors}
     held |= {i for block in top.blocks if block.kind is not UNIT for some in block.vectors for i in some}
+    held |= {i - len(top.points) for i in related}
     count = len(top.points)
     loose = [(f"point {n!r}", i) for i, n in enumerate(top.points) if i not in tied]
     loose += [(f"vector {n!r}", count + i) for i, n in enumerate(top.vectors) if i not in held]

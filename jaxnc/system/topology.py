@@ -273,6 +273,18 @@ class Topology:
         """Unit of a coordinate or a place: ``"rad"``, ``"1"`` of directions, or the unit of length."""
         return "rad" if self.is_angle(name) else "1" if self.is_direction(name) else self.length_unit
 
+    def load_unit(self, dimension: str) -> str:
+        """Name the unit of a force, moment, energy or power, of the set of units that has the unit of length.
+
+        Metric sets have newtons and seconds: with metres the mass is in kg, with millimetres in tonnes.
+        """
+        length = self.length_unit
+        if length == "m":
+            return {"force": "N", "moment": "N m", "energy": "J", "power": "W"}[dimension]
+        force = "N" if length in ("dm", "cm", "mm") else "force"
+        work = f"{force} {length}".rstrip()
+        return {"force": force, "moment": work, "energy": work, "power": f"{work}/s"}[dimension]
+
     def named(self, at: Iterable[int]) -> tuple[str, ...]:
         """Names of coordinates, by their indices."""
         return tuple(self.coordinates[k] for k in at)

@@ -15,17 +15,8 @@ from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import METRES, outside
 from jaxnc.kinematics.motion import Motion, drawn_motion
 from jaxnc.notebooks import align_columns
-from jaxnc.vehicle.suspension import (
-    ATTITUDE,
-    NUMBERS,
-    RACK,
-    Layout,
-    Options,
-    resolve,
-    suspension,
-    trade_names,
-    wheel_numbers,
-)
+from jaxnc.vehicle.hardpoints import RACK, trade_names
+from jaxnc.vehicle.suspension import ATTITUDE, NUMBERS, Layout, Options, resolve, suspension, wheel_numbers
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -25,7 +25,7 @@ from jaxnc.system.assemble import assemble
 from jaxnc.system.system import System, drivable, unheld
 from jaxnc.system.topology import Block, Topology
 from jaxnc.types import ArrayLike, Inputs
-from jaxnc.vehicle.suspension import usual
+from jaxnc.vehicle.hardpoints import usual
 
 if TYPE_CHECKING:
     from jaxnc.dynamics.reactions import Reactions
@@ -77,7 +77,7 @@ def default_motion(thing: Any, inputs: Inputs | None, options: dict[str, Any]) -
         if inputs is not None or options:
             raise InputError("widget: a motion has its inputs already; leave inputs=, rates= and hold= out")
         return thing
-    from jaxnc.io.files import sweep_arguments  # a first drawing goes without these
+    from jaxnc.io.drives import sweep_arguments  # a first drawing goes without these
 
     if inputs is None and not options and isinstance(thing, Mechanism) and thing.model.run.inputs:
         return sweep(thing.compile(), **sweep_arguments(thing), throw=False)

@@ -72,7 +72,7 @@ def quantity(poses: Poses, name: str) -> Quantity:
     if (number := _attitude(poses, name)) is not None:
         return number
     if name in ENERGIES:
-        return _plain_quantity(poses, name, "energy", "J", _ENERGIES[ENERGIES.index(name)](motion))
+        return _plain_quantity(poses, name, "energy", top.load_unit("energy"), _ENERGIES[ENERGIES.index(name)](motion))
     if noun in EXERTED:
         return _force(poses, noun, what)
     return _coordinate(poses, name, _RATES.get(noun, 0), what)
@@ -122,7 +122,8 @@ def _force(poses: Poses, noun: str, what: str) -> Quantity:
         raise InputError(f"plot: {name!r} acts on all coordinates, and is no curve; plot what it does to one of them")
     turns = noun == "effort" and top.is_angle(what)
     turns = turns or (noun == "load" and _couple(poses, what))
-    return _plain_quantity(poses, name, *(("torque", "N m") if turns else ("force", "N")), values)
+    dimension = ("torque", top.load_unit("moment")) if turns else ("force", top.load_unit("force"))
+    return _plain_quantity(poses, name, *dimension, values)
 
 
 def force_values(found: "Reactions", name: str) -> Any:

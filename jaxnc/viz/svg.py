@@ -284,10 +284,11 @@ def _run_rows(run: "Simulation") -> Rows:
     last = int(np.flatnonzero(good)[-1]) if good.any() else 0
     made, rejected = map(int, run.steps)
     first, second = map(float, run.violation)
+    unit = run.system.topology.load_unit("energy")
     return (
         ("time", f"{t[0]:g} s to {float(run.end):.6g} s"),
         ("steps", f"{made}" + (f" and {rejected} rejected" if rejected else "")),
-        ("energy", f"{e[0]:.6g} J at the start, {e[last]:.6g} J at the end"),
+        ("energy", f"{e[0]:.6g} {unit} at the start, {e[last]:.6g} {unit} at the end"),
         ("constraints", f"met to {first:.2g}, their rates to {second:.2g}"),
     )
 

@@ -180,7 +180,7 @@ def test_commands_that_pages_name_are_understood():
 
 def test_the_model_file_of_the_guide_moves(tmp_path):
     import jaxnc as nc
-    from jaxnc.io.files import sweep_arguments
+    from jaxnc.io.drives import sweep_arguments
 
     text = (DOCS / "modelling.md").read_text()
     (tmp_path / "m.toml").write_text(re.search(r"```toml\n(.*?)```", text, re.S).group(1))

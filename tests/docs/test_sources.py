@@ -13,7 +13,7 @@ from places import DOCS, ROOT
 
 import jaxnc as nc
 from jaxnc.constraints import CATALOGUE
-from jaxnc.io.files import sweep_arguments
+from jaxnc.io.drives import sweep_arguments
 
 PAGE = (DOCS / "sources.md").read_text()
 

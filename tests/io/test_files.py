@@ -16,7 +16,8 @@ import jaxnc as nc
 from jaxnc.constraints import CATALOGUE, Kind, cable
 from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, MechanismError, ModelFileError, OutputError
-from jaxnc.io.files import blame, json_text, load, save, sweep_arguments, toml
+from jaxnc.io.drives import sweep_arguments
+from jaxnc.io.files import blame, json_text, load, save, toml
 from jaxnc.library.catalogue import CATALOGUE as LIBRARY
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record

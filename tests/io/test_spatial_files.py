@@ -7,7 +7,8 @@ from rigs import CASES, Rig
 from test_files import refusal
 
 from jaxnc.errors import ModelFileError
-from jaxnc.io.files import blame, load, save, sweep_arguments
+from jaxnc.io.drives import sweep_arguments
+from jaxnc.io.files import blame, load, save
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.system.assemble import assemble

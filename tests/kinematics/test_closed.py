@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.io.files import sweep_arguments
+from jaxnc.io.drives import sweep_arguments
 
 CLOSE = 1e-12  # of numbers of size one: what Newton leaves of a root, against another Newton's
 SLOPE = 1e-9  # of the largest derivative

@@ -18,9 +18,8 @@ from jaxnc.synthesis.clearance import clear_of
 from jaxnc.synthesis.tracing import atlas as making
 from jaxnc.synthesis.tracing import fit
 from jaxnc.synthesis.tracing import trace as searching
-from jaxnc.synthesis.tracing.atlas import closed_coefficients, lay_closed, normalise
+from jaxnc.synthesis.tracing.atlas import ChainDesign, closed_coefficients, lay_closed, normalise, to_mechanism
 from jaxnc.synthesis.tracing.chains import Chain, Hung, dyadic_chains
-from jaxnc.synthesis.tracing.linkage import ChainDesign, to_mechanism
 from jaxnc.synthesis.tracing.trace import Curve, curve_distance, space_evenly
 from jaxnc.viz.pages import page as page_module
 

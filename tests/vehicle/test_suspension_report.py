@@ -146,8 +146,8 @@ def rotation(turn):
     return np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * k @ k
 
 
-def knuckle(at, rise, rack):
-    """The turn and place of a five-link's knuckle: five lengths and the wheel's height, by Newton's method."""
+def knuckle(at, rise, rack, damper=None):
+    """The turn and place of a five-link's knuckle: five lengths and the wheel's height, or a sixth, by Newton."""
     names = ["lower_front", "lower_rear", "upper_front", "upper_rear", "tie"]
     inner, outer = (np.array([at[f"{n}_{end}"] for n in names], float) for end in ("inner", "outer"))
     lengths, centre = np.linalg.norm(outer - inner, axis=1), np.array(at["wheel_centre"], float)
@@ -155,15 +155,24 @@ def knuckle(at, rise, rack):
 
     def gap(x):
         moved = centre + x[3:] + (outer - centre) @ rotation(x[:3]).T
-        return np.append(np.linalg.norm(moved - inner, axis=1) - lengths, x[5] - rise)
+        own = damper_length(at, rotation(x[:3]), centre + x[3:])
+        return np.append(
+            np.linalg.norm(moved - inner, axis=1) - lengths, x[5] - rise if damper is None else own - damper
+        )
 
-    x = np.zeros(6)
+    x = np.array([0.0, 0.0, 0.0, 0.0, 0.0, rise])
     for _ in range(20):
         steps = np.diag([1e-6] * 3 + [1e-3] * 3)
         slopes = np.stack([(gap(x + h) - gap(x - h)) / (2 * h.max()) for h in steps], axis=1)
         x = x - np.linalg.solve(slopes, gap(x))
     assert np.abs(gap(x)).max() < 1e-9
     return rotation(x[:3]), centre + x[3:]
+
+
+def damper_length(at, turn, centre):
+    """Length of the damper between the knuckle and its top."""
+    lower = centre + turn @ np.subtract(at["damper_lower"], at["wheel_centre"])
+    return float(np.linalg.norm(lower - at["damper_top"]))
 
 
 def test_five_links_against_their_lengths():
@@ -180,8 +189,10 @@ def test_five_links_against_their_lengths():
         axis = turn @ axle / np.linalg.norm(axle)
         assert float(found.camber[k]) == pytest.approx(-math.asin(axis[2]), abs=1e-10)
         assert float(found.toe[k]) == pytest.approx(math.atan2(axis[0], axis[1]), abs=1e-10)
-        # The axis of the small turn between two places of the rack, by differences: its direction as (caster, kingpin).
-        one, other = (knuckle(at, travel[k], rack[k] + h)[0] for h in (-0.01, 0.01))
+        # The axis of the small turn between two places of the rack, the damper held, by differences: its direction as
+        # (caster, kingpin).
+        held = damper_length(at, turn, centre)
+        one, other = (knuckle(at, travel[k], rack[k] + h, held)[0] for h in (-0.01, 0.01))
         small = other @ one.T
         way = np.array([small[2, 1] - small[1, 2], small[0, 2] - small[2, 0], small[1, 0] - small[0, 1]])
         way *= np.sign(way[2])

@@ -15,8 +15,8 @@ from tracing import shorten, small_atlas
 
 import jaxnc as nc
 from jaxnc.cli.main import main
+from jaxnc.synthesis.tracing.atlas import ChainDesign
 from jaxnc.synthesis.tracing.chains import KINDS, Chain, Hung
-from jaxnc.synthesis.tracing.linkage import ChainDesign
 from jaxnc.synthesis.tracing.trace import curve_distance
 from jaxnc.viz.pages.page import TraceServer
 

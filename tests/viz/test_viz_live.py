@@ -17,7 +17,7 @@ from pages import CHROMIUM, PATIENCE, Browser, unpacked
 import jaxnc as nc
 from jaxnc import viz
 from jaxnc.constraints.coordinates import from_drawing
-from jaxnc.io.files import sweep_arguments
+from jaxnc.io.drives import sweep_arguments
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reading import Builder, function
 from jaxnc.solvers.assembly import derive, to_host

@@ -13,7 +13,7 @@ from processes import full_disk
 
 import jaxnc as nc
 from jaxnc.cli.main import main
-from jaxnc.io.files import sweep_arguments
+from jaxnc.io.drives import sweep_arguments
 from jaxnc.workshop.stacking import LayerSearch, Rule
 from jaxnc.workshop.stock import Contour
 

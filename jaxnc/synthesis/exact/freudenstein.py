@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -52,8 +53,9 @@ class FunctionDesign:
 
     Attributes:
         linkage: the four-bar, drawn at the first precision point; the ground A-D lies along the x axis.
-        input_offset: angle φ of the crank where the scale of the input is zero, radians.
-        output_offset: angle ψ of the rocker where the scale of the output is zero, radians.
+        input_offset: angle φ of the crank where the scale of the input is zero, radians. Where the equations have a bar
+            of negative length, it stands half a turn from the offset that was given.
+        output_offset: angle ψ of the rocker where the scale of the output is zero, radians; likewise.
         inputs: input scale at the precision points, radians, ``(n,)``.
         outputs: output scale at the precision points, radians, ``(n,)``.
         grid: input scale over the range, ``(121,)``; only with a range.
@@ -275,7 +277,8 @@ def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[Slider
         outputs: places s of the slider along x from the crank pivot, lengths, ``(3,)``.
 
     Returns:
-        The slider-crank, drawn at the first angle, and the largest deviation of s after really moving it through the
+        The slider-crank, drawn at the first angle (or, with a warning, half a turn from it, where the equations have a
+        crank of negative length), and the largest deviation of s after really moving it through the
         three angles, a length; NaN if a dead point stops it, as large as it is if it changes its branch.
 
     Raises:
@@ -299,6 +302,13 @@ def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[Slider
     pin = crank * np.exp(1j * phi[0])
     found = SliderCrank((0.0, 0.0), (pin.real, pin.imag), (float(s[0]), float(offset)))
     turned = phi + (math.pi if crank < 0 else 0.0)
+    if crank < 0:
+        warnings.warn(
+            "slider_crank_function: the equations have a crank of negative length; it is drawn the other way, and stands "
+            "half a turn from the angles given",
+            UserWarning,
+            stacklevel=3,
+        )
     turned = turned - 2 * np.pi * np.round((turned[0] - np.angle(pin)) / (2 * np.pi))
     motion, at = sweep_through(found.system, turned, 30)
     if not np.asarray(motion.converged).all():
@@ -448,8 +458,8 @@ def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
     least = float(np.min(every[np.isfinite(every)], initial=math.inf))
     return FunctionDesign(
         linkage=linkage,
-        input_offset=float(phi0),
-        output_offset=float(psi0),
+        input_offset=float(wrap_angle(bars[0])),
+        output_offset=float(wrap_angle(bars[1])),
         inputs=x,
         outputs=y,
         grid=grid,

@@ -180,13 +180,23 @@ def make_question(
 
 @functools.partial(jit, static_argnums=0)
 def solve_batch(asked: Question, system: System, at: Array, changes: Array, values: tuple[Array, ...]):
-    """Outputs of every changed design, by name, and which poses converged; pure, compiled once for each question."""
+    """Outputs of every changed design, by name, and which poses converged; pure, compiled once for each question.
 
-    def one(change):
-        motion = asked.move(shift_geometry(system, at, change), values)
-        return asked.read(motion), motion.converged
+    Angles count their turns as those of the design itself do: one drawn near half a turn is on either side of it in
+    changed designs.
+    """
+    top = system.topology
+    angles = jnp.asarray(top.mark(top.angles))
+    every = jnp.concatenate([jnp.zeros_like(changes[:1]), changes])
+    motions = jax.vmap(lambda change: asked.move(shift_geometry(system, at, change), values))(every)
+    own = motions.q[0].reshape(-1, len(angles))[0]
 
-    return jax.vmap(one)(changes)
+    def read(motion: Motion) -> tuple[dict[str, Array], Array]:
+        first = motion.q.reshape(-1, len(angles))[0]
+        turns = jnp.where(angles, jnp.round((first - own) / (2.0 * jnp.pi)), 0.0)  # has no slope
+        return asked.read(dataclasses.replace(motion, poses=motion.q - 2.0 * jnp.pi * turns)), motion.converged
+
+    return jax.vmap(read)(jax.tree.map(lambda x: x[1:], motions))
 
 
 def sample_outputs(

@@ -25,12 +25,15 @@ from jaxnc.synthesis.result import Progress
 from jaxnc.synthesis.search.solve import SavedSearch, interruptible
 from jaxnc.synthesis.tracing.atlas import (
     BARS,
+    INPUT,
     Atlas,
     Candidates,
+    ChainDesign,
     atlas,
     chain_arrays,
     chains_beginning,
     check_bars,
+    to_mechanism,
 )
 from jaxnc.synthesis.tracing.chains import GROUND, Chain, ChainArrays, dyadic_chains
 from jaxnc.synthesis.tracing.curves import EACH, Walls, to_walls
@@ -48,7 +51,6 @@ from jaxnc.synthesis.tracing.fit import (
     start_lanes,
     trace_curves,
 )
-from jaxnc.synthesis.tracing.linkage import INPUT, ChainDesign, to_mechanism
 from jaxnc.synthesis.validate import as_floats, as_seed, as_timing, check_limit
 from jaxnc.system.system import System
 from jaxnc.types import Array

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.vehicle.suspension import number_names
+from jaxnc.vehicle.hardpoints import number_names
 from jaxnc.viz.labels import place_labels
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.quantities import ENERGIES, Quantity, attitudes, default_plots, forces_of, quantity, running

@@ -8,7 +8,7 @@ const make = (tag, attributes, parent) => parent.appendChild(give(document.creat
 const add = (a, b) => [a[0] + b[0], a[1] + b[1]], less = (a, b) => [a[0] - b[0], a[1] - b[1]], times = (a, b) => [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
 const scaled = (a, k) => [a[0] * k, a[1] * k], conj = a => [a[0], -a[1]], way = angle => [cos(angle), sin(angle)], far = (a, b) => hypot(a[0] - b[0], a[1] - b[1]);
 
-// The frames of a dyad's links; as jaxnc/synthesis/tracing/linkage.py.
+// The frames of a dyad's links; as jaxnc/synthesis/tracing/atlas.py.
 function close(kind, sign, p, q, u, w, m, n) {
   const v = less(q, p), square = v[0] ** 2 + v[1] ** 2;
   if (kind === 0) {

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxnc.system.topology import Block, JointIndex
-from jaxnc.vehicle.suspension import number_names, usual
+from jaxnc.vehicle.hardpoints import number_names, usual
 from jaxnc.viz.bodies import inline, outline, rank
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Label, least_angle
