@@ -74,32 +74,38 @@ def run_loops(
     ways. So a few loops follow all, and many more a few of them. `loop` makes the legs of another one. Two will do
     where the solutions are `sure` to be all.
 
-    With `patience` the search ends when so many paths have gone to infinity: the legs then leave the family. A search
+    With `patience` the search ends when so many paths have gone to infinity, or few came back from many loops: the legs
+    then leave the family. A search
     that goes on has `begun` with the loops of a `Found`, and how many of them were quiet. What there is after each loop
     is given to `keep`.
     """
     loops, still = begun
-    paths = diverged = 0
+    paths = diverged = lost = 0
     found = Found(w, loops, still, 0, np.inf)
     while still < (2 if sure else _QUIET) and loops < _LOOPS:
         legs, done, before = loop(), 0, w.shape[1]
         whole, again = still < _WHOLE or before <= _FEW, 0  # of those known before, whose ends were known too
         some = slice(None) if whole else np.random.default_rng(loops).choice(before, _FEW, replace=False)
+        followed = back = 0
         while done < w.shape[1]:
             here, first, done = w[:, done:], not done, w.shape[1]
             here = here[:, some] if first else here
+            followed += here.shape[1]
             for leg in legs:
                 ends = leg.follow(here, BOLD)
                 paths, diverged = paths + len(ends.arrived), diverged + int(ends.at_infinity.sum())
                 here = ends.w[:, ends.arrived]
+            back += here.shape[1]
             new = is_new(w, here)
             again = int(np.sum(~new)) if first else again
             w = np.concatenate([w, here[:, new]], axis=1)
         loops += 1
-        still = 0 if w.shape[1] > before else still + 1
+        astray = 2 * back < followed  # a loop from which few paths come back says nothing
+        lost += astray
+        still = 0 if w.shape[1] > before else still if astray else still + 1
         expected = before**2 / again if whole and again else found.estimate
         found = Found(w, loops, still, paths, expected)
-        if patience is not None and diverged > patience + 0.005 * paths:
+        if patience is not None and (diverged > patience + 0.005 * paths or lost > _QUIET):
             return dataclasses.replace(found, quiet=0)
         keep(found)
     return found

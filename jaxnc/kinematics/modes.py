@@ -32,6 +32,7 @@ from jaxnc.kinematics.polynomial import (
     describe,
     read_polynomials,
 )
+from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
 from jaxnc.kinematics.starts import (
     NoMember,
@@ -516,12 +517,16 @@ def _solve_map(
     order, held = tuple(top.position[n] for n in names), tuple(map(int, view.held))
     shape = values.shape[:-1]
     if lead:
-        shape = np.broadcast_shapes(system.parameters.points.shape[:lead], shape)
+        own = system.parameters.points.shape[:lead]
+        try:
+            shape = np.broadcast_shapes(own, shape)
+        except ValueError:
+            raise InputError(f"modes(): designs of shape {own} and inputs {shape} do not go together") from None
         flat = jax.tree.map(lambda v: np.asarray(v).reshape(math.prod(v.shape[:lead]), *v.shape[lead:]), system)
         several = [jax.tree.map(lambda v, k=k: v[k], flat) for k in range(flat.parameters.points.shape[0])]
         values = np.broadcast_to(values, (*shape, values.shape[-1]))
         if len(several) != math.prod(shape):
-            raise InputError(f"modes(): designs of shape {system.parameters.points.shape[:lead]} and inputs {shape}")
+            raise InputError(f"modes(): designs of shape {own} and inputs {shape} do not go together")
     else:
         several = [system]
     values = np.asarray(values, float).reshape(-1, values.shape[-1])
@@ -605,7 +610,18 @@ def modes(
     order = tuple(system.topology.position[n] for n in inputs)
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most, prove)
     member, x = design.at(values[:, None], order)
-    return _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
+    found = _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
+    own = solve_position(system, dict(zip(inputs, values, strict=True)), hold=hold, throw=False)
+    return found if _has(found, own, design) else dataclasses.replace(found, lost=found.lost + 1)
+
+
+def _has(found: Modes, own: Motion, design: Design) -> bool:
+    """Tell whether a pose, if it is one and well conditioned, is among the assemblies."""
+    if int(own.status) or own.conditioning is None or float(own.conditioning) < 1e-6:
+        return True
+    every = np.asarray(found.poses.q).reshape(-1, len(design.unit))
+    off = np.abs((every - np.asarray(own.q)) / design.unit)[:, : design.reading.first]
+    return bool((off.max(axis=1, initial=0.0) < 1e-6).any())  # sizes of the mechanism
 
 
 def prepare(

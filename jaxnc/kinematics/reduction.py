@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from jaxnc.continuation.tracker import QuadraticPaths, fit_powers
+from jaxnc.continuation.tracker import FIT, QuadraticPaths, fit_powers
 from jaxnc.kinematics.polynomial import RANK, Member, Reading
 
 _NOTHING = 1e-12  # a coefficient, beside rows of size one, that is rounding
@@ -197,9 +197,11 @@ class Reduction:
         return Stage(kept, others[picked], basis, factors[picked], solved, free, straight)
 
     @np.errstate(all="ignore")
-    def place(self, member: Member, straight: tuple[np.ndarray, ...] | None = None) -> Placed:
-        """Solve the linear rows of members; `straight` are solutions that are given."""
-        t = self.reading.coefficients(member)
+    def place(
+        self, member: Member, straight: tuple[np.ndarray, ...] | None = None, rows: np.ndarray | None = None
+    ) -> Placed:
+        """Solve the linear rows of members; `straight` are solutions that are given, `rows` their coefficients."""
+        t = self.reading.coefficients(member) if rows is None else rows
         samples, _, wide, _ = t.shape
         maps = np.broadcast_to(np.eye(wide, dtype=complex), (samples, wide, wide))
         rows, found = np.arange(t.shape[1]), []
@@ -266,7 +268,15 @@ class Reduction:
             + np.repeat(b, samples, 0) * part[:, None, None]
             for a, b in zip(start.straight, end.straight, strict=True)
         )
-        t = self.place(between, straight).restricted
+        rows = self.reading.coefficients(between)
+        # A row that divides by what changes on the way is no polynomial of it: its coefficients go straight themselves.
+        powers = fit_powers(np.moveaxis(rows[:samples], 0, -1), at)
+        divides = np.abs(powers[samples // 2 :]).max(axis=(0, 2, 3), initial=0.0) > FIT * np.abs(rows).max()
+        if divides.any():
+            first, last = (self.reading.coefficients(p.member)[:, divides] for p in (start, end))
+            share = part[:, None, None, None]
+            rows[:, divides] = np.repeat(first, often, 0) * (1.0 - share) + np.repeat(last, samples, 0) * share
+        t = self.place(between, straight, rows).restricted
         t = np.tensordot(t, self.mix, ([1], [1])).transpose(0, 3, 1, 2)
         t = t.reshape(targets, samples, len(self.mix), self.n + 1, self.n + 1)
         t = t / np.abs(t).max(axis=(1, 3, 4), keepdims=True)

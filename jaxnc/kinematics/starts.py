@@ -81,7 +81,7 @@ def find_starts(
         if reduction.n == 0:
             return StartSet(begun.member, begun.x, way, 0, 0, _BY_PATHS)
         t = np.tensordot(reduction.mix, placed.restricted[0], 1)
-        if reduction.n <= 6:  # 64 paths of the total degree
+        if reduction.n <= 8:  # 256 paths of the total degree
             every, proved = solve_by_degree(t, rng)
             every = every[:, placed.meets_all(every)]
             w = np.concatenate([w, every[:, is_new(w, every)]], axis=1)

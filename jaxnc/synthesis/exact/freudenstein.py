@@ -304,8 +304,8 @@ def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[Slider
     turned = phi + (math.pi if crank < 0 else 0.0)
     if crank < 0:
         warnings.warn(
-            "slider_crank_function: the equations have a crank of negative length; it is drawn the other way, and stands "
-            "half a turn from the angles given",
+            "slider_crank_function: the equations have a crank of negative length, which is drawn half a turn "
+            "from the angles given",
             UserWarning,
             stacklevel=3,
         )
