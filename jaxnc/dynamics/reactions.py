@@ -40,7 +40,7 @@ from jaxnc.dynamics.wrenches import (
 )
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.forces import COUPLE, EFFORT
-from jaxnc.kinematics.inputs import outside
+from jaxnc.kinematics.inputs import check_parameters, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.solvers.assembly import evaluate
@@ -663,6 +663,7 @@ def reactions(motion: Motion | Reactions) -> Reactions:
         raise InputError(f"reactions() takes a simulation, or a motion with rates, got {type(motion).__name__}")
     multipliers = getattr(motion, "multipliers", None)  # of a simulation
     if multipliers is not None:
+        check_parameters(motion.system)
         return motion_reactions(motion, multipliers)
     return inverse_dynamics(motion.system, motion).reactions
 

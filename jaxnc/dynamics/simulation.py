@@ -16,7 +16,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.dynamics.energy import EnergyBalance, energy, energy_balance
 from jaxnc.internals import outermost
-from jaxnc.kinematics.inputs import outside
+from jaxnc.kinematics.inputs import check_parameters, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.status import Status
@@ -65,6 +65,7 @@ class Simulation(Motion):
     def report(self) -> str:
         """Report on the integration, in a few lines."""
         outside(self, "report()")
+        check_parameters(self.system)
         t, status = np.asarray(self.time), np.asarray(self.status)
         bad = int(np.sum(status != 0))
         first, second = (float(x) for x in self.violation)

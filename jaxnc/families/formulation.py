@@ -219,8 +219,9 @@ class Formulation:
             along(place, z, tuple(x[..., self.topology.unknown] for x in found.rates[: k + 1]))
             for k in range(len(found.rates))
         )
+        q = found.still_where_failed(self.to_natural(z))
         return Motion(
-            self.natural, found.driven, found.held, self.to_natural(z), rates, found.asked, found.status,
+            self.natural, found.driven, found.held, q, rates, found.asked, found.status,
             found.residual, found.conditioning, found.time,
         )  # fmt: skip
 

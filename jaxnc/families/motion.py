@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 
 from jaxnc.calls import public
 from jaxnc.compiling import jit
@@ -89,7 +90,7 @@ def simulate(formulation: Formulation, t: ArrayLike, z: object = None, dz: objec
 
     Raises:
         InputError: as `accelerations`; times that do not grow.
-        AssemblyError: it breaks off.
+        AssemblyError: it breaks off; in traced code the status says so.
     """
     family = _family(formulation)
     times = np.asarray(array(t, "time t"), float)
@@ -107,14 +108,15 @@ def simulate(formulation: Formulation, t: ArrayLike, z: object = None, dz: objec
         finite(x, what)
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
     qs, vs, accs, gaps = _integrate(family, jnp.array(times), z, dz, count)
-    bad = np.flatnonzero(~np.isfinite(np.asarray(gaps)) | (np.asarray(gaps) > 1.0))
+    met = gaps <= 1.0
+    bad = () if isinstance(met, Tracer) else np.flatnonzero(~np.asarray(met))
     if len(bad):
         raise AssemblyError(
             f"{formulation.natural.name!r} in {formulation.family} coordinates breaks off at t = {times[bad[0]]:g} s: "
             f"the constraints are no longer met; take a shorter step, or start where they are"
         )
     none = jnp.zeros((len(times), 0))
-    good = jnp.full(len(times), int(Status.CONVERGED))
+    good = jnp.where(met, int(Status.CONVERGED), int(Status.CAME_APART))
     return Motion(formulation.natural, (), (), qs, (vs, accs), none, good, None, None,
                   jnp.array(times))  # fmt: skip
 

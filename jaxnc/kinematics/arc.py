@@ -148,14 +148,19 @@ def travel(system: System, name: str, hold: Sequence[str] = (), start: Motion | 
     line: list[tuple[float, str]] = []
     poses: list[np.ndarray] = []
     behind = 0  # how many of them lie behind the drawing
+    rates = np.array([t[place] for t in curve.t])
+    signs = np.sign(rates)
+    for k in np.flatnonzero(signs == 0.0):  # exactly at a dead point: as the input came there
+        before = signs[:k] if not curve.closed else np.roll(signs[:-1], -k)
+        signs[k] = next(iter(before[before != 0.0][::-1]), 0.0)
     for a in range(len(curve.s) - 1):
-        ta, tb = curve.t[a][place], curve.t[a + 1][place]
-        if ta == 0.0 or ta * tb >= 0.0:
+        ta, tb = rates[a : a + 2]
+        if signs[a] * signs[a + 1] >= 0.0:
             continue
         near = a if abs(ta) < abs(tb) else a + 1
         x, left = turning_point(view, place, curve.q[near], curve.t[near])
         if left <= 1e-8 * view.eq.length:
-            line.append((float(x[index]), "maximum" if ta > 0 else "minimum"))
+            line.append((float(x[index]), "maximum" if signs[a] > 0 else "minimum"))
             poses.append(x)
             behind += a < drawn
     turns = not line and curve.closed

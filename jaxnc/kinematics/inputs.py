@@ -152,9 +152,14 @@ def worst_rows(system: System, eq: Equations, q: np.ndarray) -> str:
     return ", ".join(f"{system.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"
 
 
-def check_parameters(system: System) -> None:
-    """Refuse a system whose parameters are known and not finite."""
+def check_parameters(system: System, several: bool = False) -> None:
+    """Refuse a system whose parameters are known and not finite, and `several` designs in one unless they are meant."""
     refuse_fork()
+    if system.parameters.points.ndim > 2 and not several:
+        raise InputError(
+            f"{system.name!r}: these are {math.prod(system.parameters.points.shape[:-2])} designs in one, and this is "
+            f"for a single one: map it, jax.vmap(lambda design: …)(designs)"
+        )
     _check_parameters(system)
 
 
@@ -321,8 +326,9 @@ def check_inputs(
     unit: str | None,
     start: object = None,
     redundancy: str = REDUNDANCY[0],
+    several: bool = False,
 ) -> tuple[Plan, Array, Any]:
-    """Check the inputs of an analysis, and bring them into one form.
+    """Check the inputs of an analysis of a design, or of `several` in one, and bring them into one form.
 
     Returns:
         What is to be solved for; values of the inputs in radians and lengths ``(*batch, k)``; the start in radians.
@@ -333,7 +339,7 @@ def check_inputs(
         raise InputError(f"inputs are given by name, such as {{'phi': 0.3}}; got {type(inputs).__name__}")
     view = make_plan(system, tuple(inputs), hold, redundancy)
     values = _zip_inputs(inputs)
-    check_parameters(system)
+    check_parameters(system, several)
     return view, values, start
 
 

@@ -543,4 +543,4 @@ def transmission_angle(motion: "Motion", start: str, joint: str, end: str) -> Ar
     cosine = abs((d * w).sum(axis=-1))
     numeric, flat = _library_of(d), d.shape[-1] == 2
     sine = abs(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0]) if flat else _vector_norm(numeric.cross(d, w))
-    return as_jax(numeric.arctan2(sine, cosine))
+    return as_jax(motion.still_where_failed(numeric.arctan2(sine, cosine)))

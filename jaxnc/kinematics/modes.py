@@ -601,7 +601,7 @@ def modes(
     """
     one_thread("numpy")
     check_system(system, "modes()")
-    view, values, _ = check_inputs(system, inputs, hold, unit)
+    view, values, _ = check_inputs(system, inputs, hold, unit, several=True)
     values, shape = np.asarray(values, float), values.shape[:-1]
     if shape or system.parameters.points.ndim > 2:
         if not math.prod(shape):

@@ -207,16 +207,17 @@ class Motion(Drawn):
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
             with numbers(self.system.parameters.points):
                 place = marker_along(derive(self.system), markers.index(point), self._q, self.rates[:order])
-            place = self._still_where_failed(place)
+            place = self.still_where_failed(place)
             return as_jax(place if not axis else place[..., "xyz".index(axis)])
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
 
-    def _still_where_failed(self, place: AnyArray) -> AnyArray:
-        """Take the derivatives from a marker's place, which follows the design, in poses that were not found."""
+    def still_where_failed(self, values: AnyArray) -> AnyArray:
+        """Take the derivatives from numbers ``(..., …)`` that follow the design, in poses that were not found."""
         status = self.status
-        if not isinstance(place, Tracer) or not (isinstance(status, Tracer) or np.any(np.asarray(status))):
-            return place
-        return jnp.where(jnp.asarray(status == 0)[..., None], place, jax.lax.stop_gradient(place))
+        if not isinstance(values, Tracer) or not (isinstance(status, Tracer) or np.any(np.asarray(status))):
+            return values
+        good = jnp.asarray(status == 0).reshape(*status.shape, *(1,) * (values.ndim - status.ndim))
+        return jnp.where(good, values, jax.lax.stop_gradient(values))
 
     def _columns(self, poses: Columns, name: str) -> Array | None:
         """A point, vector, marker or coordinate of a large batch, without putting the others together."""
@@ -225,7 +226,7 @@ class Motion(Drawn):
         if name in markers:
             every = [poses.column(c) for c in range(poses.rest.shape[-1])]
             with numbers(self.system.parameters.points):
-                return self._still_where_failed(marker_in_lanes(derive(self.system), markers.index(name), every))
+                return self.still_where_failed(marker_in_lanes(derive(self.system), markers.index(name), every))
         at = coordinates_of(top, name)
         if isinstance(at, slice):
             return jnp.stack([poses.column(c) for c in range(at.start, at.stop)], axis=-1)
@@ -385,6 +386,8 @@ class Motion(Drawn):
         They have first derivatives; where two are equal each of them has those of a part of the pair.
         """
         dense_only(self.system.topology, "singular_values()")
+        if self._designs:
+            return jax.vmap(Motion.singular_values)(self)
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
         q: Any = self._q
         flat = q.reshape(-1, q.shape[-1])
@@ -394,7 +397,7 @@ class Motion(Drawn):
                 values = on_device(np.linalg.svd(inner.matrices(flat.T)[0], compute_uv=False))
             else:
                 values = _singular_values(view, derived(self.system, differentiate_scales=True), flat)
-        return values.reshape(*q.shape[:-1], -1)
+        return as_jax(self.still_where_failed(values.reshape(*q.shape[:-1], values.shape[-1])))
 
     # -- looking ------------------------------------------------------------------------------------------------
 

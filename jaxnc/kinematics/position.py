@@ -440,7 +440,8 @@ def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> M
         unknown = np.array(view.unknown, int)
         still = motion.q.at[..., unknown].set(jax.lax.stop_gradient(motion.q[..., unknown]))
         motion = dataclasses.replace(motion, poses=jnp.where(same[..., None], motion.q, still))
-    return dataclasses.replace(motion, status=status)
+    rates = tuple(jnp.where(same[..., None], rate, 0.0) for rate in motion.rates)
+    return dataclasses.replace(motion, status=status, rates=rates)
 
 
 def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> None:
