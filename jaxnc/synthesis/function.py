@@ -5,6 +5,7 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
@@ -77,7 +78,7 @@ class FunctionGeneration(Problem):
                 for each pose.
             values: of the input, radians or lengths, in the order in which they are gone through, ``(M,)``: a dense
                 table for a least-squares or minimax fit, or precision points (`chebyshev_points`).
-            target: of the output at them, ``(M,)``.
+            target: of the output at them, ``(M,)``; of an angle whole turns do not matter.
             input: name of the driven coordinate; may be left out where the mechanism has one only.
             free: names of what may change; all if not given.
             bounds: as in `PathGeneration`.
@@ -158,8 +159,20 @@ class FunctionGeneration(Problem):
             found = motion[self.output]
         else:
             found = _read_attitude(motion, self.output)
-        off = extra[-1] if self.output_offset else 0.0
-        return found - off - self.target
+        missed = found - (extra[-1] if self.output_offset else 0.0) - self.target
+        if not self._turns:
+            return missed
+        return missed - 2.0 * jnp.pi * jnp.round(missed[0] / (2.0 * jnp.pi))  # the table's turns are not the drawing's
+
+    @property
+    def _turns(self) -> bool:
+        """True if the output is an angle that is the same a turn further on."""
+        top = self.system.topology
+        return (
+            isinstance(self.output, str)
+            and self.output in top.scalars
+            and bool(top.periodic[top.scalars.index(self.output)])
+        )
 
     @property
     def error_shape(self) -> tuple[int, ...]:

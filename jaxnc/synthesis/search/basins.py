@@ -37,12 +37,12 @@ class Basin(NamedTuple):
 
 
 def bring_to_ends(
-    problem: Problem, goal: Goal, rows: Sequence[np.ndarray], most: int, iterations: int, width: int
+    problem: Problem, goal: Goal, rows: Sequence[np.ndarray], most: int, iterations: int, width: int, until: float
 ) -> list[Basin]:
-    """Bring the best designs to their ends."""
+    """Bring the best designs to their ends, or as far as they come until a time."""
     some = list(rows[:_LOOK])
     groups = _group_designs(problem, move_designs(problem, [x[: problem.count] for x in some]))[:most]
-    ending = Sqp(goal, width)
+    ending = Sqp(goal, width, until)
     now = [(lane, len(g)) for lane, g in zip(ending.begin([some[g[0]] for g in groups]), groups, strict=True)]
     out: list[Basin] = []
     levels, rates, done = {}, {}, 0

@@ -144,6 +144,11 @@ class Course(SavedSearch):
         return error
 
     @property
+    def until(self) -> float:
+        """When the best designs are no longer brought to their ends, as of `time.perf_counter`."""
+        return self.begun + 1.25 * self.limit + 5.0  # more than the search itself has: its last steps gain the most
+
+    @property
     def out_of_time(self) -> str:
         """In words, that the search has had all of its time; "" as long as it has not."""
         seconds = self.history[-1].seconds
@@ -240,7 +245,8 @@ def solve(
         keep: designs in the result.
         key: of the random numbers (``jax.random.key(0)`` if not given): the same key, the same result.
         enough: stop as soon as a design with this error is found.
-        seconds: stop after so long.
+        seconds: refine for so long. What is best then is brought to its end in a quarter more and five seconds, but
+            for what is compiled on the way.
         progress: show a bar with the best error so far; if not given, where stderr is a terminal, and in a notebook.
         checkpoint: file in which the search is kept after every round, replaced in one step.
         resume: such a file, from which the search goes on (and in which it is kept, unless `checkpoint` names another
@@ -308,7 +314,9 @@ def solve(
     run.stop()
     found, loose = [x for _, x in sorted(run.found, key=lambda pair: pair[0])], []
     basins = as_they_are(problem, found, keep) if stopped.startswith(_INTERRUPTED) else None
-    end = functools.partial(bring_to_ends, most=ended * keep, iterations=iterations, width=run.width)
+    end = functools.partial(
+        bring_to_ends, most=ended * keep, iterations=iterations, width=run.width, until=course.until
+    )
     try:
         with interruptible():
             if goal.stocks and found and basins is None:
@@ -318,7 +326,7 @@ def solve(
                 found = [x for _, x in best_sizes(goal, [v.end.row for v in loose], begin)]
             if basins is None:
                 basins = _end_seated(problem, goal, found, end)
-                again = functools.partial(Sqp(goal, run.width).run, most=iterations)
+                again = functools.partial(Sqp(goal, run.width, course.until).run, most=iterations)
                 first = max(keep, sum(_exact(problem, basin) for basin in basins))  # exact ones have no order yet
                 basins = [*_tighten_margins(problem, goal, basins[:first], again), *basins[first:]]
     except KeyboardInterrupt:

@@ -11,6 +11,7 @@ C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, chapter 23 
 
 import dataclasses
 import math
+import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -296,8 +297,12 @@ class _Try:
 class Sqp:
     """Designs of a problem brought to their ends."""
 
-    def __init__(self, goal: Goal, width: int = LANES):
-        """Evaluate `width` designs at once, as the search before did, so that what is compiled is the same."""
+    def __init__(self, goal: Goal, width: int = LANES, until: float = math.inf):
+        """Evaluate `width` designs at once, as the search before did, so that what is compiled is the same.
+
+        No iteration begins after the time `until`, as of `time.perf_counter`.
+        """
+        self.until = until
         self.width = min(width, LANES)
         self.evaluate, self.scale = Evaluator(goal), goal.scale
         self.low, self.high = goal.low / self.scale, goal.high / self.scale
@@ -329,6 +334,8 @@ class Sqp:
         """Take iterations until each design has had `most`, or comes to its end."""
         with np.errstate(all="ignore"):
             while some := [lane for lane in lanes if not lane.over and lane.iterations < most]:
+                if time.perf_counter() > self.until:
+                    break
                 self._iterate(some)
             # Those that were given up say how far they are.
             for lane in lanes:
