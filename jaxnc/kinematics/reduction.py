@@ -198,10 +198,10 @@ class Reduction:
 
     @np.errstate(all="ignore")
     def place(
-        self, member: Member, straight: tuple[np.ndarray, ...] | None = None, rows: np.ndarray | None = None
+        self, member: Member, straight: tuple[np.ndarray, ...] | None = None, known: np.ndarray | None = None
     ) -> Placed:
-        """Solve the linear rows of members; `straight` are solutions that are given, `rows` their coefficients."""
-        t = self.reading.coefficients(member) if rows is None else rows
+        """Solve the linear rows of members; `straight` are solutions that are given, `known` coefficients."""
+        t = self.reading.coefficients(member) if known is None else known
         samples, _, wide, _ = t.shape
         maps = np.broadcast_to(np.eye(wide, dtype=complex), (samples, wide, wide))
         rows, found = np.arange(t.shape[1]), []

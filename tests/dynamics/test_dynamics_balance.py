@@ -3,6 +3,7 @@
 import functools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from independent import lagrange
@@ -123,3 +124,84 @@ def test_forces_are_drawn_in_space():
     figure = falling().draw(pose=2, forces=True)
     seen = {text.get_gid() for text in figure.findobj() if hasattr(text, "get_text")}
     assert {"weight key", "reaction key"} <= seen
+
+
+def column(follow):
+    """Ziegler's column: two massless bars with springs, and a load of some size that turns with the upper one."""
+    m = nc.Mechanism("column")
+    m.ground("A", (0, 0))
+    m.point("B", (0, 1.0))
+    m.point("C", (0, 2.0))
+    m.body("lower", ["A", "B"])
+    m.body("upper", ["B", "C"])
+    m.point_mass("at B", "B", 2.0)
+    m.point_mass("at C", "C", 1.0)
+    m.angle("t1", at="A", to="B")
+    m.angle("t2", at="B", to="C")
+    m.angle("between", at="B", to="C", start=("A", "B"))
+    m.spring("first", "t1", stiffness=1.0)
+    m.spring("second", "between", stiffness=1.0)
+
+    def along(t, at, size):
+        way = at["B"] - at["C"]
+        return size * way / jnp.linalg.norm(way)
+
+    m.force("load", "C", along, jnp.array(follow))
+    return m.compile()
+
+
+@pytest.mark.parametrize("load", [0.0, 1.5, 2.5])
+def test_frequencies_under_a_load_that_turns_along(load):
+    """Its stiffness is not symmetric: against the eigenvalues of the matrices in closed form."""
+    near = nc.linearise(column(load), coordinates=["t1", "t2"])
+    mass, stiffness = np.array([[3.0, 1.0], [1.0, 1.0]]), np.array([[2.0 - load, load - 1.0], [-1.0, 1.0]])
+    square = np.sort_complex(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).astype(complex))
+    flutter = np.abs(square.imag).max() > 0
+    wanted = -np.sqrt(np.abs(square)) if flutter else np.sqrt(square.real)
+    np.testing.assert_allclose(near.frequencies, np.sort(wanted), rtol=1e-9)
+    assert near.stable == (not flutter) and ("grows" in str(near)) == flutter
+
+
+def test_derivatives_of_such_frequencies():
+    system = column(1.5)
+
+    def lowest(design):
+        return nc.linearise(design, coordinates=["t1", "t2"]).frequencies[0]
+
+    slope = float(jax.grad(lowest)(system)["first.stiffness"])
+    ends = [float(lowest(system.replace({"first.stiffness": 1.0 + h}))) for h in (-1e-4, 1e-4)]
+    assert slope == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-6)
+
+
+def test_a_spinning_top_prints_how_it_moves():
+    """It stands by its spin: the roots of I w² - C n w + m g l, and nothing grows."""
+    across, along, mass, height, spin = 0.05, 0.03, 1.3, 0.25, 60.0
+    m = nc.Mechanism("top", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.point("P", (0, 0, height))
+    m.vector("u", (1, 0, 0))
+    m.body("top", ["O", "P"], vectors=["u"], mass=mass, com=(0, 0, height), inertia=(across, across, along))
+    m.gravity = (0, 0, -9.81)
+    near = nc.linearise(m.compile(), rates={"P.x": 0.0, "P.y": 0.0, "u.y": spin})
+    wanted = np.roots([across + mass * height**2, -along * spin, mass * 9.81 * height])
+    assert near.stable and "grows" not in str(near)
+    for root in wanted:
+        assert f"± {root:.6g}i rad/s" in str(near)
+
+
+def test_units_of_forces_go_with_the_unit_of_length():
+    """In mm, tonnes and seconds forces are newtons, and moments and energies N mm."""
+    m = nc.Mechanism("pendulum", length_unit="mm")
+    m.ground("A", (0, 0))
+    m.point("B", (1000.0, 0))
+    m.body("rod", ["A", "B"])
+    m.point_mass("bob", "B", 1e-3)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9810.0)
+    run = nc.simulate(m.compile(), np.linspace(0, 0.1, 3), rates={"phi": 1.0})
+    assert "500 N mm at the start" in run.report()  # half a joule
+    assert run.to_frame().attrs["units"]["kinetic energy"] == "N mm"
+    top = run.system.topology
+    assert [top.load_unit(what) for what in ("force", "moment", "power")] == ["N", "N mm", "N mm/s"]
+    metres = nc.library.four_bar().compile().topology
+    assert [metres.load_unit(what) for what in ("moment", "energy", "power")] == ["N m", "J", "W"]

@@ -5,6 +5,7 @@ import json
 import math
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from coordinate_families import every_planar_joint, every_spatial_joint, worked
@@ -516,3 +517,43 @@ def test_a_mass_of_a_body_with_two_directions_has_its_centre():
     m.body("arm", ["A", "B"], vectors=["v"], mass=1.0, com=(0.3, 0.1, 0.1), inertia=np.eye(3))
     places = nc.formulate(m, "reference").variables
     assert len(places) == nc.formulate(m, "reference", reference="middle").n > 0
+
+
+def test_what_failed_stands_still_in_every_family():
+    """Beyond the reach of a crank, which is a dead point of the rocker."""
+    m = nc.Mechanism("four-bar")
+    m.ground("A", (0, 0))
+    m.ground("D", (4, 0))
+    m.point("B", (0.6, 0.8))
+    m.point("C", (3.3, 2.9))
+    m.body("crank", ["A", "B"])
+    m.body("coupler", ["B", "C"])
+    m.body("rocker", ["C", "D"])
+    m.angle("psi", at="D", to="C")
+    f, natural = nc.formulate(m, "relative", keep=["psi"]), m.compile()
+    driven = {"psi": np.arctan2(2.9, -0.7) + np.array([0.0, 2.0])}
+
+    def last(design):
+        own = f.of(design)
+        return own.motion(nc.sweep(own.system, driven, throw=False))["C"][-1].sum()
+
+    assert np.asarray(nc.sweep(f.system, driven, throw=False).status)[-1] != 0
+    assert np.all(np.asarray(jax.grad(last)(natural)["C"]) == 0.0)
+
+
+def test_simulations_in_families_are_differentiated():
+    """A pendulum by its angle: traced, and against finite differences."""
+    m = nc.Mechanism("pendulum")
+    m.ground("A", (0, 0))
+    m.point("B", (1, 0))
+    m.body("rod", ["A", "B"], mass=1.0)
+    m.angle("phi", "A", "B")
+    m.gravity = (0, -9.81)
+    f, system, t = nc.formulate(m, "relative"), m.compile(), np.linspace(0, 0.1, 3)
+
+    def height(length):
+        return simulate(f.of(system.replace({"B": jnp.stack([length, 0.0 * length])})), t, step=1e-2)["B"][-1, 1]
+
+    slope = (float(height(1.001)) - float(height(0.999))) / 0.002
+    assert float(jax.grad(height)(1.0)) == pytest.approx(slope, rel=1e-4)
+    assert float(jax.jit(height)(1.0)) == pytest.approx(float(height(1.0)), rel=1e-12)

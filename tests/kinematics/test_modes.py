@@ -728,3 +728,31 @@ def test_dead_points_next_to_each_other():
         assert branch.lower - 1e-9 <= phi.min() and phi.max() <= branch.upper + 1e-9
     said = [part for part in str(coarse).split("meet at phi = ")[1].split(". phi from")[0].split(", ")]
     assert len(said) == len(coarse.dead_points)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_that_divide_by_a_length(cached, seed):
+    """The disc of the generic mechanism touches its bar: of 16 solutions two are assemblies, on either crank side."""
+    system = nc.library.generic_mechanism().compile()
+    found = nc.modes(system, {"phi": 0.5}, seed=seed)
+    own = nc.solve_position(system, {"phi": 0.5})
+    assert found.complete and len(found) == 2 and len(found.mirrored.status) == 2 and len(found.complex) == 12
+    np.testing.assert_allclose(found.poses["P1"], [own["P1"], -own["P1"]], atol=1e-9)
+
+
+def test_loops_from_which_nothing_comes_back_do_not_count():
+    class Lost:
+        def follow(self, w, pace):
+            count = w.shape[1]
+            return PathEnds(w, np.zeros(count, bool), *np.zeros((3, count)))
+
+    found = monodromy.run_loops(np.ones((1, 1), complex), lambda: [Lost()], patience=1)
+    assert not found.quiet and found.loops < 40
+
+
+def test_a_pose_that_is_missing_is_told(monkeypatch):
+    system = nc.library.four_bar().compile()
+    kept = module.select_real
+    monkeypatch.setattr(module, "select_real", lambda w, balls: kept(w, balls) & (np.arange(w.shape[1]) > 0))
+    found = [nc.modes(system, {"phi": value}) for value in (0.4, 1.1)]
+    assert any(not one.complete and one.lost for one in found)

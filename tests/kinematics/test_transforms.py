@@ -135,3 +135,74 @@ def test_derivatives_of_many_mapped_poses_are_those_of_a_batch():
     for a, b in zip(*found, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12 * float(np.abs(b).max()))
         assert np.abs(a).max() > 0.0
+
+
+# -- several designs in one -------------------------------------------------------------------------------------------
+
+
+def test_singular_values_of_several_designs_are_those_of_each():
+    system = nc.library.four_bar().compile()
+    designs = jax.tree.map(lambda x: jnp.stack([x, 1.1 * x, 0.9 * x]), system)
+    values = np.linspace(0.3, 1.5, 4)
+    motions = jax.vmap(lambda design: nc.sweep(design, {"phi": values}))(designs)
+    own = [motions.pose(k).singular_values() for k in range(3)]
+    np.testing.assert_allclose(motions.singular_values(), own, rtol=1e-12)
+    assert nc.solve_position(system, {"phi": values[:0]}).singular_values().shape[0] == 0
+
+
+def test_several_designs_are_refused_where_one_is_meant():
+    m = nc.Mechanism("pendulum")
+    m.ground("A", (0, 0))
+    m.point("B", (1, 0))
+    m.body("rod", ["A", "B"], mass=2.0)
+    m.angle("phi", at="A", to="B")
+    system = m.compile()
+    designs = jax.tree.map(lambda x: jnp.stack([x, 1.1 * x]), system)
+    motions = jax.vmap(lambda design: nc.sweep(design, {"phi": [0.1, 0.2]}, rates={"phi": 1.0}))(designs)
+    run = jax.vmap(lambda design: nc.simulate(design, np.linspace(0, 0.1, 3), method="rk4", step=0.01))(designs)
+    for ask in (
+        lambda: nc.solve_position(designs, {"phi": 0.1}),
+        lambda: nc.sweep(designs, {"phi": [0.1, 0.2]}),
+        lambda: nc.travel(designs, "B.x"),
+        lambda: nc.equilibrium(designs),
+        lambda: nc.dynamics.kinetic_energy(motions),
+        lambda: nc.reactions(motions),
+        lambda: nc.reactions(run),
+        lambda: run.report(),
+    ):
+        with pytest.raises(nc.InputError, match=r"2 designs in one.*jax.vmap"):
+            ask()
+
+
+def crank_rocker(turn):
+    m = nc.Mechanism("crank-rocker")
+    m.ground("A", (0, 0))
+    m.ground("D", (4, 0))
+    m.point("B", (np.cos(turn), np.sin(turn)))
+    m.point("C", (3.3, 2.9))
+    m.body("crank", ["A", "B"])
+    m.body("coupler", ["B", "C"])
+    m.body("rocker", ["C", "D"])
+    return m.compile()
+
+
+def test_what_failed_has_no_derivative_anywhere():
+    """Of a pose that the crank does not reach."""
+    system = crank_rocker(0.5)
+
+    def numbers(design):
+        motion = nc.sweep(design, {"B.x": np.array([0.8, 2.0])}, throw=False)
+        own = motion.singular_values()[:, -1] + nc.transmission_angle(motion, "B", "C", "D")
+        return jnp.where(motion.status != 0, own, 0.0).sum()
+
+    assert (np.asarray(nc.sweep(system, {"B.x": np.array([0.8, 2.0])}, throw=False).status) != 0).tolist() == [
+        False,
+        True,
+    ]
+    assert np.all(np.asarray(jax.grad(numbers)(system).parameters.points) == 0.0)
+
+
+def test_a_drawing_at_a_dead_point_has_limits():
+    found = nc.travel(crank_rocker(0.0), "B.x")
+    assert (found.lower, found.upper) == pytest.approx((-1.0, 1.0))
+    assert {point.kind for point in found.dead_points} == {"minimum", "maximum"}

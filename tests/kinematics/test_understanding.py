@@ -369,3 +369,34 @@ def test_a_row_that_is_redundant_in_every_design_is_not_missed_where_this_one_dr
     found = nc.mobility(m.compile())
     assert found.dof == 2 and found.redundant == ("rod: alignment xy K-E-a",) and not found.overconstrained
     assert not found.idle
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_a_rod_spins_also_where_two_of_its_joints_are_at_one_place(twice):
+    m = nc.Mechanism("RSSR", dim=3)
+    m.ground("A", (0, 0, 0))
+    m.ground("D", (3, 0, 0))
+    m.ground_vector("a", (0, 0, 1))
+    m.ground_vector("d", (0, 1, 0))
+    m.point("B", (1, 0, 0))
+    m.point("C", (3, 0, 2))
+    m.vector("u", (0, 1, 0))
+    m.body("crank", ["A", "B"], vectors=["a"])
+    m.body("rocker", ["C", "D"], vectors=["d"])
+    if twice:
+        m.point("E", (1, 0, 0))
+        m.point("F", (2, 0, 1.5))
+        m.body("tag", ["E", "F"])
+    m.body("rod", ["E", "B", "C"] if twice else ["B", "C"], vectors=["u"])
+    assert any("'rod' can spin" in text for text in nc.mobility(m.compile()).loose)
+
+
+def test_a_point_that_a_relation_holds_is_held():
+    m = nc.Mechanism("tied")
+    m.ground("A", (0, 0))
+    m.point("B", (1.0, 0), fixed="y")
+    m.point("C", (0.0, 1.0), fixed="x")
+    m.relation("tie", {"B.x": 1.0, "C.y": -2.0}, constant=-1.0)
+    system = m.compile()
+    assert "nothing holds" not in str(system)
+    np.testing.assert_allclose(nc.sweep(system, {"B.x": [1.0, 0.9]})["C"], [[0.0, 1.0], [0.0, 0.95]], atol=1e-12)

@@ -498,3 +498,20 @@ def test_linkages_are_differentiable_systems():
     """What exact synthesis returns is a design like any other."""
     grad = jax.grad(lambda s: nc.sweep(s, {"phi": angle(GIVEN.A, GIVEN.B) + TURN})["P"][:, 1].max())(GIVEN.system)
     assert np.isfinite(np.asarray(grad["C"])).all() and np.abs(np.asarray(grad["C"])).max() > 0
+
+
+@pytest.mark.parametrize(("function", "over"), [(np.log10, (1.0, 2.0)), (np.square, (0.0, 1.0)), (np.sin, (0.0, 1.5))])
+def test_offsets_are_those_of_the_bars(function, over):
+    """By the drawing: where a length comes out negative, a bar stands half a turn from the equations' offset."""
+    for design in syn.function_four_bars(function, over, R(60), R(80)):
+        one = design.linkage
+        a, b, c, d = (complex(*getattr(one, name)) for name in "ABCD")
+        crank, rocker = np.angle(b - a) - design.inputs[0], np.angle(c - d) - design.outputs[0]
+        for off in (crank - design.input_offset, rocker - design.output_offset):
+            assert abs(np.angle(np.exp(1j * off))) < 1e-9
+
+
+def test_a_crank_of_negative_length_is_told():
+    with pytest.warns(UserWarning, match="negative length"):
+        found, error = syn.slider_crank_function(R([20.0, 60.0, 100.0]), [1.0, 1.5, 1.8])
+    assert error <= MET and np.angle(complex(*found.B)) == pytest.approx(R(-160.0))

@@ -308,3 +308,15 @@ def test_a_track_of_many_steps_is_divided_in_little_memory():
     assert len(finer) == 1 + steps // 2 * (1 + evaluate._PARTS)
     np.testing.assert_allclose(finer[at[:, 0], 0], track[[0, 1, 2, steps], 0], rtol=0, atol=0)
     assert (np.diff(finer[:, 0]) > 0).all()
+
+
+def test_no_iteration_begins_when_time_is_over():
+    """What is then best is told as it is, in a search that had no time for ends."""
+    t = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    path = np.stack([1.5 + 0.3 * np.cos(t), 1.5 + 0.2 * np.sin(t)], axis=1)
+    m = nc.library.four_bar(coupler_point=(0.5, 0.4))
+    problem = S.PathGeneration(m, "P", path, input="phi", closed=True)
+    ending = Sqp(Goal.of(problem), until=-np.inf)
+    lanes = ending.begin([np.append(problem.start, Goal.of(problem).row[problem.count :])])
+    ending.go(lanes, 50)
+    assert [lane.iterations for lane in lanes] == [0]

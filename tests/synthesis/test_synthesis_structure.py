@@ -215,3 +215,14 @@ def test_who_watches(monkeypatch):
             kernel = types.SimpleNamespace(get_ipython=lambda made=shell: made())
             monkeypatch.setitem(sys.modules, "IPython", kernel)
         assert is_watched() == watching
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_whole_turns_of_a_table_do_not_matter(turn):
+    """A rocker drawn near half a turn: its angles may be written on either side."""
+    m = four_bar(tracer=False)
+    system = m.compile()
+    psi = np.asarray(nc.sweep(system, {"phi": PHI})["psi"])
+    problem = S.FunctionGeneration(m, "psi", PHI, psi + 2.0 * np.pi * turn, input="phi")
+    motion = nc.sweep(system, {"phi": PHI})
+    assert np.abs(problem.misses(motion, np.zeros(0))).max() < 1e-12

@@ -345,3 +345,24 @@ def test_what_is_held_stays_there_in_all_samples_as_in_derivatives():
     for name, part in (("C.x", 0.8), ("C.y", 0.6)):
         assert float(found[name].first_order) == pytest.approx(1e-3 * part, rel=1e-9)
         assert float(found[name].std) == pytest.approx(1e-3 * part, rel=5 / np.sqrt(2 * 2000))  # five deviations
+
+
+def test_angles_drawn_near_half_a_turn_keep_their_turn():
+    """A rocker that points to the left: its samples lie about π, not on both sides of ±π."""
+    m = nc.Mechanism("four-bar")
+    m.ground("A", (0, 0))
+    m.ground("D", (4, 0))
+    m.point("B", (0.2, 0.98))
+    m.point("C", (1.5, 0))
+    m.body("crank", ["A", "B"])
+    m.body("coupler", ["B", "C"])
+    m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B")
+    m.angle("psi", at="D", to="C")
+    system, at = m.compile(), {"phi": float(np.arctan2(0.98, 0.2))}
+    widths = {"B": 1e-2, "C": 1e-2, "D": 1e-2}
+    spread = nc.tolerance(system, at, "psi", widths, samples=500)["psi"]
+    assert spread.std == pytest.approx(float(spread.first_order), rel=0.1)
+    assert np.abs(spread.percentiles - np.pi).max() < 0.02
+    worst = nc.synthesis.robust(system, at, "psi", widths, samples=64, statistic="worst")(system)
+    assert abs(float(worst) - np.pi) < 0.02

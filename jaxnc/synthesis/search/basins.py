@@ -37,7 +37,13 @@ class Basin(NamedTuple):
 
 
 def bring_to_ends(
-    problem: Problem, goal: Goal, rows: Sequence[np.ndarray], most: int, iterations: int, width: int, until: float
+    problem: Problem,
+    goal: Goal,
+    rows: Sequence[np.ndarray],
+    most: int,
+    iterations: int,
+    width: int,
+    until: float = np.inf,
 ) -> list[Basin]:
     """Bring the best designs to their ends, or as far as they come until a time."""
     some = list(rows[:_LOOK])
