@@ -109,7 +109,7 @@ def simulate(formulation: Formulation, t: ArrayLike, z: object = None, dz: objec
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
     qs, vs, accs, gaps = _integrate(family, jnp.array(times), z, dz, count)
     met = gaps <= 1.0
-    bad = () if isinstance(met, Tracer) else np.flatnonzero(~np.asarray(met))
+    bad = np.zeros(0, int) if isinstance(met, Tracer) else np.flatnonzero(~np.asarray(met))
     if len(bad):
         raise AssemblyError(
             f"{formulation.natural.name!r} in {formulation.family} coordinates breaks off at t = {times[bad[0]]:g} s: "
