@@ -195,9 +195,9 @@ def structure_key(reading: Reading, constants: Sequence[np.ndarray], seed: int) 
     fixed = [by_structure(c) for c in constants]
     zeros = [np.flatnonzero(c == 0.0).tolist() for c in fixed]
     copies = [c[np.abs(c) == 1.0].tolist() for c in fixed]
-    # 3 is the version of the files, and of what their keys mean.
+    # 4 is the version of the files, and of what their keys mean.
     text = repr(
-        (3, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros, *([copies] if any(copies) else []))
+        (4, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros, *([copies] if any(copies) else []))
     )
     return f"{hashlib.sha256(text.encode()).hexdigest()[:40]}-{seed}"
 
