@@ -57,6 +57,9 @@ def by_identity(f: Callable[[T], R]) -> Callable[[T], R]:
 _Class = TypeVar("_Class", bound=type)
 
 
+# -- records of arrays -------------------------------------------------------------------------------------------------
+
+
 def static(**options: Any) -> Any:
     """Make a field that is no array: hashable, and part of the structure; options as of `dataclasses.field`."""
     return dataclasses.field(metadata={"static": True}, **options)

@@ -97,6 +97,9 @@ def trim(where: Path, largest: int = 500_000_000) -> None:
         return  # another command is at it, or the folder is not ours to clear
 
 
+# -- the command -------------------------------------------------------------------------------------------------------
+
+
 GOOD, FAILED, BAD_INPUT = 0, 1, 2
 """Exit codes: everything was found; the analysis failed; the question was wrong."""
 

@@ -159,6 +159,9 @@ def _write_branches(found: Circuits, path: Path) -> None:
     write(path, csv_text(rows))
 
 
+# -- jaxnc simulate ----------------------------------------------------------------------------------------------------
+
+
 _TABLE = "-simulation.npz"
 
 
@@ -287,6 +290,9 @@ def _simulation_files(mechanism: Mechanism, whole: Callable[[], Motion], options
     if options.animate:
         what = "the motion, in real time where that can be followed"
         yield "-simulation.gif", what, lambda p: viz.animate(run, p, trace=trace)
+
+
+# -- jaxnc run, demo and parts -----------------------------------------------------------------------------------------
 
 
 def do_demo(question: Question, options: argparse.Namespace, importing: float) -> int:

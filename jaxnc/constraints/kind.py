@@ -153,6 +153,9 @@ def norm(a) -> Any:
     return root(dot(a, a))
 
 
+# -- directions as operands --------------------------------------------------------------------------------------------
+
+
 def counts(forms: str, first: int = 0) -> dict[str, Any]:
     """The numbers of points (`first` of them its own) and vectors of a kind over directions, as fields of `Kind`."""
     return {"points": first + 2 * forms.count("p"), "vectors": forms.count("v")}

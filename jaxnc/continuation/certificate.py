@@ -85,6 +85,9 @@ class Twofold:
         return self.high + self.low
 
 
+# -- certificates ------------------------------------------------------------------------------------------------------
+
+
 _ROUND = 2.0**-52
 COEFFICIENTS = 64 * _ROUND
 """Relative uncertainty of the coefficients for which a certificate holds."""

@@ -139,6 +139,9 @@ def solve_by_degree(t: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray
     return w[:, new & regular], bool((finite | far).all() and regular.all() and new.all())
 
 
+# -- the trace test ----------------------------------------------------------------------------------------------------
+
+
 _ORDER = 5  # of the power series
 _ROUND = 1e-15  # relative rounding of a point
 _NOISE = 3.0  # times the rounding of all points: what is no part of a linear sum

@@ -147,6 +147,9 @@ def follow(problem: Problem, w: np.ndarray, pace: Pace = USUAL, most: int = 3000
     return out
 
 
+# -- square systems of second degree -----------------------------------------------------------------------------------
+
+
 _ORDER = 5  # of the power series
 _DENSE = 0.8  # of all places: where more are filled, all are multiplied
 FIT = 1e-12  # of the largest coefficient: a power of the path's parameter that counts less is none

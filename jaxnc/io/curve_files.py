@@ -342,6 +342,9 @@ def _arc_length(segment: _Segment, begin: np.ndarray, end: np.ndarray) -> np.nda
     return half * (np.linalg.norm(segment.at(t, 1), axis=-1) @ _WEIGHTS)
 
 
+# -- curves of files ---------------------------------------------------------------------------------------------------
+
+
 _SUFFIXES = (".svg", ".csv", ".txt", ".npy")
 
 

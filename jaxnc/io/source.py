@@ -369,6 +369,9 @@ def _describe_value(value: object) -> str:
     return f"the text {value!r}" if isinstance(value, str) else f"{value}"
 
 
+# -- problem files -----------------------------------------------------------------------------------------------------
+
+
 class _Record(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     pass
 

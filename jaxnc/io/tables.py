@@ -391,6 +391,9 @@ def _columns_of(name: str, array: np.ndarray, batch: int) -> list[tuple[str, np.
     return [(f"{name}.{axis}", array[..., k].reshape(-1)) for k, axis in enumerate(AXES[: array.shape[-1]])]
 
 
+# -- data frames and data sets -----------------------------------------------------------------------------------------
+
+
 def to_frame(motion: "Motion", names: Sequence[str] | None = None, unit: str | None = None) -> "pandas.DataFrame":
     """Put a motion into a data frame: the columns of `jaxnc.io.tables.to_csv`, under the same names without units.
 

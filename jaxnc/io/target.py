@@ -152,6 +152,9 @@ def writing(path: str | Path, suffixes: Sequence[str], what: str) -> Iterator[Pa
         yield new
 
 
+# -- archives ----------------------------------------------------------------------------------------------------------
+
+
 _INDEX = "index.json"
 _LOCAL = struct.Struct("<26xHH")  # what stands before a member: 26 bytes, lengths of its name and of what is added
 

@@ -78,6 +78,9 @@ def as_numbers(name: str, value: Any, count: int) -> tuple[float, ...]:
     return tuple(Checks.finite(x, f"{name}[{i}]", Misfit) for i, x in enumerate(found))
 
 
+# -- geometry and drives -----------------------------------------------------------------------------------------------
+
+
 Point: TypeAlias = tuple[float, float]
 
 Vector: TypeAlias = np.ndarray

@@ -246,6 +246,9 @@ def _peaks(wrenches: dict, good: np.ndarray) -> Iterator[Peak]:
     yield from (p for p in found if p.force > ZERO * size or p.moment > ZERO * most)
 
 
+# -- checks ------------------------------------------------------------------------------------------------------------
+
+
 def parts(mechanism: Mechanism) -> Iterator[str]:
     """List the parts of a mechanism, kind by kind."""
     m = mechanism.model

@@ -179,6 +179,9 @@ def perpendicular(axis: Vec) -> Vec:
     return u / np.linalg.norm(u)
 
 
+# -- a description as a mechanism --------------------------------------------------------------------------------------
+
+
 _CLEAR = 0.2  # sine from which a direction is good to count an angle by
 
 Direction = str | tuple[str, str]

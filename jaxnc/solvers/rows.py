@@ -482,6 +482,9 @@ def any_lane(lanes: Array) -> Array:
     return jnp.dot(flat, np.ones(len(flat), np.float32)) > 0.0
 
 
+# -- the program of a plan ---------------------------------------------------------------------------------------------
+
+
 _UNKNOWNS = 40  # of a plan
 _WIDE = np.dtype(np.float64)
 

@@ -454,6 +454,9 @@ def check_problem(what: str, problem: object, squares: bool = True) -> None:
         )
 
 
+# -- bounds of joints and lengths --------------------------------------------------------------------------------------
+
+
 class Boxes(NamedTuple):
     """Bounds of the joints and lengths of a problem."""
 

@@ -105,6 +105,9 @@ def whole_range(system: System, name: str, home: float, lower: float, upper: flo
     return home + np.linspace(0.0, 2 * np.pi, POSES) if system.topology.is_angle(name) else None
 
 
+# -- numbers of a motion -----------------------------------------------------------------------------------------------
+
+
 _CHORD, _BEND, _BETWEEN = 0.02, 0.08, 8  # of a path's extent, radians: chords that are drawn as so many
 _NOUNS = ("position", "velocity", "acceleration", "jerk")
 

@@ -228,6 +228,9 @@ def draw_pixels(drawn: Mechanism | System | Motion, pose: int = 0, trace: Sequen
     return base64.b64encode(data.getvalue()).decode()
 
 
+# -- as a notebook shows things ----------------------------------------------------------------------------------------
+
+
 _TEXT = "font:13px/1.5 system-ui,sans-serif;white-space:pre-wrap;margin:2px 0 0"
 _ROWS = "font:12px/1.45 ui-monospace,monospace;white-space:{};overflow-x:auto;margin:4px 0 0"
 _TABLE = "font:12px/1.5 system-ui,sans-serif;border-collapse:collapse;margin:4px 0 0"

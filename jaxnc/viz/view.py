@@ -171,6 +171,9 @@ def nice(value: float) -> float:
     return float(f"{step * power:.12g}")
 
 
+# -- a scene in axes ---------------------------------------------------------------------------------------------------
+
+
 Names = str | Iterable[str]
 
 _GAP = "    "  # between entries of a legend

@@ -123,6 +123,9 @@ def _is_finite(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
+# -- plates, holes, slots and pins -------------------------------------------------------------------------------------
+
+
 GROUND = 0
 """Number of the ground plate."""
 

@@ -216,6 +216,9 @@ def unabsorbed_changes(view: HostView, drawn: Drawn, q: np.ndarray) -> tuple[np.
     return np.linalg.norm(change, axis=1), np.linalg.norm(rest, axis=1)
 
 
+# -- continuation ------------------------------------------------------------------------------------------------------
+
+
 class Followed(NamedTuple):
     """Where branches were followed to; lanes are the last axis.
 

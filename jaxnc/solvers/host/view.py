@@ -148,6 +148,9 @@ def solve_exactly(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         return out
 
 
+# -- rows and unknowns of a plan ---------------------------------------------------------------------------------------
+
+
 class PoseEvaluation(NamedTuple):
     """Poses evaluated; lanes are the last axis."""
 

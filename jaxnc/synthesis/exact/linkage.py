@@ -467,6 +467,9 @@ def _defect(linkage: FourBar, crank: "Dyad", rocker: "Dyad") -> str:
     return "order" if joints["C"] or joints["B"] else "branch"
 
 
+# -- cognates ----------------------------------------------------------------------------------------------------------
+
+
 SAME = 1e-9
 """Curves whose parameters differ by less than this part of their size are the same."""
 

@@ -171,6 +171,9 @@ class FollowedDesigns(Listed[D]):
         return "\n  ".join(lines)
 
 
+# -- linkages through points -------------------------------------------------------------------------------------------
+
+
 _NONE = np.zeros((2, 1, 1)), np.zeros((2, 1, 1))  # of the pivots is known
 
 # -- equations and paths of solutions ----------------------------------------------------------------------------------

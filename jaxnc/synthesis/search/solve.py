@@ -214,6 +214,9 @@ def _in_jax(frame: Any) -> bool:
     return False
 
 
+# -- the search --------------------------------------------------------------------------------------------------------
+
+
 _INTERRUPTED = "interrupted"
 
 

@@ -230,6 +230,9 @@ def by_component(name: str, value: np.ndarray, lead: tuple[int, ...]) -> dict[st
     return {f"{name}.{'.'.join(map(str, index))}": index for index in np.ndindex(*inner)}
 
 
+# -- deviations of outputs ---------------------------------------------------------------------------------------------
+
+
 @public
 @dataclasses.dataclass(frozen=True)
 class Spread:
@@ -476,6 +479,9 @@ def _pose_count(inputs: Mapping[str, np.ndarray]) -> int:
 def _describe_inputs(inputs: Mapping[str, np.ndarray]) -> str:
     spans = [f"{name} = {float(np.min(v)):.4g} … {float(np.max(v)):.4g}" for name, v in inputs.items()]
     return f"{counted(_pose_count(inputs), 'pose')}, {', '.join(spans)}"
+
+
+# -- robust design -----------------------------------------------------------------------------------------------------
 
 
 STATISTICS = ("mean", "std", "variance", "percentile", "worst")

@@ -198,6 +198,9 @@ def _farthest_first(sheet: _Sheet, body: int) -> list[str]:
     return [*base, *(n for n in names if n not in base)]
 
 
+# -- Fourier coefficients of curves ------------------------------------------------------------------------------------
+
+
 HARMONICS = 10  # of closed curves, either way round
 WAVES = 14  # of open ones
 _SHIFTS = 64  # starts that are tried when closed curves are laid on one another
@@ -301,6 +304,9 @@ def _lay_best(fits: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarra
     which = np.abs(every).argmax(axis=0)
     chosen = every[which, np.arange(every.shape[1])]
     return 1.0 - np.abs(chosen) ** 2, np.angle(chosen), which >= 2 * len(fits[0])
+
+
+# -- the atlas ---------------------------------------------------------------------------------------------------------
 
 
 BARS = (4, 6, 8)

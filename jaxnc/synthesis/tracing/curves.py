@@ -323,6 +323,9 @@ def _spot(body: Any, u: Any, v: Any, sizes: list[Any]) -> Pair:
     )
 
 
+# -- links as plates ---------------------------------------------------------------------------------------------------
+
+
 _BODIES = 8  # of a linkage, the ground among them
 _FREE = 1e6  # in place of the distance of a link that need not keep clear
 

@@ -219,6 +219,9 @@ def page_colours(dark: str) -> str:
     return f":root,:host{{{block(False)}}}{dark.replace('#', block(True))}"
 
 
+# -- the page on which a curve is drawn --------------------------------------------------------------------------------
+
+
 _EMBEDDED = {4: 1200, 6: 1800}  # machines in a page, by their number of bars
 _LIVE = (3, 20)  # seconds of the searches that follow each other
 

@@ -140,6 +140,9 @@ def _script_literal(value: float | bool) -> str:
     return shown.removeprefix("0") or "0" if math.copysign(1.0, value) > 0 else f"({shown if value else '-0'})"
 
 
+# -- forces ------------------------------------------------------------------------------------------------------------
+
+
 _NAMES = ("q", "m", "d", "c", "v", "a", "t", "l")
 
 
@@ -276,6 +279,9 @@ def _redrawn(system: System, q: Array, m: Array, d: Array) -> System:
     return dataclasses.replace(
         system, parameters=dataclasses.replace(par, points=points, markers=m, dimensions=d, physical=physical)
     )
+
+
+# -- equations ---------------------------------------------------------------------------------------------------------
 
 
 LARGEST = {2: 80, 3: 150}

@@ -153,6 +153,9 @@ def _apply_step(system: System, variables: Sequence[str], step: np.ndarray) -> S
     return system.replace(values)
 
 
+# -- the widget --------------------------------------------------------------------------------------------------------
+
+
 _PYTHON = "python"  # sender of a message; a page has a name of its own
 _NUMBERS = ("c", "k", "d")  # of equations, markers, explicit dimensions
 

@@ -198,6 +198,9 @@ SOLIDS = {
 is the fill, darker."""
 
 
+# -- flat polygons, far to near ----------------------------------------------------------------------------------------
+
+
 LIGHT_FROM = np.array([-0.38, 0.62, 0.69])
 """Where the light comes from: right, up, towards the viewer."""
 
