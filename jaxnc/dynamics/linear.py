@@ -76,7 +76,7 @@ class Linearisation:
         frequencies = jnp.where(square != 0, jnp.sign(square) * size, 0.0)
         # A force that turns with the mechanism makes K unsymmetric: left and right modes are then different ones.
         twisted = ~_is_symmetric(k)
-        whole = jnp.where(twisted, root.T @ k @ root, jnp.diag(jnp.arange(1.0, len(k) + 1.0)))
+        whole = jnp.where(twisted, root.T @ k @ root, jnp.diag(jnp.arange(1.0, len(k) + 1.0, dtype=k.dtype)))
         left, right = (root @ v for v in dense.eigen(whole)[1:])
         squares = jnp.sum(left.conj() * (self.stiffness @ right), axis=0) / jnp.sum(left.conj() * (m @ right), axis=0)
         flutter = jnp.abs(squares.imag) > limits(m).balance * jnp.abs(squares)

@@ -24,7 +24,7 @@ from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
 from jaxnc.validate import as_array
 from jaxnc.viz.instant_overlay import PlaneOverlay, SpaceOverlay, Wish
-from jaxnc.viz.labels import label_boxes, place_labels, track_labels
+from jaxnc.viz.labels import Arrows, label_boxes, place_labels, shafts, track_labels
 from jaxnc.viz.pen import Pen
 from jaxnc.viz.picture import Picture, Size, finish, inches, unit_on
 from jaxnc.viz.poses import Poses, caption, evenly, poses
@@ -32,7 +32,7 @@ from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.spatial.camera import read_view
 from jaxnc.viz.spatial.drawing import SpaceView
 from jaxnc.viz.style import LIGHT, axis_name, colour_of, furnish, wide, wrap
-from jaxnc.viz.view import Arrows, Legend, Names, View, shafts
+from jaxnc.viz.view import Legend, Names, View
 
 _MARGIN = 6.2  # around the mechanism, units
 _EDGE = 4.0  # of the paper, points

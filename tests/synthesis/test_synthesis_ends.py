@@ -147,7 +147,7 @@ def test_what_goes_on_winning_is_brought_to_its_end_and_what_lags_is_not(squares
     problem = arch.problem
 
     class Told:
-        def __init__(self, goal, width):
+        def __init__(self, goal, width, until):
             pass
 
         def begin(self, rows):

@@ -15,13 +15,12 @@ from scipy.interpolate import PchipInterpolator
 import jaxnc as nc
 from jaxnc import viz
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.labels import crowding
+from jaxnc.viz.labels import LONGEST, Arrows, arrows, crowding
 from jaxnc.viz.poses import _ease_inputs, _interpolate, poses
 from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.spatial.drawing import Projection, SpaceView
 from jaxnc.viz.spatial.sketch import sketch_space
 from jaxnc.viz.synthesis import abreast
-from jaxnc.viz.view import LONGEST, Arrows, arrows
 
 NARROW, USUAL = 3.3, 6.4  # inches: a column, a page
 

@@ -21,11 +21,10 @@ import jaxnc as nc
 from jaxnc import viz
 from jaxnc.errors import InputError, OutputError
 from jaxnc.system.assemble import assemble
-from jaxnc.viz.labels import TEXT
+from jaxnc.viz.labels import TEXT, nice
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import abscissa, quantity
 from jaxnc.viz.scene import Casing
-from jaxnc.viz.view import nice
 
 NASTY = 'a</script><script>alert("x")</script> & \u2028 $x_1$ {{DATA}}'
 DRAWN = 1e-12  # of the size: artists take their coordinates from the motion unchanged

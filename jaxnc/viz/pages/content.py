@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.vehicle.hardpoints import number_names
-from jaxnc.viz.labels import place_labels
+from jaxnc.viz.labels import LONGEST, Arrows, arrows, place_labels, shafts
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.quantities import ENERGIES, Quantity, attitudes, default_plots, forces_of, quantity, running
 from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, UNITS_ACROSS, Frame, Scene, Span
@@ -23,7 +23,6 @@ from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.mesh import Coil, Mesh, Piece, Shell, Turned
 from jaxnc.viz.spatial.scene import SOLIDS, Solid, SpaceFrame, Way
 from jaxnc.viz.style import ROLES, symbol
-from jaxnc.viz.view import LONGEST, Arrows, arrows, shafts
 
 # Parts that hold others, the outer before the inner.
 _NESTED = ("PROGRAM", "CLOCK", "STAGE", "CHARTS", "LIVE", "SOLVER", "MORPHING", "HANDLING", "SIZING", "SHAPING", "MORE")

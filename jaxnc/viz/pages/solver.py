@@ -48,10 +48,10 @@ from jaxnc.system.structure import program, readable
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
+from jaxnc.viz.labels import Arrows
 from jaxnc.viz.pages.content import input_names, pack_exactly, round_numbers
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.quantities import force_values
-from jaxnc.viz.view import Arrows
 
 if TYPE_CHECKING:
     from jaxnc.kinematics.modes import Modes, ModesMap

@@ -19,7 +19,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from jaxnc.errors import InputError
 from jaxnc.viz.labels import TEXT as LETTERS
-from jaxnc.viz.labels import label_corners, place_names
+from jaxnc.viz.labels import Arrows, label_corners, place_names
 from jaxnc.viz.picture import Picture, unit_on
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.scene import UNITS_ACROSS, Label
@@ -28,7 +28,7 @@ from jaxnc.viz.spatial.mesh import reach
 from jaxnc.viz.spatial.scene import Painter, Solid, SpaceFrame, Turn, Way, segment
 from jaxnc.viz.spatial.sketch import CENTRE, sketch_space
 from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, axis_name, colour_of, wide, wrap
-from jaxnc.viz.view import Arrows, Names, View
+from jaxnc.viz.view import Names, View
 
 _MARGIN = 4.2  # around the mechanism, units
 _BORDER = 33.0  # for numbers and names of the axes, points
