@@ -75,9 +75,8 @@ def run_loops(
     where the solutions are `sure` to be all.
 
     With `patience` the search ends when so many paths have gone to infinity, or few came back from many loops: the legs
-    then leave the family. A search
-    that goes on has `begun` with the loops of a `Found`, and how many of them were quiet. What there is after each loop
-    is given to `keep`.
+    then leave the family. A search that goes on has `begun` with the loops of a `Found`, and how many of them were
+    quiet. What there is after each loop is given to `keep`.
     """
     loops, still = begun
     paths = diverged = lost = 0

@@ -1,5 +1,6 @@
 """Linearisation about an equilibrium or a steady motion: natural frequencies, modes, state-space matrices."""
 
+import functools
 from collections.abc import Sequence
 
 import jax
@@ -64,26 +65,36 @@ class Linearisation:
     @property
     def _modes(self) -> tuple[Array, Array]:
         """Undamped modes as columns, of unit modal mass, and their frequencies; first derivatives are exact."""
-        m, fixed = self.mass, jax.lax.stop_gradient(0.5 * (self.mass + self.mass.T))
-        values, vectors = dense.symmetric_eigen(fixed)
-        root = vectors / jnp.sqrt(values)
-        k = jax.lax.stop_gradient(self.stiffness)
-        _, turned = dense.symmetric_eigen(root.T @ (0.5 * (k + k.T)) @ root)
-        modes = root @ turned
+        twisted = ~_is_symmetric(self.stiffness)
+        if isinstance(twisted, Tracer):
+            return jax.tree.map(functools.partial(jnp.where, twisted), self._twisted_modes(twisted), self._own_modes())
+        return self._twisted_modes(twisted) if twisted else self._own_modes()
+
+    def _root(self) -> Array:
+        """A root R of the inverse of M, as ``R Rᵀ``, without a derivative."""
+        values, vectors = dense.symmetric_eigen(jax.lax.stop_gradient(0.5 * (self.mass + self.mass.T)))
+        return vectors / jnp.sqrt(values)
+
+    def _own_modes(self) -> tuple[Array, Array]:
+        k, root = 0.5 * (self.stiffness + self.stiffness.T), self._root()
+        modes = root @ dense.symmetric_eigen(root.T @ jax.lax.stop_gradient(k) @ root)[1]
         # Rayleigh's quotient of a mode that is kept has the derivative of the eigenvalue.
-        square = jnp.sum(modes * (self.stiffness @ modes), axis=0) / jnp.sum(modes * (m @ modes), axis=0)
-        size = jnp.sqrt(jnp.where(square != 0, jnp.abs(square), 1.0))
-        frequencies = jnp.where(square != 0, jnp.sign(square) * size, 0.0)
-        # A force that turns with the mechanism makes K unsymmetric: left and right modes are then different ones.
-        twisted = ~_is_symmetric(k)
-        whole = jnp.where(twisted, root.T @ k @ root, jnp.diag(jnp.arange(1.0, len(k) + 1.0, dtype=k.dtype)))
+        square = jnp.sum(modes * (k @ modes), axis=0) / jnp.sum(modes * (self.mass @ modes), axis=0)
+        return modes, jnp.sign(square) * _safe_root(square)
+
+    def _twisted_modes(self, twisted: Array) -> tuple[Array, Array]:
+        """Modes where a force turns with the mechanism: K is not symmetric, and left and right modes differ."""
+        root = self._root()
+        # Where K is symmetric, whose modes may be of one frequency, other numbers take its place.
+        still = jnp.diag(jnp.arange(1.0, len(root) + 1.0, dtype=root.dtype))
+        whole = jnp.where(twisted, root.T @ jax.lax.stop_gradient(self.stiffness) @ root, still)
         left, right = (root @ v for v in dense.eigen(whole)[1:])
-        squares = jnp.sum(left.conj() * (self.stiffness @ right), axis=0) / jnp.sum(left.conj() * (m @ right), axis=0)
-        flutter = jnp.abs(squares.imag) > limits(m).balance * jnp.abs(squares)
-        sizes = jnp.sqrt(jnp.where(squares != 0, jnp.abs(squares), 1.0))
-        turning = jnp.where(flutter | (squares.real < 0), -sizes, jnp.where(squares != 0, sizes, 0.0))
-        order = jnp.argsort(turning)
-        return jnp.where(twisted, right.real[:, order], modes), jnp.where(twisted, turning[order], frequencies)
+        square, weight = (jnp.sum(left.conj() * (x @ right), axis=0) for x in (self.stiffness, self.mass))
+        square = square / weight
+        flutter = jnp.abs(square.imag) > limits(self.mass).balance * jnp.abs(square)
+        found = jnp.where(flutter, -1.0, jnp.sign(square.real)) * _safe_root(square)
+        order = jnp.argsort(found)
+        return right.real[:, order], found[order]
 
     @property
     def frequencies(self) -> Array:
@@ -153,6 +164,11 @@ class Linearisation:
             said = f"{w / (2 * np.pi):.6g} Hz" if w > 0 else "grows" if w < 0 else "neutral"
             rows.append(f"  mode {k}: {abs(w):.6g} rad/s, {said}")
         return "\n".join(rows)
+
+
+def _safe_root(square: Array) -> Array:
+    """Root of a size, with a finite derivative where it is zero."""
+    return jnp.where(square != 0, jnp.sqrt(jnp.abs(jnp.where(square != 0, square, 1.0))), 0.0)
 
 
 def _is_symmetric(matrix: Array, scale: Array | float = 0.0) -> Array:

@@ -611,7 +611,8 @@ def modes(
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most, prove)
     member, x = design.at(values[:, None], order)
     found = _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
-    own = solve_position(system, dict(zip(inputs, values, strict=True)), hold=hold, throw=False)
+    asked = dict(zip(inputs, values, strict=True))
+    own = solve_position(system, asked, hold=hold, unit="rad", throw=False)
     return found if _has(found, own, design) else dataclasses.replace(found, lost=found.lost + 1)
 
 

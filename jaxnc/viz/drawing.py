@@ -23,8 +23,8 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
 from jaxnc.validate import as_array
+from jaxnc.viz.annotations import Arrows, label_boxes, place_labels, shafts, track_labels
 from jaxnc.viz.instant_overlay import PlaneOverlay, SpaceOverlay, Wish
-from jaxnc.viz.labels import Arrows, label_boxes, place_labels, shafts, track_labels
 from jaxnc.viz.pen import Pen
 from jaxnc.viz.picture import Picture, Size, finish, inches, unit_on
 from jaxnc.viz.poses import Poses, caption, evenly, poses

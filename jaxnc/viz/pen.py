@@ -13,7 +13,7 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
-from jaxnc.viz.labels import TEXT
+from jaxnc.viz.annotations import TEXT
 from jaxnc.viz.scene import Arc, Casing, Circle, Hatch, Item, Label, Line, Scene, Span, Stamp
 from jaxnc.viz.style import Style, colour_of
 

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.viz.annotations import place_labels
 from jaxnc.viz.bodies import Bodies, hull
 from jaxnc.viz.drawing import PlaneView
-from jaxnc.viz.labels import place_labels
 from jaxnc.viz.pen import Pen
 from jaxnc.viz.picture import Size, finish, inches
 from jaxnc.viz.poses import Poses, poses

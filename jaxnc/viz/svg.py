@@ -18,7 +18,7 @@ from jaxnc.io.target import file_name, writing
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
-from jaxnc.viz.labels import place_labels
+from jaxnc.viz.annotations import place_labels
 from jaxnc.viz.poses import Poses, caption, is_simulation, poses
 from jaxnc.viz.scene import Arc, Casing, Circle, Hatch, Item, Line, Span, Stamp
 from jaxnc.viz.sketch import sketch_plane

@@ -13,7 +13,7 @@ from matplotlib.offsetbox import AnnotationBbox, HPacker, TextArea, VPacker
 from matplotlib.text import Text
 from matplotlib.transforms import Transform
 
-from jaxnc.viz.labels import Arrows, arrows, nice
+from jaxnc.viz.annotations import Arrows, arrows, nice
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import HEADING, LIGHT, NUMBERS, wide, wrap
 

@@ -15,7 +15,7 @@ from scipy.interpolate import PchipInterpolator
 import jaxnc as nc
 from jaxnc import viz
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.labels import LONGEST, Arrows, arrows, crowding
+from jaxnc.viz.annotations import LONGEST, Arrows, arrows, crowding
 from jaxnc.viz.poses import _ease_inputs, _interpolate, poses
 from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.spatial.drawing import Projection, SpaceView

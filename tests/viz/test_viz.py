@@ -21,7 +21,7 @@ import jaxnc as nc
 from jaxnc import viz
 from jaxnc.errors import InputError, OutputError
 from jaxnc.system.assemble import assemble
-from jaxnc.viz.labels import TEXT, nice
+from jaxnc.viz.annotations import TEXT, nice
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import abscissa, quantity
 from jaxnc.viz.scene import Casing

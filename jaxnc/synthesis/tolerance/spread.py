@@ -191,12 +191,12 @@ def solve_batch(asked: Question, system: System, at: Array, changes: Array, valu
     motions = jax.vmap(lambda change: asked.move(shift_geometry(system, at, change), values))(every)
     own = motions.q[0].reshape(-1, len(angles))[0]
 
-    def read(motion: Motion) -> tuple[dict[str, Array], Array]:
+    def outputs(motion: Motion) -> tuple[dict[str, Array], Array]:
         first = motion.q.reshape(-1, len(angles))[0]
         turns = jnp.where(angles, jnp.round((first - own) / (2.0 * jnp.pi)), 0.0)  # has no slope
         return asked.read(dataclasses.replace(motion, poses=motion.q - 2.0 * jnp.pi * turns)), motion.converged
 
-    return jax.vmap(read)(jax.tree.map(lambda x: x[1:], motions))
+    return jax.vmap(outputs)(jax.tree.map(lambda x: x[1:], motions))
 
 
 def sample_outputs(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.vehicle.hardpoints import number_names
-from jaxnc.viz.labels import LONGEST, Arrows, arrows, place_labels, shafts
+from jaxnc.viz.annotations import LONGEST, Arrows, arrows, place_labels, shafts
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.quantities import ENERGIES, Quantity, attitudes, default_plots, forces_of, quantity, running
 from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, UNITS_ACROSS, Frame, Scene, Span

@@ -48,7 +48,7 @@ from jaxnc.system.structure import program, readable
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
-from jaxnc.viz.labels import Arrows
+from jaxnc.viz.annotations import Arrows
 from jaxnc.viz.pages.content import input_names, pack_exactly, round_numbers
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.quantities import force_values

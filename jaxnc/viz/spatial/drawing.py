@@ -18,8 +18,8 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from jaxnc.errors import InputError
-from jaxnc.viz.labels import TEXT as LETTERS
-from jaxnc.viz.labels import Arrows, label_corners, place_names
+from jaxnc.viz.annotations import TEXT as LETTERS
+from jaxnc.viz.annotations import Arrows, label_corners, place_names
 from jaxnc.viz.picture import Picture, unit_on
 from jaxnc.viz.poses import Poses, evenly
 from jaxnc.viz.scene import UNITS_ACROSS, Label
