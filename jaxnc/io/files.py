@@ -262,19 +262,21 @@ def _json_text(value: object, indent: str) -> str:
     return "{\n" + ",\n".join(rows) + f"\n{indent}}}"
 
 
-def _toml_entry(key: str, value: object) -> str:
-    row = f"{_toml_key(key)} = {_toml_value(value)}"
+def _toml_entry(key: str, value: object, table: str = "") -> str:
+    """Lay out an entry of a table, whose dotted name ends with a point; one that fills a line takes several."""
+    name = table + _toml_key(key)
+    row = f"{name} = {_toml_value(value)}"
     if len(row) <= _WIDTH or not isinstance(value, dict | list | tuple):
         return row
     if isinstance(value, dict):
-        return "\n".join(f"{_toml_key(key)}.{_toml_entry(k, v)}" for k, v in value.items())
+        return "\n".join(_toml_entry(k, v, f"{name}.") for k, v in value.items())
     rows, line = [], "   "
     for item in map(_toml_value, value):
         if len(line) + len(item) + 2 > _WIDTH:
             rows.append(line)
             line = "   "
         line += f" {item},"
-    return f"{_toml_key(key)} = [\n" + "\n".join([*rows, line]) + "\n]"
+    return f"{name} = [\n" + "\n".join([*rows, line]) + "\n]"
 
 
 def _toml_key(key: str) -> str:

@@ -708,9 +708,17 @@ class ExportTree:
             if marker.direction is not None:
                 self.description.left_out.append(f"marker {name!r}: a direction, and sites are places")
                 continue
+            if self._of_one_point(marker.on):
+                self.description.left_out.append(f"marker {name!r}: body {marker.on!r} of one point is no link")
+                continue
             at = np.zeros(3)
             at[: top.dim] = np.asarray(marker_along(eq, numbers[name], self.home.q, ()))
             self.links[self.link_of[self._part_of(marker.on)]].sites[name] = at
+
+    def _of_one_point(self, body: str) -> bool:
+        """Tell whether a planar body is a point, and no part of its own."""
+        bodies = self.mechanism.model.bodies
+        return self.parts.dim == 2 and body in bodies and len(bodies[body].points) == 1
 
     def _part_of(self, body: str) -> int:
         """Return the part of a body; the ground if there is none."""
@@ -769,14 +777,17 @@ class ExportTree:
         return Inertia(float(m), com, tensor)
 
     def _point_masses(self, k: int) -> list[Inertia]:
-        """List the point masses that a part carries: of a point that several hold, the first does."""
+        """List the point masses that a part carries, and bodies of one point; of several holders the first does."""
         physical, out = np.asarray(self.system.parameters.physical), []
         for group in self.system.topology.loads.inertias:
             for index in group:
                 holders = [h for h in self.parts.of_point[index.origin] if h]
-                if not index.body and holders and holders[0] == k:
+                if (not index.body or self._of_one_point(index.body)) and holders and holders[0] == k:
                     mass = float(physical[index.mass])
                     out.append(Inertia(mass, self.home.points[index.origin], np.zeros((3, 3))))
+                    if index.segments and not all(self.parts.a.fixed[list(index.segments[0])].ravel()):
+                        what = "its mass is put on its point, as if it did not turn with its line"
+                        self.description.notes.append(f"body {index.body!r}: {what}")
         return out
 
     def _fill(self, name: str, inertia: Inertia) -> None:

@@ -77,12 +77,8 @@ class DesignPoses(NamedTuple):
     q: np.ndarray  # coordinates at the targets (designs, targets, N)
     status: np.ndarray  # `jaxnc.Status` there
     values: np.ndarray  # of the input there, (designs, targets)
-    # Of `q` with the design variables and, last, with the input, (designs, variables + 1, targets, N); None if they are
-    # not known.
-    changes: np.ndarray | None = None
-    # How the input changes with the problem's own unknowns, (designs, targets, own); None if that of `q` is
-    # not known.
-    by: np.ndarray | None = None
+    by: np.ndarray | None = None  # how the input changes with the unknowns, (designs, targets, n)
+    changes: np.ndarray | None = None  # of `q` with the unknowns, (designs, n, targets, N); None if they are not known
     # The same over the range; None where that at the targets goes through it, or there is no range.
     turn: "DesignPoses | None" = None
 
@@ -208,30 +204,27 @@ class _Designs:
 
     def solve(self, poses: int) -> DesignPoses:
         problem = self.problem
-        through, by = _input_table(problem, self.extra)
+        through, own = _input_table(problem, self.extra)
         if problem.at_rest:
             through = self.home[:, None]
-        found = self.along(through, by)
+        by = np.concatenate([np.zeros((len(own), len(problem.variables.names))), own], axis=1)
+        found = self.along(through)._replace(by=np.broadcast_to(by, (len(through), *by.shape)))
         if not poses or problem.through(through.shape[1], poses):
             return found
-        return found._replace(turn=self.along(*self.over(poses)))
+        return found._replace(turn=self.curve(poses))
 
     def curve(self, count: int) -> DesignPoses:
-        """Poses over the whole range."""
-        return self.along(self.over(count)[0])
-
-    def over(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Values of the input over its range, ``(designs, count)``, and their derivatives by the own unknowns."""
-        low, high = self.problem.span(self.home, self.extra)
-        part = np.linspace(0.0, 1.0, count)
-        first = np.broadcast_to(low, self.home.shape)[:, None] * (1.0 - part)
-        span, none = self.problem.span, np.zeros(())
-        _, (low_by, high_by) = _expand_affine(lambda extra: span(none, extra), self.extra.shape[1])
+        """Poses over the whole range, which may change with the drawing and with the problem's own unknowns."""
+        span, part = self.problem.span, np.linspace(0.0, 1.0, count)
+        low, high = (np.broadcast_to(end, self.home.shape)[:, None] for end in span(self.home, self.extra))
+        _, (low_by, high_by) = _expand_affine(lambda x: span(x[0], x[1:]), 1 + self.extra.shape[1])
         by = low_by * (1.0 - part[:, None]) + high_by * part[:, None]
-        return first + np.broadcast_to(high, self.home.shape)[:, None] * part, by
+        drawn = by[:, :1] * self.drawn.home[self.view.known[0], :, None, 1:-1]
+        own = np.broadcast_to(by[:, 1:], (len(drawn), count, self.extra.shape[1]))
+        return self.along(low * (1.0 - part) + high * part)._replace(by=np.concatenate([drawn, own], axis=2))
 
-    def along(self, values: np.ndarray, by: np.ndarray | None = None) -> DesignPoses:
-        """Poses at values of the input ``(designs, T)``, which change with the own unknowns by ``(T, own)``."""
+    def along(self, values: np.ndarray) -> DesignPoses:
+        """Poses at values of the input ``(designs, T)``."""
         home = self.home
         if self.problem.periodic:
             home = home + 2 * np.pi * np.round((values[:, 0] - home) / (2 * np.pi))
@@ -250,8 +243,7 @@ class _Designs:
         if self.way == "close":
             self._closer(found.doubted, start, known, at, q, good)
         status = np.where(good, int(Status.CONVERGED), int(Status.NOT_REACHED))
-        by = None if by is None else np.broadcast_to(by, (len(home), *by.shape))
-        return DesignPoses(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, None, by)
+        return DesignPoses(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values)
 
     def _closer(
         self, doubted: np.ndarray, start: np.ndarray, known: np.ndarray, at: np.ndarray, q: np.ndarray, good: np.ndarray
@@ -278,8 +270,11 @@ class _Designs:
         known = np.zeros((len(self.view.known), own.home.shape[-1] - 1, *good.shape))
         known[0, -1] = 1.0
         known[1:] = np.moveaxis(own.home[self.view.known[1:], :, 1:], -1, 1)[:, :, None]
-        slopes = np.ascontiguousarray(self.steps.changes(own, q, good, known).transpose(3, 1, 2, 0))
-        return part._replace(changes=slopes, turn=found.turn and self.changing(found.turn, some))
+        slopes = self.steps.changes(own, q, good, known).transpose(3, 1, 2, 0)  # by the variables and by the input
+        assert part.by is not None
+        changes = part.by.transpose(0, 2, 1)[..., None] * slopes[:, -1:]
+        changes[:, : slopes.shape[1] - 1] += slopes[:, :-1]
+        return part._replace(by=None, changes=changes, turn=found.turn and self.changing(found.turn, some))
 
 
 def _view(problem: Problem) -> "Plan":
@@ -464,9 +459,9 @@ def _compiled_evaluate(
         changes = []
         for q, way in zip(poses, ways, strict=True):
             moved = jnp.zeros((len(x), *q.shape))
-            if way.changes is not None and way.by is not None:
-                some = jnp.concatenate([way.changes[:-1], way.by.T[:, :, None] * way.changes[-1]])
-                moved = moved.at[: len(some)].set(some * scale[: len(some), None, None])
+            if way.changes is not None:
+                count = len(way.changes)
+                moved = moved.at[:count].set(way.changes * scale[:count, None, None])
             changes.append(moved)
         rows, seen = jax.vmap(along, out_axes=(0, None))(jnp.diag(scale), *changes)
         return seen.errors, seen.conditions, rows.T, seen.ok
@@ -484,7 +479,7 @@ def _motions_of(problem: Problem, x: Array, found: DesignPoses, poses: Any) -> t
         return attach_poses(out, system, values()[:, None]) if way.changes is None else out
 
     def over(way: DesignPoses) -> Array:
-        low, high = problem.span(way.values[0], extra)
+        low, high = problem.span(derive(system).home[system.topology.position[problem.driven]], extra)
         moved = jnp.linspace(0.0, 1.0, len(way.values)) * (high - low) + low
         return way.values + moved - jax.lax.stop_gradient(moved)
 

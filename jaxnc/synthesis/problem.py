@@ -429,10 +429,12 @@ def make_motion(
 
 
 def home_value(system: System, driven: str) -> AnyArray:
-    """Value of a coordinate in the assembled drawing; it is not differentiated."""
-    q = settle(derive(system), np.zeros(len(system.topology.coordinates)), repair=False).q  # of traced code by itself
-    place = system.topology.position[driven]
-    return jax.lax.stop_gradient(q[place]) if isinstance(q, Tracer) else np.asarray(q)[place]
+    """Value of a coordinate in the assembled drawing; it changes with the design as it does in the drawing."""
+    eq, place = derive(system), system.topology.position[driven]
+    q = settle(eq, np.zeros(len(system.topology.coordinates)), repair=False).q  # of traced code by itself
+    if not isinstance(q, Tracer):
+        return np.asarray(q)[place]
+    return eq.home[place] + jax.lax.stop_gradient(q[place] - eq.home[place])
 
 
 def check_problem(what: str, problem: object, squares: bool = True) -> None:

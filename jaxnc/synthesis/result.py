@@ -161,6 +161,10 @@ class Result(Shown):
             )
         if self.nearest is not None:
             worst = worst_conditions(self.problem, self.nearest[1])
+            worst = (
+                worst
+                or f"one of them by {self.nearest[0]:.2g} at the {self.problem.poses} poses that a search looks at"
+            )
             return (
                 f"no design meets the conditions; the closest one misses {worst} (of the size; of angles the sine). "
                 f"They contradict each other or the bounds, or more starts or iterations are needed"

@@ -111,6 +111,18 @@ def test_everything_comes_back_bit_for_bit(tmp_path, suffix):
     assert save(back, tmp_path / f"again{suffix}").read_bytes() == path.read_bytes()
 
 
+def test_tables_longer_than_a_line_come_back(tmp_path):
+    m = nc.library.four_bar()
+    m.spring("s", "B", "D", stiffness=1000 / 3, free=np.sqrt(17) * 0.93, preload=-10 / 3, cubic=1e5 / 7)
+    angles = {f"an_angle_with_a_long_name_{k}": 1 / (3 + k) for k in range(4)}
+    for name in angles:
+        m.angle(name, at="A", to="B")
+    m.relation("tied", angles)
+    path = m.save(tmp_path / "long.toml")
+    assert nc.load(path).model == m.model
+    assert max(map(len, path.read_text().splitlines())) < 130
+
+
 @pytest.mark.parametrize("name", LIBRARY)
 def test_library_comes_back(tmp_path, name):
     m = LIBRARY[name]()

@@ -265,6 +265,29 @@ def test_masses_of_a_loop_in_space(folder):
     assert np.ptp(potential - weight) < ENERGY * np.ptp(weight)
 
 
+def test_a_body_of_one_point_weighs_what_it_weighs(folder):
+    """A piston, which no link of its own stands for: its mass goes with its point."""
+    m = nc.library.slider_crank()
+    m.gravity = (0.0, -9.81)
+    for body, mass in (("crank", 1.0), ("conrod", 2.0), ("slider", 5.0)):
+        m.mass(body, mass)
+    motion = nc.sweep(m.compile(), {"phi": 0.5 + TIMES}, rates={"phi": 1.0})
+    done = m.to_mjcf(folder / "piston.xml", at=motion)
+    speeds = {name: (middle(motion, name, rate=True) ** 2).sum(-1) for name in "BC"}
+    together = (middle(motion, "B", rate=True) * middle(motion, "C", rate=True)).sum(-1)
+    # Uniform bars: m/6 (u² + u·v + v²) of the speeds u and v of their ends.
+    by_hand = speeds["B"] / 6 + 2.0 / 6 * (speeds["B"] + together + speeds["C"]) + 2.5 * speeds["C"]
+    kinetic = energies(done, motion)[:, 0]
+    assert np.abs(kinetic - by_hand).max() < ENERGY * by_hand.max()
+    m = nc.Mechanism("cart")
+    m.ground("A", (0, 0)), m.ground("G", (1, 0)), m.point("B", (1, 0.4)), m.point("S", (2.5, 0), fixed="y")
+    m.body("crank", ["A", "B"]), m.body("rod", ["B", "S"]), m.body("cart", ["S"], along=("A", "G"), mass=5.0)
+    m.marker("M", on="cart", at=(2.6, 0.3)), m.angle("phi", at="A", to="B")
+    done = m.to_mjcf(folder / "cart.xml")
+    assert abs(mujoco.MjModel.from_xml_path(str(done.path)).body_mass.sum() - 5.0) < 1e-4
+    assert any("marker 'M'" in said for said in done.left_out)
+
+
 # What cannot be written.
 
 

@@ -63,9 +63,7 @@ def problem():
     """A four-bar's own curve, with a region in its way; all tests of whole problems share what is compiled."""
     target = np.asarray(nc.sweep(four_bar().compile(), {"phi": TURN})["P"])
     asked = [S.crank_turns(), S.clear_of(BOX, width=WIDTH, margin=0.001)]
-    # Not the whole turn, but for a little: that begins where the drawing is, and where is not differentiated.
-    how = {"subject_to": asked, "free": ["A", "B", "C", "D"], "travel": (1.0, 7.27)}
-    return S.PathGeneration(four_bar(), "P", target, closed=True, **how)
+    return S.PathGeneration(four_bar(), "P", target, closed=True, subject_to=asked, free=["A", "B", "C", "D"])
 
 
 def test_slopes_are_those_of_the_numbers(problem):
@@ -127,7 +125,7 @@ def clearance_by_points(motion, box, names):
 
 def test_a_search_goes_round_a_region(problem):
     """The four-bar of a curve runs through it; of what is found with the condition no link does, in 2,000 poses."""
-    result = S.solve(problem, starts=48, refine=6, iterations=8, keep=1, key=jax.random.key(0), progress=False)
+    result = S.solve(problem, starts=96, refine=12, iterations=20, keep=1, key=jax.random.key(0), progress=False)
     assert result.found and "clear of the region" in str(problem)
     least = []
     for system in (problem.system, result.best):

@@ -15,7 +15,6 @@ from jaxnc.kinematics.design import geometry_vector, with_geometry
 from jaxnc.progress import is_watched
 from jaxnc.synthesis import loops
 from jaxnc.synthesis.evaluate import (
-    DesignPoses,
     Evaluator,
     meeting_sines,
     move_designs,
@@ -120,19 +119,35 @@ def test_poses_of_many_designs_are_those_of_sweeps(problem):
 def test_derivatives_of_poses_are_those_of_differences(problem):
     rng = np.random.default_rng(2)
     x = problem.start + 0.003 * problem.scale * rng.normal(size=(4, problem.count))
-    parts = [jax.tree.leaves(part) for part in solve_changes(problem, x, 0, "quick", 3)]
-    found = DesignPoses(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    parts = list(solve_changes(problem, x, 0, "quick", 3))
+    found = jax.tree.map(lambda *each: np.concatenate(each), *parts)
     ok = (found.status == 0).all(axis=1)
-    assert ok.sum() >= 3 and found.changes is not None and found.by is not None
-    own = np.swapaxes(found.by, 1, 2)[..., None] * found.changes[:, -1:]  # by way of the input
-    changes = np.concatenate([found.changes[:, :-1], own], axis=1)
+    assert ok.sum() >= 3 and found.changes is not None
     for j in range(problem.count):
         step = np.zeros(problem.count)
         step[j] = 1e-6 * problem.scale[j]
         up, down = (solve_poses(problem, x + way * step, 0).q for way in (1, -1))
         slope = (up - down) / (2 * step[j])
         size = max(1.0, float(np.abs(slope[ok]).max()))
-        np.testing.assert_allclose(changes[ok, j], slope[ok], atol=2e-7 * size)
+        np.testing.assert_allclose(found.changes[ok, j], slope[ok], atol=2e-7 * size)
+
+
+@pytest.mark.parametrize("name", [*PROBLEMS, "a turn"])
+def test_derivatives_of_a_range_are_those_of_differences(name):
+    """A whole turn begins at the drawing, wherever that is, and a range of tables where the free offset says."""
+    how = {"closed": True, "free": ["A", "B", "C", "D", "P"], "subject_to": [S.transmission_angle(0.3)]}
+    turn = S.PathGeneration(four_bar(), "P", np.array(ARC), **how)
+    problem = turn if name == "a turn" else PROBLEMS[name]()
+    x = problem.start + 0.003 * problem.scale * np.random.default_rng(2).normal(size=(3, problem.count))
+    (found,) = (part.turn for part in solve_changes(problem, x, 12, "close", 3))
+    ok = (found.status == 0).all(axis=1)
+    assert ok.any()
+    for j in range(problem.count):
+        step = np.zeros(problem.count)
+        step[j] = 1e-6 * problem.scale[j]
+        up, down = (solve_poses(problem, x + way * step, 12, "close").turn.q for way in (1, -1))
+        slope = (up - down) / (2 * step[j])
+        np.testing.assert_allclose(found.changes[ok, j], slope[ok], atol=2e-7 * max(1.0, np.abs(slope[ok]).max()))
 
 
 def test_more_designs_than_are_compiled_for_are_evaluated_as_each_by_itself():

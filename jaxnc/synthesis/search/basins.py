@@ -193,9 +193,8 @@ class _Continua:
         for part in solve_changes(problem, x, 0, "close", LANES):
             count = len(part.q)
             moved = np.zeros((count, n, *part.q.shape[1:]))
-            if part.changes is not None and part.by is not None:
-                own = np.asarray(part.by).transpose(0, 2, 1)[..., None] * part.changes[:, -1:]
-                moved[:] = np.concatenate([part.changes[:, :-1], own], axis=1) * self.scale[:, None, None]
+            if part.changes is not None:
+                moved[:] = part.changes * self.scale[:, None, None]
             q.append(part.q[..., :points].reshape(count, -1))
             changes.append(moved[..., :points].reshape(count, n, -1).transpose(0, 2, 1))
         size = problem.length

@@ -24,8 +24,8 @@ function rateOf(pose, column, order, q = pose === T ? now.q : poses[pose]) {
   const [ahead, here, behind] = [1, 0, -1].map(sign => placeIn(q.map((x, j) => x + sign * h * v[j] + (sign && a ? 0.5 * h * h * a[j] : 0)), column));
   return ahead.map((x, j) => order ? (x - 2 * here[j] + behind[j]) / (h * h) : (x - behind[j]) / (2 * h));
 }
-// Whole turns that an angle has made beyond the motion's values.
-const beyond = i => { const [low, high] = ranges[i], x = now.q[L.driven[i]]; return L.angles[i] && max(low - x, x - high) > 1e-9 ? turn * round(0.999999 * (x - (low + high) / 2) / turn) : 0; };
+// Whole turns that an angle has made beyond the motion's values, where nothing counts them.
+const beyond = i => { const [low, high] = ranges[i], x = now.q[L.driven[i]]; return L.periodic[i] && max(low - x, x - high) > 1e-9 ? turn * round(0.999999 * (x - (low + high) / 2) / turn) : 0; };
 const askedOf = pose => L.asked[pose].map((x, i) => x + beyond(i));
 // The tip of an arrow: to scale, but no longer than the longest.
 const point = (pose, [foot, tip], v, scale) => put(tip, pose, axes.map((axis, j) => columns[foot][axis][pose] + (v ? v[j] * min(scale, D.longest / hypot(...v)) : 0)));
@@ -36,6 +36,7 @@ function store(pose, q) {
   const at = markersAt(q);
   sources.forEach(([marker, i], column) => put(column, pose, (marker ? at : q).subarray(i)));
   D.scalars.forEach((s, i) => { s.values[pose] = q[first + i]; });
+  L.names.forEach((name, i) => { const s = scalarOf(name); if (s) s.values[pose] = pose < T ? L.asked[pose][i] : q[L.driven[i]] - beyond(i); });
   motions[pose] = null;
   for (const set of D.arrows) if (set.order < 2) for (const shaft of set.shafts) point(pose, shaft, rateOf(pose, shaft[0], set.order, q), set.scale);
   exert(pose, q);
@@ -104,7 +105,6 @@ function present() {
   let least = Infinity;
   L.asked.forEach((_, pose) => { const far = hypot(...askedOf(pose).map((x, i) => x - now.q[L.driven[i]])); if (far < least) { least = far; nearest = pose; } });
   store(T, now.q);
-  L.names.forEach((name, i) => { const s = scalarOf(name); if (s) s.values[T] -= beyond(i); });
   D.status[T] = 0; show(T);
 }
 function remember() { past.push(copy(now)); if (past.length > 60) past.shift(); undo.disabled = false; }

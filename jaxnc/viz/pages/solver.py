@@ -32,13 +32,14 @@ from jaxnc.dynamics.reactions import Reactions, nodal_forces
 from jaxnc.dynamics.wrenches import Ledger
 from jaxnc.errors import InputError
 from jaxnc.io.files import plain
+from jaxnc.kinematics.design import geometry_vector
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.reading import Builder, Program, Unreadable, rate, trace, write
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.rows import count_numbers, write_rows
-from jaxnc.system.design import Step, design, run_steps
+from jaxnc.system.design import Step, carry_design, design, run_steps
 from jaxnc.system.equations import jacobian, renumbered, weights
 from jaxnc.system.frames import marker_program, mass_centres
 from jaxnc.system.host import HostEquations, from_jax
@@ -459,6 +460,7 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, object]:
         "driven": list(view.driven),
         "names": names,
         "angles": [bool(top.is_angle(name)) for name in names],
+        "periodic": [name in top.scalars and bool(top.periodic[top.scalars.index(name)]) for name in names],
         "rows": len(view.rows),
         "weights": [float(x) for x in np.asarray(eq.weights)[view.unknown]],
         "length": float(eq.length),
@@ -476,7 +478,7 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, object]:
             }
             for name, one in zip(top.dimensions, top.given, strict=True)
         ],
-        "links": _links(top),
+        "links": _links(motion.system),
     }
 
 
@@ -539,32 +541,58 @@ def _where(data: dict[str, Any], top: Topology, one: Dimension) -> list[Any]:
     return [*path, one.key] if isinstance(entry.get(one.key), float) else []
 
 
-def _links(top: Topology) -> list[dict[str, object]]:
+def _links(system: System) -> list[dict[str, object]]:
     """List lengths of links that are read off the drawing: two points, and which of the numbers follow from them."""
+    top, first = system.topology, 0
     at: dict[Owner, list[int]] = {}
-    arms, first = [], 0  # arms of angles follow from the lengths, whoever's they are
+    constants: list[int] = []
     for block in top.blocks:
         for owners in block.owners:
-            constants = range(first, first + len(block.kind.constants))
+            own = range(first, first + len(block.kind.constants))
             for owner in owners:
-                at.setdefault(owner, []).extend(constants)
-            if any(owner.thing is Thing.COORDINATE for owner in owners):
-                names = zip(constants, block.kind.constants, strict=True)
-                arms += [k for k, name in names if name.startswith(("length", "radius"))]
-            first += len(constants) + len(block.kind.rows)
+                at.setdefault(owner, []).extend(own)
+            constants += own
+            first += len(own) + len(block.kind.rows)
     explicit = {one.owner for one in top.given}
     moving = ~np.all(np.array(top.fixed[: top.dim * len(top.points)], bool).reshape(-1, top.dim), axis=1)
-    out = []
+    links: list[tuple[int, int]] = []
+    owners: list[Owner] = []
     for body in top.bodies:
         owner = Owner(Thing.BODY, top.names[Thing.BODY].index(body.name))
         if owner in explicit or not at.get(owner):
             continue
         p = body.points
         pairs = [(p[0], p[1]), *(pair for x in p[2:] for pair in ((p[0], x), (p[1], x)))] if len(p) > 1 else []
-        for i, j in pairs:
-            if moving[[i, j]].any():  # else it is a length of the ground
-                out.append({"points": [int(i), int(j)], "numbers": [*at[owner], *arms]})
-    return out
+        pairs = [pair for pair in pairs if moving[list(pair)].any()]  # else it is a length of the ground
+        links += pairs
+        owners += [owner] * len(pairs)
+    follow = _following(system, links)
+    return [
+        {"points": [int(i), int(j)], "numbers": sorted({*at[owner], *np.array(constants)[own].tolist()})}
+        for (i, j), owner, own in zip(links, owners, follow, strict=True)
+    ]
+
+
+def _following(system: System, links: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Mark the constants that a distance between two points decides alone, whoever's they are, ``(links, constants)``.
+
+    They change when the second point moves away from the first, and stay when everything else is elsewhere.
+    """
+    top, count = system.topology, len(links)
+    flat = np.asarray(geometry_vector(system), float)
+    places, spread = flat[: top.dim * len(top.points)].reshape(-1, top.dim), np.random.default_rng(0)
+    drawings = np.repeat(flat[:, None], 1 + 2 * count, axis=1)
+    for k, (i, j) in enumerate(links):
+        own = [top.dim * p + x for p in (i, j) for x in range(top.dim)]
+        drawings[own[top.dim :], 1 + k] += 0.1 * (places[j] - places[i])
+        elsewhere = flat + 0.1 * (1.0 + np.abs(flat)) * spread.uniform(0.1, 1.0, flat.shape)
+        elsewhere[own] = flat[own]
+        drawings[:, 1 + count + k] = elsewhere
+    with np.errstate(all="ignore"):
+        found = carry_design(top, drawings[..., None]).constants
+    values = np.concatenate([np.zeros((0, 1 + 2 * count)), *(c[..., 0].reshape(-1, 1 + 2 * count) for c in found)])
+    same = np.isclose(values[:, 1:], values[:, :1], rtol=1e-9, atol=0.0)
+    return (~same[:, :count] & same[:, count:]).T
 
 
 # -- the design of a changed mechanism ---------------------------------------------------------------------------------
