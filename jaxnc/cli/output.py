@@ -15,7 +15,7 @@ from jaxnc.kinematics.inputs import doubtful_size
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import align_columns
 from jaxnc.progress import step_bar
-from jaxnc.reporting.checked import ZERO, Quantity, constant, course, extreme_of, quantities, unit_of
+from jaxnc.reporting.checked import ZERO, ExtremeValue, Quantity, constant, extremes_of, quantities, unit_of
 from jaxnc.reporting.outcome import (
     CROSSING,
     crossings,
@@ -111,36 +111,39 @@ def _drives(analysis: Analysis) -> Iterable[str]:
 
 def _extremes_table(analysis: Analysis) -> list[str]:
     """A table with a row for each quantity: smallest, largest, where, and the range between them."""
-    motion = analysis.motion
-    found = quantities(motion, outputs_of(motion, analysis.question.run.outputs))
+    motion, names = analysis.motion, outputs_of(analysis.motion, analysis.question.run.outputs)
+    found = quantities(motion, names)
     scales = scales_of(found)
+    told = {q.label for q in found if not idle(q, scales[q.unit])}
+
+    def read(motion: Motion) -> list[Quantity]:
+        return [
+            replace(q, values=np.where(np.abs(q.values) <= ZERO * scales[q.unit], 0.0, q.values))
+            for q in quantities(motion, names)
+            if q.label in told
+        ]
+
     if len(motion.status) == 1:
-        in_reading_units = [q for q in found if not idle(q, scales[q.unit])]
-        return align_columns(
-            [[f"{q.label} [{q.unit}]", _format(float(q.values[0]))] for q in in_reading_units], (0,), "  "
-        )
+        rows = [[f"{q.label} [{q.unit}]", _format(float(q.values[0]))] for q in found if q.label in told]
+        return align_columns(rows, (0,), "  ")
     units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
     where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
     rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]
-    rows += [_extreme_row(motion, q, scales[q.unit]) for q in found if not idle(q, scales[q.unit])]
+    rows += [_extreme_row(motion, q, ends) for q, ends in zip(read(motion), extremes_of(motion, read), strict=True)]
     lines = align_columns(rows, (0,), "  ")
     if any("~" in cell for row in rows[1:] for cell in row):
-        lines.append("  ~ refined by a parabola through three poses; the others are at a pose")
+        lines.append("  ~ between two poses; the others are at a pose")
     return lines
 
 
-def _extreme_row(motion: Motion, q: Quantity, scale: float) -> list[str]:
-    values = np.where(np.abs(q.values) <= ZERO * scale, 0.0, q.values)
-    q = replace(q, values=values)
+def _extreme_row(motion: Motion, q: Quantity, ends: tuple[ExtremeValue, ExtremeValue]) -> list[str]:
     label = f"{q.label} [{q.unit}]"
-    if constant(values):
-        return [label, _format(float(np.nanmean(values))), "everywhere", "", "", ""]
-    low, high = (extreme_of(q, course(motion), largest) for largest in (False, True))
-    cells = [label]
-    for end in (low, high):
-        value = 0.0 if abs(end.value) <= ZERO * scale else end.value
+    if constant(q.values):
+        return [label, _format(float(np.nanmean(q.values))), "everywhere", "", "", ""]
+    cells, (low, high) = [label], ends
+    for end in ends:
         at = ", ".join(_format(value, 5) for value in inputs_at(motion, end.at).values())
-        cells += [_format(value), at + ("~" if end.refined else " ")]
+        cells += [_format(end.value), at + ("~" if end.refined else " ")]
     return [*cells, _format(high.value - low.value)]
 
 

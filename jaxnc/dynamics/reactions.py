@@ -35,8 +35,11 @@ from jaxnc.dynamics.wrenches import (
     has_friction,
     item_holders,
     joint_rows,
+    key_of,
     pose_parts,
     row_forces,
+    shared_groups,
+    vector_tree,
 )
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.forces import COUPLE, EFFORT
@@ -373,8 +376,9 @@ class Reactions:
         stress = np.zeros((left.shape[1] - rank, len(top.rows) + len(top.rate_rows)))
         stress[:, view.rows] = left[:, rank:].T
         reached = _stress_reaches(dyn, view, q, stress)
-        largest = max((float(np.abs(x).max(initial=0.0)) for x in reached.values()), default=0.0)
-        return {name: bool(np.abs(x).max(initial=0.0) <= least * max(largest, 1e-6)) for name, x in reached.items()}
+        sizes = {name: float(np.abs(x).max(initial=0.0)) for name, (x, _) in reached.items()}
+        most = least * max(1e-6, *sizes.values()) if sizes else 0.0
+        return {name: sizes[name] <= most and not loose for name, (_, loose) in reached.items()}
 
     # -- inside ---------------------------------------------------------------------------------------------------
 
@@ -456,14 +460,24 @@ def open_forces(
     return out if rubbing is None else out - rubbing
 
 
-def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what multipliers ``(k, rows)`` alone put on joints, supports and inputs, named as by `unique`."""
+def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> dict[str, tuple[np.ndarray, bool]]:
+    """Return what multipliers ``(k, rows)`` alone put on joints, supports and inputs, named as by `unique`.
+
+    Beside each stands whether a couple is open there all the same.
+    """
     top, count = dyn.topology, len(stress) + 1
     rest = jnp.zeros((count, len(q)))
     lam = jnp.concatenate([stress, jnp.zeros((1, stress.shape[1]))])
     parts = all_parts(dyn.system, dyn, jnp.zeros(count), jnp.broadcast_to(q, rest.shape), rest, rest, lam)
     ledger = Ledger(top, jax.tree.map(np.asarray, parts), {})
-    out: list[tuple[Owner | None, str, np.ndarray]] = []
+    out: list[tuple[Owner | None, str, np.ndarray, bool]] = []
+    # A couple that a vector shared in a loop leaves open is there without any multiplier.
+    shaken = {
+        ledger.key(b, group)
+        for b in range(len(top.bodies))
+        for group in shared_groups(top, b)
+        if not all(vector_tree(top, i)[1] for i in group.items if i < 0)
+    }
     for b, body in enumerate(top.bodies):
         for p in body.points:
             passing = ledger.through(b, p)
@@ -472,23 +486,23 @@ def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> 
             force, moment = ledger.wrenches[b][passing[0]]
             moment = moment - cross(ledger.points[:, p], force)
             wrench = np.concatenate([force, moment.reshape(count, -1)], axis=1)
-            out.append((None, f"{top.points[p]} on {body.name}", wrench[:-1] - wrench[-1]))
+            out.append((None, f"{top.points[p]} on {body.name}", wrench[:-1] - wrench[-1], passing[0] in shaken))
     for j, joint in enumerate(top.joints):
         at = joint_rows(top, j)
         if len(at):
             pull = jax.vmap(lambda x, at=at: row_forces(dyn.eq, at, q, x))(jnp.asarray(stress))
-            out.append((joint.owner, "", np.asarray(pull)))
+            out.append((joint.owner, "", np.asarray(pull), key_of(joint) in shaken))
     whole = np.asarray(jax.vmap(lambda x: row_forces(dyn.eq, np.arange(len(top.rows)), q, x))(jnp.asarray(stress)))
     for p in range(len(top.points)):
         fixed = [c for c in range(p * top.dim, (p + 1) * top.dim) if top.fixed[c]]
         if fixed and any(p in b.points for b in top.bodies):
-            out.append((Owner(Thing.POINT, p), "", whole[:, fixed]))
+            out.append((Owner(Thing.POINT, p), "", whole[:, fixed], False))
     first = len(top.coordinates) - len(top.scalars)
     for c in map(int, view.known):
         owner = Owner(Thing.COORDINATE, c - first) if c >= first else None
-        out.append((owner, "" if owner else top.coordinates[c], whole[:, c]))
-    names = addresses(top.names, [(owner, key) for owner, key, _ in out])
-    return {name: force for name, (_, _, force) in zip(names, out, strict=True)}
+        out.append((owner, "" if owner else top.coordinates[c], whole[:, c], False))
+    names = addresses(top.names, [(owner, key) for owner, key, *_ in out])
+    return {name: (force, loose) for name, (_, _, force, loose) in zip(names, out, strict=True)}
 
 
 @as_its_system

@@ -22,7 +22,7 @@ that presses; where they cannot be, the joint locks. The sign of the sliding spe
 joint that sticks creeps at a part of that speed.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -91,10 +91,14 @@ def key_of(joint: JointIndex) -> Key:
 
 @dataclass(frozen=True)
 class Group:
-    """Items that a body shares with the same neighbours: a pin, a hinge's point and axis, a point that is fixed."""
+    """Items that a body shares with the same neighbours: a pin, a hinge's point and axis, a point that is fixed.
+
+    `beyond` are, for each item, the bodies whose share of it comes through here; None if it is all of the body's own.
+    """
 
     items: tuple[int, ...]
     neighbours: tuple[int, ...]
+    beyond: tuple[frozenset[int] | None, ...]
 
 
 def body_items(top: Topology, body: int) -> tuple[int, ...]:
@@ -181,22 +185,76 @@ def joint_sides(top: Topology) -> tuple[tuple[int, ...], ...]:
 
 @with_owner
 def shared_groups(top: Topology, body: int) -> tuple[Group, ...]:
-    """Part the items that a body shares by neighbours; a vector belongs to the first part with a common neighbour."""
+    """Part the items that a body shares by neighbours.
+
+    A vector that many share belongs to every part by which `vector_tree` reaches others; any other one to the first
+    part with a common neighbour.
+    """
     held = item_holders(top)
     shared = {i: {*held[i]} - {body} for i in body_items(top, body) if len(held[i]) > 1 or any(_fixed_axes(top, i))}
-    parts: list[tuple[list[int], set[int]]] = []
+    parts: list[tuple[dict[int, frozenset[int] | None], set[int]]] = []
     for i in (i for i in shared if i >= 0):
         joined = [part for part in parts if part[1] & shared[i]]
-        one = [k for part in joined for k in part[0]] + [i], shared[i].union(*(part[1] for part in joined))
-        parts = [part for part in parts if part not in joined] + [one]
+        one = {k: None for part in joined for k in part[0]} | {i: None}
+        parts = [part for part in parts if part not in joined]
+        parts.append((one, shared[i].union(*(part[1] for part in joined))))
     parts.sort(key=lambda part: min(top.bodies[body].points.index(i) for i in part[0]))
     for i in (i for i in shared if i < 0):
-        part = next((part for part in parts if part[1] & shared[i]), None)
-        if part is None:
-            parts.append(([i], shared[i]))
-        else:
-            part[0].append(i)
-    return tuple(Group(tuple(found), tuple(sorted(near))) for found, near in parts)
+        tree, _ = vector_tree(top, i)
+        ways = [({*link} - {body}, _beyond(tree, body, link)) for link in tree if body in link] or [(shared[i], None)]
+        for near, beyond in ways:
+            part = next((p for p in parts if p[1] & near or (GROUND in near and _is_supported(top, p[0]))), None)
+            if part is None:
+                parts.append(({i: beyond}, near))
+            else:
+                part[0][i] = beyond if beyond is None else beyond | (part[0].get(i) or frozenset())
+    return tuple(Group(tuple(found), tuple(sorted(near)), tuple(found.values())) for found, near in parts)
+
+
+def _is_supported(top: Topology, items: Iterable[int]) -> bool:
+    """Tell whether the ground holds a point along an axis."""
+    return any(i >= 0 and any(_fixed_axes(top, i)) for i in items)
+
+
+@with_owner
+def vector_tree(top: Topology, item: int) -> tuple[tuple[frozenset[int], ...], bool]:
+    """Return what joins the bodies that hold a vector, each a set of bodies, and whether that is all of it.
+
+    Bodies are joined by points that they share and by joints, and those that nothing joins to others by the vector
+    itself. Where these make a tree, equilibrium says which couple passes from one body to the next. In loops it does
+    not, as the vector alone keeps each body in its direction: there a tree is chosen, and it is not all of it. None
+    is needed where just two bodies hold a vector.
+    """
+    holders = {*item_holders(top)[item]}
+    if len(holders) < 3:
+        return (), True
+    links = [holders & {*found} for i, found in item_holders(top).items() if i >= 0]
+    links += [{b, GROUND} & holders for b in holders - {GROUND} if _is_supported(top, top.bodies[b].points)]
+    links += [holders & {*joint_sides(top)[j][:2]} for j, joint in enumerate(top.joints) if joint.type not in _SEPARATE]
+    joined: list[set[int]] = []
+    for link in (link for link in links if len(link) > 1):  # two bodies that meet twice have one joint between them
+        same = [other for other in joined if len(other & link) > 1]
+        joined = [*(other for other in joined if other not in same), link.union(*same)]
+    apart, tree, whole = [{b} for b in sorted(holders)], [], True
+    for link in joined:
+        near = [part for part in apart if part & link]
+        whole &= len(near) == len(link)
+        if len(near) > 1:
+            tree.append(frozenset(min(part & link) for part in near))
+            apart = [*(part for part in apart if part not in near), set[int]().union(*near)]
+    if len(apart) > 1:
+        whole &= max(map(len, apart)) == 1
+        tree.append(frozenset(map(min, apart)))
+    return tuple(tree), whole
+
+
+def _beyond(tree: tuple[frozenset[int], ...], body: int, link: frozenset[int]) -> frozenset[int]:
+    """Return the bodies that a tree reaches from a body by one of its links."""
+    found, new = {body}, link
+    while not new <= found:
+        found |= new
+        new = frozenset().union(*(other for other in tree if other & (found - {body}) and body not in other))
+    return frozenset(found - {body})
 
 
 @with_owner
@@ -207,9 +265,9 @@ def slot_owners(top: Topology) -> tuple[np.ndarray, ...]:
     for b, block in enumerate(top.blocks):
         found = np.full((block.count, block.kind.points + block.kind.vectors), NOBODY)
         for i in range(block.count):
-            among = joint_sides(top)[makers[b, i]] if (b, i) in makers else ()
+            joint = makers.get((b, i))
             at = instance_items(block, i)
-            found[i] = [owner_of(top, item, among) for item in at]
+            found[i] = [owner_of(top, item, () if joint is None else _sides_of(top, joint, item)) for item in at]
             if block.kind.measure is not None:
                 for k in range(0, block.kind.points - 1, 2):
                     one = owner_of_segment(top, at[k : k + 2], at)
@@ -219,6 +277,14 @@ def slot_owners(top: Topology) -> tuple[np.ndarray, ...]:
                     found[i, k] = owner_of_segment(top, at[k : k + 1], at)
         out.append(found)
     return tuple(out)
+
+
+def _sides_of(top: Topology, joint: int, item: int) -> tuple[int, ...]:
+    """Return the bodies of a joint for which an item may act: the first whose side has it, or all if none has."""
+    bodies, held = joint_sides(top)[joint], item_holders(top).get(item, ())
+    own = (b for b, side in zip(bodies, top.joints[joint].sides, strict=True) if item in side and b in held)
+    first = next(own, NOBODY)
+    return bodies if first == NOBODY else (first,)
 
 
 @with_owner
@@ -556,12 +622,25 @@ class Ledger:
         top = self.top
         for b, line in riding_bodies(top).items():
             self._ridden(b, line)
+        zero = self.points[..., 0, :] * 0.0
+        left = {at: f - self.taken.get(at, 0.0) for at, f in self.left.items()}
+
+        def coming(item: int, beyond: frozenset[int]) -> AnyArray:
+            """Sum what comes from bodies beyond; the ground or the first holder has what acts on the vector itself."""
+            holders = {*item_holders(top)[item]}
+            whole = holders - {GROUND} if min(holders) in beyond else set()
+            return sum((left.get((k, item), 0.0) * ((k in whole) - (k in beyond)) for k in holders - {GROUND}), zero)
+
         for b in range(len(top.bodies)) if self.only is None else [self.only]:
-            for group in shared_groups(top, b):
-                key = self.key(b, group)
-                for item in group.items:
-                    force = self.left.get((b, item), 0.0) - self.taken.get((b, item), 0.0)
-                    self.put(b, key, item, force + self.points[..., 0, :] * 0.0)
+            groups = shared_groups(top, b)
+            last = {item: group for group in groups for item in group.items}
+            for group in groups:
+                for item, beyond in zip(group.items, group.beyond, strict=True):
+                    if beyond is None or group is last[item] or self.only is not None:  # the forces need no moments
+                        force = zero + self.left.get((b, item), 0.0) - self.taken.get((b, item), 0.0)
+                    else:
+                        force = coming(item, beyond)
+                    self.put(b, self.key(b, group), item, force)
 
     def _ridden(self, b: int, line: Segment) -> None:
         """Put the couple by which a body of one point is turned by a line of another one, which no row carries."""
@@ -646,10 +725,14 @@ def _put_mesh(ledger: Ledger, j: int) -> None:
     rack = joint.type == "rack and pinion"
     if rack:
         scalars = scalars[::-1]  # the pinion's angle first
-    wheels, carriers = zip(*(_turning_bodies(ledger, joint, k, c) for k, c in enumerate(scalars)), strict=True)
-    bearings = [(_bearing(ledger, w, c), _bearing(ledger, c, w)) for w, c in zip(wheels, carriers, strict=True)]
+    wheels, starts = zip(*(_turning_bodies(ledger, joint, k, c) for k, c in enumerate(scalars)), strict=True)
+    carriers = frozenset.intersection(*starts) - {NOBODY, *wheels}
+    if NOBODY in wheels or len(carriers) != 1:
+        return
+    (carrier,) = carriers
+    bearings = [(_bearing(ledger, w, carrier), _bearing(ledger, carrier, w)) for w in wheels]
     keys = [tuple(k for k in pair if k is not None) for pair in bearings]
-    if NOBODY in wheels or carriers[0] in {NOBODY, *wheels} or carriers[0] != carriers[1] or min(map(len, keys)) < 2:
+    if min(map(len, keys)) < 2:
         return
     place, force = (_on_rack if rack else _on_wheel)(ledger, j, b, i)
     key = key_of(joint)
@@ -658,20 +741,20 @@ def _put_mesh(ledger: Ledger, j: int) -> None:
         more = sign * force - before[0], sign * cross(place, force) - before[1]
         ledger.add(wheel, key, *more)
         ledger.add(wheel, mine, -more[0], -more[1])
-        if carriers[0] == GROUND:
+        if carrier == GROUND:
             _bear(ledger, wheel, mine, *more)
-        ledger.add(carriers[0], theirs, *more)
-        ledger.add(carriers[0], key, -more[0], -more[1])
+        ledger.add(carrier, theirs, *more)
+        ledger.add(carrier, key, -more[0], -more[1])
 
 
-def _turning_bodies(ledger: Ledger, joint: JointIndex, k: int, c: int) -> tuple[int, int]:
-    """Return the body whose motion an angle or distance is, and the body that it is counted from."""
+def _turning_bodies(ledger: Ledger, joint: JointIndex, k: int, c: int) -> tuple[int, frozenset[int]]:
+    """Return the body whose motion an angle or distance is, and those that have what it is counted from."""
     top = ledger.top
     b, i = top.measures[c - ledger.first_scalar]
     block = top.blocks[b]
     if not top.angles[c - ledger.first_scalar]:
         start, to = slot_owners(top)[b][i][:2]
-        return int(to), int(start)
+        return int(to), frozenset({int(start)})
     points = block.points[i]
     rest = [points[n : n + 2] for n in range(0, len(points), 2)] + [(~u,) for u in block.vectors[i]]
     rest.remove(joint.sides[2 + k])
@@ -679,7 +762,8 @@ def _turning_bodies(ledger: Ledger, joint: JointIndex, k: int, c: int) -> tuple[
         rest.remove(joint.sides[k][1:])
     at = (*points, *(~u for u in block.vectors[i]))
     start = owner_of_segment(top, rest[0], at) if rest else GROUND
-    return owner_of_segment(top, joint.sides[2 + k], at), start
+    both = [set(item_holders(top).get(i, ())) for i in rest[0]] if start == NOBODY else [{start}]
+    return owner_of_segment(top, joint.sides[2 + k], at), frozenset(set.intersection(*both))
 
 
 def _bearing(ledger: Ledger, body: int, other: int) -> Key | None:

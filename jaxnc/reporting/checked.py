@@ -3,7 +3,7 @@
 Quantities of a motion are in the units that a person reads; with where they are extreme, and the forces that it takes.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,7 +60,7 @@ class ExtremeValue:
 
     value: float
     at: float  # pose at which it occurs, as a number that may lie between two poses
-    refined: bool  # whether it is the vertex of the parabola through three poses
+    refined: bool  # whether it lies between two poses
 
 
 def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
@@ -105,36 +105,85 @@ def course(motion: Motion) -> np.ndarray | None:
     return None if motion.time is None else np.asarray(motion.time, float).reshape(-1)
 
 
-def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool) -> ExtremeValue:
+def extremes_of(
+    motion: Motion, read: Callable[[Motion], Sequence[Quantity]]
+) -> list[tuple[ExtremeValue, ExtremeValue]]:
+    """Find the smallest and the largest value of each quantity that is read off a motion, between its poses too.
+
+    A pose is solved where the parabola through three poses has its vertex, and then three times again, through the
+    nearest poses there are by then. Where a motion is not driven steadily by one input the vertex is all that is known.
+    """
+    found, at, way = read(motion), np.arange(float(len(motion.status))), course(motion)
+    ends = [[extreme_of(q, way, largest) for largest in (False, True)] for q in found]
+    for _ in range(4):
+        pairs = [extreme_of(q, way, largest, True) for q in found for largest in (False, True)]
+        between = np.unique([np.interp(e.at, np.arange(len(at)), at) for e in pairs if e.refined])
+        more = _solve_between(motion, between) if len(between) else None
+        if more is None or way is None:
+            break
+        order = np.argsort(np.append(at, between), kind="stable")
+        at, way = np.append(at, between)[order], np.append(way, course(more))[order]
+        found = [
+            replace(q, values=np.append(q.values, new.values)[order]) for q, new in zip(found, read(more), strict=True)
+        ]
+    if len(at) > len(motion.status):  # of the values of poses
+        ends = [[extreme_of(q, None, largest) for largest in (False, True)] for q in found]
+        ends = [[replace(e, at=float(at[int(e.at)]), refined=at[int(e.at)] % 1 > 0) for e in pair] for pair in ends]
+    return [(low, high) for low, high in ends]
+
+
+def _solve_between(motion: Motion, at: np.ndarray) -> Motion | None:
+    """Solve poses between those of a motion, ``(K,)``; None if it is not driven steadily by one input."""
+    if len(motion.driven) != 1 or np.ndim(motion.status) != 1:
+        return None
+    (name,), poses = motion.driven, np.arange(len(motion.status))
+    rates = [np.asarray(read(name)) for read in (motion.velocity, motion.acceleration)[: len(motion.rates)]]
+    if any(np.ptp(rate) > 1e-9 * np.max(np.abs(rate)) for rate in rates):
+        return None
+    values = np.interp(at, poses, np.asarray(motion[name], float))
+    drive = {"rates": {name: float(rates[0][0])}} if rates else {}
+    start = motion.pose(np.round(at).astype(int))
+    return solve_position(
+        motion.system, {name: values}, start=start, hold=motion.held, throw=False, unit="rad", **drive
+    )
+
+
+def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool, beyond: bool = False) -> ExtremeValue:
     """Find the largest or smallest of a quantity's values; that of a size by its square. See `extreme`."""
+    along = None if constant(q.values) else along
     if not q.size:
-        return extreme(q.values, along, largest)
-    found = extreme(q.values**2, along, largest)
+        return extreme(q.values, along, largest, beyond)
+    found = extreme(q.values**2, along, largest, beyond)
     return replace(found, value=max(found.value, 0.0) ** 0.5)
 
 
-def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> ExtremeValue:
+def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool, beyond: bool = False) -> ExtremeValue:
     """Find the largest or smallest of some values.
 
     There is a number for each pose, NaN where it failed; not all of them. It is refined by a parabola over the input,
-    or the time, if that is given as `along`; otherwise it is that of a pose.
+    or the time, if that is given as `along`; otherwise it is that of a pose. In the first and last step of a motion it
+    is so only with `beyond`, as a parabola goes on beyond the three poses' middle.
     """
     i = int(np.nanargmax(values) if largest else np.nanargmin(values))
     of_pose = ExtremeValue(float(values[i]), i, False)
-    if along is None or not 0 < i < len(values) - 1:
+    k = min(max(i, 1), len(values) - 2) if beyond else i
+    if along is None or not 0 < k < len(values) - 1:
         return of_pose
-    u, y = along[i - 1 : i + 2] - along[i], values[i - 1 : i + 2] - values[i]
+    u, y = along[k - 1 : k + 2] - along[k], values[k - 1 : k + 2] - values[k]
     # The parabola y = b u + c u² through the neighbours of a pose that is put at the origin.
     width = u[0] * u[2] * (u[0] - u[2])
     if not (np.isfinite(y).all() and u[0] * u[2] < 0):
         return of_pose
     b = (y[2] * u[0] ** 2 - y[0] * u[2] ** 2) / width
     c = (y[0] * u[2] - y[2] * u[0]) / width
-    vertex = -b / (2.0 * c) if c else 0.0
-    if abs(vertex) < 1e-6 * abs(u[2] - u[0]):
+    if not (c < 0.0 if largest else c > 0.0):
         return of_pose
-    at = i + float(vertex / (u[2] if vertex * u[2] > 0 else -u[0]))
-    return ExtremeValue(float(values[i] - b * b / (4.0 * c)), at, True)
+    vertex = -b / (2.0 * c)
+    apart = abs(vertex - u[i - k + 1])
+    if apart < 1e-6 * abs(u[2] - u[0]) or not min(u[0], u[2]) < vertex < max(u[0], u[2]):
+        return of_pose
+    at = k + float(vertex / (u[2] if vertex * u[2] > 0 else -u[0]))
+    return ExtremeValue(float(values[k] - b * b / (4.0 * c)), at, True)
 
 
 def constant(values: np.ndarray) -> bool:

@@ -18,7 +18,7 @@ from jaxnc.kinematics.inputs import METRES
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.mechanism import Mechanism
-from jaxnc.reporting.checked import ZERO, Quantity, apart, constant, course, extreme, extreme_of, quantities, unit_of
+from jaxnc.reporting.checked import ZERO, Quantity, apart, extremes_of, quantities, unit_of
 from jaxnc.reporting.transmission import transmissions
 from jaxnc.reporting.verdict import (
     Expectation,
@@ -84,13 +84,17 @@ def inputs_at(motion: Motion, pose: float) -> dict[str, float]:
     return at
 
 
-def extremes(motion: Motion, found: Sequence[Quantity]) -> list[Extreme]:
+def extremes(motion: Motion, names: Sequence[str]) -> list[Extreme]:
     """Find where quantities are smallest and largest, and how large."""
-    way, scales, out = course(motion), scales_of(found), []
-    for q in found:
-        if idle(q, scales[q.unit]) or not np.isfinite(q.values).any():
-            continue
-        ends = [extreme_of(q, None if constant(q.values) else way, largest) for largest in (False, True)]
+
+    def read(motion: Motion) -> list[Quantity]:
+        return [q for q in quantities(motion, names) if q.label in told]
+
+    found = quantities(motion, names)
+    scales, out = scales_of(found), []
+    found = [q for q in found if np.isfinite(q.values).any() and not idle(q, scales[q.unit])]
+    told = {q.label for q in found}
+    for q, ends in zip(found, extremes_of(motion, read), strict=True):
         low, high = (0.0 if abs(e.value) <= ZERO * scales[q.unit] else e.value for e in ends)
         first, last = (inputs_at(motion, e.at) for e in ends)
         made = Extreme(quantity=q.label, unit=q.unit, smallest=low, smallest_at=first, largest=high, largest_at=last)
@@ -129,7 +133,7 @@ def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
     verdict.moves = bool(good.sum() > 1) or verdict.moves
     verdict.does = bool((good | crossings(motion)).all())
     if good.any():
-        verdict.extremes = extremes(motion, quantities(motion, outputs))
+        verdict.extremes = extremes(motion, outputs)
     crossed = crossings(motion)
     for which, text, sentence in (
         (crossed, "are change points", CROSSING),
@@ -261,14 +265,20 @@ def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
 
 def _decide(motion: Motion, text: str) -> Expectation:
     _, word, sign, limit = parse_expectation(text)
+
+    def read(motion: Motion) -> list[Quantity]:
+        values, unit = _values(motion, text)
+        return [Quantity(text, unit, values, 1.0)]
+
     values, unit = _values(motion, text)
     if not np.isfinite(values).any():
         return Expectation(text=text, met=False, value=None, unit=unit)
-    way = None if constant(values) else course(motion)
-    low, high = (extreme(values, way, largest).value for largest in (False, True))
+    ((low, high),) = ((low.value, high.value) for low, high in extremes_of(motion, read))
     ends = {"smallest": low, "largest": high, "range": high - low}
     decides = float(ends[word or ("largest" if sign[0] == "<" else "smallest")])
-    return Expectation(text=text, met=bool(_HOLDS[sign](decides, limit)), value=number(decides), unit=unit)
+    equal = abs(decides - limit) <= ZERO * abs(limit)
+    met = sign in ("<=", ">=") if equal else _HOLDS[sign](decides, limit)
+    return Expectation(text=text, met=bool(met), value=number(decides), unit=unit)
 
 
 # -- a simulation -----------------------------------------------------------------------------------------------------

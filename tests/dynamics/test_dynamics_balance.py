@@ -93,6 +93,119 @@ def test_which_reactions_are_unique():
     assert unique["phi"] and unique["swing"] and unique["B1 on plumb"]
 
 
+def crane(second: str, heavy: bool = True) -> nc.Mechanism:
+    """A base that turns, a boom and a stick: the stick's hinge has the boom's own axis, or the vector `second`."""
+    m = nc.Mechanism("crane", dim=3)
+    m.ground("O", (0, 0, 0)), m.ground_vector("z", (0, 0, 1)), m.vector("h", (0, 1, 0))
+    m.point("A", (0, 0, 1)), m.point("B", (2, 0, 2)), m.point("T", (4, 0, 1))
+    if second != "h":
+        m.vector(second, (0, 1, 0))
+    how = {"mass": 2.0, "com": (0.1, 0.2, 0.5), "inertia": (0.1, 0.2, 0.3)} if heavy else {}
+    m.body("base", ["O", "A"], vectors=["z", "h"], **how)
+    m.body("boom", ["A", "B"], vectors=list(dict.fromkeys(["h", second])), **how)
+    m.body("stick", ["B", "T"], vectors=[second], **how)
+    m.angle("s", to="h", about="z"), m.angle("a", at="A", to="B", start="z", about="h")
+    m.angle("b", at="B", to="T", start=("A", "B"), about=second)
+    m.force("side", "T", (0, 100.0, 0))
+    return m
+
+
+def test_an_axis_that_three_bodies_share_passes_couples_from_one_to_the_next():
+    """Held still, by the arms of the load; moving and heavy, as where each hinge has an axis of its own."""
+    sites = [("O", "base"), ("A", "base"), ("A", "boom"), ("B", "boom"), ("B", "stick")]
+
+    def reactions(m, **inputs):
+        system = m.compile()
+        return nc.inverse_dynamics(system, nc.motion(system, inputs, np.array([0.0, 0.2]))).reactions
+
+    still = {name: lambda t, x=x: x + 0.0 * t for name, x in zip("sab", (0.0, np.arctan2(2, 1), 0.9273), strict=True)}
+    found = reactions(crane("h", heavy=False), **still)
+    place, load = {name: np.asarray(found.motion[name])[0] for name in "ABT"}, np.array([0.0, 100.0, 0.0])
+    for name, body, sign in (("A", "base", 1), ("A", "boom", -1), ("B", "boom", 1), ("B", "stick", -1)):
+        held = np.cross(place["T"] - place[name], load)
+        axis = np.array([0.0, 1.0, 0.0])
+        np.testing.assert_allclose(found.at(name, on=body).moment[0], sign * (held - (held @ axis) * axis), atol=1e-8)
+    moving = {"s": lambda t: 0.3 + t * t, "a": lambda t: 1.1 - 0.4 * t, "b": lambda t: 0.9 + 0.3 * t + t * t}
+    one, two = reactions(crane("h"), **moving), reactions(crane("h2"), **moving)
+    for name, body in sites:
+        for a, b in zip(one.at(name, on=body), two.at(name, on=body), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-9 * 400)
+    assert all(one.unique().values())
+
+
+def test_stages_of_a_telescope_share_their_line():
+    """Each joint puts on its two bodies what is opposite; the last stage obeys Newton's and Euler's laws."""
+    m = nc.Mechanism("telescope", dim=3)
+    m.ground("B", (0, 0, 0)), m.ground_vector("a", (0, 1, 0)), m.vector("u", (1, 0, 1))
+    m.point("P", (1, 0, 1)), m.point("Q", (2, 0, 2)), m.vector("v", (0, 1, 0)), m.vector("y", (0, 1, 0))
+    how, com = {"mass": 1.0, "inertia": (0.01, 0.02, 0.015)}, np.array([1.9, 0.2, 1.8])
+    m.body("cylinder", ["B"], vectors=["a", "u"], com=(0.2, 0.1, 0.2), **how)
+    m.body("rod", ["P"], vectors=["u", "v"], com=(0.8, 0.3, 0.8), **how)
+    m.body("tip", ["Q"], vectors=["u", "y"], com=tuple(com), **how)
+    m.cylindrical("t1", line=("B", "u"), on="P"), m.cylindrical("t2", line=("P", "u"), on="Q")
+    m.gravity = (0, 0, -G)
+    run = nc.simulate(m.compile(), [0.0, 0.1])
+    r, line = nc.reactions(run), np.array([1.0, 0.0, 1.0]) / np.sqrt(2)
+    for joint, one, other in (("t1", "cylinder", "rod"), ("t2", "rod", "tip")):
+        a, b = r.joint(joint, on=one, about="B"), r.joint(joint, on=other, about="B")
+        np.testing.assert_allclose(a.force, -b.force, atol=1e-12)
+        np.testing.assert_allclose(a.moment, -b.moment, atol=1e-12)
+        assert np.abs(np.asarray(a.moment)[0] @ line).max() < 1e-12  # it may turn about its line
+    tip = r.joint("t2", on="tip", about="Q")
+    arm, spin = com - [2, 0, 2], np.asarray(run.angular_acceleration("tip"))[0]
+    centre = np.asarray(run.acceleration("Q"))[0] + np.cross(spin, arm)  # from rest
+    force = centre + np.array([0, 0, G])
+    np.testing.assert_allclose(tip.force[0], force, atol=1e-12)
+    about = np.diag([0.01, 0.02, 0.015]) @ spin + np.cross(arm, force)
+    np.testing.assert_allclose(tip.moment[0], about, atol=1e-12)
+    assert all(r.unique().values())
+
+
+def test_couples_in_a_flat_loop_are_open_and_opposite():
+    m = nc.Mechanism("flat loop", dim=3)
+    m.ground("A", (0, 0, 0)), m.ground("D", (4, 0, 0)), m.ground_vector("z", (0, 0, 1))
+    m.point("B", (0.5, 1, 0)), m.point("C", (3.3, 2.9, 0))
+    for name, ends in (("crank", "AB"), ("coupler", "BC"), ("rocker", "CD")):
+        m.body(name, list(ends), vectors=["z"], mass=1.0, com=(1, 1, 0.3), inertia=(0.1, 0.1, 0.1))
+    m.angle("phi", at="A", to="B", start=("A", "D"), about="z")
+    m.gravity = (0, -G, -1)
+    system = m.compile()
+    r = nc.inverse_dynamics(system, nc.motion(system, {"phi": lambda t: 1.1 + t}, np.array([0.0, 0.1]))).reactions
+    for point, one, other in (("B", "crank", "coupler"), ("C", "coupler", "rocker")):
+        for a, b in zip(r.at(point, on=one), r.at(point, on=other), strict=True):
+            np.testing.assert_allclose(a, -b, atol=1e-10)
+    sure = r.unique()
+    assert sure["phi"] and not any(sure[f"{p} on {b}"] for p, b in (("A", "crank"), ("B", "coupler"), ("C", "rocker")))
+
+
+@pytest.mark.parametrize("shares", [True, False], ids=["shares the arm's direction", "has its own"])
+def test_a_rack_on_an_arm_presses_on_the_pinions_bearing(shares):
+    """The rack's mass times its acceleration is the force of the teeth, and the pinion's bearing holds it."""
+    m = nc.Mechanism("rack on an arm", dim=3)
+    m.ground("O", (0, 0, 0)), m.ground_vector("z", (0, 0, 1)), m.ground_vector("x", (1, 0, 0))
+    m.vector("h", (1, 0, 0)), m.vector("mark", (0, 1, 0))
+    m.point("C", (0.5, 0, 0)), m.point("E", (0, 0.1, 0)), m.point("K", (0.2, 0.1, 0))
+    m.body("arm", ["O", "C", "E"], vectors=["z", "h"], mass=2.0, com=(0.25, 0, 0), inertia=(0.01, 0.04, 0.04))
+    m.body("pinion", ["C"], vectors=["z", "mark"], mass=0.5, com=(0.5, 0, 0), inertia=(0.002, 0.002, 0.003))
+    how = {"mass": 0.8, "com": (0.3, 0.1, 0), "inertia": (0.001, 0.01, 0.01)}
+    if shares:
+        m.body("rack", ["K"], vectors=["z", "h"], **how)
+        m.cylindrical("guide", line=("E", "h"), on="K")
+    else:
+        m.point("L", (0.4, 0.1, 0)), m.vector("w", (0, 0, 1))
+        m.body("rack", ["K", "L"], vectors=["w"], **how)
+        m.prismatic("guide", line=("E", "h"), on=("K", "L"), directions=("z", "w"))
+    m.angle("a", to="h", start="x", about="z"), m.angle("psi", at="C", to="mark", start="h", about="z")
+    m.distance("s", "E", "K", along="h"), m.rack_and_pinion("mesh", "psi", "s", radius=0.1)
+    system = m.compile()
+    inputs = {"psi": lambda t: np.pi / 2 + 3 * t + 4 * t * t, "a": lambda t: 0 * t}
+    r = nc.inverse_dynamics(system, nc.motion(system, inputs, np.array([0.0, 0.1]))).reactions
+    push = np.array([-0.8 * 0.1 * 8.0, 0.0, 0.0])
+    np.testing.assert_allclose(r.joint("mesh", on="rack").force[0], push, atol=1e-12)
+    np.testing.assert_allclose(r.joint("mesh", on="pinion").force[0], -push, atol=1e-12)
+    np.testing.assert_allclose(r.at("C", on="pinion").force[0], push, atol=1e-12)
+
+
 def test_a_conical_pendulum_swings_about_its_steady_motion():
     """Ω² = ω² (sin² θ + 4 m l² sin² θ cos² θ / (I + m l² sin² θ)), where cos θ = g / (l ω²); the shaft is free."""
     length, mass, shaft, speed = 0.5, 2.0, 0.3, 6.0

@@ -9,6 +9,7 @@ import json
 import time
 from importlib.resources import files
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from mechanisms import unreadable
@@ -659,6 +660,71 @@ def test_angles_know_the_new_length_of_their_arm(browser, tmp_path):
     slide(browser, "#sizes .control:nth-child(1)", 0.044)
     x = dict(zip(motion.system.topology.coordinates, browser.run("window.jaxnc.solve([0.7])"), strict=True))
     np.testing.assert_allclose([x["B.x"], x["B.y"]], [0.044 * np.cos(0.7), 0.044 * np.sin(0.7)], rtol=0, atol=1e-12)
+
+
+@driven
+def test_what_is_measured_along_a_link_knows_its_new_length(browser, tmp_path):
+    """A distance along an arm whose second point goes away, and gears of which one radius grows, as saved."""
+    m = nc.Mechanism("distance along an arm")
+    m.ground("Q", (0, 0)), m.point("T", (2, 1)), m.ground("X", (1, 3)), m.body("arm", ["Q", "T"])
+    m.angle("phi", at="Q", to="T"), m.distance("u", "Q", "X", along="T")
+    gears = nc.library.gear_pair()
+    for model, name, near in ((m, "u", 0.7), (gears, "psi", 2.0)):
+        system = model.compile()
+        motion = nc.sweep(system, {"phi": np.linspace(0.5, 0.9, 9)})
+        browser.open(viz.to_html(motion, tmp_path / f"{name}.html", model=model))
+        browser.run("""{ const f = document.querySelector('#sizes input[type=number]');
+            f.value = 1.5 * f.value; f.dispatchEvent(new Event('change')); }""")
+        settled(browser)
+        path = tmp_path / f"{name}.json"
+        path.write_text(saved(browser, "design"))
+        changed, at = nc.load(path).compile(), system.topology.coordinates.index(name)
+        for phi in (0.5, near):
+            found = browser.run(f"[...window.jaxnc.solve([{phi}])]")[at]
+            assert found == pytest.approx(float(nc.solve_position(changed, {"phi": phi})[name]), abs=1e-9)
+    assert browser.said == []
+
+
+@driven
+def test_turns_that_gears_count_are_shown_as_they_are(browser, tmp_path):
+    """Crank -20 degrees is no 340 degrees where a wheel turns by half of it."""
+    m = nc.Mechanism("geared five-bar")
+    (
+        m.ground("A", (0, 0)),
+        m.ground("E", (3, 0)),
+        m.point("B", (0.5, 0)),
+        m.point("D", (3, 0.5)),
+        m.point("C", (1.7, 2.5)),
+    )
+    for name, ends in (("a", "AB"), ("b", "BC"), ("c", "CD"), ("d", "DE")):
+        m.body(name, list(ends))
+    m.angle("p1", at="A", to="B"), m.angle("p2", at="E", to="D"), m.gear("mesh", "p1", "p2", radii=(1.0, 2.0))
+    system = m.compile()
+    motion = nc.sweep(system, {"p1": np.radians(np.linspace(0, 720, 145))})
+    browser.open(viz.to_html(motion, tmp_path / "geared.html", model=m))
+    for degrees in (-20.0, 340.0):
+        browser.run(f"""{{ const f = document.querySelector('#driving input[type=number]');
+            f.value = {np.radians(degrees)}; f.dispatchEvent(new Event('change')); }}""")
+        settled(browser)
+        found = browser.run("window.jaxnc.design().q")
+        right = nc.solve_position(system, {"p1": np.radians(degrees)})
+        np.testing.assert_allclose(found, right.q, atol=1e-8)
+        assert (
+            browser.run("document.querySelector('#driving input[type=number]').value") == f"{np.radians(degrees):.6g}"
+        )
+
+
+@driven
+def test_a_force_that_depends_on_time_is_found_at_the_time_itself(browser, tmp_path):
+    m = nc.Mechanism("arm")
+    m.ground("A", (0, 0)), m.point("B", (1, 0)), m.body("arm", ["A", "B"], mass=1.0), m.angle("phi", at="A", to="B")
+    m.torque("motor", "phi", lambda t, state, p: 10 * jnp.sin(200 * t))
+    time = 1000 + np.linspace(0, 1 / 3, 31)
+    motion = nc.motion(m.compile(), {"phi": lambda t: t - 1000}, time)
+    browser.open(viz.to_html(motion, tmp_path / "time.html", forces=True), "#7")
+    browser.run(f"window.jaxnc.solve([{float(motion['phi'][7])!r}])")
+    browser.frame()
+    assert browser.run("window.jaxnc.plotted()['load motor']") == pytest.approx(10 * np.sin(200 * time[7]), abs=1e-8)
 
 
 @driven

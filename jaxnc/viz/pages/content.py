@@ -159,7 +159,7 @@ def timeline(data: Poses, heading: str, fps: float) -> dict[str, object]:
         "over": running(data.motion),
         "status": [0 if good else int(s) or 1 for good, s in zip(data.good, data.status, strict=True)],
         "sentences": {int(data.status[k]) or 1: data.sentence(k) for k in np.flatnonzero(~data.good).tolist()},
-        "time": None if time is None else round_numbers(np.asarray(time)),
+        "time": None if time is None else pack_exactly(np.asarray(time)),
         "pace": data.pace,
         "inputs": [
             [name, data.names.index(point), axis]

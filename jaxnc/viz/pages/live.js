@@ -1,6 +1,8 @@
 // The page's own solver at work: joints are dragged, dimensions changed, curves drawn anew.
 const turned = rows => { const all = rows.map(row => unpacked(row)); return all[0].map((_, pose) => all.map(row => row[pose])); };
 L.asked = turned(L.asked); L.rates = L.rates.map(turned);
+// Inputs to the last digit, where the tables have few.
+L.names.forEach((name, i) => { const s = D.scalars.find(s => s.name === name); L.asked.forEach((row, pose) => { if (s?.values[pose] != null) s.values[pose] = row[i]; }); });
 const S = solver(F, L), T = D.poses, dim = D.dim, places = L.points.length, first = L.q.length - D.scalars.length, markers = zeros(dim * L.markers.length);
 const copy = s => Object.fromEntries(["q", "c", "k", "d"].map(name => [name, Float64Array.from(s[name])]));
 const now = copy(L), original = copy(L), drawn = [columns, D.scalars, D.status, D.box, D.items, D.series], recorded = structuredClone(drawn), past = [];

@@ -23,6 +23,7 @@ const unpacked = (x, length = D.poses) => {
 const columns = [...D.points, ...D.directions, ...D.tips];
 for (const p of [...columns, ...Object.values(D.fine)]) for (const axis of axes) p[axis] = unpacked(p[axis], p.count);
 for (const s of [...D.scalars, ...D.series]) s.values = unpacked(s.values);
+if (D.time) D.time = unpacked(D.time);
 const owner = root.host || root.documentElement, until = new AbortController(), $ = id => root.getElementById(id), raf = f => requestAnimationFrame(f);
 const el = (tag, more, ...inner) => { const node = Object.assign(document.createElement(tag), more); node.append(...inner); return node; };
 const on = (node, kinds, f, more) => { for (const kind of kinds.split(" ")) node.addEventListener(kind, f, { signal: until.signal, ...more }); };

@@ -546,11 +546,13 @@ def _links(system: System) -> list[dict[str, object]]:
     top, first = system.topology, 0
     at: dict[Owner, list[int]] = {}
     constants: list[int] = []
+    counted: list[int] = []  # of each constant, the first of its instance if that counts something from the drawing
     for block in top.blocks:
         for owners in block.owners:
             own = range(first, first + len(block.kind.constants))
             for owner in owners:
                 at.setdefault(owner, []).extend(own)
+            counted += [len(constants) if name == "constant" else -1 for name in block.kind.constants]
             constants += own
             first += len(own) + len(block.kind.rows)
     explicit = {one.owner for one in top.given}
@@ -563,20 +565,23 @@ def _links(system: System) -> list[dict[str, object]]:
             continue
         p = body.points
         pairs = [(p[0], p[1]), *(pair for x in p[2:] for pair in ((p[0], x), (p[1], x)))] if len(p) > 1 else []
-        pairs = [pair for pair in pairs if moving[list(pair)].any()]  # else it is a length of the ground
+        # Else it is a length of the ground. What is changed moves the second point, which is not one of the ground.
+        pairs = [(i, j) if moving[j] else (j, i) for i, j in pairs if moving[[i, j]].any()]
         links += pairs
         owners += [owner] * len(pairs)
-    follow = _following(system, links)
+    follow = _following(system, links, np.array(counted, int))
     return [
         {"points": [int(i), int(j)], "numbers": sorted({*at[owner], *np.array(constants)[own].tolist()})}
         for (i, j), owner, own in zip(links, owners, follow, strict=True)
     ]
 
 
-def _following(system: System, links: Sequence[tuple[int, int]]) -> np.ndarray:
+def _following(system: System, links: Sequence[tuple[int, int]], counted: np.ndarray) -> np.ndarray:
     """Mark the constants that a distance between two points decides alone, whoever's they are, ``(links, constants)``.
 
-    They change when the second point moves away from the first, and stay when everything else is elsewhere.
+    They change when the second point moves away from the first, and stay when everything else is elsewhere. What an
+    instance of such constants counts from the drawing is counted anew; `counted` says which constants these are, by the
+    first of their instance, -1 for none.
     """
     top, count = system.topology, len(links)
     flat = np.asarray(geometry_vector(system), float)
@@ -592,7 +597,11 @@ def _following(system: System, links: Sequence[tuple[int, int]]) -> np.ndarray:
         found = carry_design(top, drawings[..., None]).constants
     values = np.concatenate([np.zeros((0, 1 + 2 * count)), *(c[..., 0].reshape(-1, 1 + 2 * count) for c in found)])
     same = np.isclose(values[:, 1:], values[:, :1], rtol=1e-9, atol=0.0)
-    return (~same[:, :count] & same[:, count:]).T
+    found = (~same[:, :count] & same[:, count:]).T
+    for k, start in enumerate(counted):
+        if start >= 0:
+            found[:, k] = found[:, start:k].any(axis=1)
+    return found
 
 
 # -- the design of a changed mechanism ---------------------------------------------------------------------------------
