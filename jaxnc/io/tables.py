@@ -328,7 +328,7 @@ def load_csv(path: str | Path) -> Table:
         if rate and not own.endswith(PER[rate]):
             raise ModelFileError(f"{path}: column {label!r}: the unit of {found['rate']}(…) ends in {PER[rate]}")
         base = own.removesuffix(PER[rate])
-        base = "deg" if base == "°" else base
+        base = "deg" if base.lower() in ("°", "deg", "degree", "degrees") else base
         numbers = parse(label, cells)[order].reshape(shape)
         orders[rate][name] = np.deg2rad(numbers) if base == "deg" else numbers
         read = "rad" if base == "deg" else base
@@ -405,7 +405,8 @@ def to_frame(motion: "Motion", names: Sequence[str] | None = None, unit: str | N
     Returns:
         One row for each pose. Of a simulation there are also ``"kinetic energy"`` and ``"potential energy"``.
         ``frame.attrs["units"]`` has the unit of each column, ``frame.attrs["name"]`` and ``["driven"]`` whose motion it
-        is. A pose that failed has the inputs asked for and its status, else NaN.
+        is. A pose that failed has the inputs asked for and its status, else NaN. A coordinate that is called as one
+        of these columns has a ``_`` behind its name.
 
     Raises:
         InputError: an unknown name or unit, or a batch of designs.
@@ -413,13 +414,16 @@ def to_frame(motion: "Motion", names: Sequence[str] | None = None, unit: str | N
     """
     found = list_columns(motion, names, unit, "to_frame()")
     pandas = _package("pandas", "to_frame()")
-    units = {label: own for label, (own, _) in found.columns.items()}
-    data: dict[str, object] = {label: column for label, (_, column) in found.columns.items()}
+    energies = _energies(motion)
+    taken = {"status", "residual", *energies}
+    columns = {f"{label}_" if label in taken else label: column for label, column in found.columns.items()}
+    units = {label: own for label, (own, _) in columns.items()}
+    data: dict[str, object] = {label: column for label, (_, column) in columns.items()}
     words = [Status(s).name.lower() for s in found.status.tolist()]
     data |= {"status": pandas.Categorical(words, [s.name.lower() for s in Status]), "residual": found.residual}
     top = motion.system.topology
     units["residual"] = top.length_unit
-    for label, energy in _energies(motion).items():
+    for label, energy in energies.items():
         data[label], units[label] = np.where(found.status != 0, np.nan, energy.reshape(-1)), top.load_unit("energy")
     index: Any = pandas.RangeIndex(len(words), name="pose")
     if len(found.axes) > 1:

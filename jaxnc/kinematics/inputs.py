@@ -149,7 +149,10 @@ def worst_rows(system: System, eq: Equations, q: np.ndarray) -> str:
     """The constraints that a pose violates most, by name, with how much."""
     r = np.abs(np.asarray(evaluate(eq, jnp.asarray(q))[0]))
     order = [int(i) for i in np.argsort(-r)[:3] if r[i] > limits(eq.length).close * float(eq.length)]
-    return ", ".join(f"{system.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"
+    # Rows are squares of lengths and the like, divided by a size: far from where they vanish they are no lengths.
+    far = [f"{r[i]:.3g}" if r[i] < 0.1 * float(eq.length) else "a lot" for i in order]
+    said = ", ".join(f"{system.topology.rows[i]} is off by {much}" for i, much in zip(order, far, strict=True))
+    return said or "no constraint is violated"
 
 
 def check_parameters(system: System, several: bool = False) -> None:

@@ -110,12 +110,12 @@ def extremes_of(
 ) -> list[tuple[ExtremeValue, ExtremeValue]]:
     """Find the smallest and the largest value of each quantity that is read off a motion, between its poses too.
 
-    A pose is solved where the parabola through three poses has its vertex, and then three times again, through the
-    nearest poses there are by then. Where a motion is not driven steadily by one input the vertex is all that is known.
+    A pose is solved where the parabola through three poses has its vertex, and again through the nearest poses there
+    are by then. Where a motion is not driven steadily by one input the vertex is all that is known.
     """
     found, at, way = read(motion), np.arange(float(len(motion.status))), course(motion)
     ends = [[extreme_of(q, way, largest) for largest in (False, True)] for q in found]
-    for _ in range(4):
+    for _ in range(6):
         pairs = [extreme_of(q, way, largest, True) for q in found for largest in (False, True)]
         between = np.unique([np.interp(e.at, np.arange(len(at)), at) for e in pairs if e.refined])
         more = _solve_between(motion, between) if len(between) else None
@@ -495,7 +495,8 @@ def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Fin
             noun = "point" if i < len(top.points) else "vector"
             text = f"{noun} {name!r} is in no body, joint or coordinate; nothing holds it"
             yield Finding(code="loose", level="warning", text=text, names=[name])
-    tied |= {p for body in top.bodies for p in body.points}  # such as the centre of a spherical linkage
+    # Such as the centre of a spherical linkage, and a line whose direction a body keeps.
+    tied |= {p for body in top.bodies for p in (*body.points, *(k for s in body.segments for k in s))}
     ground = {name for i, name in enumerate(top.points) if fixed[i] and i not in tied}
     if ground := sorted(ground if mechanism is None else ground & set(mechanism.model.ground)):
         text = f"nothing is attached to ground {', '.join(ground)}"

@@ -16,13 +16,14 @@ import pytest
 from places import EXAMPLES
 
 import jaxnc
+import jaxnc as nc
 from jaxnc.cli import main
 from jaxnc.cli.main import command_process
 from jaxnc.errors import JaxncError
 from jaxnc.io.files import load
 from jaxnc.io.tables import load_csv, load_npz
 from jaxnc.library.catalogue import CATALOGUE
-from jaxnc.reporting.checked import Quantity, extreme, extreme_of
+from jaxnc.reporting.checked import Quantity, extreme, extreme_of, extremes_of, quantities
 
 FOUR_BAR = str(EXAMPLES / "four_bar.toml")
 LIFT = str(EXAMPLES / "scissor_lift.toml")
@@ -474,6 +475,25 @@ def test_a_speed_that_vanishes_between_poses_is_refined_by_its_square():
     q = Quantity("|v(P)|", "m/s", np.abs(u - 0.33), 1.0, rate=True, size=True)
     found = extreme_of(q, u, largest=False)
     assert found.value == pytest.approx(0.0, abs=1e-7) and found.at / 5 == pytest.approx(0.33)
+
+
+@pytest.mark.parametrize("poses", [13, 361])
+def test_an_extreme_between_poses_is_that_of_a_pose(poses):
+    """Crank 12 and coupler 35: however many poses there are, A and C are 23 to 47 apart, and no more."""
+    m = nc.Mechanism("crank-rocker", length_unit="mm")
+    m.ground("A", (0, 0)), m.ground("D", (40, 0)), m.point("B", (6, 108**0.5)), m.point("C", (34, 29))
+    m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C"], lengths={("B", "C"): 35.0})
+    m.body("rocker", ["C", "D"], lengths={("C", "D"): 30.0}), m.angle("phi", at="A", to="B"), m.distance("e", "A", "C")
+    motion = nc.sweep(m.compile(), {"phi": np.linspace(0, 2 * np.pi, poses)}, rates={"phi": 1.5})
+    ((low, high),) = extremes_of(motion, lambda motion: [q for q in quantities(motion, ["e"]) if q.label == "e"])
+    assert (low.value, high.value) == pytest.approx((23.0, 47.0), abs=1e-8)
+    assert low.refined and high.refined
+    (rate,) = extremes_of(motion, lambda motion: [q for q in quantities(motion, ["e"]) if q.label == "v(e)"])
+    fine = nc.sweep(m.compile(), {"phi": np.linspace(0, 2 * np.pi, 7201)}, rates={"phi": 1.5}).velocity("e")
+    assert [end.value for end in rate] == pytest.approx([float(fine.min()), float(fine.max())], rel=1e-5)
+    for said, met in (("e largest <= 47", True), ("e largest < 47", False), ("e smallest >= 23.001", False)):
+        verdict = nc.report(motion, expect=[said]).verdict
+        assert [one.met for one in verdict.expectations] == [met]
 
 
 def test_an_extreme_at_an_end_or_beside_a_failed_pose_is_a_pose():

@@ -57,7 +57,10 @@ def test_one_pose_lanes_space_and_names_that_are_taken(swept):
     assert dict(lanes.to_xarray().sizes) == {"lane": 2, "pose": 3, "point": 3, "axis": 2}
     m = nc.Mechanism()
     m.ground("A", (0, 0)), m.point("B", (1, 0)), m.body("arm", ["A", "B"]), m.angle("status", at="A", to="B")
-    taken = nc.sweep(m.compile(), {"status": np.array([0.1, 0.2])}).to_xarray()
+    motion = nc.sweep(m.compile(), {"status": np.array([0.1, 0.2])})
+    frame, taken = motion.to_frame(unit="rad"), motion.to_xarray()
+    assert frame["status_"].tolist() == [0.1, 0.2] and frame["status"].tolist() == ["converged"] * 2
+    assert frame.attrs["units"]["status_"] == "rad" and "status" not in frame.attrs["units"]
     np.testing.assert_allclose(taken["status_"], [0.1, 0.2])
     assert set(taken.status.values) == {0}
     joint = nc.library.cardan_joint()

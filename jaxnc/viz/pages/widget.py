@@ -22,6 +22,7 @@ from jaxnc.solvers.assembly import derive, settle
 from jaxnc.system.host import from_jax
 from jaxnc.system.system import System, characteristic_length
 from jaxnc.types import Inputs
+from jaxnc.validate import as_array
 from jaxnc.viz.pages.content import fill_template, page_part
 from jaxnc.viz.pages.page import page_colours, page_parts
 from jaxnc.viz.poses import default_motion
@@ -502,9 +503,11 @@ class Widget:
         """Check a target that is assigned."""
         if value is None:
             return None
-        points = np.asarray(value, float)
-        if points.ndim != 2 or points.shape[1] != self._first.topology.dim or not np.isfinite(points).all():
-            raise InputError(f"widget: a target is an array (n, {self._first.topology.dim}), got shape {points.shape}")
+        points, dim = as_array(value, "widget: target"), self._first.topology.dim
+        if points.ndim != 2 or points.shape[1] != dim:
+            raise InputError(f"widget: a target is an array (n, {dim}), got shape {points.shape}")
+        if not np.isfinite(points).all():
+            raise InputError("widget: a target has numbers that are not finite")
         self._closed = len(points) > 3 and bool(np.all(points[0] == points[-1]))
         return points[:-1] if self._closed else points
 
