@@ -281,7 +281,7 @@ class Reactions:
         fixed = np.array(top.fixed[at])
         whole = self._whole()[..., at]
         elsewhere = jnp.reshape(self._ledger().grounded.get(p, 0.0) + whole.reshape(-1, top.dim) * 0.0, whole.shape)
-        return jnp.where(fixed, whole - elsewhere, 0.0)
+        return jnp.where(fixed & (self.motion.status == 0)[..., None], whole - elsewhere, 0.0)
 
     @_in_one_program
     def load(self, name: str) -> Load:
@@ -419,10 +419,18 @@ class Reactions:
         }
 
     def _move_to(self, wrench: tuple[Numbers, Numbers], place: Numbers) -> Wrench:
-        """Return a wrench about the origin as one about places ``(P, dim)``, in the shape of the motion."""
-        force, moment = wrench[0], wrench[1] - cross(place, wrench[0])
-        lead = self.motion.q.shape[:-1]
-        return Wrench(*(jnp.asarray(x.reshape((*lead, *x.shape[1:]))) for x in (force, moment)))
+        """Return a wrench about the origin as one about places ``(P, dim)``, in the shape of the motion.
+
+        Of a pose that was not found nothing is known, and the wrench is zero.
+        """
+        found = []
+        for x in (wrench[0], wrench[1] - cross(place, wrench[0])):
+            x = jnp.asarray(x.reshape((*self.motion.status.shape, *x.shape[1:])))
+            good = jnp.reshape(
+                self.motion.status == 0, (*self.motion.status.shape, *[1] * (x.ndim - self.motion.status.ndim))
+            )
+            found.append(jnp.where(good, x, 0.0))
+        return Wrench(*found)
 
     def _whole(self) -> Array:
         """Return what holds the fixed coordinates: M q̈ + Φ_qᵀ λ - Q."""

@@ -660,8 +660,9 @@ class Ledger:
         total = force, cross(force, force)
         number = next((j for j, joint in enumerate(top.joints) if joint.owner == owner), None)
         for n, i in joint_instances(top, number) if number is not None else ():
-            for item, f in self.split(top.blocks[n], i, self.pull(n, i)):
-                if item in body_items(top, b):
+            owned = slot_owners(top)[n][i]
+            for (item, f), body in zip(self.split(top.blocks[n], i, self.pull(n, i)), owned, strict=True):
+                if item in body_items(top, b) and body in (b, NOBODY):
                     total = total[0] + f * (item >= 0), total[1] + cross(self.arm(item), f)
         return total
 

@@ -110,7 +110,7 @@ def attach_slopes(motion: Motion, system: System, asked: Array, orders: tuple[Ar
         for places, change in ((view.fixed, derivatives.drawn.home[view.fixed, 1:]), (view.held, derivatives.held)):
             wide = change.T.reshape(derivatives.count, *[1] * motion.status.ndim, len(places))
             slopes[0][..., np.array(places, int)] = wide
-    poses = np.asarray(motion.poses), tuple(map(np.asarray, motion.rates))
+    poses = np.asarray(motion.q), tuple(map(np.asarray, motion.rates))
     parts = [[x[: len(at)] for x in slopes] if len(at) else None, [x[len(at) :] for x in slopes] if inputs else None]
     poses, rates = attach(_change_by_slopes, None, poses, changed, asked, orders, *parts)
     return dataclasses.replace(motion, system=system, poses=poses, rates=rates, asked=asked)

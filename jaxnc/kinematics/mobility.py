@@ -171,6 +171,10 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
         special = _special(general, rank, min(n - rank - count, len(redundant)), n)
         if not special:  # what holds something in other designs, and is redundant there too, is missed nowhere
             idle = [i for i in idle if i in _idle(general[0].jacobian)]
+    # Of three rows that keep points on a line, two hold it, wherever it points: what counts is whether all are idle.
+    without = {int(view.rows[i]) for i in idle}
+    whole = [set(rows) for layout in top.layout for rows in layout.rows.tolist() if set(rows) <= without]
+    idle = [i for i in idle if int(view.rows[i]) in set().union(*whole)]
     proposals = tuple(bodies.proposals()) if bodies is not None and special else ()
     return Mobility(
         name=top.name,

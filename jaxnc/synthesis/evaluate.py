@@ -182,9 +182,10 @@ def meeting_sines(problem: Problem, x: np.ndarray, motion: Motion) -> np.ndarray
     with np.errstate(all="ignore"):
         for block in lockstep(_view(problem)).blocks:
             if block.form != "affine":
-                a = matrix(block, block.collect(q, numbers), q.shape[1:])
+                wide = loops.wide_rows(block)
+                a = matrix(wide, wide.collect(q, numbers), q.shape[1:])
                 size = np.prod(np.sqrt(np.sum(a * a, axis=1)), axis=0)
-                out.append((np.abs(lane_determinant(a)) / size)[:, 0])
+                out.append((np.abs(lane_determinant(a[:, : len(block.columns)])) / size)[:, 0])
     return np.stack(out, axis=1) if out else np.ones((q.shape[1], 1))
 
 

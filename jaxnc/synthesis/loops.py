@@ -7,9 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.kinematics.motion import Motion
+from jaxnc.records import with_owner
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.kernel import kernel
 from jaxnc.solvers.plan import plan
+from jaxnc.solvers.rows import Rows
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -74,7 +76,8 @@ def loop_sines(motion: Motion) -> Array:
     """Sines of the angles at which the constraints of every loop meet, pose by pose, ``(T, blocks)``.
 
     A block's determinant over the product of the lengths of its rows: of a pair of bars the sine of the angle between
-    them, of any block 1 where its constraints are perpendicular and 0 at a dead point.
+    them, of any block 1 where its constraints are perpendicular and 0 at a dead point. What keeps a point on a line
+    of the ground, or at an input, is a constraint too.
     """
     view = plan(motion.system.topology, motion.driven, motion.held, motion.system.degrees_of_freedom)
     core, eq = kernel(view), derive(motion.system)
@@ -84,11 +87,21 @@ def loop_sines(motion: Motion) -> Array:
     for block in core.blocks:
         if block.rows.form == "affine":
             continue
-        slopes, size = block.rows.slopes(eq, x), jnp.ones(lanes)
+        slopes, size = wide_rows(block.rows).slopes(eq, x), jnp.ones(lanes)
         for row in range(len(block.columns)):
             size = size * jnp.sqrt(sum(s * s for (r, _), s in slopes.items() if r == row))
-        out.append(jnp.abs(block.eliminate_slopes(eq, slopes).determinant) / size)
+        own = {(r, c): slope for (r, c), slope in slopes.items() if c < len(block.columns)}
+        out.append(jnp.abs(block.eliminate_slopes(eq, own).determinant) / size)
     return jnp.stack([jnp.broadcast_to(o, lanes) for o in out], axis=1) if out else jnp.ones((*lanes, 1))
+
+
+@with_owner
+def wide_rows(rows: Rows) -> Rows:
+    """Rows with all coordinates of the points that they find, behind those that are solved for."""
+    top = rows.top
+    points = dict.fromkeys(c // top.dim for c in rows.columns if c < top.dim * len(top.points))
+    more = [c for p in points for c in range(p * top.dim, (p + 1) * top.dim) if c not in rows.columns]
+    return Rows(top, rows.rows, [*rows.columns, *more]) if more else rows
 
 
 def ground_points(system: System) -> set[int]:

@@ -103,6 +103,16 @@ def test_what_is_read_off_poses(name, monkeypatch):
     same(by_numbers, wanted)
 
 
+@pytest.mark.parametrize("solve", [nc.sweep, nc.solve_position])
+def test_poses_that_are_not_repaired_have_the_same_derivatives(solve):
+    system, t = nc.library.four_bar().compile(), np.linspace(0.5, 1.0, 5)
+
+    def place(system, repair):
+        return jnp.sum(jnp.sin(5.0 * solve(system, {"phi": t}, repair=repair)["C"]))
+
+    same(jax.grad(place)(system, False), jax.grad(place)(system, True))
+
+
 def test_so_many_poses_are_read_by_compiled_code(monkeypatch):
     system = nc.library.four_bar().compile()
     top, q = system.topology, np.zeros((10**6, len(system.topology.coordinates)))

@@ -248,6 +248,29 @@ def test_crank_condition_is_grashofs():
     assert checked > 100
 
 
+@pytest.mark.parametrize("slot", [False, True], ids=["a coordinate that is fixed", "a slot"])
+def test_the_transmission_angle_of_a_slider(slot):
+    """Its cosine is r sin φ / l, whatever keeps the slider on its line."""
+    m = nc.Mechanism("slider-crank")
+    m.ground("A", (0, 0)), m.point("B", (0.1, 0.0)), m.point("C", (0.3, 0.0), **({} if slot else {"fixed": "y"}))
+    m.body("crank", ["A", "B"]), m.body("rod", ["B", "C"]), m.angle("phi", at="A", to="B")
+    if slot:
+        m.ground("G", (0, 0)), m.ground("H", (1, 0)), m.slot("guide", "C", ("G", "H"))
+    phi = np.linspace(0.2, 2.9, 25)
+    place = 0.1 * np.cos(phi) + np.sqrt(0.102**2 - (0.1 * np.sin(phi)) ** 2)
+    how = {"starts": 200, "refine": 12, "progress": False}
+
+    def search(**conditions):
+        problem = S.FunctionGeneration(m, "C.x", phi, place, input="phi", free=["B", "C.x"], **conditions)
+        return S.solve(problem, **how).designs[0]
+
+    found = search(subject_to=[S.transmission_angle(0)])
+    assert found.exact and found.lengths == pytest.approx({"A-B": 0.1, "B-C": 0.102})
+    assert np.degrees(found.transmission) == pytest.approx(11.365, abs=0.01)
+    kept = search(subject_to=[S.transmission_angle(np.radians(40))])
+    assert not kept.exact and np.degrees(kept.transmission) == pytest.approx(40.0, abs=1e-3)
+
+
 def test_symmetric_points():
     places = {n: jnp.array([p]) for n, p in {"B": (3.0, 1.0), "C": (1.0, 3.0), "D": (-3.0, 1.0)}.items()}
     seen = Seen(four_bar().compile(), places, None, 1.0)
