@@ -195,7 +195,7 @@ def shared_groups(top: Topology, body: int) -> tuple[Group, ...]:
     parts: list[tuple[dict[int, frozenset[int] | None], set[int]]] = []
     for i in (i for i in shared if i >= 0):
         joined = [part for part in parts if part[1] & shared[i]]
-        one = {k: None for part in joined for k in part[0]} | {i: None}
+        one: dict[int, frozenset[int] | None] = dict.fromkeys([*(k for part in joined for k in part[0]), i])
         parts = [part for part in parts if part not in joined]
         parts.append((one, shared[i].union(*(part[1] for part in joined))))
     parts.sort(key=lambda part: min(top.bodies[body].points.index(i) for i in part[0]))

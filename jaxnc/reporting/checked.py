@@ -119,10 +119,11 @@ def extremes_of(
         pairs = [extreme_of(q, way, largest, True) for q in found for largest in (False, True)]
         between = np.unique([np.interp(e.at, np.arange(len(at)), at) for e in pairs if e.refined])
         more = _solve_between(motion, between) if len(between) else None
-        if more is None or way is None:
+        beyond = None if more is None else course(more)
+        if more is None or way is None or beyond is None:
             break
         order = np.argsort(np.append(at, between), kind="stable")
-        at, way = np.append(at, between)[order], np.append(way, course(more))[order]
+        at, way = np.append(at, between)[order], np.append(way, beyond)[order]
         found = [
             replace(q, values=np.append(q.values, new.values)[order]) for q, new in zip(found, read(more), strict=True)
         ]

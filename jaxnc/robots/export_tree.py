@@ -717,8 +717,8 @@ class ExportTree:
 
     def _of_one_point(self, body: str) -> bool:
         """Tell whether a planar body is a point, and no part of its own."""
-        bodies = self.mechanism.model.bodies
-        return self.parts.dim == 2 and body in bodies and len(bodies[body].points) == 1
+        specs = self.parts.a.specs
+        return self.parts.dim == 2 and body in specs and len(specs[body].points) == 1
 
     def _part_of(self, body: str) -> int:
         """Return the part of a body; the ground if there is none."""

@@ -86,6 +86,10 @@ class Condition(Leaves):
         check_points(system, self.name, *self._points)
         return self
 
+    def over_turn(self, system: System, driven: str) -> "Condition":
+        """The condition where the input goes once round, of which some are known without poses."""
+        return self
+
     def values(self, seen: Seen) -> Array:
         """Numbers that are to be zero or positive, ``(k,)``."""
         raise NotImplementedError
@@ -238,7 +242,7 @@ class Size(Condition):
         return jnp.ravel(jnp.where(jnp.any(good), (self.most - extent) / seen.size, NO_POSE))
 
 
-def _is_four_bar(system: System) -> bool:
+def is_four_bar(system: System) -> bool:
     """Tell whether a four-bar loop is all there is: three bars beside the ground."""
     return len(system.topology.bodies) == 3
 
@@ -262,7 +266,7 @@ class CrankTurns(Condition):
         loop = four_bar_loop(system, driven)
         if self.kind is not None and loop is None:
             raise InputError(f"crank_turns(kind={self.kind!r}): {system.name!r} has no four-bar loop at {driven!r}")
-        return CrankTurns(self.kind, self.margin, loop, _is_four_bar(system))
+        return CrankTurns(self.kind, self.margin, loop, is_four_bar(system))
 
     def values(self, seen: Seen) -> Array:
         rows = [] if self.loop is None else [self._grashof(self.loop, seen)]
@@ -290,17 +294,29 @@ class TransmissionAngle(Condition):
     words = "transmission angle"
     least: float
     joint: tuple[str, str, str] | None = None
-    over_range = True
+    loop: Loop | None = None  # of a four-bar whose crank goes round
+
+    @property
+    def over_range(self) -> bool:
+        return self.loop is None
 
     def prepare(self, system: System, driven: str) -> "Condition":
         if self.joint is not None:
             check_points(system, "transmission_angle", *self.joint)
             return self
         loop = four_bar_loop(system, driven)
-        alone = loop is not None and _is_four_bar(system)
+        alone = loop is not None and is_four_bar(system)
         return TransmissionAngle(self.least, loop.names(system)[1:]) if loop is not None and alone else self
 
+    def over_turn(self, system: System, driven: str) -> "Condition":
+        loop = four_bar_loop(system, driven)
+        own = loop is not None and is_four_bar(system) and self.joint == loop.names(system)[1:]
+        return TransmissionAngle(self.least, self.joint, loop) if own else self
+
     def values(self, seen: Seen) -> Array:
+        if self.loop is not None:
+            rows = [jnp.cos(self.least) + sign * x for x in self.loop.extreme_cosines(seen.motion) for sign in (1, -1)]
+            return jnp.stack(rows)
         assert seen.turn is not None
         if self.joint is None:
             found = loop_sines(seen.turn) - jnp.sin(self.least)
@@ -411,7 +427,7 @@ def crank_turns(kind: str | None = None, margin: float = 0.0) -> Condition:
 
 @public
 def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) -> Condition:
-    """The transmission angle is at least `min` radians over the whole range.
+    """The transmission angle is at least `min` radians over the whole range; of a four-bar over a turn exactly.
 
     Without such a condition, a design whose transmission angle falls below 5 degrees has a defect.
 

@@ -15,7 +15,7 @@ from jaxnc.kinematics.mobility import grashof_type
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, OnlyCircuit, TransmissionAngle
+from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, OnlyCircuit, TransmissionAngle, is_four_bar
 from jaxnc.synthesis.evaluate import MEETS, MovedDesign, follow_again, meeting_sines, move_designs, violation
 from jaxnc.synthesis.loops import four_bar_loop, link_lengths
 from jaxnc.synthesis.problem import Problem
@@ -260,6 +260,9 @@ def _is_followed(problem: Problem, motion: Motion) -> bool:
 
 def _least_sine(problem: Problem, one: MovedDesign, moves: np.ndarray, good: np.ndarray) -> float:
     """Return the least sine at which constraints meet: over the range, or between the targets if that ends early."""
+    loop = four_bar_loop(problem.system, problem.driven)
+    if problem.whole and good.all() and loop is not None and is_four_bar(problem.system):
+        return max(0.0, 1.0 - float(np.max(np.square(loop.extreme_cosines(one.turn))))) ** 0.5
     found = np.min(meeting_sines(problem, one.x, one.turn), axis=1)
     if good.all() or problem.at_rest:
         return float(np.min(found[good]))

@@ -47,6 +47,7 @@ class FunctionGeneration(Problem):
     """
 
     by_target = ("target", "weights")
+    longest = 10.0  # ratios of lengths alone count, and the best of them may be far from 1
     output: str | Callable[[Motion], Any]
     values: np.ndarray
     target: np.ndarray

@@ -40,6 +40,16 @@ class Loop(NamedTuple):
         a, b, c, d = (q.reshape(-1, q.shape[-1])[0][i * dim : (i + 1) * dim] for i in self)
         return norm(b - a), norm(c - b), norm(d - c), norm(d - a)
 
+    def extreme_cosines(self, motion: Motion) -> tuple[Any, Any]:
+        """Cosines of the transmission angle where the crank lies along the ground, its extremes over a whole turn.
+
+        They are beyond 1 where the crank does not get there.
+        """
+        crank, coupler, rocker, ground = self.lengths(motion)
+        near, far = (ground - crank) ** 2, (ground + crank) ** 2
+        both = coupler**2 + rocker**2
+        return (both - near) / (2.0 * coupler * rocker), (both - far) / (2.0 * coupler * rocker)
+
 
 def four_bar_loop(system: System, driven: str) -> Loop | None:
     """The four-bar loop whose crank an angle drives, None if there is none or more than one."""

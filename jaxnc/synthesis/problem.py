@@ -111,6 +111,7 @@ class Problem(Remade, Leaves):
     apart = ("mechanism",)
     by_target = ("weights",)  # fields with a number, or a row of them, for each target
     random = False  # whether the number that is made small is drawn anew at every step
+    longest = 1.0  # by how much every other random design may be larger than the idea
     at_rest = False  # whether it is a number of the design as drawn, without any motion
     system: System
     driven: str
@@ -533,6 +534,8 @@ def draw_designs(
     """Draw random designs ``(count, n)``: uniform in boxes, the rest around the idea, by up to its size."""
     var, dim, boxes = problem.variables, problem.system.topology.dim, Boxes.of(problem)
     spread = rng.uniform(0.1, 1.0, (count, 1)) * var.scale
+    if problem.longest > 1.0:
+        spread[1::2] *= problem.longest ** rng.uniform(0.0, 1.0, (count // 2, 1))
     chance = rng.uniform(-1.0, 1.0, (count, len(var.at)))
     flat = np.repeat(np.asarray(geometry_vector(problem.system), float)[None], count, axis=0)
     flat[:, var.at] = var.home + spread * chance

@@ -165,9 +165,12 @@ class Result(Shown):
                 worst
                 or f"one of them by {self.nearest[0]:.2g} at the {self.problem.poses} poses that a search looks at"
             )
+            more = "more starts or iterations are needed"
+            if self.nearest[0] > 1e-3:  # a design that comes so near does not come up against a contradiction
+                more = f"They contradict each other or the bounds, or {more}"
             return (
                 f"no design meets the conditions; the closest one misses {worst} (of the size; of angles the sine). "
-                f"They contradict each other or the bounds, or more starts or iterations are needed"
+                f"{more[0].upper()}{more[1:]}"
             )
         return "no design reaches all targets; more starts, wider bounds or another mechanism are needed"
 

@@ -273,5 +273,6 @@ def set_up(
             # An input that travels further is doubted to be in radians.
             check_radians(np.array(travel), f"{what}: travel", 40 * np.pi, "state fewer turns")
     whole = bool(np.isclose(travel[1] - travel[0], 2 * np.pi))
+    conditions = tuple(c.over_turn(system, driven) for c in conditions) if whole else conditions
     length = float(characteristic_length(system.parameters.points))
     return Statement(system, driven, found, conditions, hold, travel, whole, length, description)

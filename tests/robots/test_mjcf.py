@@ -278,7 +278,7 @@ def test_a_body_of_one_point_weighs_what_it_weighs(folder):
     # Uniform bars: m/6 (u² + u·v + v²) of the speeds u and v of their ends.
     by_hand = speeds["B"] / 6 + 2.0 / 6 * (speeds["B"] + together + speeds["C"]) + 2.5 * speeds["C"]
     kinetic = energies(done, motion)[:, 0]
-    assert np.abs(kinetic - by_hand).max() < ENERGY * by_hand.max()
+    assert np.abs(kinetic - by_hand).max() < 1e-6 * by_hand.max()  # a piece of the guide weighs so much
     m = nc.Mechanism("cart")
     m.ground("A", (0, 0)), m.ground("G", (1, 0)), m.point("B", (1, 0.4)), m.point("S", (2.5, 0), fixed="y")
     m.body("crank", ["A", "B"]), m.body("rod", ["B", "S"]), m.body("cart", ["S"], along=("A", "G"), mass=5.0)

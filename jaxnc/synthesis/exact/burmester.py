@@ -27,7 +27,7 @@ from jaxnc.continuation.monodromy import is_new, solve_by_degree
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.inputs import whole
 from jaxnc.synthesis.exact.linkage import GuidedFourBar, Listed, Point, complex_of, guide_four_bar, point_of
-from jaxnc.synthesis.validate import as_floats
+from jaxnc.synthesis.validate import as_floats, check_radians
 from jaxnc.types import ArrayLike, Float
 
 _TRIES = 3  # ways from a start system to the poses, each about two origins
@@ -465,6 +465,7 @@ class Guidance:
             raise InputError(f"guidance: {len(given)} poses; give at least 2")
         if not np.isfinite(given).all():
             raise InputError(f"guidance: pose {int(np.argmin(np.isfinite(given).all(axis=1))) + 1} is not finite")
+        check_radians(given[:, 2], "guidance: orientations", 2 * np.pi, "leave out whole turns")
         self.poses = given
         place, turn = given[:, 0] + 1j * given[:, 1], np.exp(1j * given[:, 2])
         for i, j in itertools.combinations(range(len(given)), 2):

@@ -558,7 +558,7 @@ def _links(system: System) -> list[dict[str, object]]:
     explicit = {one.owner for one in top.given}
     moving = ~np.all(np.array(top.fixed[: top.dim * len(top.points)], bool).reshape(-1, top.dim), axis=1)
     links: list[tuple[int, int]] = []
-    owners: list[Owner] = []
+    holders: list[Owner] = []
     for body in top.bodies:
         owner = Owner(Thing.BODY, top.names[Thing.BODY].index(body.name))
         if owner in explicit or not at.get(owner):
@@ -568,11 +568,11 @@ def _links(system: System) -> list[dict[str, object]]:
         # Else it is a length of the ground. What is changed moves the second point, which is not one of the ground.
         pairs = [(i, j) if moving[j] else (j, i) for i, j in pairs if moving[[i, j]].any()]
         links += pairs
-        owners += [owner] * len(pairs)
+        holders += [owner] * len(pairs)
     follow = _following(system, links, np.array(counted, int))
     return [
         {"points": [int(i), int(j)], "numbers": sorted({*at[owner], *np.array(constants)[own].tolist()})}
-        for (i, j), owner, own in zip(links, owners, follow, strict=True)
+        for (i, j), owner, own in zip(links, holders, follow, strict=True)
     ]
 
 
