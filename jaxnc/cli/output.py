@@ -116,7 +116,7 @@ def _extremes_table(analysis: Analysis) -> list[str]:
     scales = scales_of(found)
     told = {q.label for q in found if not idle(q, scales[q.unit])}
 
-    def read(motion: Motion) -> list[Quantity]:
+    def tell(motion: Motion) -> list[Quantity]:
         return [
             replace(q, values=np.where(np.abs(q.values) <= ZERO * scales[q.unit], 0.0, q.values))
             for q in quantities(motion, names)
@@ -129,7 +129,7 @@ def _extremes_table(analysis: Analysis) -> list[str]:
     units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
     where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
     rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]
-    rows += [_extreme_row(motion, q, ends) for q, ends in zip(read(motion), extremes_of(motion, read), strict=True)]
+    rows += [_extreme_row(motion, q, ends) for q, ends in zip(tell(motion), extremes_of(motion, tell), strict=True)]
     lines = align_columns(rows, (0,), "  ")
     if any("~" in cell for row in rows[1:] for cell in row):
         lines.append("  ~ between two poses; the others are at a pose")

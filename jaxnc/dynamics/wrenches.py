@@ -201,7 +201,9 @@ def shared_groups(top: Topology, body: int) -> tuple[Group, ...]:
     parts.sort(key=lambda part: min(top.bodies[body].points.index(i) for i in part[0]))
     for i in (i for i in shared if i < 0):
         tree, _ = vector_tree(top, i)
-        ways = [({*link} - {body}, _beyond(tree, body, link)) for link in tree if body in link] or [(shared[i], None)]
+        ways = [({*link} - {body}, _bodies_beyond(tree, body, link)) for link in tree if body in link] or [
+            (shared[i], None)
+        ]
         for near, beyond in ways:
             part = next((p for p in parts if p[1] & near or (GROUND in near and _is_supported(top, p[0]))), None)
             if part is None:
@@ -248,7 +250,7 @@ def vector_tree(top: Topology, item: int) -> tuple[tuple[frozenset[int], ...], b
     return tuple(tree), whole
 
 
-def _beyond(tree: tuple[frozenset[int], ...], body: int, link: frozenset[int]) -> frozenset[int]:
+def _bodies_beyond(tree: tuple[frozenset[int], ...], body: int, link: frozenset[int]) -> frozenset[int]:
     """Return the bodies that a tree reaches from a body by one of its links."""
     found, new = {body}, link
     while not new <= found:

@@ -87,14 +87,14 @@ def inputs_at(motion: Motion, pose: float) -> dict[str, float]:
 def extremes(motion: Motion, names: Sequence[str]) -> list[Extreme]:
     """Find where quantities are smallest and largest, and how large."""
 
-    def read(motion: Motion) -> list[Quantity]:
+    def tell(motion: Motion) -> list[Quantity]:
         return [q for q in quantities(motion, names) if q.label in told]
 
     found = quantities(motion, names)
     scales, out = scales_of(found), []
     found = [q for q in found if np.isfinite(q.values).any() and not idle(q, scales[q.unit])]
     told = {q.label for q in found}
-    for q, ends in zip(found, extremes_of(motion, read), strict=True):
+    for q, ends in zip(found, extremes_of(motion, tell), strict=True):
         low, high = (0.0 if abs(e.value) <= ZERO * scales[q.unit] else e.value for e in ends)
         first, last = (inputs_at(motion, e.at) for e in ends)
         made = Extreme(quantity=q.label, unit=q.unit, smallest=low, smallest_at=first, largest=high, largest_at=last)
@@ -266,14 +266,14 @@ def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
 def _decide(motion: Motion, text: str) -> Expectation:
     _, word, sign, limit = parse_expectation(text)
 
-    def read(motion: Motion) -> list[Quantity]:
+    def tell(motion: Motion) -> list[Quantity]:
         values, unit = _values(motion, text)
         return [Quantity(text, unit, values, 1.0)]
 
     values, unit = _values(motion, text)
     if not np.isfinite(values).any():
         return Expectation(text=text, met=False, value=None, unit=unit)
-    ((low, high),) = ((low.value, high.value) for low, high in extremes_of(motion, read))
+    ((low, high),) = ((low.value, high.value) for low, high in extremes_of(motion, tell))
     ends = {"smallest": low, "largest": high, "range": high - low}
     decides = float(ends[word or ("largest" if sign[0] == "<" else "smallest")])
     equal = abs(decides - limit) <= ZERO * abs(limit)
