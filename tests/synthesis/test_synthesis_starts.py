@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from benchmarks.synthesis.published import four_bar
+from benchmarks.synthesis.published import ARC, four_bar
+from jaxnc.synthesis.evaluate import solve_curves
 from jaxnc.synthesis.problem import draw_designs
-from jaxnc.synthesis.search.screen import order_targets, screen
+from jaxnc.synthesis.search.screen import choose_fit, order_targets, screen
 
 S = nc.synthesis
 TIMES = np.radians(np.linspace(20, 250, 6))
@@ -187,3 +188,26 @@ def test_starts_that_do_not_move_through_their_targets_are_counted_and_left_out(
     result = S.solve(problem, starts=50, refine=4, iterations=10, keep=1, key=jax.random.key(1), progress=False)
     assert 25 < result.unfit < 50
     assert f"{result.unfit} of the 50 designs do not move through their targets" in str(result)
+
+
+def test_what_is_fitted_does_not_depend_on_where_the_problem_stands():
+    """A thousand sizes away the place of a design and its size are nearly the same column."""
+    found = []
+    for away in (np.zeros(2), np.array([1e3, -2e3])):
+        places = {"A": (0, 0), "D": (4, 0), "B": (0.5, 1), "C": (3.3, 2.9), "P": (1.8, 3.2)}
+        m = drawn_as({name: away + place for name, place in places.items()})
+        bounds = {"A-D": (0, 8), "A-B": (0, 8), "D.x": (away[0] - 6, away[0] + 6)}
+        timing = np.radians([30, 45, 60, 75, 90])
+        problem = S.PathGeneration(m, "P", away + np.array(ARC), timing=timing, offset=True, bounds=bounds)
+        fit = choose_fit(problem)
+        shift = np.array([away["xy".index(n[-1])] if n[-2] == "." else 0.0 for n in problem.variables.names])
+        z = problem.variables.home + problem.variables.scale * np.random.default_rng(0).uniform(-0.3, 0.3, (20, 10))
+        q, good, _ = solve_curves(problem, z, 25)
+        some = good[:, :5].all(axis=1)
+        parts, left = fit.fit(fit.rows(z, q[:, :5]), fit.limits(z))
+        flat = fit.place_mechanisms(z, parts)[0][:, problem.variables.at] - shift
+        found.append((some, left[some], flat[some]))
+    (one, left, flat), (other, far, moved) = found
+    assert one.sum() > 5 and (one == other).all()
+    np.testing.assert_allclose(far, left, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(moved, flat, atol=1e-5)

@@ -48,7 +48,11 @@ class Linear(NamedTuple):
 
 
 class LinearLimits(NamedTuple):
-    """Room that bounds leave of what is fitted, of designs; the columns are those of `Linear`."""
+    """Room that bounds leave of what is fitted, of designs; the columns are those of `Linear`.
+
+    Places are counted from an origin of each design, and bounds from the targets' middle: far from the origin of all
+    the place of a design and its size are nearly the same column.
+    """
 
     rows: np.ndarray  # how bounded places depend on what is fitted, (B, bounds, columns)
     fixed: np.ndarray  # and what they are without it, (B, bounds)
@@ -57,11 +61,12 @@ class LinearLimits(NamedTuple):
     least: np.ndarray  # of the factor by which a design grows, (B,)
     most: np.ndarray  # (B,)
     extent: np.ndarray  # of the designs as they are drawn, (B,)
+    origin: np.ndarray  # the middles of the designs, complex (B,)
     grown: list[int]  # columns of the similarity
 
     def of(self, at: np.ndarray) -> "LinearLimits":
         """Select some designs."""
-        own = {name: getattr(self, name)[at] for name in ("rows", "fixed", "least", "most", "extent")}
+        own = {name: getattr(self, name)[at] for name in ("rows", "fixed", "least", "most", "extent", "origin")}
         return self._replace(**own)
 
 
@@ -157,28 +162,37 @@ def sweep_drawing(problem: PathGeneration, flat: np.ndarray) -> Motion:
     return problem.sweep(with_geometry(problem.system, flat), np.linspace(*problem.travel, 37))
 
 
-def component_rows(found: Linear, flat: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def component_rows(
+    found: Linear, flat: np.ndarray, at: np.ndarray, origin: ArrayLike = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of components of places by what is fitted, ``(B, bounds, columns)``, and their fixed parts.
 
-    `flat` are all parameters of drawings, ``(B, n)``; `at` says of which components, ``(bounds,)``.
+    `flat` are all parameters of drawings, ``(B, n)``; `at` says of which components, ``(bounds,)``; places are counted
+    from the `origin`, ``(B,)``.
     """
     rides = found.free & (at // 2 == found.tracer)
     spot, up = np.where(rides, found.base[0], at // 2), at % 2 == 1
     a, b = (flat[:, 2 * k] + 1j * flat[:, 2 * k + 1] for k in found.base)
-    here: AnyArray = flat[:, 2 * spot] + 1j * flat[:, 2 * spot + 1]
+    here: AnyArray = flat[:, 2 * spot] + 1j * flat[:, 2 * spot + 1] - np.reshape(origin, (-1, 1))
     by = [np.ones(here.shape, complex), here, np.where(rides, (b - a)[:, None], 0.0)]  # z0, w and w k
     columns = [by[k] * 1j if turned else by[k] for k, turned in found.columns]
     fixed = np.zeros(here.shape) if found.scale else np.where(up, here.imag, here.real)
     return np.stack([np.where(up, c.imag, c.real) for c in columns], axis=-1), fixed
 
 
-def limits_of(boxes: Boxes, found: Linear, flat: np.ndarray) -> LinearLimits:
-    """Room that bounds leave of the places and sizes of mechanisms drawn as ``flat``, ``(B, n)``."""
+def limits_of(boxes: Boxes, found: Linear, flat: np.ndarray, middle: complex = 0.0) -> LinearLimits:
+    """Room that bounds leave of the places and sizes of mechanisms drawn as ``flat``, ``(B, n)``.
+
+    Bounds are counted from the `middle` of the targets.
+    """
     at = np.flatnonzero((np.isfinite(boxes.low) | np.isfinite(boxes.high))[: 2 * found.spots])
-    rows, fixed = component_rows(found, flat, at)
+    points = flat[:, : 2 * found.points]
+    origin = np.mean(points[:, ::2] + 1j * points[:, 1::2], axis=1) * all(found.axes)
+    rows, fixed = component_rows(found, flat, at, origin)
+    shift = np.where(at % 2 == 1, middle.imag, middle.real)
     extent, least, most = boxes.room(flat, 2, found.tracer if found.free else -1)
     grown = [n for n, (k, _) in enumerate(found.columns) if k == 1]
-    return LinearLimits(rows, fixed, boxes.low[at], boxes.high[at], least, most, extent, grown)
+    return LinearLimits(rows, fixed, boxes.low[at] - shift, boxes.high[at] - shift, least, most, extent, origin, grown)
 
 
 def _sum_products(a: np.ndarray, b: np.ndarray) -> AnyArray:
@@ -266,6 +280,7 @@ class PlanarFit:
 
     def __init__(self, problem: PathGeneration, found: Linear):
         self.problem, self.free, self.target = problem, found, problem.target @ np.array([1.0, 1j])
+        self.middle = complex(self.target.mean()) * all(found.axes)
         if isinstance(problem, MotionGeneration):
             self.own, self.reach, self.heavy = 1, problem.reach, problem.weights * problem.reach**2
             self.wanted = np.exp(1j * problem.turns)
@@ -296,7 +311,7 @@ class PlanarFit:
 
     def limits(self, z: np.ndarray) -> LinearLimits:
         """Room that bounds leave of designs."""
-        return limits_of(Boxes.of(self.problem), self.free, all_parameters(self.problem, z))
+        return limits_of(Boxes.of(self.problem), self.free, all_parameters(self.problem, z), self.middle)
 
     def into(self, boxes: Boxes, flat: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Move mechanisms ``(B, n)`` as a whole to where their joints in boxes are to be, and put these there."""
@@ -356,7 +371,9 @@ class PlanarFit:
         `base` is the body's first point (or the tracer), and `direction` leads from it to the second point, both
         ``(B, …, M)`` and complex; bounds are kept nearly.
         """
-        found, target, weights = self.free, self.target[some], self.problem.weights[some]
+        found, target, weights = self.free, self.target[some] - self.middle, self.problem.weights[some]
+        origin = limits.origin.reshape(-1, *[1] * (base.ndim - 2))
+        base = base - origin[..., None]
         # The real columns are complex ones, which come once as they are and once turned by a right angle.
         spots = found.columns
         rest = target if found.scale else target - base
@@ -388,7 +405,8 @@ class PlanarFit:
         missed = _pull_inside(limits, normal, side, sizes, y, 1e3 * float(weights.sum()))
         left = total + np.sum(y * (normal @ y - 2.0 * side), axis=(-2, -1))
         left = np.where(left > 0.0, left, 0.0 * left) + missed
-        return *found.join(np.moveaxis(y[..., 0] / sizes, -1, 0)), left
+        z0, w, k = found.join(np.moveaxis(y[..., 0] / sizes, -1, 0))
+        return z0 + self.middle - w * origin, w, k, left
 
     def _body_direction(self, q: np.ndarray) -> np.ndarray:
         if self.wanted is None:
