@@ -135,8 +135,8 @@ def extremes_of(
 
 def _solve_between(motion: Motion, at: np.ndarray) -> Motion | None:
     """Solve poses between those of a motion, ``(K,)``; None if it is not driven steadily by one input."""
-    if len(motion.driven) != 1 or np.ndim(motion.status) != 1:
-        return None
+    if len(motion.driven) != 1 or np.ndim(motion.status) != 1 or motion.conditioning is None:
+        return None  # in a simulation forces move what the input leaves free
     (name,), poses = motion.driven, np.arange(len(motion.status))
     rates = [np.asarray(read(name)) for read in (motion.velocity, motion.acceleration)[: len(motion.rates)]]
     if any(np.ptp(rate) > 1e-9 * np.max(np.abs(rate)) for rate in rates):

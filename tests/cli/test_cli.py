@@ -496,6 +496,18 @@ def test_an_extreme_between_poses_is_that_of_a_pose(poses):
         assert [one.met for one in verdict.expectations] == [met]
 
 
+def test_extremes_of_a_simulation_with_an_input_are_read_off_its_times():
+    m = nc.Mechanism("a bob on an arm")
+    m.ground("O", (0, 0)), m.point("A", (1, 0)), m.point("B", (1, -1))
+    m.body("arm", ["O", "A"], mass=1.0), m.body("bob", ["A", "B"], mass=1.0)
+    m.angle("phi", at="O", to="A"), m.angle("psi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    run = nc.simulate(m.compile(), np.linspace(0, 2, 121), inputs={"phi": lambda t: 2 * t})
+    (psi,) = (one for one in nc.report(run).verdict.extremes if one.quantity == "psi")
+    found = [psi.smallest, psi.largest]
+    assert found == pytest.approx([float(run["psi"].min()), float(run["psi"].max())], abs=1e-2)
+
+
 def test_an_extreme_at_an_end_or_beside_a_failed_pose_is_a_pose():
     u, y = np.arange(5.0), np.array([0.0, 1.0, 5.0, np.nan, 2.0])
     assert extreme(y, u, largest=True) == extreme(y, None, largest=True)
