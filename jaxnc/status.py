@@ -18,6 +18,7 @@ class Status(IntEnum):
     TOO_MANY_STEPS = 9
     STOPPED = 10
     CAME_APART = 11
+    SINGULAR_START = 12
 
     @property
     def sentence(self) -> str:
@@ -41,6 +42,10 @@ _SENTENCES = {
     Status.TOO_FAR: (
         "Given up on the way: this input is too far from the one before; give poses in between. Of an angle beyond "
         "some hundred million radians turns are not told apart: take whole turns off."
+    ),
+    Status.SINGULAR_START: (
+        "The pose to begin with, which is the drawing unless start= gives another, is a singular position of these "
+        "inputs: branches meet there, and no branch is chosen. Draw the mechanism beside it, or give start=."
     ),
     Status.STEP_UNDERFLOW: (
         "The simulation broke off before: its step became too small for the clock (a singular position, or a force "

@@ -164,6 +164,7 @@ STATUSES = {
     "MIRRORED": "use the default form of the body, which has no mirrored twin",
     "LEFT_CLASS": "compile the mechanism anew with the changed drawing",
     "TOO_FAR": "give poses in between; in traced code leave `repair=True`",
+    "SINGULAR_START": "draw the mechanism a little off, on the side that is meant, or name points in `start=`",
     "STEP_UNDERFLOW": "look where and at which force the message points; a method of fixed step, a softer force",
     "TOO_MANY_STEPS": '`most=` allows more; for stiff forces `method="generalised alpha"` or `"kvaerno5"`',
     "STOPPED": "nothing: `run.end` is when and where the event was",

@@ -9,10 +9,11 @@ from jaxnc import constraints as kinds
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import check_inputs, check_parameters, check_system, dense_only, outside
+from jaxnc.kinematics.motion import coordinates_of
 from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.kinematics.position import solve_position
 from jaxnc.notebooks import Reported
-from jaxnc.solvers.assembly import derive, free_plan, meets, settle
+from jaxnc.solvers.assembly import derive, free_plan, meets, sample_poses, settle
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.view import least_squares
 from jaxnc.status import Status
@@ -22,6 +23,9 @@ from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Inputs
 
+_SINGULAR = (
+    "the drawing is a singular position of these inputs, where branches meet: draw it beside that, or give start="
+)
 _PARTS = tuple((k + 1) / 24 for k in range(24))  # steps by which inputs go beyond their reach, and a gap is closed
 _LENGTHS = ("length", "radius")  # constants whose change is offered
 _NOT_DRAWN = "  its drawing does not assemble either: diagnose without inputs says why"
@@ -73,6 +77,7 @@ class Diagnosis(Reported):
         assembles: whether there is a pose.
         reachable: whether it was reached along the branch of the drawing.
         reached: inputs as far as the drawing's branch could be followed; empty where the drawing does not assemble.
+        singular: whether the drawing is a singular position of the inputs, so that it has no branch to follow.
         gap: largest residual of the closest pose, a length.
         violations: constraints that it does not meet, largest first.
         remedies: single changes of a dimension that just close the mechanism, smallest first.
@@ -88,12 +93,15 @@ class Diagnosis(Reported):
     violations: tuple[Violation, ...]
     remedies: tuple[Remedy, ...]
     system: System | None = field(default=None, repr=False, compare=False)
+    singular: bool = False
 
     def __str__(self) -> str:
         at = ", ".join(f"{k} = {v:.6g}" for k, v in self.inputs.items()) or "its drawing"
         got = ", ".join(f"{k} = {v:.6g}" for k, v in self.reached.items())
         if self.assembles and self.reachable:
             return f"{self.name} assembles at {at}"
+        if self.assembles and self.singular:
+            return f"{self.name} assembles at {at}, but {_SINGULAR}"
         if self.assembles:
             hint = "" if self.system is None else circuits_hint(self.system, [*self.inputs])
             return (
@@ -102,7 +110,9 @@ class Diagnosis(Reported):
                 f"{hint and f'; {hint}'}"
             )
         lines = [f"{self.name} does not assemble at {at}; the closest pose leaves a gap of {self.gap:.3g}"]
-        if self.inputs:
+        if self.singular:
+            lines.append(f"  {_SINGULAR}")
+        elif self.inputs:
             lines.append(f"  from the drawing it can be moved as far as {got}" if got else _NOT_DRAWN)
         lines += [f"  not met: {v.row} (off by {v.gap:.3g})" for v in self.violations[:8]]
         if self.remedies:
@@ -147,7 +157,7 @@ def diagnose(
     asked = dict(zip(inputs or (), np.asarray(values).tolist(), strict=True))
     eq = derive(system)
     inner = from_jax(eq)
-    view, reached, reachable = HostView(plan, inner), {}, True
+    view, reached, reachable, singular = HostView(plan, inner), {}, True, False
     drawn, size, _ = settle(eq, np.zeros(len(top.coordinates)))
     assembles = meets(eq, drawn, float(size))
     if inputs is None:
@@ -156,6 +166,9 @@ def diagnose(
         pose = solve_position(system, asked, hold=hold, throw=False, unit="rad")
         q, drawn_assembles = np.array(pose.q), assembles
         assembles = reachable = int(pose.status) in (int(Status.CONVERGED), int(Status.SINGULAR))
+        singular = int(pose.status) == Status.SINGULAR_START
+        if singular:
+            assembles, q = _assembles_beside(system, asked, hold, q)
         if assembles or drawn_assembles:
             reached = {n: float(q[top.position[n]]) for n in asked}
         if not assembles:
@@ -163,7 +176,7 @@ def diagnose(
             q, rows, columns = _as_far_as_possible(view, q, known)
             assembles = meets(eq, q, float(np.max(np.abs(inner.residual(q[:, None])), initial=0.0)))
     if assembles:
-        return Diagnosis(top.name, asked, True, reachable, reached, 0.0, (), (), system)
+        return Diagnosis(top.name, asked, True, reachable, reached, 0.0, (), (), system, singular)
     r = np.zeros(len(top.rows))
     r[view.plan.rows[rows]] = view.residual(q[:, None])[rows, 0]
     order = [int(i) for i in np.argsort(-np.abs(r)) if abs(r[i]) > 1e-6 * np.abs(r).max()]
@@ -178,7 +191,23 @@ def diagnose(
         violations,
         remedies(top, view, q, rows, columns),
         system,
+        singular,
     )
+
+
+def _assembles_beside(
+    system: System, asked: dict[str, float], hold: Sequence[str], drawn: np.ndarray
+) -> tuple[bool, np.ndarray]:
+    """Say whether inputs are met from a pose near a singular drawing, and return that pose, or the last one."""
+    top, q = system.topology, drawn
+    names = (*top.points, *top.vectors, *(n for n in top.scalars if n not in asked))
+    for sample in sample_poses(system, 4)[1:]:  # to either side, twice
+        q = np.asarray(sample.q)
+        start = {name: q[coordinates_of(top, name)] for name in names}
+        pose = solve_position(system, asked, hold=hold, start=start, throw=False, unit="rad")
+        if int(pose.status) == Status.CONVERGED:
+            return True, drawn
+    return False, q
 
 
 def _as_far_as_possible(view: HostView, q: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -156,8 +156,9 @@ def solve_sequences(
         fresh, begin = _grounded(view, eq, np.broadcast_to(start, (designs, start.shape[-1])))
         inner = inner or fresh
         known = np.concatenate([values.transpose(1, 2, 0), _held_values(view, begin, total)], axis=1)
-        assembled = largest_of_lanes(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
-        turns = np.where(first[:, None] > 0, 0.0, _count_turns(view, begin, values[:, 0]))
+        assembled, singular = _judge_starts(inner, begin)
+        begun, known = _stay_where(singular, begin[view.known], known)
+        turns = np.where(first[:, None] > 0, 0.0, _count_turns(view, begin, known[0, : values.shape[2]].T))
         turned = np.array(begin)
         turned[view.known[: turns.shape[1]]] += 2 * np.pi * turns.T
         found = host.solve_sequences(inner, turned, known, total - first)
@@ -170,7 +171,8 @@ def solve_sequences(
         longest = np.abs(way).max(axis=1, initial=0.0).T * inner.least.smallest
         # 1e-2 of the size: a longer step is none of the shortest, at which a branch ends
         found.exhausted[(longest > 1e-2 * np.reshape(inner.eq.length, (-1, 1))).reshape(-1)] = True
-        status = _status(inner, begin, found, _lost_in_order(found, assembled, total), np.repeat(each[:, 0], total))
+        lost = _lost_in_order(found, assembled, total)
+        status = _status(inner, begin, found, lost, np.repeat(each[:, 0], total), begun.T.reshape(-1))
     back = (each * total + np.maximum(place - first[:, None], 0)).reshape(-1)
     told = PoseBatch(found.q.T, found.size, found.conditioning, status=status)
     return told.each(lambda x: x[back].reshape(designs, total, *x.shape[1:]))
@@ -186,8 +188,10 @@ def solve_lanes(view: Plan, eq: HostEquations, start: np.ndarray, values: np.nda
         inner, begin = _grounded(view, eq, start)
         values = np.asarray(values, inner.eq.dtype)
         known = np.concatenate([values, _held_values(view, begin, 1)[0][:, which].T], axis=1)
+        singular = _judge_starts(inner, begin)[1][which]
+        begun, known = (x.T for x in _stay_where(singular, begin[view.known][:, which], known.T))
         turns = np.zeros_like(known)
-        turns[:, : values.shape[1]] = _count_turns(view, begin[:, which], values)
+        turns[:, : values.shape[1]] = _count_turns(view, begin[:, which], known[:, : values.shape[1]])
         found = host.solve_scattered(inner, begin, unwind(known, turns), which)
         # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
         again = np.flatnonzero(~found.good & turns.any(axis=1))
@@ -197,7 +201,7 @@ def solve_lanes(view: Plan, eq: HostEquations, start: np.ndarray, values: np.nda
             found.put((..., again), other)
         found.q[view.known] = np.where(found.good, known.T, found.q[view.known] + 2 * np.pi * turns.T)
         lost = np.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
-        status = _status(inner, begin, found, lost, which)
+        status = _status(inner, begin, found, lost, which, begun)
     return PoseBatch(np.ascontiguousarray(found.q.T), found.size, found.conditioning, status=status)
 
 
@@ -243,11 +247,29 @@ def _held_values(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
     return np.broadcast_to(held, (total, *held.shape))
 
 
+def _judge_starts(inner: host.HostView, begin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Say which start poses ``(N, D)`` meet their rows, and which of them are singular positions of the inputs."""
+    assembled = largest_of_lanes(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
+    return assembled, assembled & (inner.conditioning(begin) <= inner.least.singular)
+
+
+def _stay_where(singular: np.ndarray, start: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Leave inputs ``(…, known, lanes)`` where a singular start pose has them: of two branches neither is followed.
+
+    Returns:
+        Statuses of poses that begin there, ``(…, lanes)``, zero of all others; and the inputs.
+    """
+    status = np.where((known == start).all(axis=-2), int(Status.SINGULAR), int(Status.SINGULAR_START))
+    return np.where(singular, status, 0), np.where(singular, start, known)
+
+
 def judge_start(view: Plan, eq: Equations, start: Numbers) -> int:
     """Judge a start pose: zero where branches can be followed from it, else the status of all poses."""
     inner, begin = _grounded(view, to_host(eq), np.asarray(start)[None])
-    assembled = largest_of_lanes(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
-    status = 0 if assembled else int(Status.DID_NOT_ASSEMBLE)
+    with np.errstate(all="ignore"):
+        (assembled,), (singular,) = _judge_starts(inner, begin)
+    status = int(Status.SINGULAR_START) if singular else 0
+    status = status if assembled else int(Status.DID_NOT_ASSEMBLE)
     if any(block.kind.mirror for block in view.topology.blocks) and inner.eq.guards(begin)[1][0]:
         status = int(Status.MIRRORED)
     return int(Status.LEFT_CLASS) if inner.eq.misfit > inner.least.misfit else status
@@ -314,12 +336,21 @@ def _lost_in_order(found: PoseBatch, assembled: np.ndarray, total: int) -> np.nd
 
 
 def _status(
-    view: host.HostView, start: np.ndarray | None, found: PoseBatch, lost: np.ndarray, which: np.ndarray
+    view: host.HostView,
+    start: np.ndarray | None,
+    found: PoseBatch,
+    lost: np.ndarray,
+    which: np.ndarray,
+    begun: Numbers = 0,
 ) -> np.ndarray:
-    """`jaxnc.Status` of each pose as an integer; `which` are their start poses, which may be mirrored themselves."""
+    """`jaxnc.Status` of each pose as an integer.
+
+    `which` are their start poses, which may be mirrored themselves; `begun` is what a start pose says, if not zero.
+    """
     status = np.where(found.good, int(Status.CONVERGED), lost)
     singular = found.good & (found.limit | found.crossed | (found.conditioning <= view.least.singular))
     status = np.where(singular, int(Status.SINGULAR), status)
+    status = np.where(np.equal(begun, 0), status, begun)
     if any(block.kind.mirror for block in view.plan.topology.blocks):
         fits = found.size <= view.select(which).tolerance(found.q)
         mirrored = (status != 0) & fits & found.mirrored

@@ -11,6 +11,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError, list_first
 from jaxnc.kinematics.freedoms import Freedoms, explain_lock, loose_motions
+from jaxnc.kinematics.host_solve import judge_start
 from jaxnc.kinematics.inputs import check_system, dense_only
 from jaxnc.kinematics.instant import body_of
 from jaxnc.notebooks import Reported
@@ -27,6 +28,7 @@ from jaxnc.solvers.assembly import (
 )
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import LARGEST_WRITTEN, Plan, by_lu, plan
+from jaxnc.status import Status
 from jaxnc.system.equations import coefficients, rate_constants
 from jaxnc.system.precision import on_host, widened
 from jaxnc.system.system import System, drivable, unheld
@@ -71,6 +73,7 @@ class Mobility(Reported):
         blocks: unknowns of each block of the equations, in the order in which they are solved, one after the other;
             empty where they are all solved together.
         solves: which way poses take for these inputs, and why, in words.
+        dead_point: whether the drawing is a singular position of the inputs `driven`, from which no branch is followed.
         system: the system, for its drawing.
     """
 
@@ -95,6 +98,7 @@ class Mobility(Reported):
     driven: tuple[str, ...] = ()
     blocks: tuple[int, ...] = ()
     solves: str = ""
+    dead_point: bool = False
     system: System | None = field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
@@ -125,6 +129,8 @@ class Mobility(Reported):
             lines.append(f"  does not assemble, gap {self.gap:.3g}; in conflict: {'; '.join(self.conflicting)}")
         if self.solves:
             lines.append(f"  driven by {', '.join(self.driven)}: {self.solves}")
+        if self.dead_point and not self.momentary:
+            lines.append("  the drawn pose is a dead point of these inputs: draw it beside that to move it by them")
         return "\n".join(lines)
 
 
@@ -160,6 +166,10 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
     left = np.abs(np.asarray(evaluate(eq, samples[0].q)[0]))
     gap = float(left.max(initial=0.0))
     assembles = meets(eq, samples[0].q, gap)
+    dead_point = False
+    if assembles and solves:
+        view_of_inputs = plan(top, inputs, (), system.degrees_of_freedom)
+        dead_point = judge_start(view_of_inputs, eq, samples[0].q) == Status.SINGULAR_START
     conflicting = () if assembles else tuple(top.rows[i] for i in np.argsort(-left) if left[i] > 1e-3 * gap)
     redundant, involved = _dependent(matrix)
     names = [top.rows[i] for i in view.rows]
@@ -198,6 +208,7 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
         driven=inputs,
         blocks=blocks,
         solves=solves,
+        dead_point=dead_point,
         system=system,
     )
 

@@ -470,6 +470,8 @@ def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> No
         else:
             worst = worst_rows(motion.system, eq, q)
             text += f" Even the drawing does not assemble: {worst}."
+    if int(status) == Status.SINGULAR_START:
+        raise AssemblyError(text)
     raise AssemblyError(
         text + " jaxnc.diagnose(system, inputs) names the constraints in the way and what would mend it."
     )

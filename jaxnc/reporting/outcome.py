@@ -146,7 +146,8 @@ def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
                 f"{n} = {v * unit_of(motion, n)[1]:.6g} {unit_of(motion, n)[0]}" for n, v in at.items()
             )
             text = f"{int(which.sum())} of {len(good)} poses {text}, the first at {in_reading_units}. "
-            text += sentence or Status(int(status[first])).sentence
+            cause = Status.SINGULAR_START if Status.SINGULAR_START in status else Status(int(status[first]))
+            text += sentence or cause.sentence
             code, level = ("singular", "warning") if sentence else ("not-found", "error")
             verdict.add(code, level, text, names=list(motion.driven))
 
@@ -180,7 +181,7 @@ def stops(motion: Motion, asked: Mapping[str, np.ndarray]) -> bool:
 def why(verdict: Verdict, motion: Motion, asked: Mapping[str, np.ndarray], hold: Sequence[str]) -> Diagnosis | None:
     """Diagnose the first pose that was not found, and enter what would mend it; None at a dead point."""
     first = _first_failure(motion)
-    if stops(motion, asked):
+    if stops(motion, asked) or Status.SINGULAR_START in np.asarray(motion.status):
         return None
     found = diagnose(motion.system, {name: float(values[first]) for name, values in asked.items()}, tuple(hold))
     if not found.assembles:
