@@ -248,6 +248,33 @@ def test_an_input_holds_a_load_on_bars_without_mass():
     np.testing.assert_allclose(efforts, [moment, 5.0], rtol=1e-12)
 
 
+def test_poses_that_were_not_found_have_no_forces_and_change_nobody_elses():
+    """A rocker that cannot pass its dead point: what is beyond has zeros, and what is before what it has alone."""
+    m = nc.Mechanism("double rocker")
+    for name, at in {"A": (0, 0), "D": (3, 0)}.items():
+        m.ground(name, at)
+    for name, at in {"B": (0, 2), "C": (2, 2.2)}.items():
+        m.point(name, at)
+    for name, ends in {"left": "AB", "middle": "BC", "right": "CD"}.items():
+        m.body(name, [*ends], mass=2.0)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    system, angles = m.compile(), np.array([1.4, 2.8, 1.6, 3.1])
+
+    def found(angles):
+        motion = nc.solve_position(system, {"phi": angles}, rates={"phi": 1.0}, throw=False)
+        return motion.status != 0, nc.inverse_dynamics(system, motion).reactions
+
+    lost, forces = found(angles)
+    assert lost.tolist() == [False, True, False, True]
+    alone = found(angles[[0, 2]])[1]
+    pairs = [(forces.support("D"), alone.support("D")), (forces.effort("phi"), alone.effort("phi"))]
+    pairs += [(a.force, alone.on("middle")[name].force) for name, a in forces.on("middle").items()]
+    for every, some in pairs:
+        assert not np.asarray(every)[[1, 3]].any()
+        np.testing.assert_allclose(np.asarray(every)[[0, 2]], some, rtol=1e-9, atol=1e-9)
+
+
 def test_a_lever_without_mass_rests_where_its_spring_carries_the_load():
     """A spring without free length pulls with k (D - B): the lever of length 2 points along k D + W."""
     m = nc.Mechanism("lever")
