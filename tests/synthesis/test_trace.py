@@ -201,6 +201,18 @@ def test_a_four_bar_is_found_by_its_curve(small, brief):
         assert abs(numbers.trace(angle)[0] - place) < 1e-9 * np.ptp(own.real)
 
 
+@pytest.mark.parametrize(("turn", "keeps"), [(2 * np.pi, True), (2.5, False)])
+def test_a_curve_through_all_points_may_still_be_another_one(turn, keeps):
+    """Of points on a part of a closed curve the rest of it is far away: such a linkage does not end a search."""
+    drawn = next(d for d in unseen(4, 5, seed=2) if d.chain.name == "four-bar")
+    z = drawn.trace(np.linspace(0.0, turn, 60, endpoint=False))
+    target = Curve.of(np.stack([z.real, z.imag], axis=1), True)
+    place, factor = (drawn.place - target.centre @ [1, 1j]) / target.size, drawn.factor / target.size
+    row = [*drawn.design, place.real, place.imag, factor.real, factor.imag, drawn.begin, drawn.span]
+    lanes = fit.Lanes(making.ChainArrays.of((drawn.chain,)), drawn.sign[None], np.array(row)[None])
+    assert searching._keep_to_line(target, lanes).tolist() == [keeps]
+
+
 def test_given_timings_are_met(small, brief):
     drawn = next(d for d in unseen(4, 5, seed=2) if d.chain.name == "four-bar")
     timing = np.linspace(2.0, 6.5, 15)

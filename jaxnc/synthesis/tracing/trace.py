@@ -191,21 +191,22 @@ def space_evenly(corners: np.ndarray, count: int) -> np.ndarray:
 def curve_distance(one: np.ndarray, other: np.ndarray, count: int = _ALONG) -> float:
     """Mean distance of two polylines ``(N, 2)``: from points by arc length to the other one, both ways added."""
     one, other = space_evenly(one, count), space_evenly(other, count)
-    return _mean_distance(one, other) + _mean_distance(other, one)
+    return float(_distances(one, other).mean() + _distances(other, one).mean())
 
 
-def _mean_distance(points: np.ndarray, line: np.ndarray) -> float:
+def _distances(points: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """Distances of points from a polyline, by the two pieces at its nearest corner."""
     from scipy.spatial import KDTree
 
     near = np.asarray(KDTree(line).query(points)[1])
     best = np.full(len(points), np.inf)
-    for start in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):  # the two pieces at the nearest corner
+    for start in (np.maximum(near - 1, 0), np.minimum(near, len(line) - 2)):
         piece = line[start + 1] - line[start]
         off = points - line[start]
         long = np.sum(piece**2, axis=1)
         share = np.clip(np.sum(off * piece, axis=1) / np.where(long > 0, long, 1.0), 0.0, 1.0)
         best = np.minimum(best, np.linalg.norm(off - share[:, None] * piece, axis=1))
-    return float(best.mean())
+    return best
 
 
 @public
@@ -299,9 +300,9 @@ class TracedDesign:
         return float(least_gaps(lane, _POSES, 0.0, walls)[0])
 
     @property
-    def rank(self) -> tuple[float, int]:
-        """Key by which designs are ordered: by their distance, of exact ones by their bars."""
-        return (0.0, self.bars) if self.exact else (self.distance, self.bars)
+    def rank(self) -> tuple[float, int, float]:
+        """Key by which designs are ordered: by their distance, of exact ones by their bars first."""
+        return (0.0 if self.exact else self.distance), self.bars, self.distance
 
     @property
     def line(self) -> np.ndarray:
@@ -729,6 +730,7 @@ class _Search:
             for part in self.rest if len(good) else []:
                 error[good] = np.maximum(error[good], self._refine(_some(own, good), 0, part, 6)[1])
             good = good[error[good] < 1e-7**2]
+            good = good[_keep_to_line(self.target, _some(own, good))] if len(good) else good
             if len(good):
                 self.exact = _some(own, good[np.argsort(error[good], kind="stable")])
 
@@ -738,8 +740,7 @@ class _Search:
         def work(first: int) -> tuple[np.ndarray, np.ndarray]:
             part = _some(lanes, slice(first, first + _TOGETHER))
             count = len(part.row)
-            full = _some(part, np.arange(_TOGETHER) % count)
-            row, _, cost = refine(full, self.goal if goal is None else goal, steps, feet)
+            row, _, cost = refine(_fill(part, _TOGETHER), self.goal if goal is None else goal, steps, feet)
             return np.asarray(row)[:count], np.asarray(cost)[:count]
 
         begun = time.perf_counter()
@@ -771,6 +772,11 @@ class _Search:
 
 def _some(lanes: Lanes, index: Any) -> Lanes:
     return Lanes(lanes.chain.at(index), lanes.sign[index], lanes.row[index])
+
+
+def _fill(lanes: Lanes, width: int) -> Lanes:
+    """Repeat designs up to the number that programs are compiled for."""
+    return _some(lanes, np.arange(width) % len(lanes.row))
 
 
 def _join(a: Lanes, b: Lanes) -> Lanes:
@@ -857,10 +863,24 @@ def _measured(design: TracedDesign, target: Curve, count: int = _ALONG) -> Trace
     return dataclasses.replace(design, distance=curve_distance(design.line, target.line, count) / target.size)
 
 
+def _keep_to_line(target: Curve, lanes: Lanes) -> np.ndarray:
+    """Say which curves through all points are those of the target: between two points they do not go far astray.
+
+    Where the crank is at the points is given, nothing is asked of the curve between them.
+    """
+    count, line = len(lanes.row), target.line
+    if target.timing is not None:
+        return np.ones(count, bool)
+    curves = np.asarray(trace_curves(_fill(lanes, _WIDTH), _POSES, float(target.closed))[0])[:count]
+    gap = np.linalg.norm(np.diff(line, axis=0), axis=1).max()  # of neighbours: a curve may bulge by as much
+    dense = space_evenly(line, _ALONG)
+    return np.array([_distances(target.centre + target.size * c, dense).max() <= gap for c in curves])
+
+
 def _look_closely(target: Curve, terms: _Terms, lanes: Lanes, bars: int, exact: bool) -> list[TracedDesign]:
     """Move designs in many poses, and take those that meet the conditions there."""
     closed, count = float(target.closed), len(lanes.row)
-    full = _some(lanes, np.arange(_WIDTH) % count)
+    full = _fill(lanes, _WIDTH)
     curves, sines = (np.asarray(a)[:count] for a in trace_curves(full, _POSES, closed))
     turning = sines
     if not target.closed:
