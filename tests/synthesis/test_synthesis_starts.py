@@ -91,6 +91,19 @@ def test_designs_of_functions_are_drawn_inside_their_lengths():
     assert np.ptp(np.angle(b)) > 1.0 and np.ptp(c.imag) > 1.0, "all over their boxes"
 
 
+def test_every_other_design_of_a_function_may_have_long_bars():
+    """The best four-bars of functions have bars of several times the ground's length; of paths the target has a size."""
+    settings = {"timing": np.radians([30, 45, 60, 75, 90])}
+    for longest, problem in (
+        (10.0, S.FunctionGeneration(four_bar(tracer=False), "psi", TIMES, 0.3 * TIMES, input="phi", free=["B", "C"])),
+        (1.0, S.PathGeneration(four_bar(), "P", ARC, free=["B", "C"], **settings)),
+    ):
+        z = draw_designs(problem, np.random.default_rng(1), 400)
+        away = (np.abs(z - problem.variables.home) / problem.variables.scale).max(axis=1)
+        assert problem.longest == longest and (away[::2] <= 1.0).all() and away[1::2].max() <= longest
+        assert (away[1::2] > 2.0).mean() == pytest.approx(0.35 if longest > 1.0 else 0.0, abs=0.15)
+
+
 def test_what_is_linear_of_a_motion_is_fitted_as_of_a_path(known):
     motion = nc.sweep(drawn_as(known[0]).compile(), {"phi": TIMES})
     turns = np.asarray(motion.orientation("coupler")) + 0.4
