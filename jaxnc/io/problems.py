@@ -39,7 +39,8 @@ def load_problem(path: str | Path) -> tuple[Problem, SearchOptions]:
 def _problem(said: ProblemFile, mechanism: Mechanism, folder: Path, source: Source) -> Problem:
     angle = math.pi / 180.0 if mechanism.model.units.angle == "deg" else 1.0
     names = [*mechanism.model.angles, *mechanism.model.distances]
-    driven = said.input or (names[0] if len(names) == 1 else None)
+    likely = [*mechanism.model.run.inputs] or names
+    driven = said.input or (likely[0] if len(likely) == 1 else None)
     unit = unit_of(mechanism, driven) if driven is not None else 1.0
     common: dict[str, Any] = {
         "input": said.input,

@@ -8,7 +8,7 @@ import numpy as np
 from jaxnc import constraints as kinds
 from jaxnc.calls import public
 from jaxnc.errors import InputError
-from jaxnc.kinematics.inputs import check_inputs, check_parameters, check_system, dense_only, outside
+from jaxnc.kinematics.inputs import check_inputs, check_parameters, check_system, dense_only, outside, row_gaps
 from jaxnc.kinematics.motion import coordinates_of
 from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.kinematics.position import solve_position
@@ -38,7 +38,7 @@ class Violation:
 
     Attributes:
         row: its name.
-        gap: its residual, a length.
+        gap: how far a point has to move to meet it, a length: of a bar what its length lacks.
     """
 
     row: str
@@ -78,7 +78,7 @@ class Diagnosis(Reported):
         reachable: whether it was reached along the branch of the drawing.
         reached: inputs as far as the drawing's branch could be followed; empty where the drawing does not assemble.
         singular: whether the drawing is a singular position of the inputs, so that it has no branch to follow.
-        gap: largest residual of the closest pose, a length.
+        gap: the largest gap of the closest pose, a length.
         violations: constraints that it does not meet, largest first.
         remedies: single changes of a dimension that just close the mechanism, smallest first.
         system: the system, for its drawing.
@@ -180,14 +180,16 @@ def diagnose(
     r = np.zeros(len(top.rows))
     r[view.plan.rows[rows]] = view.residual(q[:, None])[rows, 0]
     order = [int(i) for i in np.argsort(-np.abs(r)) if abs(r[i]) > 1e-6 * np.abs(r).max()]
-    violations = tuple(Violation(top.rows[i], float(abs(r[i]))) for i in order)
+    gaps = row_gaps(inner, q, np.array(order, int))
+    violations = tuple(Violation(top.rows[i], float(gap)) for i, gap in zip(order, gaps, strict=True))
+    violations = tuple(sorted(violations, key=lambda v: -v.gap))
     return Diagnosis(
         top.name,
         asked,
         False,
         False,
         reached,
-        float(np.abs(r).max()),
+        max((v.gap for v in violations), default=0.0),
         violations,
         remedies(top, view, q, rows, columns),
         system,

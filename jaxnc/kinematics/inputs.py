@@ -1,6 +1,7 @@
 """Inputs as the user gives them, checked and brought into one form, and doubted where a unit looks wrong."""
 
 import dataclasses
+import itertools
 import math
 import sys
 import warnings
@@ -16,9 +17,10 @@ from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, WrongCount, brief, nearest
 from jaxnc.kinematics.freedoms import explain_lock, loose_motions
 from jaxnc.records import by_identity
-from jaxnc.solvers.assembly import derive, evaluate, meets, settle
+from jaxnc.solvers.assembly import derive, evaluate, meets, settle, to_host
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
+from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import active, limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import LARGE, Topology
@@ -148,11 +150,39 @@ def _notes(system: System, asked: tuple[str, ...]) -> list[str]:
 def worst_rows(system: System, eq: Equations, q: np.ndarray) -> str:
     """The constraints that a pose violates most, by name, with how much."""
     r = np.abs(np.asarray(evaluate(eq, jnp.asarray(q))[0]))
-    order = [int(i) for i in np.argsort(-r)[:3] if r[i] > limits(eq.length).close * float(eq.length)]
-    # Rows are squares of lengths and the like, divided by a size: far from where they vanish they are no lengths.
-    far = [f"{r[i]:.3g}" if r[i] < 0.1 * float(eq.length) else "a lot" for i in order]
-    said = ", ".join(f"{system.topology.rows[i]} is off by {much}" for i, much in zip(order, far, strict=True))
+    order = np.array([int(i) for i in np.argsort(-r)[:3] if r[i] > limits(eq.length).close * float(eq.length)], int)
+    gaps = row_gaps(to_host(eq), np.asarray(q), order)
+    said = ", ".join(f"{system.topology.rows[i]} is off by {gap:.3g}" for i, gap in zip(order, gaps, strict=True))
     return said or "no constraint is violated"
+
+
+def row_gaps(eq: HostEquations, q: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Lengths by which rows are missed: how far a point has to move, straight at what its row asks for, to meet it.
+
+    Of a bar this is what its length lacks. Rows that bend more than squares do are taken for squares.
+    """
+    top, out, jacobian = eq.topology, np.zeros(len(rows)), np.zeros((0, 0))
+    if len(rows) and not top.large:
+        jacobian = eq.jacobian(q[:, None])[0][rows] / eq.weights
+    ends = [*range(0, len(q) - len(top.scalars), top.dim), *range(len(q) - len(top.scalars), len(q) + 1)]
+    step = 1e-2 * float(eq.length)  # of a difference that is exact for squares
+    for k, row in enumerate(rows):
+        here = float(np.abs(eq.residual(q[:, None])[row, 0]))
+        groups = [np.arange(a, b) for a, b in itertools.pairwise(ends)] if len(jacobian) else []
+        along = max(groups, key=lambda group: float(np.linalg.norm(jacobian[k, group])), default=np.zeros(0, int))
+        slope = float(np.linalg.norm(jacobian[k, along])) if len(along) else 0.0
+        out[k] = here
+        if slope > 0.0:
+            way = np.zeros(len(q))
+            way[along] = jacobian[k, along] / slope / eq.weights[along]
+            before, now, after = eq.residual(q[:, None] + way[:, None] * [-step, 0.0, step])[row]
+            first, second = (after - before) / (2 * step), (after - 2 * now + before) / step**2
+            root = first**2 - 2.0 * second * now
+            if root < 0.0 or abs(second * now) < 1e-9 * first**2:
+                out[k] = abs(now / first)
+            else:
+                out[k] = abs(2.0 * now / (abs(first) + math.sqrt(root)))
+    return out
 
 
 def check_parameters(system: System, several: bool = False) -> None:

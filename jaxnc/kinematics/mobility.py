@@ -12,7 +12,7 @@ from jaxnc.calls import public
 from jaxnc.errors import InputError, list_first
 from jaxnc.kinematics.freedoms import Freedoms, explain_lock, loose_motions
 from jaxnc.kinematics.host_solve import judge_start
-from jaxnc.kinematics.inputs import check_system, dense_only
+from jaxnc.kinematics.inputs import check_system, dense_only, row_gaps
 from jaxnc.kinematics.instant import body_of
 from jaxnc.notebooks import Reported
 from jaxnc.solvers.assembly import (
@@ -25,6 +25,7 @@ from jaxnc.solvers.assembly import (
     rank_of,
     sample_poses,
     settle,
+    to_host,
 )
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import LARGEST_WRITTEN, Plan, by_lu, plan
@@ -59,7 +60,7 @@ class Mobility(Reported):
         overconstrained: how many of the redundant rows are so only for these dimensions: a general change of them
             keeps the mechanism from assembling. The others are redundant whatever the dimensions.
         conflicting: rows that cannot be met together, by name; empty if the drawing assembles.
-        gap: largest residual of the assembled drawing, a length.
+        gap: of a drawing that does not assemble how far its worst row is from being met, else rounding; a length.
         momentary: independent rows lost in the drawn pose only (a singular position), 0 if none.
         proposals: joints that could be freer without changing the motion, until nothing is held twice (in space).
         idle: rows that hold nothing to first order, by name: what they keep is smallest or largest in all poses,
@@ -171,6 +172,8 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
         view_of_inputs = plan(top, inputs, (), system.degrees_of_freedom)
         dead_point = judge_start(view_of_inputs, eq, samples[0].q) == Status.SINGULAR_START
     conflicting = () if assembles else tuple(top.rows[i] for i in np.argsort(-left) if left[i] > 1e-3 * gap)
+    if not assembles and not top.large:
+        gap = float(row_gaps(to_host(eq), np.asarray(samples[0].q), np.argsort(-left)[:1])[0])
     redundant, involved = _dependent(matrix)
     names = [top.rows[i] for i in view.rows]
     bodies = Freedoms(top, eq, np.asarray(best.q)) if top.dim == 3 else None

@@ -300,7 +300,9 @@ def _last_change(plan: Plan, changes: Array, earlier: Array, first: PyTree) -> A
     `changes` are those of the steps, each ``(steps, designs)``; `earlier` those before some or all of the last of them,
     and `first` the last one before all of them.
     """
-    moves = _known_product(plan, changes, changes) > 0.0
+    square = _known_product(plan, changes, changes)
+    # below 1e-10 of the longest step, what changes in one is rounding
+    moves = square > 1e-20 * jnp.max(square, axis=0)
 
     def skipping():
         def step(last, new):

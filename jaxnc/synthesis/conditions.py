@@ -441,7 +441,7 @@ def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) ->
     positive(min, "transmission_angle: min")
     if not min < np.pi / 2:
         raise InputError(f"transmission_angle: min must be between 0 and pi/2 radians, got {min!r}")
-    return TransmissionAngle(float(min), joint)
+    return TransmissionAngle(float(min), _as_joint(joint, "transmission_angle"))
 
 
 @public
@@ -496,6 +496,8 @@ def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Condition:
     """Two lengths, each between two points, are equal; or one has a value."""
     for ends in (first, second):
         pair = isinstance(ends, (tuple, list)) and len(ends) == 2 and all(isinstance(name, str) for name in ends)
+        if pair and ends[0] == ends[1]:
+            raise InputError(f"equal: {ends!r} is no length: name two points")
         if not pair and (ends is first or isinstance(ends, bool) or not isinstance(ends, (int, float, np.number))):
             raise InputError(f"equal: {ends!r} must be the names of two points, as in equal(('A', 'B'), ('C', 'D'))")
     if isinstance(second, (tuple, list)):
@@ -674,6 +676,8 @@ def direction(
         max: its largest, less than a turn above it.
     """
     what = f"direction {start}-{end}"
+    if start == end:
+        raise InputError(f"{what}: name two points")
     if value is not None and min is None and max is None:
         low = high = _as_angle(value, f"{what}: its value")
     elif value is None and min is not None and max is not None:
@@ -698,7 +702,21 @@ def on_circuit(side: str, joint: tuple[str, str, str] | None = None) -> Conditio
         joint: first end of another dyad, its joint, second end; those of the four-bar loop at the input if not given.
     """
     check_name(side, _SIDES, f"on_circuit: side={side!r}")
-    return Circuit(_SIDES[side], joint)
+    return Circuit(_SIDES[side], _as_joint(joint, "on_circuit"))
+
+
+def _as_joint(joint: object, what: str) -> tuple[str, str, str] | None:
+    """Check that a joint is the names of three points: far points of two bars, and their joint between."""
+    if joint is None:
+        return None
+    names = tuple(joint) if isinstance(joint, (tuple, list)) else ()
+    if len({*names}) != 3 or len(names) != 3 or not all(isinstance(name, str) for name in names):
+        raise InputError(
+            f"{what}: joint={joint!r} must be the names of three points: the far point of one bar, the joint, the far "
+            f"point of the other, as in joint=('B', 'C', 'D')"
+        )
+    first, between, last = names
+    return first, between, last
 
 
 def _as_angle(value: float, what: str) -> float:

@@ -142,13 +142,13 @@ def largest_error(problem: Problem, one: MovedDesign) -> float:
     return float(_error_sizes(_read_numbers(problem, one).errors).max())
 
 
-def shortfalls(problem: Problem, one: MovedDesign) -> dict[str, float]:
-    """By how much a design that moves through the whole range misses inequalities over it, those that it misses."""
+def shortfalls(problem: Problem, one: MovedDesign) -> dict[int, float]:
+    """By how much a design that moves through the whole range misses inequalities over it, by their `id`."""
     if not np.asarray(one.turn.converged).all():
         return {}
     found = zip(problem.conditions, _read_numbers(problem, one).conditions, strict=True)
-    least = {c.name: float(np.min(v, initial=0.0)) for c, v in found if c.over_range and not c.equality}
-    return {name: -low for name, low in least.items() if low < -10 * MEETS}
+    least = {id(c): float(np.min(v, initial=0.0)) for c, v in found if c.over_range and not c.equality}
+    return {key: -low for key, low in least.items() if low < -10 * MEETS}
 
 
 def describe_nonfinite(problem: Problem, x: np.ndarray) -> str:
@@ -266,11 +266,14 @@ def _least_sine(problem: Problem, one: MovedDesign, moves: np.ndarray, good: np.
     found = np.min(meeting_sines(problem, one.x, one.turn), axis=1)
     if good.all() or problem.at_rest:
         return float(np.min(found[good]))
-    through = np.asarray(one.motion.inputs[problem.driven])
-    past = np.asarray(one.turn.inputs[problem.driven]) - np.min(through)
-    between = good & ((past % (2 * np.pi) if problem.whole else np.abs(past)) <= np.ptp(through))
-    at = np.min(meeting_sines(problem, one.x, one.motion), axis=1)[moves]
-    return float(np.min(np.concatenate([at, found[between]]), initial=1.0))
+    through = np.asarray(one.motion.inputs[problem.driven])[moves]
+    if not len(through):
+        return 1.0
+    # The range ends early, on one side of the drawing: targets may lie on the other.
+    fine = np.interp(np.linspace(0.0, len(through) - 1.0, 361), np.arange(len(through)), through)
+    between = problem.sweep(one.motion.system, np.concatenate([through, fine]))
+    sines = np.min(meeting_sines(problem, one.x, between), axis=1)
+    return float(np.min(sines[np.asarray(between.converged)], initial=1.0))
 
 
 def _binding(problem: Problem, told: _Numbers, one: MovedDesign) -> list[str]:

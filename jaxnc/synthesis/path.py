@@ -185,7 +185,11 @@ class PathGeneration(Problem):
 
     @property
     def rule(self) -> tuple[str, str]:
-        return super().rule if self.ordered else ("the range of the input", "leaves the range of the input")
+        if not self.ordered:
+            return "the range of the input", "leaves the range of the input"
+        if self.whole or self.timing is not None:
+            return super().rule
+        return "order and range of the timings", "meets the targets out of order, or beyond the range of the input"
 
     @property
     def error_shape(self) -> tuple[int, ...]:
@@ -202,7 +206,11 @@ class PathGeneration(Problem):
         span = self.travel[1] - self.travel[0]
         apart = 1e-4  # of a radian (of the travel): timings stay in order by at least this
         steps = way * extra[1:] - apart
-        return jnp.append(steps, span - way * jnp.sum(extra[1:]) - (apart if self.closed else 0.0))
+        rest = span - way * jnp.sum(extra[1:]) - (apart if self.closed else 0.0)
+        if self.whole:
+            return jnp.append(steps, rest)
+        ends, (low, high) = jnp.stack([extra[0], jnp.sum(extra)]), self.travel
+        return jnp.concatenate([steps, rest[None], ends - low, high - ends])
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Random timings, as far as they are unknown, ``(count, …)``: the first one, and the steps to the others."""

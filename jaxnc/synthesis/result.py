@@ -14,10 +14,11 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown, align_columns
 from jaxnc.pickling import fields_of
 from jaxnc.synthesis.design import BLUNT, NAMED, Design, judge, to_mechanism, worst_conditions
-from jaxnc.synthesis.evaluate import move_designs
+from jaxnc.synthesis.evaluate import MovedDesign, move_designs
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search.basins import Basin
 from jaxnc.synthesis.search.sqp import End
+from jaxnc.synthesis.search.stock import relax
 from jaxnc.system.system import System
 
 if TYPE_CHECKING:
@@ -293,13 +294,27 @@ class Result(Shown):
         """
         meta = {"screened": self.screened, "refined": self.refined, "broken": self.broken, "unfit": self.unfit}
         history = np.array([tuple(h) for h in self.history], dtype=float).reshape(-1, 3)
-        steps = {} if self.steps is None else {f"steps.{k}": v for k, v in fields_of(self.steps).items()}
-        return write_designs(folder, self.problem, self.designs, f"{self}\n", meta, {"history": history, **steps})
+        arrays = {} if self.steps is None else {f"steps.{k}": v for k, v in fields_of(self.steps).items()}
+        if self.nearest is not None:
+            arrays["nearest"] = np.append(*self.nearest[::-1])
+        if self.relaxed is not None:
+            arrays |= {"relaxed": self.relaxed.x, "relaxed end": np.array(_end_numbers(self.relaxed))}
+        meta |= {"stopped": self.stopped}
+        return write_designs(folder, self.problem, self.designs, f"{self}\n", meta, {"history": history, **arrays})
 
 
 def format_quantity(value: float, unit: str, digits: int = 3) -> str:
     """A number with its unit, if it has one."""
     return f"{value:.{digits}g} {unit}".rstrip()
+
+
+def _end_numbers(design: Design) -> tuple[float, ...]:
+    """List how a search ended in a design, as it is written."""
+    return design.optimality, design.error, design.feasibility, design.iterations, design.starts
+
+
+def _to_basin(one: MovedDesign, end: np.ndarray, reason: str) -> Basin:
+    return Basin(one, End(one.x, end[1], end[0], np.nan, end[2], int(end[3]), reason), int(end[4]))
 
 
 def write_designs(
@@ -315,7 +330,7 @@ def write_designs(
 
     folder = target.folder(folder)
     x = np.stack([d.x for d in designs]) if designs else np.zeros((0, problem.count))
-    ends = np.reshape([(d.optimality, d.error, d.feasibility, d.iterations, d.starts) for d in designs], (-1, 5))
+    ends = np.reshape([_end_numbers(d) for d in designs], (-1, 5))
     told = json.dumps({
         **meta, "names": problem.names, "reasons": [d.reason for d in designs], "freedoms": [d.freedom for d in designs]
     })  # fmt: skip
@@ -359,10 +374,8 @@ def read_designs(
         )
     if tuple(wanted) != problem.names:
         raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
-    basins = [
-        Basin(one, End(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))
-        for one, end, reason in zip(move_designs(problem, list(x)), ends, reasons, strict=True)
-    ]
+    moved = zip(move_designs(problem, list(x)), ends, reasons, strict=True)
+    basins = [_to_basin(one, end, str(reason)) for one, end, reason in moved]
     judged = zip(judge(problem, basins, ranked=False), freedoms, strict=True)
     return [dataclasses.replace(design, freedom=int(freedom)) for design, freedom in judged], meta, arrays
 
@@ -376,10 +389,27 @@ def load(folder: str | Path, problem: Problem) -> Result:
         ModelFileError: it is damaged.
     """
     counts = ("screened", "refined", "broken", "unfit")
-    designs, meta, arrays = read_designs(folder, problem, "Result.save", "history", *counts)
+    designs, meta, arrays = read_designs(folder, problem, "Result.save", "history", "stopped", *counts)
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in arrays["history"])
     known: Any = {name.removeprefix("steps."): a for name, a in arrays.items() if name.startswith("steps.")}
     steps = Steps(**known | {"random": bool(known["random"])}) if known else None
     designs.sort(key=lambda design: design.rank)
     screened, refined, broken, unfit = (int(meta[name]) for name in counts)
-    return Result(problem, tuple(designs), rows, refined, screened, broken, None, "", unfit, steps=steps)
+    near, relaxed = arrays.get("nearest"), None
+    if "relaxed" in arrays:
+        free = relax(problem)
+        (one,) = move_designs(free, [arrays["relaxed"]])
+        (relaxed,) = judge(free, [_to_basin(one, arrays["relaxed end"], "")])
+    return Result(
+        problem=problem,
+        designs=tuple(designs),
+        history=rows,
+        refined=refined,
+        screened=screened,
+        broken=broken,
+        unfit=unfit,
+        nearest=None if near is None else (float(near[-1]), near[:-1]),
+        stopped=str(meta["stopped"]),
+        relaxed=relaxed,
+        steps=steps,
+    )

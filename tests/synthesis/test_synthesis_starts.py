@@ -92,7 +92,7 @@ def test_designs_of_functions_are_drawn_inside_their_lengths():
 
 
 def test_every_other_design_of_a_function_may_have_long_bars():
-    """The best four-bars of functions have bars of several times the ground's length; of paths the target has a size."""
+    """The best four-bars of functions have bars of several times the ground; of paths the target has a size."""
     settings = {"timing": np.radians([30, 45, 60, 75, 90])}
     for longest, problem in (
         (10.0, S.FunctionGeneration(four_bar(tracer=False), "psi", TIMES, 0.3 * TIMES, input="phi", free=["B", "C"])),

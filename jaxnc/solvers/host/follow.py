@@ -447,7 +447,7 @@ def _evaluate_step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     longer = np.where(fresh, branch.SHORT, longer)
     across = branch.leap(over_it, st.rise, least)
     st.h = np.where(good, longer, np.where(leap, across, np.where(bad, 0.25 * part, st.h)))
-    leaving = (st.s == 0.0) & (st.target > 0)
+    leaving = st.s == 0.0
     # Just before a fold steps are short as parts of the way, not as lengths: a target that lies there is gone on to.
     near = (1.0 - st.s < least.touch) & (st.h > least.whole) & (st.h * speed > least.crossing * length)
     # 1e-3 of the smallest step: so short a one may lead away from a limit that was touched

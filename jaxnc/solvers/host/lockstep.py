@@ -7,7 +7,7 @@ are the poses behind it. Coordinates are ``(N, steps, designs)``.
 
 import functools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -92,11 +92,11 @@ class Lockstep:
         q[plan.known] = track
         good = np.ones(track.shape[1:], bool)
         weights = np.where(pure_numbers(plan.topology), length, 1.0)
-        determinants, share = [], shares(track)
+        determinants, shares = [], _measure_shares(track)
         with np.errstate(all="ignore"):
             for block in self.blocks:
                 if block.form == "iterated":
-                    good &= self._iterate(block, numbers, weights, length, q, share)
+                    good &= self._iterate(block, numbers, weights, length, q, shares.share)
                 else:
                     _solve_closed(block, numbers, q)
                 a = matrix(block, block.collect(q, numbers), good.shape)
@@ -104,10 +104,10 @@ class Lockstep:
                 value = lane_determinant(a) / np.prod(weights[list(block.columns)])
                 determinants.append(value)
                 good &= np.abs(value) > least.poor * size
-            going = np.ones(share.shape, bool)
+            going = np.ones(shares.share.shape, bool)
             for value in determinants:
                 good &= np.sign(value) == np.sign(value[0])
-                going &= sure | steady_steps(value, share)
+                going &= sure | _steady_steps(value, shares)
             off = np.zeros(good.shape)
             for row in self.everything.values(numbers, q, np):
                 np.maximum(off, np.abs(row), out=off)
@@ -241,20 +241,31 @@ def _block_step(block: Rows, given: list[ArrayLike], lanes: tuple[int, ...]) -> 
     return _solve_small(matrix(block, given, lanes), rows)
 
 
-def shares(track: np.ndarray) -> np.ndarray:
-    """Measure each step in terms of the one before, ``(steps - 1, designs)``; of the first one 0."""
+class _Shares(NamedTuple):
+    """Steps in terms of the one before each that went anywhere: values may be given twice, or differ by rounding."""
+
+    share: np.ndarray  # (steps - 1, designs), of the first one 0
+    before: np.ndarray  # which step that was, -1 for none
+
+
+def _measure_shares(track: np.ndarray) -> _Shares:
     ways = np.diff(track, axis=1)
-    ahead, square = np.sum(ways[:, 1:] * ways[:, :-1], axis=0), np.sum(ways[:, :-1] ** 2, axis=0)
-    share = ahead / np.where(square > 0.0, square, 1.0)
-    return np.concatenate([np.zeros_like(share[:1]) if len(share) else np.zeros((0, *track.shape[2:])), share])[
-        : track.shape[1] - 1
-    ]
+    square = np.sum(ways**2, axis=0)
+    # below 1e-10 of the longest step, what changes in one is rounding
+    moves = square > 1e-20 * np.max(square, axis=0, initial=0.0)
+    last = np.maximum.accumulate(np.where(moves, np.arange(len(moves))[:, None], -1), axis=0)
+    before = np.concatenate([np.full_like(last[:1], -1), last])[: len(last)]
+    at = np.maximum(before, 0)
+    ahead = np.sum(ways * np.take_along_axis(ways, at[None], axis=1), axis=0) if len(moves) else square
+    share = np.where(before < 0, 0.0, ahead / np.take_along_axis(np.where(moves, square, 1.0), at, axis=0))
+    return _Shares(share, before)
 
 
-def steady_steps(value: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _steady_steps(value: np.ndarray, shares: _Shares) -> np.ndarray:
     """Say in which steps a determinant goes on as it did, ``(steps - 1, designs)``; see `branch.steady`."""
-    rise = np.concatenate([np.zeros_like(value[:1]), np.diff(value, axis=0)])[: len(value) - 1]
-    return branch.steady([value[1:]], [value[:-1]], [rise], share)
+    change = np.diff(value, axis=0)
+    rise = np.where(shares.before < 0, 0.0, np.take_along_axis(change, np.maximum(shares.before, 0), axis=0))
+    return branch.steady([value[1:]], [value[:-1]], [rise], shares.share)
 
 
 def _solve_closed(block: Rows, numbers: "RowNumbers | HostEquations", q: np.ndarray) -> None:
@@ -346,9 +357,9 @@ def _on_branch(view: HostView, start: np.ndarray, q: np.ndarray, track: np.ndarr
     clear = sizes > branch.CLEAR * sizes.max(axis=1, keepdims=True)
     clear &= np.sign(determinants) == np.sign(determinants[:, :1])
     good &= clear.all(axis=0)
-    share = shares(track)
+    shares = _measure_shares(track)
     for value in determinants:
-        good[1:] &= steady_steps(value, share)
+        good[1:] &= _steady_steps(value, shares)
     good[1:] &= np.all(np.abs(np.diff(track[plan.angles], axis=1)) <= branch.STEP, axis=0)
     good[1:] &= _follows_slopes(view, q, track, slopes.reshape(len(plan.unknown), -1, *shape))
     return good

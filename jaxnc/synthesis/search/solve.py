@@ -435,9 +435,9 @@ def _tighten_margins(
     A search looks at fewer poses of the range than the judge. Between its poses it misses a little of a condition that
     it just meets. What a design misses there is added to the margin that the search keeps from then on.
     """
-    names = [goal.problem.conditions[i].name for i, *_ in goal.margins]
+    looked_at = [id(goal.problem.conditions[i]) for i, *_ in goal.margins]
     left, done = list(best), []
-    for _ in range(3 if names else 0):  # rounds of refining again with margins
+    for _ in range(3 if looked_at else 0):  # rounds of refining again with margins
         short = []
         for basin in left:
             far = shortfalls(problem, basin.one)
@@ -446,7 +446,7 @@ def _tighten_margins(
                 continue
             new = basin.end.row.copy()
             # 1.02 times what was missed, as the gap between two poses changes with the design, and 1e-9 to be met
-            new[goal.margin_places] += [1.02 * far[n] + 1e-9 if n in far else 0.0 for n in names]
+            new[goal.margin_places] += [1.02 * far[key] + 1e-9 if key in far else 0.0 for key in looked_at]
             short.append((basin, new))
         if not short:
             return done

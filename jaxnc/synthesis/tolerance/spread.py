@@ -493,8 +493,8 @@ class Robust:
     """A statistic of one number over the same sampled deviations of every design: call it with a system.
 
     It is pure: ``jax.grad(measure)(system)``, ``jax.jit``, ``jax.vmap`` work. A sample that does not assemble counts as
-    the worst of those that do, and every one adds its part of `penalty`, so that failing never pays; where none
-    assembles the value is infinite.
+    the worst of those that do, and every one adds its part of `penalty`; where none assembles the value is infinite.
+    Failing pays all the same if the worst sample is the one that fails and `penalty` is small: see `failures`.
     """
 
     asked: Question

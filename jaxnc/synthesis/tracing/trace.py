@@ -19,7 +19,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.progress import bar
 from jaxnc.synthesis.clearance import ClearOf, refuse_enclosed
-from jaxnc.synthesis.conditions import Condition, CrankTurns, TransmissionAngle, Within
+from jaxnc.synthesis.conditions import AnyTransmission, Condition, CrankTurns, TransmissionAngle, Within
 from jaxnc.synthesis.evaluate import map_threads
 from jaxnc.synthesis.result import Progress
 from jaxnc.synthesis.search.solve import SavedSearch, interruptible
@@ -403,6 +403,8 @@ class _Terms(NamedTuple):
         for one in conditions:
             if isinstance(one, TransmissionAngle) and one.joint is None:
                 least = float(one.least)
+            elif isinstance(one, AnyTransmission):
+                least = 0.0
             elif isinstance(one, CrankTurns):
                 turning = True
             elif isinstance(one, Within) and one.point == "ground":

@@ -45,8 +45,13 @@ function store(pose, q) {
 }
 function fail(pose) {
   D.status[pose] = "live";
-  for (const p of D.points) if (p.moves) for (const axis of axes) p[axis][pose] = null;
+  D.points.forEach((p, column) => {
+    const [marker, i] = sources[column];
+    if (p.moves) for (const axis of axes) p[axis][pose] = null;
+    else if (!marker) put(column, pose, now.q.subarray(i));  // the ground is that of the present design
+  });
   for (const s of [...D.scalars, ...D.series]) s.values[pose] = null;
+  L.names.forEach((name, i) => { const s = scalarOf(name); if (s && pose < T) s.values[pose] = L.asked[pose][i]; });
 }
 // All poses of the motion again, from the present one: first a few, then those between.
 function* retrace() {
