@@ -149,6 +149,9 @@ def travel(system: System, name: str, hold: Sequence[str] = (), start: Motion | 
     poses: list[np.ndarray] = []
     behind = 0  # how many of them lie behind the drawing
     rates = np.array([t[place] for t in curve.t])
+    values = np.array([q[index] for q in curve.q])
+    if np.ptp(values) <= 1e-9 * (1.0 if system.topology.mark(system.topology.angles)[index] else view.eq.length):
+        raise InputError(f"travel: {name!r} of {system.name!r} stays {values[0]:.6g} along the whole motion")
     signs = np.sign(rates)
     for k in np.flatnonzero(signs == 0.0):  # exactly at a dead point: as the input came there
         before = signs[:k] if not curve.closed else np.roll(signs[:-1], -k)
@@ -245,7 +248,9 @@ def circuit(
         nodes = _whole_curve(view, q)
     else:
         first, last = map(float, ends[name])
-        begin = solve_position(system, {name: first}, start=start, hold=hold, throw=True, unit="rad")
+        begin = solve_position(system, {name: first}, start=start, hold=hold, throw=False, unit="rad")
+        if int(begin.status) not in (Status.CONVERGED, Status.SINGULAR):  # it may begin at a dead point
+            solve_position(system, {name: first}, start=start, hold=hold, throw=True, unit="rad")
         view, q = _prepare(system, (name,), hold, begin)
         index = system.topology.position[name]
         t = first_tangent(view, q)

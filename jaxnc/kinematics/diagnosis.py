@@ -1,5 +1,6 @@
 """Diagnosis: why a mechanism does not assemble, and the single dimension whose smallest change closes it."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -8,7 +9,16 @@ import numpy as np
 from jaxnc import constraints as kinds
 from jaxnc.calls import public
 from jaxnc.errors import InputError
-from jaxnc.kinematics.inputs import check_inputs, check_parameters, check_system, dense_only, outside, row_gaps
+from jaxnc.kinematics.host_solve import end_of_way, never_moves
+from jaxnc.kinematics.inputs import (
+    NEVER_MOVES,
+    check_inputs,
+    check_parameters,
+    check_system,
+    dense_only,
+    outside,
+    row_gaps,
+)
 from jaxnc.kinematics.motion import coordinates_of
 from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.kinematics.position import solve_position
@@ -18,6 +28,7 @@ from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.view import least_squares
 from jaxnc.status import Status
 from jaxnc.system.host import Expansion, HostEquations, Slot, from_jax
+from jaxnc.system.identity import Thing
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -78,6 +89,7 @@ class Diagnosis(Reported):
         reachable: whether it was reached along the branch of the drawing.
         reached: inputs as far as the drawing's branch could be followed; empty where the drawing does not assemble.
         singular: whether the drawing is a singular position of the inputs, so that it has no branch to follow.
+        never_moves: whether poses nearby are, too: one of the inputs may never change.
         gap: the largest gap of the closest pose, a length.
         violations: constraints that it does not meet, largest first.
         remedies: single changes of a dimension that just close the mechanism, smallest first.
@@ -94,12 +106,15 @@ class Diagnosis(Reported):
     remedies: tuple[Remedy, ...]
     system: System | None = field(default=None, repr=False, compare=False)
     singular: bool = False
+    never_moves: bool = False
 
     def __str__(self) -> str:
         at = ", ".join(f"{k} = {v:.6g}" for k, v in self.inputs.items()) or "its drawing"
         got = ", ".join(f"{k} = {v:.6g}" for k, v in self.reached.items())
         if self.assembles and self.reachable:
             return f"{self.name} assembles at {at}"
+        if self.never_moves:
+            return f"{self.name}: {NEVER_MOVES.format(', '.join(self.inputs))}"
         if self.assembles and self.singular:
             return f"{self.name} assembles at {at}, but {_SINGULAR}"
         if self.assembles:
@@ -157,26 +172,31 @@ def diagnose(
     asked = dict(zip(inputs or (), np.asarray(values).tolist(), strict=True))
     eq = derive(system)
     inner = from_jax(eq)
-    view, reached, reachable, singular = HostView(plan, inner), {}, True, False
+    view, reached, reachable, singular, never = HostView(plan, inner), {}, True, False, False
     drawn, size, _ = settle(eq, np.zeros(len(top.coordinates)))
     assembles = meets(eq, drawn, float(size))
     if inputs is None:
         q, rows, columns = np.asarray(drawn), np.arange(len(plan.rows)), np.arange(len(plan.unknown))
+        known = q[plan.known]
     else:
         pose = solve_position(system, asked, hold=hold, throw=False, unit="rad")
         q, drawn_assembles = np.array(pose.q), assembles
         assembles = reachable = int(pose.status) in (int(Status.CONVERGED), int(Status.SINGULAR))
         singular = int(pose.status) == Status.SINGULAR_START
         if singular:
+            never = never_moves(system, plan, eq)
             assembles, q = _assembles_beside(system, asked, hold, q)
         if assembles or drawn_assembles:
-            reached = {n: float(q[top.position[n]]) for n in asked}
+            end = q
+            if not reachable and not singular:
+                end = end_of_way(plan, inner, np.asarray(drawn), np.asarray(values, float))
+            reached = {n: float(end[top.position[n]]) for n in asked}
         if not assembles:
             known = np.concatenate([np.asarray(values), q[plan.known[len(asked) :]]])
             q, rows, columns = _as_far_as_possible(view, q, known)
             assembles = meets(eq, q, float(np.max(np.abs(inner.residual(q[:, None])), initial=0.0)))
     if assembles:
-        return Diagnosis(top.name, asked, True, reachable, reached, 0.0, (), (), system, singular)
+        return Diagnosis(top.name, asked, True, reachable, reached, 0.0, (), (), system, singular, never)
     r = np.zeros(len(top.rows))
     r[view.plan.rows[rows]] = view.residual(q[:, None])[rows, 0]
     order = [int(i) for i in np.argsort(-np.abs(r)) if abs(r[i]) > 1e-6 * np.abs(r).max()]
@@ -191,9 +211,10 @@ def diagnose(
         reached,
         max((v.gap for v in violations), default=0.0),
         violations,
-        remedies(top, view, q, rows, columns),
+        remedies(top, view, q, rows, columns, known),
         system,
         singular,
+        never,
     )
 
 
@@ -277,8 +298,13 @@ def _least_squares(
 # -- remedies ---------------------------------------------------------------------------------------------------------
 
 
-def remedies(top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[Remedy, ...]:
-    """Single changes of a length or of a ground coordinate that just close a mechanism, the smallest first."""
+def remedies(
+    top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray, known: np.ndarray
+) -> tuple[Remedy, ...]:
+    """Single changes of a length or of a ground coordinate that just close a mechanism, the smallest first.
+
+    What closes the `rows` that fail need not close those behind them, of other loops; `known` are the inputs.
+    """
     candidates = _candidates(top, view.eq)
     if not candidates:
         return ()
@@ -294,10 +320,29 @@ def remedies(top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, col
     found, length = [], view.eq.length
     for (name, value, slot), change, rest in zip(candidates, changes, left, strict=True):
         sensible = np.isfinite(change) and abs(change) < 20 * length
-        if rest <= 1e-9 * length and sensible and (isinstance(slot, int) or value + change > 0):
+        if not (rest <= 1e-9 * length and sensible and (isinstance(slot, int) or value + change > 0)):
+            continue
+        if len(rows) == len(view.plan.rows) or _closes(view, slot, float(change), q, known):
             found.append(Remedy(name, value, float(change)))
     # Equal ones, as of two points of the ground, stay in their order whatever rounding says.
     return tuple(sorted(found, key=lambda r: float(f"{abs(r.change):.9g}")))
+
+
+def _closes(view: HostView, slot: Slot, change: float, q: np.ndarray, known: np.ndarray) -> bool:
+    """Say whether all loops close with a dimension that is changed by a little more."""
+    eq, change = view.eq, 1.001 * change
+    if isinstance(slot, int):
+        home = eq.home.copy()
+        home[slot] += change
+        changed = dataclasses.replace(eq, home=home)
+    else:
+        block, instance, k = slot
+        constants = [c.copy() for c in eq.constants]
+        constants[block][instance, k] += change
+        changed = dataclasses.replace(eq, constants=tuple(constants))
+    again = HostView(view.plan, changed)
+    pose = _as_far_as_possible(again, q, known)[0]
+    return float(np.max(np.abs(again.residual(pose[:, None])), initial=0.0)) <= 1e-6 * float(eq.length)
 
 
 def _candidates(top: Topology, eq: HostEquations) -> list[tuple[str, float, Slot]]:
@@ -311,7 +356,10 @@ def _candidates(top: Topology, eq: HostEquations) -> list[tuple[str, float, Slot
                 ends = block.points[i] if block.kind is kinds.cable(len(block.points[i])) else block.points[i][:2]
                 where = "-".join(top.points[p] for p in dict.fromkeys(ends))
                 value = float(eq.constants[b][i, k])
-                out.append((f"{constant} {where} of {top.called(*owners)}", value, (b, i, k)))
+                # Other points of such a body are carried along, in proportion.
+                wide = any(o.thing is Thing.BODY and len(top.bodies[o.number].points) > len({*ends}) for o in owners)
+                scaled = " (all of it in proportion)" if wide and len({*ends}) == 2 else ""
+                out.append((f"{constant} {where} of {top.called(*owners)}{scaled}", value, (b, i, k)))
     for index, name in enumerate(top.coordinates[: len(top.points) * top.dim]):
         if top.fixed[index]:
             out.append((f"{name} of the ground", float(eq.home[index]), index))

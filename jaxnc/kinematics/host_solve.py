@@ -13,7 +13,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.solvers import host
-from jaxnc.solvers.assembly import to_host
+from jaxnc.solvers.assembly import sample_poses, to_host
 from jaxnc.solvers.host.view import largest_of_lanes
 from jaxnc.solvers.plan import Plan, by_lu, unwind
 from jaxnc.solvers.pose_batch import PoseBatch
@@ -21,6 +21,7 @@ from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import farthest
+from jaxnc.system.system import System
 from jaxnc.types import Numbers
 
 _asked: weakref.WeakKeyDictionary[Plan, float] = weakref.WeakKeyDictionary()  # what batches were worth so far
@@ -205,6 +206,18 @@ def solve_lanes(view: Plan, eq: HostEquations, start: np.ndarray, values: np.nda
     return PoseBatch(np.ascontiguousarray(found.q.T), found.size, found.conditioning, status=status)
 
 
+def end_of_way(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Find the last pose ``(N,)`` on the straight way from a start pose to inputs ``(k,)`` that are not reached.
+
+    Steps are parts of a way: of one that leads far beyond its end, a shorter one that does so too tells it better.
+    """
+    base = start[view.known[: len(values)]]
+    parts = 10.0 ** -np.arange(14.0)
+    ways = base + (values - base) * parts[:, None]
+    found = solve_lanes(view, eq, start[None], ways, np.zeros(len(ways), int))
+    return found.q[np.flatnonzero(found.status != int(Status.CONVERGED))[-1:].sum()]
+
+
 def solve_nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> PoseBatch:
     """Poses ``(T, N)``, each the nearest to a guess: Newton, and where that leads far, Levenberg-Marquardt.
 
@@ -273,6 +286,12 @@ def judge_start(view: Plan, eq: Equations, start: Numbers) -> int:
     if any(block.kind.mirror for block in view.topology.blocks) and inner.eq.guards(begin)[1][0]:
         status = int(Status.MIRRORED)
     return int(Status.LEFT_CLASS) if inner.eq.misfit > inner.least.misfit else status
+
+
+def never_moves(system: System, view: Plan, eq: Equations) -> bool:
+    """Say whether inputs determine a motion in no pose near the drawing: a coordinate among them may never change."""
+    samples = sample_poses(system, 4)[1:]  # to either side, twice
+    return bool(samples) and all(judge_start(view, eq, s.q) == Status.SINGULAR_START for s in samples)
 
 
 def repair_lanes(

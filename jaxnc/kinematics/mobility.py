@@ -11,8 +11,8 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError, list_first
 from jaxnc.kinematics.freedoms import Freedoms, explain_lock, loose_motions
-from jaxnc.kinematics.host_solve import judge_start
-from jaxnc.kinematics.inputs import check_system, dense_only, row_gaps
+from jaxnc.kinematics.host_solve import judge_start, never_moves
+from jaxnc.kinematics.inputs import NEVER_MOVES, check_system, dense_only, row_gaps
 from jaxnc.kinematics.instant import body_of
 from jaxnc.notebooks import Reported
 from jaxnc.solvers.assembly import (
@@ -75,6 +75,7 @@ class Mobility(Reported):
             empty where they are all solved together.
         solves: which way poses take for these inputs, and why, in words.
         dead_point: whether the drawing is a singular position of the inputs `driven`, from which no branch is followed.
+        never_moves: whether poses nearby are, too: one of the inputs may never change.
         system: the system, for its drawing.
     """
 
@@ -100,6 +101,7 @@ class Mobility(Reported):
     blocks: tuple[int, ...] = ()
     solves: str = ""
     dead_point: bool = False
+    never_moves: bool = False
     system: System | None = field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
@@ -130,7 +132,9 @@ class Mobility(Reported):
             lines.append(f"  does not assemble, gap {self.gap:.3g}; in conflict: {'; '.join(self.conflicting)}")
         if self.solves:
             lines.append(f"  driven by {', '.join(self.driven)}: {self.solves}")
-        if self.dead_point and not self.momentary:
+        if self.never_moves:
+            lines.append(f"  {NEVER_MOVES.format(', '.join(self.driven))}")
+        elif self.dead_point and not self.momentary:
             lines.append("  the drawn pose is a dead point of these inputs: draw it beside that to move it by them")
         return "\n".join(lines)
 
@@ -167,10 +171,11 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
     left = np.abs(np.asarray(evaluate(eq, samples[0].q)[0]))
     gap = float(left.max(initial=0.0))
     assembles = meets(eq, samples[0].q, gap)
-    dead_point = False
+    dead_point = stuck = False
     if assembles and solves:
         view_of_inputs = plan(top, inputs, (), system.degrees_of_freedom)
         dead_point = judge_start(view_of_inputs, eq, samples[0].q) == Status.SINGULAR_START
+        stuck = dead_point and never_moves(system, view_of_inputs, eq)
     conflicting = () if assembles else tuple(top.rows[i] for i in np.argsort(-left) if left[i] > 1e-3 * gap)
     if not assembles and not top.large:
         gap = float(row_gaps(to_host(eq), np.asarray(samples[0].q), np.argsort(-left)[:1])[0])
@@ -212,6 +217,7 @@ def mobility(system: System, driven: str | Sequence[str] | None = None) -> Mobil
         blocks=blocks,
         solves=solves,
         dead_point=dead_point,
+        never_moves=stuck,
         system=system,
     )
 

@@ -17,6 +17,7 @@ from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.internals import evaluate_at_once, outermost, values_behind
 from jaxnc.kinematics import host_solve
 from jaxnc.kinematics.inputs import (
+    NEVER_MOVES,
     REDUNDANCY,
     check_inputs,
     check_parameters,
@@ -458,11 +459,12 @@ def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> No
         worst = worst_rows(motion.system, eq, np.asarray(motion.q))
         text += f" At the pose nearest to the start {worst}. Name more points of the wanted assembly in start=."
     elif int(status) == Status.DID_NOT_ASSEMBLE:
-        # The pose returned is the last one on the branch: its inputs say how far the mechanism could be moved.
-        got = ", ".join(
-            f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(motion.driven, view.known, strict=False)
-        )
         q = np.asarray(motion.q)
+        if not view.large:
+            asked = np.array([float(np.asarray(motion.inputs[name])) for name in motion.driven])
+            q = host_solve.end_of_way(view, to_host(eq), np.asarray(settle(eq, np.zeros(len(q))).q), asked)
+        # The last pose on the branch: its inputs say how far the mechanism could be moved.
+        got = ", ".join(f"{name} = {float(q[i]):.6g}" for name, i in zip(motion.driven, view.known, strict=False))
         gap = float(np.abs(evaluate(eq, jnp.asarray(q))[0]).max(initial=0.0))
         assembled = gap <= limits(eq.length).close * float(eq.length)
         if assembled:
@@ -471,6 +473,8 @@ def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> No
             worst = worst_rows(motion.system, eq, q)
             text += f" Even the drawing does not assemble: {worst}."
     if int(status) == Status.SINGULAR_START:
+        if not start and host_solve.never_moves(motion.system, view, eq):
+            text = f"{motion.system.name!r}: {NEVER_MOVES.format(', '.join(motion.driven))}"
         raise AssemblyError(text)
     raise AssemblyError(
         text + " jaxnc.diagnose(system, inputs) names the constraints in the way and what would mend it."

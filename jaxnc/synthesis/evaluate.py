@@ -131,11 +131,22 @@ def solve_curves(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Solve poses over the whole range of the input, ``(designs, count, N)``; which were reached; the first inputs.
 
-    Designs are ``(designs, variables)``; for the way see `solve_poses`.
+    Designs are ``(designs, variables)``; for the way see `solve_poses`. Where a way forwards ends at a dead point, what
+    is behind it is looked for backwards.
     """
     with np.errstate(all="ignore"):
-        found = _designs(problem, _with_own(problem, z), False, way).curve(count)
-        return found.q, found.status == int(Status.CONVERGED), found.values[:, 0]
+        x = _with_own(problem, z)
+        found = _designs(problem, x, False, way).curve(count)
+        q, good = found.q, found.status == int(Status.CONVERGED)
+        open_ = np.flatnonzero(~good.all(axis=1))
+        if len(open_) and _go_together(problem):
+            again = _Designs(problem, x[open_], False, way)
+            turn = 2 * np.pi if problem.whole else 0.0
+            back = again.along(found.values[open_, ::-1] - turn)
+            more = (back.status == int(Status.CONVERGED))[:, ::-1] & ~good[open_]
+            q[open_] = np.where(more[:, :, None], back.q[:, ::-1], q[open_])
+            good[open_] |= more
+        return q, good, found.values[:, 0]
 
 
 def assemble_drawings(problem: Problem, z: np.ndarray) -> np.ndarray | None:

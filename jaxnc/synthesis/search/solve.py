@@ -418,7 +418,7 @@ def _end_seated(problem: Problem, goal: Goal, found: list[np.ndarray], end: Call
     """Bring designs to their ends, again where a target without order has come nearer to another part of the curve."""
     basins: list[Basin] = []
     rows = reseat_targets(problem, _begin_levelling(problem, goal, found))
-    for _ in range(4):  # designs are brought to their ends 4 times, at most
+    for _ in range(8):  # designs are brought to their ends 8 times, at most
         basins = end(problem, goal, rows)
         old = [basin.end.row for basin in basins]
         rows = reseat_targets(problem, old)
