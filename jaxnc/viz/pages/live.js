@@ -101,7 +101,7 @@ function work(end) {
   owner.dataset.busy = job ? 1 : 0;
 }
 function redraw() {
-  designed = true;
+  designed = true; easy = null;
   for (const s of D.series) if (!s.made) s.values.fill(null);
   const idle = !job;
   job = retrace();
@@ -116,6 +116,7 @@ function present() {
 }
 function remember() { past.push(copy(now)); if (past.length > 60) past.shift(); undo.disabled = false; }
 function back(state) {
+  easy = null;
   Object.assign(now, copy(state));
   if (past.length) redraw();
   else {
@@ -135,10 +136,19 @@ function restore(kept, old) {
 // The places of all points in all poses.
 const everywhere = () => D.points.flatMap(p => p.x.flatMap((x, pose) => D.status[pose] || x == null ? [] : [axes.map(axis => p[axis][pose])]));
 // Lead the inputs to a target; where that is not reached, stay at the last pose and say so.
-const led = target => S.follow(now.q, now.c, target);
+// From a dead point itself no way begins: then from the last pose that was at ease.
+let easy = null;
+const ease = S.swift(now.q, now.c), led = target => {
+  let good = S.follow(now.q, now.c, target);
+  const q = !good && easy?.slice();
+  if (q && (good = S.follow(q, now.c, target))) now.q.set(q);
+  if (good && S.swift(now.q, now.c) < 100 * ease) easy = now.q.slice();
+  return good;
+};
 function tell(good) {
   present();
-  say(good ? "" : "Dead point: " + L.names.map((name, i) => `${symbolOf(name)} stops at ${textOf(scalarOf(name) || { unit: D.unit }, now.q[L.driven[i]])}`).join(", ") + ".");
+  const is = L.names.length > 1 ? "=" : "stops at";  // of several inputs it need not be all that stop
+  say(good ? "" : "Dead point: " + L.names.map((name, i) => `${symbolOf(name)} ${is} ${textOf(scalarOf(name) || { unit: D.unit }, now.q[L.driven[i]])}`).join(", ") + ".");
 }
 // -- what is handled ----------------------------------------------------------------------------------------------
 const scalarOf = name => D.scalars.find(s => s.name === name), symbolOf = name => scalarOf(name)?.symbol || name;

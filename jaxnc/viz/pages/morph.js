@@ -28,10 +28,12 @@ const toward = (q, c, place, wanted, share) => {
     each((u, j) => { p[u] += h * found.T[j * driven + i] / L.weights[j]; });
     return place(p).map((x, axis) => (x - at[axis]) / h);
   });
-  // Least squares, a little damped: as many inputs as there are, two axes.
-  const [g, h2] = wanted.map((x, axis) => x - at[axis]), sum = f => slopes.reduce((all, s) => all + f(s), 0);
-  const least = 1e-9 * sum(s => s[0] * s[0] + s[1] * s[1]), a = sum(s => s[0] * s[0]) + least, d = sum(s => s[1] * s[1]) + least, o = sum(s => s[0] * s[1]);
-  const det = a * d - o * o, x = slopes.map(s => (s[0] * (d * g - o * h2) + s[1] * (a * h2 - o * g)) / det);
+  // Least squares, a little damped: as many inputs as there are, two axes. Each counts by how far it moves the place,
+  // so that one beside its dead point, where that is without end, leaves the others their part.
+  const spans = slopes.map(s => hypot(...s) || 1), ways = slopes.map((s, i) => s.map(v => v / spans[i]));
+  const [g, h2] = wanted.map((x, axis) => x - at[axis]), sum = f => ways.reduce((all, s) => all + f(s), 0);
+  const a = sum(s => s[0] * s[0]) + 1e-9, d = sum(s => s[1] * s[1]) + 1e-9, o = sum(s => s[0] * s[1]), det = a * d - o * o;
+  const x = ways.map((s, i) => (s[0] * (d * g - o * h2) + s[1] * (a * h2 - o * g)) / det / spans[i]);
   const most = max(...x.map((y, k) => abs(y) / (L.angles[k] ? 0.5 : 0.3 * L.length)), 1);
   return x.map((y, i) => q[L.driven[i]] + share * y / most);
 };

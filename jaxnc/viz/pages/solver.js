@@ -85,10 +85,13 @@ const solver = (F, L) => {
         else if (n === m && there.sign !== here.sign && !short) there = null;
       }
       if (there) { q.set(p); here = there; done = to; part *= 2; } else part /= 2;
-      if (!there && part < {{SHORTEST}}) return false;
+      // Beside a dead point the first steps away from it are shorter still.
+      if (!there && part < {{SHORTEST}} * (done ? 1 : 1e-4)) return false;
     }
     return true;
   };
+  // How far the fastest coordinate goes for the inputs: without end at a dead point.
+  const swift = (q, c) => { residual(q, c); const found = look(q, c, true, R); return found ? max(...found.T.map(abs)) : Infinity; };
   // Velocities and accelerations of all coordinates from those of the inputs.
   const rates = (q, c, speeds) => {
     residual(q, c);
@@ -102,5 +105,5 @@ const solver = (F, L) => {
   };
 {{HOLDING}}
 {{MORPHING}}
-  return { follow, rates, correct, residual, ...changing, ...holding };
+  return { follow, swift, rates, correct, residual, ...changing, ...holding };
 };
