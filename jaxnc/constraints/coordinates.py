@@ -174,6 +174,9 @@ _ANGLE_ABOUT_SOURCES = {
 ANGLE_ABOUT_FORMS = tuple(_ANGLE_ABOUT_SOURCES)
 
 
+_ABOUT, _DRAWN = "angle about an axis ", "angle from the drawing "
+
+
 @factory
 def angle_about(form: str, forms: str) -> Kind:
     """The signed angle about an axis from one direction to another (forms of axis, start, to), (143)-(146)."""
@@ -201,7 +204,7 @@ def angle_about(form: str, forms: str) -> Kind:
     labels = {"sines": ("sine x", "sine y", "sine z"), "redundant": ("cosine", "sine x", "sine y", "sine z")}
     rows = labels.get(form, (form if form.startswith("sine ") else "angle",))
     return Kind(
-        f"angle about an axis {forms}" + ("" if form == "exact" else f", {form}"),
+        f"{_ABOUT}{forms}" + ("" if form == "exact" else f", {form}"),
         residual,
         rows=rows,
         powers=(power(forms[1:]),) * len(rows),
@@ -214,6 +217,12 @@ def angle_about(form: str, forms: str) -> Kind:
     )
 
 
+def axis_items(kind: Kind) -> tuple[int, ...]:
+    """List which of an instance's points and then vectors are the axis of an angle in space; none of other kinds."""
+    forms = kind.name.removeprefix(_ABOUT).removeprefix(_DRAWN)
+    return () if forms == kind.name else (0, 1) if forms.startswith("p") else (kind.points,)
+
+
 @factory
 def angle_from_drawing(forms: str) -> Kind:
     """The signed angle about an axis of the ground by which a direction has turned since it was drawn."""
@@ -224,7 +233,7 @@ def angle_from_drawing(forms: str) -> Kind:
         return about(unit_of(axis, forms[0]), c, b)
 
     return Kind(
-        f"angle from the drawing {forms}",
+        f"{_DRAWN}{forms}",
         lambda p, v, s, c: _ANGLE_FORMS["exact"](*parts(p, v, c), None, s[0]),
         rows=("angle",),
         powers=(2 * power(forms[1]),),
@@ -239,7 +248,7 @@ def angle_from_drawing(forms: str) -> Kind:
 
 def from_drawing(kind: Kind) -> bool:
     """Tell whether a kind is an `angle_from_drawing`, whose constants are the direction of its zero."""
-    return kind.name.startswith("angle from the drawing ")
+    return kind.name.startswith(_DRAWN)
 
 
 _DISTANCE_SOURCES = {

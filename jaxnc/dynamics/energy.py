@@ -334,7 +334,7 @@ def _powers(dyn: Dynamics, at: tuple[int, ...], t: Array, q: Array, v: Array, a:
             target = coefficients(top, dyn.rates, q) @ v - slips(top, dyn.rates, q, v)
             driving = driving - lam[len(top.rows) :] @ target
         if has_friction(dyn):
-            rubbing = friction_forces(dyn, q, v, a, lam, None, t) @ v
+            rubbing = friction_forces(dyn, q, v, a, lam, t) @ v
         return jnp.stack([driving, *(_power(dyn, t, q, v, part) for part in ("force", "dissipation")), rubbing])
 
     return jax.vmap(one)(t, q, v, a, lam).T

@@ -159,7 +159,7 @@ def _all_parts(
 ) -> Parts:
     def one(t, q, v, a, lam):
         found = pose_parts(system, dyn, t, q, v, a, lam, masses)
-        return found._replace(friction=tuple(frictions(dyn, q, v, a, lam, None, t)))
+        return found._replace(friction=tuple(frictions(dyn, q, v, a, lam, t)))
 
     return jax.vmap(one)(t, q, v, a, lam)
 
@@ -464,7 +464,7 @@ def open_forces(
     if top.rates:
         out = out + lam[len(top.rows) :] @ coefficients(top, dyn.rates, q)
     if rubbing is None and has_friction(dyn):
-        rubbing = friction_forces(dyn, q, v, a, lam, None, t)
+        rubbing = friction_forces(dyn, q, v, a, lam, t)
     return out if rubbing is None else out - rubbing
 
 

@@ -31,6 +31,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.constraints.coordinates import axis_items
 from jaxnc.dynamics.model import Dynamics, force_values, forces, inertia_coordinates, inertia_nodes, inertias
 from jaxnc.forces import COUPLE
 from jaxnc.records import with_owner
@@ -168,8 +169,8 @@ def joint_sides(top: Topology) -> tuple[tuple[int, ...], ...]:
     """Return the bodies that each joint holds together, one for each of its sides; NOBODY where that is open."""
     out = []
     for joint in top.joints:
-        found = []
-        for side in joint.sides:
+        found, open_ = [], {}
+        for k, side in enumerate(joint.sides):
             both = [set(item_holders(top).get(i, ())) for i in side]
             common = set.intersection(*both) if both else set()
             riders = [b for b, line in riding_bodies(top).items() if b in common and set(line) <= set(joint.points)]
@@ -178,7 +179,13 @@ def joint_sides(top: Topology) -> tuple[tuple[int, ...], ...]:
             elif len(riders) == 1:
                 found.append(riders[0])
             else:
+                open_[k] = common
                 found.append(common.pop() if len(common) == 1 else NOBODY)
+        # An axis may be a neighbour's too: of those that hold it the one counts that meets the other side in a point.
+        for k in (k for k, common in open_.items() if found[k] == NOBODY and len(found) == 2 and found[1 - k] >= 0):
+            other = set(top.bodies[found[1 - k]].points)
+            meeting = [b for b in open_[k] if b >= 0 and other & set(top.bodies[b].points)]
+            found[k] = meeting[0] if len(meeting) == 1 else NOBODY
         out.append(tuple(found))
     return tuple(out)
 
@@ -505,8 +512,21 @@ class Ledger:
 
     def instance(self, key: Key, b: int, i: int, force: Numbers, there: bool = True) -> None:
         """Put forces ``(P, variables)`` on the points and vectors of an instance of a constraint."""
-        for (item, f), body in zip(self.split(self.top.blocks[b], i, force), slot_owners(self.top)[b][i], strict=True):
-            self.put(int(body), key, item, f, there)
+        items, couples = self.split(self.top.blocks[b], i, force), {}
+        for (item, f), body in zip(items, map(int, slot_owners(self.top)[b][i]), strict=True):
+            self.put(body, key, item, f, there)
+            couples[body] = couples.get(body, 0.0) + cross(self.arm(item), f)
+        axis = [items[k][0] for k in axis_items(self.top.blocks[b].kind)]
+        if not axis:
+            return
+        # What turns about an axis gives no couple across it: that is the hinge's, where a direction is not across.
+        way = _axis(self, axis)
+        for body, couple in couples.items():
+            if self.keeps(body) and set(axis) <= set(body_items(self.top, body)):
+                wide = couple - way * (couple * way).sum(-1)[..., None]
+                for item, push in zip(axis[::-1], (cross(way, wide), -cross(way, wide)), strict=False):
+                    size = magnitude(self.points[..., axis[1], :] - self.points[..., axis[0], :]) if axis[1:] else 1.0
+                    self.put(body, key, item, push / (size[..., None] if axis[1:] else 1.0), there)
 
     def split(self, block: Block | ForceBlock, i: int, force: Numbers) -> list[tuple[int, AnyArray]]:
         """Part forces on the variables of an instance ``(..., variables)`` by the items that they act on."""
@@ -898,14 +918,21 @@ class _Instant(NamedTuple):
     v: Array
     a: Array
     lam: Array  # multipliers of all rows
-    before: Array  # the friction that `a` and `lam` were found with, (N,)
 
 
-def friction_forces(
-    dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, before: Array | None = None, t: Array | float = 0.0
-) -> Array:
+class _Rubbing(NamedTuple):
+    """A friction in a state of a motion."""
+
+    one: Array  # what each unit of the force that presses puts on its two bodies, (N,)
+    other: Array
+    bodies: tuple[int, int]
+    # the force that presses, by what other frictions put on a body, (N,), or, of None, on all
+    normal: Callable[[Callable[[int | None], Array]], Array]
+
+
+def friction_forces(dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, t: Array | float = 0.0) -> Array:
     """Sum the generalised forces of friction ``(N,)``."""
-    return sum((f for pair in frictions(dyn, q, v, a, lam, before, t) for f in pair), jnp.zeros_like(q))
+    return sum((f for pair in frictions(dyn, q, v, a, lam, t) for f in pair), jnp.zeros_like(q))
 
 
 def balance_friction(
@@ -924,13 +951,20 @@ def balance_friction(
         The forces, what else was wanted, and whether the joints slide rather than lock.
     """
     still, rows = jnp.zeros_like(q), jnp.zeros(len(dyn.topology.rows) + len(dyn.topology.rate_rows))
-    ways = jnp.stack([one + other for _, one, other in _press(dyn, q, v, still, rows, still, t)])
-    count = len(ways)
+    ways = jnp.stack([rub.one + rub.other for rub in _list_rubbing(dyn, q, v, still, rows, t)])
 
     def press(normals: Array) -> tuple[Array, tuple[Array, PyTree]]:
         total = normals @ ways
         a, lam, more = respond(total)
-        return jnp.stack([normal for normal, *_ in _press(dyn, q, v, a, lam, total, t)]), (total, more)
+        return _press(_list_rubbing(dyn, q, v, a, lam, t), normals), (total, more)
+
+    _, (total, more), slides = _solve_normals(press, jnp.zeros(len(ways)))
+    return total, more, slides
+
+
+def _solve_normals(press: Callable[[Array], tuple[Array, PyTree]], begin: Array) -> tuple[Array, PyTree, Array]:
+    """Find forces that press as their own friction makes them, what goes with them, and whether there are any."""
+    count = len(begin)
 
     def closer(state: tuple[Array, Any], _: None) -> tuple[tuple[Array, Any], Array]:
         normals, _ = state
@@ -939,28 +973,45 @@ def balance_friction(
         off = (jnp.max(jnp.abs(found - normals)) > 1e-4 * jnp.max(jnp.abs(found))) | jnp.any(found < 0.0)
         return (normals + solver(jnp.eye(count) - slope)(found - normals), more), off
 
-    shapes = jax.eval_shape(press, jnp.zeros(count))[1]
-    first = jnp.zeros(count), jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    shapes = jax.eval_shape(press, begin)[1]
+    first = begin, jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     # Of seven steps the first one begins without friction, and the last one has nothing left to gain.
-    (_, (total, more)), off = jax.lax.scan(closer, first, None, length=7)
-    return total, more, ~off[-1]
+    (normals, more), off = jax.lax.scan(closer, first, None, length=7)
+    return normals, more, ~off[-1]
 
 
-def frictions(
-    dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, before: Array | None, t: Array | float
-) -> list[tuple[Array, Array]]:
+def frictions(dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, t: Array | float) -> list[tuple[Array, Array]]:
     """Evaluate each friction's forces on the two bodies of `jaxnc.dynamics.wrenches.friction_bodies`, ``(N,)`` each."""
-    return [(n * one, n * other) for n, one, other in _press(dyn, q, v, a, lam, before, t)]
+    every = _list_rubbing(dyn, q, v, a, lam, t)
+    if not every:
+        return []
+    normals = _press(every, jnp.zeros(len(every)))
+    if len(every) > 1:
+        normals = _solve_normals(lambda given: (_press(every, given), ()), normals)[0]
+    return [(n * rub.one, n * rub.other) for n, rub in zip(normals, every, strict=True)]
 
 
-def _press(
-    dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, before: Array | None, t: Array | float
-) -> list[tuple[Array, Array, Array]]:
-    """Find the force that presses in each friction, and what each unit of it puts on the two bodies."""
-    top, found = dyn.topology, []
-    before = jnp.zeros_like(q) if before is None else before
-    now = _Instant(dyn, jnp.asarray(t, float), q, v, a, lam, before)
-    for index, numbers in zip(top.loads.friction, dyn.friction, strict=True):
+def _press(every: Sequence[_Rubbing], normals: Array) -> Array:
+    """Find the force that presses in each friction, beside the others' at such forces, ``(frictions,)``."""
+
+    def beside(k: int) -> Callable[[int | None], Array]:
+        def total(body: int | None) -> Array:
+            out = jnp.zeros_like(every[k].one)
+            for n, rub in ((n, rub) for j, (n, rub) in enumerate(zip(normals, every, strict=True)) if j != k):
+                for own, part in zip(rub.bodies, (rub.one, rub.other), strict=True):
+                    if body is None or own == body:
+                        out = out + n * part
+            return out
+
+        return total
+
+    return jnp.stack([rub.normal(beside(k)) for k, rub in enumerate(every)])
+
+
+def _list_rubbing(dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, t: Array | float) -> list[_Rubbing]:
+    """List all frictions in a state."""
+    now, found = _Instant(dyn, jnp.asarray(t, float), q, v, a, lam), []
+    for index, numbers in zip(dyn.topology.loads.friction, dyn.friction, strict=True):
         rub = _rub_hinge if index.bodies is not None else _rub_guide if index.point >= 0 else _rub_slider
         found.append(rub(now, index, numbers))
     return found
@@ -984,34 +1035,40 @@ def _oppose(rate: Array, speed: Array) -> Array:
     return -jnp.where(size > 0, jnp.tanh(size / speed) / jnp.where(size > 0, size, 1.0), 1.0 / speed) * rate
 
 
-def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array, Array]:
+def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> _Rubbing:
     """Put a couple on both bodies of a pin, hinge or ball, against the relative rotation."""
     top = now.dyn.topology
     coefficient, speed, radius = numbers
     assert index.bodies is not None
     turns = [_spin_and_couple(top, body, now.q, now.v) for body in index.bodies]
     against = coefficient * radius * _oppose((turns[0][0] - turns[1][0]) * radius, speed)
-    each: list[tuple[Array, Array]] = []
     held = sum(index.point in body.points for body in top.bodies)
-    for k, body in enumerate(index.bodies):
-        # Of a pin that more bodies share, the force into the first is meant.
-        if body == GROUND or (each and held > 2):
-            continue
-        # What the couple itself puts on the body where the joint holds it is taken out again, and as that is
-        # proportional to the force n that is wanted, both follow from one equation, n = |pull - n own|.
+    # Of a pin that more bodies share, the force into the first is meant.
+    seen = [(k, body) for k, body in enumerate(index.bodies) if body != GROUND][: 1 if held > 2 else 2]
+    sides: list[tuple[int, Array, np.ndarray, Array]] = []
+    for k, body in seen:
         pull, at = _through(now, body, index.point)
         own = jnp.sum(spread(top, turns[k][1](against if k == 0 else -against))[0][at], axis=0)
-        size, square = magnitude(pull), jnp.sum(own * own)
-        along = jnp.sum(pull * own) / jnp.where(size > 0, size, 1.0)
-        inner = along**2 + 1.0 - square
-        root = along + jnp.sqrt(jnp.where(inner > 0, inner, 1.0))
-        # Below zero where there is none: the couple is larger than what the body can bear.
-        normal = jnp.where((inner > 0) & (root > 0), size / jnp.where(root > 0, root, 1.0), -size)
-        each.append((square, normal))
-    (square, normal), *other = each
-    for less, found in other:  # of two bodies the one with the longer arm tells it better
-        normal = jnp.where(less < square, found, normal)
-    return normal, turns[0][1](against), -turns[1][1](against)
+        sides.append((body, pull, at, own))
+
+    def normal(beside: Callable[[int | None], Array]) -> Array:
+        each: list[tuple[Array, Array]] = []
+        for body, found, at, own in sides:
+            # What couples of friction put on the body where the joint holds it is taken out again. The own one is
+            # proportional to the force n that is wanted, so both follow from one equation, n = |pull - n own|.
+            pull = found - jnp.sum(spread(top, beside(body))[0][at], axis=0)
+            size, square = magnitude(pull), jnp.sum(own * own)
+            along = jnp.sum(pull * own) / jnp.where(size > 0, size, 1.0)
+            inner = along**2 + 1.0 - square
+            root = along + jnp.sqrt(jnp.where(inner > 0, inner, 1.0))
+            # Below zero where there is none: the couple is larger than what the body can bear.
+            each.append((square, jnp.where((inner > 0) & (root > 0), size / jnp.where(root > 0, root, 1.0), -size)))
+        (square, force), *other = each
+        for less, more in other:  # of two bodies the one with the longer arm tells it better
+            force = jnp.where(less < square, more, force)
+        return force
+
+    return _Rubbing(turns[0][1](against), -turns[1][1](against), index.bodies, normal)
 
 
 def _spin_and_couple(top: Topology, body: int, q: Array, v: Array) -> tuple[Array, Callable[[Array], Array]]:
@@ -1034,19 +1091,23 @@ def _spin_and_couple(top: Topology, body: int, q: Array, v: Array) -> tuple[Arra
     return rate, lambda couple: back(couple)[0]
 
 
-def _rub_guide(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array, Array]:
+def _rub_guide(now: _Instant, index: FrictionIndex, numbers: Array) -> _Rubbing:
     """Rub at a point with a fixed coordinate, by what holds the coordinate."""
     dyn, top = now.dyn, now.dyn.topology
     at = np.arange(top.dim) + index.point * top.dim
     fixed = np.array([top.fixed[c] for c in at])
     whole = dyn.mass @ now.a + row_forces(dyn.eq, np.arange(len(top.rows)), now.q, now.lam)
-    whole = whole - forces(dyn, now.t, now.q, now.v) - now.before
-    normal = magnitude(whole[at[fixed]])
-    push = numbers[0] * _oppose(now.v[at[~fixed]], numbers[1])
-    return normal, jnp.zeros_like(now.q).at[at[~fixed]].set(push), jnp.zeros_like(now.q)
+    whole = whole - forces(dyn, now.t, now.q, now.v)
+    push = jnp.zeros_like(now.q).at[at[~fixed]].set(numbers[0] * _oppose(now.v[at[~fixed]], numbers[1]))
+    return _Rubbing(
+        push,
+        jnp.zeros_like(now.q),
+        friction_bodies(top, index),
+        lambda beside: magnitude((whole - beside(None))[at[fixed]]),
+    )
 
 
-def _rub_slider(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Array, Array, Array]:
+def _rub_slider(now: _Instant, index: FrictionIndex, numbers: Array) -> _Rubbing:
     """Rub along the line of a slot, prismatic or cylindrical joint, by what its rows press across it."""
     top = now.dyn.topology
     assert index.joint is not None
@@ -1066,4 +1127,4 @@ def _rub_slider(now: _Instant, index: FrictionIndex, numbers: Array) -> tuple[Ar
     push = -numbers[0] * jnp.tanh(slide / numbers[1]) * u
     none, axes = jnp.zeros_like(now.q), np.arange(top.dim)
     line = sum((none.at[axes + k * top.dim].add(share * push) for k, share in ends.items()), none)
-    return normal, none.at[axes + at * top.dim].add(push), line
+    return _Rubbing(none.at[axes + at * top.dim].add(push), line, friction_bodies(top, index), lambda beside: normal)

@@ -1158,6 +1158,11 @@ class SpatialAssembler(Assembler):
         point, own = self.line(on, "")
         return (point, *own)
 
+    def hinged(self, points: Sequence[str] | None, one: Segment, other: Segment) -> tuple[tuple[int, ...], ...]:
+        """List what holds either body of a joint about axes: an axis may be a neighbour's, too, so its point counts."""
+        at = self.at(*(points or ()))
+        return (*at[:1], *one), (*at[-1:], *other)
+
     def add_spherical(self, j: record.Spherical, what: str) -> None:
         points = self.at(*j.points)
         self.note(self.together(j.points), points, (), (points[:1], points[1:]))
@@ -1166,7 +1171,7 @@ class SpatialAssembler(Assembler):
         assert j.axes is not None
         a, b = (self.check_direction(axis, what) for axis in j.axes)
         removed = self.together(j.points) + self.parallel(a, b)
-        self.note(removed, self.at(*(j.points or ())), (a, b), (a, b))
+        self.note(removed, self.at(*(j.points or ())), (a, b), self.hinged(j.points, a, b))
 
     def add_cylindrical(self, j: record.Cylindrical, what: str) -> None:
         point, axis, other, removed = self.slide(what, j.line, j.on)
@@ -1208,7 +1213,7 @@ class SpatialAssembler(Assembler):
             self.refuse_loose(arm, what)
         removed = self.together(j.points)
         self.write(kinds.product, (a, b))
-        self.note(removed + 1, self.at(*(j.points or ())), (a, b), (a, b))
+        self.note(removed + 1, self.at(*(j.points or ())), (a, b), self.hinged(j.points, a, b))
 
     def add_screw(self, j: record.Screw, what: str) -> None:
         point, axis, other, removed = self.slide(what, j.line, j.on)
@@ -1306,7 +1311,7 @@ class SpatialAssembler(Assembler):
             )
         removed = self.together(j.points)
         self.write(kinds.constant_velocity, (axes[0], marks[0], axes[1], marks[1]))
-        held = tuple((*axis, *mark) for axis, mark in zip(axes, marks, strict=True))
+        held = self.hinged(j.points, *((*axis, *mark) for axis, mark in zip(axes, marks, strict=True)))
         self.note(removed + 1, self.at(*(j.points or ())), (*axes, *marks), held)
 
     def add_rolling(self, j: record.Rolling, what: str) -> None:

@@ -118,6 +118,20 @@ def test_equal_links_slide_past_the_crank(grid):
         check(u, mo["C"], mo.status, 0.5 * np.pi, in_line)
 
 
+@pytest.mark.parametrize("apart", [0.0, 8.8e-16, 1e-14, 1e-11])
+def test_values_that_differ_by_rounding_do_not_lose_the_branch(apart):
+    """What determinants change by in such a step is rounding: the step before it says where they are going."""
+    a = 1 + 2 * np.pi / 3
+    u = np.array([1.0, 1 + np.pi / 3, a, a + apart, 1 + np.pi, 1 + 4 * np.pi / 3])
+    motion = nc.sweep(parallelogram(), {"phi": u})
+    check(u, motion["C"], motion.status, 0.0, parallel)
+    points, status = jax.jit(lambda u: (lambda m: (m["C"], m.status))(nc.sweep(parallelogram(), {"phi": u})))(u)
+    check(u, points, status, 0.0, parallel)
+    turns = np.linspace(1.0, 1.0 + 4 * np.pi, 13)  # lanes take whole turns off, which leaves such values
+    motion = nc.solve_position(parallelogram(), {"phi": turns})
+    check(turns, motion["C"], motion.status, 0.0, parallel)
+
+
 def test_many_lanes_and_long_sweeps():
     u = np.linspace(0.0, 2 * np.pi, 601)
     for mo in (nc.sweep(parallelogram(), {"phi": u}), nc.solve_position(parallelogram(), {"phi": u})):

@@ -16,13 +16,13 @@ SINGULAR, START = int(nc.Status.SINGULAR), int(nc.Status.SINGULAR_START)
 
 
 @functools.cache
-def stretched() -> nc.System:
-    """A slider-crank of crank 1 and rod 2, drawn in line."""
+def stretched(up: float = 0.0) -> nc.System:
+    """A slider-crank of crank 1 and rod 2, drawn in line, or with its pin a little above."""
     m = nc.Mechanism("stretched")
     m.ground("A", (0, 0))
     m.ground("Z", (5, 0))
-    m.point("B", (1, 0))
-    m.point("C", (3, 0))
+    m.point("B", (np.sqrt(1 - up**2), up))
+    m.point("C", (np.sqrt(1 - up**2) + np.sqrt(4 - up**2), 0))
     m.body("crank", ["A", "B"])
     m.body("rod", ["B", "C"])
     m.slot("guide", "C", ["A", "Z"])
@@ -106,3 +106,69 @@ def test_what_is_out_of_reach_of_a_singular_drawing_does_not_assemble():
     assert not found.assembles and found.singular
     assert {r.dimension for r in found.remedies} == {"length A-B of crank", "length B-C of rod"}
     assert not nc.mobility(stretched(), "phi").dead_point
+
+
+@pytest.mark.parametrize("up", [1e-2, 1e-3, 1e-4, 1e-5, -1e-4])
+def test_drawings_beside_a_dead_point_move_away_from_it(up):
+    s = np.array([2.9, 2.7])
+    height = np.sign(up) * np.sqrt(1 - ((1 + s**2 - 4) / (2 * s)) ** 2)
+    for motion in (nc.sweep(stretched(up), {"s": s}), nc.solve_position(stretched(up), {"s": s})):
+        np.testing.assert_allclose(motion["B"][:, 1], height, rtol=1e-7)
+
+
+def test_how_far_it_goes_is_told_however_far_is_asked():
+    system = stretched(0.5)
+    reach = 3.0
+    for asked in (3.1, 30.0, 3e4, 3e8):
+        assert nc.diagnose(system, {"s": asked}).reached["s"] == pytest.approx(reach, rel=1e-6)
+        with pytest.raises(nc.AssemblyError, match=r"as far as s = 3\."):
+            nc.solve_position(system, {"s": asked})
+
+
+def test_what_never_changes_is_no_input_and_says_so():
+    m = nc.Mechanism("rigid length")
+    for name, at in {"A": (0, 0), "D": (4, 0)}.items():
+        m.ground(name, at)
+    for name, at in {"B": (0.6, 0.8), "C": (3.3, 2.9), "P": (2.2, 2.6)}.items():
+        m.point(name, at)
+    for name, points in {"crank": "AB", "coupler": "BCP", "rocker": "CD"}.items():
+        m.body(name, [*points])
+    m.angle("phi", at="A", to="B")
+    m.distance("q", "B", "P")
+    system = m.compile()
+    length = float(np.hypot(1.6, 1.8))
+    for call in (lambda: nc.solve_position(system, {"q": length + 0.1}), lambda: nc.travel(system, "q")):
+        with pytest.raises(nc.JaxncError, match=r"determines no motion|stays 2\.408"):
+            call()
+    assert nc.mobility(system, "q").never_moves and not nc.mobility(system, "phi").never_moves
+    assert "determines no motion" in str(nc.diagnose(system, {"q": length + 0.1}))
+
+
+@pytest.mark.parametrize("run", [510.0, 600.0, 1e4])
+def test_gaps_are_lengths(run):
+    """Two bars that are asked to span too much: what both lack, added up, is what is missing."""
+    m = nc.Mechanism("dyad")
+    m.ground("N", (0, 0))
+    m.point("R", (0, -300), fixed="x")
+    m.point("M", (200, -100))
+    m.body("rib", ["N", "M"])
+    m.body("stretcher", ["R", "M"])
+    m.distance("run", "N", "R")
+    found = nc.diagnose(m.compile(), {"run": run})
+    missing = run - np.hypot(200, 100) - np.hypot(200, 200)
+    assert sum(v.gap for v in found.violations) == pytest.approx(missing, rel=1e-6)
+    assert found.gap == max(v.gap for v in found.violations)
+
+
+def test_a_remedy_closes_all_loops():
+    """Two loops one after the other, both open: no bar of the first one closes the second."""
+    m = nc.Mechanism("two loops")
+    for name, at in {"A": (0, 0), "D": (3, 0), "G": (5, 2)}.items():
+        m.ground(name, at)
+    for name, at in {"B": (0, 1), "C": (1.6, 1.2), "F": (2.2, 3.5), "K": (3.7, 2.9)}.items():
+        m.point(name, at)
+    for name, points in {"crank": "AB", "l": "BC", "r": "DCF", "l2": "FK", "r2": "KG"}.items():
+        m.body(name, [*points])
+    m.angle("phi", at="A", to="B")
+    found = nc.diagnose(m.compile(), {"phi": np.pi})
+    assert not found.assembles and not [r for r in found.remedies if "B-C" in r.dimension]

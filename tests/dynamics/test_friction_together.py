@@ -1,0 +1,112 @@
+"""Several frictions at once, and joints whose axes are a neighbour's too: balances solved by hand or by SciPy."""
+
+import functools
+
+import numpy as np
+import pytest
+from scipy.optimize import fsolve
+
+import jaxnc as nc
+
+CRANK, ROD, TURN, PHI, SLOW, RADIUS = 0.04, 0.12, 10.0, 1.0, 0.01, 0.03
+
+
+def cross(a, b):
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def torque_of(first: float, middle: float, last: float) -> float:
+    """The crank's torque under 100 N at the slider, with friction in its two pins and at its guide."""
+    m = nc.Mechanism("slider-crank")
+    m.ground("O", (0, 0))
+    m.point("A", (CRANK, 0))
+    m.point("B", (CRANK + ROD, 0), fixed="y")
+    m.body("crank", ["O", "A"])
+    m.body("rod", ["A", "B"])
+    m.angle("phi", at="O", to="A")
+    m.force("load", "B", (-100.0, 0))
+    if first:
+        m.friction("first", coefficient=first, bodies=("crank", "ground"), at="O", radius=RADIUS, speed=SLOW)
+    if middle:
+        m.friction("middle", coefficient=middle, bodies=("crank", "rod"), at="A", radius=RADIUS, speed=SLOW)
+    if last:
+        m.friction("last", coefficient=last, joint="B", speed=SLOW)
+    system = m.compile()
+    motion = nc.motion(system, {"phi": lambda t: PHI + TURN * t}, np.array([0.0, 0.01]))
+    return float(nc.inverse_dynamics(system, motion)["phi"][0])
+
+
+def balance(first: float, middle: float, last: float) -> float:
+    """The same: forces of the rod on its pin and of the guide on the slider, from three equations."""
+    a = CRANK * np.array([np.cos(PHI), np.sin(PHI)])
+    d = np.array([np.sqrt(ROD**2 - a[1] ** 2), -a[1]])
+    rod = -TURN * a[0] / d[0]
+    slide = -TURN * a[1] - rod * d[1]
+
+    def couple(mu: float, force: float, turn: float) -> float:
+        return -mu * RADIUS * force * np.tanh(turn * RADIUS / SLOW)
+
+    def rest(z):
+        push = -100.0 - last * abs(z[2]) * np.tanh(slide / SLOW)
+        moment = cross(d, (push, z[2])) + couple(middle, np.hypot(*z[:2]), rod - TURN)
+        return [z[0] + push, z[1] + z[2], moment]
+
+    pin = fsolve(rest, [100.0, -20.0, 20.0], xtol=1e-13)[:2]
+    force = np.hypot(*pin)
+    return -(cross(a, -pin) - couple(middle, force, rod - TURN) + couple(first, force, TURN))
+
+
+@pytest.mark.parametrize("mu", [(0.3, 0.3, 0.0), (0.0, 0.3, 0.3), (0.3, 0.3, 0.3), (0.1, 0.4, 0.2)])
+def test_frictions_on_one_body_do_not_disturb_each_other(mu):
+    assert torque_of(*mu) == pytest.approx(balance(*mu), rel=1e-7)
+
+
+@functools.cache
+def arm(to: str, shared: bool = True) -> nc.System:
+    """A link on a hinge about z, its angle counted to a point off the hinge's plane or to a vector in it."""
+    m = nc.Mechanism("arm", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.ground_vector("z", (0, 0, 1))
+    m.ground_vector("x", (1, 0, 0))
+    m.point("B", (1, 0, 0.5))
+    m.vector("e", (1, 0, 0))
+    m.body("arm", ["O", "B"], vectors=["z", "e"])
+    ends = {"at": "O", "to": "B"} if to == "B" else {"to": "e"}
+    m.angle("phi", **ends, start="x", about="z")
+    m.force("load", "B", (0, 100.0, 0))
+    return m.compile()
+
+
+@pytest.mark.parametrize("to", ["B", "e"])
+def test_a_motor_turns_about_its_axis_and_the_hinge_holds_the_rest(to):
+    motion = nc.sweep(arm(to), {"phi": [0.0]}, rates={"phi": 0.0})
+    found = nc.inverse_dynamics(arm(to), motion).reactions
+    np.testing.assert_allclose(found.on("arm")["coordinate phi"].moment[0], [0, 0, -100], atol=1e-9)
+    np.testing.assert_allclose(found.at("O", on="arm").moment[0], [50, 0, 0], atol=1e-9)  # -r x F, across the hinge
+
+
+@pytest.mark.parametrize("axis", ["h", "own"])
+def test_a_revolute_about_a_neighbours_axis_acts_on_both_bodies(axis):
+    """Two links on hinges about one direction, the second by rows: what it passes is what the load needs."""
+    m = nc.Mechanism("two links", dim=3)
+    m.ground("P", (0, 0, 0))
+    m.ground_vector("h", (0, 0, 1))
+    m.ground_vector("x", (1, 0, 0))
+    m.point("A", (1, 0, 0))
+    m.point("A2", (1, 0, 0))
+    m.point("B", (2, 0, 0))
+    for name, way in {"k": (0, 0, 1), "e": (1, 0, 0), "f": (1, 0, 0), "own": (0, 0, 1)}.items():
+        m.vector(name, way)
+    m.body("first", ["P", "A"], vectors=["h", "e", "own"])
+    m.body("second", ["A2", "B"], vectors=["k", "f"])
+    m.revolute("J", "A", "A2", axes=(axis, "k"))
+    m.angle("a", to="e", start="x", about="h")
+    m.angle("b", to="f", start="e", about="k")
+    m.force("load", "B", (0, 0, 100.0))
+    system = m.compile()
+    motion = nc.sweep(system, {"a": [0.0], "b": [0.0]}, rates={"a": 0.0, "b": 0.0})
+    found = nc.inverse_dynamics(system, motion).reactions
+    one, other = (found.on(body, about="A")["joint J"] for body in ("first", "second"))
+    np.testing.assert_allclose(np.asarray(one.moment[0]), [0, -100, 0], atol=1e-9)
+    np.testing.assert_allclose(np.asarray(other.moment[0]), [0, 100, 0], atol=1e-9)
+    np.testing.assert_allclose(np.asarray(one.force[0]), -np.asarray(other.force[0]), atol=1e-9)
