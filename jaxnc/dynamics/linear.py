@@ -187,7 +187,7 @@ def linearise(
     inputs: Sequence[str] = (),
     unit: str | None = None,
 ) -> Linearisation:
-    """Linearise the motion about a state.
+    """Linearise the motion about a state; friction is left out.
 
     Args:
         system: the system.

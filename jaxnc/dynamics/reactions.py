@@ -498,7 +498,13 @@ def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> 
     for j, joint in enumerate(top.joints):
         at = joint_rows(top, j)
         if len(at):
-            pull = jax.vmap(lambda x, at=at: row_forces(dyn.eq, at, q, x))(jnp.asarray(stress))
+            # Forces along a vector that rows hold give no couple: what counts is the wrench, where a body has it.
+            on_body = [found[key_of(joint)] for found in ledger.wrenches if key_of(joint) in found]
+            if on_body and key_of(joint) in ledger.held_whole:
+                pull = np.concatenate([np.reshape(part, (count, -1)) for part in on_body[0]], axis=1)
+                pull = pull[:-1] - pull[-1]
+            else:
+                pull = jax.vmap(lambda x, at=at: row_forces(dyn.eq, at, q, x))(jnp.asarray(stress))
             out.append((joint.owner, "", np.asarray(pull), key_of(joint) in shaken))
     whole = np.asarray(jax.vmap(lambda x: row_forces(dyn.eq, np.arange(len(top.rows)), q, x))(jnp.asarray(stress)))
     for p in range(len(top.points)):
@@ -587,7 +593,8 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
     """Find the efforts of the inputs for a prescribed motion, and the reactions in every joint.
 
     Args:
-        system: the system; its bodies have masses. It may be the motion's own, or one with other masses and forces.
+        system: the system; its bodies have masses. It may be the motion's own, or one with other masses and forces;
+            of a motion without inputs nothing takes what those do not fit, and wrenches then miss it.
         motion: poses with velocities and accelerations: of `jaxnc.motion`, or of `jaxnc.sweep` with rates.
 
     Returns:
@@ -663,7 +670,7 @@ def _inverse(system: System, flow: Flow, t: ArrayLike, q: Array, v: Array, a: Ar
         return open_forces(dyn, t, x, dx, ddx, lam, rubbing)[view.known], lam, slides
 
     *found, slides = jax.vmap(one)(t, *states)
-    efforts, lam = (jnp.where(ok, x, 0.0).reshape(*lead, -1) for x in found)
+    efforts, lam = (jnp.where(ok, x, 0.0).reshape(*lead, x.shape[-1]) for x in found)
     return efforts, lam, slides | ~ok[:, 0]
 
 

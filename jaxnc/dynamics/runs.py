@@ -316,7 +316,8 @@ def _follow_event(happens: Callable, parameters: object, history: History, end: 
         (jnp.ones(()), state.v, state.a),
     )  # fmt: skip
     stopped = history.status[-1] == int(Status.STOPPED)
-    late = -jnp.where(stopped, value, 0.0) / lax.stop_gradient(jnp.where(stopped, rate, 1.0))
+    slopes = stopped & (rate != 0.0)  # what changes its sign by a jump has no derivative
+    late = -jnp.where(slopes, value, 0.0) / lax.stop_gradient(jnp.where(slopes, rate, 1.0))
     late = late - lax.stop_gradient(late)
     over = jnp.where(history.status == int(Status.STOPPED), late, 0.0)[:, None]
     moved = states._replace(q=states.q + over * states.v, v=states.v + over * states.a)

@@ -8,6 +8,7 @@ do not see. So x comes out exact, and λ with the smallest norm (the proximal fo
 A single system keeps its LU factors; mapped, the factors are the inverse (batches never reach LAPACK).
 """
 
+import math
 from collections.abc import Callable
 
 import jax
@@ -84,7 +85,8 @@ def _solutions(packed: Array, order: Array, rights: Array) -> Array:
 @_solutions.def_vmap
 def _(size, which, packed, order, rights):
     if not which[0]:
-        return _solutions(packed, order, rights.reshape(-1, rights.shape[-1])).reshape(rights.shape), True
+        flat = rights.reshape(math.prod(rights.shape[:-1]), rights.shape[-1])  # of no rows, or of no poses, too
+        return _solutions(packed, order, flat).reshape(rights.shape), True
     rights = rights if which[2] else jnp.broadcast_to(rights, (size, *rights.shape))
     if rights.shape[1] == 1:  # sums that XLA makes one loop with what stands around them
         return _times(packed, rights[:, 0])[:, None], True

@@ -7,6 +7,8 @@ from scipy.optimize import minimize_scalar
 
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar
+from jaxnc.io.problems import load_problem
+from jaxnc.mechanism import model as record
 from jaxnc.synthesis.conditions import Seen
 from jaxnc.synthesis.search.screen import reseat_targets
 
@@ -226,3 +228,72 @@ def test_what_holds_back_between_poses_is_named():
     asked = [S.crank_turns(), S.clear_of([(-9.0, -9.0), (9.0, 0.5)], width=0.1)]
     found = S.solve(path(subject_to=asked), starts=40, refine=3, keep=1, iterations=10, progress=False).designs[0]
     assert found.error > 1e-5 and any("clear of" in name for name in found.binding)
+
+
+@pytest.mark.parametrize("driven", [None, "phi"])
+def test_a_problem_file_is_in_the_units_of_the_input_of_its_run(tmp_path, driven):
+    """Two angles, of which the run's is driven: timing, travel and a margin of the input are in degrees."""
+    m = four_bar()
+    m.angle("psi", at="D", to="C")
+    m.model.units.angle = "deg"
+    m.model.run = record.Run(inputs={"phi": record.Drive(0.0, 360.0, 10)})
+    m.save(tmp_path / "idea.toml")
+    said = "" if driven is None else f'input = "{driven}"'
+    (tmp_path / "problem.toml").write_text(
+        f"""kind = "path"
+        mechanism = "idea.toml"
+        point = "P"
+        {said}
+        target = {np.asarray(ARC).tolist()}
+        timing = [30, 45, 60, 75, 90]
+        travel = [0, 360]
+        conditions = [{{ type = "no flip", input = 5 }}]
+        """
+    )
+    problem, _ = load_problem(tmp_path / "problem.toml")
+    np.testing.assert_allclose(problem.timing, TIMING)
+    np.testing.assert_allclose(problem.travel, [0.0, 2 * np.pi])
+    margin = problem.conditions[0]
+    assert margin.input == pytest.approx(np.radians(5))
+
+
+def test_free_timings_stay_within_the_travel_that_is_given():
+    low, high = 1.4, 2.0
+    problem = S.PathGeneration(four_bar(), "P", ARC, travel=(low, high))
+    result = S.solve(problem, **FEW)
+    assert result.found
+    assert low - 1e-6 <= result.designs[0].inputs.min() and result.designs[0].inputs.max() <= high + 1e-6
+
+
+def test_two_conditions_of_one_name_have_each_its_margin():
+    """What one of them misses between the poses of the search is made up for by its own margin, not by both."""
+    bounded = [S.condition(lambda motion, k=k: 5.0 - motion["P"][..., k], over_range=True) for k in (0, 1)]
+    result = S.solve(path(subject_to=[S.crank_turns(), *bounded]), **FEW)
+    assert result.found and not result.designs[0].defects
+    turn = nc.sweep(result.best, {"phi": np.linspace(*result.designs[0].turn.inputs["phi"][np.array([0, -1])], 3601)})
+    assert np.asarray(turn["P"]).max() <= 5.0 + 1e-5
+
+
+def test_a_result_that_found_nothing_reads_back_as_it_was(tmp_path):
+    wrong = [S.length("A", "B", max=0.5), S.equal(("C", "D"), 9.0), S.equal(("B", "C"), 1.0)]
+    problem = path(subject_to=wrong)
+    settings = {"starts": 60, "refine": 4, "keep": 2, "progress": False}
+    for number, result in enumerate((S.solve(problem, **settings), S.solve(path(), **settings, seconds=0.01))):
+        result.save(tmp_path / str(number))
+        assert str(S.load(tmp_path / str(number), result.problem)) == str(result)
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        (lambda: S.on_circuit("left", joint=("B", "C")), "names of three points"),
+        (lambda: S.transmission_angle(0.3, joint=("B", "C", "D", "A")), "names of three points"),
+        (lambda: S.transmission_angle(0.3, joint=("B", "B", "B")), "names of three points"),
+        (lambda: S.equal(("A", "A"), 1.0), "two points"),
+        (lambda: S.direction("A", "A", 1.0), "two points"),
+        (lambda: S.pareto(path(minimax=True), {"x": lambda motion: motion["P"][0]}), "minimax"),
+    ],
+)
+def test_conditions_that_mean_nothing_are_refused_where_they_are_stated(state, words):
+    with pytest.raises(nc.errors.InputError, match=words):
+        state()

@@ -27,6 +27,7 @@ from jaxnc.synthesis.search.goal import OPEN, Goal
 from jaxnc.synthesis.search.refine import Refinement
 from jaxnc.synthesis.search.solve import interruptible, starting_rows
 from jaxnc.synthesis.search.sqp import MEETS, End, Sqp
+from jaxnc.synthesis.search.stock import Stock
 from jaxnc.synthesis.validate import as_seed, check_counts
 from jaxnc.types import Array, ArrayLike
 
@@ -165,7 +166,8 @@ def pareto(
         found so far, as they are then.
 
     Raises:
-        InputError: fewer than two objectives or three points, or an objective that is not finite.
+        InputError: fewer than two objectives or three points, an objective that is not finite, a problem of the largest
+            error or with sizes of a stock.
     """
     check_problem("pareto", problem)
     check_counts("pareto", points=points, starts=starts, refine=refine, iterations=iterations)
@@ -173,6 +175,10 @@ def pareto(
         raise InputError(f"pareto: points={points!r}; a front needs at least 3")
     if others is not None and not isinstance(others, Mapping):
         raise InputError(f"pareto: others= takes functions of a motion by name, {{'name': function}}, got {others!r}")
+    if problem.minimax:
+        raise InputError("pareto: a front is one of sums of squares; state the problem without minimax=True")
+    if any(isinstance(c, Stock) for c in problem.conditions):
+        raise InputError("pareto: a front has no stock sizes; bound the length instead, and solve() for sizes")
     several = isinstance(problem, Objective) and len(problem.residuals) > 1
     if several == bool(others):
         raise InputError(
