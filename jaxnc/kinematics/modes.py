@@ -42,9 +42,9 @@ from jaxnc.kinematics.starts import (
     count_tied,
     draw_generic,
     find_starts,
-    load_starts,
+    keep_starts,
     prove_starts,
-    save_starts,
+    recall_starts,
     structure_key,
 )
 from jaxnc.notebooks import Reported
@@ -235,17 +235,17 @@ def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, pro
             design, inputs, *generic
         ):
             reading = base
-        key = structure_key(reading, design.constants, seed)
-        starts = load_starts(reading, key)
+        starts = recall_starts(design, reading, seed)
         if starts is None:
-            starts = find_starts(dataclasses.replace(design, reading=reading), inputs, rng, key, most)
-            save_starts(starts, key)
+            own, key = dataclasses.replace(design, reading=reading), structure_key(reading, design.constants, seed)
+            starts = find_starts(own, inputs, rng, key, most)
+            keep_starts(design, reading, seed, starts)
         known[fixed, seed] = Family(reading, starts)
     family = known[fixed, seed]
     if prove and not family.starts.proof:
         rng, own = np.random.default_rng([seed, 34]), dataclasses.replace(design, reading=family.reading)
         family.starts = prove_starts(own, inputs, family.starts, rng)
-        save_starts(family.starts, structure_key(family.reading, design.constants, seed))
+        keep_starts(design, family.reading, seed, family.starts)
     return family
 
 

@@ -24,6 +24,7 @@ from jaxnc.records import with_owner
 from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations
+from jaxnc.system.identity import Owner
 from jaxnc.system.structure import formula, program, size
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -407,7 +408,7 @@ class Reading:
         at = self._vectors  # of unit length, those of the ground too
         parts = [p for p in self.parts if not p.rows.uses_cosine and p.sizes is None]
         turns = np.zeros((len(self.top.scalars), 2, 1), complex)
-        drawn = self._redrawn(constants, z)
+        drawn = self.redraw(constants, z)
         steps = 60  # in which a generic member is drawn
         for k in range(steps):
             with np.errstate(all="ignore"):
@@ -425,7 +426,7 @@ class Reading:
                 # Larger numbers of a generic member, beside one, are badly conditioned.
                 return (drawn, z) if max(sizes) < 50.0 and not self._has_collapsed(x, z[:, 0]) else None
             if k < steps - 10 and np.abs(step).max() > 1e-9:  # afterwards the constants stay
-                drawn = self._redrawn(constants, z)
+                drawn = self.redraw(constants, z)
         return None
 
     def _has_collapsed(self, x: np.ndarray, z: np.ndarray) -> bool:
@@ -436,7 +437,7 @@ class Reading:
         )
         return bool(((first > 1e-6) & (second < 1e-3)).any())
 
-    def _redrawn(self, constants: Sequence[np.ndarray], z: np.ndarray) -> tuple[np.ndarray, ...]:
+    def redraw(self, constants: Sequence[np.ndarray], z: np.ndarray) -> tuple[np.ndarray, ...]:
         """Constants as a pose has them, but those of the structure."""
         out = []
         for b, c in enumerate(constants):
@@ -531,6 +532,7 @@ class Design:
     shift: np.ndarray  # where the mechanism is if it is far from the origin, (N,)
     x: np.ndarray  # the assembled drawing, (N,)
     constants: tuple[np.ndarray, ...]  # per block (instances, constants, 1)
+    owners: tuple[tuple[tuple[Owner, ...], ...], ...] = ()  # per block and instance, what it belongs to
 
     @property
     def pose(self) -> np.ndarray:
@@ -572,7 +574,8 @@ def describe(system: System, reading: Reading) -> Design:
         if np.abs(host.residual((drawn - shift)[:, None])).max(initial=0.0) > 1e-9 * size:
             shift[:] = 0.0  # rows that know places, not only what lies between them
     constants = tuple((c / size**p)[:, :, None] for c, p in zip(host.constants, reading.powers, strict=True))
-    return Design(reading, host, unit, shift, (drawn - shift) / unit, constants)
+    owners = tuple(block.owners for block in system.topology.blocks)
+    return Design(reading, host, unit, shift, (drawn - shift) / unit, constants, owners)
 
 
 @with_owner

@@ -22,6 +22,7 @@ from jaxnc.errors import counted
 from jaxnc.kinematics.polynomial import Design, Member, Reading, by_structure
 from jaxnc.kinematics.reduction import WAYS, Placed, Reduction
 from jaxnc.process import cache_folder
+from jaxnc.system.identity import Thing
 
 _BY_PATHS, _BY_TRACE = "total degree", "trace test"
 _PART = "-part"  # of the key of a start set that is not complete
@@ -200,6 +201,76 @@ def structure_key(reading: Reading, constants: Sequence[np.ndarray], seed: int) 
         (4, top.dim, top.fixed, reading.known.tolist(), blocks, index, zeros, *([copies] if any(copies) else []))
     )
     return f"{hashlib.sha256(text.encode()).hexdigest()[:40]}-{seed}"
+
+
+def recall_starts(design: Design, reading: Reading, seed: int) -> StartSet | None:
+    """Read the start set of a structure, or of a kindred one, from the user's cache; None where there is none."""
+    kindred = kindred_key(design, reading, seed)
+    if kindred is None:
+        return load_starts(reading, structure_key(reading, design.constants, seed))
+    return adopt_starts(reading, design.constants, kindred)
+
+
+def keep_starts(design: Design, reading: Reading, seed: int, starts: StartSet) -> None:
+    """Keep a start set for its structure and, where there may be such, for kindred ones."""
+    kindred = kindred_key(design, reading, seed)
+    if kindred is None:
+        save_starts(starts, structure_key(reading, design.constants, seed))
+    else:
+        offer_starts(reading, starts, kindred)
+
+
+def kindred_key(design: Design, reading: Reading, seed: int) -> str | None:
+    """A key that a structure shares with those whose bodies are described by other segments of the same points.
+
+    Which segments a body's rows take depends on its shape. None where a body has something special: what is zero in one
+    description is none in another.
+    """
+    top, bodies, kinds, rest = reading.top, {}, [], []
+    for part in reading.parts:
+        block, layout = top.blocks[part.block], top.layout[part.block]
+        fixed = by_structure(design.constants[part.block])
+        for i in part.instances:
+            owner = design.owners[part.block][i][0]
+            if owner.thing is Thing.BODY and part.sizes is None:
+                if not np.isnan(fixed[i]).all():
+                    return None
+                bodies.setdefault(owner, set()).update(layout.variables[i].tolist())
+                kinds.append((owner.number, block.kind.name))
+            else:
+                own = part.rows.source.nodes, part.rows.source.outputs, part.sizes is not None
+                rest.append((own, layout.variables[i].tolist(), fixed[i].tolist()))
+    if not bodies:
+        return None
+    described = sorted(sorted(items) for items in bodies.values())
+    text = repr((1, top.dim, top.fixed, reading.known.tolist(), described, sorted(kinds), rest))
+    return f"{hashlib.sha256(text.encode()).hexdigest()[:40]}-{seed}-kindred"
+
+
+def adopt_starts(reading: Reading, constants: Sequence[np.ndarray], key: str) -> StartSet | None:
+    """Read the start set of a kindred structure and describe its member anew; None where there is none that fits."""
+    file = load_arrays(key)
+    try:
+        if file is None:
+            return None
+        pose, x, way, proof = file["pose"], file["x"], str(file["way"]), str(file["proof"])
+        loops, quiet = (int(v) for v in file["history"])
+    except (ValueError, KeyError):
+        return None  # damaged: it is made anew
+    member = reading.member_of(pose, reading.redraw(constants, pose))
+    every = np.concatenate([np.ones((1, x.shape[1])), x])
+    rows = np.einsum("is,rij,js->rs", every, reading.coefficients(member)[0], every)
+    size = np.abs(every).max(axis=0) ** 2
+    fits = np.isfinite(rows).all() and (np.abs(rows) <= 1e-9 * size).all()
+    return StartSet(member, x, way, loops, quiet, proof) if fits else None
+
+
+def offer_starts(reading: Reading, starts: StartSet, key: str) -> None:
+    """Keep a start set for kindred structures: a pose of its member, and all solutions."""
+    pose = starts.member.known.astype(complex)
+    pose[reading.unknown] = starts.x[:, :1]
+    arrays = {"pose": pose, "x": starts.x, "way": starts.way, "proof": starts.proof}
+    save_arrays({**arrays, "history": np.array([starts.loops, starts.quiet])}, key)
 
 
 def load_starts(reading: Reading, key: str) -> StartSet | None:

@@ -225,6 +225,32 @@ def test_all_forty_of_dietmaiers_platform(cached, sooner):
     check(nc.modes(system.replace(moved), {n: x * (1 + 0.1 * rng.normal()) for n, x in legs.items()}), 40)
 
 
+def test_platforms_share_a_start_set_whatever_segments_describe_their_bodies(cached, sooner, monkeypatch):
+    """Which segments a body's rows take depends on its shape: of these five, drawn at random, they are all others."""
+
+    def drawn(seed):
+        rng = np.random.default_rng(seed)
+        base, hand = rng.uniform(-1, 1, (6, 3)) * [2, 2, 0.4], rng.uniform(-1, 1, (6, 3)) * [1, 1, 0.3] + [0, 0, 2]
+        m = nc.Mechanism("platform", dim=3)
+        for k in range(6):
+            m.ground(f"A{k}", base[k])
+            m.point(f"B{k}", hand[k])
+        m.body("platform", [f"B{k}" for k in range(6)])
+        for k in range(6):
+            m.distance(f"L{k}", f"A{k}", f"B{k}")
+        legs = np.linalg.norm(hand - base, axis=1) * (1 + 0.05 * rng.uniform(-1, 1, 6))
+        return m.compile(), {f"L{k}": legs[k] for k in range(6)}
+
+    check(nc.modes(*drawn(0)), 40)
+    monkeypatch.setattr(starts, "run_loops", None)  # nothing is searched for again
+    described = set()
+    for seed in (1, 2, 4, 5, 6):
+        system, legs = drawn(seed)
+        described.add(repr([block.points for block in system.topology.blocks]))
+        check(nc.modes(system, legs), 40)
+    assert len(described) == 5
+
+
 def test_neither_names_nor_place_nor_order_matter():
     angles = np.array([2.72, 2.8, 4.0])
     renamed = stephenson(turn=0.7, names=lambda p: dict(zip("ABCDEFG", "GFEDCBA", strict=True))[p]).compile()
