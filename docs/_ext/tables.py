@@ -547,5 +547,11 @@ def pages() -> dict[str, str]:
     """All pages by their paths in the site's sources."""
     made = {f"tables/{name}.md": make() for name, make in PAGES.items()}
     tree = "\n".join(["```{toctree}", ":maxdepth: 1", "", *PAGES, "```", ""])
-    about = "Made from the code whenever the site is built: what the code has and no table mentions stops the build."
+    about = "Made from the code by `python docs/_ext/tables.py`, and when the site is built."
     return made | {"tables/index.md": page("Tables", about, tree)}
+
+
+if __name__ == "__main__":
+    for name, text in pages().items():
+        (ROOT / "docs" / name).parent.mkdir(exist_ok=True)
+        (ROOT / "docs" / name).write_text(text, encoding="utf-8")
