@@ -126,11 +126,14 @@ class _Chain:
                 known[top.points.index(point), "xy".index(axis)] = True
         self.points.update(np.flatnonzero(known.all(axis=1)).tolist())
         moved = {k for k in range(len(known)) if (known[k] & ~self.fixed[k]).any()}
+        ends: dict[str, set[int]] = {}
         for name in (n for n in names if n in top.scalars):
             block, instance = top.measures[top.scalars.index(name)]
-            measured = set(top.blocks[block].points[instance])
-            if top.blocks[block].kind is DISTANCE_BETWEEN and self._take_pushed(name, measured):
-                continue
+            ends[name] = set(top.blocks[block].points[instance])
+        cylinders = [n for n in ends if top.blocks[top.measures[top.scalars.index(n)][0]].kind is DISTANCE_BETWEEN]
+        while pushing := next((n for n in cylinders if n in ends and self._take_pushed(n, ends[n])), None):
+            del ends[pushing]  # one may push what another one stands on
+        for name, measured in ends.items():
             if not top.angles[top.scalars.index(name)]:
                 moved |= measured - self.still
                 self.points.update(p for p in moved & measured if self._way(p) is not None and measured & self.still)
@@ -144,11 +147,11 @@ class _Chain:
                 self._take(b)
 
     def _take_pushed(self, name: str, ends: set[int]) -> bool:
-        """Take the body that a driven distance, a cylinder, turns about the ground; tells whether there is one."""
+        """Take the body that a driven distance, a cylinder, turns about what is placed; tells whether there is one."""
         for near in ends & self.points:
             for far in ends - self.points:
                 for b in self._holding(far):
-                    if pivots := self.still & set(self.top.bodies[b].points):
+                    if pivots := self.points & set(self.top.bodies[b].points):
                         between = f"{name} and {self.top.bodies[b].name}"
                         self._meet(far, between, _Line(near, far), _Line(min(pivots), far), b)
                         return True

@@ -139,6 +139,7 @@ class PlaneView(View):
 
     def open(self, ax: Axes | None, size: tuple[float, float], frame: bool | str, title: str) -> None:
         """Make or take axes, set their limits, and choose the size of a unit."""
+        self.below = np.array([0.0, 3.0 if frame == "scale" else 0.0])  # units that a scale bar takes under all
         if ax is None:
             self._make_figure(np.array(size) * 72.0, frame, title)
         else:
@@ -168,7 +169,7 @@ class PlaneView(View):
         for _ in range(3):  # what is around the axes, and what names need, is known once they are there
             room = most - low - high - np.array([0.0, above])
             self.points = unit_on(room)
-            border = 2 * _MARGIN * self.points
+            border = (2 * _MARGIN + self.below) * self.points
             span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
             scale = float(np.min((room - border) / span))
             least = np.maximum(_LEAST, (wide(title, self.heading_size), 0.0))
@@ -203,12 +204,12 @@ class PlaneView(View):
     def _fit(self, paper: np.ndarray) -> None:
         """Set the limits for a piece of paper, points."""
         span = self.upper - self.lower
-        room = np.maximum(paper - 2 * _MARGIN * self.points, 0.3 * paper)
+        room = np.maximum(paper - (2 * _MARGIN + self.below) * self.points, 0.3 * paper)
         scale = float(np.min(room / np.maximum(span, 1e-9 * self.size)))  # points per length
         if not span.any():
             scale = float(room.min())
         self.unit, self.paper = self.points / scale, paper
-        middle, half = 0.5 * (self.lower + self.upper), 0.5 * paper / scale
+        middle, half = 0.5 * (self.lower + self.upper - self.below * self.unit), 0.5 * paper / scale
         laid = self.ax.figure.get_layout_engine() is not None  # it moves the axes later: they give way, not the limits
         self.ax.set_aspect("equal", adjustable="box" if laid else "datalim")
         self.ax.set_xlim(middle[0] - half[0], middle[0] + half[0])

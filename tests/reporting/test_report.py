@@ -252,6 +252,27 @@ def test_the_transmission_of_a_slider_crank():
     assert found.values == pytest.approx(np.degrees(np.arccos(np.abs([0.02, 0.08, 0.12]) / 0.3)), abs=1e-9)
 
 
+@pytest.mark.parametrize("order", [("c1", "c2"), ("c2", "c1")])
+def test_a_cylinder_between_two_moving_links_has_its_transmission(order):
+    m = nc.Mechanism("arm")
+    for name, at in {"O": (0, 0), "P": (450, -350)}.items():
+        m.ground(name, at)
+    for name, at in {"Q": (1900, 1500), "T": (4200, 1400), "R": (2300, 2100), "U": (4500, 2100)}.items():
+        m.point(name, at)
+    m.body("boom", ["O", "Q", "T", "R"])
+    m.body("stick", ["T", "U"])
+    m.distance("c1", "P", "Q")
+    m.distance("c2", "R", "U")
+    values = {"c1": np.linspace(2300, 2400, 5), "c2": np.linspace(2600, 2700, 5)}
+    motion = nc.sweep(m.compile(), {name: values[name] for name in order})
+    at = {name: np.asarray(motion[name]) @ [1, 1j] for name in "OPQRTU"}
+    wanted = {"Q": (at["Q"] - at["P"]) / (at["Q"] - at["O"]), "U": (at["U"] - at["R"]) / (at["U"] - at["T"])}
+    found = {one.at: np.radians(one.values) for one in transmissions(motion)}
+    assert {*found} == {*wanted} and not unexplained_bodies(motion)
+    for name, way in wanted.items():
+        np.testing.assert_allclose(np.sin(found[name]), np.abs(np.sin(np.angle(way))), atol=1e-9)
+
+
 def test_the_transmission_of_slots_guides_and_ways_that_cross():
     """Force and velocity drawn by hand: a bar in a block on an arm, a slotted rocker, a ram between two ways."""
     arm, crank, ground = 0.06, 0.1, 0.5

@@ -339,6 +339,51 @@ def test_a_dead_point_stops_the_input_and_is_said(browser, tmp_path):
 
 
 @driven
+def test_a_mechanism_of_two_inputs_leaves_the_dead_point_of_one(browser, tmp_path):
+    """Boom and stick on two cylinders: where the first one's dead point is met, both go on by either hand."""
+    m = nc.Mechanism("arm")
+    for name, at in {"O": (0, 0), "P": (0.45, -0.35)}.items():
+        m.ground(name, at)
+    for name, at in {"Q": (1.9, 1.5), "T": (4.2, 1.4), "R": (2.3, 2.1), "U": (4.5, 2.1), "E": (3.6, -1.3)}.items():
+        m.point(name, at)
+    m.body("boom", ["O", "Q", "T", "R"])
+    m.body("stick", ["T", "U", "E"])
+    m.distance("c1", "P", "Q")
+    m.distance("c2", "R", "U")
+    system = m.compile()
+    motion = nc.sweep(system, {"c1": np.linspace(2.3, 2.4, 5), "c2": np.linspace(2.6, 2.7, 5)}, start={"Q": (1.9, 1.5)})
+    browser.open(viz.to_html(motion, tmp_path / "a.html"))
+
+    def now(name: str) -> float:
+        return dict(zip(system.topology.coordinates, browser.run("window.jaxnc.design().q"), strict=True))[name]
+
+    assert browser.run("window.jaxnc.solve([1.5, 2.65])") is None  # beyond |OQ| - |OP|
+    dead = np.hypot(1.9, 1.5) - np.hypot(0.45, 0.35)
+    assert now("c1") == pytest.approx(dead, abs=1e-6)
+    drag(browser, "E", (10, 10))
+    before = now("c1"), now("c2")
+    drag(browser, "T", (30, -60))
+    drag(browser, "T", (0, -60))
+    assert now("c1") > before[0] + 1e-3 and text(browser, "banner") == ""
+    drag(browser, "E", (40, 0))
+    assert abs(now("c2") - before[1]) > 1e-3
+    assert browser.run("window.jaxnc.solve([2.0, 2.6])") is not None
+    assert browser.said == []
+
+
+@driven
+def test_poses_that_a_changed_design_does_not_reach_show_its_ground(browser, four_bar):
+    browser.open(four_bar[1])
+    browser.run("document.getElementById('shape').click()")
+    drag(browser, "D", (240, 0))
+    ground = json.loads(saved(browser, "design"))["ground"]["D"]
+    head, *rows = [line.split(",") for line in saved(browser, "csv").splitlines()]
+    assert any(not row[head.index("B.x [m]")] for row in rows), "some poses fail"
+    np.testing.assert_allclose([float(row[head.index("D.x [m]")]) for row in rows], ground[0], rtol=1e-9)
+    assert all(row[head.index("phi [rad]")] for row in rows), "the input that was asked for stands"
+
+
+@driven
 def test_curves_have_a_cursor_and_are_read_in_degrees(browser, four_bar):
     motion, path = four_bar
     browser.open(path, "#18")
