@@ -523,10 +523,11 @@ class Ledger:
         way = _axis(self, axis)
         for body, couple in couples.items():
             if self.keeps(body) and set(axis) <= set(body_items(self.top, body)):
-                wide = couple - way * (couple * way).sum(-1)[..., None]
-                for item, push in zip(axis[::-1], (cross(way, wide), -cross(way, wide)), strict=False):
-                    size = magnitude(self.points[..., axis[1], :] - self.points[..., axis[0], :]) if axis[1:] else 1.0
-                    self.put(body, key, item, push / (size[..., None] if axis[1:] else 1.0), there)
+                push = cross(way, couple - way * (couple * way).sum(-1)[..., None])
+                if axis[1:]:
+                    push = push / magnitude(self.points[..., axis[1], :] - self.points[..., axis[0], :])[..., None]
+                    self.put(body, key, axis[0], -push, there)
+                self.put(body, key, axis[-1], push, there)
 
     def split(self, block: Block | ForceBlock, i: int, force: Numbers) -> list[tuple[int, AnyArray]]:
         """Part forces on the variables of an instance ``(..., variables)`` by the items that they act on."""

@@ -239,6 +239,11 @@ def solve_nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.n
             q[:, far] = host.correct_poses(inner, host.closest(inner, begin[:, far]).q)
             (size, *upright), conditioning = inner.check(q), inner.conditioning(q)
             good = (size <= inner.tolerance(q)) & upright[0]
+            # Steps that lead nowhere may lead far: what is not found is left at its guess, 10 sizes away.
+            stray = ~good & ~(np.abs(inner.weights * (q - begin)).max(axis=0) <= 10.0 * eq.length)
+            if stray.any():
+                q[:, stray] = begin[:, stray]
+                (size, *upright), conditioning = inner.check(q), inner.conditioning(q)
         none = np.zeros(len(good), bool)
         found = PoseBatch(q, size, conditioning, good, limit=none, crossed=none, mirrored=upright[1])
         lost = np.full(len(good), int(Status.DID_NOT_ASSEMBLE))
@@ -360,7 +365,7 @@ def _status(
     found: PoseBatch,
     lost: np.ndarray,
     which: np.ndarray,
-    begun: Numbers = 0,
+    begun: np.ndarray | int = 0,
 ) -> np.ndarray:
     """`jaxnc.Status` of each pose as an integer.
 

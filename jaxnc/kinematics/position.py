@@ -685,7 +685,9 @@ def _complete_on_host(
         score = np.where(good & np.isfinite(score), score, np.inf).reshape(len(q), len(moved))
         at = np.arange(len(q)) * len(moved)
         best = np.where(np.isfinite(score.min(axis=1)), at + np.argmin(score, axis=1), -1)
-        return np.where(best >= 0, found.q[:, best], local[:, at]).T
+        # What does not assemble may have gone nowhere: farther than 10 sizes it stays as it was.
+        far = np.abs(weight * (local[:, at] - x[:, at])).max(axis=0) > 10.0 * inner.length
+        return np.where(best >= 0, found.q[:, best], np.where(far, x[:, at], local[:, at])).T
 
 
 @functools.partial(jit, static_argnums=(0, 1, 2))
@@ -730,6 +732,8 @@ def _complete_by_xla(
 
     def one(x):
         found, score, local = jax.lax.map(functools.partial(assemble, x), jnp.asarray(moved))
-        return jnp.where(jnp.isfinite(jnp.min(score)), found[jnp.argmin(score)], local[0])
+        # farther than 10 sizes it stays as it was
+        far = jnp.max(jnp.abs(weight * (local[0] - x))) > 10.0 * eq.length
+        return jnp.where(jnp.isfinite(jnp.min(score)), found[jnp.argmin(score)], jnp.where(far, x, local[0]))
 
     return jax.vmap(one)(q)

@@ -30,7 +30,7 @@ from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import any_lane
 from jaxnc.solvers.traced import Mapped, ask_host, ask_of_equations, in_lanes, shorten_equations
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations, guards, residual
+from jaxnc.system.equations import Equations, guards, residual, weights
 from jaxnc.system.frames import along
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import farthest, limits
@@ -106,8 +106,11 @@ def analyse_traced(
 
 def _near_guess(view: Plan, eq: Equations, start: Array, known: Array) -> PoseBatch:
     """Find the pose nearest to a guess, all coordinates ``(N,)``."""
-    q = view.join(start[view.unknown], known, eq.home[view.fixed])
-    q = newton(view, eq, closest_pose(view, eq, q).q, 8)
+    begin = view.join(start[view.unknown], known, eq.home[view.fixed])
+    q = newton(view, eq, closest_pose(view, eq, begin).q, 8)
+    # Steps that lead nowhere may lead far: what is not found is left at its guess, 10 sizes away.
+    stray = ~(largest(weights(eq) * (q - begin)) <= 10.0 * eq.length) & (largest(residual(eq, q)) > tolerance(eq, q))
+    q = jnp.where(stray, begin, q)
     rows, bodies = guards(eq, q)
     size, pivots = largest(residual(eq, q)), view.conditioning(eq, view.linearise(eq, q)[1])
     fits, mirrored = size <= tolerance(eq, q), jnp.any(bodies <= 0.0)

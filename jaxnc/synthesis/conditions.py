@@ -496,7 +496,7 @@ def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Condition:
     """Two lengths, each between two points, are equal; or one has a value."""
     for ends in (first, second):
         pair = isinstance(ends, (tuple, list)) and len(ends) == 2 and all(isinstance(name, str) for name in ends)
-        if pair and ends[0] == ends[1]:
+        if isinstance(ends, (tuple, list)) and pair and len({*ends}) < 2:
             raise InputError(f"equal: {ends!r} is no length: name two points")
         if not pair and (ends is first or isinstance(ends, bool) or not isinstance(ends, (int, float, np.number))):
             raise InputError(f"equal: {ends!r} must be the names of two points, as in equal(('A', 'B'), ('C', 'D'))")

@@ -296,7 +296,7 @@ class Result(Shown):
         history = np.array([tuple(h) for h in self.history], dtype=float).reshape(-1, 3)
         arrays = {} if self.steps is None else {f"steps.{k}": v for k, v in fields_of(self.steps).items()}
         if self.nearest is not None:
-            arrays["nearest"] = np.append(*self.nearest[::-1])
+            arrays["nearest"] = np.append(self.nearest[1], self.nearest[0])
         if self.relaxed is not None:
             arrays |= {"relaxed": self.relaxed.x, "relaxed end": np.array(_end_numbers(self.relaxed))}
         meta |= {"stopped": self.stopped}

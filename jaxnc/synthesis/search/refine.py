@@ -386,7 +386,8 @@ class Refinement:
         for i in at:
             if square[i] < 1e10 and (self.nearest is None or far[i] < self.nearest[0]):
                 self.nearest = float(far[i]), x[i]
-            if far[i] <= MEETS and np.isfinite(square[i]):
+            # a violation of 1e-4 of the size is taken away by steps of second order
+            if far[i] <= 1e-4 and np.isfinite(square[i]):
                 self.found.append((float(square[i]), x[i]))
 
 
