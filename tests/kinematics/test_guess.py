@@ -88,6 +88,25 @@ def test_a_guess_for_each_lane_or_one_for_all():
     np.testing.assert_allclose(traced(TURN, want), want, atol=1e-12)
 
 
+def test_a_guess_from_which_nothing_is_found_is_not_left_for_nowhere():
+    """Least squares that meet nothing once led 2e7 sizes away; the pose that is handed on is the guess."""
+    m = nc.Mechanism("six-bar")
+    for name, at in {"A": (0, 0), "D": (0.8678, 2.5168), "G": (0.5517, 0.9795)}.items():
+        m.ground(name, at)
+    for name, at in {"B": (0.7792, 0.6179), "C": (1.4248, 1.0462), "E": (2.7473, 0.0287)}.items():
+        m.point(name, at)
+    for ends in ("AB", "DC", "BC", "GE", "CE"):
+        m.body(ends, [*ends])
+    m.angle("phi", at="A", to="B")
+    system, guess = m.compile(), np.array([-1.816, 1.1565])
+    for pose in (
+        nc.solve_position(system, {"phi": 0.387661}, start={"E": guess}, throw=False),
+        jax.jit(lambda x: nc.solve_position(system, {"phi": 0.387661}, start={"E": x}, throw=False))(guess),
+    ):
+        found = pose.status == 0
+        assert found or np.abs(np.asarray(pose.q)).max() < 100.0
+
+
 def test_messages_speak_of_the_guess():
     system = nc.library.four_bar(crank=0.1, coupler=0.12, rocker=0.07, ground=0.1).compile()
     phi = system.topology.scalars[0]
