@@ -1155,6 +1155,14 @@ class Mechanism(Drawn):
         given = self._check_instance(self.force_kinds, kind, what, points, vectors, scalars, parameters, "parameter")
         if len(set(given[0])) != len(given[0]):
             raise MechanismError(f"{what} needs different points, got {', '.join(given[0])}")
+        from jaxnc.forces import CATALOGUE  # which whoever has a kind has imported
+
+        if CATALOGUE.get(kind.name) is kind and kind.drawn is not None:
+            dim = self.model.dim
+            drawn = kind.drawn(np.eye(max(kind.points, dim))[:, :dim], np.eye(dim), np.zeros(max(kind.scalars, 1)))
+            for key, value in zip(kind.parameters, drawn, strict=True):
+                if value is None and key not in given[3]:
+                    raise MechanismError(f"{what}: {key} must be given")
         self.model.forces[name] = record.Force(kind.name, *given)
         return name
 
