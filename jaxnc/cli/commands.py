@@ -13,7 +13,7 @@ import numpy as np
 import jaxnc as nc
 from jaxnc.cli.output import Task, list_files, write_files
 from jaxnc.cli.question import Question, report_path
-from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.io.source import SUFFIXES
 from jaxnc.io.target import folder, stem, write
 from jaxnc.progress import step_bar
@@ -126,7 +126,8 @@ def do_export(question: Question, options: argparse.Namespace, importing: float)
     for text in exported.notes:
         verdict.add("left-out", "note", text)
     print("\n".join(str(exported).splitlines()[1:]))
-    counts = f"{len(exported.links)} links, {len(exported.joints)} joints, {len(exported.loops)} loops"
+    many = ((exported.links, "link"), (exported.joints, "joint"), (exported.loops, "loop"))
+    counts = ", ".join(counted(len(some), noun) for some, noun in many)
     list_files([(path, f"{counts}, {purpose}")], verdict)
     return 0
 

@@ -361,6 +361,9 @@ def _find_known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ..
             )
         known.append(topology.position[name])
     if len(set(known)) != len(known):
+        both = [name for name in driven if name in held]
+        if both:
+            raise InputError(f"{both[0]!r} is both driven and held; leave it out of one of them")
         raise InputError(f"an input is given twice: {', '.join((*driven, *held))}")
     return known
 
