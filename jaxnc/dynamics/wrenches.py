@@ -517,12 +517,12 @@ class Ledger:
             self.put(body, key, item, f, there)
             couples[body] = couples.get(body, 0.0) + cross(self.arm(item), f)
         axis = [items[k][0] for k in axis_items(self.top.blocks[b].kind)]
-        if not axis:
-            return
+        if not axis or any(not {*axis} <= {*body_items(self.top, body)} for body in couples if body >= 0):
+            return  # where a body has no hold of the axis, nobody takes from it what is across
         # What turns about an axis gives no couple across it: that is the hinge's, where a direction is not across.
         way = _axis(self, axis)
         for body, couple in couples.items():
-            if self.keeps(body) and set(axis) <= set(body_items(self.top, body)):
+            if self.keeps(body):
                 push = cross(way, couple - way * (couple * way).sum(-1)[..., None])
                 if axis[1:]:
                     push = push / magnitude(self.points[..., axis[1], :] - self.points[..., axis[0], :])[..., None]

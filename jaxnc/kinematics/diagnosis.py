@@ -189,7 +189,7 @@ def diagnose(
         if assembles or drawn_assembles:
             end = q
             if not reachable and not singular:
-                end = end_of_way(plan, inner, np.asarray(drawn), np.asarray(values, float))
+                end = end_of_way(plan, inner, np.asarray(drawn), np.asarray(values, float), q)
             reached = {n: float(end[top.position[n]]) for n in asked}
         if not assembles:
             known = np.concatenate([np.asarray(values), q[plan.known[len(asked) :]]])

@@ -159,7 +159,7 @@ def solve_sequences(
         inner = inner or fresh
         known = np.concatenate([values.transpose(1, 2, 0), _held_values(view, begin, total)], axis=1)
         assembled, singular = _judge_starts(inner, begin)
-        begun, known = _stay_where(singular, begin[view.known], known)
+        begun, known = _stay_where(view, singular, begin[view.known], known)
         turns = np.where(first[:, None] > 0, 0.0, _count_turns(view, begin, known[0, : values.shape[2]].T))
         turned = np.array(begin)
         turned[view.known[: turns.shape[1]]] += 2 * np.pi * turns.T
@@ -191,7 +191,7 @@ def solve_lanes(view: Plan, eq: HostEquations, start: np.ndarray, values: np.nda
         values = np.asarray(values, inner.eq.dtype)
         known = np.concatenate([values, _held_values(view, begin, 1)[0][:, which].T], axis=1)
         singular = _judge_starts(inner, begin)[1][which]
-        begun, known = (x.T for x in _stay_where(singular, begin[view.known][:, which], known.T))
+        begun, known = (x.T for x in _stay_where(view, singular, begin[view.known][:, which], known.T))
         turns = np.zeros_like(known)
         turns[:, : values.shape[1]] = _count_turns(view, begin[:, which], known[:, : values.shape[1]])
         found = host.solve_scattered(inner, begin, unwind(known, turns), which)
@@ -207,16 +207,18 @@ def solve_lanes(view: Plan, eq: HostEquations, start: np.ndarray, values: np.nda
     return PoseBatch(np.ascontiguousarray(found.q.T), found.size, found.conditioning, status=status)
 
 
-def end_of_way(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Find the last pose ``(N,)`` on the straight way from a start pose to inputs ``(k,)`` that are not reached.
+def end_of_way(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, reached: np.ndarray) -> np.ndarray:
+    """Find the last pose ``(N,)`` on the straight way from a start pose to inputs ``(k,)``, of which one was `reached`.
 
     Steps are parts of a way: of one that leads far beyond its end, a shorter one that does so too tells it better.
     """
+    if not len(values):
+        return reached
     base = start[view.known[: len(values)]]
-    parts = 10.0 ** -np.arange(14.0)
-    ways = base + (values - base) * parts[:, None]
+    ways = base + (values - base) * 0.5 ** np.arange(48.0)[:, None]
     found = solve_lanes(view, eq, start[None], ways, np.zeros(len(ways), int))
-    return found.q[np.flatnonzero(found.status != int(Status.CONVERGED))[-1:].sum()]
+    short = np.flatnonzero(found.status != int(Status.CONVERGED))
+    return found.q[short[-1]] if len(short) else reached
 
 
 def solve_nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> PoseBatch:
@@ -288,13 +290,18 @@ def _look_at_starts(inner: host.HostView, begin: np.ndarray) -> tuple[np.ndarray
     return assembled, assembled & (inner.conditioning(begin) <= inner.least.singular)
 
 
-def _stay_where(singular: np.ndarray, start: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _stay_where(
+    view: Plan, singular: np.ndarray, start: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Leave inputs ``(…, known, lanes)`` where a singular start pose has them: of two branches neither is followed.
 
     Returns:
         Statuses of poses that begin there, ``(…, lanes)``, zero of all others; and the inputs.
     """
-    status = np.where((known == start).all(axis=-2), int(Status.SINGULAR), int(Status.SINGULAR_START))
+    apart = known - start
+    apart = apart - np.where(view.periodic[:, None], 2 * np.pi * np.round(apart / (2 * np.pi)), 0.0)
+    there = (np.abs(apart) <= 1e-13 * (1.0 + np.abs(known))).all(axis=-2)
+    status = np.where(there, int(Status.SINGULAR), int(Status.SINGULAR_START))
     return np.where(singular, status, 0), np.where(singular, start, known)
 
 

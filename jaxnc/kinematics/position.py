@@ -462,7 +462,7 @@ def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> No
         q = np.asarray(motion.q)
         if not view.large:
             asked = np.array([float(np.asarray(motion.inputs[name])) for name in motion.driven])
-            q = host_solve.end_of_way(view, to_host(eq), np.asarray(settle(eq, np.zeros(len(q))).q), asked)
+            q = host_solve.end_of_way(view, to_host(eq), np.asarray(settle(eq, np.zeros(len(q))).q), asked, q)
         # The last pose on the branch: its inputs say how far the mechanism could be moved.
         got = ", ".join(f"{name} = {float(q[i]):.6g}" for name, i in zip(motion.driven, view.known, strict=False))
         gap = float(np.abs(evaluate(eq, jnp.asarray(q))[0]).max(initial=0.0))

@@ -389,7 +389,7 @@ def load(folder: str | Path, problem: Problem) -> Result:
         ModelFileError: it is damaged.
     """
     counts = ("screened", "refined", "broken", "unfit")
-    designs, meta, arrays = read_designs(folder, problem, "Result.save", "history", "stopped", *counts)
+    designs, meta, arrays = read_designs(folder, problem, "Result.save", "history", *counts)
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in arrays["history"])
     known: Any = {name.removeprefix("steps."): a for name, a in arrays.items() if name.startswith("steps.")}
     steps = Steps(**known | {"random": bool(known["random"])}) if known else None
@@ -409,7 +409,7 @@ def load(folder: str | Path, problem: Problem) -> Result:
         broken=broken,
         unfit=unfit,
         nearest=None if near is None else (float(near[-1]), near[:-1]),
-        stopped=str(meta["stopped"]),
+        stopped=str(meta.get("stopped", "")),
         relaxed=relaxed,
         steps=steps,
     )

@@ -1159,9 +1159,16 @@ class SpatialAssembler(Assembler):
         return (point, *own)
 
     def hinged(self, points: Sequence[str] | None, one: Segment, other: Segment) -> tuple[tuple[int, ...], ...]:
-        """List what holds either body of a joint about axes: an axis may be a neighbour's, too, so its point counts."""
-        at = self.at(*(points or ()))
-        return (*at[:1], *one), (*at[-1:], *other)
+        """List what holds either body of a joint about axes: an axis may be a neighbour's, too, so its point counts.
+
+        Points may be named in the other order than axes.
+        """
+        at, held = self.at(*(points or ())), [self.rigid_sets[0], *self.members.values()]
+        for first, last in ((at[:1], at[-1:]), (at[-1:], at[:1])):
+            sides = (*first, *one), (*last, *other)
+            if all(any({*side} <= items for items in held) for side in sides):
+                return sides
+        return one, other
 
     def add_spherical(self, j: record.Spherical, what: str) -> None:
         points = self.at(*j.points)
