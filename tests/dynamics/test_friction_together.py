@@ -85,8 +85,9 @@ def test_a_motor_turns_about_its_axis_and_the_hinge_holds_the_rest(to):
     np.testing.assert_allclose(found.at("O", on="arm").moment[0], [50, 0, 0], atol=1e-9)  # -r x F, across the hinge
 
 
+@pytest.mark.parametrize("points", [("A", "A2"), ("A2", "A")])
 @pytest.mark.parametrize("axis", ["h", "own"])
-def test_a_revolute_about_a_neighbours_axis_acts_on_both_bodies(axis):
+def test_a_revolute_about_a_neighbours_axis_acts_on_both_bodies(axis, points):
     """Two links on hinges about one direction, the second by rows: what it passes is what the load needs."""
     m = nc.Mechanism("two links", dim=3)
     m.ground("P", (0, 0, 0))
@@ -99,7 +100,7 @@ def test_a_revolute_about_a_neighbours_axis_acts_on_both_bodies(axis):
         m.vector(name, way)
     m.body("first", ["P", "A"], vectors=["h", "e", "own"])
     m.body("second", ["A2", "B"], vectors=["k", "f"])
-    m.revolute("J", "A", "A2", axes=(axis, "k"))
+    m.revolute("J", *points, axes=(axis, "k"))
     m.angle("a", to="e", start="x", about="h")
     m.angle("b", to="f", start="e", about="k")
     m.force("load", "B", (0, 0, 100.0))
@@ -110,3 +111,29 @@ def test_a_revolute_about_a_neighbours_axis_acts_on_both_bodies(axis):
     np.testing.assert_allclose(np.asarray(one.moment[0]), [0, -100, 0], atol=1e-9)
     np.testing.assert_allclose(np.asarray(other.moment[0]), [0, 100, 0], atol=1e-9)
     np.testing.assert_allclose(np.asarray(one.force[0]), -np.asarray(other.force[0]), atol=1e-9)
+
+
+@pytest.mark.parametrize("about", ["own", "k", "h"])
+def test_bodies_balance_whichever_axis_an_angle_turns_about(about):
+    """An angle to a point off the hinge's plane: what is across its axis is on both bodies, or on none."""
+    m = nc.Mechanism("two links", dim=3)
+    m.ground("P", (0, 0, 0))
+    m.ground_vector("h", (0, 0, 1))
+    m.ground_vector("x", (1, 0, 0))
+    for name, at in {"A": (1, 0, 0), "A2": (1, 0, 0), "B": (2, 0, 0.5)}.items():
+        m.point(name, at)
+    for name, way in {"k": (0, 0, 1), "e": (1, 0, 0), "own": (0, 0, 1)}.items():
+        m.vector(name, way)
+    m.body("first", ["P", "A"], vectors=["h", "e", "own"])
+    m.body("second", ["A2", "B"], vectors=["k"])
+    m.revolute("J", "A", "A2", axes=("own", "k"))
+    m.angle("a", to="e", start="x", about="h")
+    m.angle("b", at="A2", to="B", start="e", about=about)
+    m.force("load", "B", (0, 100.0, 7.0))
+    system = m.compile()
+    motion = nc.sweep(system, {"a": [0.0], "b": [0.0]}, rates={"a": 0.0, "b": 0.0})
+    found = nc.inverse_dynamics(system, motion).reactions
+    for body in ("first", "second"):
+        wrenches = found.on(body, about="A").values()
+        assert np.abs(sum(np.asarray(w.moment[0]) for w in wrenches)).max() < 1e-9
+        assert np.abs(sum(np.asarray(w.force[0]) for w in wrenches)).max() < 1e-9

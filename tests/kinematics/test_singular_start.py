@@ -172,3 +172,23 @@ def test_a_remedy_closes_all_loops():
     m.angle("phi", at="A", to="B")
     found = nc.diagnose(m.compile(), {"phi": np.pi})
     assert not found.assembles and not [r for r in found.remedies if "B-C" in r.dimension]
+
+
+def test_a_whole_turn_from_a_singular_drawing_is_the_drawing():
+    m = nc.library.parallelogram(0.1, 0.3, third=None)
+    for name, at in {"B": (0.1, 0.0), "C": (0.4, 0.0)}.items():
+        m.model.points[name] = at
+    system = m.compile()
+    turn = nc.solve_position(system, {"phi": np.array([0.0, 2 * np.pi, -2 * np.pi, 0.3])}, throw=False)
+    assert turn.status.tolist() == [SINGULAR, SINGULAR, SINGULAR, START]
+
+
+def test_what_has_no_inputs_says_that_it_does_not_assemble():
+    m = nc.Mechanism("too short")
+    m.ground("A", (0, 0))
+    m.ground("D", (4, 0))
+    m.point("B", (1, 1))
+    m.body("one", ["A", "B"], lengths={("A", "B"): 1.0})
+    m.body("two", ["B", "D"], lengths={("B", "D"): 1.0})
+    with pytest.raises(nc.AssemblyError, match="does not assemble"):
+        nc.solve_position(m.compile(), {})
