@@ -300,7 +300,8 @@ def _stay_where(
     """
     apart = known - start
     apart = apart - np.where(view.periodic[:, None], 2 * np.pi * np.round(apart / (2 * np.pi)), 0.0)
-    there = (np.abs(apart) <= 1e-13 * (1.0 + np.abs(known))).all(axis=-2)
+    rounding = 1e3 * np.finfo(known.dtype).eps * (1.0 + np.abs(known))
+    there = (np.abs(apart) <= rounding).all(axis=-2)
     status = np.where(there, int(Status.SINGULAR), int(Status.SINGULAR_START))
     return np.where(singular, status, 0), np.where(singular, start, known)
 

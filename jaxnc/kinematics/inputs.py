@@ -14,6 +14,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import refuse_fork
+from jaxnc.constraints.coordinates import DISTANCE_BETWEEN
 from jaxnc.errors import InputError, WrongCount, brief, nearest
 from jaxnc.kinematics.freedoms import explain_lock, loose_motions
 from jaxnc.records import by_identity
@@ -157,6 +158,20 @@ def worst_rows(system: System, eq: Equations, q: np.ndarray) -> str:
     gaps = row_gaps(to_host(eq), np.asarray(q), order)
     said = ", ".join(f"{system.topology.rows[i]} is off by {gap:.3g}" for i, gap in zip(order, gaps, strict=True))
     return said or "no constraint is violated"
+
+
+def meeting_ends(system: System, q: np.ndarray) -> str:
+    """Say in a sentence which distances are zero in a pose, where they have no derivative; empty if none is."""
+    top = system.topology
+    first, size = len(top.coordinates) - len(top.scalars), float(derive(system).length)
+    zero = [
+        name
+        for k, (name, (block, _)) in enumerate(zip(top.scalars, top.measures, strict=True))
+        if top.blocks[block].kind is DISTANCE_BETWEEN and abs(q[first + k]) <= 1e-5 * size
+    ]
+    if not zero:
+        return ""
+    return f" The ends of {zero[0]!r} meet there, which stops the motion: measure it along= a line, or leave it out."
 
 
 def row_gaps(eq: HostEquations, q: np.ndarray, rows: np.ndarray) -> np.ndarray:

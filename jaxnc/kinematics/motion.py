@@ -12,7 +12,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, jit, on_device
 from jaxnc.doors import door
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
-from jaxnc.kinematics.inputs import dense_only, outside
+from jaxnc.kinematics.inputs import dense_only, meeting_ends, outside
 from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, relative_state, screw_axis, without_noise
 from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.notebooks import Drawn
@@ -375,9 +375,12 @@ class Motion(Drawn):
         where = f"; the first is pose {bad[0]}, {', '.join(inputs)}" if inputs else ""
         ended = bool({int(Status.SINGULAR), int(Status.DID_NOT_ASSEMBLE)} & {*status[bad].tolist()})
         hint = circuits_hint(self.system, self.driven) if ended and not self._designs else ""
+        zero = ""
+        if ended and not self._designs:
+            zero = meeting_ends(self.system, np.asarray(known.q).reshape(len(status), -1)[bad[0]])
         raise AssemblyError(
             f"{self.system.name!r}: {len(bad)} of {len(status)} poses failed{where}. {' '.join(kinds)}"
-            f"{hint and f' {hint}.'}"
+            f"{hint and f' {hint}.'}{zero}"
         )
 
     def singular_values(self) -> Float[Array, "... n"]:

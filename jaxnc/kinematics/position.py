@@ -26,6 +26,7 @@ from jaxnc.kinematics.inputs import (
     finite_array,
     in_radians,
     make_plan,
+    meeting_ends,
     outside,
     rate_values,
     worst_rows,
@@ -468,14 +469,14 @@ def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> No
         gap = float(np.abs(evaluate(eq, jnp.asarray(q))[0]).max(initial=0.0))
         assembled = gap <= limits(eq.length).close * float(eq.length)
         if assembled:
-            text += f" Along the branch of the drawing it can be moved as far as {got}."
+            text += f" Along the branch of the drawing it can be moved as far as {got}.{meeting_ends(motion.system, q)}"
         else:
             worst = worst_rows(motion.system, eq, q)
             text += f" Even the drawing does not assemble: {worst}."
     if int(status) == Status.SINGULAR_START:
         if not start and host_solve.never_moves(motion.system, view, eq):
             text = f"{motion.system.name!r}: {NEVER_MOVES.format(', '.join(motion.driven))}"
-        raise AssemblyError(text)
+        raise AssemblyError(text + meeting_ends(motion.system, np.asarray(motion.q)))
     raise AssemblyError(
         text + " jaxnc.diagnose(system, inputs) names the constraints in the way and what would mend it."
     )

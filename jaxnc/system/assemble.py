@@ -1158,7 +1158,7 @@ class SpatialAssembler(Assembler):
         point, own = self.line(on, "")
         return (point, *own)
 
-    def hinged(self, points: Sequence[str] | None, one: Segment, other: Segment) -> tuple[tuple[int, ...], ...]:
+    def hinge_sides(self, points: Sequence[str] | None, one: Segment, other: Segment) -> tuple[tuple[int, ...], ...]:
         """List what holds either body of a joint about axes: an axis may be a neighbour's, too, so its point counts.
 
         Points may be named in the other order than axes.
@@ -1178,7 +1178,7 @@ class SpatialAssembler(Assembler):
         assert j.axes is not None
         a, b = (self.check_direction(axis, what) for axis in j.axes)
         removed = self.together(j.points) + self.parallel(a, b)
-        self.note(removed, self.at(*(j.points or ())), (a, b), self.hinged(j.points, a, b))
+        self.note(removed, self.at(*(j.points or ())), (a, b), self.hinge_sides(j.points, a, b))
 
     def add_cylindrical(self, j: record.Cylindrical, what: str) -> None:
         point, axis, other, removed = self.slide(what, j.line, j.on)
@@ -1220,7 +1220,7 @@ class SpatialAssembler(Assembler):
             self.refuse_loose(arm, what)
         removed = self.together(j.points)
         self.write(kinds.product, (a, b))
-        self.note(removed + 1, self.at(*(j.points or ())), (a, b), self.hinged(j.points, a, b))
+        self.note(removed + 1, self.at(*(j.points or ())), (a, b), self.hinge_sides(j.points, a, b))
 
     def add_screw(self, j: record.Screw, what: str) -> None:
         point, axis, other, removed = self.slide(what, j.line, j.on)
@@ -1318,7 +1318,7 @@ class SpatialAssembler(Assembler):
             )
         removed = self.together(j.points)
         self.write(kinds.constant_velocity, (axes[0], marks[0], axes[1], marks[1]))
-        held = self.hinged(j.points, *((*axis, *mark) for axis, mark in zip(axes, marks, strict=True)))
+        held = self.hinge_sides(j.points, *((*axis, *mark) for axis, mark in zip(axes, marks, strict=True)))
         self.note(removed + 1, self.at(*(j.points or ())), (*axes, *marks), held)
 
     def add_rolling(self, j: record.Rolling, what: str) -> None:

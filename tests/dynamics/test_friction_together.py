@@ -62,7 +62,7 @@ def test_frictions_on_one_body_do_not_disturb_each_other(mu):
 
 
 @functools.cache
-def arm(to: str, shared: bool = True) -> nc.System:
+def arm(to: str) -> nc.System:
     """A link on a hinge about z, its angle counted to a point off the hinge's plane or to a vector in it."""
     m = nc.Mechanism("arm", dim=3)
     m.ground("O", (0, 0, 0))
@@ -85,28 +85,35 @@ def test_a_motor_turns_about_its_axis_and_the_hinge_holds_the_rest(to):
     np.testing.assert_allclose(found.at("O", on="arm").moment[0], [50, 0, 0], atol=1e-9)  # -r x F, across the hinge
 
 
-@pytest.mark.parametrize("points", [("A", "A2"), ("A2", "A")])
-@pytest.mark.parametrize("axis", ["h", "own"])
-def test_a_revolute_about_a_neighbours_axis_acts_on_both_bodies(axis, points):
-    """Two links on hinges about one direction, the second by rows: what it passes is what the load needs."""
+def two_links(points: tuple[str, str], axis: str, about: str, to: dict, load: tuple, up: float) -> nc.System:
+    """Two links on hinges about one direction, the second by rows, and a load at its end, which stands `up`."""
     m = nc.Mechanism("two links", dim=3)
     m.ground("P", (0, 0, 0))
     m.ground_vector("h", (0, 0, 1))
     m.ground_vector("x", (1, 0, 0))
-    m.point("A", (1, 0, 0))
-    m.point("A2", (1, 0, 0))
-    m.point("B", (2, 0, 0))
+    for name, at in {"A": (1, 0, 0), "A2": (1, 0, 0), "B": (2, 0, up)}.items():
+        m.point(name, at)
     for name, way in {"k": (0, 0, 1), "e": (1, 0, 0), "f": (1, 0, 0), "own": (0, 0, 1)}.items():
         m.vector(name, way)
     m.body("first", ["P", "A"], vectors=["h", "e", "own"])
     m.body("second", ["A2", "B"], vectors=["k", "f"])
     m.revolute("J", *points, axes=(axis, "k"))
     m.angle("a", to="e", start="x", about="h")
-    m.angle("b", to="f", start="e", about="k")
-    m.force("load", "B", (0, 0, 100.0))
-    system = m.compile()
+    m.angle("b", **to, start="e", about=about)
+    m.force("load", "B", load)
+    return m.compile()
+
+
+def reactions_at_rest(system: nc.System):
     motion = nc.sweep(system, {"a": [0.0], "b": [0.0]}, rates={"a": 0.0, "b": 0.0})
-    found = nc.inverse_dynamics(system, motion).reactions
+    return nc.inverse_dynamics(system, motion).reactions
+
+
+@pytest.mark.parametrize("points", [("A", "A2"), ("A2", "A")])
+@pytest.mark.parametrize("axis", ["h", "own"])
+def test_a_revolute_about_a_neighbours_axis_acts_on_both_bodies(axis, points):
+    """What the joint passes is what the load needs."""
+    found = reactions_at_rest(two_links(points, axis, "k", {"to": "f"}, (0, 0, 100.0), 0.0))
     one, other = (found.on(body, about="A")["joint J"] for body in ("first", "second"))
     np.testing.assert_allclose(np.asarray(one.moment[0]), [0, -100, 0], atol=1e-9)
     np.testing.assert_allclose(np.asarray(other.moment[0]), [0, 100, 0], atol=1e-9)
@@ -116,23 +123,8 @@ def test_a_revolute_about_a_neighbours_axis_acts_on_both_bodies(axis, points):
 @pytest.mark.parametrize("about", ["own", "k", "h"])
 def test_bodies_balance_whichever_axis_an_angle_turns_about(about):
     """An angle to a point off the hinge's plane: what is across its axis is on both bodies, or on none."""
-    m = nc.Mechanism("two links", dim=3)
-    m.ground("P", (0, 0, 0))
-    m.ground_vector("h", (0, 0, 1))
-    m.ground_vector("x", (1, 0, 0))
-    for name, at in {"A": (1, 0, 0), "A2": (1, 0, 0), "B": (2, 0, 0.5)}.items():
-        m.point(name, at)
-    for name, way in {"k": (0, 0, 1), "e": (1, 0, 0), "own": (0, 0, 1)}.items():
-        m.vector(name, way)
-    m.body("first", ["P", "A"], vectors=["h", "e", "own"])
-    m.body("second", ["A2", "B"], vectors=["k"])
-    m.revolute("J", "A", "A2", axes=("own", "k"))
-    m.angle("a", to="e", start="x", about="h")
-    m.angle("b", at="A2", to="B", start="e", about=about)
-    m.force("load", "B", (0, 100.0, 7.0))
-    system = m.compile()
-    motion = nc.sweep(system, {"a": [0.0], "b": [0.0]}, rates={"a": 0.0, "b": 0.0})
-    found = nc.inverse_dynamics(system, motion).reactions
+    system = two_links(("A", "A2"), "own", about, {"at": "A2", "to": "B"}, (0, 100.0, 7.0), 0.5)
+    found = reactions_at_rest(system)
     for body in ("first", "second"):
         wrenches = found.on(body, about="A").values()
         assert np.abs(sum(np.asarray(w.moment[0]) for w in wrenches)).max() < 1e-9

@@ -192,3 +192,20 @@ def test_what_has_no_inputs_says_that_it_does_not_assemble():
     m.body("two", ["B", "D"], lengths={("B", "D"): 1.0})
     with pytest.raises(nc.AssemblyError, match="does not assemble"):
         nc.solve_position(m.compile(), {})
+
+
+def test_a_distance_whose_ends_meet_is_named():
+    """A trammel of Archimedes: the distance of a block from where its grooves meet is zero twice in a turn."""
+    m = nc.Mechanism("trammel")
+    for name, at in {"O": (0, 0), "X": (5, 0), "Y": (0, 5)}.items():
+        m.ground(name, at)
+    m.point("A", (3 * np.cos(0.7), 0))
+    m.point("B", (0, 3 * np.sin(0.7)))
+    m.body("arm", ["A", "B"])
+    m.slot("level", "A", ["O", "X"])
+    m.slot("upright", "B", ["O", "Y"])
+    m.angle("phi", at="A", to="B")
+    m.distance("s", "O", "A")
+    turn = nc.sweep(m.compile(), {"phi": np.linspace(np.pi - 0.7, np.pi - 3.0, 40)})
+    with pytest.raises(nc.AssemblyError, match="ends of 's' meet there"):
+        turn.check()
