@@ -179,27 +179,22 @@ def row_gaps(eq: HostEquations, q: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
     Of a bar this is what its length lacks. Rows that bend more than squares do are taken for squares.
     """
-    top, out, jacobian = eq.topology, np.zeros(len(rows)), np.zeros((0, 0))
-    if len(rows) and not top.large:
-        jacobian = eq.jacobian(q[:, None])[0][rows] / eq.weights
-    ends = [*range(0, len(q) - len(top.scalars), top.dim), *range(len(q) - len(top.scalars), len(q) + 1)]
-    step = 1e-2 * float(eq.length)  # of a difference that is exact for squares
-    for k, row in enumerate(rows):
-        here = float(np.abs(eq.residual(q[:, None])[row, 0]))
-        groups = [np.arange(a, b) for a, b in itertools.pairwise(ends)] if len(jacobian) else []
-        along = max(groups, key=lambda group: float(np.linalg.norm(jacobian[k, group])), default=np.zeros(0, int))
-        slope = float(np.linalg.norm(jacobian[k, along])) if len(along) else 0.0
-        out[k] = here
+    top, out = eq.topology, np.abs(eq.residual(q[:, None])[rows, 0])
+    if top.large or not len(rows):
+        return out
+    scalars, step = len(q) - len(top.scalars), 1e-2 * float(eq.length)  # of a difference that is exact for squares
+    ends = [*range(0, scalars, top.dim), *range(scalars, len(q) + 1)]
+    groups = [np.arange(a, b) for a, b in itertools.pairwise(ends)]  # coordinates of a point, a vector or a scalar
+    for k, slopes in enumerate(eq.jacobian(q[:, None])[0][rows] / eq.weights):
+        along = max(groups, key=lambda group: float(np.linalg.norm(slopes[group])))
+        slope = float(np.linalg.norm(slopes[along]))
         if slope > 0.0:
             way = np.zeros(len(q))
-            way[along] = jacobian[k, along] / slope / eq.weights[along]
-            before, now, after = eq.residual(q[:, None] + way[:, None] * [-step, 0.0, step])[row]
+            way[along] = slopes[along] / slope / eq.weights[along]
+            before, now, after = eq.residual(q[:, None] + way[:, None] * [-step, 0.0, step])[rows[k]]
             first, second = (after - before) / (2 * step), (after - 2 * now + before) / step**2
-            root = first**2 - 2.0 * second * now
-            if root < 0.0 or abs(second * now) < 1e-9 * first**2:
-                out[k] = abs(now / first)
-            else:
-                out[k] = abs(2.0 * now / (abs(first) + math.sqrt(root)))
+            root = math.sqrt(max(first**2 - 2.0 * second * now, 0.0))  # zero where no place meets the row
+            out[k] = abs(2.0 * now / (abs(first) + root))
     return out
 
 
