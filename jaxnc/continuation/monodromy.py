@@ -179,7 +179,7 @@ class Sections:
         """Take one of Newton's steps; see `jaxnc.continuation.tracker.Problem`."""
         del lanes, keep
         y, s, section = w[:-1].T, w[-1], self.begin + at[:, None] * self.step
-        powers, slopes = self.line._weights(s, 1)
+        powers, slopes = np.swapaxes(self.line._weights(s, 1), 1, 2)
         g, slope = self._products([powers], [y], 0), self._products([slopes], [y], 0)
         off, value = s - section[:, 0], np.sum(section[:, 2:] * y, axis=1)
         n = self.line.n

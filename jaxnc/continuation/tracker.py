@@ -11,7 +11,6 @@ are products with one matrix for all paths: all of them are exact, since everyth
 """
 
 import dataclasses
-import functools
 from math import comb
 from typing import Any, Protocol
 
@@ -185,6 +184,13 @@ class QuadraticPaths:
         if len(self.filled) > _DENSE * stacked.shape[2]:
             self.filled = np.arange(stacked.shape[2])
         self.stacked, self.rows = np.ascontiguousarray(stacked[:, some][:, :, self.filled]), rows
+        # Products of two unknowns that any coefficient goes with, each written once.
+        i, j = np.triu_indices(wide)
+        both = np.where(i == j, 1.0, 2.0) * powers[:, :, :, i, j]
+        some = np.flatnonzero(both.any(axis=(0, 1, 2)))
+        self.left, self.right = i[some], j[some]
+        # (targets, powers · products, equations)
+        self.products = np.swapaxes(both[..., some], 2, 3).reshape(targets, self.degree * len(some), rows)
         self.targets, self.each = targets, each
         self.binomials = np.array([[comb(k, m) for k in range(self.degree)] for m in range(_ORDER + 1)], float)
         rng = np.random.default_rng(self.n)
@@ -195,25 +201,32 @@ class QuadraticPaths:
 
         Returns ``(lanes, equations, 1 + n)``.
         """
-        if self.targets == 1:
-            out = flat @ self.stacked[0]
-        else:
-            # Paths to one target are multiplied together; there are as many to each, some of them over.
-            targets, at = np.unique(lanes // self.each, return_inverse=True)
-            beside = lanes % self.each
-            padded = np.zeros((len(targets), self.each, flat.shape[1]), complex)
-            padded[at, beside] = flat
-            out = np.matmul(padded, self.stacked[targets])[at, beside]
+        out = self._times(flat, lanes, self.stacked)
         if len(self.filled) < self.rows * (self.n + 1):
             every = np.zeros((len(flat), self.rows * (self.n + 1)), complex)
             every[:, self.filled] = out
             out = every
         return out.reshape(len(flat), self.rows, self.n + 1)
 
+    def _multiply(self, y: np.ndarray, at: np.ndarray, lanes: np.ndarray) -> np.ndarray:
+        """The matrix of every equation times the unknowns, ``(lanes, equations, 1 + n)``; twice that is its slope."""
+        return self._apply(self._weights(at, 0)[0].T[:, self.power] * y[:, self.place], lanes)
+
+    def _times(self, flat: np.ndarray, lanes: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+        """Multiply rows ``(lanes, …)`` by the matrices of their targets ``(targets, …, columns)``."""
+        if self.targets == 1:
+            return flat @ matrices[0]
+        # Paths to one target are multiplied together; there are as many to each, some of them over.
+        targets, at = np.unique(lanes // self.each, return_inverse=True)
+        beside = lanes % self.each
+        padded = np.zeros((len(targets), self.each, flat.shape[1]), complex)
+        padded[at, beside] = flat
+        return np.matmul(padded, matrices[targets])[at, beside]
+
     def _weights(self, at: np.ndarray, order: int) -> np.ndarray:
-        """Series coefficients of the powers of the parameter about `at`, ``(order + 1, lanes, powers)``."""
-        left = np.maximum(np.arange(self.degree) - np.arange(order + 1)[:, None, None], 0)
-        return self.binomials[: order + 1, None] * at[:, None] ** left
+        """Series coefficients of the powers of the parameter about `at`, ``(order + 1, powers, lanes)``."""
+        left = np.maximum(np.arange(self.degree) - np.arange(order + 1)[:, None], 0)
+        return self.binomials[: order + 1, :, None] * (at ** np.arange(self.degree)[:, None])[left]
 
     def follow(self, w: np.ndarray, pace: Pace) -> PathEnds:
         """Follow solutions ``(n, paths)`` from 0 to 1."""
@@ -225,7 +238,7 @@ class QuadraticPaths:
     def evaluate(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals ``(lanes, n)`` and Jacobians ``(lanes, n, n)`` at solutions ``(n, lanes)``."""
         y = np.concatenate([np.ones((1, w.shape[1])), w]).T
-        g = self._apply(self._weights(at, 0)[0][:, self.power] * y[:, self.place], lanes)
+        g = self._multiply(y, at, lanes)
         return np.matmul(g, y[:, :, None])[:, :, 0], 2.0 * g[:, :, 1:]
 
     def correct(
@@ -233,7 +246,7 @@ class QuadraticPaths:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Take one of Newton's steps; see `jaxnc.continuation.tracker.Problem`."""
         y = w.T
-        g = self._apply(self._weights(at, 0)[0][:, self.power] * y[:, self.place], lanes)
+        g = self._multiply(y, at, lanes)
         f = np.concatenate([np.matmul(g, y[:, :, None])[:, :, 0], (y @ self.patch - 1.0)[:, None]], axis=1)
         patch = np.broadcast_to(self.patch, (len(y), 1, self.n + 1))
         matrix = np.concatenate([2.0 * g, patch], axis=1)
@@ -247,19 +260,21 @@ class QuadraticPaths:
 
     def series(self, w: np.ndarray, at: np.ndarray, lanes: np.ndarray, linear: np.ndarray) -> list[np.ndarray]:
         """Find the power series; see `jaxnc.continuation.tracker.Problem`."""
-        weights, terms = self._weights(at, _ORDER)[..., self.power], [w.T]
-        placed = [terms[0][:, self.place]]
-        inner: list[np.ndarray] = []  # Σ Q_l Y_j, order by order
-        for m in range(1, _ORDER + 1):
-            g = self._apply(functools.reduce(np.add, (weights[m - j] * placed[j] for j in range(m))), lanes)
-            rest = np.matmul(g, terms[0][:, :, None])[:, :, 0]
-            for j in range(1, m):
-                rest = rest + np.matmul(inner[m - j - 1], terms[j][:, :, None])[:, :, 0]
-            terms.append(-np.matmul(linear[:, :, : self.n], rest[:, :, None])[:, :, 0])
-            if m < _ORDER:
-                placed.append(terms[m][:, self.place])
-                inner.append(g + self._apply(weights[0] * placed[m], lanes))
-        return [term.T for term in terms[1:]]
+        weights = self._weights(at, min(_ORDER, self.degree - 1))  # of no more orders than there are powers
+        known: Any = 0.0  # what of an order's products the lower ones say
+        terms, left, right, series = [w], [], [], []
+        for m in range(_ORDER):
+            left.append(terms[m][self.left])
+            right.append(terms[m][self.right])
+            series.append(known + left[0] * right[m] + left[m] * right[0] if m else left[0] * right[0])
+            known = sum(left[j] * right[m + 1 - j] for j in range(1, m + 1))
+            flat = weights[0][:, None] * known if m else np.zeros((self.degree, *series[0].shape), complex)
+            for shift in range(1, min(m + 1, self.degree - 1) + 1):
+                flat[shift:] += weights[shift, shift:, None] * series[m + 1 - shift]
+            flat = flat.reshape(self.products.shape[1], len(at))
+            rest = self._times(flat.T, lanes, self.products)
+            terms.append(-np.matmul(linear[:, :, : self.n], rest[:, :, None])[:, :, 0].T)
+        return terms[1:]
 
     def size(self, w: np.ndarray) -> np.ndarray:
         """Largest unknown of each path."""

@@ -61,6 +61,9 @@ from jaxnc.types import Inputs, Numbers
 MOST = 1000
 """Solutions of a generic mechanism that are looked for without being asked to."""
 
+_CHECKS = 5
+"""Often a start set is checked at first: a pose that is found another way has to be among the assemblies."""
+
 _ROUTES = ((True, BOLD), (False, BOLD), (True, CAREFUL), (False, CAREFUL), (False, CAREFUL))  # straight, or around
 
 
@@ -172,7 +175,7 @@ class Modes(Reported):
 
     def __str__(self) -> str:
         system = self.poses.system
-        at = ", ".join(f"{n} = {float(v.reshape(-1)[0]):.6g}" for n, v in self.poses.inputs.items() if v.size)
+        at = system.topology.write_values({n: v for n, v in self.poses.inputs.items() if v.size})
         head = f"{system.topology.name}{f' at {at}' if at else ''}: {counted(len(self), 'assembly', 'assemblies')}"
         lines = [head, *(f"  {line}." for line in self.statement.rstrip(".").split(". "))]
         for k, c in enumerate(self.certificates):
@@ -192,7 +195,7 @@ class Family:
     """A structure with its inputs, and what is zero in it: start set and eliminations, for all designs."""
 
     def __init__(self, reading: Reading, starts: StartSet):
-        self.reading, self.starts = reading, starts
+        self.reading, self.starts, self.checks = reading, starts, 0
         self.reductions: list[tuple[Reduction, Placed]] = []
 
     def reduction(self, design: Member, strict: bool = False) -> tuple[Reduction, Placed, Placed]:
@@ -611,6 +614,9 @@ def modes(
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most, prove)
     member, x = design.at(values[:, None], order)
     found = _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
+    family.checks += 1
+    if family.checks > _CHECKS:
+        return found
     asked = dict(zip(inputs, values, strict=True))
     own = solve_position(system, asked, hold=hold, unit="rad", throw=False)
     return found if _has(found, own, design) else dataclasses.replace(found, lost=found.lost + 1)

@@ -49,21 +49,43 @@ def by_structure(constants: np.ndarray) -> np.ndarray:
 # -- kinds -------------------------------------------------------------------------------------------------------------
 
 
-class _Rows(NamedTuple):
+class _Rows:
     """Rows of a kind as functions of variables, constants, and cosines and sines of its scalars."""
 
-    values: Function
-    slopes: Function
-    slope_at: tuple[tuple[int, int], ...]  # row and variable
-    bends: Function
-    bend_at: tuple[tuple[int, int, int], ...]  # row and two variables
-    uses_cosine: frozenset[int]  # scalars of which a cosine or sine is used, by number
-    source: Program
+    def __init__(self, source: Program, variables: int, scalars: int):
+        self.source, self.variables, self.per = source, variables, len(source.outputs)
+        inputs, angles = {n.value for n in source.nodes if n.op == "input"}, source.inputs - 2 * scalars
+        # Scalars of which a cosine or sine is used, by number.
+        self.uses_cosine = frozenset(k for k in range(scalars) if {angles + 2 * k, angles + 2 * k + 1} & inputs)
+        self.values = function(source)
+
+    @functools.cached_property
+    def _sloped(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
+        return partials(self.source, range(self.variables))
+
+    @functools.cached_property
+    def _bent(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
+        return partials(self._sloped[0], range(self.variables))
+
+    @functools.cached_property
+    def slopes(self) -> Function:
+        """Their derivatives that are not zero, in the order of `slope_at`."""
+        return function(self._sloped[0])
 
     @property
-    def per(self) -> int:
-        """Number of rows of an instance."""
-        return len(self.source.outputs)
+    def slope_at(self) -> tuple[tuple[int, int], ...]:
+        """Row and variable of each of the slopes."""
+        return self._sloped[1]
+
+    @functools.cached_property
+    def bends(self) -> Function:
+        """Their second derivatives that are not zero, in the order of `bend_at`."""
+        return function(self._bent[0])
+
+    @functools.cached_property
+    def bend_at(self) -> tuple[tuple[int, int, int], ...]:
+        """Row and two variables of each of the bends."""
+        return tuple((*self.slope_at[k], v) for k, v in self._bent[1])
 
 
 def _generic(found: Program, variables: int, scalars: int, drawn: bool) -> Program:
@@ -107,19 +129,7 @@ def _rows_of(kind: Kind, which: str, dim: int) -> _Rows | None:
     found, count = _generic_program(kind, which, dim), size(kind, dim)
     if found is None:
         return None
-    slopes, at = partials(found, range(count))
-    bends, second = partials(slopes, range(count))
-    inputs = {node.value for node in found.nodes if node.op == "input"}
-    angles = found.inputs - 2 * kind.scalars
-    return _Rows(
-        function(found),
-        function(slopes),
-        at,
-        function(bends),
-        tuple((*at[k], v) for k, v in second),
-        frozenset(k for k in range(kind.scalars) if {angles + 2 * k, angles + 2 * k + 1} & inputs),
-        found,
-    )
+    return _Rows(found, count, kind.scalars)
 
 
 @functools.lru_cache(maxsize=2048)
@@ -165,6 +175,26 @@ class Part:
     instances: np.ndarray
     rows: _Rows
     sizes: np.ndarray | None = None  # numbers of the right-hand sides; None of ordinary rows
+
+
+@dataclasses.dataclass(frozen=True)
+class _Places:
+    """How often each term, a value, slope or bend of a row, counts at each place of the coefficients."""
+
+    shape: tuple[int, int]  # rows, and 1 and the unknowns
+    terms: int
+    of: np.ndarray  # terms, those of one place after the other
+    counts: np.ndarray
+    filled: np.ndarray  # places that have any
+    begin: np.ndarray  # where each one's terms begin
+
+    def sum(self, terms: np.ndarray) -> np.ndarray:
+        """Sum terms ``(terms, samples)`` up to coefficients ``(samples, rows, 1 + unknowns, 1 + unknowns)``."""
+        rows, wide = self.shape
+        out = np.zeros((terms.shape[1], rows * wide * wide), complex)
+        if len(self.filled):
+            out[:, self.filled] = np.add.reduceat(terms[self.of] * self.counts[:, None], self.begin, axis=0).T
+        return out.reshape(-1, rows, wide, wide)
 
 
 class NotPolynomial(Exception):
@@ -270,30 +300,42 @@ class Reading:
 
     def coefficients(self, member: Member) -> np.ndarray:
         """Symmetric coefficients of all rows, ``(samples, rows, 1 + unknowns, 1 + unknowns)``."""
-        samples, wide = member.known.shape[1], 1 + len(self.unknown)
+        samples = member.known.shape[1]
+        places, at = self._places, 0
+        terms = np.empty((places.terms, samples), complex)
+        for part in self.parts:
+            x, count = self._inputs(part, member.known, member.constants, member.turns), len(part.instances)
+            less = 0.0 if part.sizes is None else member.sizes[part.sizes]
+            for value in (*(v - less for v in part.rows.values(x)), *part.rows.slopes(x), *part.rows.bends(x)):
+                terms[at : at + count] = value
+                at += count
+        return places.sum(terms)
+
+    @functools.cached_property
+    def _places(self) -> "_Places":
+        wide = 1 + len(self.unknown)
         place = np.zeros(len(self.top.coordinates), int)  # of each coordinate among 1 and the unknowns
         place[self.unknown] = 1 + np.arange(len(self.unknown))
-        square = wide * wide
-        count = sum(len(p.instances) * p.rows.per for p in self.parts)
-        out = np.zeros((count * square, samples), complex)
-        row = 0
+        found: list[np.ndarray] = [np.zeros((3, 0))]
+        first = terms = 0
         for part in self.parts:
-            x = self._inputs(part, member.known, member.constants, member.turns)
             at = place[self.top.layout[part.block].variables[part.instances]]  # (instances, variables)
-            base = (row + np.arange(len(at)) * part.rows.per) * square
-            for r, value in enumerate(part.rows.values(x)):
-                out[base + r * square] += value if part.sizes is None else value - member.sizes[part.sizes]
-            for (r, v), value in zip(part.rows.slope_at, part.rows.slopes(x), strict=True):
-                moves = np.flatnonzero(at[:, v])
-                half = 0.5 * np.broadcast_to(value, (len(at), samples))[moves]
-                out[base[moves] + r * square + at[moves, v]] += half
-                out[base[moves] + r * square + at[moves, v] * wide] += half
-            for (r, u, v), value in zip(part.rows.bend_at, part.rows.bends(x), strict=True):
-                moves = np.flatnonzero((at[:, u] > 0) & (at[:, v] > 0))
-                half = 0.5 * np.broadcast_to(value, (len(at), samples))[moves]
-                out[base[moves] + r * square + at[moves, u] * wide + at[moves, v]] += half
-            row += len(at) * part.rows.per
-        return np.moveaxis(out.reshape(count, wide, wide, samples), 3, 0)
+            none, row = np.zeros(len(at), int), first + np.arange(len(at)) * part.rows.per
+            values = [(r, none, none, np.ones(len(at))) for r in range(part.rows.per)]
+            slopes = [(r, none, at[:, v], 0.5 * (at[:, v] > 0)) for r, v in part.rows.slope_at]
+            bends = [(r, at[:, u], at[:, v], 0.25 * (at[:, u] * at[:, v] > 0)) for r, u, v in part.rows.bend_at]
+            for kind, each in ((0, values), (1, slopes), (1, bends)):
+                for r, one, two, count in each:
+                    term = terms + np.arange(len(at))
+                    for a, b in ((one, two), (two, one))[: 1 + kind]:
+                        found.append(np.stack([((row + r) * wide + a) * wide + b, term, count]))
+                    terms += len(at)
+            first += len(at) * part.rows.per
+        places, of, counts = np.concatenate(found, axis=1)
+        some = counts > 0.0
+        order = np.flatnonzero(some)[np.argsort(places[some], kind="stable")]
+        filled, begin = np.unique(places[order].astype(int), return_index=True)
+        return _Places((first, wide), terms, of[order].astype(int), counts[order], filled, begin)
 
     def _linearise(self, parts: Sequence[Part], x: np.ndarray, constants: Sequence[np.ndarray], turns: np.ndarray):
         """Rows of some parts at a pose ``(N, 1)``, and their derivatives by all coordinates, ``(rows, N)``."""
@@ -368,6 +410,7 @@ class Reading:
                 count += len(kept)
         out = copy.copy(self)
         out.parts = [*self.parts, *more]
+        out.__dict__.pop("_places", None)
         return out
 
     def freedoms(self, constants: Sequence[np.ndarray], x: np.ndarray) -> int:

@@ -1,7 +1,9 @@
 """Linear rows solved first: what is left of a family's equations, in as few unknowns as that gives.
 
 Combinations of rows in which the quadratic parts cancel are linear; they are solved for some unknowns, and what is left
-is looked at again. Which rows and unknowns these are is chosen once, for a generic member and a design together.
+is looked at again. Which rows and unknowns these are is chosen once, for a generic member and a design together. A
+quadratic part that several rows have, in multiples which differ between members, is an unknown of its own: a body's
+points beside the plane of its first three are so many times a cross product away from it, and linear in that.
 
 A path between two members is straight in their numbers. Where linear rows are divided only by what is the same in all
 members, what follows from them is a polynomial of the path's parameter, and the path stays in the family. Otherwise
@@ -11,10 +13,8 @@ what is solved goes straight from one end to the other instead: a driven pin, sa
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-import scipy.linalg
 
 from jaxnc.continuation.tracker import FIT, QuadraticPaths, fit_powers
 from jaxnc.kinematics.polynomial import RANK, Member, Reading
@@ -66,30 +66,87 @@ class Stage:
         return out
 
 
+class Products:
+    """Quadratic parts that several rows share, in multiples which differ between members: each becomes an unknown.
+
+    They are found in coefficients ``(2, rows, 1 + n, 1 + n)`` of a generic member and a design.
+    """
+
+    def __init__(self, pair: np.ndarray):
+        count, wide = pair.shape[1], pair.shape[2]
+        parts = pair[:, :, 1:, 1:].reshape(2, count, -1)
+        largest = np.abs(parts[0]).argmax(axis=1) if parts.size else np.zeros(count, int)
+        often = np.take_along_axis(parts, largest[None, :, None], axis=2)[:, :, 0]
+        shape = parts[0] / np.where(often[0] == 0.0, 1.0, often[0])[:, None]
+        differs = np.abs(parts[1] - often[1][:, None] * shape).max(axis=1, initial=0.0)
+        own = np.flatnonzero((often[0] != 0.0) & (differs <= _EQUAL * np.abs(parts).max(axis=(0, 2), initial=0.0)))
+        rows: list[int] = []
+        which: list[int] = []
+        shapes: list[np.ndarray] = []
+        while len(own):
+            first = own[0]
+            alike = np.abs(shape[own] - shape[first]).max(axis=1) <= _EQUAL
+            group, own = own[alike], own[~alike]
+            ratio = often[1, group] / often[0, group]
+            if np.abs(ratio - ratio[0]).max() > _EQUAL * np.abs(ratio).max():
+                rows += list(group)
+                which += [len(shapes)] * len(group)
+                shapes.append(shape[first].reshape(wide - 1, wide - 1))
+        self.rows, self.which = np.array(rows, int), np.array(which, int)
+        self.shapes = np.array(shapes, complex).reshape(-1, wide - 1, wide - 1)
+        self.at = tuple(1 + k for k in np.divmod(largest[self.rows], max(1, wide - 1)))
+
+    def name(self, t: np.ndarray) -> np.ndarray:
+        """Coefficients with the products as the last unknowns, and with the rows that define them as the last rows."""
+        count = len(self.shapes)
+        if not count:
+            return t
+        samples, all_rows, wide, _ = t.shape
+        out = np.zeros((samples, all_rows + count, wide + count, wide + count), complex)
+        out[:, :all_rows, :wide, :wide] = t
+        often = t[:, self.rows, *self.at]
+        out[:, self.rows, 1:, 1:] = 0.0
+        out[:, self.rows, 0, wide + self.which] = out[:, self.rows, wide + self.which, 0] = 0.5 * often
+        new = np.arange(count)
+        out[:, all_rows:, 1:wide, 1:wide] = self.shapes
+        out[:, all_rows + new, 0, wide + new] = out[:, all_rows + new, wide + new, 0] = -0.5
+        return out
+
+    def extend(self, x: np.ndarray) -> np.ndarray:
+        """Unknowns ``(unknowns, lanes)`` and, after them, the products."""
+        return np.concatenate([x, np.einsum("il,kij,jl->kl", x, self.shapes, x)]) if len(self.shapes) else x
+
+
 @dataclasses.dataclass(frozen=True)
 class Placed:
     """Members in an elimination: maps to all unknowns, and what goes straight between members."""
 
     member: Member
-    maps: np.ndarray  # from 1 and the unknowns that stay to 1 and all, (samples, 1 + unknowns, 1 + n)
+    inner: np.ndarray  # from 1 and the unknowns that stay to 1, all and the products, (samples, 1 + all, 1 + n)
+    products: int
     straight: tuple[np.ndarray, ...]  # of each stage that has it, (samples, solved, 1 + free)
-    rows: np.ndarray  # coefficients of the rows that stay, in all unknowns
+    rows: np.ndarray  # coefficients of the rows that stay, in all unknowns and products
+
+    @property
+    def maps(self) -> np.ndarray:
+        """Maps from 1 and the unknowns that stay to 1 and all, ``(samples, 1 + unknowns, 1 + n)``."""
+        return self.inner[:, : self.inner.shape[1] - self.products]
 
     @functools.cached_property
     def restricted(self) -> np.ndarray:
         """Coefficients of the rows that stay, in the unknowns that stay."""
-        return _congruent(self.maps, self.rows)
+        return _congruent(self.inner, self.rows)
 
     @property
     def sound(self) -> np.ndarray:
         """Members whose elimination divides by nothing small, ``(samples,)``."""
-        return np.abs(self.maps).max(axis=(1, 2)) < 1e5  # larger maps, beside 1, divide by next to nothing
+        return np.abs(self.inner).max(axis=(1, 2)) < 1e5  # larger maps, beside 1, divide by next to nothing
 
     def choose(self, which: Sequence[int] | np.ndarray) -> "Placed":
         """Choose some of the members."""
         at = np.asarray(which, int)
         member = self.member.each(lambda v: v[..., at])
-        return Placed(member, self.maps[at], tuple(s[at] for s in self.straight), self.rows[at])
+        return Placed(member, self.inner[at], self.products, tuple(s[at] for s in self.straight), self.rows[at])
 
     def meets_all(self, w: np.ndarray) -> np.ndarray:
         """Tell which solutions ``(n, lanes)`` of combinations of rows meet every row of the first member."""
@@ -111,8 +168,13 @@ def _rank(matrix: np.ndarray) -> int:
 
 def _pivots(matrix: np.ndarray, rank: int) -> np.ndarray:
     """So many columns of a matrix that are well independent."""
-    found: Any = scipy.linalg.qr(matrix, mode="economic", pivoting=True) if rank else (None, None, np.zeros(0, int))
-    return np.sort(found[2][:rank])
+    left, found = np.array(matrix), []
+    for _ in range(rank):
+        size = np.linalg.norm(left, axis=0)
+        found.append(int(np.argmax(size)))
+        along = left[:, found[-1]] / size[found[-1]]
+        left -= np.outer(along, along.conj() @ left)
+    return np.sort(np.array(found, int))
 
 
 def _congruent(maps: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -127,6 +189,8 @@ class Reduction:
         self.reading, self.way = reading, way
         self.stages: list[Stage] = []
         pair = np.stack([reading.coefficients(m)[0] for m in (generic, design)])
+        self.products = Products(pair if way is not None else pair[:, :0])
+        pair = self.products.name(pair)
         wide = pair.shape[-1]
         rows, maps = np.arange(pair.shape[1]), np.broadcast_to(np.eye(wide, dtype=complex), (2, wide, wide))
         while rows.size and way is not None:
@@ -201,7 +265,7 @@ class Reduction:
         self, member: Member, straight: tuple[np.ndarray, ...] | None = None, known: np.ndarray | None = None
     ) -> Placed:
         """Solve the linear rows of members; `straight` are solutions that are given, `known` coefficients."""
-        t = self.reading.coefficients(member) if known is None else known
+        t = self.products.name(self.reading.coefficients(member) if known is None else known)
         samples, _, wide, _ = t.shape
         maps = np.broadcast_to(np.eye(wide, dtype=complex), (samples, wide, wide))
         rows, found = np.arange(t.shape[1]), []
@@ -217,7 +281,7 @@ class Reduction:
                 found.append(solution)
             maps = np.matmul(maps, stage.expand(solution))
             rows = rows[stage.kept]
-        return Placed(member, maps, tuple(found), t[:, rows])
+        return Placed(member, maps, len(self.products.shapes), tuple(found), t[:, rows])
 
     def square_rows(self, generic: Placed, x: np.ndarray, rng: np.random.Generator) -> int:
         """Choose as many combinations of the rows as unknowns, at a solution ``(unknowns,)`` of a generic member.
@@ -249,6 +313,7 @@ class Reduction:
 
     def shorten(self, x: np.ndarray) -> np.ndarray:
         """The unknowns that stay, ``(n, lanes)``, of all ``(unknowns, lanes)``."""
+        x = self.products.extend(x)
         for stage in self.stages:
             x = x[stage.free]
         return x

@@ -965,7 +965,9 @@ class SpatialAssembler(Assembler):
                 f"Draw them exactly in line if it is a bar that need not know it, or give it a point or vector "
                 f"across the line"
             )
-        chosen = self.best(2, quality, shared)
+        # Two segments without a common point count half: all others are carried by four points then, not by three.
+        apart = [[len({*s, *t}) == 4 for t in candidates] for s in candidates]
+        chosen = self.best(2, quality * np.where(apart, 0.5, 1.0), shared)
         if form == "text":
             volume = np.abs(np.einsum("ia,jka->ijk", units, np.cross(units[:, None], units[None])))
             volume = volume * np.einsum("i,j,k->ijk", sizes, sizes, sizes)

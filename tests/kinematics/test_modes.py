@@ -218,6 +218,9 @@ def test_all_forty_of_dietmaiers_platform(cached, sooner):
         assert sorted(apart.argmin(axis=1)) == list(range(40))
         assert apart.min(axis=1).max() < 1e-10
         assert apart[0].argmin() == 7, "the one that was drawn comes first"
+    driven = tuple(system.topology.position[n] for n in legs)
+    (family,) = read_polynomials(system.topology.structure, driven).families.values()
+    assert [made.n for made, _ in family.reductions] == [12], "three points, and the product of what lies between them"
     assert len(list(cached.iterdir())) == 1
     # A platform of other dimensions, from the same start set: all forty solutions.
     rng = np.random.default_rng(3)
