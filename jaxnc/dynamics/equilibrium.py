@@ -59,7 +59,7 @@ class Equilibrium:
         name, top = self.motion.system.name, self.motion.system.topology
         if isinstance(self.stiffness, Tracer) or self.stiffness.ndim != 1:
             return f"Equilibrium({name!r})"
-        at = ", ".join(f"{n} = {float(self[n]):.6g}" for n in self.motion.system.independent or top.scalars[:1])
+        at = top.write_values({n: self[n] for n in self.motion.system.independent or top.scalars[:1]})
         if self.motion.status != 0:
             return f"Equilibrium({name!r}: none was found, given up at {at})"
         return f"Equilibrium({name!r}: {'stable' if self.stable else 'not stable'}, at {at})"
@@ -282,7 +282,8 @@ def _find(flow: Flow, q: Array, downhill: bool):
         now, size = evaluate(new), jnp.maximum(largest(at.f), least.tiny)
         # What is gained on the way: of the potential, less the work of the loads that have none.
         gain = now.energy - at.energy - 0.5 * jnp.dot(at.other + now.other, new - q)
-        better = gain <= least.rounding * size * length if downhill else jnp.ones((), bool)
+        # Differences of energies are known to the rounding of the energies; forces may be none where springs balance.
+        better = gain <= least.rounding * (size * length + jnp.abs(at.energy)) if downhill else jnp.ones((), bool)
         good = (i == 0) | (jnp.isfinite(new).all() & better)
         q, at = jax.tree.map(lambda new, old: jnp.where(good, new, old), (new, now), (q, at))
         shift = jnp.where(good, 0.1 * shift, jnp.maximum(10.0 * shift, 1e-4))

@@ -267,10 +267,7 @@ class Reactions:
             hint = nearest(name, [top.called(o) for o in writing])
             raise InputError(f"{top.name!r} has no joint {name!r} that writes rows; {hint}")
         ledger, first = self._ledger(), top.bodies[b].points[0] if about is None else _point(top, about)
-        wrench = ledger.wrenches[b].get((owner.thing.noun, top.called(owner)))
-        if wrench is None:
-            wrench = ledger.press_on(b, owner)
-        return self._in_frame(self._move_to(wrench, ledger.points[..., first, :]), frame)
+        return self._in_frame(self._move_to(ledger.press_on(b, owner), ledger.points[..., first, :]), frame)
 
     @_in_one_program
     def support(self, point: str) -> Array:
@@ -720,7 +717,8 @@ def nodal_forces(found: Reactions) -> dict[str, tuple[Array, Array]]:
     count = len(motion.system.topology.points)
     places = spread(top, q)[0][..., :count, :]
     applied = _apply_loads(dyn, t.reshape(-1), *(x.reshape(-1, q.shape[-1]) for x in (q, v))).reshape(q.shape)
-    centres, weights = [], []
+    none = places[..., :0, :]  # of a mechanism without masses
+    centres, weights = [none], [none]
     for at, _, first, masses in inertias(extended(motion.system)):
         moments = jnp.einsum("...bk,bdk->...bd", q[..., at], first)
         heavy = masses > 0
@@ -745,13 +743,13 @@ def _apply_loads(dyn: Dynamics, t: Array, q: Array, v: Array) -> Array:
 
 
 def _shared_points(found: Reactions) -> dict[int, str | None]:
-    """Return points that bodies share, with the first of them, and fixed points that a body holds, with None."""
+    """Return points that bodies share, with the first of them, and fixed points, with None."""
     top = found.motion.system.topology
     out: dict[int, str | None] = {}
     for p in range(len(top.points)):
         holders = [b.name for b in top.bodies if p in b.points]
         fixed = np.array(top.fixed[p * top.dim : (p + 1) * top.dim])
-        if holders and fixed.any():
+        if fixed.any():
             out[p] = None
         elif len(holders) > 1:
             out[p] = holders[0]

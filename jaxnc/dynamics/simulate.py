@@ -267,7 +267,7 @@ def _check_reached(flow: Flow, run: Simulation, method: str) -> None:
     names = (
         top.scalars[:3] or [top.coordinates[c] for c in flow.view.unknown if top.coordinates[c] in top.position][-3:]
     )
-    where = ", ".join(f"{n} = {float(run.q[k][top.position[n]]):.6g}" for n in names)
+    where = top.write_values({n: run.q[k][top.position[n]] for n in names})
     when = f"at t = {end:.9g} s" if method in ADAPTIVE else f"between t = {time[k]:.9g} and {time[bad[0]]:.9g} s"
     said = f"{run.system.name!r}: the simulation broke off {when}, near {where}"
     if blamed:

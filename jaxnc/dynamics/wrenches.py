@@ -22,7 +22,7 @@ that presses; where they cannot be, the joint locks. The sign of the sliding spe
 joint that sticks creeps at a part of that speed.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -585,8 +585,8 @@ class Ledger:
             for (item, f), body in zip(
                 self.split(self.top.blocks[b], i, pull), slot_owners(self.top)[b][i], strict=True
             ):
-                if body == GROUND:
-                    self.ground(item, -f)
+                if body == GROUND and self.top.angles[s]:
+                    self.ground(item, -f)  # it stands for a couple; a distance does push on the point it ends at
 
     def on_scalar(self, key: Key, c: int, force: Numbers) -> None:
         """Put a force on a coordinate that is what exerts it, and no effort."""
@@ -607,14 +607,20 @@ class Ledger:
                 pull = self.pull(b, i)
                 self.instance(key_of(joint), b, i, pull)
                 self.on_scalars(key_of(joint), top.blocks[b], i, pull)
-        for block, layout in zip(top.rates, top.rate_layout, strict=True):
+        for owner, block, i, force in self._slips():
+            key = owner.thing.noun, top.called(owner)
+            for item, f in dict(self.split(block, i, force)).items():
+                self.put(owner_of(top, item), key, item, f)
+            self.on_scalars(key, block, i, force)
+
+    def _slips(self) -> Iterator[tuple[Owner, Block, int, Numbers]]:
+        """Yield each instance of rows on velocities, whose it is, and its forces ``(P, variables)``.
+
+        A point that is named twice has the whole of its coordinates' forces in both places.
+        """
+        for block, layout in zip(self.top.rates, self.top.rate_layout, strict=True):
             for i, owners in enumerate(block.owners):
-                key = owners[0].thing.noun, top.called(owners[0])
-                force = self.parts.slips[:, layout.rows[i]][..., layout.variables[i]].sum(1)
-                # A point named twice has the whole of its coordinates' forces already.
-                for item, f in dict(self.split(block, i, force)).items():
-                    self.put(owner_of(top, item), key, item, f)
-                self.on_scalars(key, block, i, force)
+                yield owners[0], block, i, self.parts.slips[:, layout.rows[i]][..., layout.variables[i]].sum(1)
 
     def _loads(self) -> None:
         """Put springs, dampers, stops, forces and functions."""
@@ -677,16 +683,24 @@ class Ledger:
                 self.put(other, key, item, -force)
 
     def press_on(self, b: int, owner: Owner) -> tuple[AnyArray, AnyArray]:
-        """Return what a joint's own rows put on all that a body holds, also where others hold it too."""
+        """Return what a joint puts on a body, also where others hold the same point or vector."""
         top = self.top
+        key = owner.thing.noun, top.called(owner)
         force = self.points[..., 0, :] * 0.0
-        total = force, cross(force, force)
+        total = self.wrenches[b].get(key, (force, cross(force, force)))
+        if any(self.key(b, group) == key for group in shared_groups(top, b)):
+            return total  # all that the two bodies share passes under its name
         number = next((j for j, joint in enumerate(top.joints) if joint.owner == owner), None)
+        shared: list[tuple[int, AnyArray]] = []
         for n, i in joint_instances(top, number) if number is not None else ():
-            owned = slot_owners(top)[n][i]
-            for (item, f), body in zip(self.split(top.blocks[n], i, self.pull(n, i)), owned, strict=True):
-                if item in body_items(top, b) and body in (b, NOBODY):
-                    total = total[0] + f * (item >= 0), total[1] + cross(self.arm(item), f)
+            pushes = zip(self.split(top.blocks[n], i, self.pull(n, i)), slot_owners(top)[n][i], strict=True)
+            shared += [push for push, body in pushes if body == NOBODY]
+        for one, block, i, slip in self._slips():
+            if one == owner:
+                shared += [at for at in dict(self.split(block, i, slip)).items() if owner_of(top, at[0]) == NOBODY]
+        for item, f in shared:
+            if item in body_items(top, b):
+                total = total[0] + f * (item >= 0), total[1] + cross(self.arm(item), f)
         return total
 
     def at(self, b: int, p: int) -> tuple[Numbers, Numbers]:
@@ -760,13 +774,17 @@ def _put_mesh(ledger: Ledger, j: int) -> None:
         return
     place, force = (_on_rack if rack else _on_wheel)(ledger, j, b, i)
     key = key_of(joint)
-    for sign, wheel, (mine, theirs) in zip((1.0, -1.0), wheels, keys, strict=True):
-        before = ledger.wrenches[wheel][key]
+    given = [wrench[key] for wrench in ledger.wrenches if key in wrench]
+    on_ground = tuple(-sum(parts) for parts in zip(*given, strict=True))
+    befores = [on_ground if wheel == GROUND else ledger.wrenches[wheel][key] for wheel in wheels]
+    for sign, wheel, before, (mine, theirs) in zip((1.0, -1.0), wheels, befores, keys, strict=True):
         more = sign * force - before[0], sign * cross(place, force) - before[1]
         ledger.add(wheel, key, *more)
         ledger.add(wheel, mine, -more[0], -more[1])
         if carrier == GROUND:
             _bear(ledger, wheel, mine, *more)
+        if wheel == GROUND:
+            _bear(ledger, carrier, theirs, -more[0], -more[1])
         ledger.add(carrier, theirs, *more)
         ledger.add(carrier, key, -more[0], -more[1])
 
