@@ -51,9 +51,14 @@ def from_mjcf(
     joints = {coordinate: joint for joint, coordinate in robot.coordinates.items()}
     values = np.array([file.value(joints[coordinate]) for coordinate in robot.actuated])
     # The links need not close the loops with these values: the nearest pose in which they do is taken.
-    near = robot.pose(values, start=robot._tree.carry(file.frames()))
-    file.set_home(np.asarray(robot.joint_values(near)))
-    return Robot(file, without, hold)
+    near = robot.pose(values, start=robot._tree.carry(file.frames()), throw=False)
+    if near.converged:
+        file.set_home(np.asarray(robot.joint_values(near)))
+        return Robot(file, without, hold)
+    # Coordinates that are held with a ball joint may not suit this pose: then it has to close the loops as it is.
+    there = Robot(file, without, hold)
+    there.pose(values)
+    return there
 
 
 @public

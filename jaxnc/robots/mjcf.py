@@ -323,18 +323,9 @@ class MjcfFile:
             raise InputError(f"{path}: an MJCF file ends in .xml")
         spec = self.spec.copy()
         spec.assets = self.spec.assets
-        joints = {self.name("JOINT", e.id): e for e in spec.joints}
         sites = {self.name("SITE", e.id): e for e in spec.sites}
-        for link in tree.description.links[1:]:
-            for joint in link.joints:
-                if joint.held:
-                    continue
-                anchor, element = tree.anchors[joint.name], joints[joint.name]
-                if anchor.point in design.changed:
-                    at = tree.sliders.get(joint.name, anchor.point)
-                    element.pos = link.turn.T @ (design.places[at] - link.origin)
-                if anchor.axis in design.changed:
-                    element.axis = link.turn.T @ (tree.sense(joint) * design.places[anchor.axis])
+        for k in range(1, len(tree.description.links)):
+            self._join(spec, tree, design, k)
         self._close(spec, tree, design)
         for (k, name), mark in tree.marks.items():
             if name and mark in design.changed:
@@ -345,6 +336,50 @@ class MjcfFile:
         except ValueError as error:
             raise self.fault(f"MuJoCo refuses this design: {_one_line(error)}") from None
         return write(path, spec.to_xml().encode())
+
+    def _join(self, spec: Any, tree: ImportTree, design: MovedPlaces, k: int) -> None:
+        """Move the joints of a link; it stays where it is in the home pose, the file places it at ``qpos0``."""
+        elements, link = {self.name("JOINT", e.id): e for e in spec.joints}, tree.description.links[k]
+        turn, origin = link.turn, link.origin  # after the joint that is looked at, the last one first
+        moved = False
+        for joint in link.joints[::-1]:
+            element, anchor = elements[joint.name], None if joint.held else tree.anchors[joint.name]
+            changed = anchor is not None and bool(design.changed.intersection((anchor.point, anchor.axis)))
+            if changed and element.frame is not None:
+                raise self.fault(f"joint {joint.name!r} stands in a <frame>; write it without, to save designs of it")
+            if changed and anchor is not None and anchor.point in design.changed:
+                at = tree.sliders.get(joint.name, anchor.point)
+                element.pos = turn.T @ (design.places[at] - origin)
+            if changed and anchor is not None and anchor.axis in design.changed:
+                element.axis = turn.T @ (tree.sense(joint) * design.places[anchor.axis])
+            moved = moved or changed
+            if joint.kind != "free":
+                back, shift = self._step_back(joint, element)
+                origin, turn = origin + turn @ shift, turn @ back
+        body = next(b for b in spec.bodies if b.id == k)
+        if not moved or np.array_equal(self.data.qpos, self.model.qpos0):
+            return
+        if body.frame is not None:
+            raise self.fault(f"body {link.name!r} stands in a <frame>; write it without, to save designs with home=")
+        parent = tree.description.links[link.parent]
+        quaternion = np.empty(4)
+        self.mujoco.mju_mat2Quat(quaternion, np.ravel(parent.turn.T @ turn))
+        body.pos, body.quat = parent.turn.T @ (origin - parent.origin), quaternion
+        body.alt.type = self.mujoco.mjtOrientation.mjORIENTATION_QUAT
+
+    def _step_back(self, joint: ElementaryJoint, element: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return the turn and shift of a link, in its own frame, from after a joint at home to before it."""
+        at, mujoco = int(self.model.jnt_qposadr[element.id]), self.mujoco
+        quaternion, numbers = np.array(self.data.qpos[at : at + 4]), np.empty(9)
+        if joint.kind != "ball":
+            by, axis = self.data.qpos[at] - self.model.qpos0[at], element.axis / np.linalg.norm(element.axis)
+            if joint.kind == "slide":
+                return np.eye(3), -by * axis
+            quaternion = np.empty(4)
+            mujoco.mju_axisAngle2Quat(quaternion, axis, by)
+        mujoco.mju_quat2Mat(numbers, quaternion)
+        back = _matrix(numbers).T
+        return back, element.pos - back @ element.pos
 
     def _close(self, spec: Any, tree: ImportTree, design: MovedPlaces) -> None:
         """Move the places where loops are closed."""
