@@ -109,8 +109,10 @@ class Diagnosis(Reported):
     never_moves: bool = False
 
     def __str__(self) -> str:
-        at = ", ".join(f"{k} = {v:.6g}" for k, v in self.inputs.items()) or "its drawing"
-        got = ", ".join(f"{k} = {v:.6g}" for k, v in self.reached.items())
+        at, got = "its drawing", ""
+        if self.system is not None:
+            write = self.system.topology.write_values
+            at, got = write(self.inputs) or at, write(self.reached)
         if self.assembles and self.reachable:
             return f"{self.name} assembles at {at}"
         if self.never_moves:
@@ -211,7 +213,7 @@ def diagnose(
         reached,
         max((v.gap for v in violations), default=0.0),
         violations,
-        remedies(top, view, q, rows, columns, known),
+        _find_remedies(top, view, q, rows, columns, known),
         system,
         singular,
         never,
@@ -297,11 +299,47 @@ def _least_squares(
 
 # -- remedies ---------------------------------------------------------------------------------------------------------
 
+_MOST_OWNERS = 60  # of rows: more are not left out one after the other
+
+
+def _find_remedies(
+    top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray, known: np.ndarray
+) -> tuple[Remedy, ...]:
+    """Find what closes all the rows that are looked at, and what closes a loop of them that fails by itself."""
+    found = remedies(top, view, q, rows, columns, known)
+    pose, loop, own = _failing_loop(top, view, q, rows, columns)
+    if len(loop) < len(rows):
+        found += remedies(top, view, pose, loop, own, known)
+    # Equal ones, as of two points of the ground, stay in their order whatever rounding says.
+    ordered = sorted(found, key=lambda r: float(f"{abs(r.change):.9g}"))
+    return tuple({r.dimension: r for r in ordered[::-1]}[name] for name in dict.fromkeys(r.dimension for r in ordered))
+
+
+def _failing_loop(
+    top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Leave out what need not be there for rows to fail: the closest pose, the rows and the columns that are left.
+
+    A pose that is closest to all loops misses those that would close, too, if they hang together with one that fails.
+    """
+    owner = [top.row_owners[r][0] for r in view.plan.rows[rows]]
+    owners = list(dict.fromkeys(owner))
+    x, one_less = q[view.plan.unknown], np.ones(len(rows), bool)
+    for leave in owners if len(owners) <= _MOST_OWNERS else ():
+        trial = one_less & np.array([o != leave for o in owner])
+        nearest, size = _least_squares(view, q, x.copy(), rows[trial], columns, 1e-9)
+        if trial.any() and size > 1e-9 * view.eq.length:
+            x, one_less = nearest, trial
+    pose, loop = q.copy(), rows[one_less]
+    pose[view.plan.unknown] = x
+    taking_part = view.matrices(pose[:, None])[0][0][np.ix_(loop, columns)].any(axis=0)
+    return pose, loop, columns[taking_part]
+
 
 def remedies(
     top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray, known: np.ndarray
 ) -> tuple[Remedy, ...]:
-    """Single changes of a length or of a ground coordinate that just close a mechanism, the smallest first.
+    """Single changes of a length or of a ground coordinate that just close a mechanism.
 
     What closes the `rows` that fail need not close those behind them, of other loops; `known` are the inputs.
     """
@@ -324,8 +362,7 @@ def remedies(
             continue
         if len(rows) == len(view.plan.rows) or _closes(view, slot, float(change), q, known):
             found.append(Remedy(name, value, float(change)))
-    # Equal ones, as of two points of the ground, stay in their order whatever rounding says.
-    return tuple(sorted(found, key=lambda r: float(f"{abs(r.change):.9g}")))
+    return tuple(found)
 
 
 def _closes(view: HostView, slot: Slot, change: float, q: np.ndarray, known: np.ndarray) -> bool:

@@ -42,7 +42,7 @@ class FlipMargin:
             with its inputs held, ``(...,)``, a length.
         input: how far the input can go until the nearest dead point, forwards or backwards, ``(...,)``, in radians or
             lengths; right to third order near a dead point. Of several inputs, all angles or all lengths, the root of
-            the sum of squares of their changes on the shortest way to a singular position, right to second order.
+            the sum of squares of their changes on the shortest way to a singular position.
             Infinite where it would be farther than half a turn, or the mechanism's size, where the continuation has no
             zero (which proves nothing: see `jaxnc.travel`), and for inputs of both kinds.
         dead_point: value of the only input there, ``(...,)``; infinite for several.
@@ -286,40 +286,47 @@ def _determinants(
 
 
 def _way_to_singularity(determinants: Callable[..., tuple[Array, ...]], inputs: int, good: Array, most: Any) -> Array:
-    """The shortest way of several inputs to a singular position, by the gradient of a determinant's square."""
+    """How far several inputs are from a singular position, along the gradient of each determinant."""
     steps = tuple(jnp.zeros(good.shape) for _ in range(inputs))
-    every = [
-        tuple(jnp.ones_like(s) if j == k else jnp.zeros_like(s) for j, s in enumerate(steps)) for k in range(len(steps))
-    ]
+    every = [tuple(jnp.ones_like(s) if j == k else s for j, s in enumerate(steps)) for k in range(inputs)]
     slopes = [jax.jvp(determinants, steps, one)[1] for one in every]
     nearest = jnp.full(good.shape, jnp.inf)
-    for k, d in enumerate(determinants(*steps)):
+    for k in range(len(determinants(*steps))):
         square = sum(slope[k] ** 2 for slope in slopes)
-        moves = good & (square > 0.0)
-        way = jnp.where(moves, 0.5 * jnp.abs(d) / jnp.sqrt(jnp.where(moves, square, 1.0)), jnp.inf)
+        size = jnp.sqrt(jnp.where(square > 0.0, square, 1.0))
+        # The gradient here is the normal there but for the margin times a curvature: an error of third order.
+        way = jnp.abs(_ways_to_zero(determinants, tuple(slope[k] / size for slope in slopes), good)[k])
         nearest = jnp.where(way < jnp.minimum(nearest, most), way, nearest)
     return nearest
 
 
 def _way_to_dead_point(determinants: Callable[..., tuple[Array, ...]], good: Array, most: Any) -> Array:
-    """How far the only driven input is from the nearest dead point, forwards positive; infinite where there is none.
+    """How far the only driven input is from the nearest dead point, forwards positive; infinite where there is none."""
+    nearest = jnp.full(good.shape, jnp.inf)
+    for way in _ways_to_zero(determinants, (jnp.ones(good.shape),), good):
+        nearest = jnp.where(jnp.abs(way) < jnp.minimum(jnp.abs(nearest), most), way, nearest)
+    return nearest
 
-    At a fold the square of a block's determinant is smooth in the input and vanishes: it is continued by its first and
+
+def _ways_to_zero(
+    determinants: Callable[..., tuple[Array, ...]], direction: tuple[Array, ...], good: Array
+) -> list[Array]:
+    """How far each determinant is from zero in a direction of the inputs, forwards positive; infinite if it has none.
+
+    At a fold the square of a block's determinant is smooth in the inputs and vanishes: it is continued by its first and
     second derivative along the motion.
     """
 
-    def rates(step: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        return jax.jvp(determinants, (step,), (jnp.ones_like(step),))
+    def rates(*steps: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        return jax.jvp(determinants, steps, direction)
 
-    zero = jnp.zeros(good.shape)
-    (values, first), (_, second) = jax.jvp(rates, (zero,), (jnp.ones_like(zero),))
-    nearest = jnp.full(good.shape, jnp.inf)
+    (values, first), (_, second) = jax.jvp(rates, tuple(jnp.zeros_like(s) for s in direction), direction)
+    ways = []
     for d, d1, d2 in zip(values, first, second, strict=True):
         # D² / D(0)² = 1 + 2 a s + (a² + b) s², whose nearer root is wanted.
         regular = jnp.where(d == 0.0, 1.0, d)
         a, b = d1 / regular, d2 / regular
         real = good & (b < 0.0)
         down = a + jnp.where(a >= 0.0, 1.0, -1.0) * jnp.sqrt(jnp.where(real, -b, 1.0))
-        way = jnp.where(d == 0.0, 0.0, jnp.where(real, -1.0 / down, jnp.inf))
-        nearest = jnp.where(jnp.abs(way) < jnp.minimum(jnp.abs(nearest), most), way, nearest)
-    return nearest
+        ways.append(jnp.where(d == 0.0, 0.0, jnp.where(real, -1.0 / down, jnp.inf)))
+    return ways
