@@ -79,7 +79,8 @@ def do_compare(question: Question, options: argparse.Namespace, importing: float
             raise
         print(diagnosis)
         return 1
-    verdict.assembles = verdict.moves = verdict.does = True
+    verdict.assembles = verdict.does = True
+    verdict.moves = any((row.g or 0) > 0 for row in comparison.families)
     verdict.families = [
         Family(
             family=row.family,

@@ -186,6 +186,8 @@ class Formulation:
         top = self.natural.topology
         if self.atlas is None:
             return q[np.array([top.position[v.name] for v in self.listed], int)]
+        if not self.listed:
+            return q[:0]
         (p, v), (home, directions), out = spread(top, q), spread(top, eq.home), []
         for one in self.listed:
             if one.reading is None or one.name in top.scalars:

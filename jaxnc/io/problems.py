@@ -66,8 +66,9 @@ def _problem(said: ProblemFile, mechanism: Mechanism, folder: Path, source: Sour
             values, target = target.T
         else:
             values = require("values")
-        turned = output in names and unit_of(mechanism, output)
-        out = turned or (angle if ATTITUDE.get(output) == "angle" else 1.0)
+        # A number of a suspension, if no coordinate is called so.
+        attitude = ATTITUDE.get(output) == "angle" and output not in mechanism.scalar_names
+        out = angle if attitude else unit_of(mechanism, output)
         offsets = {"input_offset": said.input_offset, "output_offset": said.output_offset}
         return FunctionGeneration(mechanism, output, np.asarray(values) * unit, target * out, **offsets, **common)
     travel = None if said.travel is None else (said.travel[0] * unit, said.travel[1] * unit)
@@ -170,4 +171,9 @@ def _target(said: ProblemFile, folder: Path, source: Source) -> tuple[Any, bool]
             d = target
             found = outline(folder / d.svg, d.points, d.id, d.piece, d.size, d.centre, d.up)
         return found.points, found.closed if said.closed is None else said.closed
+    if isinstance(target, list):
+        try:
+            target = np.asarray(target, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            raise source.fault("target must be numbers, or rows of equally many numbers", ("target",)) from None
     return target, bool(said.closed)

@@ -352,7 +352,18 @@ def describe(expected: msgspec.inspect.Type) -> str:
 
 
 def _plural(item: msgspec.inspect.Type) -> str:
-    return "numbers" if isinstance(item, kinds_of.FloatType) else "names"
+    """Say what the entries of a list are, as a phrase."""
+    phrases = []
+    for t in _alternatives(item):
+        if isinstance(t, kinds_of.FloatType | kinds_of.IntType):
+            phrases.append("numbers")
+        elif isinstance(t, kinds_of.TupleType | kinds_of.ListType):
+            phrases.append("lists of " + _plural(t.item_types[0] if isinstance(t, kinds_of.TupleType) else t.item_type))
+        elif isinstance(t, kinds_of.StructType):
+            phrases.append("tables")
+        else:
+            phrases.append("names" if isinstance(t, kinds_of.StrType) else "values")
+    return " or ".join(dict.fromkeys(phrases))
 
 
 def _describe_value(value: object) -> str:
@@ -451,14 +462,14 @@ class ProblemFile(_Record):
 
     mechanism: str
     kind: Literal["path", "function", "motion"]
-    target: str | list[Any] | SvgTarget
+    target: str | list[float | list[float]] | SvgTarget
     point: str | None = None
     output: str | None = None
     body: str | None = None
     input: str | None = None
     timing: list[float] | None = None
     values: list[float] | None = None
-    orientations: list | None = None
+    orientations: list[float | list[float]] | None = None
     start_timing: list[float] | None = None
     ordered: bool = True
     closed: bool | None = None

@@ -96,20 +96,26 @@ class Travel(Reported):
     system: System | None = field(default=None, repr=False, compare=False)
     ends: tuple[float, ...] = ()
 
+    def _write(self, value: float, digits: int = 12) -> str:
+        if self.system is None:
+            return f"{value:.{digits}g}"
+        return self.system.topology.write_value(self.name, value, digits)
+
     def __str__(self) -> str:
         if self.turns:
             return f"{self.name} turns fully: no dead point on its circuit"
         if not self.dead_points and not self.ends:
             return f"{self.name}: no dead point found within {LONGEST:g} sizes of the mechanism along its motion"
         digits = 9 if self.ends else 12  # an end is found by ever shorter steps
-        lines = [f"{self.name} travels from {self.lower:.{digits}g} to {self.upper:.{digits}g}"]
-        lines += [f"  dead point, {d.kind} at {self.name} = {d.value:.12g}" for d in self.dead_points]
-        lines += [f"  ends at {self.name} = {end:.9g}: rows have no derivative there" for end in self.ends]
+        write = self._write
+        lines = [f"{self.name} travels from {write(self.lower, digits)} to {write(self.upper, digits)}"]
+        lines += [f"  dead point, {d.kind} at {self.name} = {write(d.value)}" for d in self.dead_points]
+        lines += [f"  ends at {self.name} = {write(end, 9)}: rows have no derivative there" for end in self.ends]
         if len({(round(i.lower, 9), round(i.upper, 9)) for i in self.intervals}) > 1:
             lines.append("  the circuit passes these intervals in turn, each as the next pose of the one before:")
             for k, one in enumerate(self.intervals, 1):
                 drawn = ", the drawing's" if one.drawn else ""
-                lines.append(f"    {k}: {self.name} from {one.lower:.12g} to {one.upper:.12g}{drawn}")
+                lines.append(f"    {k}: {self.name} from {write(one.lower)} to {write(one.upper)}{drawn}")
         if not self.closed and len(self.ends) < 2:
             lines.append(f"  the circuit was not followed to its end (it is longer than {LONGEST:g} sizes)")
         if self.system is not None and (hint := circuits_hint(self.system, [self.name])):

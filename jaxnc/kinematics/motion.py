@@ -367,11 +367,11 @@ class Motion(Drawn):
             return self
         bad, known = np.flatnonzero(status), jax.lax.stop_gradient(self)  # a gradient may be asked for
         kinds = [f"{int(np.sum(status == s))} × {Status(s).sentence}" for s in np.unique(status[bad]).tolist()]
-        inputs = []
+        inputs, write = [], self.system.topology.write_value
         for name in self.driven:
             value = float(np.asarray(known.inputs[name]).reshape(-1)[bad[0]])
             got = float(np.asarray(known[name]).reshape(-1)[bad[0]])
-            inputs.append(f"{name} = {value:.6g} (the motion got to {got:.6g})")
+            inputs.append(f"{name} = {write(name, value)} (the motion got to {write(name, got)})")
         where = f"; the first is pose {bad[0]}, {', '.join(inputs)}" if inputs else ""
         ended = bool({int(Status.SINGULAR), int(Status.DID_NOT_ASSEMBLE)} & {*status[bad].tolist()})
         hint = circuits_hint(self.system, self.driven) if ended and not self._designs else ""

@@ -465,7 +465,8 @@ def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> No
             asked = np.array([float(np.asarray(motion.inputs[name])) for name in motion.driven])
             q = host_solve.end_of_way(view, to_host(eq), np.asarray(settle(eq, np.zeros(len(q))).q), asked, q)
         # The last pose on the branch: its inputs say how far the mechanism could be moved.
-        got = ", ".join(f"{name} = {float(q[i]):.6g}" for name, i in zip(motion.driven, view.known, strict=False))
+        ends = {name: q[i] for name, i in zip(motion.driven, view.known, strict=False)}
+        got = motion.system.topology.write_values(ends)
         gap = float(np.abs(evaluate(eq, jnp.asarray(q))[0]).max(initial=0.0))
         assembled = gap <= limits(eq.length).close * float(eq.length)
         if assembled:

@@ -359,7 +359,7 @@ def count(verdict: Verdict, system: System, found: Mobility) -> None:
 
 def apart(verdict: Verdict, found: Diagnosis) -> None:
     """Enter why a mechanism does not assemble, and what would mend it."""
-    at = ", ".join(f"{k} = {v:.6g}" for k, v in found.inputs.items()) or "its drawing"
+    at = (found.system and found.system.topology.write_values(found.inputs)) or "its drawing"
     verdict.add(
         "does-not-assemble",
         "error",
@@ -485,8 +485,9 @@ def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Fin
     top = system.topology
     if doubt := doubtful_size(system):
         yield Finding(code="doubtful-size", level="warning", text=doubt)
-    tied = {p for block in top.blocks for points in block.points for p in points}
-    used = {v for block in top.blocks for vectors in block.vectors for v in vectors}
+    blocks = (*top.blocks, *top.loads.forces)
+    tied = {p for block in blocks for points in block.points for p in points}
+    used = {v for block in blocks for vectors in block.vectors for v in vectors}
     places = np.array(top.fixed[: len(top.coordinates) - len(top.scalars)]).reshape(-1, top.dim)
     fixed = np.logical_and.reduce(places, axis=1)
     still = () if mechanism is None else mechanism.model.ground_vectors
@@ -494,7 +495,7 @@ def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Fin
     for i, name in enumerate((*top.points, *top.vectors)):
         if not held[i] and not fixed[i] and name not in still:
             noun = "point" if i < len(top.points) else "vector"
-            text = f"{noun} {name!r} is in no body, joint or coordinate; nothing holds it"
+            text = f"{noun} {name!r} is in no body, joint, coordinate or force; nothing holds it"
             yield Finding(code="loose", level="warning", text=text, names=[name])
     # Such as the centre of a spherical linkage, and a line whose direction a body keeps.
     tied |= {p for body in top.bodies for p in (*body.points, *(k for s in body.segments for k in s))}

@@ -20,6 +20,7 @@ from jaxnc.synthesis.evaluate import MEETS, MovedDesign, follow_again, meeting_s
 from jaxnc.synthesis.loops import four_bar_loop, link_lengths
 from jaxnc.synthesis.problem import Problem
 from jaxnc.system.identity import Owner, Thing
+from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.types import Array, Numbers
 
@@ -193,6 +194,9 @@ def _judge_one(problem: Problem, one: MovedDesign, end: "End", starts: int) -> D
     defects = []
     if not moves.all():
         defects.append(f"does not reach target {int(np.flatnonzero(~moves)[0]) + 1} on its branch")
+    flat = moves & (np.asarray(one.motion.conditioning) <= limits(one.motion.q).singular)
+    if flat.any() and not problem.at_rest:
+        defects.append(f"is in a singular position at target {int(np.flatnonzero(flat)[0]) + 1}")
     if problem.turning and not good.all():
         defects.append("cannot go through its whole range")
     if (told.own < -MEETS).any():

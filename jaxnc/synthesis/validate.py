@@ -147,6 +147,11 @@ def as_interval(pair: Any, what: str) -> tuple[float, float]:
         raise InputError(f"{what} must be (low, high), either of them None for no bound; got {pair!r}") from None
     if np.isnan(low) or np.isnan(high):
         raise InputError(f"{what} must be numbers, or None for no bound; got {pair!r}")
+    if low == high and "bounds" in what:
+        raise InputError(
+            f"{what} leave {low:g} alone: leave a variable that stays out of free=, and state a length that is given "
+            f"as S.equal((…, …), {low:g})"
+        )
     if not low < high:
         raise InputError(
             f"{what} exclude{'' if 'bounds' in what else 's'} everything: low = {low:g} is not below high = {high:g}"

@@ -49,6 +49,7 @@ class Parameters:
 
 _LEAVES = "points", "vectors", "markers", "dimensions", "physical"
 """The parameters that are arrays, one number or row for each name."""
+_NUMBERS = "dimensions", "physical"  # one number
 
 
 @public
@@ -108,9 +109,17 @@ class System(Drawn):
     __iter__ = None  # what is got by name is not gone through by numbers
 
     def __getitem__(self, name: str) -> Array:
-        """The drawn place of a point or marker, the drawn vector, the value of a dimension, a mass, a stiffness."""
+        """The drawn place of a point or marker, the drawn vector, the value of a dimension, a mass, a stiffness.
+
+        Of stacked designs, and of a Jacobian that has a system's form, it has their leading axes.
+        """
         leaf, i = self._locate(name)
-        return getattr(self.parameters, leaf)[i]
+        values = getattr(self.parameters, leaf)
+        return values[i] if leaf == "own" else values[(*self._designs(leaf), i)]
+
+    def _designs(self, leaf: str) -> tuple[slice, ...]:
+        """Leading axes of an array of parameters: of stacked designs, or of the numbers that a Jacobian is of."""
+        return (slice(None),) * (np.ndim(getattr(self.parameters, leaf)) - (1 if leaf in _NUMBERS else 2))
 
     def replace(self, values: Mapping[str, ArrayLike] | None = None, **more: ArrayLike) -> "System":
         """A system of the same topology with some design variables changed. Nothing recompiles.
@@ -133,7 +142,8 @@ class System(Drawn):
             if leaf == "own":
                 own[i] = _alike(own[i], value, name)
                 continue
-            want = leaves[leaf].shape[1:]
+            lead, shape = len(self._designs(leaf)), leaves[leaf].shape
+            want = (*shape[:lead], *shape[lead + 1 :])
             if not isinstance(value, Tracer) and not is_traced(value):
                 validate.as_array(value, f"design variable {name!r}", leaves[leaf].dtype)
             if np.shape(value) != want:
@@ -145,12 +155,13 @@ class System(Drawn):
                 raise InputError(f"design variable {name!r} is a direction and cannot be the zero vector")
             changed.setdefault(leaf, {})[i] = value
         for leaf, items in changed.items():
-            at, old = np.array(list(items)), leaves[leaf]
+            at, old, lead = np.array(list(items)), leaves[leaf], self._designs(leaf)
             if any(isinstance(x, Tracer) for x in (old, *items.values())):
-                leaves[leaf] = old.at[at].set(jnp.stack([jnp.asarray(v, old.dtype) for v in items.values()]))
+                new = jnp.stack([jnp.asarray(v, old.dtype) for v in items.values()], axis=len(lead))
+                leaves[leaf] = old.at[(*lead, at)].set(new)
             else:  # nothing to compile
                 new = np.array(old)
-                new[at] = [np.asarray(v, old.dtype) for v in items.values()]
+                new[(*lead, at)] = np.stack([np.asarray(v, old.dtype) for v in items.values()], axis=len(lead))
                 with numbers(old):
                     leaves[leaf] = on_device(new)
         return dataclasses.replace(self, parameters=Parameters(**leaves, own=tuple(own)))

@@ -3,8 +3,9 @@
 import dataclasses
 import functools
 import weakref
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -264,6 +265,15 @@ class Topology:
     def is_angle(self, name: str) -> bool:
         """Tell whether a coordinate is an angle."""
         return name in self.scalars and self.angles[self.scalars.index(name)]
+
+    def write_value(self, name: str, value: float, digits: int = 6) -> str:
+        """Write a coordinate's value as reports do: radians and lengths bare, ``30°`` where degrees are shown."""
+        degrees = self.angle_unit == "deg" and self.is_angle(name)
+        return f"{np.degrees(value):.{digits}g}°" if degrees else f"{value:.{digits}g}"
+
+    def write_values(self, values: Mapping[str, Any]) -> str:
+        """Write the single values of coordinates as reports do: ``phi = 30°, s = 0.2``."""
+        return ", ".join(f"{n} = {self.write_value(n, float(np.ravel(v)[0]))}" for n, v in values.items())
 
     def is_direction(self, name: str) -> bool:
         """Tell whether a name is that of a unit vector, or of one of its components."""

@@ -157,7 +157,7 @@ const control = (parent, name, unit) => {
   const label = el("label", {}, name + within(unit)), field = el("input", { type: "number", step: "any" }), slide = el("input", { type: "range", step: "any" });
   give(field, { "aria-label": name }); give(slide, { "aria-label": name + ", slider" });
   $(parent).append(el("div", { className: "control" }, label, field, slide));
-  const heard = go => { on(slide, "input", () => go(+slide.value)); on(field, "change", () => go(+field.value, true)); };
+  const heard = go => { on(slide, "input", () => go(+slide.value)); on(field, "change", () => go(field.value === "" ? NaN : +field.value, true)); on(field, "blur", () => { shown(); sizes(); }); };
   return { label, slide, field, heard, fill: (x, shown = x) => { if (idle(slide)) slide.value = x; if (idle(field)) field.value = +shown.toPrecision(6); } };
 };
 const driving = L.names.map((name, i) => {
