@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import jaxnc as nc
 from jaxnc.library import benchmarks
@@ -287,3 +288,16 @@ def test_a_motion_that_cannot_pass_a_singular_position_says_so():
     good = status == 0
     assert 0 < np.count_nonzero(~good) <= 10
     assert np.abs(after / speeds - 1)[good].max() <= 1e-3
+
+
+def test_a_point_between_springs_rests_where_they_balance():
+    """Without rows no force is left there to measure by: a bracket finds the place."""
+    m = nc.Mechanism("two springs")
+    m.ground("A", (-1, 0)), m.ground("B", (1, 0)), m.point("C", (0.0, 0.3)), m.point_mass("p", "C", 1.0)
+    m.spring("l", "A", "C", stiffness=500.0), m.spring("r", "C", "B", stiffness=500.0), m.force("F", "C", (0.0, -5.0))
+    system, free = m.compile(), np.hypot(1, 0.3)
+    for force in np.linspace(-400, -10, 12):
+        want = brentq(lambda y: 1000 * (np.hypot(1, y) - free) * y / np.hypot(1, y) - force, -3, -0.3, xtol=1e-14)  # noqa: B023
+        found = nc.equilibrium(system.replace({"F.y": force}))
+        np.testing.assert_allclose(found["C"], [0.0, want], atol=1e-12)
+        assert found.stable

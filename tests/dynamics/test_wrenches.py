@@ -10,6 +10,7 @@ from wrench_bench import BALANCED, IDLE, Bench, G, merged
 
 import jaxnc as nc
 from jaxnc import library
+from jaxnc.dynamics.reactions import nodal_forces
 
 
 def library_of(dim):
@@ -170,8 +171,6 @@ def test_the_pivot_of_a_slotted_arm_does_not_carry_the_slot():
 
 
 def test_weights_are_drawn_at_the_centre_of_mass():
-    from jaxnc.dynamics.reactions import nodal_forces
-
     m = nc.Mechanism("plate")
     m.ground("O", (0, 0))
     m.point("P", (1.0, 0))
@@ -330,3 +329,77 @@ def test_the_effort_of_a_torque_is_that_of_its_load():
     with pytest.raises(nc.errors.InputError, match=r"(?s)'phi'.*load\('motor'\)"):
         reactions.effort("phi")
     np.testing.assert_allclose(reactions.load("motor").value, 3.0)
+
+
+def test_a_cylinder_pushes_on_the_ground_that_it_ends_at():
+    """With the load it is in balance. The mechanism weighs nothing, and its forces are drawn."""
+    m = nc.Mechanism("crane")
+    m.ground("A", (0, 0)), m.ground("K", (1, -1))
+    m.point("L", (2, 1)), m.point("T", (4, 1.5))
+    m.body("boom", ["A", "L", "T"])
+    m.force("load", "T", (0, -100.0))
+    m.distance("c", "K", "L")
+    m.angle("phi", at="A", to="T")
+    motion = nc.sweep(m.compile(), {"c": [np.sqrt(5.0)]}, rates={"c": 0.0})
+    found = nc.inverse_dynamics(motion.system, motion).reactions
+    along = np.array([1.0, 2.0]) / np.sqrt(5.0)
+    np.testing.assert_allclose(found.support("K")[0], found.effort("c")[0] * along, rtol=1e-12)
+    np.testing.assert_allclose(found.support("A") + found.support("K"), [[0.0, 100.0]], atol=1e-10)
+    np.testing.assert_allclose(np.cross([1, -1], found.support("K")[0]) - 400.0, 0.0, atol=1e-10)
+    assert nodal_forces(found)["weight"][0].shape == (1, 0, 2)
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_a_fixed_ring_presses_like_one_that_is_held(last):
+    """Of a planetary gear: no pin carries a couple, in whatever order bodies are added."""
+
+    def loaded(ring):
+        m = nc.Mechanism("planetary")
+        m.ground("O", (0, 0))
+        (m.point if ring else m.ground)("R", (50, 0))
+        m.point("P", (35, 0)), m.point("S", (20, 0)), m.point("Q", (50, 0))
+        bodies = {"sun": "OS", "carrier": "OP", "planet": "PQ"} | ({"ring": "OR"} if ring else {})
+        for name in sorted(bodies, reverse=last):
+            m.body(name, list(bodies[name]))
+        m.angle("phi", at="O", to="S"), m.angle("c", at="O", to="P")
+        m.angle("s", at="O", to="S", start="P"), m.angle("p", at="P", to="Q", start="O")
+        m.angle("r", at="O", to="R", start="P")
+        if ring:
+            m.angle("a", at="O", to="R")
+        m.gear("inner", "s", "p", radii=(20, 15)), m.gear("outer", "r", "p", radii=(50, 15), internal=True)
+        m.torque("load", "c", -1000.0)
+        system = m.compile()
+        motion = nc.sweep(system, {"phi": [0.3]}, rates={"phi": 0.0}, hold=["a"] if ring else [])
+        return nc.inverse_dynamics(system, motion).reactions
+
+    fixed, held = loaded(False), loaded(True)
+    for name in ("sun", "carrier", "planet"):
+        for key, wrench in fixed.on(name).items():
+            np.testing.assert_allclose(wrench.force, held.on(name)[key].force, atol=1e-9)
+            np.testing.assert_allclose(wrench.moment, held.on(name)[key].moment, atol=1e-9)
+    pins = fixed.at("O", on="carrier").force + fixed.at("O", on="sun").force
+    np.testing.assert_allclose(fixed.support("O"), pins, atol=1e-9)
+
+
+def test_a_joint_tells_all_its_force_where_a_third_body_shares_its_point():
+    m = nc.Mechanism("wheel", dim=3)
+    m.ground("O", (0, 0, 0)), m.ground_vector("n", (0, 0, 1))
+    m.point("C", (0, 0, 0.5)), m.vector("axis", (0, 1, 0)), m.vector("mark", (1, 0, 0)), m.point("E", (0, 0.1, 0.2))
+    m.body("wheel", ["C"], vectors=["axis", "mark"], mass=2.0, com=(0, 0, 0.5), inertia=(0.1, 0.2, 0.1))
+    m.body("frame", ["C", "E"], vectors=["axis"], mass=3.0, com=(0, 0, 0.4), inertia=(0.1, 0.1, 0.1))
+    m.rolling_disc("roll", "C", "axis", "mark", ("O", "n"))
+    m.gravity = (0, 0, -10)
+    found = nc.reactions(nc.simulate(m.compile(), [0.0, 0.01]))
+    np.testing.assert_allclose(found.joint("roll", on="wheel").force[0], [0.0, 0.0, 50.0], atol=1e-9)
+
+    m = nc.Mechanism("car and trailer, hitched where the car's skate is")
+    for name, at in {"P": (0, 0), "Q": (1, 0), "E": (-1, 0)}.items():
+        m.point(name, at)
+    m.body("car", ["P", "Q"], mass=2.0, com=(0.4, 0), inertia=0.3)
+    m.body("trailer", ["P", "E"], mass=1.0)
+    m.skate("skate", "P", ("P", "Q"))
+    m.force("push", "Q", (0.0, 2.0))
+    run = nc.simulate(m.compile(), [0.0, 0.01])
+    p, q, e = (run.acceleration(name)[0] for name in "PQE")
+    want = 2.0 * (p + 0.4 * (q - p)) + 0.5 * (p + e) - np.array([0.0, 2.0])
+    np.testing.assert_allclose(nc.reactions(run).joint("skate", on="car").force[0], want, atol=1e-9)

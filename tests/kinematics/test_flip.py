@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from test_modes import stephenson
 
 import jaxnc as nc
@@ -100,6 +101,31 @@ def test_six_bars_near_their_dead_points():
     want = [nearest(system, motion.pose(k), p) for k, p in enumerate(phi)]
     np.testing.assert_allclose(found.distance, want, rtol=1e-8)
     np.testing.assert_allclose(found.input, [0.003, 0.05, 0.05, 0.003], rtol=0.02)
+
+
+def test_the_way_of_two_inputs_is_right_to_third_order():
+    """Of a five-bar, whose joints meet where |BD| is the length of both middle bars."""
+    crank, bar = 1.2, 2.6
+
+    def gap(turn):
+        return abs(4 + crank * np.exp(1j * turn[1]) - crank * np.exp(1j * turn[0])) - 2 * bar
+
+    at = np.array([brentq(lambda p: gap((p, 1.0)), 1.5, 3.0), 1.0])
+    normal = np.array([gap(at + h) - gap(at - h) for h in 1e-6 * np.eye(2)])
+    normal /= np.linalg.norm(normal)
+    for margin in (0.1, 0.05):
+        p, q = at - margin * normal
+        b, d = crank * np.exp(1j * p), 4 + crank * np.exp(1j * q)
+        c = (b + d) / 2 + 1j * (d - b) / abs(d - b) * np.sqrt(bar**2 - abs(d - b) ** 2 / 4)
+        m = nc.Mechanism("five-bar")
+        m.ground("A", (0, 0)), m.ground("E", (4, 0))
+        for name, z in {"B": b, "C": c, "D": d}.items():
+            m.point(name, (z.real, z.imag))
+        for body in ("AB", "BC", "CD", "DE"):
+            m.body(body, list(body))
+        m.angle("p", at="A", to="B"), m.angle("q", at="E", to="D")
+        found = nc.flip_margin(nc.sweep(m.compile(), {"p": [p], "q": [q]})).input[0]
+        assert abs(float(found) - margin) < 0.3 * margin**3
 
 
 def test_derivatives_are_exact_and_batches_are_what_each_is():

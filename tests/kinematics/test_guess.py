@@ -118,3 +118,20 @@ def test_messages_speak_of_the_guess():
     pair = nc.solve_position(measured_four_bar(), {"phi": TURN[:2]})
     with pytest.raises(InputError, match=r"start.*\(7,\).*\(2,\)"):
         nc.solve_position(measured_four_bar(), {"phi": TURN}, start=pair)
+
+
+def test_a_guess_that_lies_nearest_to_a_crank_turned_half_round_still_finds_an_assembly():
+    system = four_bar_drawn({"A": (0, 0), "B": (0.1, 0.05), "C": (0.4, 0.15), "D": (0.4, 0)})
+    found = nc.solve_position(system, {"phi": -2.05}, start={"C": (-0.368, -0.256)})
+    crank = np.arctan2(*np.asarray(found["B"])[::-1])
+    np.testing.assert_allclose([found["phi"], crank], -2.05, atol=1e-12)
+
+
+def four_bar_drawn(places):
+    m = nc.Mechanism("four-bar")
+    for name, at in places.items():
+        (m.ground if name in "AD" else m.point)(name, at)
+    for body in ("AB", "BC", "CD"):
+        m.body(body, list(body))
+    m.angle("phi", at="A", to="B")
+    return m.compile()

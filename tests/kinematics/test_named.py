@@ -130,6 +130,27 @@ def test_several_designs_are_named_by_a_map():
         jax.tree.map(lambda x: jnp.stack([x, x]), machine()).named()
 
 
+def test_stacked_designs_and_jacobians_are_read_by_name():
+    system = nc.library.four_bar().compile()
+    designs = jax.tree.map(lambda x: jnp.stack([k * x for k in (1.0, 1.5, 2.0, 3.0, 4.0)]), system)
+    np.testing.assert_allclose(designs["D"], system["D"] * np.array([[1.0], [1.5], [2.0], [3.0], [4.0]]))
+    moved = designs.replace({"D": np.arange(10.0).reshape(5, 2)})
+    np.testing.assert_array_equal(moved["D"], np.arange(10.0).reshape(5, 2))
+    np.testing.assert_array_equal(moved["A"], designs["A"])
+    traced = jax.jit(lambda d, x: d.replace({"D": x})["D"])(designs, np.ones((5, 2)))
+    np.testing.assert_array_equal(traced, np.ones((5, 2)))
+    with pytest.raises(nc.InputError, match=r"'D' has shape \(5, 2\), got \(4, 2\)"):
+        designs.replace({"D": np.zeros((4, 2))})
+
+    def heights(s):
+        return nc.solve_position(s, {"phi": np.array([0.2, 0.4, 0.6, 0.8])})["C"][:, 0]
+
+    slope = jax.jacrev(heights)(system)
+    moved = [[heights(system.replace({"D": system["D"] + s * h})) for s in (1e-6, -1e-6)] for h in np.eye(2)]
+    want = np.stack([(after - before) / 2e-6 for after, before in moved], axis=1)
+    np.testing.assert_allclose(slope["D"], want, atol=1e-7)
+
+
 def test_errors_that_print_a_tree_stay_readable():
     system, other = nc.library.jansen_leg().compile(), nc.library.klann_leg().compile()
     said = repr(system.topology)

@@ -100,6 +100,39 @@ def test_diagnosis_finds_the_smallest_single_change():
         assert int(closed.status) == 0
 
 
+def test_remedies_are_those_of_the_loop_that_fails():
+    """A second loop behind it, which would close, takes nothing from them."""
+    m = nc.Mechanism("wiper pair", length_unit="mm")
+    for name, at in {"M": (0, 0), "A": (150, 40), "B": (-400, 30)}.items():
+        m.ground(name, at)
+    for name, at in {"C": (35, 20), "P": (140, 120), "Q": (-412, 112)}.items():
+        m.point(name, at)
+    m.body("crank", ["M", "C"], lengths={("M", "C"): 400.0})
+    for name, ends in {"rod": "CP", "blade": "PA", "second rod": "PQ", "second blade": "QB"}.items():
+        m.body(name, list(ends))
+    found = nc.diagnose(m.compile())
+    too_long = 400 - np.hypot(150, 40) - np.hypot(10, 80) - np.hypot(105, 100)
+    smallest = {r.dimension: r.change for r in found.remedies[:2]}
+    assert smallest == {
+        "length M-C of crank": pytest.approx(-too_long, abs=1e-8),
+        "length C-P of rod": pytest.approx(too_long, abs=1e-8),
+    }
+
+
+def test_messages_show_degrees_where_the_mechanism_does():
+    m = nc.Mechanism("crank", angle_unit="deg")
+    m.ground("A", (0, 0)), m.ground("D", (4, 0)), m.point("B", (2, 2)), m.point("C", (3.3, 2.9))
+    for body in ("AB", "BC", "CD"):
+        m.body(body, list(body))
+    m.angle("phi", at="A", to="B")
+    system = m.compile()
+    ends = nc.travel(system, "phi")
+    for said in (str(ends), str(nc.diagnose(system, {"phi": np.pi}))):
+        assert f"{np.degrees(ends.upper):.6g}"[:6] in said and "°" in said
+    with pytest.raises(nc.AssemblyError, match=f"as far as phi = {np.degrees(ends.upper):.6g}°"):
+        nc.solve_position(system, {"phi": np.pi})
+
+
 @pytest.mark.parametrize(
     ("crank", "rod", "height"), [(0.83, 0.91, 2.2), (0.85, 0.85, 2.15), (0.68, 0.79, 2.15), (0.35, 0.35, 2.5)]
 )

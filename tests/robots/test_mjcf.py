@@ -352,3 +352,38 @@ def test_inertias_that_mujoco_does_not_take_are_named(tmp_path):
     said = r"'bar' has a mass or inertia of \S+e-17, and MuJoCo takes none below 1e-14.*mm in place of m"
     assert re.search(said, str(m.to_mjcf(tmp_path / "tiny.xml")))
     assert "takes none" not in str(m.to_urdf(tmp_path / "tiny.urdf"))
+
+
+ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="a"><joint name="ja" axis="0 0 1"/><geom size=".05"/>
+<body name="b" pos=".5 0 0"><joint name="jb" axis="0 .2 1"/><joint name="jc" type="slide" axis="1 .3 0" pos=".1 0 0"/>
+<joint name="jd" axis="1 0 .4" pos=".1 .2 0"/><geom size=".05"/><site name="tip" pos=".3 0 .1"/></body></body>
+</worldbody>
+<keyframe><key name="there" qpos=".4 1 .1 -.3"/></keyframe></mujoco>"""
+
+
+@pytest.mark.parametrize("home", [None, "there"])
+def test_a_design_of_a_robot_is_saved_as_it_is_whatever_pose_it_was_drawn_in(home, tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM)
+    robot = nc.from_mjcf(tmp_path / "arm.xml", home=home)
+    design = robot.system.replace({n: robot.system[n] + np.array([0.02, 0.05, -0.01]) for n in ("jb_at", "jd_at")})
+    robot.save(tmp_path / "out.xml", design)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    data = mujoco.MjData(model)
+    for values in np.random.default_rng(3).uniform(-0.5, 0.5, (3, 4)):
+        data.qpos[:] = robot.positions(values, design)
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(data.site("tip").xpos, robot.pose(values, design)["tip"], atol=1e-5)
+
+
+@pytest.mark.parametrize("turn", [(0.5, 0.5, 0.5, 0.5), (0.7071, 0, 0, 0.7071), (0.7071, 0.7071, 0, 0)])
+def test_a_keyframe_may_turn_a_ball_by_a_quarter(turn, tmp_path):
+    """Coordinates that say where the ball is at first say nothing there."""
+    numbers = " ".join(map(str, turn))
+    (tmp_path / "ball.xml").write_text(
+        f'''<mujoco><worldbody><body name="a"><joint name="ba" type="ball"/><geom size=".1" pos=".2 0 0"/>
+        <body name="b" pos=".5 0 0"><joint name="jb" axis="0 1 0"/><geom size=".1" pos=".3 0 0"/></body></body>
+        </worldbody><keyframe><key name="k" qpos="{numbers} .3"/></keyframe></mujoco>'''
+    )
+    robot = nc.from_mjcf(tmp_path / "ball.xml", home="k")
+    found, want = np.asarray(robot.positions([0.3]))[:4], np.array(turn) / np.linalg.norm(turn)
+    assert min(np.abs(found - want).max(), np.abs(found + want).max()) < 1e-12

@@ -439,6 +439,8 @@ stops = { phi = [-360, 90], "C.y" = [0, inf] }
         ('point = "P"', "", "needs point"),
         ('type = "crank turns"', 'type = "crank turn"', "crank turn"),
         ("A-B = [0, 50]", "A-B = [50, 0]", "'A-B' exclude everything"),
+        ("A-B = [0, 50]", "A-B = [5, 5]", "S.equal"),
+        (text[start:end], "target = [[1, 2], [3]]\n", "rows of equally many numbers"),
         ("timing = [30, 45, 60, 75, 90]", "timing = [30, 45]", "timing must be 5 numbers"),
         ('type = "crank turns"', 'type = "no flip"', "give distance="),
         ('type = "crank turns"', 'type = "only circuit"\nstops = { X = [0, 1] }', "no coordinate 'X' with a stop"),

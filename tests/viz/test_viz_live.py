@@ -372,6 +372,24 @@ def test_a_mechanism_of_two_inputs_leaves_the_dead_point_of_one(browser, tmp_pat
 
 
 @driven
+def test_a_field_that_is_emptied_changes_nothing_and_a_driven_place_is_one_column(browser, tmp_path):
+    m = nc.library.slider_crank()
+    system = m.compile()
+    x = float(system["B"][0])
+    motion = nc.sweep(system, {"B.x": np.linspace(x, 0.99 * x, 5)})
+    browser.open(viz.to_html(motion, tmp_path / "a.html", model=m), "#2")
+    before = browser.run("window.jaxnc.design().q")
+    field = "const f = document.querySelector('#driving input[type=number]')"
+    browser.run(f"{{ {field}; f.focus(); f.value = ''; f.dispatchEvent(new Event('change')); f.blur(); }}")
+    settled(browser)
+    assert browser.run("window.jaxnc.design().q") == before
+    assert browser.run(f"(() => {{ {field}; return f.value; }})()") == f"{motion.asked[2, 0]:.6g}"
+    (tmp_path / "a.csv").write_text(saved(browser, "csv"))
+    np.testing.assert_allclose(nc.io.load_csv(tmp_path / "a.csv")["B"], motion["B"], atol=1e-7)
+    assert browser.said == []
+
+
+@driven
 def test_poses_that_a_changed_design_does_not_reach_show_its_ground(browser, four_bar):
     browser.open(four_bar[1])
     browser.run("document.getElementById('shape').click()")
