@@ -20,7 +20,6 @@ from jaxnc.reporting.outcome import (
     CROSSING,
     crossings,
     idle,
-    in_reading_units,
     inputs_at,
     outputs_of,
     scales_of,
@@ -94,7 +93,7 @@ def _diagnosis(analysis: Analysis, verdict: Verdict) -> list[str]:
     if found.assembles:
         said = "the first of them exists, but the motion did not come to it"
         return [f"  {said}: try --analysis solve_position or --analysis circuit"]
-    return [f"  {line}" for line in str(in_reading_units(motion, found)).splitlines()]
+    return [f"  {line}" for line in str(found).splitlines()]
 
 
 def _drives(analysis: Analysis) -> Iterable[str]:

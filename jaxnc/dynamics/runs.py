@@ -702,10 +702,10 @@ def _leaves(run: Run) -> tuple[list, list]:
     return jax.tree.leaves((run.smooth, run.start, states)), jax.tree.leaves((run.other, rest))
 
 
-def _start_and_history(smooth: PyTree, other: PyTree) -> tuple[Array, History]:
-    """Put start and history of a run together from its arrays."""
+def _start_and_history(smooth: PyTree, other: PyTree) -> tuple[Array, History | None]:
+    """Put start and history of a run together from its arrays; it may have kept no history."""
     start, *states = smooth[_SMOOTH.num_leaves :]
-    return start, History(MotionState(*states), *other[_OTHER.num_leaves :])
+    return start, History(MotionState(*states), *other[_OTHER.num_leaves :]) if states else None
 
 
 def _value(question: _Question, x: PyTree, rest: PyTree) -> tuple[list, list]:
@@ -825,7 +825,7 @@ def _tangent(question: _Question, x: PyTree, rest: PyTree, smooth: PyTree, other
 def _cotangent(question: _Question, x: PyTree, rest: PyTree, smooth: PyTree, other: PyTree, change: PyTree) -> list:
     spec, numbers = question.spec, question.numbers(x, rest)
     known = is_outermost(x, rest, smooth, other, change) and is_concrete(numbers)
-    if known and spec.method in METHODS and host_differentiates(spec.topology):
+    if known and host_differentiates(spec.topology):
         return _pull_back_known(question, numbers, smooth, other, change)
     return _pull_back_traced(question, *map(list, (x, rest, smooth, other, change)))
 
@@ -855,9 +855,6 @@ def _change(static: tuple[Callable, _Question, tuple[int, ...]], value: list, ar
 
 def _pull_back_all(question: _Question, x: list, rest: list, smooth: list, other: list, change: list) -> list:
     spec, numbers = question.spec, question.numbers(x, rest)
-    if spec.method not in METHODS:
-        _, pull = jax.vjp(lambda x: _leaves(_run_traced(spec, question.numbers(x, rest)))[0], x)
-        return pull(change)[0]
     flow, at = _flow(spec, numbers), _start_and_history(smooth, other)[0]
     bars = _pull_back_run(spec, flow, numbers, smooth, other, change)
     if not host_differentiates(spec.topology):
@@ -967,10 +964,21 @@ def _pull_back_run(
     fields_bar, top = jax.tree.unflatten(_SMOOTH, change[: _SMOOTH.num_leaves]), spec.topology
     moved = _parts(flow), pose, rates, t, _real(parameters)
 
+    def begin(now, pose, rates, t):
+        find_rates = functools.partial(_named_rates, settled=not drawn or bool(spec.drives))
+        return _start(spec, now, pose if drawn else lift(top, pose), rates, t, find_rates)
+
+    def whole(parts, pose, rates, t, event):
+        now = _with_parts(flow, parts)
+        start = begin(now, pose, rates, t)
+        return _leaves(run_equal(top, choose_form(now, spec), spec.method, t, start, spec.steps))[0]
+
+    if history is None or history_bar is None:
+        return jax.vjp(whole, *moved)[1](change)
+
     def beginning(parts, pose, rates, t, event):
         now = _with_parts(flow, parts)
-        find_rates = functools.partial(_named_rates, settled=not drawn or bool(spec.drives))
-        start = _start(spec, now, pose if drawn else lift(top, pose), rates, t, find_rates)
+        start = begin(now, pose, rates, t)
         return start._replace(places=None), start.state(now)
 
     def ending(parts, start, t, event, states):

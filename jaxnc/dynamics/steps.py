@@ -9,16 +9,20 @@ The generalised-α method is implicit and of fixed step, on index 3, for stiff m
 """
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
+from jaxnc.autodiff import attach
 from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, StageSolution
 from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.saddle import saddle
+from jaxnc.records import record
 from jaxnc.solvers import dense
 from jaxnc.system.precision import WIDE, active, limits
 from jaxnc.types import AnyArray, Array, ArrayLike, PyTree
@@ -353,8 +357,7 @@ class _StoredStages:
 
 # -- generalised alpha ------------------------------------------------------------------------------------------------
 
-_FACTORISATIONS = 3, 3
-"""Factorisations in a step, and iterations with each; all are made, so that a step is differentiable."""
+_FACTORISATIONS = 3, 3  # in a step, and iterations with each; all are made, so that a step is differentiable
 
 
 class AlphaState(NamedTuple):
@@ -378,48 +381,100 @@ def alpha_step(flow: Flow, t: Array, h: Array, old: AlphaState) -> AlphaState:
 
     Source: J. Chung, G. Hulbert, J. Appl. Mech. 60 (1993); M. Arnold, O. Brüls, Multibody System Dynamics 18 (2007).
     """
-    view, u, t1 = flow.view, flow.view.unknown, t + h
-    radius = 0.7  # spectral radius at infinity: what is left of the stiffest motions after a step
-    am, af = (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
-    gamma = 0.5 + af - am
-    beta = 0.25 * (gamma + 0.5) ** 2
-    weight, size, inner = flow.scale()
+    step = AlphaStep(flow, t + h, h, old)
+    # The iterations are not differentiated: derivatives are those of the equations that they have solved.
+    real, lam = attach(_change_alpha, None, lax.stop_gradient(step).solve(), step)
+    q, v, a = step.state(real)
+    return AlphaState(q, flow.project_velocity(q, v), a, real, lam)
 
-    def state(real: Array) -> tuple[Array, Array, Array]:
+
+def _change_alpha(_: None, value: tuple[Array, Array], args: tuple, changes: tuple) -> tuple[Array, Array]:
+    """Change the solution of a step with all that it depends on, by as many iterations as have found it."""
+    step: AlphaStep = args[0]
+    _, change = jax.linearize(lambda step, z: step.miss(*z), step, value)
+    still = jax.tree.map(jnp.zeros_like, value)
+    begin = jax.jvp(lambda step: step.drive(still[0]), args, changes)[1], still[1]
+    correct = step.corrector(value[0])
+    iterations = math.prod(_FACTORISATIONS)
+    return lax.scan(lambda dz, _: (correct(dz, change(changes[0], dz)), None), begin, None, length=iterations)[0]
+
+
+@record
+class AlphaStep:
+    """The equations of a step of the generalised-α method for accelerations and multipliers at its end."""
+
+    flow: Flow
+    end: Array  # time
+    h: Array
+    old: AlphaState
+
+    def drive(self, real: Array) -> Array:
+        """Put in the accelerations of driven coordinates."""
+        return real.at[self.flow.view.known].set(self.flow.drive_values(self.end)[2])
+
+    @property
+    def shares(self) -> tuple[float, float, float, float]:
+        """The method's αm, αf, β and γ."""
+        radius = 0.7  # spectral radius at infinity: what is left of the stiffest motions after a step
+        am, af = (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
+        gamma = 0.5 + af - am
+        return am, af, 0.25 * (gamma + 0.5) ** 2, gamma
+
+    @property
+    def weights(self) -> tuple[Array, Array]:
+        """How much an acceleration at the end changes the pose and the rates there."""
+        am, af, beta, gamma = self.shares
+        return self.h**2 * beta * (1.0 - af) / (1.0 - am), self.h * gamma * (1.0 - af) / (1.0 - am)
+
+    def state(self, real: Array) -> tuple[Array, Array, Array]:
+        """Return pose, rates and the method's mean of accelerations at the end."""
+        (am, af, beta, gamma), h, old = self.shares, self.h, self.old
         a = ((1.0 - af) * real + af * old.real - am * old.a) / (1.0 - am)
         q = old.q + h * old.v + h * h * ((0.5 - beta) * old.a + beta * a)
         v = old.v + h * ((1.0 - gamma) * old.a + gamma * a)
-        return (*flow.impose(t1, q, v), a)
+        return (*self.flow.impose(self.end, q, v), a)
 
-    to_q = h * h * beta * (1.0 - af) / (1.0 - am)
-    to_v = h * gamma * (1.0 - af) / (1.0 - am)
+    def miss(self, real: Array, lam: Array) -> tuple[Array, Array]:
+        """Return by how much forces are out of balance, and rows are not met, in parts of size one."""
+        flow, u = self.flow, self.flow.view.unknown
+        q, v, _ = self.state(real)
+        r, j, *_ = flow.rows(q, v)
+        f = (flow.dyn.mass @ real - forces(flow.dyn, self.end, q, v))[u] + j.T @ lam
+        weight, size, _ = flow.scale()
+        # Rows are divided by h² where they meet accelerations, or the matrix would be badly scaled.
+        return f / (weight * size), r / self.weights[0]
 
-    def push(x: Array, dx: Array, q: Array, v: Array) -> Array:
-        return forces(flow.dyn, t1, q.at[u].set(x), v.at[u].set(dx))[u]
-
-    def iterate(carried, _):
-        """Newton's iterations with one factorisation."""
-        q, v, _ = state(carried[0])
+    def corrector(self, real: Array) -> Callable[[tuple[Array, Array], tuple[Array, Array]], tuple]:
+        """Factorise at a solution; return what takes the next iteration from a solution and its `miss`."""
+        flow, u = self.flow, self.flow.view.unknown
+        weight, size, inner = flow.scale()
+        q, v, _ = self.state(real)
         j = flow.rows(q, v).unknown
-        k, c = jax.jacfwd(push, argnums=(0, 1))(q[u], v[u], q, v)
+        to_q, to_v = self.weights
+
+        def push(x: Array, dx: Array) -> Array:
+            return forces(flow.dyn, self.end, q.at[u].set(x), v.at[u].set(dx))[u]
+
+        k, c = jax.jacfwd(push, argnums=(0, 1))(q[u], v[u])
         tangent = inner - (to_v * c + to_q * k) / (weight[:, None] * weight[None] * size)
-        solve = saddle(0.5 * (tangent + tangent.T), j / weight, flow.redundant)
+        matrix = lax.stop_gradient((0.5 * (tangent + tangent.T), j / weight))
+        solve = saddle(*matrix, flow.redundant)
 
-        def improve(carried, _):
-            real, lam = carried
-            q, v, _ = state(real)
-            r, j, *_ = flow.rows(q, v)
-            f = (flow.dyn.mass @ real - forces(flow.dyn, t1, q, v))[u] + j.T @ lam
-            # Rows are divided by h² where they meet accelerations, or the matrix would be badly scaled.
-            x, y = solve(-f / (weight * size), -r / to_q)
-            return (real.at[u].add(x / weight), lam + y * size), None
+        def correct(z: tuple[Array, Array], miss: tuple[Array, Array]) -> tuple[Array, Array]:
+            x, y = solve(-miss[0], -miss[1])
+            return z[0].at[u].add(x / weight), z[1] + y * size
 
-        return jax.lax.scan(improve, carried, None, length=_FACTORISATIONS[1])
+        return correct
 
-    begin = old.real.at[view.known].set(flow.drive_values(t1)[2]), old.multipliers
-    real, lam = jax.lax.scan(iterate, begin, None, length=_FACTORISATIONS[0])[0]
-    q, v, a = state(real)
-    return AlphaState(q, flow.project_velocity(q, v), a, real, lam)
+    def solve(self) -> tuple[Array, Array]:
+        """Find accelerations and multipliers by Newton's iterations, some with each factorisation."""
+        outer, inner = _FACTORISATIONS
+
+        def iterate(z: tuple[Array, Array], _: None) -> tuple:
+            correct = self.corrector(z[0])
+            return lax.scan(lambda z, _: (correct(z, self.miss(*z)), None), z, None, length=inner)[0], None
+
+        return lax.scan(iterate, (self.drive(self.old.real), self.old.multipliers), None, length=outer)[0]
 
 
 def count_steps(t: np.ndarray, longest_step: float) -> int:

@@ -497,13 +497,25 @@ class Ledger:
             item = item if item < len(top.points) else ~(item - len(top.points))
             self.put(owner_of(top, item), key, item, force[..., None] * np.eye(dim)[axis])
             return
-        b, i = top.measures[c - self.first_scalar]
+        straight = not top.angles[c - self.first_scalar]  # a distance, which forces act along; an angle takes couples
+        self.instance(key, *top.measures[c - self.first_scalar], self._along(c, force), straight)
+
+    def _along(self, c: int, force: Numbers) -> Numbers:
+        """Return what a force on an angle or distance puts on the variables of its measure, ``(P, variables)``."""
+        b, i = self.top.measures[c - self.first_scalar]
         rows = self.rows[b][:, i]
         last = rows[..., -1]
         # δs = -Σ Φ_s Φ_q δq / Σ Φ_s², of one row or of several that agree.
         share = force / (last * last).sum(-1)
-        straight = not top.angles[c - self.first_scalar]  # a distance, which forces act along; an angle takes couples
-        self.instance(key, b, i, -(rows * (last * share[..., None])[..., None]).sum(-2), straight)
+        return -(rows * (last * share[..., None])[..., None]).sum(-2)
+
+    def lift_off(self, c: int, force: Numbers) -> None:
+        """Note that a force on a distance does not act on the ground that it ends at, but elsewhere."""
+        b, i = self.top.measures[c - self.first_scalar]
+        pushes = zip(self.split(self.top.blocks[b], i, self._along(c, force)), slot_owners(self.top)[b][i], strict=True)
+        for (item, f), body in pushes:
+            if body == GROUND and not self.top.angles[c - self.first_scalar]:
+                self.ground(item, -f)
 
     def ground(self, item: int, force: Numbers) -> None:
         """Note a force on a fixed point that is none of its support."""
@@ -787,6 +799,9 @@ def _put_mesh(ledger: Ledger, j: int) -> None:
             _bear(ledger, carrier, theirs, -more[0], -more[1])
         ledger.add(carrier, theirs, *more)
         ledger.add(carrier, key, -more[0], -more[1])
+    pull = ledger.pull(b, i)
+    for k, c in enumerate(top.blocks[b].scalars[i]):
+        ledger.lift_off(c, pull[:, k - len(scalars)])
 
 
 def _turning_bodies(ledger: Ledger, joint: JointIndex, k: int, c: int) -> tuple[int, frozenset[int]]:

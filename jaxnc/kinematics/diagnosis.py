@@ -299,20 +299,18 @@ def _least_squares(
 
 # -- remedies ---------------------------------------------------------------------------------------------------------
 
-_MOST_OWNERS = 60  # of rows: more are not left out one after the other
-
 
 def _find_remedies(
     top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray, known: np.ndarray
 ) -> tuple[Remedy, ...]:
     """Find what closes all the rows that are looked at, and what closes a loop of them that fails by itself."""
-    found = remedies(top, view, q, rows, columns, known)
+    found = {r.dimension: r for r in remedies(top, view, q, rows, columns, q, known)}
     pose, loop, own = _failing_loop(top, view, q, rows, columns)
     if len(loop) < len(rows):
-        found += remedies(top, view, pose, loop, own, known)
+        for remedy in remedies(top, view, pose, loop, own, q, known):
+            found.setdefault(remedy.dimension, remedy)
     # Equal ones, as of two points of the ground, stay in their order whatever rounding says.
-    ordered = sorted(found, key=lambda r: float(f"{abs(r.change):.9g}"))
-    return tuple({r.dimension: r for r in ordered[::-1]}[name] for name in dict.fromkeys(r.dimension for r in ordered))
+    return tuple(sorted(found.values(), key=lambda r: float(f"{abs(r.change):.9g}")))
 
 
 def _failing_loop(
@@ -325,10 +323,12 @@ def _failing_loop(
     owner = [top.row_owners[r][0] for r in view.plan.rows[rows]]
     owners = list(dict.fromkeys(owner))
     x, one_less = q[view.plan.unknown], np.ones(len(rows), bool)
-    for leave in owners if len(owners) <= _MOST_OWNERS else ():
+    for leave in owners if len(owners) <= 60 else ():  # more take long, one after the other
         trial = one_less & np.array([o != leave for o in owner])
+        if not trial.any():
+            break
         nearest, size = _least_squares(view, q, x.copy(), rows[trial], columns, 1e-9)
-        if trial.any() and size > 1e-9 * view.eq.length:
+        if size > 1e-9 * view.eq.length:
             x, one_less = nearest, trial
     pose, loop = q.copy(), rows[one_less]
     pose[view.plan.unknown] = x
@@ -337,11 +337,18 @@ def _failing_loop(
 
 
 def remedies(
-    top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray, known: np.ndarray
+    top: Topology,
+    view: HostView,
+    q: np.ndarray,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    begin: np.ndarray,
+    known: np.ndarray,
 ) -> tuple[Remedy, ...]:
     """Single changes of a length or of a ground coordinate that just close a mechanism.
 
-    What closes the `rows` that fail need not close those behind them, of other loops; `known` are the inputs.
+    What closes the `rows` that fail, from the pose `q` that is closest to them, need not close those behind them, of
+    other loops, nor in the assembly of the pose `begin`: so it is looked for from there. `known` are the inputs.
     """
     candidates = _candidates(top, view.eq)
     if not candidates:
@@ -360,7 +367,7 @@ def remedies(
         sensible = np.isfinite(change) and abs(change) < 20 * length
         if not (rest <= 1e-9 * length and sensible and (isinstance(slot, int) or value + change > 0)):
             continue
-        if len(rows) == len(view.plan.rows) or _closes(view, slot, float(change), q, known):
+        if len(rows) == len(view.plan.rows) or _closes(view, slot, float(change), begin, known):
             found.append(Remedy(name, value, float(change)))
     return tuple(found)
 

@@ -242,15 +242,6 @@ def solve_nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.n
             q[:, far] = host.correct_poses(inner, host.closest(inner, begin[:, far]).q)
             (size, *upright), conditioning = inner.check(q), inner.conditioning(q)
             good = (size <= inner.tolerance(q)) & upright[0]
-        if not good.all():
-            # What is closest to a guess may be a twin with an angle turned half round: any assembly is better.
-            far, home = np.flatnonzero(~good), np.atleast_2d(eq.home.T)
-            which = far if len(home) > 1 else np.zeros(len(far), int)
-            drawn = solve_lanes(view, eq, home, values[far], which)
-            there = drawn.status == int(Status.CONVERGED)
-            q[:, far[there]] = drawn.q[there].T
-            (size, *upright), conditioning = inner.check(q), inner.conditioning(q)
-            good = (size <= inner.tolerance(q)) & upright[0]
             # Steps that lead nowhere may lead far: what is not found is left at its guess, 10 sizes away.
             stray = ~good & ~(np.abs(inner.weights * (q - begin)).max(axis=0) <= 10.0 * eq.length)
             if stray.any():

@@ -157,7 +157,7 @@ def worst_rows(system: System, eq: Equations, q: np.ndarray) -> str:
     order = np.array([int(i) for i in np.argsort(-r)[:3] if r[i] > limits(eq.length).close * float(eq.length)], int)
     gaps = row_gaps(to_host(eq), np.asarray(q), order)
     said = ", ".join(f"{system.topology.rows[i]} is off by {gap:.3g}" for i, gap in zip(order, gaps, strict=True))
-    return said or "no constraint is violated"
+    return said or "no constraint is violated, but an angle is off by half a turn"
 
 
 def meeting_ends(system: System, q: np.ndarray) -> str:

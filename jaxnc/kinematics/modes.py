@@ -61,9 +61,6 @@ from jaxnc.types import Inputs, Numbers
 MOST = 1000
 """Solutions of a generic mechanism that are looked for without being asked to."""
 
-_CHECKS = 5
-"""Often a start set is checked at first: a pose that is found another way has to be among the assemblies."""
-
 _ROUTES = ((True, BOLD), (False, BOLD), (True, CAREFUL), (False, CAREFUL), (False, CAREFUL))  # straight, or around
 
 
@@ -195,7 +192,8 @@ class Family:
     """A structure with its inputs, and what is zero in it: start set and eliminations, for all designs."""
 
     def __init__(self, reading: Reading, starts: StartSet):
-        self.reading, self.starts, self.checks = reading, starts, 0
+        self.reading, self.starts = reading, starts
+        self.checked: set[tuple[bytes, ...]] = set()  # designs whose own poses were found
         self.reductions: list[tuple[Reduction, Placed]] = []
 
     def reduction(self, design: Member, strict: bool = False) -> tuple[Reduction, Placed, Placed]:
@@ -614,12 +612,23 @@ def modes(
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most, prove)
     member, x = design.at(values[:, None], order)
     found = _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
-    family.checks += 1
-    if family.checks > _CHECKS:
+    # A pose that is found another way has to be among the assemblies, at these inputs or at those of the drawing: once
+    # for a design, since all that it can be moved to hangs together.
+    key = (design.x.tobytes(), *(c.tobytes() for c in design.constants))
+    if key in family.checked:
         return found
-    asked = dict(zip(inputs, values, strict=True))
-    own = solve_position(system, asked, hold=hold, unit="rad", throw=False)
-    return found if _has(found, own, design) else dataclasses.replace(found, lost=found.lost + 1)
+    for at in (values, design.pose[list(order)]):
+        own = solve_position(system, dict(zip(inputs, at, strict=True)), hold=hold, unit="rad", throw=False)
+        if not int(own.status):
+            here = found
+            if at is not values:
+                member, x = design.at(at[:, None], order)
+                here = _report(system, view, design, family, x[:, 0], at, solve_all(family, member, seed))
+            if not _has(here, own, design):
+                return dataclasses.replace(found, lost=found.lost + 1)
+            break
+    family.checked.add(key)
+    return found
 
 
 def _has(found: Modes, own: Motion, design: Design) -> bool:

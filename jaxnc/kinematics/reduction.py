@@ -74,7 +74,7 @@ class Products:
 
     def __init__(self, pair: np.ndarray):
         count, wide = pair.shape[1], pair.shape[2]
-        parts = pair[:, :, 1:, 1:].reshape(2, count, -1)
+        parts = pair[:, :, 1:, 1:].reshape(2, count, (wide - 1) ** 2)
         largest = np.abs(parts[0]).argmax(axis=1) if parts.size else np.zeros(count, int)
         often = np.take_along_axis(parts, largest[None, :, None], axis=2)[:, :, 0]
         shape = parts[0] / np.where(often[0] == 0.0, 1.0, often[0])[:, None]

@@ -3,7 +3,6 @@
 import functools
 import operator
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -187,17 +186,8 @@ def why(verdict: Verdict, motion: Motion, asked: Mapping[str, np.ndarray], hold:
     if not found.assembles:
         if verdict.assembles is None:  # elsewhere it may
             verdict.assembles = diagnose(motion.system).assembles
-        apart(verdict, in_reading_units(motion, found))
+        apart(verdict, found)
     return found
-
-
-def in_reading_units(motion: Motion, found: Diagnosis) -> Diagnosis:
-    """Bring the inputs of a diagnosis to the units a person reads."""
-
-    def convert(inputs: Mapping[str, float]) -> dict[str, float]:
-        return {name: value * unit_of(motion, name)[1] for name, value in inputs.items()}
-
-    return replace(found, inputs=convert(found.inputs), reached=convert(found.reached))
 
 
 # -- what is expected -------------------------------------------------------------------------------------------------

@@ -340,24 +340,24 @@ class MjcfFile:
     def _join(self, spec: Any, tree: ImportTree, design: MovedPlaces, k: int) -> None:
         """Move the joints of a link; it stays where it is in the home pose, the file places it at ``qpos0``."""
         elements, link = {self.name("JOINT", e.id): e for e in spec.joints}, tree.description.links[k]
+        anchors = {joint.name: tree.anchors[joint.name] for joint in link.joints if not joint.held}
+        if not design.changed.intersection(name for a in anchors.values() for name in (a.point, a.axis)):
+            return
         turn, origin = link.turn, link.origin  # after the joint that is looked at, the last one first
-        moved = False
         for joint in link.joints[::-1]:
-            element, anchor = elements[joint.name], None if joint.held else tree.anchors[joint.name]
-            changed = anchor is not None and bool(design.changed.intersection((anchor.point, anchor.axis)))
-            if changed and element.frame is not None:
+            element, anchor = elements[joint.name], anchors.get(joint.name)
+            if element.frame is not None:
                 raise self.fault(f"joint {joint.name!r} stands in a <frame>; write it without, to save designs of it")
-            if changed and anchor is not None and anchor.point in design.changed:
+            if anchor is not None and anchor.point in design.changed:
                 at = tree.sliders.get(joint.name, anchor.point)
                 element.pos = turn.T @ (design.places[at] - origin)
-            if changed and anchor is not None and anchor.axis in design.changed:
+            if anchor is not None and anchor.axis in design.changed:
                 element.axis = turn.T @ (tree.sense(joint) * design.places[anchor.axis])
-            moved = moved or changed
             if joint.kind != "free":
                 back, shift = self._step_back(joint, element)
                 origin, turn = origin + turn @ shift, turn @ back
         body = next(b for b in spec.bodies if b.id == k)
-        if not moved or np.array_equal(self.data.qpos, self.model.qpos0):
+        if np.array_equal(self.data.qpos, self.model.qpos0):
             return
         if body.frame is not None:
             raise self.fault(f"body {link.name!r} stands in a <frame>; write it without, to save designs with home=")

@@ -125,7 +125,8 @@ class System(Drawn):
         """A system of the same topology with some design variables changed. Nothing recompiles.
 
         Args:
-            values: new values by name, ``(dim,)`` for points, vectors and markers, a number for dimensions.
+            values: new values by name, ``(dim,)`` for points, vectors and markers, a number for dimensions; of stacked
+                designs one for each, as `__getitem__` has them.
             **more: the same as keywords, for names that are Python identifiers.
 
         Returns:
@@ -151,7 +152,7 @@ class System(Drawn):
             positive = leaf == "dimensions" and self.topology.given[i].quantity is Quantity.LENGTH
             if positive and not isinstance(value, Tracer) and not np.all(np.asarray(value) > 0):
                 raise InputError(f"design variable {name!r} is a length and must be positive, got {value!r}")
-            if leaf == "vectors" and not isinstance(value, Tracer) and not np.any(np.asarray(value)):
+            if leaf == "vectors" and not isinstance(value, Tracer) and not np.any(np.asarray(value), axis=-1).all():
                 raise InputError(f"design variable {name!r} is a direction and cannot be the zero vector")
             changed.setdefault(leaf, {})[i] = value
         for leaf, items in changed.items():

@@ -228,6 +228,16 @@ def test_all_forty_of_dietmaiers_platform(cached, sooner):
     check(nc.modes(system.replace(moved), {n: x * (1 + 0.1 * rng.normal()) for n, x in legs.items()}), 40)
 
 
+def test_a_design_without_any_elimination_keeps_all_unknowns():
+    system, legs, _ = platform()
+    driven = tuple(system.topology.position[n] for n in legs)
+    reading = read_polynomials(system.topology.structure, driven)
+    design = module.describe(system, reading)
+    member = design.drawn(driven)
+    made = module.Reduction(reading, member, member, None)
+    assert made.n == len(reading.unknown) == 18 and made.place(member).sound.all()
+
+
 def test_platforms_share_a_start_set_whatever_segments_describe_their_bodies(cached, sooner, monkeypatch):
     """Which segments a body's rows take depends on its shape: of these five, drawn at random, they are all others."""
 

@@ -142,6 +142,11 @@ def test_stacked_designs_and_jacobians_are_read_by_name():
     with pytest.raises(nc.InputError, match=r"'D' has shape \(5, 2\), got \(4, 2\)"):
         designs.replace({"D": np.zeros((4, 2))})
 
+    leg = nc.library.spherical_four_bar().compile()
+    legs = jax.tree.map(lambda x: jnp.stack([x, x]), leg)
+    with pytest.raises(nc.InputError, match="cannot be the zero vector"):
+        legs.replace({"vB": [[1.0, 0, 0], [0, 0, 0]]})
+
     def heights(s):
         return nc.solve_position(s, {"phi": np.array([0.2, 0.4, 0.6, 0.8])})["C"][:, 0]
 

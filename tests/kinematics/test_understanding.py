@@ -119,6 +119,14 @@ def test_remedies_are_those_of_the_loop_that_fails():
     }
 
 
+def test_a_single_bar_that_is_too_short_is_diagnosed():
+    m = nc.Mechanism("bar")
+    m.ground("A", (0, 0)), m.point("P", (0.5, 2), fixed="y")
+    m.body("bar", ["A", "P"], lengths={("A", "P"): 1.0})
+    found = nc.diagnose(m.compile())
+    assert {r.dimension: r.change for r in found.remedies}["length A-P of bar"] == pytest.approx(1.0, abs=1e-9)
+
+
 def test_messages_show_degrees_where_the_mechanism_does():
     m = nc.Mechanism("crank", angle_unit="deg")
     m.ground("A", (0, 0)), m.ground("D", (4, 0)), m.point("B", (2, 2)), m.point("C", (3.3, 2.9))
