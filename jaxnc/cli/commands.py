@@ -196,6 +196,8 @@ def do_trace(question: Question, options: argparse.Namespace, importing: float) 
             raise InputError(f"--bars {options.bars}: expected some of 4, 6 and 8, such as 4,6")
         more["bars"] = [int(word) for word in words]
     if options.transmission is not None:
+        if not 0.0 <= options.transmission < 90.0:
+            raise InputError(f"--transmission {options.transmission:g}: an angle from 0 to 90, in degrees")
         more["subject_to"] = [S.transmission_angle(float(np.radians(options.transmission)))]
     key, sliders = jax.random.key(options.key), not options.no_sliders
     result = S.trace(points, closed, seconds=options.seconds, key=key, sliders=sliders, **more)

@@ -223,9 +223,12 @@ def run_settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Ru
     for name, drive in inputs.items():
         check_poses_asked(f"input {name!r}", drive.poses)
     if not inputs:
+        free = ", ".join(_free(mechanism)[:12])
         raise InputError(
             f"{mechanism.name!r} does not say what is driven; add --input NAME=FROM:TO, or a table [run.inputs] to the "
-            f"file. What may be driven: {', '.join(_free(mechanism)[:12])}"
+            f"file. What may be driven, if it moves: {free}"
+            if free
+            else f"{mechanism.name!r} has nothing that may be driven: no angle, no distance, no point that is not fixed"
         )
     changed = msgspec.structs.replace(
         run,

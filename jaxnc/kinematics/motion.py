@@ -232,6 +232,11 @@ class Motion(Drawn):
             return jnp.stack([poses.column(c) for c in range(at.start, at.stop)], axis=-1)
         return None if at is None else poses.column(at)
 
+    def __contains__(self, name: object) -> bool:
+        """Tell whether there is a point, marker, vector or coordinate of this name."""
+        known = isinstance(name, str) and coordinates_of(self.system.topology, name) is not None
+        return known or name in self.names
+
     def __getitem__(self, name: str) -> Array:
         """Positions of a point or marker, directions of a vector, or values of a coordinate."""
         return self._pick(0, name)

@@ -613,3 +613,8 @@ def test_a_report_goes_into_a_folder(capsys, tmp_path):
     assert "end it in .html" in complaint(capsys, "report", "four-bar", "--out", str(tmp_path / "r.pdf"))
     assert main(["report", "four-bar", "--out", str(tmp_path / "new")]) == 0
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["four-bar-report.html"]
+
+
+def test_a_transmission_angle_of_a_trace_is_in_degrees(capsys, tmp_path):
+    (tmp_path / "egg.csv").write_text("x,y\n0,0\n1,0\n1,1\n0,1\n")
+    assert "--transmission 95" in complaint(capsys, "trace", str(tmp_path / "egg.csv"), "--transmission", "95")

@@ -299,6 +299,11 @@ def test_derivatives_of_singular_values():
         jax.hessian(least)(pin)
 
 
+def test_names_are_in_a_motion():
+    motion = nc.solve_position(four_bar(), {"phi": 0.7})
+    assert "B" in motion and "B.x" in motion and "phi" in motion and "nobody" not in motion and 0 not in motion
+
+
 def test_printing():
     text = str(four_bar())
     assert "n = 7 coordinates, 6 constraint rows, rank 6, 1 degree of freedom" in text

@@ -386,6 +386,7 @@ def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad", near: bool 
                 in_line = in_line or abs(linkage.grashof.margin) <= least * max(linkage.lengths.values())
                 continue
             error, same = _move_through(linkage, inputs, poses, second.places)
+            in_line = in_line or math.isinf(error)  # it closes everywhere, but bars of great length are too nearly so
             # An exact pose that is further off, after really moving there, is not reached.
             if error <= 1e-8 * _span_of_poses(poses, linkage) or (near and same):
                 found = GuidedFourBar(linkage, inputs, error, transmission, ())
