@@ -206,6 +206,7 @@ class Reduction:
         self.rows = rows  # that stay, of all
         self.n = maps.shape[2] - 1
         self.mix = np.eye(len(rows))  # combinations of them that are solved
+        self.divides: np.ndarray | None = None  # rows that are no polynomials of a path's parameter
 
     def _choose(self, pair: np.ndarray) -> Stage | None:
         """The next stage for coefficients ``(2, rows, 1 + n, 1 + n)``; None if there is none."""
@@ -335,8 +336,11 @@ class Reduction:
         )
         rows = self.reading.coefficients(between)
         # A row that divides by what changes on the way is no polynomial of it: its coefficients go straight themselves.
-        powers = fit_powers(np.moveaxis(rows[:samples], 0, -1), at)
-        divides = np.abs(powers[samples // 2 :]).max(axis=(0, 2, 3), initial=0.0) > FIT * np.abs(rows).max()
+        divides = self.divides
+        if divides is None:
+            powers = fit_powers(np.moveaxis(rows[:samples], 0, -1), at)
+            divides = np.abs(powers[samples // 2 :]).max(axis=(0, 2, 3), initial=0.0) > FIT * np.abs(rows).max()
+            self.divides = divides
         if divides.any():
             first, last = (self.reading.coefficients(p.member)[:, divides] for p in (start, end))
             share = part[:, None, None, None]
