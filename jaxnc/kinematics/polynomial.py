@@ -60,32 +60,32 @@ class _Rows:
         self.values = function(source)
 
     @functools.cached_property
-    def _sloped(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
+    def _slope_program(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
         return partials(self.source, range(self.variables))
 
     @functools.cached_property
-    def _bent(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
-        return partials(self._sloped[0], range(self.variables))
+    def _bend_program(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
+        return partials(self._slope_program[0], range(self.variables))
 
     @functools.cached_property
     def slopes(self) -> Function:
         """Their derivatives that are not zero, in the order of `slope_at`."""
-        return function(self._sloped[0])
+        return function(self._slope_program[0])
 
     @property
     def slope_at(self) -> tuple[tuple[int, int], ...]:
         """Row and variable of each of the slopes."""
-        return self._sloped[1]
+        return self._slope_program[1]
 
     @functools.cached_property
     def bends(self) -> Function:
         """Their second derivatives that are not zero, in the order of `bend_at`."""
-        return function(self._bent[0])
+        return function(self._bend_program[0])
 
     @functools.cached_property
     def bend_at(self) -> tuple[tuple[int, int, int], ...]:
         """Row and two variables of each of the bends."""
-        return tuple((*self.slope_at[k], v) for k, v in self._bent[1])
+        return tuple((*self.slope_at[k], v) for k, v in self._bend_program[1])
 
 
 def _generic(found: Program, variables: int, scalars: int, drawn: bool) -> Program:
