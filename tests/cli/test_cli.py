@@ -618,3 +618,16 @@ def test_a_report_goes_into_a_folder(capsys, tmp_path):
 def test_a_transmission_angle_of_a_trace_is_in_degrees(capsys, tmp_path):
     (tmp_path / "egg.csv").write_text("x,y\n0,0\n1,0\n1,1\n0,1\n")
     assert "--transmission 95" in complaint(capsys, "trace", str(tmp_path / "egg.csv"), "--transmission", "95")
+
+
+def test_what_does_not_move_is_compared_and_not_said_to_move(capsys, tmp_path):
+    (tmp_path / "nobody.toml").write_text("[ground]\nA = [0, 0]\n")
+    assert json.loads(said(capsys, "compare", str(tmp_path / "nobody.toml"), "--json"))["moves"] is False
+
+
+def test_a_ground_that_a_spring_ends_at_is_attached(capsys, tmp_path):
+    m = nc.Mechanism("lamp")
+    m.ground("A", (0, 0)), m.ground("G", (0, -1)), m.point("B", (1, 0))
+    m.body("arm", ["A", "B"], mass=1.0), m.spring("s", "G", "B", stiffness=10.0), m.angle("phi", at="A", to="B")
+    m.save(tmp_path / "lamp.toml")
+    assert "nothing is attached" not in said(capsys, "check", str(tmp_path / "lamp.toml"))

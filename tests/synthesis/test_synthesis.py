@@ -450,3 +450,14 @@ stops = { phi = [-360, 90], "C.y" = [0, inf] }
         with pytest.raises(nc.ModelFileError, match=r"bad\.toml") as error:
             load_problem(tmp_path / "bad.toml")
         assert words in str(error.value), str(error.value)
+
+
+def test_a_problem_file_in_degrees_knows_the_angle_of_a_rolling_joint(tmp_path):
+    from jaxnc.io.problems import load_problem
+
+    nc.library.rolling_disc().save(tmp_path / "disc.toml")
+    text = (tmp_path / "disc.toml").read_text().split("[run]")[0]
+    (tmp_path / "disc.toml").write_text(text.replace("[ground]", '[units]\nangle = "deg"\n[ground]', 1))
+    ways = 'mechanism = "disc.toml"\nkind = "function"\ninput = "s"\noutput = "phi"\nfree = ["P1"]\n'
+    (tmp_path / "problem.toml").write_text(ways + "values = [0.2, 0.3]\ntarget = [90.0, 45.0]\n")
+    np.testing.assert_allclose(load_problem(tmp_path / "problem.toml")[0].target, [np.pi / 2, np.pi / 4])
