@@ -459,5 +459,5 @@ def test_a_problem_file_in_degrees_knows_the_angle_of_a_rolling_joint(tmp_path):
     text = (tmp_path / "disc.toml").read_text().split("[run]")[0]
     (tmp_path / "disc.toml").write_text(text.replace("[ground]", '[units]\nangle = "deg"\n[ground]', 1))
     ways = 'mechanism = "disc.toml"\nkind = "function"\ninput = "s"\noutput = "phi"\nfree = ["P1"]\n'
-    (tmp_path / "problem.toml").write_text(ways + "values = [0.2, 0.3]\ntarget = [90.0, 45.0]\n")
-    np.testing.assert_allclose(load_problem(tmp_path / "problem.toml")[0].target, [np.pi / 2, np.pi / 4])
+    (tmp_path / "problem.toml").write_text(ways + "values = [0.2, 0.3, 0.4]\ntarget = [90.0, 45.0, 30.0]\n")
+    np.testing.assert_allclose(load_problem(tmp_path / "problem.toml")[0].target, np.radians([90, 45, 30]))
