@@ -193,7 +193,7 @@ class Family:
 
     def __init__(self, reading: Reading, starts: StartSet):
         self.reading, self.starts = reading, starts
-        self.checked: set[tuple[bytes, ...]] = set()  # designs whose own poses were found
+        self.checked: set[int] = set()  # designs whose own poses were found, by their hashes
         self.reductions: list[tuple[Reduction, Placed]] = []
 
     def reduction(self, design: Member, strict: bool = False) -> tuple[Reduction, Placed, Placed]:
@@ -614,7 +614,7 @@ def modes(
     found = _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
     # A pose that is found another way has to be among the assemblies, at these inputs or at those of the drawing: once
     # for a design, since all that it can be moved to hangs together.
-    key = (design.x.tobytes(), *(c.tobytes() for c in design.constants))
+    key = hash((design.x.tobytes(), *(c.tobytes() for c in design.constants)))
     if key in family.checked:
         return found
     for at in (values, design.pose[list(order)]):
