@@ -73,12 +73,17 @@ def analyse_traced(
         begin = begin.at[..., view.fixed].set(frozen.home[view.fixed])
     elif method != "guess":
         begin = jnp.where(np.isin(np.arange(len(frozen.home)), view.fixed), frozen.home, begin)
+    finite = jnp.all(jnp.isfinite(targets), axis=1)
+    reached = lax.cummin(finite.astype(np.int32)) > 0 if method == "continuation" else finite
+    targets = jnp.where(reached[:, None], targets, begin[..., view.known])
     if method != "guess":
         found = solve_traced(view, method, repair or view.large, frozen, begin, targets)
     elif view.large:
         found = _ask_large(view, method, frozen, begin, targets[:, : len(view.driven)])
     else:
         found = in_chunks(jax.vmap(functools.partial(_near_guess, view, frozen)), _CHUNK, begin, targets)
+    lost = jnp.where(finite, np.int32(Status.NOT_REACHED), np.int32(Status.DID_NOT_ASSEMBLE))
+    found = found._replace(status=jnp.where(reached, found.status, lost))
     good = found.status == int(Status.CONVERGED)
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     if view.large:
@@ -333,6 +338,9 @@ def solve_fixed_steps(
     plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun: Array, values: Array
 ) -> PoseBatch:
     """Solve for poses side by side, as far as they are found; `begun` are the statuses of the start poses."""
+    far = jnp.any(jnp.abs(values[..., plan.angles]) > farthest(q), axis=-1)  # its turns are not told apart
+    far = far if method == "lanes" else lax.cummax(far.astype(np.int32), axis=1) > 0
+    values = jnp.where(far[..., None], q[:, None, plan.known], values)  # or the way to it would be that of others
     turns = _whole_turns(plan, q, values)
     if method == "lanes":
         filled = one_by_one(plan, eq, shared, q, values, turns)
@@ -341,8 +349,6 @@ def solve_fixed_steps(
         for k in np.flatnonzero(_driven_angles(plan)):  # by masks: what is put in its place is a kernel by itself
             home = jnp.where(np.arange(q.shape[1]) == plan.known[k], q + 2 * jnp.pi * turns[:, 0, k, None], home)
         filled = in_order(plan, eq, shared, home, values)
-    far = jnp.any(jnp.abs(values[..., plan.angles]) > farthest(q), axis=-1)  # its turns are not told apart
-    far = far if method == "lanes" else lax.cummax(far.astype(np.int32), axis=1) > 0
     fit = (begun == 0)[:, None] & ~far
     good, status = filled.good & fit, jnp.zeros(fit.shape, np.int32)
     if filled.ended is None:

@@ -367,8 +367,11 @@ class Kernel:
             *step, least, largest, grown, determinant = fusion_barrier(go, newton_step, y)
             moved = [jnp.abs(d) / (1.0 if pure[c] else eq.length) for d, c in zip(step, columns, strict=True)]
             y = tuple(v - d for v, d in zip(y, step, strict=True))
+            # A lane that diverged to what is no number must not end the iteration of the others.
+            farthest = reduce(jnp.maximum, moved)
+            farthest = jnp.where(jnp.isfinite(farthest), farthest, 0.0)
             # One maximum over the lanes: XLA makes three kernels of each.
-            return i + 1, y, Pivots(least, largest, grown), determinant, jnp.max(reduce(jnp.maximum, moved))
+            return i + 1, y, Pivots(least, largest, grown), determinant, jnp.max(farthest)
 
         start = tuple(jnp.broadcast_to(x[c], shape) for c in columns)
         state = (jnp.zeros((), int), start, Pivots(one, one, one), one, jnp.asarray(jnp.inf))

@@ -227,11 +227,12 @@ class _Routes:
         i, ways = state
         trial = _Trial.of(ways)
         guess = ways.now + trial.change * (ways.now - ways.then)
+        # Lanes that rest, in which may stand anything, are at the start pose: they hold no other up.
         x = list(self.start)
         for c, v in zip(self.unknown, guess, strict=True):
-            x[c] = v
+            x[c] = jnp.where(ways.open, v, x[c])
         for c, o, u in zip(self.driven, ways.base, ways.goal, strict=True):
-            x[c] = o + trial.at * (u - o)
+            x[c] = jnp.where(ways.open, o + trial.at * (u - o), x[c])
         found = self.core.solve(self.eq, x, self.signs)
         facing, told = fusion_barrier(
             self.go, lambda: (self.full(found.determinants), self.full((found.size, found.pivots)))

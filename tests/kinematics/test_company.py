@@ -72,3 +72,67 @@ def test_company_changes_neither_status_nor_value(case):
         np.testing.assert_array_equal(statuses, status, err_msg=name)
         right = status == nc.Status.CONVERGED
         np.testing.assert_allclose(np.asarray(others)[right], poses[right], atol=NEAR, err_msg=name)
+
+
+def tripod():
+    """A plate on three legs, each in a plane through its foot; a plane is a row with two numbers of its own."""
+    m = nc.Mechanism("tripod", dim=3)
+    for k, turn in enumerate((0.1, 2.0, 4.3)):
+        x, y = np.cos(turn), np.sin(turn)
+        m.ground(f"A{k}", (x, y, 0.05 * k))
+        m.point(f"B{k}", (0.55 * x, 0.55 * y, 1.1 + 0.06 * k))
+        plane = nc.constraints.Kind(
+            f"plane {k}", lambda p, v, s, c, x=x, y=y: (y * p[0][0] - x * p[0][1],), points=1, source="a plane"
+        )
+        m.constrain(f"in{k}", plane, points=[f"B{k}"])
+        m.distance(f"L{k}", f"A{k}", f"B{k}")
+    m.body("plate", ["B0", "B1", "B2"])
+    return m
+
+
+def test_lanes_that_have_arrived_end_no_step_of_those_that_have_not():
+    """Compiled code takes some lanes further, others rest beside them: whatever these hold, it is no reason to stop."""
+    system = tripod().compile()
+    drawn = nc.solve_position(system, {}, hold=["L0", "L1", "L2"])
+    near = 1.0 + 0.08 * np.random.default_rng(0).uniform(-1.0, 1.0, (3, 2048))
+    inputs = {f"L{k}": float(drawn[f"L{k}"]) * near[k] for k in range(3)}
+    poses = jax.jit(lambda u: nc.solve_position(system, u, throw=False, repair=False))(inputs)
+    np.testing.assert_array_equal(poses.status, 0)
+    for k in range(3):
+        length = np.linalg.norm(np.asarray(poses[f"B{k}"]) - np.asarray(drawn[f"A{k}"]), axis=1)
+        np.testing.assert_allclose(length, inputs[f"L{k}"], rtol=1e-12)
+
+
+@pytest.mark.parametrize("repair", [True, False])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e12])
+@pytest.mark.parametrize("case", ["rocker", "five-bar"])
+def test_what_is_no_input_takes_no_other_lane_along(case, bad, repair):
+    """Compiled code cannot refuse it: its lane says so, and all others and their derivatives are as without it."""
+    make, name = {"rocker": (nc.library.four_bar, "phi"), "five-bar": (nc.library.five_bar, "phi")}[case]
+    system = make().compile()
+    drawn = nc.solve_position(system, {}, hold=[name] if case == "rocker" else ["phi", "psi"])
+    held = {} if case == "rocker" else {"psi": float(drawn["psi"])}
+    good = float(drawn[name]) + np.linspace(-0.2, 0.2, 40)
+    spoilt, rest = np.where(np.arange(40) == 7, bad, good), np.arange(40) != 7
+
+    @jax.jit
+    def lanes(u):
+        poses = nc.solve_position(system, {name: u, **held}, throw=False, repair=repair)
+        return poses.status, poses.q
+
+    status, q = lanes(spoilt)
+    assert status[7] == (nc.Status.TOO_FAR if bad == 1e12 else nc.Status.DID_NOT_ASSEMBLE)
+    np.testing.assert_array_equal(status[rest], 0)
+    np.testing.assert_allclose(q[rest], lanes(good)[1][rest], atol=1e-13)
+    slope = jax.jit(jax.grad(lambda u: jnp.sum(jnp.where(lanes(u)[0][:, None] == 0, lanes(u)[1], 0.0))))
+    np.testing.assert_allclose(np.asarray(slope(spoilt))[rest], np.asarray(slope(good))[rest], atol=1e-11)
+    assert slope(spoilt)[7] == 0.0
+
+
+def test_a_sequence_ends_where_an_input_is_no_number():
+    system = nc.library.four_bar().compile()
+    angles = np.where(np.arange(30) == 12, np.nan, np.linspace(1.0, 1.5, 30))
+    motion = jax.jit(lambda u: nc.sweep(system, {"phi": u}, throw=False))(angles)
+    np.testing.assert_array_equal(motion.status[:12], 0)
+    assert motion.status[12] == nc.Status.DID_NOT_ASSEMBLE
+    np.testing.assert_array_equal(motion.status[13:], nc.Status.NOT_REACHED)
