@@ -43,6 +43,8 @@ class Linearisation:
         state_matrix: A of ``d(δz, δż)/dt = A (δz, δż) + B u``, ``(2g, 2g)``.
         input_matrix: B, for efforts u on the inputs that were asked for, ``(2g, inputs)``.
         residual: second rates of z at the state itself: zero in an equilibrium or a steady motion, ``(g,)``.
+        steady: whether they are, and the matrices stay what they are along the motion: otherwise these are those of an
+            instant, and `eigenvalues` say nothing of later. In traced code only the residual is looked at.
     """
 
     motion: Motion
@@ -54,6 +56,7 @@ class Linearisation:
     state_matrix: Array
     input_matrix: Array
     residual: Array
+    steady: Array
 
     @property
     def eigenvalues(self) -> np.ndarray:
@@ -112,13 +115,17 @@ class Linearisation:
 
     @property
     def stable(self) -> bool:
-        """True if no eigenvalue has a positive real part."""
-        return bool(np.max(np.real(self.eigenvalues), initial=-np.inf) <= self._least)
+        """True if no eigenvalue has a positive real part; of a state that is `steady`."""
+        return bool(np.max(np.real(self._rounded), initial=-np.inf) <= 0.0)
 
     @property
-    def _least(self) -> float:
-        """Size below which real parts of eigenvalues are rounding."""
-        return 0.1 * limits(self.mass).balance * float(np.max(np.abs(self.eigenvalues), initial=1e-300))
+    def _rounded(self) -> np.ndarray:
+        """The eigenvalues, zero where they are rounding: of two that are zero together, rounding leaves the root."""
+        values, tenth = self.eigenvalues, 0.1 * limits(self.mass).balance
+        size = np.abs(values)
+        most = np.max(size, initial=1e-300)
+        values = np.where(size <= np.sqrt(tenth / 1e3) * most, 0.0, values)  # rounding is a thousandth of that
+        return np.where(np.abs(values.real) <= tenth * most, 1j * values.imag, values)
 
     @as_its_system
     def mode(self, number: int, amplitude: float = 0.1, poses: int = 41) -> Motion:
@@ -152,13 +159,17 @@ class Linearisation:
         rows = [f"linearised about a state of {self.motion.system.name!r} in {', '.join(self.coordinates)}"]
         if isinstance(self.stiffness, Tracer):
             return f"{rows[0]}, traced"
+        if not self.steady:
+            rows.append(
+                "  of an instant: this is no equilibrium, and no steady motion in these coordinates; of a motion give "
+                "coordinates= that stay or change steadily, such as a measured angle"
+            )
         c, scale = self.damping, np.sqrt(np.abs(self.stiffness).max(initial=0.0) * np.abs(self.mass).max(initial=0.0))
         if not _is_symmetric(c, scale):  # with gyroscopic forces M and K alone do not say how it moves
-            values = self.eigenvalues
+            values = self._rounded
             for value in values[np.imag(values) >= 0]:
                 turns = f" ± {value.imag:.6g}i rad/s, {value.imag / (2 * np.pi):.6g} Hz" if value.imag else " rad/s"
-                said = ", grows" if value.real > self._least else ""
-                rows.append(f"  eigenvalue {value.real if abs(value.real) > self._least else 0.0:.6g}{turns}{said}")
+                rows.append(f"  eigenvalue {value.real:.6g}{turns}{', grows' if value.real > 0.0 else ''}")
             return "\n".join(rows)
         for k, w in enumerate(np.asarray(self.frequencies)):
             said = f"{w / (2 * np.pi):.6g} Hz" if w > 0 else "grows" if w < 0 else "neutral"
@@ -207,7 +218,7 @@ def linearise(
     top = system.topology
     state, known_rates = check_start(system, state.motion if isinstance(state, Equilibrium) else state, rates, unit)
     flow, q, v = _steady(system, assemble_pose(system, state), known_rates)
-    view = _independent_plan(system, flow, q, coordinates)
+    view = _independent_plan(system, flow, q, v, coordinates)
     names = flow.dyn.topology.named(view.driven)
     for name in inputs:
         if name not in top.position:
@@ -232,7 +243,8 @@ def linearise(
         None, zero,
     )  # fmt: skip
     shown_places = lower(top, basis.T).T
-    return Linearisation(pose, names, mass, c, k, shown_places, a, b, rest)
+    steady = _is_steady(flow, view, q, v, at.tolist(), a, acceleration)
+    return Linearisation(pose, names, mass, c, k, shown_places, a, b, rest, steady)
 
 
 @filter_jit
@@ -243,13 +255,13 @@ def _steady(system: System, given: Array, rates: Rates) -> tuple[Flow, Array, Ar
     return flow, q, start_rates(system.topology, flow, q, rates)
 
 
-def _independent_plan(system: System, flow: Flow, q: Array, names: Sequence[str] | None) -> Plan:
-    """Plan a motion whose inputs are independent coordinates, chosen at a pose if their names are not given.
+def _independent_plan(system: System, flow: Flow, q: Array, v: Array, names: Sequence[str] | None) -> Plan:
+    """Plan a motion whose inputs are independent coordinates, chosen at a pose and its rates if names are not given.
 
     The pose, in the coordinates of the dynamics, meets the constraints.
     """
     top, freedom = system.topology, system.degrees_of_freedom
-    chosen = tuple(names) if names is not None else _choose_independent(system, flow, q)
+    chosen = tuple(names) if names is not None else _choose_independent(system, flow, q, v)
     for name in chosen:
         if name not in top.position:
             raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
@@ -258,10 +270,10 @@ def _independent_plan(system: System, flow: Flow, q: Array, names: Sequence[str]
     return plan(flow.dyn.topology, chosen, (), freedom)
 
 
-def _choose_independent(system: System, flow: Flow, q: Array) -> tuple[str, ...]:
+def _choose_independent(system: System, flow: Flow, q: Array, v: Array) -> tuple[str, ...]:
     """Choose coordinates that the others follow from, well conditioned at a pose (where it was compiled, if traced)."""
     inner, top, view = flow.dyn.topology, system.topology, flow.view
-    if isinstance(q, Tracer) or isinstance(flow.dyn.mass, Tracer):
+    if any(isinstance(x, Tracer) for x in (q, v, flow.dyn.mass)):
         return system.independent
     _, j = view.linearise(flow.dyn.eq, q)
     rows = np.asarray(j) / np.asarray(weights(flow.dyn.eq))[view.unknown]
@@ -271,9 +283,37 @@ def _choose_independent(system: System, flow: Flow, q: Array) -> tuple[str, ...]
 
     # An angle or a distance is easier to read than a component of a point: preferred where it serves nearly as well.
     names = [inner.coordinates[view.unknown[k]] for k in shown_places]
-    liked = np.array([2.0 if n in top.scalars else 1.0 for n in names])
+    # Components of what moves are as a steady motion has them at an instant only.
+    moving = {inner.coordinates[k].partition(".")[0] for k in np.flatnonzero(np.asarray(v))} - {*top.scalars}
+    liked = np.array([2.0 if n in top.scalars else 0.02 if n.partition(".")[0] in moving else 1.0 for n in names])
     order: np.ndarray = qr(free * liked, pivoting=True, mode="r")[-1]
     return tuple(names[k] for k in order[: system.degrees_of_freedom])
+
+
+def _is_steady(
+    flow: Flow, view: Plan, q: Array, v: Array, at: list[int], matrix: Array, acceleration: Array
+) -> Array:
+    """Say whether independent coordinates have no second rates, and a state matrix that is the same a little later."""
+    weight, length, g = weights(flow.dyn.eq), flow.dyn.eq.length, len(view.known)
+    own, speed = weight[view.known], jnp.max(jnp.abs(weight * v), initial=0.0)
+
+    def as_lengths(a: Array) -> tuple[Array, Array]:
+        by_state = a[g:] * own[:, None] / jnp.tile(own, 2)
+        return by_state[:, :g], by_state[:, g:]
+
+    size = [jnp.max(jnp.abs(part), initial=0.0) for part in as_lengths(matrix)]
+    rest = jnp.max(jnp.abs(own * acceleration[view.known]), initial=0.0)
+    # 1e-6 of what a force of the size of those around would give
+    still = rest <= 1e-6 * (size[0] * length + size[1] * speed + speed**2 / length)
+    if any(isinstance(x, Tracer) for x in (still, speed)) or not (still and speed > 0.0):
+        return still
+    # after a thousandth of the time in which something moves by the size, by which it is known to 1e-9
+    ahead = 1e-3 * length / speed
+    later = _linearise(flow, view, q + ahead * v + 0.5 * ahead**2 * acceleration, v + ahead * acceleration, at)[4]
+    most = size[0] + (speed / length) ** 2, size[1] + speed / length
+    pairs = zip(as_lengths(matrix), as_lengths(later), most, strict=True)
+    # 1e-5 of its size in so short a time: a hundredth on the way
+    return jnp.all(jnp.array([jnp.max(jnp.abs(b - a), initial=0.0) <= 1e-5 * whole for a, b, whole in pairs]))
 
 
 def _state_changes(flow: Flow, view: Plan, q: Array, v: Array) -> tuple[Array, Array, Array]:
