@@ -290,9 +290,7 @@ def _choose_independent(system: System, flow: Flow, q: Array, v: Array) -> tuple
     return tuple(names[k] for k in order[: system.degrees_of_freedom])
 
 
-def _is_steady(
-    flow: Flow, view: Plan, q: Array, v: Array, at: list[int], matrix: Array, acceleration: Array
-) -> Array:
+def _is_steady(flow: Flow, view: Plan, q: Array, v: Array, at: list[int], matrix: Array, acceleration: Array) -> Array:
     """Say whether independent coordinates have no second rates, and a state matrix that is the same a little later."""
     weight, length, g = weights(flow.dyn.eq), flow.dyn.eq.length, len(view.known)
     own, speed = weight[view.known], jnp.max(jnp.abs(weight * v), initial=0.0)

@@ -25,7 +25,7 @@ from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations
 from jaxnc.system.identity import Owner
-from jaxnc.system.structure import formula, program, size
+from jaxnc.system.structure import formula, is_own, program, size
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 
@@ -88,26 +88,45 @@ class _Rows:
         return tuple((*self.slope_at[k], v) for k, v in self._bend_program[1])
 
 
-def _generic(found: Program, variables: int, scalars: int, drawn: bool) -> Program:
+def _generic(found: Program, kind: Kind, which: str, dim: int) -> Program:
     """Write a program anew, with cosines and sines of its scalars as inputs, and the first case of every choice.
 
-    Of what is read off points that are `drawn` no constant is given beforehand.
+    Of what is read off points that are drawn no constant is given beforehand. What a user's own kind does not read off
+    them is what was given; and its numbers may be lengths, so it is given coordinates in their own unit: behind the
+    constants its inputs are the unit of each variable, and what its rows are multiplied by.
     """
-    b = Builder(found.inputs + 2 * scalars)
-    at: list[int] = []
-    for node in found.nodes:
-        if node.op == "input":
-            at.append(b.number(0.0) if drawn and node.value >= variables else b.first[node.value])
-        elif node.op == "number":
-            at.append(b.number(node.value[1]))
-        elif node.op in ("sin", "cos") and (of := found.nodes[node.of[0]]).op == "input" and of.value < variables:
-            k = of.value - (variables - scalars)
-            at.append(b.first[found.inputs + 2 * k + (node.op == "sin")])
-        elif node.op == "select":
-            at.append(at[node.of[2 if b.known(at[node.of[0]]) is False else 1]])
-        else:
-            at.append(b.op(node.op, *(at[i] for i in node.of), value=node.value))
-    return b.program([at[k] for k in found.outputs])
+    variables, scalars, own = size(kind, dim), kind.scalars, is_own(kind)
+    units = found.inputs
+    factors = units + variables * own
+    turns = factors + len(kind.rows) * own
+    b = Builder(turns + 2 * scalars)
+
+    def write_anew(given: bool) -> list[int]:
+        at: list[int] = []
+        for node in found.nodes:
+            if node.op == "input" and node.value >= variables:
+                at.append(b.first[node.value] if given else b.number(0.0))
+            elif node.op == "input":
+                x = b.first[node.value]
+                at.append(b.op("mul", x, b.first[units + node.value]) if own else x)
+            elif node.op == "number":
+                at.append(b.number(node.value[1]))
+            elif node.op in ("sin", "cos") and (of := found.nodes[node.of[0]]).op == "input" and of.value < variables:
+                k = of.value - (variables - scalars)
+                at.append(b.first[turns + 2 * k + (node.op == "sin")])
+            elif node.op == "select":
+                at.append(at[node.of[2 if b.known(at[node.of[0]]) is False else 1]])
+            else:
+                at.append(b.op(node.op, *(at[i] for i in node.of), value=node.value))
+        return [at[k] for k in found.outputs]
+
+    read_off = which == "drawn" and bool(kind.points + kind.vectors)
+    out = write_anew(not read_off)
+    if own and read_off:
+        out = [a if b.known(a) is None else c for a, c in zip(out, write_anew(True), strict=True)]
+    elif own and which == "residual":
+        out = [b.op("mul", row, b.first[factors + r]) for r, row in enumerate(out)]
+    return b.program(out)
 
 
 @functools.lru_cache(maxsize=512)
@@ -116,11 +135,7 @@ def _generic_program(kind: Kind, which: str, dim: int) -> Program | None:
         found = program(kind, which, dim)
     except (Unreadable, OutOfRange):
         return None
-    return (
-        None
-        if found is None
-        else _generic(found, size(kind, dim), kind.scalars, which == "drawn" and bool(kind.points + kind.vectors))
-    )
+    return None if found is None else _generic(found, kind, which, dim)
 
 
 @functools.lru_cache(maxsize=512)
@@ -274,7 +289,14 @@ class Reading:
             if part.sizes is None:
                 inputs = self._inputs(part, y, constants, turns)
                 kind = self.top.blocks[part.block].kind
-                plain = formula(kind, "residual", self.dim).on_lanes(inputs[: len(inputs) - 2 * kind.scalars])
+                n = size(kind, self.dim)
+                m = n + len(kind.constants)
+                given, factors = inputs[:m], [1.0] * len(kind.rows)
+                if is_own(kind):
+                    given[:n] = [x * unit for x, unit in zip(given[:n], inputs[m : m + n], strict=True)]
+                    factors = inputs[m + n : m + n + len(kind.rows)]
+                plain = formula(kind, "residual", self.dim).on_lanes(given)
+                plain = [row * factor for row, factor in zip(plain, factors, strict=True)]
                 for one, two in zip(part.rows.values(inputs), plain, strict=True):
                     apart = np.abs(np.broadcast_to(one - two, (len(part.instances), 1)))[:, 0]
                     if not (apart < 1e-9 * (1.0 + np.abs(two).max())).all():
@@ -448,6 +470,7 @@ class Reading:
         """
         noise = rng.normal(size=(2, len(x)))
         z = (x + 0.35 * (noise[0] + 1j * noise[1]))[:, None]
+        constants = [self._vary(b, c, rng) for b, c in enumerate(constants)]
         at = self._vectors  # of unit length, those of the ground too
         parts = [p for p in self.parts if not p.rows.uses_cosine and p.sizes is None]
         turns = np.zeros((len(self.top.scalars), 2, 1), complex)
@@ -465,12 +488,23 @@ class Reading:
             step = np.linalg.lstsq(jacobian, rows, rcond=RANK)[0] if len(rows) else np.zeros(len(z))
             z = z - step[:, None]
             if np.abs(step).max(initial=0.0) < 1e-13 * np.abs(z).max():
-                sizes = [np.abs(a).max(initial=0.0) for a in (z, *drawn)]
+                ours = [c for c, block in zip(drawn, self.top.blocks, strict=True) if not is_own(block.kind)]
+                sizes = [np.abs(a).max(initial=0.0) for a in (z, *ours)]
                 # Larger numbers of a generic member, beside one, are badly conditioned.
                 return (drawn, z) if max(sizes) < 50.0 and not self._has_collapsed(x, z[:, 0]) else None
             if k < steps - 10 and np.abs(step).max() > 1e-9:  # afterwards the constants stay
                 drawn = self.redraw(constants, z)
         return None
+
+    def _vary(self, b: int, given: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Vary the constants of a user's own kind, of which no pose may tell anything, but those of the structure."""
+        kind = self.top.blocks[b].kind
+        count = len(kind.constants)
+        if not (is_own(kind) and count and kind.points + kind.vectors):
+            return given
+        noise = rng.normal(size=(2, *given[:, :count].shape))
+        varied = given[:, :count] * (1.0 + 0.35 * (noise[0] + 1j * noise[1]))
+        return np.concatenate([np.where(given[:, :count] == 0.0, 0.0, varied), given[:, count:]], axis=1)
 
     def _has_collapsed(self, x: np.ndarray, z: np.ndarray) -> bool:
         """Tell whether points of a pose are one that are apart in another: what meets rows that way is no member."""
@@ -502,7 +536,7 @@ class Reading:
         """
         block = self.top.blocks[b]
         if not block.kind.constants:
-            return np.zeros((block.count, 0, x.shape[1]))
+            return np.broadcast_to(given, (*given.shape[:2], x.shape[1]))
         run = _function_of(block.kind, "drawn", self.dim)
         if run is None:
             return None
@@ -510,7 +544,9 @@ class Reading:
         inputs += [*np.moveaxis(given, 1, 0), *[0.0] * 2 * block.kind.scalars]
         with np.errstate(all="ignore"):
             found = run(inputs)
-        return np.stack([np.broadcast_to(v, (block.count, x.shape[1])) for v in found], axis=1)
+        shape = block.count, x.shape[1]
+        rest = np.moveaxis(given[:, len(found) :], 1, 0)  # of a user's own kind: units and factors
+        return np.stack([np.broadcast_to(v, shape) for v in (*found, *rest)], axis=1)
 
     @functools.cached_property
     def powers(self) -> tuple[np.ndarray, ...]:
@@ -520,10 +556,13 @@ class Reading:
         lengths = ~pure_numbers(self.top)
         out = []
         for b, block in enumerate(self.top.blocks):
+            none = np.zeros((block.count, len(block.kind.constants), 1))
+            if is_own(block.kind):
+                out.append(none[:, :, 0])
+                continue
             if not block.kind.points + block.kind.vectors:
                 out.append(self._powers_of_factors(b, lengths))
                 continue
-            none = np.zeros((block.count, len(block.kind.constants), 1))
             one, two = self._drawn(b, x, none), self._drawn(b, np.where(lengths[:, None], 2.0 * x, x), none)
             if one is None or two is None:
                 out.append(none[:, :, 0])
@@ -616,9 +655,16 @@ def describe(system: System, reading: Reading) -> Design:
         shift[: spread.size] = np.tile(middle, len(spread))
         if np.abs(host.residual((drawn - shift)[:, None])).max(initial=0.0) > 1e-9 * size:
             shift[:] = 0.0  # rows that know places, not only what lies between them
-    constants = tuple((c / size**p)[:, :, None] for c, p in zip(host.constants, reading.powers, strict=True))
+    constants = [(c / size**p)[:, :, None] for c, p in zip(host.constants, reading.powers, strict=True)]
+    own = [b for b, block in enumerate(top.blocks) if is_own(block.kind)]
+    slopes = np.abs(host.jacobian((drawn - shift)[:, None])[0] * unit) if own else np.zeros((0, 0))
+    for b in own:
+        at = top.layout[b]
+        steepest = slopes[at.rows].max(axis=2, initial=0.0)
+        factors = 1.0 / np.where(steepest > 0.0, steepest, 1.0)
+        constants[b] = np.concatenate([constants[b][:, :, 0], unit[at.variables], factors], axis=1)[:, :, None]
     owners = tuple(block.owners for block in system.topology.blocks)
-    return Design(reading, host, unit, shift, (drawn - shift) / unit, constants, owners)
+    return Design(reading, host, unit, shift, (drawn - shift) / unit, tuple(constants), owners)
 
 
 @with_owner

@@ -433,7 +433,7 @@ def home_value(system: System, driven: str) -> AnyArray:
     """Value of a coordinate in the assembled drawing; it changes with the design as it does in the drawing."""
     eq, place = derive(system), system.topology.position[driven]
     q = settle(eq, np.zeros(len(system.topology.coordinates)), repair=False).q  # of traced code by itself
-    if not isinstance(q, Tracer):
+    if not any(isinstance(x, Tracer) for x in (q, eq.home)):  # a design that is differentiated eagerly is settled too
         return np.asarray(q)[place]
     return eq.home[place] + jax.lax.stop_gradient(q[place] - eq.home[place])
 

@@ -178,7 +178,12 @@ def steep(kind: Kind, dim: int) -> bool:
 @functools.lru_cache(maxsize=1024)
 def jumps(kind: Kind, dim: int) -> bool:
     """Tell whether rows of a user's own kind may jump, or have poles; the library's own do neither."""
-    return not getattr(kind.residual, "__module__", "").startswith("jaxnc.") and _uses(kind, dim, _JUMPS)
+    return is_own(kind) and _uses(kind, dim, _JUMPS)
+
+
+def is_own(kind: Kind) -> bool:
+    """Tell whether a kind is a user's own."""
+    return not getattr(kind.residual, "__module__", "").startswith("jaxnc.")
 
 
 def _uses(kind: Kind, dim: int, operations: set[str]) -> bool:

@@ -302,6 +302,33 @@ def test_a_spinning_top_prints_how_it_moves():
         assert f"± {root:.6g}i rad/s" in str(near)
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+@pytest.mark.parametrize("measured", [True, False])
+def test_a_spinning_rotor_is_linearised_in_what_stays_or_turns_steadily(measured, turn):
+    """On four springs it whirls by ``I w'' = -k w ± i G w'``; components of what spins are of an instant only."""
+    spin, across, along, mass, height, stiffness = 40.0, 0.05, 0.08, 2.0, 0.4, 300.0
+    m = nc.Mechanism("rotor", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.ground_vector("z", (0, 0, 1))
+    m.point("C", (0, 0, height))
+    m.vector("u", (np.cos(turn), np.sin(turn), 0))
+    m.body("rotor", ["O", "C"], vectors=["u"], mass=mass, com=(0, 0, height), inertia=(across, across, along))
+    for k, (x, y) in enumerate([(1, 0), (0, 1), (-1, 0), (0, -1)]):
+        m.ground(f"G{k}", (x, y, height))
+        m.spring(f"spring {k}", "C", f"G{k}", stiffness=stiffness, free=1.0)
+    if measured:
+        m.angle("phi", to="u", about="z")
+    rates = {"u": (-spin * np.sin(turn), spin * np.cos(turn), 0.0)}
+    near = nc.linearise(m.compile(), rates=rates)
+    assert bool(near.steady) is measured and ("of an instant" in str(near)) is not measured
+    if measured:
+        assert {"phi", "C.x", "C.y"} == {*near.coordinates} and near.stable and "grows" not in str(near)
+        inertia = across + mass * height**2
+        whirl = np.abs(np.roots([inertia, along * spin, -2.0 * stiffness * height**2]))
+        found = np.sort(np.abs(near.eigenvalues))[2:]
+        np.testing.assert_allclose(found, np.sort([*whirl, *whirl]), rtol=1e-9)
+
+
 def test_units_of_forces_go_with_the_unit_of_length():
     """In mm, tonnes and seconds forces are newtons, and moments and energies N mm."""
     m = nc.Mechanism("pendulum", length_unit="mm")

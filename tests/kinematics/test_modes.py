@@ -796,3 +796,27 @@ def test_a_pose_that_is_missing_is_told(monkeypatch):
     monkeypatch.setattr(module, "select_real", lambda w, balls: kept(w, balls) & (np.arange(w.shape[1]) > 0))
     found = [nc.modes(system, {"phi": value}) for value in (0.4, 1.1)]
     assert any(not one.complete and one.lost for one in found)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3, 700.0])
+@pytest.mark.parametrize("given", [True, False])
+def test_numbers_of_an_own_kind_are_lengths_as_they_stand(given, size):
+    """A slot ``y = k x²``, its k a constant that is given or a number in the kind: four places at a distance of 3."""
+
+    def rows(p, v, s, c):
+        return (p[0][1] - (c[0] if given else 1.0 / size) * p[0][0] * p[0][0],)
+
+    more = {"constants": ("k",), "drawn": lambda p, v, s, c: (c[0],)} if given else {}
+    m = nc.Mechanism("slot")
+    m.ground("A", (0.0, 5.0 * size))
+    m.point("P", (1.6 * size, 2.56 * size))
+    m.distance("L", "A", "P")
+    slot = nc.constraints.Kind("parabola", rows, points=1, source="a parabola", **more)
+    m.constrain("slot", slot, points=["P"], **({"constants": {"k": 1.0 / size}} if given else {}))
+    system = m.compile()
+    found = nc.modes(system, {"L": 3.0 * size})
+    assert found.complete
+    right = np.sort(np.roots([1.0, 0.0, -9.0, 0.0, 16.0]).real)
+    np.testing.assert_allclose(np.sort(np.asarray(found.poses["P"])[:, 0] / size), right, rtol=1e-9)
+    lengths = size * np.array([2.5, 3.0, 5.5, 6.0])
+    np.testing.assert_array_equal(nc.modes(system, {"L": lengths}).count, [4, 4, 2, 2])

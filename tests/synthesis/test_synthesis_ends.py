@@ -3,6 +3,7 @@
 import tracemalloc
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -320,3 +321,25 @@ def test_no_iteration_begins_when_time_is_over():
     lanes = ending.begin([np.append(problem.start, Goal.of(problem).row[problem.count :])])
     ending.go(lanes, 50)
     assert [lane.iterations for lane in lanes] == [0]
+
+
+def test_conditions_over_a_range_are_differentiated_alike_with_and_without_jit():
+    """The range begins at the drawing, which the unknowns move: eagerly the derivative has that as well."""
+    m = nc.Mechanism("four-bar")
+    m.ground("A", (0, 0)), m.ground("D", (4, 0))
+    for name, place in {"B": (0.5, 1), "C": (3.3, 2.9), "P": (1.8, 3.2)}.items():
+        m.point(name, place)
+    m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C", "P"]), m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B", start="D")
+    points = np.array([(3, 3), (2.759, 3.363), (2.372, 3.663), (1.89, 3.862), (1.355, 3.943)])
+    timing, size = np.radians([30, 45, 60, 75, 90]), nc.synthesis.size(8.0)
+    problem = nc.synthesis.PathGeneration(m, "P", points, timing=timing, free=["B"], subject_to=[size])
+    x, way = jnp.asarray(problem.start), jnp.array([0.3, -0.7])
+
+    def conditions(x):
+        return problem.evaluate(x).conditions
+
+    ends = [np.asarray(conditions(x + h * way)) for h in (-1e-6, 1e-6)]
+    slope = (ends[1] - ends[0]) / 2e-6
+    for run in (conditions, jax.jit(conditions)):
+        np.testing.assert_allclose(jax.jvp(run, (x,), (way,))[1], slope, rtol=1e-6, atol=1e-7)

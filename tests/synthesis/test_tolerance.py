@@ -254,6 +254,21 @@ class TestRobust:
         gradient = jax.grad(measure)(beyond)
         assert all(np.isfinite(np.asarray(leaf)).all() for leaf in jax.tree.leaves(gradient))
 
+    @pytest.mark.parametrize("statistic", ["mean", "std", "percentile", "worst"])
+    @pytest.mark.parametrize("penalty", [None, 0.0])
+    def test_gradients_are_those_of_the_value_where_some_fail(self, statistic, penalty):
+        lengths = {"crank": 0.04, "coupler": 0.07, "rocker": 0.06, "ground": 0.085}
+        system = nc.library.four_bar(**lengths, coupler_point=(0.06, 0.05)).compile()
+        wide = {"crank.A-B": 8e-3, "coupler.B-C": 8e-3}
+        inputs = {"phi": np.linspace(0.0, 2.0 * np.pi, 37)}
+        ask = {"inputs": inputs, "output": highest, "tolerances": wide, "samples": 16}
+        measure = nc.synthesis.robust(system, statistic=statistic, penalty=penalty, **ask)
+        at = float(system["rocker.C-D"])
+        near = [system.replace({"rocker.C-D": at + h}) for h in (-1e-6, 1e-6)]
+        assert {int(measure.failures(s)) for s in (*near, system)} == {2}
+        slope = (float(measure(near[1])) - float(measure(near[0]))) / 2e-6
+        assert float(jax.grad(measure)(system)["rocker.C-D"]) == pytest.approx(slope, rel=1e-5)
+
     def test_messages(self, system):
         ask = {"inputs": {"phi": POSES}, "output": highest, "tolerances": WIDTHS, "samples": 16}
         with pytest.raises(nc.InputError, match="statistic='median'"):

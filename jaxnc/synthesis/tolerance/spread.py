@@ -528,7 +528,7 @@ class Robust:
         found, good = self.samples(system)
         worst = jnp.max(jnp.where(good, found, -jnp.inf))
         some = jnp.isfinite(worst)
-        worst = jax.lax.stop_gradient(jnp.where(some, worst, 0.0))
+        worst = jnp.where(some, worst, 0.0)
         x = jnp.where(good, found, worst)
         if self.statistic == "mean":
             value = jnp.mean(x)
