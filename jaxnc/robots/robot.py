@@ -21,7 +21,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.robots.import_tree import ElementaryJoint, ImportTree, Link, MovedPlaces
 from jaxnc.robots.mjcf import MjcfFile
 from jaxnc.robots.urdf import UrdfFile
-from jaxnc.solvers.assembly import derive, rank_of, sample_poses
+from jaxnc.solvers.assembly import derive, rank_of, sample_poses, settle
 from jaxnc.system.frames import quaternions, turns
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.system import System
@@ -214,7 +214,8 @@ class Robot:
             system: the design; the file's own if not given.
 
         Raises:
-            InputError: a system of another robot, or one with other masses or springs, which are not written.
+            InputError: a system of another robot, one with other masses or springs, which are not written, or one that
+                assembles elsewhere than it is drawn, as where a slide's line was moved off what slides on it.
             OutputError: the file cannot be written.
         """
         system = self.system if system is None else system
@@ -226,6 +227,15 @@ class Robot:
                     "save() writes places and directions; masses, springs or constants of relations of this design are "
                     "not the file's, so change those in the file"
                 )
+        eq = derive(system)
+        moved = np.abs(np.asarray(settle(eq, np.zeros(len(eq.home))).q) - np.asarray(eq.home))
+        farthest = int(np.argmax(moved[: len(system.topology.points) * system.topology.dim]))
+        if moved[farthest] > 1e-7 * float(eq.length):  # 1e-7 of the size: the file has no more digits
+            name = system.topology.coordinates[farthest].partition(".")[0]
+            raise InputError(
+                f"{self.mechanism.name!r}: this design assembles elsewhere than it is drawn, {name!r} by "
+                f"{moved[farthest]:.3g}, and a file has the drawing: move what slides on a line that was moved along"
+            )
         places, before = _named_places(system), _named_places(self.system)
         changed = {name for name, at in places.items() if not np.array_equal(at, before[name])}
         return self._file.save(Path(path), self._tree, MovedPlaces(places, changed))

@@ -68,3 +68,17 @@ def test_points_that_nothing_holds_are_named():
     assert str(system).count("nothing holds it") == 1 and said in str(system)
     assert nc.mobility(system).loose == (said,) and said in str(nc.mobility(system))
     assert "nothing holds" not in str(crank().compile())
+
+
+@pytest.mark.parametrize("far", [-9.0, -20.0, -500.0])
+def test_a_small_crank_turns_fully_in_a_drawing_of_any_extent(far):
+    """Of the guide's line the second point gives a direction only; how far it is away changes no motion."""
+    m = nc.Mechanism("slider-crank")
+    m.ground("A", (-3, -2)), m.ground("g1", (-2, -2.2)), m.ground("g2", (far, -2.2))
+    m.point("B", (-3.4, -2.5)), m.point("C", (-6, -2.2)), m.point("E", (-9, -2.9))
+    m.body("crank", ["A", "B"]), m.body("rod", ["B", "C"]), m.body("slider", ["C", "E"])
+    m.prismatic("guide", line=("g1", "g2"), on=("C", "E"))
+    m.angle("phi", at="A", to="B")
+    system = m.compile()
+    assert nc.travel(system, "phi").turns
+    assert np.ptp(np.asarray(nc.circuit(system, "phi")["phi"])) == pytest.approx(2 * np.pi)

@@ -504,3 +504,23 @@ def test_wrong_questions(gripper, folder):
         nc.from_mjcf(folder / "tied.xml", hold=["a"])
     open_one = nc.from_mjcf(folder / "gripper.xml", without="same")
     assert len(open_one.actuated) == 2 and "equality 'same': as asked" in open_one.left_out
+
+
+def test_a_design_that_assembles_elsewhere_than_it_is_drawn_is_not_saved(tmp_path):
+    """A hinge and a slide at one place: the slide's line goes with the hinge, what slides on it has to be moved too."""
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="x" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 0 0 .4"/>'
+        '<body name="b" pos="0 0 .4"><joint name="h" axis="0 1 0"/><joint name="s" type="slide" axis="0 0 1"/>'
+        '<geom type="capsule" size=".02" fromto="0 0 0 0 0 .4"/></body></body></worldbody></mujoco>'
+    )
+    robot = nc.from_mjcf(path)
+    by = np.array([0.02, 0.0, 0.01])
+    moved = robot.system.replace({"h_at": np.asarray(robot.system["h_at"]) + by})
+    with pytest.raises(nc.InputError, match=r"assembles elsewhere.*'s_on' by.*move"):
+        robot.save(tmp_path / "moved.xml", moved)
+    both = moved.replace({"s_on": np.asarray(robot.system["s_on"]) + by})
+    again = nc.from_mjcf(robot.save(tmp_path / "moved.xml", both))
+    for values in ([0.0, 0.0, 0.0], [0.2, 0.5, 0.03]):
+        one, two = robot.frames(robot.pose(values, both))["b"], again.frames(again.pose(values))["b"]
+        np.testing.assert_allclose(one[0], two[0], atol=1e-6)

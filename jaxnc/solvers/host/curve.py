@@ -172,10 +172,11 @@ def trace_curve(
             if ((v > high + 1e-12 or v < low - 1e-12) and len(curve.s) > 1) or (v < low - 1e-9 or v > high + 1e-9):
                 _land(view, curve, within[0], high if v > high else low, (u, v), h)
                 break
-        gap = _pose_distance(view, x, curve.q[0])
-        if leaving and gap < 1.5 * h and _close_curve(view, curve, h):
+        # A small crank in a large mechanism turns fully within one step's length: what its places move is what counts.
+        gap, moved = _pose_distance(view, x, curve.q[0]), _pose_distance(view, x, q)
+        if leaving and gap < 2.0 * moved and _close_curve(view, curve, h):
             return curve
-        leaving = leaving or bool(gap > 3 * h)
+        leaving = leaving or gap > 3.0 * moved
         q, t = x, new
         curve.add(x, new, h)
         if curve.s[-1] > LONGEST * size:
