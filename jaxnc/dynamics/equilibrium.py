@@ -130,7 +130,8 @@ def equilibrium(
     if hold and state is None and len(hold) == system.degrees_of_freedom:
         state = hold  # nothing else to find: the drawing's branch is followed to there
     # The search has no derivatives, and is the same program with and without them: they follow from where it ends.
-    begin = lift(system.topology, assemble_pose(*jax.lax.stop_gradient((system, check_pose(system, state)))))
+    still, given = jax.lax.stop_gradient((system, check_pose(system, state)))
+    begin = lift(system.topology, assemble_pose(still, given, throw is not False))
     q, lam, values, left, gap, status = _find(jax.lax.stop_gradient(flow), begin, method == "minimum")
     q, rows = _attach(flow, q, lam, status == 0)
     q = lower(system.topology, q)

@@ -263,7 +263,7 @@ def _consistent(system: System, flow: Flow, t: Array, q: Array, rates: Rates) ->
     x = lift(top, q)
     x, w = flow.impose(t, x, jnp.zeros_like(x))
     x = flow.project_position(x, 3)
-    if rates is not None:
+    if rates is not None or flow.drives:
         _, w = flow.impose(t, x, start_rates(top, flow, x, rates, driven=w))
     return lower(top, x), lower(top, flow.project_velocity(x, w))
 

@@ -363,6 +363,8 @@ class Reactions:
         outside(self.motion, "unique()")
         motion, system = self.motion, extended(self.motion.system)
         top, dyn = system.topology, dynamics(system)
+        if not self.motion.status.size:
+            raise InputError("unique() says it of the first pose, and this motion has none")
         q = self._q.reshape(-1, self._q.shape[-1])[0]
         view = plan(top, motion.driven, motion.held)
         inner = np.asarray(evaluate(dyn.eq, q)[1])[view.rows][:, view.unknown]
@@ -431,7 +433,8 @@ class Reactions:
 
     def _whole(self) -> Array:
         """Return what holds the fixed coordinates: M q̈ + Φ_qᵀ λ - Q."""
-        return _open_forces(*self._flat()).reshape((*self.motion.status.shape, -1))
+        found = _open_forces(*self._flat())
+        return found.reshape((*self.motion.status.shape, found.shape[-1]))
 
     def _in_frame(self, wrench: Wrench, frame: str | None) -> Wrench:
         if frame is None:

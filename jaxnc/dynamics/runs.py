@@ -343,7 +343,7 @@ def summarise(
     reached = jnp.max(jnp.where(apart, t[0], t))
     rows = jax.vmap(flow.place_multipliers)(states.multipliers)
     if start.places is not None:
-        miss = largest(first[1][np.array(start.places)] - start.wanted)
+        miss = largest(first[1][np.array(start.places, int)] - start.wanted)
     else:
         miss = jnp.zeros(()) if start.v is None else largest(lower(top, first[1] - start.v))
     smooth = {

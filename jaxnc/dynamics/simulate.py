@@ -115,6 +115,8 @@ def simulate(
     if fixed:
         _check_fixed(system, method, event, t, step)
     given, wanted = check_start(system, state, rates, unit)
+    if wanted is None and 0 < len(drives) < system.degrees_of_freedom:
+        wanted = (), np.zeros(0)  # the freedoms that are left move with what is driven
     places, wanted = wanted if isinstance(wanted, tuple) else (None, wanted)
     event, event_parameters = _read_event(system, event, event_parameters)
     equal = 0 if not fixed else 1 if step is None else count_steps(np.asarray(t), step)

@@ -12,11 +12,11 @@ from jaxnc.dynamics.extended import is_concrete, lift_rates, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import body_inertia
 from jaxnc.dynamics.saddle import saddle
-from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, doubt_degrees, finite, finite_array, in_radians
+from jaxnc.errors import AssemblyError, InputError, counted, nearest
+from jaxnc.kinematics.inputs import array, doubt_degrees, finite, finite_array, in_radians, worst_rows
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
-from jaxnc.solvers.assembly import derive, free_plan, rank_of, to_host
+from jaxnc.solvers.assembly import derive, evaluate, free_plan, rank_of, to_host
 from jaxnc.solvers.newton import attach_start
 from jaxnc.status import Status
 from jaxnc.system.equations import coefficients, weights
@@ -63,6 +63,12 @@ def check_pose(system: System, state: Motion | Inputs | None) -> Any:
         return None
     if not all(n in top.position for n in state):
         return {name: array(value, f"state of {name!r}") for name, value in state.items()}
+    if len(state) > system.degrees_of_freedom and not {*top.scalars}.isdisjoint(state):
+        raise InputError(
+            f"state: {', '.join(state)} are {len(state)} values, and {top.name!r} has "
+            f"{counted(system.degrees_of_freedom, 'freedom')}: give as many, or places to start near to, "
+            f"state={{'P': (x, y)}}"
+        )
     return {name: _read_numbers(value, f"state of {name!r}") for name, value in state.items()}
 
 
@@ -105,7 +111,20 @@ def assemble_pose(system: System, state: PyTree, throw: bool = True) -> Array:
             )
         return found.q
     q = start_of(system, derive(system), state, "state")
-    return q if is_concrete(system, q) else attach_drawing(system, q, state)
+    if not is_concrete(system, q):
+        return attach_drawing(system, q, state)
+    if throw:
+        _check_assembled(system, q, state)
+    return q
+
+
+def _check_assembled(system: System, q: Array, state: PyTree) -> None:
+    """Refuse a start at which the mechanism does not assemble."""
+    eq = derive(system)
+    gap = float(np.abs(evaluate(eq, jnp.asarray(q))[0]).max(initial=0.0))
+    if not gap <= limits(eq.length).close * float(eq.length):
+        what = "the drawing" if state is None else "the start"
+        raise AssemblyError(f"{system.name!r}: {what} does not assemble: {worst_rows(system, eq, np.asarray(q))}.")
 
 
 def begin_pose(system: System, state: PyTree, driven: Mapping[str, Numbers], throw: bool = True) -> Array:
@@ -181,19 +200,21 @@ def start_rates(
     `driven`.
     """
     driven = jnp.zeros_like(q) if driven is None else driven
-    if rates is None:
+    if rates is None and not flow.drives:
         return flow.project_velocity(q, driven)
-    if not isinstance(rates, tuple):
+    if rates is not None and not isinstance(rates, tuple):
         return lift_rates(top, lower(top, q), rates)
-    at, wanted = np.array(rates[0]), rates[1]
+    at, wanted = np.array(rates[0] if rates else (), int), rates[1] if rates else jnp.zeros(0)
     u = flow.view.unknown
     weight = weights(flow.dyn.eq)
     _, j, _, slip, _ = flow.rows(q, driven)
     chosen = (at[:, None] == u[None]).astype(float)
     mass = flow.dyn.mass[u[:, None], u[None]] / (weight[u, None] * weight[None, u])
+    pull = -(flow.dyn.mass[u] @ driven) / weight[u]  # of what is driven on the others
     rows = jnp.concatenate([j / weight[u], jnp.asarray(chosen)])
     right = jnp.concatenate([-slip, wanted * weight[at]])
-    x, _ = saddle(mass / jnp.max(jnp.diagonal(mass)), rows, True)(jnp.zeros(len(u)), right)
+    most = jnp.max(jnp.diagonal(mass))
+    x, _ = saddle(mass / most, rows, True)(pull / most, right)
     v = driven.at[u].set(x / weight[u])
     return flow.project_velocity(q, v) if settled else v
 

@@ -321,7 +321,7 @@ def _with_noise(
     if size.ndim:  # of several designs, each with its own poses
         size = size.reshape(*size.shape, *[1] * (velocity.ndim - 1 - size.ndim))
     # The largest rate of any point: rounding in the others is a share of it.
-    fastest = [_vector_norm(rate.reshape(*rate.shape[:-1], -1, dim)).max(axis=-1) for rate in rates]
+    fastest = [_vector_norm(rate.reshape(*rate.shape[:-1], rate.shape[-1] // dim, dim)).max(axis=-1) for rate in rates]
     whirl = abs(spin) if dim == 2 else _vector_norm(spin)
     speed, pull = fastest[0] + whirl * size, None
     if turning is not None:

@@ -30,10 +30,9 @@ if TYPE_CHECKING:
 
 def spread(top: Topology, q: Array) -> tuple[Array, Array]:
     """Points ``(..., points, dim)`` and vectors ``(..., vectors, dim)`` of poses ``(..., N)``."""
-    a = len(top.points) * top.dim
-    b = a + len(top.vectors) * top.dim
-    lead = q.shape[:-1]
-    return q[..., :a].reshape(*lead, -1, top.dim), q[..., a:b].reshape(*lead, -1, top.dim)
+    points, vectors, lead = len(top.points), len(top.vectors), q.shape[:-1]  # which may be that of no poses
+    a, b = points * top.dim, (points + vectors) * top.dim
+    return q[..., :a].reshape(*lead, points, top.dim), q[..., a:b].reshape(*lead, vectors, top.dim)
 
 
 def _span(segment: Segment, points: Array, vectors: Array) -> Array:

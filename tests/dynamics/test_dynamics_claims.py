@@ -2,6 +2,7 @@
 
 import functools
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -124,3 +125,42 @@ def test_a_driven_input_takes_the_effort_that_inverse_dynamics_gives():
     effort = nc.inverse_dynamics(rod(), nc.motion(rod(), {"phi": law}, t))["phi"]
     assert np.allclose(effort, 2.0 / 3 * 0.4 + 2.0 * G * 0.5 * np.cos(law(t)), atol=1e-10)
     assert np.allclose(nc.reactions(run).support("O"), force, atol=1e-9)
+
+
+def test_freedoms_beside_a_driven_one_start_with_the_least_kinetic_energy():
+    """A trolley that is driven takes its rope along: ``θ' = -L·∂T/∂ẋθ̇ / ∂T/∂θ̇²`` by hand, with its derivative."""
+    speed, rope, load = 0.8, 0.5, 2.0
+    m = nc.Mechanism("crane")
+    m.point("T", (5.0, 0.0), fixed="y"), m.point("W", (5.3, -2.0))
+    m.body("rope", ["T", "W"], mass=rope), m.point_mass("load", "W", load)
+    m.angle("th", at="T", to="W")
+    system, length = m.compile(), np.hypot(0.3, 2.0)
+
+    def turning(mass):
+        design = system.replace({"load.mass": mass})
+        run = nc.simulate(design, np.array([0.0, 1e-3]), inputs={"T.x": lambda t: 5.0 + speed * t})
+        return run.velocity("th")[0]
+
+    def by_hand(mass):
+        return 2.0 / length * (rope / 2 + mass) * length * speed / ((rope / 3 + mass) * length**2) * -1.0
+
+    assert float(turning(load)) == pytest.approx(by_hand(load), rel=1e-12)
+    slope = (by_hand(load + 1e-6) - by_hand(load - 1e-6)) / 2e-6
+    assert float(jax.grad(turning)(load)) == pytest.approx(slope, rel=1e-6)
+
+
+@pytest.mark.parametrize("crank", [2.0, None])
+def test_a_start_that_does_not_assemble_or_is_told_twice_is_refused(crank):
+    m = nc.Mechanism("four-bar")
+    m.ground("A", (0, 0)), m.ground("D", (0.4, 0)), m.point("B", (0, 0.1)), m.point("C", (0.33, 0.29))
+    m.body("crank", ["A", "B"], mass=0.5, lengths=None if crank is None else {("A", "B"): crank})
+    m.body("coupler", ["B", "C"], mass=1.2), m.body("rocker", ["C", "D"], mass=1.0)
+    m.angle("phi", at="A", to="B"), m.angle("psi", at="D", to="C")
+    system, times = m.compile(), np.linspace(0.0, 0.1, 3)
+    if crank is None:
+        with pytest.raises(nc.InputError, match=r"phi, psi are 2 values.*1 freedom"):
+            nc.simulate(system, times, state={"phi": 1.0, "psi": 0.2})
+        return
+    for ask in (nc.linearise, nc.equilibrium, lambda s: nc.simulate(s, times, throw=False)):
+        with pytest.raises(nc.AssemblyError, match=r"drawing does not assemble.*C-D is off by"):
+            ask(system)

@@ -419,3 +419,16 @@ def test_the_ground_carries_what_is_loaded(name):
     found = nc.inverse_dynamics(system, nc.sweep(system, inputs, rates=dict.fromkeys(inputs, 0.0))).reactions
     total = sum(loads) + sum(np.asarray(found.support(p))[0] for p in system.topology.points)
     np.testing.assert_allclose(total, 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("shape", [(0,), (3, 0)])
+def test_no_poses_have_no_forces(shape):
+    m = nc.Mechanism("pendulum")
+    m.ground("A", (0, 0)), m.point("B", (1, 0)), m.body("rod", ["A", "B"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    none = nc.solve_position(m.compile(), {"phi": np.zeros(shape)}, rates={"phi": 1.0})
+    found = nc.reactions(none)
+    assert found.at("A", on="rod").force.shape == found.support("A").shape == (*shape, 2)
+    assert nc.dynamics.angular_momentum(none).shape == nc.instant_centre(none, "rod").shape[:-1] == shape
+    with pytest.raises(nc.InputError, match=r"first pose.*none"):
+        found.unique()
