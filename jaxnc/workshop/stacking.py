@@ -224,7 +224,7 @@ class _Stacking:
         number = [k for k, pin in enumerate(stock.pins) if len(pin.parts) > 1]  # of the pins in the stock
         home = [rows[own[0]][0] @ self.z[0] + rows[own[0]][1] for own in corners[len(parts) :]]
         for k, m in itertools.combinations(range(len(pins)), 2):
-            held = any({number[k], number[m]} <= held for held in rigid)  # in holes of one part, always as far apart
+            held = any({number[k], number[m]} <= holes for holes in rigid)  # in holes of one part, always as far apart
             if not held or abs(home[k] - home[m]) < shop.spacer + shop.clearance:
                 add("pins", len(parts) + k, len(parts) + m, shop.spacer)
         for slot in (slot for part in parts for slot in part.slots):
