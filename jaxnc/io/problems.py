@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from jaxnc.io.curve_files import outline, read_numbers
 from jaxnc.io.drives import unit_of
@@ -19,6 +20,12 @@ from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matr
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search.stock import integer, stock
 from jaxnc.vehicle.suspension import ATTITUDE
+
+_OF_KIND = {
+    "path": ("point", "timing", "start_timing", "ordered", "closed", "offset", "either_sense", "travel"),
+    "function": ("output", "values", "input_offset", "output_offset"),
+    "motion": ("body", "point", "orientations", "timing", "offset", "travel"),
+}
 
 
 def load_problem(path: str | Path) -> tuple[Problem, SearchOptions]:
@@ -51,6 +58,14 @@ def _problem(said: ProblemFile, mechanism: Mechanism, folder: Path, source: Sour
         "minimax": said.minimax,
         "subject_to": [_condition(c, mechanism, unit, k, source) for k, c in enumerate(said.conditions)],
     }
+    others = {name for names in _OF_KIND.values() for name in names} - {*_OF_KIND[said.kind]}
+    for key in structs.fields(said):
+        if key.name in others and getattr(said, key.name) != key.default:
+            fit = " or ".join(repr(kind) for kind, names in _OF_KIND.items() if key.name in names)
+            raise source.fault(
+                f"{key.name} = … says nothing in a problem of kind {said.kind!r}; leave it out, or give kind = {fit}",
+                (key.name,),
+            )
     target, closed = _target(said, folder, source)
 
     def require(name: str) -> Any:

@@ -440,7 +440,9 @@ def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) ->
         return AnyTransmission()
     positive(min, "transmission_angle: min")
     if not min < np.pi / 2:
-        raise InputError(f"transmission_angle: min must be between 0 and pi/2 radians, got {min!r}")
+        raise InputError(
+            f"transmission_angle: min must be between 0 and pi/2 radians, got {min!r} ({np.degrees(min):.6g} degrees)"
+        )
     return TransmissionAngle(float(min), _as_joint(joint, "transmission_angle"))
 
 
@@ -684,8 +686,8 @@ def direction(
         low, high = _as_angle(min, f"{what}: min"), _as_angle(max, f"{what}: max")
         if not 0.0 < high - low < 2 * np.pi:
             raise InputError(
-                f"{what}: from min={low:g} to max={high:g} rad must be a way forwards of less than a turn; "
-                f"add 2*pi to max to go through the negative x axis"
+                f"{what}: from min={low:g} to max={high:g} rad ({np.degrees(low):g} to {np.degrees(high):g} degrees) "
+                f"must be a way forwards of less than a turn; add 2*pi to max to go through the negative x axis"
             )
     else:
         raise InputError(f"{what}: give a value, or min= and max= (of an angle neither says anything by itself)")

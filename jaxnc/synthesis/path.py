@@ -103,6 +103,9 @@ class PathGeneration(Problem):
         top = stated.system.topology
         known = (*top.points, *(m.name for m in top.markers if not m.direction))
         check_name(point, known, f"{what}: {top.name!r} has no point {point!r}")
+        places = top.dim * top.points.index(point) + np.arange(top.dim) if point in top.points else []
+        if len(places) and np.array(top.fixed)[places].all():
+            raise InputError(f"{what}: {point!r} is a ground point, which stays; name a point or marker that moves")
         goal = as_points(target, top.dim, what, self._least, closed)
         size = float(np.max(np.ptp(goal, axis=0)))
         if not size > 0:

@@ -104,8 +104,8 @@ def check_radians(values: np.ndarray, what: str, turn: float, remedy: str) -> No
     span = float(np.ptp(values))
     if span > turn * (1 + 1e-9):
         raise InputError(
-            f"{what} go{'' if what.endswith('s') else 'es'} over {span:.4g} rad, more than "
-            f"{turn / (2 * np.pi):.3g} turn{'s' if turn > 7.0 else ''}: angles are in radians "
+            f"{what} go{'' if what.endswith('s') else 'es'} over {span:.4g} rad ({np.degrees(span):.4g} degrees), "
+            f"more than {turn / (2 * np.pi):.3g} turn{'s' if turn > 7.0 else ''}: angles are in radians "
             f"(numpy.radians makes them of degrees); {remedy}"
         )
 

@@ -232,9 +232,11 @@ def suspension_report(
     per = slopes["wheel_travel"] if travels else 1.0
     known = found.length_unit in METRES
     mm, unit = (METRES[found.length_unit] * 1e3, "mm") if known else (1.0, found.length_unit)
-    far, metre = ("m", 1e3) if known else (unit, 1.0)
-    far, metre = (far, metre) if travels else (unit, 1.0)
-    along, good = along * mm, np.asarray(motion.converged)
+    # An input that is an angle is told in degrees, and angles over wheel travel per metre of it.
+    turns = not travels and motion.system.topology.is_angle(by)
+    step, told = (math.degrees(1.0), "deg") if turns else (mm, unit)
+    far, metre = ("m", 1e3) if travels and known else (told, 1.0)
+    along, good = along * step, np.asarray(motion.converged)
     curves: dict[str, np.ndarray] = {}
     rows: list[SuspensionRow] = []
     for name in LABELS:
@@ -244,15 +246,15 @@ def suspension_report(
         factor, shown = {"angle": (180.0 / math.pi, "deg"), "length": (mm, unit)}.get(kind, (1.0, ""))
         values = np.where(good, np.asarray(getattr(found, name), float) * factor, np.nan)
         curves[name] = np.where(np.abs(values) < _NOTHING, 0.0, values)
-        slope = slopes[name] / per * factor / mm
-        slope, below = (slope, unit) if kind == "length" else (slope * metre, far)
+        slope = slopes[name] / per * factor / step
+        slope, below = (slope, told) if kind == "length" else (slope * metre, far)
         label = _number_label(name, layout.axle)
         drawn = static[name] * factor
         rows.append(_report_row(name, label, shown, drawn, slope, f"{shown or 1}/{below}", curves[name], along))
     if not travels:
-        turns = _turn_differences(curves["steer"], along, static["track"] * mm, layout.side, wheelbase, mm)
-        curves |= turns
-        for name, values in turns.items():
+        differences = _turn_differences(curves["steer"], along, static["track"] * mm, layout.side, wheelbase, mm)
+        curves |= differences
+        for name, values in differences.items():
             shown = "%" if name == "ackermann" else "deg"
             rows.append(_report_row(name, LABELS[name], shown, math.nan, math.nan, "", values, along))
     called = f"rack travel, {by}" if by in RACK.values() else by
@@ -261,7 +263,7 @@ def suspension_report(
         side=layout.side,
         axle=layout.axle,
         over="wheel travel" if travels else called,
-        unit=unit,
+        unit=told,
         along=along,
         curves=curves,
         rows=tuple(rows),

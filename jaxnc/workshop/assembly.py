@@ -79,7 +79,7 @@ class Assembly:
         poses: how many poses were looked at.
         z: places of all points in all poses of the motion, complex, ``(T, points)``, mm.
         unsure: whether poses were too far apart somewhere: what might meet there is kept apart, and clearances may be
-            larger than is said.
+            larger than is said, and slots too short.
     """
 
     name: str
@@ -221,7 +221,7 @@ class Assembly:
     def said(self) -> str:
         """The clearance that remains, in a sentence."""
         more = (
-            "; poses are far apart, and more of them may need fewer layers, or show more clearance"
+            "; poses are far apart, and more of them may need fewer layers, longer slots, or show more clearance"
             if self.unsure
             else ""
         )

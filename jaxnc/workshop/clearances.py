@@ -7,6 +7,7 @@ import numpy as np
 from jaxnc.kinematics.host_solve import analyse_on_host
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import sweep
 from jaxnc.solvers.assembly import derive
 
 _SAME = 1e-6  # of the size: a pose that was found again
@@ -93,6 +94,24 @@ def complex_points(motion: Motion, unit: float, q: np.ndarray | None = None) -> 
     q = np.asarray(motion.q, float) if q is None else q
     x = q[:, : 2 * len(motion.system.topology.points)] * unit
     return x[:, ::2] + 1j * x[:, 1::2]
+
+
+def follow_between(motion: Motion, unit: float) -> np.ndarray | None:
+    """Return points as `complex_points` does, in at least 256 poses: those of a motion and others between, in order.
+
+    None where the poses between cannot be followed, as where nothing drives a motion.
+    """
+    poses = complex_points(motion, unit)
+    last = len(poses) - 1
+    pieces = -(-256 // last)
+    if pieces == 1 or not motion.driven:
+        return poses if pieces == 1 else None
+    at = np.linspace(0.0, last, last * pieces + 1)
+    asked = {name: np.interp(at, np.arange(last + 1), np.asarray(values)) for name, values in motion.inputs.items()}
+    found = sweep(motion.system, asked, hold=motion.held, start=motion.pose(0))
+    z = complex_points(found, unit)
+    same = np.abs(z[::pieces] - poses).max() <= _SAME * np.abs(poses).max()
+    return z if same and not np.asarray(found.status).any() else None
 
 
 class Gaps:

@@ -16,7 +16,7 @@ from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.bodies import hull
-from jaxnc.workshop.clearances import distance
+from jaxnc.workshop.clearances import distance, follow_between
 
 MILLIMETRES = {"m": 1e3, "dm": 1e2, "cm": 10.0, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "in": 25.4, "ft": 304.8}
 """Of one unit of length, by its label."""
@@ -328,10 +328,11 @@ class PartStock:
     Attributes:
         parts: plates, the ground first.
         pins: pins, those of one part too.
+        unsure: whether poses are too far apart to tell how far pins slide.
     """
 
     def __init__(self, motion: Motion, z: np.ndarray, shop: Shop):
-        self.top, self.z, self.shop = motion.system.topology, z, shop
+        self.top, self.z, self.shop, self.unsure = motion.system.topology, z, shop, False
         n = len(self.top.points)
         self.fixed = np.array(self.top.fixed[: 2 * n], dtype=bool).reshape(n, 2)
         self.ground: np.ndarray = np.all(self.fixed, axis=1)
@@ -351,7 +352,7 @@ class PartStock:
         self._group()
         self._join()
         self._guide()
-        self._drill()
+        self._drill(follow_between(motion, shop.unit) if self.ways else None)
         for part in self.parts:
             self._outline(part)
             self._check_walls(part)
@@ -490,28 +491,31 @@ class PartStock:
 
     # -- holes --------------------------------------------------------------------------------------------------
 
-    def _places(self, pin: Pin) -> np.ndarray:
-        """Find where a pin is in all poses, ``(T,)``."""
-        row, constant = self.parts[pin.part].frame.row(pin.at, self.z.shape[1])
-        return self.z @ row + constant
+    def _places(self, pin: Pin, z: np.ndarray) -> np.ndarray:
+        """Find where a pin is in poses ``(T, points)``, ``(T,)``."""
+        row, constant = self.parts[pin.part].frame.row(pin.at, z.shape[1])
+        return z @ row + constant
 
-    def _drill(self) -> None:
-        """Make holes and slots, and note which parts pins go through."""
+    def _drill(self, fine: np.ndarray | None) -> None:
+        """Make holes and slots, and note which parts pins go through; with poses between, if they are known."""
         sliding = {k for k, _ in self.ways}
         for k, pin in enumerate(self.pins):
             points = {p for p, number in self.pin_at.items() if number == k}
             if len(pin.parts) < 2 and k not in sliding and points <= self.lines:
                 continue  # a point that only says where a line is
             for part in pin.parts:
-                at = self.parts[part].frame.local(self.z, self._places(pin))[0]
+                at = self.parts[part].frame.local(self.z, self._places(pin, self.z))[0]
                 number = k if len(pin.parts) > 1 or k in sliding else -1
                 self.parts[part].holes.append(Hole(pin.name, complex(at), number))
         reaches: dict[int, list[_Reach]] = defaultdict(list)
+        z = self.z if fine is None else fine
         for k, (carrier, start, along) in self.ways:
-            where = self.parts[carrier].frame.local(self.z, self._places(self.pins[k]))
+            where = self.parts[carrier].frame.local(z, self._places(self.pins[k], z))
             t = ((where - start) * np.conj(along)).real
             # Between poses a smooth t leaves its samples by an eighth of its second differences; twice that is taken.
-            more = float(np.abs(np.diff(t, 2)).max(initial=0.0)) / 4 + self.shop.clearance
+            sag = float(np.abs(np.diff(t, 2)).max(initial=0.0)) / 4
+            self.unsure |= fine is None and sag > 0.1 * self.shop.pin
+            more = sag + self.shop.clearance
             reaches[carrier].append(_Reach(start, along, float(t.min()) - more, float(t.max()) + more, (k,)))
             if carrier not in self.pins[k].parts:
                 self.pins[k].parts.append(carrier)

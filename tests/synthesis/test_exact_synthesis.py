@@ -1,6 +1,7 @@
 """Exact synthesis: Freudenstein's equation, Burmester's theory, cognates; every linkage is moved and compared."""
 
 import itertools
+import math
 
 import jax
 import numpy as np
@@ -131,6 +132,10 @@ class TestFreudenstein:
             syn.function_four_bars(np.sin, (0, 1), 1.0, 1.0, points=3)
         with pytest.raises(nc.InputError, match="two different numbers"):
             syn.function_four_bars(np.cos, (-1, 1), 1.0, 1.0)
+        for of_one in (lambda x: float(x) ** 2, math.exp, lambda x: x if x > 0 else -x):
+            with pytest.raises(nc.InputError, match=r"function_four_bars: function: .* takes one number.*numpy\."):
+                syn.function_four_bars(of_one, (1, 2), 1.0, 1.0)
+            syn.function_four_bars(np.vectorize(of_one), (1, 2), 1.0, 1.0)
 
 
 def rocker_angle(a, b, c, d, phi, side=1.0):
@@ -307,6 +312,8 @@ class TestBurmester:
         for along in (-1.0, 2.0):
             for dyad in (two.dyad(moving=(0.3, 1.0), along=along), two.dyad(fixed=(4.0, 0.0), along=along)):
                 assert dyad.residual < 1e-14
+        with pytest.raises(nc.InputError, match="along= must be one finite number"):
+            two.dyad(moving=(0.3, 1.0), along=np.nan)
         # The pole stays: two poses turn about it.
         pole = complex(*two.pole(0, 1))
         turn = np.exp(1j * (five[1, 2] - five[0, 2]))
@@ -328,6 +335,13 @@ class TestBurmester:
             for ask in (lambda guide: guide.curves(), lambda guide: guide.curve_dyad((1, 1))):
                 with pytest.raises(nc.InputError, match="every point"):
                     ask(syn.Guidance(poses))
+
+    @pytest.mark.parametrize(
+        ("given", "says"), [({"points": 1}, "points"), ({"extent": -1.0}, "extent"), ({"extent": 1e-3}, "within")]
+    )
+    def test_how_a_curve_is_asked_for(self, five, given, says):
+        with pytest.raises(nc.InputError, match=says):
+            syn.Guidance(five[:4]).curves(**given)
 
     def test_poses_at_one_place(self):
         """A body that turns about its origin: the poses have no size, the coupler has."""

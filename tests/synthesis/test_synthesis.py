@@ -443,6 +443,11 @@ stops = { phi = [-360, 90], "C.y" = [0, inf] }
         (text[start:end], "target = [[1, 2], [3]]\n", "rows of equally many numbers"),
         ("timing = [30, 45, 60, 75, 90]", "timing = [30, 45]", "timing must be 5 numbers"),
         ('type = "crank turns"', 'type = "no flip"', "give distance="),
+        ('type = "crank turns"', 'type = "transmission angle"\nmin = 95', "(95 degrees)"),
+        ("timing = [30, 45, 60, 75, 90]", "timing = [30, 45, 60, 75, 430]", "(400 degrees)"),
+        ('point = "P"', 'point = "A"', "'A' is a ground point"),
+        ('point = "P"', 'point = "P"\noutput = "psi"', "output = … says nothing in a problem of kind 'path'"),
+        ('point = "P"', 'point = "P"\norientations = [0.0]', "leave it out, or give kind = 'motion'"),
         ('type = "crank turns"', 'type = "only circuit"\nstops = { X = [0, 1] }', "no coordinate 'X' with a stop"),
     ):
         assert old in text

@@ -115,6 +115,50 @@ def test_a_front_that_is_not_convex(mechanism, tmp_path):
         S.pareto(problem(mechanism, []))
 
 
+def test_a_front_does_not_depend_on_the_sizes_of_its_objectives():
+    """The same two functions, counted in other units or weighted; an end is found from between the ends only.
+
+    A grid over both numbers shows where the front is: along C.y = 2.4, from B.x = 0.3 to 0.8.
+    """
+    m = nc.Mechanism("four-bar")
+    a, b, c, d = m.ground("A", (0, 0)), m.point("B", (0.5, 1)), m.point("C", (3.3, 2.9)), m.ground("D", (4, 0))
+    for name, ends in (("crank", (a, b)), ("coupler", (b, c)), ("rocker", (c, d))):
+        m.body(name, ends)
+    m.angle("phi", at=a, to=b, start=d)
+    m.angle("psi", at=d, to=c)
+    turn = np.radians([30, 60, 90])
+    free = {"free": ["B.x", "C.y"], "bounds": {"B.x": (0.3, 0.8), "C.y": (2.4, 3.2)}}
+    for one, two, weights in ((1.0, 1.0, None), (2.0, 5.0, None), (1.0, 1.0, (4.0, 25.0)), (1.0, 1e4, None)):
+        both = [lambda x, k=one: k * (x["psi"][0] - 1.2), lambda x, k=two: k * (x["C"][-1, 1] - 2.0)]
+        goal = S.Objective(m, both, turn, weights=weights, input="phi", **free)
+        front = S.pareto(goal, points=6, starts=60, refine=6, key=jax.random.key(1))
+        x, y = np.array([[d.system["B"][0], d.system["C"][1]] for d in front.designs]).T
+        assert len(x) == 6 and np.all(np.diff(x) > 0) and (x[0], x[-1]) == pytest.approx((0.3, 0.8), abs=1e-6)
+        np.testing.assert_allclose(y, 2.4, atol=1e-6)
+        np.testing.assert_allclose(np.diff(front.values[:, 1], 2), 0.0, atol=1e-6 * two)  # evenly spaced
+        for design, values in zip(front.designs, front.values, strict=True):
+            moved = nc.sweep(design.system, {"phi": turn})
+            np.testing.assert_allclose(values, [abs(float(f(moved))) for f in both], rtol=1e-9)
+
+
+def test_the_least_error_of_a_front_does_not_depend_on_the_unit_of_length():
+    """An error in parts of the target's size beside a rod of 0.3 or of 3e4: the rod does not draw its end away."""
+    turn, found = np.linspace(1.0, 3.0, 5), []
+    for unit in (1.0, 1e5):
+        m = nc.Mechanism("four-bar")
+        a, d = m.ground("A", (0, 0)), m.ground("D", (0.4 * unit, 0))
+        b, c = m.point("B", (0.05 * unit, 0.1 * unit)), m.point("C", (0.33 * unit, 0.29 * unit))
+        for name, ends in (("crank", (a, b)), ("rocker", (c, d))):
+            m.body(name, ends)
+        m.body("coupler", (b, c, m.point("P", (0.2 * unit, 0.4 * unit))))
+        m.angle("phi", at=a, to=b)
+        path = nc.sweep(m.compile(), {"phi": turn + 0.1})["P"] + 0.01 * unit * np.c_[np.cos(turn), np.sin(2 * turn)]
+        goal = S.PathGeneration(m, "P", path, timing=turn, free=["B", "C", "P"])
+        rod = {"rod": lambda motion: motion["C"][0] - motion["B"][0]}
+        found.append(S.pareto(goal, rod, points=3, starts=60, refine=6, key=jax.random.key(1)).values[0] / unit)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-5)
+
+
 def test_an_interrupted_front_is_what_was_found(mechanism, monkeypatch):
     goal = S.Objective(
         mechanism,

@@ -122,7 +122,7 @@ MISTAKES = {
     ),
     "degrees": (
         lambda: path(timing=[30, 45, 60, 75, 90]),
-        r"timing goes over 60 rad, more than 1 turn: angles are in radians \(numpy.radians",
+        r"timing goes over 60 rad \(3438 degrees\), more than 1 turn: angles are in radians \(numpy.radians",
     ),
     "degrees of a function": (lambda: function(values=np.linspace(20, 90, 5)), "values go over 70 rad"),
     "degrees of an output": (lambda: function(target=np.linspace(20, 90, 5)), "target goes over 70 rad"),
@@ -172,7 +172,7 @@ MISTAKES = {
     ),
     "bounds that are none": (lambda: path(bounds={"A-B": (np.nan, 1)}), "'A-B' must be numbers, or None for no bound"),
     "names that are none": (lambda: path(free=3), r"free= takes names, such as \['A', 'B.x'\], got 3"),
-    "travel in degrees": (lambda: path(timing=None, travel=(0, 360)), "travel goes over 360 rad, more than 20 turns"),
+    "travel in degrees": (lambda: path(timing=None, travel=(0, 360)), r"goes over 360 rad \(.*\), more than 20 turns"),
     "no two points": (
         lambda: path(subject_to=[S.equal(("A", "B"), "C")]),
         "equal: 'C' must be the names of two points",

@@ -75,7 +75,7 @@ def test_lengths_of_links_are_told():
         (lambda: S.direction("A", "D"), "give a value, or min= and max="),
         (lambda: S.direction("A", "D", min=0.1), "give a value, or min= and max="),
         (lambda: S.direction("A", "D", 45), "radians .numpy.radians"),
-        (lambda: S.direction("A", "D", min=1.0, max=0.5), "less than a turn; add 2.pi"),
+        (lambda: S.direction("A", "D", min=1.0, max=0.5), "57.2958 to 28.6479 degrees.*less than a turn; add 2.pi"),
         (lambda: S.on_circuit("open"), "side='open'; known names: left, right"),
         (lambda: path(subject_to=[S.direction("A", "E", 0.0)]), "has no point 'E'"),
         (

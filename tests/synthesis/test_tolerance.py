@@ -327,6 +327,13 @@ class TestCalibration:
         assert fit.degrees_of_freedom == 2 * len(POSES) - 3 - 7
         assert np.isnan(fit.residuals["P"][3]).all() and np.isnan(fit.residuals["P"][5, 1])
 
+    def test_a_sigma_for_each_pose(self, system, real, measured):
+        """A pose that is measured badly, and is known to be, spoils nothing."""
+        sigma = np.where(np.arange(len(POSES)) == 3, 1e3, 1e-6)
+        bad = {"P": measured + 0.01 * (sigma > 1.0)[:, None]}
+        fit = nc.synthesis.calibrate(system, {"phi": POSES}, bad, FITTED, sigma={"P": sigma})
+        assert fit["crank.A-B"][0] == pytest.approx(float(real["crank.A-B"]), abs=1e-12)
+
     def test_messages(self, system, measured):
         good = {"system": system, "inputs": {"phi": POSES}, "measurements": {"P": measured}, "variables": FITTED}
         for change, says in (
@@ -340,6 +347,7 @@ class TestCalibration:
             ({"variables": []}, "no variables"),
             ({"sigma": 0.0}, "sigma of 'P' must be positive"),
             ({"sigma": {"C": 1.0}}, "sigma has nothing for 'P'"),
+            ({"sigma": np.ones(5)}, r"has shape \(5,\); give one number, .* \(13,\) or \(2,\) or \(13, 2\)"),
         ):
             with pytest.raises(nc.InputError, match=says):
                 nc.synthesis.calibrate(**(good | change))

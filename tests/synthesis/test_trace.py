@@ -224,6 +224,14 @@ def test_given_timings_are_met(small, brief):
     assert np.abs(np.asarray(motion["P"]) @ [1, 1j] - z).max() < 1e-9 * np.ptp(z.real)
 
 
+def test_falling_timings_leave_the_points_as_given(small, brief):
+    drawn = next(d for d in unseen(4, 5, seed=2) if d.chain.name == "four-bar")
+    z = drawn.trace(np.linspace(2.0, 6.5, 15))[::-1]
+    points = np.stack([z.real, z.imag], axis=1)
+    result = nc.synthesis.trace(points, False, np.linspace(6.5, 2.0, 15), (4,), seconds=1, source=small)
+    np.testing.assert_array_equal(result.points, points)
+
+
 def test_points_that_are_not_looked_at_on_the_way_are_judged(small, brief):
     """Of more points than a search looks at, the others lie beside the curve: not all are met, and it says how far."""
     drawn = next(d for d in unseen(4, 5, seed=2) if d.chain.name == "four-bar")

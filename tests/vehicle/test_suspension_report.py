@@ -220,6 +220,22 @@ def test_gradients_are_those_of_the_curves(name):
     assert report["track"].gradient == pytest.approx(2.0 * report["half_track_change"].gradient, rel=1e-12)
 
 
+def test_steering_by_an_angle_is_told_in_degrees():
+    """An arm of 100 mm, at a right angle to the rack, moves it by 100 mm per radian."""
+    m = double_wishbone()
+    m.ground("box", (230.0, 370.0, 205.0))
+    m.ground_vector("up", (0.0, 0.0, 1.0))
+    m.angle("arm", at="box", to="tie_inner", about="up")
+    turns = np.array([-0.02, 0.0, 0.02])
+    report = suspension_report(nc.sweep(m.compile(), {"arm": turns}, hold=["wheel_centre.z", "rim.x"]))
+    np.testing.assert_allclose(report.along, np.degrees(turns), atol=1e-9)
+    assert report.unit == "deg"
+    by_rack = suspension_report(steered("double_wishbone"))
+    for name, unit in (("steer", "deg/deg"), ("caster_trail", "mm/deg")):
+        assert report[name].gradient == pytest.approx(by_rack[name].gradient * -100.0 * math.pi / 180.0, rel=1e-7)
+        assert report[name].gradient_unit == unit
+
+
 def test_gradients_of_an_instantaneous_steering_axis():
     """Its numbers follow from rates, so that their gradients need mixed second derivatives."""
     motion, steps = bump("double_wishbone", *(float(k) for k in range(-3, 4))), np.array([-1, 9, -45, 0, 45, -9, 1])

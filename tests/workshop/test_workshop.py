@@ -321,6 +321,25 @@ def test_what_happens_between_poses_counts(gap, layers):
         assert gap - 16 - 0.02 - 0.005 * gap <= near.clearance <= gap - 16 and near.pose == pytest.approx(1.5, abs=0.05)
 
 
+@pytest.mark.parametrize("poses", [[2.0, 4.0, 4.3], [-1.0, 1.0, 1.1], [-1.5, -1.4, -1.3, 1.3, 1.4, 1.5]])
+def test_a_slot_is_as_long_as_its_pin_goes_between_poses(poses):
+    """Poses are few and uneven; two pins of one slider's block are no hindrance."""
+    motion = nc.sweep(nc.library.slider_crank(offset=0.0).compile(), {"phi": np.array(poses)})
+    made = motion.to_parts(width=14, pin=4, thickness=3)
+    phi = np.linspace(poses[0], poses[-1], 2001)
+    x = 100 * np.cos(phi) + np.sqrt(300**2 - (100 * np.sin(phi)) ** 2)
+    ends = sorted(end.real for slot in made.parts[0].slots for end in slot.ends)
+    room = np.array([x.min() - ends[0], ends[-1] - (x.max() + 1.5 * 14)])  # the second pin is 1.5 widths ahead
+    assert np.all(room >= 0.999) and np.all(room < 5.0)  # 1 mm is the clearance
+
+
+def test_poses_too_few_for_a_slot_are_said():
+    """A crank that swings between dead points, beyond which its angle does not lead."""
+    system = nc.library.slider_crank(crank=0.3, conrod=0.1, offset=0.0, angle=0.1).compile()
+    few, many = (nc.circuit(system, "phi", poses=n).to_parts(width=14, pin=4, thickness=3) for n in (12, 200))
+    assert few.unsure and "longer slots" in few.said and not many.unsure
+
+
 def test_pins_do_not_pass_each_other_in_a_slot():
     """Two links on the line of a bar that they slide along: their pins meet where the bar lies flat."""
     m = nc.Mechanism("two on a line", length_unit="mm")

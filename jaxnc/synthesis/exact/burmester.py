@@ -25,9 +25,9 @@ from jaxnc.calls import public
 from jaxnc.continuation.certificate import certify
 from jaxnc.continuation.monodromy import is_new, solve_by_degree
 from jaxnc.errors import InputError, counted
-from jaxnc.kinematics.inputs import whole
+from jaxnc.kinematics.inputs import one_number, whole
 from jaxnc.synthesis.exact.linkage import GuidedFourBar, Listed, Point, complex_of, guide_four_bar, point_of
-from jaxnc.synthesis.validate import as_floats, check_radians
+from jaxnc.synthesis.validate import as_floats, check_limit, check_radians
 from jaxnc.types import ArrayLike, Float
 
 _TRIES = 3  # ways from a start system to the poses, each about two origins
@@ -306,11 +306,10 @@ def _crossings(forms: np.ndarray, start: complex, angles: np.ndarray) -> tuple[n
     return c3, (even2 - even1) / 3.0, odd1 - c3
 
 
-def trace_cubic(forms: np.ndarray, start: complex, points: int, extent: float) -> np.ndarray:
-    """The real curve as polylines, complex, with NaN between pieces.
+def trace_cubic(forms: np.ndarray, start: complex, points: int) -> np.ndarray:
+    """The real curve of three bilinear equations ``(3, 3, 3)`` as polylines, complex, with NaN between pieces.
 
-    A piece has about so many points; the curve, of three bilinear equations ``(3, 3, 3)``, is followed as far as
-    `extent` from the origin.
+    A piece has about so many points, some of them far away.
     """
     angles = np.linspace(0.0, np.pi, 4001)
 
@@ -349,7 +348,7 @@ def trace_cubic(forms: np.ndarray, start: complex, points: int, extent: float) -
             with np.errstate(divide="ignore", invalid="ignore"):
                 s = np.where(takes, big / (2.0 * c3), 2.0 * c1 / big)
                 b = start + s * np.exp(1j * angle)
-            b = np.where(np.abs(b) < extent, b, np.nan)
+            b = np.where(np.isfinite(b), b, np.nan)
             pieces += [b[:: int(sign)], np.array([np.nan + 0j])]
     return np.concatenate(pieces) if pieces else np.zeros(0, complex)
 
@@ -503,6 +502,7 @@ class Guidance:
                 f"guidance: {len(self.poses)} poses leave no pivot to choose freely; use "
                 + {4: "curves()", 5: "pairs()"}.get(len(self.poses), "nearest_dyads()")
             )
+        along = one_number(along, "guidance: along=")
         name = "moving" if moving is not None else "fixed"
         z = self._inwards(complex_of("guidance", name, moving if moving is not None else fixed))
         # The places of the chosen pivot, and for a fixed one those seen from the body in its first pose.
@@ -548,9 +548,12 @@ class Guidance:
             Both curves, point for point; every pair of points is a dyad (`curve_dyad`).
 
         Raises:
-            InputError: not four poses, or four that are all translations of one another.
+            InputError: not four poses, or four that are all translations of one another; no point of the curve is
+                within the extent.
         """
         self._check_count(4, "curves()")
+        whole(points, "curves(): points", 2)
+        check_limit("curves()", "a positive number", extent=extent)
         poles = np.array([self.pole(i, j) for i, j in itertools.combinations(range(4), 2)])
         forms, b = self._trace(points, extent)
         a = _partners(forms, b)
@@ -597,11 +600,17 @@ class Guidance:
                 "guidance: the poses are translations of one another; every point is a circle point of three"
             )
         forms = self._forms()
-        b = trace_cubic(forms, min(seen, key=abs), points, extent)
+        b = trace_cubic(forms, min(seen, key=abs), points)
         if not np.isfinite(b).any():
             raise InputError(
                 "guidance: every point of the body goes on a circle through these poses, as where it turns about one "
                 "point; leave a pose out and choose a dyad by dyad()"
+            )
+        b = np.where(np.abs(b) < extent, b, np.nan)
+        if not np.isfinite(b).any():
+            raise InputError(
+                f"guidance: no point of the curve is within extent={extent:g} sizes of the poses from their middle; "
+                f"follow it further"
             )
         return forms, b
 

@@ -16,7 +16,7 @@ from jaxnc.synthesis.exact.linkage import FourBar, Listed, SliderCrank, sweep_th
 from jaxnc.synthesis.validate import as_floats
 from jaxnc.system.system import System
 from jaxnc.types import Any, ArrayLike, Float
-from jaxnc.validate import as_shape, call_user
+from jaxnc.validate import as_shape, call_user, function_name
 
 POSES = 121
 """Poses of the range at which the structural error is looked at."""
@@ -318,7 +318,15 @@ def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[Slider
 
 def _call_function(function: Callable[[np.ndarray], Any], x: np.ndarray, what: str) -> np.ndarray:
     """Values of the user's function, one for each of its arguments."""
-    return as_shape(call_user(function, f"{what}: function", "x", x), f"{what}: what its function returns", *x.shape)
+    try:
+        found = call_user(function, f"{what}: function", "x", x)
+    except (TypeError, ValueError):
+        call_user(function, f"{what}: function", "x", float(x[0]))  # another fault passes through
+        raise InputError(
+            f"{what}: function: {function_name(function)} takes one number, and is given an array of them: write it "
+            f"with numpy (x**2, np.sin, np.where), or give numpy.vectorize(function)"
+        ) from None
+    return as_shape(found, f"{what}: what its function returns", *x.shape)
 
 
 # -- solutions: (K1, K2, K3, φ0, ψ0) -----------------------------------------------------------------------------------

@@ -46,7 +46,8 @@ class Front(Shown):
     Attributes:
         problem: what was wanted.
         names: of the objectives.
-        values: roots of the sums of squares of the objectives' residuals, in their units, ``(designs, k)``.
+        values: roots of the sums of squares of the objectives' residuals, in their units, without the weights of an
+            `Objective` of several functions, ``(designs, k)``.
         designs: in the order of the first objective.
         refined: how many starts were refined.
         screened: how many were screened.
@@ -199,16 +200,25 @@ def pareto(
         with interruptible():
             rng = np.random.default_rng(seed)
             begun = starting_rows(problem, Refinement(goal, iterations), starts, refine, rng)
-            # objectives that do not count weigh 1e-8, so that among equals the better one is taken
-            ends = [np.append(np.where(np.arange(k) == i, 1.0, 1e-8), np.full(k, OPEN)) for i in range(k)]
+            # Objectives that do not count weigh 1e-8 of the one that does, in the sizes that they have in the designs
+            # of the beginning, so that among equals the better one is taken.
+            sizes = np.nanmedian([first, *map(goal.values, begun)], axis=0)
+            sizes = np.where(sizes > 0.0, sizes, 1.0)
+            ends = [np.where(np.arange(k) == i, 1.0, 1e-8 * np.square(sizes[i] / sizes)) for i in range(k)]
+            ends = [np.append(end, np.full(k, OPEN)) for end in ends]
             search.refine([(x, end) for end in ends for x in begun])
             search.settle()
-            if all(end in search for end in ends):
+            for _ in range(4):  # so often at most are bounds laid anew, because an end was beaten between the ends
+                if not all(end in search for end in ends):
+                    break
                 corners = np.array([goal.values(search.row(end)) for end in ends])
                 low, high = corners.min(axis=0), corners.max(axis=0)
-                if np.any(high - low > _POINT * np.abs(high)):
-                    search.between(ends, low, high, points, begun)
-                    search.settle()
+                if not np.any(high - low > _POINT * np.abs(high)):
+                    break
+                search.between(ends, low, high, points, begun)
+                search.settle()
+                if not search.improve(ends, corners):
+                    break
     except KeyboardInterrupt:
         search.stopped = "interrupted"
     moves = move_designs(problem, [x[: problem.count] for _, x in search.best.values()])
@@ -218,10 +228,12 @@ def pareto(
     values = np.array([goal.values(x) for _, x in search.best.values()]).reshape(-1, k)
     kept = [whole[n] for n in _pareto_rows(values[whole])]
     kept.sort(key=lambda n: values[n, 0])
+    # A search sees a problem's error in parts of its size, and functions of an `Objective` with their weights.
+    units = [problem.size, *[1.0] * (k - 1)] if others else 1.0 / np.sqrt(problem.weights)
     return Front(
         problem=problem,
         names=labels,
-        values=values[kept] * (np.array([problem.size, *[1.0] * (k - 1)]) if others else 1.0),
+        values=values[kept] * units,
         designs=tuple(designs[n] for n in kept),
         refined=search.refined,
         screened=starts,
@@ -284,14 +296,14 @@ class _Search:
         return End.unknown(x, square, self.stopped or "no step is possible")
 
     def between(self, ends: list[np.ndarray], low: np.ndarray, high: np.ndarray, points: int, begun: list) -> None:
-        """Refine at bounds between the ends: from the ends, a few random designs, and then each other's designs."""
+        """Refine at bounds between the ends: from all known, a few random designs, and then each other's designs."""
         k = len(low)
         each = max(1, round((points - k) ** (1.0 / (k - 1))))
         steps = [low[j] + (high[j] - low[j]) * np.arange(1, each + 1) / (each + 1) for j in range(1, k)]
         places = [np.array([*ends[0][:k], OPEN, *np.square(b)]) for b in itertools.product(*steps)]
-        corners = [self.row(end) for end in ends]
+        known = [x for _, x in self.best.values()]
         # 4 random designs from which each point of the front is also started
-        self.refine([(x, place) for place in places for x in [*corners, *begun[:4]]])
+        self.refine([(x, place) for place in places for x in [*known, *begun[:4]]])
         for _ in range(2):  # the points of the front are started from each other's designs
             starts = []
             for place in places:
@@ -300,6 +312,16 @@ class _Search:
                 starts += [(self.row(p), place) for p in near if p in self]
             if starts:
                 self.refine(starts)
+
+    def improve(self, ends: list[np.ndarray], corners: np.ndarray) -> bool:
+        """Start ends anew from designs that are better there, and say whether one has become better."""
+        rows = [x for _, x in self.best.values()]
+        values = np.array([self.goal.values(x) for x in rows])
+        enough = corners.diagonal() - _POINT * np.ptp(corners, axis=0)
+        beaten = np.flatnonzero(values.min(axis=0) < enough)
+        self.refine([(rows[int(values[:, i].argmin())], ends[i]) for i in beaten])
+        self.settle()
+        return any(self.goal.values(self.row(ends[i]))[i] < enough[i] for i in beaten)
 
 
 def _pareto_rows(values: np.ndarray) -> list[int]:

@@ -14,7 +14,7 @@ from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.design import geometry_vector, shift_geometry
 from jaxnc.synthesis.tolerance.spread import make_question, variable_components
-from jaxnc.synthesis.validate import check_name
+from jaxnc.synthesis.validate import as_floats, check_name
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs, Numbers
@@ -135,8 +135,10 @@ def calibrate(
         inputs: the driven coordinates at the measured poses, ``(T,)``, in an order that the mechanism can follow.
         measurements: measured outputs by name: points ``(T, dim)``, coordinates ``(T,)``; NaN where not measured.
         variables: design variables (a point: its coordinates) or components to be fitted.
-        sigma: standard deviation of a measurement, by output or for all, in the output's unit. If not given all weigh
-            the same, and the noise is estimated from the residuals.
+        sigma: standard deviation of a measurement, by output or for all, in the output's unit: one number, or one for
+            each pose ``(T,)``; of a point also one for each component ``(dim,)``, as which it is taken where there are
+            as many poses, or for each of each ``(T, dim)``. If not given all weigh the same, and the noise is estimated
+            from the residuals.
         hold: free coordinates that keep the value at which the nominal design starts.
         steps: most iterations.
 
@@ -174,7 +176,15 @@ def calibrate(
         spread = sigma.get(name, None) if isinstance(sigma, Mapping) else sigma
         if isinstance(sigma, Mapping) and spread is None:
             raise InputError(f"calibration: sigma has nothing for {name!r}; give it for every output or for none")
-        spread = np.broadcast_to(np.asarray(1.0 if spread is None else spread, float), array.shape)
+        spread = as_floats(1.0 if spread is None else spread, f"calibration: sigma of {name!r} must be numbers")
+        if spread.shape == lead != want[-1:]:  # one for each pose, for all components
+            spread = spread[..., None]
+        if spread.shape not in ((), (1,), lead, want[-1:], (*lead, 1), want):
+            raise InputError(
+                f"calibration: sigma of {name!r} has shape {spread.shape}; give one number, or those of shape "
+                f"{' or '.join(str(s) for s in dict.fromkeys((lead, want[-1:], want)) if s)}"
+            )
+        spread = np.broadcast_to(spread, want)
         seen = np.isfinite(array)
         if not ((spread > 0) & (spread < np.inf))[seen].all():
             raise InputError(f"calibration: sigma of {name!r} must be positive")

@@ -506,7 +506,7 @@ def trace(
         stopped = f"interrupted after {course.seconds:.3g} s{course.hint}"
     found = _judge(target, terms, searches, keep, stopped.startswith("interrupted"))
     refined = sum(search.refined for search in searches)
-    return TraceResult(target.given, target.closed, found, refined, course.seconds, stopped)
+    return TraceResult(as_floats(points).copy(), target.closed, found, refined, course.seconds, stopped)
 
 
 def _allowed(only: Any, sliders: bool, bars: Sequence[int]) -> Callable[[Chain], bool] | None:
