@@ -666,8 +666,8 @@ def prepare(
         owner = top.called(*top.blocks[block].owners[instance])
         raise InputError(
             f"modes(): {owner!r} of {top.name!r} ({top.blocks[block].kind.name}) is not for this: {why}; "
-            f"solve_position(system, inputs, start={{'P': (x, y)}}) finds them one by one from other places, and of chains "
-            f"of bodies jaxnc.formulate(mechanism, 'independent').assemblies(…) from many, both without a proof"
+            f"solve_position(system, inputs, start={{'P': (x, y)}}) finds them one by one from other places, and "
+            f"jaxnc.formulate(mechanism, 'independent').assemblies(…) of a chain of bodies, both without a proof"
         ) from None
     except PositiveDimension as error:
         raise InputError(
