@@ -883,7 +883,7 @@ class Mechanism(Drawn):
     @gravity.setter
     def gravity(self, value: Place | None) -> None:
         none = value is None or (isinstance(value, Fall) and not value)
-        self.model.gravity = None if none else self._check.place(value, "gravity")
+        self.model.gravity = None if none else self._check.place(value, "gravity", "vector")
 
     def point_mass(self, name: str, point: str, mass: float) -> str:
         """Add a mass concentrated in a point.
@@ -1095,7 +1095,7 @@ class Mechanism(Drawn):
             return self._function(name, "force", [point], [], value, parameters)
         from jaxnc.forces import FORCE, FORCE_IN_SPACE
 
-        place = self._check.place(value, f"force {name!r}")
+        place = self._check.place(value, f"force {name!r}", "vector")
         kind = FORCE if self.model.dim == 2 else FORCE_IN_SPACE
         return self.apply(name, kind, points=[point], parameters=dict(zip(self.axes, place, strict=True)))
 

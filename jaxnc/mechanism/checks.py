@@ -159,22 +159,22 @@ class Checks:
         if isinstance(text, str) and not writable(text):
             raise MechanismError(f"{noun} {text!r} holds half of a character (a lone surrogate); type it anew")
 
-    def place(self, at: Any, what: str) -> tuple[float, ...]:
-        """Check a position, `dim` numbers."""
+    def place(self, at: Any, what: str, noun: str = "place") -> tuple[float, ...]:
+        """Check a position, or components of a vector, `dim` numbers."""
         try:
             place = tuple(float(x) for x in at)
         except (TypeError, ValueError, OverflowError):
             place = ()
         if len(place) != self.model.dim:
             why = drawn_with_numbers(at) or f", got {brief(at)}"
-            raise MechanismError(f"{what}: its place must be {self.model.dim} numbers{why}")
+            raise MechanismError(f"{what}: its {noun} must be {self.model.dim} numbers{why}")
         for x in place:
-            self.finite(x, f"{what}: each number of its place")
+            self.finite(x, f"{what}: each number of its {noun}")
         return place
 
     def unit(self, direction: object, what: str) -> tuple[float, ...]:
         """Check a vector of any length but zero."""
-        place = self.place(direction, what)
+        place = self.place(direction, what, "direction")
         if not any(place):
             raise MechanismError(f"{what} is the zero vector, which has no direction; give one component at least")
         return place

@@ -170,6 +170,7 @@ class _PlaneSketch(Sketch):
         a, b, pin = joint.points
         frame = Frame(a, (a, b))
         self.pins.add(pin)
+        self.meet[pin].add(("slot", joint.name))
         fixed, slider = self.ground[[a, b]].all(), self.sliders.get(pin)
         if fixed or (slider is not None and slider.base == (a, b)):
             self.blocks[pin] = (Frame(pin, (a, b)), self.block_colour(pin))
@@ -439,6 +440,10 @@ across."""
 _ABOUT = {
     "spring": [("spring", _arc_path(1.5, 0.0, 4.5 * np.pi, 0.13))],
     "damper": [("dashpot", _arc_path(2.4, 0.6, 5.6))],
+    "stop": [
+        ("dashpot", _arc_path(2.4, 0.6, 2.8)),
+        ("dashpot", [*((r * np.cos(3.3), r * np.sin(3.3)) for r in (1.2, 3.6)), *_arc_path(2.4, 3.3, 5.6)]),
+    ],
     "effort": [("torque", _arc_path(3.4, 0.8, 5.2)), ("torque head", _head_path(3.4, 5.2))],
 }
 """What is drawn about the vertex of an angle, likewise: units along its arm and across."""

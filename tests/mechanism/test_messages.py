@@ -394,6 +394,10 @@ def slipped(what):
         m.body("plate", ["B", "C"], lengths=3)
     elif what == "a typing error":
         m.gravitiy = (0, -9.81)
+    elif what == "gravity in space":
+        m.gravity = [0, 0, -9810]
+    elif what == "a force in space":
+        m.force("push", "B", (0, 0, 1))
     elif what == "stops crossed":
         m.stop("end", "phi", lower=1, upper=0, stiffness=1)
     else:
@@ -407,6 +411,8 @@ def slipped(what):
         ("no points", ("a list of names", "None")),
         ("a length alone", ("lengths= takes", "got 3")),
         ("a typing error", ("'gravitiy'", "did you mean 'gravity'")),
+        ("gravity in space", ("gravity: its vector must be 2 numbers", "[0, 0, -9810]")),
+        ("a force in space", ("'push': its vector must be 2 numbers",)),
         ("stops crossed", ("'end'", "lower = 1", "below upper = 0")),
         ("no name", ("'hinge'", "the name of a point", "None")),
     ],

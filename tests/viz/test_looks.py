@@ -387,6 +387,7 @@ def sprung() -> Motion:
     m.spring("s", "2", "S", stiffness=100.0, free=0.2)
     m.damper("d", "1", "S", damping=1.0)
     m.spring("c", "phi", stiffness=1.0, free=0.0)
+    m.stop("e", "phi", stiffness=1.0, lower=0.0, upper=2.0)
     m.torque("effort on phi", "phi", 3.0)
     system = m.compile()
     return nc.sweep(system, {"phi": np.linspace(0.8, 1.2, 5)}, rates={"phi": 1.0})
@@ -401,8 +402,10 @@ def test_what_acts_in_space_is_seen(sprung):
     along = (x - a) @ (b - a) / ((b - a) @ (b - a))
     assert -0.02 < along.min() < 0.03 and 0.97 < along.max() < 1.02
     assert np.linalg.norm(x - a - along[:, None] * (b - a), axis=1).max() < 2e-3
-    x = spiral.vertices(pose, 1e-3) - pose[data.names.index("A")]
-    assert np.ptp(x @ pose[len(data.names)]) < 1e-12 and np.linalg.norm(x, axis=1).max() < 4e-3  # about the axis vA
+    (stop,) = (item for item in scene.items if item.role == "dashpot")
+    for item in (spiral, stop):
+        x = item.vertices(pose, 1e-3) - pose[data.names.index("A")]
+        assert np.ptp(x @ pose[len(data.names)]) < 1e-12 and np.linalg.norm(x, axis=1).max() < 4e-3  # about the axis vA
     assert sum(item.role == "torque" for item in scene.items) == 2
     case = next(item for item in scene.items if item.role == "block")
     assert case.frame.along.columns == tuple(data.names.index(name) for name in "1S")

@@ -313,6 +313,26 @@ def test_springs_dampers_torques_and_centres_of_mass_are_drawn(tmp_path):
     assert {"spring", "dashpot"} <= {x["role"] for x in spans} and {x["shape"] for x in spans} == {"stamp"}
 
 
+def test_a_stop_on_an_angle_is_drawn_about_its_vertex():
+    m = nc.Mechanism("flap")
+    m.ground("A", (0, 0)), m.point("B", (1, 0.4)), m.body("flap", ["A", "B"]), m.angle("phi", at="A", to="B")
+    m.stop("end", "phi", stiffness=5.0, lower=0.0, upper=1.0)
+    figure = viz.draw(nc.sweep(m.compile(), {"phi": np.array([0.3, 0.5])}), pose=1)
+    x = np.concatenate([np.asarray(line.get_xydata()) for line in artists(figure, "dashpot")])
+    assert len(x) > 20 and np.hypot(*x.T).max() < 0.15  # of a bar of length 1.08
+
+
+def test_a_pin_of_the_ground_in_a_moving_slot_stands_on_the_ground():
+    m = nc.Mechanism("oscillating cylinder")
+    m.ground("A", (0, 0)), m.ground("D", (3, 0)), m.point("B", (0.6, 0.8)), m.point("P", (4.2, -0.4))
+    m.body("crank", ["A", "B"]), m.body("rod", ["B", "P"]), m.angle("phi", at="A", to="B")
+    m.slot("cylinder", "D", line=("B", "P"))
+    figure = viz.draw(nc.sweep(m.compile(), {"phi": np.linspace(0.93, 1.5, 3)}), pose=1)
+    found = sorted(tuple(p.get_center()) for p in artists(figure, "ground pin"))
+    np.testing.assert_allclose(found, [(0, 0), (3, 0)], atol=DRAWN)
+    assert len(artists(figure, "support")) == 2
+
+
 def test_one_pose_can_be_drawn_a_batch_cannot(turning, system):
     figure = viz.draw(one(turning, 3))
     np.testing.assert_allclose(artists(figure, "bar")[1].get_xydata()[1], places(turning, "B")[3], atol=DRAWN)

@@ -360,6 +360,7 @@ def test_a_mechanism_of_two_inputs_leaves_the_dead_point_of_one(browser, tmp_pat
     assert browser.run("window.jaxnc.solve([1.5, 2.65])") is None  # beyond |OQ| - |OP|
     dead = np.hypot(1.9, 1.5) - np.hypot(0.45, 0.35)
     assert now("c1") == pytest.approx(dead, abs=1e-6)
+    browser.run("window.jaxnc.fit(0)")
     drag(browser, "E", (10, 10))
     before = now("c1"), now("c2")
     drag(browser, "T", (30, -60))
@@ -387,6 +388,49 @@ def test_a_field_that_is_emptied_changes_nothing_and_a_driven_place_is_one_colum
     (tmp_path / "a.csv").write_text(saved(browser, "csv"))
     np.testing.assert_allclose(nc.io.load_csv(tmp_path / "a.csv")["B"], motion["B"], atol=1e-7)
     assert browser.said == []
+
+
+def enter(browser: Browser, place: str, value: float) -> None:
+    """Type into the field of an input or a dimension."""
+    field = f"const f = document.querySelector('{place} input[type=number]')"
+    browser.run(f"{{ {field}; f.value = {value}; f.dispatchEvent(new Event('change')); }}")
+    settled(browser)
+
+
+@driven
+@pytest.mark.parametrize("tie", ["gear", "relation"])
+@pytest.mark.parametrize("start", [2.8, np.pi])  # half a turn is an edge: a drawing says one or the other
+def test_a_saved_design_counts_turns_as_the_page_does(browser, tmp_path, tie, start):
+    m = nc.Mechanism("pair")
+    m.ground("A", (0, 0)), m.ground("B", (70, 0))
+    m.point("P", (30 * np.cos(0.5), 30 * np.sin(0.5))), m.point("Q", (70 + 40 * np.cos(start), 40 * np.sin(start)))
+    m.body("one", ["A", "P"]), m.body("two", ["B", "Q"]), m.angle("a", at="A", to="P"), m.angle("b", at="B", to="Q")
+    m.gear("mesh", "a", "b", radii=(30, 40)) if tie == "gear" else m.relation("tie", {"a": 30.0, "b": 40.0})
+    motion = nc.sweep(m.compile(), {"a": np.linspace(0.5, 0.5 + 4 * np.pi, 61)})
+    path = viz.to_html(motion, tmp_path / "a.html", model=m)
+    for a, radius in ((0.5, 40), (2.0, 40), (9.0, 40), (9.0, 42)):
+        browser.open(path)
+        enter(browser, "#driving", a)
+        if radius != 40:  # the second wheel's, or the factor of its angle: the pose that is shown stays
+            enter(browser, "#sizes .control:nth-child(2)", radius)
+        file = tmp_path / "changed.json"
+        file.write_text(saved(browser, "design"))
+        there = nc.solve_position(nc.load(file).compile(), {"a": 0.7})
+        b = start - 30 / 40 * (a - 0.5) - 30 / radius * (0.7 - a)
+        np.testing.assert_allclose(there["Q"], [70 + 40 * np.cos(b), 40 * np.sin(b)], rtol=0, atol=1e-9)
+    assert browser.said == []
+
+
+@driven
+def test_a_table_has_poses_to_the_last_digit(browser, tmp_path):
+    m = nc.Mechanism("crank", length_unit="mm")
+    m.ground("A", (0, 0)), m.point("B", (300, 400)), m.body("crank", ["A", "B"]), m.angle("phi", at="A", to="B")
+    phi = np.linspace(0.0, 2 * np.pi, 41)
+    browser.open(viz.to_html(nc.sweep(m.compile(), {"phi": phi}), tmp_path / "a.html", model=m))
+    (tmp_path / "a.csv").write_text(saved(browser, "csv"))
+    table = nc.io.load_csv(tmp_path / "a.csv")
+    np.testing.assert_allclose(table["B"], 500 * np.stack([np.cos(phi), np.sin(phi)], axis=1), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(table["phi"], phi, rtol=0, atol=1e-11)  # twelve digits are written
 
 
 @driven
@@ -591,6 +635,56 @@ def test_the_view_changes_where_a_mechanism_has_left_it_and_the_pointer_has_gone
         posed(browser, pose)
         p = grip(browser, "C")
         assert 0 < p[0] - box["x"] < box["width"] and 0 < p[1] - box["y"] < box["height"]
+    assert browser.said == []
+
+
+@driven
+def test_a_mechanism_that_is_moved_out_of_the_picture_is_fitted_in_again(browser, tmp_path, hand):
+    m = nc.Mechanism("arm")
+    m.ground("A", (0, 0)), m.point("B", (1, 0.2)), m.body("arm", ["A", "B"]), m.angle("phi", at="A", to="B")
+    path = viz.to_html(nc.sweep(m.compile(), {"phi": np.linspace(0.1, 0.6, 9)}), tmp_path / "a.html")
+    browser.open(path)
+    box = json.loads(browser.run("JSON.stringify(document.getElementById('drawing').getBoundingClientRect())"))
+    left, top, right, bottom = box["left"], box["top"], box["right"], box["bottom"]
+
+    def seen() -> bool:
+        x, y = grip(browser, "B")
+        return left < x < right and top < y < bottom
+
+    enter(browser, "#driving", -1.5)
+    assert seen() and browser.run("window.jaxnc.design().q").pop() == -1.5
+    browser.open(path)
+    (x, y), (a, b) = grip(browser, "B"), grip(browser, "A")
+    for k, _ in enumerate(steps(browser, hand, [(x, y), *((x - 8.0 * k, b + 40.0 * k) for k in range(1, 9))])):
+        assert np.hypot(*np.subtract(grip(browser, "A"), (a, b))) < 0.1, f"the view moved after {k} moves"
+    settled(browser)
+    if hand == "mouse":
+        browser.ask("Input.dispatchMouseEvent", type="mouseMoved", x=left + 9.0, y=bottom + 30.0)
+        settled(browser)
+    assert seen() and np.hypot(*np.subtract(grip(browser, "A"), (a, b))) > 1.0
+    assert browser.said == []
+
+
+@driven
+@pytest.mark.parametrize("relative", [False, True])
+def test_a_joint_at_full_reach_stays_nearest_to_the_pointer(browser, tmp_path, hand, relative):
+    """Out of reach and round the circle: where the line to the pointer meets it."""
+    m = nc.Mechanism("arm")
+    m.ground("A", (0, 0)), m.point("B", (1.0, 0.6)), m.point("C", (1.7, -0.2))
+    m.body("upper", ["A", "B"]), m.body("lower", ["B", "C"]), m.angle("a", at="A", to="B")
+    m.angle("b", at="B", to="C", **({"start": "A"} if relative else {}))
+    t, b = np.linspace(0.0, 6.0, 21), np.arctan2(-0.8, 0.7) - (np.arctan2(-0.6, -1.0) if relative else 0.0)
+    motion = nc.sweep(m.compile(), {"a": np.arctan2(0.6, 1.0) + 0.3 * np.sin(t), "b": b + 0.3 * np.sin(1.5 * t)})
+    browser.open(viz.to_html(motion, tmp_path / "a.html"))
+    a, b, c = (np.array(grip(browser, name)) for name in "ABC")
+    reach = (np.hypot(1.0, 0.6) + np.hypot(0.7, 0.8)) * np.hypot(*(b - a)) / np.hypot(1.0, 0.6)
+    angles = np.arctan2(c[1] - a[1], c[0] - a[0]) + np.linspace(0.0, -0.6, 13)
+    round_it = [a + 1.1 * reach * np.array([np.cos(x), np.sin(x)]) for x in angles]
+    ways = [*(c + (round_it[0] - c) * k / 10 for k in range(10)), *round_it]
+    for k, at in enumerate(steps(browser, hand, ways)):
+        if k > 10:
+            wanted = a + (at - a) * reach / np.hypot(*(at - a))
+            assert np.hypot(*(grip(browser, "C") - wanted)) < PIXELS, f"after {k} moves"
     assert browser.said == []
 
 

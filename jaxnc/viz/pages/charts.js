@@ -76,12 +76,13 @@ const save = (name, kind, text) => {
 };
 const file = (D.title.replace(/[^\w-]+/g, "-").replace(/^-+|-+$/g, "") || "mechanism").slice(0, 60);
 function tableText() {
+  handled?.whole();
   const places = D.points.flatMap(p => axes.map(a => p.name + "." + a));  // columns of their own, driven or not
   const shown = rows.scalars.map(x => x[1]).filter(s => s.values.length >= D.poses && !places.includes(s.name || s.symbol)), head = (name, unit) => { const t = name + within(unit); return /[\x22,]/.test(t) ? "\x22" + t.replace(/\x22/g, "\x22\x22") + "\x22" : t; };
   const text = (v, good) => good && v != null ? +v.toPrecision(12) : "";
-  const lines = [["pose", ...shown.map(s => head(s.name || s.symbol, unitOf(s))), ...D.points.flatMap(p => axes.map(a => head(p.name + "." + a, D.unit)))]];
+  const lines = [["pose", ...shown.map(s => head(s.name || s.symbol, unitOf(s))), ...places.map(name => head(name, D.unit))]];
   const asked = name => D.scalars.find(s => s.driven && (s.name || s.symbol) === name)?.values;
-  for (let i = 0; i < D.poses; i++) lines.push([i, ...shown.map(s => text(s.values[i] && s.values[i] * angular(s), !D.status[i] || s.driven)), ...D.points.flatMap(p => axes.map(a => D.status[i] && asked(p.name + "." + a) ? text(asked(p.name + "." + a)[i], true) : text(p[a][i], !D.status[i] || !p.moves)))]);
+  for (let i = 0; i < D.poses; i++) lines.push([i, ...shown.map(s => text(s.values[i] && s.values[i] * angular(s), !D.status[i] || s.driven)), ...D.points.flatMap(p => axes.map(a => { const given = D.status[i] && asked(p.name + "." + a); return text((given || p[a])[i], given || !D.status[i] || !p.moves); }))]);
   return lines.join("\n") + "\n";
 }
 function pictureText() {

@@ -28,18 +28,21 @@ function rateOf(pose, column, order, q = pose === T ? now.q : poses[pose]) {
 }
 // Whole turns that an angle has made beyond the motion's values, where nothing counts them.
 const beyond = i => { const [low, high] = ranges[i], x = now.q[L.driven[i]]; return L.periodic[i] && max(low - x, x - high) > 1e-9 ? turn * round(0.999999 * (x - (low + high) / 2) / turn) : 0; };
+const wrapped = (x, i) => L.angles[i] ? x - turn * round(x / turn) : x;
 const askedOf = pose => L.asked[pose].map((x, i) => x + beyond(i));
 // The tip of an arrow: to scale, but no longer than the longest.
 const point = (pose, [foot, tip], v, scale) => put(tip, pose, axes.map((axis, j) => columns[foot][axis][pose] + (v ? v[j] * min(scale, D.longest / hypot(...v)) : 0)));
 let exert = () => {}, rest = exert, loose = () => !F.forces;
 {{EXERTING}}
 // Write a pose into the page's arrays; T is the one that is being changed.
-function store(pose, q) {
+function note(pose, q) {
   const at = markersAt(q);
   sources.forEach(([marker, i], column) => put(column, pose, (marker ? at : q).subarray(i)));
   D.scalars.forEach((s, i) => { s.values[pose] = q[first + i]; });
   L.names.forEach((name, i) => { const s = scalarOf(name); if (s) s.values[pose] = pose < T ? L.asked[pose][i] : q[L.driven[i]] - beyond(i); });
-  motions[pose] = null;
+}
+function store(pose, q) {
+  note(pose, q); motions[pose] = null;
   for (const set of D.arrows) if (set.order < 2) for (const shaft of set.shafts) point(pose, shaft, rateOf(pose, shaft[0], set.order, q), set.scale);
   exert(pose, q);
 }
@@ -157,14 +160,13 @@ const control = (parent, name, unit) => {
   const label = el("label", {}, name + within(unit)), field = el("input", { type: "number", step: "any" }), slide = el("input", { type: "range", step: "any" });
   give(field, { "aria-label": name }); give(slide, { "aria-label": name + ", slider" });
   $(parent).append(el("div", { className: "control" }, label, field, slide));
-  const heard = go => { on(slide, "input", () => go(+slide.value)); on(field, "change", () => go(field.value === "" ? NaN : +field.value, true)); on(field, "blur", () => { shown(); sizes(); }); };
+  const heard = (go, done) => { on(slide, "input", () => go(+slide.value)); on(field, "change", () => { go(field.value === "" ? NaN : +field.value, true); done(); }); on(slide, "change pointerup blur", done); on(field, "blur", () => { shown(); sizes(); }); };
   return { label, slide, field, heard, fill: (x, shown = x) => { if (idle(slide)) slide.value = x; if (idle(field)) field.value = +shown.toPrecision(6); } };
 };
 const driving = L.names.map((name, i) => {
   const [low, high] = ranges[i], spare = high > low ? 0 : L.angles[i] ? PI : 0.5 * L.length;
   const c = control("driving", symbolOf(name)), factor = () => L.angles[i] && degrees ? 180 / PI : 1;
-  const go = (entered, typed) => { const value = typed ? entered / factor() : entered; pause(); if (isFinite(value)) { take(); tell(led(L.driven.map((at, j) => j === i ? value + beyond(i) : now.q[at]))); } };
-  c.heard(go);
+  c.heard((entered, typed) => { const value = typed ? entered / factor() : entered; pause(); if (isFinite(value)) { take(); tell(led(L.driven.map((at, j) => j === i ? value + beyond(i) : now.q[at]))); } }, () => fit(0));
   c.slide.min = low - spare; c.slide.max = high + spare;
   return () => {
     const x = k < T ? L.asked[k][i] : now.q[L.driven[i]] - beyond(i);
@@ -185,15 +187,14 @@ const rated = ["speed", "acceleration"].flatMap((noun, order) => D.points.flatMa
   text: `${noun} of ${p.name}`, unit: D.unit + "/s" + (order ? "²" : ""),
   at: i => { whole(); const v = D.status[i] ? null : rateOf(i, column, order); return v && hypot(...v); },
 }] : []));
-// Rates are known of poses that were solved here: of all of them, once they are asked for.
+// Poses of the given motion are solved, to the last digit and with rates, once they are asked for.
 function whole() {
   if (wholly || designed) return;
   wholly = true;
-  const good = D.status.map(s => !s);
-  for (const by of [1, -1]) { const p = now.q.slice(); for (let pose = L.start; pose >= 0 && pose < T && good[pose] && S.follow(p, now.c, L.asked[pose]); pose += by) poses[pose] = p.slice(); }
+  for (const by of [1, -1]) { const p = now.q.slice(); for (let pose = L.start; pose < T && D.status[pose] === 0 && S.follow(p, now.c, L.asked[pose]); pose += by) note(pose, poses[pose] = p.slice()); }
 }
 sizes();
 const between = (pose, column) => designed && betweens[pose] ? betweens[pose].map(q => placeIn(q, column)) : [];
 // For scripts on the page: all coordinates where the inputs are led to, or null; and as they are now.
 const solve = target => { take(); const good = led(target); present(); return good ? [...now.q] : null; }, design = () => ({ q: [...now.q], dimensions: [...now.d] }), plotted = () => Object.fromEntries(D.series.map(s => [s.symbol, s.values[k] ?? null]));
-return { altered: () => designed, exerts: () => !loose(k), between, shown, grips, rates: () => rated, now, solve, design, plotted, take, back, present, remember, fit, askedOf, markersAt, drawing, everywhere };
+return { altered: () => designed, exerts: () => !loose(k), between, shown, grips, rates: () => rated, now, solve, design, plotted, take, back, present, remember, fit, whole, askedOf, markersAt, drawing, everywhere };

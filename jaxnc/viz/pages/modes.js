@@ -2,7 +2,6 @@
 const next = el("button", { id: "assembly", type: "button", title: "The next assembly at these inputs" });
 let assemblies = [], resting = 0, chosen = false;
 const same = (p, q) => p.every((x, i) => i >= first || abs(x - q[i]) < 1e-5 * L.length);
-const wrapped = (x, i) => L.angles[i] ? x - turn * round(x / turn) : x;
 // A pose of numbers c is led to the inputs and numbers that are shown, angles in the turn in which they stand.
 function lead(p, c) {
   if (!(S.correct(p, c) >= 0 && S.follow(p, c, L.driven.map((at, i) => p[at] + wrapped(now.q[at] - p[at], i))))) return false;

@@ -60,7 +60,7 @@ _SENTENCES = {
     "live": "With these dimensions this assembly does not reach it.",
     "stuck": " goes no further: the mechanism could not be assembled.",
     "stays": "So it cannot be assembled: it stays as it was.",
-    "home": "It cannot be saved: with these dimensions it does not reach the pose in which it was drawn.",
+    "home": "It cannot be saved: with these dimensions no pose was found that can be its drawing.",
 }
 _DESIGN = '<button id="design" type="button">{}</button>'
 

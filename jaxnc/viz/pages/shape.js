@@ -1,17 +1,39 @@
-// In the plane joints are dragged. A changed design is drawn as it stands.
-const drawing = () => now.q;
+// In the plane joints are dragged. A changed design is drawn as it stands, or if turns count, where no angle has made half
+// a one: a drawing does not tell.
+const drawing = () => {
+  const q = now.q.slice(), good = to => S.follow(q, now.c, to) && L.counted.every(i => abs(q[i]) < PI - 1e-6);
+  return [L.driven.map(i => q[i]), ...[L.home, ...L.asked].map(to => to.map(wrapped))].some(good) && q;
+};
+// A joint gets as near as it can by steps of Levenberg and Marquardt, damped by how far off it is: at full reach all inputs
+// move it the same way, and what they do against each other is not linear.
 function pull(column, wanted) {
-  const place = q => placeIn(q, column), far = () => hypot(...less(place(now.q), wanted));
+  const off = () => less(wanted, placeIn(now.q, column));
   let good = true;
-  for (let turn = 0, share = 1; turn < 8 && good; turn++) {
-    const before = now.q.slice(), gap = far(), to = S.toward(now.q, now.c, place, wanted, share);
+  for (let turn = 0, damping = 1; turn < 16; turn++) {
+    const before = now.q.slice(), gap = hypot(...off()), to = toward(column, off(), damping * gap / L.length + 1e-9);
     if (!to) break;
     good = led(to);
-    const gain = gap - far();
-    if (gain < 0) { now.q.set(before); share /= 3; good = true; }  // too far, as where the joint turns back
+    const gain = gap - hypot(...off());
+    if (gain > 0) damping /= 4; else { now.q.set(before); damping *= 8; }
     if (abs(gain) < 1e-7 * L.length) break;
   }
   tell(good);
+}
+function toward(column, [f, g], damping) {
+  const q = now.q, slopes = S.slopes(q, now.c);
+  if (!slopes) return null;
+  const ways = L.driven.map((k, i) => {
+    const p = q.slice();
+    p[k]++;
+    L.unknown.forEach((u, j) => { p[u] += slopes[j * L.driven.length + i] / L.weights[j]; });
+    return less(placeIn(p, column), placeIn(q, column));  // it is linear
+  });
+  // Inputs count by how far they move the joint, none by rounding: beside its dead point one leaves the others their part.
+  const shares = ways.map(([x, y]) => (x = x * x + y * y) > 1e-12 * L.length ** 2 ? 1 / x : 0);
+  const [a, b, c] = ways.reduce(([a, b, c], [x, y], i) => [a + x * x * shares[i], b + x * y * shares[i], c + y * y * shares[i]], [damping, 0, damping]);
+  const steps = ways.map(([x, y], i) => (x * (c * f - b * g) + y * (a * g - b * f)) / (a * c - b * b) * shares[i]);
+  const most = max(...steps.map((x, i) => abs(x) / (L.angles[i] ? 0.5 : 0.3 * L.length)), 1);
+  return steps.map((x, i) => q[L.driven[i]] + x / most);
 }
 function reshape(column, wanted, again) {
   const q = now.q.slice(), m = markersAt(q).slice(), [marker, i] = sources[column];
@@ -46,12 +68,12 @@ function stretch() {
   k = pose;
   if (longer) show(k);
 }
-// The view again, where a changed mechanism has left the picture, or become as small in it as `least`. Not from under a
+// The view again, where the mechanism has left the picture, or become as small in it as `least`. Not from under a
 // pointer that holds a joint or may take the next: when it has gone, a finger where it is lifted.
 function fit(least) {
-  if (!designed || rings.some(node => node.onpointermove)) return;
+  if (rings.some(node => node.onpointermove)) return;
   const [[x0, y0], [x1, y1]] = D.box, there = everywhere();
-  const [[a, b], [c, d]] = [extent(there, 0), extent(there, 1)], out = min(X(a), width - X(b), Y(d), height - Y(c)) < 0;
+  const [[a, b], [c, d]] = [0, 1].map(i => extent(there, i)), out = min(X(a), width - X(b), Y(d), height - Y(c)) < 0;
   if (out || hypot(b - a, d - c) < least * hypot(x1 - x0, y1 - y0)) { D.box.splice(0, 2, [a, c], [b, d]); layout(); }
 }
 const mode = on => { shaping = on; give($("move"), { "aria-pressed": !on }); give($("shape"), { "aria-pressed": on }); grips(); };
@@ -78,7 +100,7 @@ const rim = make("g", {}, svg), rings = D.points.map((p, column) => {
     const way = ways[event.key];
     if (!way || chorded(event)) return;
     event.preventDefault(); event.stopPropagation(); begin();
-    go(at(column).map((x, i) => x + (event.shiftKey ? 24 : 6) * way[i]));
+    go(at(column).map((x, i) => x + (event.shiftKey ? 24 : 6) * way[i])); fit(0);
   });
   return node;
 });

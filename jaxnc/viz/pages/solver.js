@@ -60,7 +60,7 @@ const solver = (F, L) => {
     return good ? length(L.unknown.map((u, j) => (q[u] - from[u]) * L.weights[j])) : NaN;
   };
   const upright = (q, c) => { F.guards(q, c, G); return G.every(g => g > 0); };
-  const length = x => sqrt(x.reduce((sum, y) => sum + y * y, 0));
+  const length = x => hypot(...x);
   const along = (T, way) => { const out = zeros(n); for (let j = 0; j < n; j++) for (let k = 0; k < driven; k++) out[j] += T[j * driven + k] * way[k]; return out; };
   // Inputs are led to a target; q becomes the last pose on the way. Whether it is reached.
   const follow = (q, c, target) => {
@@ -90,8 +90,8 @@ const solver = (F, L) => {
     }
     return true;
   };
-  // How far the fastest coordinate goes for the inputs: without end at a dead point.
-  const swift = (q, c) => { residual(q, c); const found = look(q, c, true, R); return found ? max(...found.T.map(abs)) : Infinity; };
+  // Slopes of the unknowns (as lengths) by the inputs; and how far the fastest goes, without end at a dead point.
+  const slopes = (q, c) => { residual(q, c); return look(q, c, true, R)?.T; }, swift = (q, c) => { const T = slopes(q, c); return T ? max(...T.map(abs)) : Infinity; };
   // Velocities and accelerations of all coordinates from those of the inputs.
   const rates = (q, c, speeds) => {
     residual(q, c);
@@ -105,5 +105,5 @@ const solver = (F, L) => {
   };
 {{HOLDING}}
 {{MORPHING}}
-  return { follow, swift, rates, correct, residual, ...changing, ...holding };
+  return { follow, slopes, swift, rates, correct, morph, ...holding };
 };

@@ -449,6 +449,7 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, object]:
     par = motion.system.parameters
     names = [top.coordinates[k] for k in view.driven]
     guards = [(block, program(block.kind, "guard", top.dim)) for block in top.blocks]
+    tied = {k for block in top.blocks if not block.kind.measure for own in block.scalars for k in own}
     return {
         "start": start,
         "q": q[start].tolist(),
@@ -461,6 +462,7 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, object]:
         "names": names,
         "angles": [bool(top.is_angle(name)) for name in names],
         "periodic": [name in top.scalars and bool(top.periodic[top.scalars.index(name)]) for name in names],
+        "counted": [k for k in np.flatnonzero(top.mark(top.angles)).tolist() if k in tied],  # whose turns count
         "rows": len(view.rows),
         "weights": [float(x) for x in np.asarray(eq.weights)[view.unknown]],
         "length": float(eq.length),
@@ -526,13 +528,16 @@ def _design_file(system: System, model: Mechanism | None) -> dict[str, object]:
 
 def _where(data: dict[str, Any], top: Topology, one: Dimension) -> list[Any]:
     """Find where a dimension stands in a model file; nowhere, if it is not known."""
-    table = {Thing.BODY: "bodies", Thing.JOINT: "joints"}.get(one.owner.thing)
+    table = {
+        Thing.BODY: "bodies", Thing.JOINT: "joints", Thing.RELATION: "relations", Thing.CONSTRAINT: "constraints"
+    }.get(one.owner.thing)  # fmt: skip
     entry = data.get(table, {}).get(top.called(one.owner)) if table else None
     if not isinstance(entry, dict) or table is None:
         return []
     path = [table, top.called(one.owner)]
-    if one.key in entry.get("lengths", {}):
-        return [*path, "lengths", one.key]
+    for group in ("lengths", "terms", "constants"):
+        if one.key in entry.get(group, {}):
+            return [*path, group, one.key]
     point, _, axis = one.key.rpartition(".")
     if point in entry.get("local", {}):
         return [*path, "local", point, int(axis == "across")]

@@ -23,7 +23,7 @@ function hear() {
   const next = Object.fromEntries(numbers.map(name => [name, Float64Array.from(said[name])]));
   heard = told(Object.fromEntries(numbers.map(name => [name, said[name]])));
   pause();
-  if (numbers.slice(1).every(name => next[name].every((x, i) => x === live.now[name][i]))) { live.now.q.set(next.q); live.present(); }
+  if (numbers.slice(1).every(name => next[name].every((x, i) => x === live.now[name][i]))) { live.now.q.set(next.q); live.present(); live.fit(0); }
   else { if (!held) live.remember(); live.back(next); if (!held) live.fit(0.6); }
   if (said.say) say(said.say);
   if (said.ack >= asked) { busy = false; if (next_pull) pull(...next_pull); }

@@ -450,7 +450,7 @@ class Widget:
                 if numbers == self._original:
                     system = self._first
                 elif "drawn" not in now:
-                    self._say(say="With these dimensions it does not reach the pose in which it was drawn.")
+                    self._say(say="With these dimensions no pose was found that can be its drawing.")
                     return
                 else:
                     system = self._redrawn(np.array(now["drawn"], float), now)

@@ -128,6 +128,7 @@ _BETWEEN: dict[str, tuple[tuple[str, Mesh], ...]] = {
 _ABOUT: dict[str, tuple[tuple[str, Mesh], ...]] = {
     "spring": (("spring", _stroke_about(1.3, 0.0, 4.5 * math.pi, 0.12)),),
     "damper": (("dashpot", _stroke_about(2.4, 0.6, 5.6)),),
+    "stop": (("dashpot", join(_stroke_about(2.4, 0.6, 2.8), _stroke_about(2.4, 3.3, 5.6))),),
     "effort": (("torque", _stroke_about(3.2, 0.8, 5.0)), ("torque", _head(3.2, 5.0))),
 }
 CENTRE = (("mass", _octants(False)), ("dark mass", _octants(True)))
