@@ -330,6 +330,7 @@ KEYS = {
     "ConditionEntry.point": "within, local: the point",
     "ConditionEntry.x": "within: from, to; local: the value",
     "ConditionEntry.y": "within: from, to; local: the value",
+    "ConditionEntry.z": "within: from, to",
     "ConditionEntry.region": "clear of: corners of a polygon, or two opposite ones of a box",
     "ConditionEntry.links": "clear of: names of bodies; all that move if not given",
     "ConditionEntry.layers": "clear links: the layer of each body, or bodies of one layer",

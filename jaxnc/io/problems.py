@@ -109,7 +109,34 @@ def _orientations(given: list[Any], dim: int, angle: float, source: Source) -> n
     return found if dim == 2 else np.stack([np.asarray(rotation_matrix(v)) for v in found])
 
 
-def _condition(c: ConditionEntry, mechanism: Mechanism, driven: float, k: int, source: Source) -> kinds.Condition:
+class _Watched:
+    """An entry of a file that remembers which of its fields were asked for."""
+
+    def __init__(self, entry: ConditionEntry):
+        self._entry, self._asked = entry, {"type"}
+
+    def __getattr__(self, name: str) -> Any:
+        self._asked.add(name)
+        return getattr(self._entry, name)
+
+    def unused(self) -> list[str]:
+        """Names of fields that were given, and nobody asked for."""
+        given = {f.name: f.default for f in structs.fields(self._entry) if f.name not in self._asked}
+        return [name for name, default in given.items() if getattr(self._entry, name) not in (default, [])]
+
+
+def _condition(entry: ConditionEntry, mechanism: Mechanism, driven: float, k: int, source: Source) -> kinds.Condition:
+    """Make the condition that an entry means, with nothing in it that says nothing."""
+    watched = _Watched(entry)
+    made = _make_condition(watched, mechanism, driven, k, source)
+    for name in watched.unused():
+        raise source.fault(
+            f"{name} = … says nothing in a condition {entry.type!r}; leave it out", ("conditions", k, name)
+        )
+    return made
+
+
+def _make_condition(c: Any, mechanism: Mechanism, driven: float, k: int, source: Source) -> kinds.Condition:
     """Make the condition that an entry means; one of the input is in units of `driven`."""
     angle = math.pi / 180.0 if mechanism.model.units.angle == "deg" else 1.0
 
@@ -130,7 +157,7 @@ def _condition(c: ConditionEntry, mechanism: Mechanism, driven: float, k: int, s
             what = c.variable if c.variable is not None else tuple(require("points", c.points, 2))
             return integer(what, c.step) if c.type == "integer" else stock(what, require("sizes", c.sizes))
         if c.type == "within":
-            return kinds.within(require("point", c.point), c.x, c.y)
+            return kinds.within(require("point", c.point), c.x, c.y, c.z)
         if c.type == "clear of":
             return clear_of(require("region", c.region), c.links, c.width, c.margin)
         if c.type == "clear links":

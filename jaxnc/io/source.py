@@ -424,6 +424,7 @@ class ConditionEntry(_Record):
     point: str | None = None
     x: tuple[float | None, float | None] | None = None
     y: tuple[float | None, float | None] | None = None
+    z: tuple[float | None, float | None] | None = None
     region: list[tuple[float, float]] | None = None
     links: list[str] | None = None
     layers: dict[str, int] | list[str] | None = None

@@ -541,7 +541,7 @@ def local(point: str, along: tuple[str, str], x: object = None, y: object = None
 
 @public
 def size(max: float) -> Condition:
-    """The box around everything that moves is no wider and no higher than `max`, over the whole range."""
+    """The box around all points, the ground's too, is no wider and no higher than `max`, over the whole range."""
     positive(max, "size: max")
     return Size(float(max))
 

@@ -64,7 +64,7 @@ class Design:
         transmission: least angle at which the constraints of a loop meet over the range, or between the targets if the
             input does not go through the range, radians; NaN in space.
         turns: whether the input goes through its whole range.
-        size: width and height (and depth) of everything that moves over the range.
+        size: width and height (and depth) of the box around all points, the ground's too, over the range.
         lengths: of its links, by the names of two points: ``"B-C"``.
         defects: what is wrong with it, in words; empty if nothing.
         binding: conditions that it just meets, unknowns at their bounds: what may hold it back.

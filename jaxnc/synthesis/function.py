@@ -33,6 +33,12 @@ def _attitude_reader(name: str) -> Callable[[Motion], Array]:
     return functools.partial(_read_attitude, name=name)
 
 
+def _is_angle(system: System, output: object) -> bool:
+    """Tell whether an output is an angle that is the same a turn further on."""
+    top = system.topology
+    return isinstance(output, str) and output in top.scalars and bool(top.periodic[top.scalars.index(output)])
+
+
 @public
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class FunctionGeneration(Problem):
@@ -44,6 +50,7 @@ class FunctionGeneration(Problem):
         target: of the output, ``(M,)``.
         input_offset: whether the input counts from a value that is free.
         output_offset: whether the output does.
+        jumps: whether the output is an angle that goes on by more than half a turn somewhere in the table.
     """
 
     by_target = ("target", "weights")
@@ -53,6 +60,7 @@ class FunctionGeneration(Problem):
     target: np.ndarray
     input_offset: bool
     output_offset: bool
+    jumps: bool
 
     def __init__(
         self,
@@ -115,7 +123,8 @@ class FunctionGeneration(Problem):
             if shapes(_attitude_reader(output), repeat_drawing(stated, 1)) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         check_radians(table, f"{what}: values", turn_of(stated, False), "state one turn, which the others repeat")
-        if isinstance(output, str) and output in top.scalars and top.periodic[top.scalars.index(output)]:
+        turns = _is_angle(stated.system, output)
+        if turns:
             check_radians(wanted, f"{what}: target", 4 * np.pi, "leave out whole turns")
         names = ("input offset",) * bool(input_offset) + ("output offset",) * bool(output_offset)
         complete(
@@ -130,6 +139,7 @@ class FunctionGeneration(Problem):
             target=wanted,
             input_offset=input_offset,
             output_offset=output_offset,
+            jumps=turns and bool((np.abs(np.diff(wanted)) > np.pi).any()),
             weights=as_weights(weights, count, what),
         )
 
@@ -161,19 +171,11 @@ class FunctionGeneration(Problem):
         else:
             found = _read_attitude(motion, self.output)
         missed = found - (extra[-1] if self.output_offset else 0.0) - self.target
-        if not self._turns:
+        if not _is_angle(self.system, self.output):
             return missed
-        return missed - 2.0 * jnp.pi * jnp.round(missed[0] / (2.0 * jnp.pi))  # the table's turns are not the drawing's
-
-    @property
-    def _turns(self) -> bool:
-        """True if the output is an angle that is the same a turn further on."""
-        top = self.system.topology
-        return (
-            isinstance(self.output, str)
-            and self.output in top.scalars
-            and bool(top.periodic[top.scalars.index(self.output)])
-        )
+        # The table's turns are not the drawing's; in one that jumps, as angles in (-pi, pi] do, each has its own.
+        off = missed if self.jumps else missed[0]
+        return missed - 2.0 * jnp.pi * jnp.round(off / (2.0 * jnp.pi))
 
     @property
     def error_shape(self) -> tuple[int, ...]:
@@ -190,7 +192,12 @@ class FunctionGeneration(Problem):
         if not self.output_offset:
             return x, errors
         root = np.sqrt(self.weights)
-        off = errors @ root / self.weights.sum()
         x = x.copy()
+        if self.jumps:
+            turned = np.exp(1j * self.size * errors / np.where(root > 0.0, root, 1.0))
+            mean = turned @ self.weights
+            x[:, -1] += np.angle(mean)
+            return x, np.angle(turned * np.conj(mean)[:, None]) * root / self.size
+        off = errors @ root / self.weights.sum()
         x[:, -1] += off * self.size
         return x, errors - off[:, None] * root

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -331,9 +332,10 @@ def write_designs(
     folder = target.folder(folder)
     x = np.stack([d.x for d in designs]) if designs else np.zeros((0, problem.count))
     ends = np.reshape([_end_numbers(d) for d in designs], (-1, 5))
-    told = json.dumps({
-        **meta, "names": problem.names, "reasons": [d.reason for d in designs], "freedoms": [d.freedom for d in designs]
-    })  # fmt: skip
+    each = {"reasons": "reason", "freedoms": "freedom", "errors": "error"}
+    told = json.dumps(
+        {**meta, "names": problem.names, **{name: [getattr(d, of) for d in designs] for name, of in each.items()}}
+    )
     more: Any = arrays
     with target.replacing(folder / "result.npz") as new:
         np.savez(new, x=x, ends=ends, meta=np.array(told), **more)
@@ -363,7 +365,7 @@ def read_designs(
     arrays = read_archive(path, f"a file that {writer} wrote")
     try:
         x, ends, meta = arrays["x"], arrays["ends"], json.loads(str(arrays["meta"]))
-        wanted, reasons, freedoms = meta["names"], meta["reasons"], meta["freedoms"]
+        wanted, reasons, freedoms, errors = (meta[name] for name in ("names", "reasons", "freedoms", "errors"))
         missing = [name for name in names if name not in arrays and name not in meta]
     except (KeyError, ValueError, TypeError):
         missing = ["meta"]
@@ -376,13 +378,17 @@ def read_designs(
         raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
     moved = zip(move_designs(problem, list(x)), ends, reasons, strict=True)
     basins = [_to_basin(one, end, str(reason)) for one, end, reason in moved]
-    judged = zip(judge(problem, basins, ranked=False), freedoms, strict=True)
-    return [dataclasses.replace(design, freedom=int(freedom)) for design, freedom in judged], meta, arrays
+    judged, anew = zip(judge(problem, basins, ranked=False), freedoms, errors, strict=True), []
+    for design, freedom, error in judged:
+        same = design.exact or math.isclose(design.error, error, rel_tol=1e-6)
+        other = {"converged": False, "reason": "refined for other targets"}
+        anew.append(dataclasses.replace(design, **{"freedom": int(freedom)} if same else other))
+    return anew, meta, arrays
 
 
 @public
 def load(folder: str | Path, problem: Problem) -> Result:
-    """Read what `Result.save` wrote; every design is judged again.
+    """Read what `Result.save` wrote; every design is judged again, also by a problem with other targets.
 
     Raises:
         InputError: there is no such result, or it belongs to a problem with other unknowns.

@@ -378,6 +378,9 @@ def test_searches_that_cannot_succeed_say_why(timed):
         )
 
 
+CRANK = 'type = "crank turns"\nkind = "crank-rocker"'
+
+
 def test_problem_files(tmp_path):
     from jaxnc.io.problems import load_problem
 
@@ -444,11 +447,12 @@ stops = { phi = [-360, 90], "C.y" = [0, inf] }
         ("timing = [30, 45, 60, 75, 90]", "timing = [30, 45]", "timing must be 5 numbers"),
         ('type = "crank turns"', 'type = "no flip"', "give distance="),
         ('type = "crank turns"', 'type = "transmission angle"\nmin = 95', "(95 degrees)"),
+        ('type = "crank turns"', 'type = "crank turns"\nmin = 3', "min = … says nothing in a condition 'crank turns'"),
         ("timing = [30, 45, 60, 75, 90]", "timing = [30, 45, 60, 75, 430]", "(400 degrees)"),
         ('point = "P"', 'point = "A"', "'A' is a ground point"),
         ('point = "P"', 'point = "P"\noutput = "psi"', "output = … says nothing in a problem of kind 'path'"),
         ('point = "P"', 'point = "P"\norientations = [0.0]', "leave it out, or give kind = 'motion'"),
-        ('type = "crank turns"', 'type = "only circuit"\nstops = { X = [0, 1] }', "no coordinate 'X' with a stop"),
+        (CRANK, 'type = "only circuit"\nstops = { X = [0, 1] }', "no coordinate 'X' with a stop"),
     ):
         assert old in text
         (tmp_path / "bad.toml").write_text(text.replace(old, new, 1))

@@ -323,17 +323,23 @@ def test_no_iteration_begins_when_time_is_over():
     assert [lane.iterations for lane in lanes] == [0]
 
 
-def test_conditions_over_a_range_are_differentiated_alike_with_and_without_jit():
-    """The range begins at the drawing, which the unknowns move: eagerly the derivative has that as well."""
+POINTS = np.array([(3, 3), (2.759, 3.363), (2.372, 3.663), (1.89, 3.862), (1.355, 3.943)])
+
+
+def drawn_four_bar():
     m = nc.Mechanism("four-bar")
     m.ground("A", (0, 0)), m.ground("D", (4, 0))
     for name, place in {"B": (0.5, 1), "C": (3.3, 2.9), "P": (1.8, 3.2)}.items():
         m.point(name, place)
     m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C", "P"]), m.body("rocker", ["C", "D"])
     m.angle("phi", at="A", to="B", start="D")
-    points = np.array([(3, 3), (2.759, 3.363), (2.372, 3.663), (1.89, 3.862), (1.355, 3.943)])
+    return m
+
+
+def test_conditions_over_a_range_are_differentiated_alike_with_and_without_jit():
+    """The range begins at the drawing, which the unknowns move: eagerly the derivative has that as well."""
     timing, size = np.radians([30, 45, 60, 75, 90]), nc.synthesis.size(8.0)
-    problem = nc.synthesis.PathGeneration(m, "P", points, timing=timing, free=["B"], subject_to=[size])
+    problem = nc.synthesis.PathGeneration(drawn_four_bar(), "P", POINTS, timing=timing, free=["B"], subject_to=[size])
     x, way = jnp.asarray(problem.start), jnp.array([0.3, -0.7])
 
     def conditions(x):
@@ -343,3 +349,34 @@ def test_conditions_over_a_range_are_differentiated_alike_with_and_without_jit()
     slope = (ends[1] - ends[0]) / 2e-6
     for run in (conditions, jax.jit(conditions)):
         np.testing.assert_allclose(jax.jvp(run, (x,), (way,))[1], slope, rtol=1e-6, atol=1e-7)
+
+
+def test_a_table_of_wrapped_angles_is_the_same_function():
+    """A double crank's own output, as `arctan2` tells it: of an angle whole turns do not matter, at each target."""
+    m = nc.Mechanism("double crank")
+    m.ground("A", (0, 0)), m.ground("D", (1, 0)), m.point("B", (0, 3)), m.point("C", (2.5, 3.0))
+    m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C"]), m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B"), m.angle("psi", at="D", to="C")
+    values = np.pi / 2 + np.linspace(0, 5, 12)
+    told = np.asarray(nc.sweep(m.compile(), {"phi": values})["psi"])
+    wrapped = np.angle(np.exp(1j * told))
+    assert np.abs(np.diff(wrapped)).max() > np.pi
+    for target in (told, told - 2 * np.pi, wrapped):
+        problem = nc.synthesis.FunctionGeneration(m, "psi", values, target, input="phi", free=["B", "C"])
+        assert np.abs(problem.evaluate(jnp.asarray(problem.start)).errors).max() < 1e-12
+    ask = {"input": "phi", "free": ["B", "C"], "output_offset": True}
+    problem = nc.synthesis.FunctionGeneration(m, "psi", values, np.angle(np.exp(1j * (told + 0.7))), **ask)
+    found = nc.synthesis.solve(problem, starts=50, refine=4, key=jax.random.key(0), progress=False)
+    assert found.designs[0].exact
+
+
+def test_a_result_that_is_read_for_other_targets_claims_nothing_of_these(tmp_path):
+    free = ["D", "B", "C", "P"]
+    problem, other = (
+        nc.synthesis.PathGeneration(drawn_four_bar(), "P", POINTS + by, input="phi", free=free) for by in (0.0, 0.3)
+    )
+    nc.synthesis.solve(problem, starts=20, refine=4, key=jax.random.key(1), progress=False).save(tmp_path)
+    same, shifted = (nc.synthesis.load(tmp_path, one) for one in (problem, other))
+    assert same.designs[0].exact and same.designs[0].freedom > 0
+    assert not any(d.exact or d.converged or d.freedom for d in shifted.designs)
+    assert "continuum" not in str(shifted)

@@ -437,7 +437,7 @@ def _tighten_margins(
     """
     looked_at = [id(goal.problem.conditions[i]) for i, *_ in goal.margins]
     left, done = list(best), []
-    for _ in range(3 if looked_at else 0):  # rounds of refining again with margins
+    for _ in range(6 if looked_at else 0):  # rounds of refining again with margins
         short = []
         for basin in left:
             far = shortfalls(problem, basin.one)
