@@ -13,7 +13,7 @@ from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.equilibrium import Equilibrium
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow, evaluate_rows
-from jaxnc.dynamics.model import check_loads, dynamics
+from jaxnc.dynamics.model import check_loads, dynamics, forces
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.start import Rates, assemble_pose, check_start, start_rates
 from jaxnc.errors import InputError, brief, nearest
@@ -121,11 +121,11 @@ class Linearisation:
     @property
     def _rounded(self) -> np.ndarray:
         """The eigenvalues, zero where they are rounding: of two that are zero together, rounding leaves the root."""
-        values, tenth = self.eigenvalues, 0.1 * limits(self.mass).balance
-        size = np.abs(values)
+        values, size = self.eigenvalues, np.abs(self.eigenvalues)
         most = np.max(size, initial=1e-300)
-        values = np.where(size <= np.sqrt(tenth / 1e3) * most, 0.0, values)  # rounding is a thousandth of that
-        return np.where(np.abs(values.real) <= tenth * most, 1j * values.imag, values)
+        # rounding leaves 45 times the last digit of the largest square
+        values = np.where(size <= np.sqrt(45.0 * np.finfo(self.mass.dtype).eps) * most, 0.0, values)
+        return np.where(np.abs(values.real) <= 0.1 * limits(self.mass).balance * most, 1j * values.imag, values)
 
     @as_its_system
     def mode(self, number: int, amplitude: float = 0.1, poses: int = 41) -> Motion:
@@ -159,7 +159,7 @@ class Linearisation:
         rows = [f"linearised about a state of {self.motion.system.name!r} in {', '.join(self.coordinates)}"]
         if isinstance(self.stiffness, Tracer):
             return f"{rows[0]}, traced"
-        if not self.steady:
+        if not np.all(self.steady):
             rows.append(
                 "  of an instant: this is no equilibrium, and no steady motion in these coordinates; of a motion give "
                 "coordinates= that stay or change steadily, such as a measured angle"
@@ -283,11 +283,21 @@ def _choose_independent(system: System, flow: Flow, q: Array, v: Array) -> tuple
 
     # An angle or a distance is easier to read than a component of a point: preferred where it serves nearly as well.
     names = [inner.coordinates[view.unknown[k]] for k in shown_places]
-    # Components of what moves are as a steady motion has them at an instant only.
-    moving = {inner.coordinates[k].partition(".")[0] for k in np.flatnonzero(np.asarray(v))} - {*top.scalars}
-    liked = np.array([2.0 if n in top.scalars else 0.02 if n.partition(".")[0] in moving else 1.0 for n in names])
+    # Components of what moves are as a steady motion has them at an instant only, most of all those that change.
+    changes = [v, _find_acceleration(flow, q, v)] if np.any(v) else [v]
+    sizes = [np.abs(np.asarray(weights(flow.dyn.eq) * change)) for change in changes]
+    changing = np.any([size > 1e-9 * size.max(initial=0.0) for size in sizes], axis=0)
+    moving = {inner.coordinates[k] for k in np.flatnonzero(changing)} - {*top.scalars}
+    owners = {name.partition(".")[0] for name in moving}
+    liked = np.array([2.0 if n in top.scalars else 0.02 if n in moving else 1.0 for n in names])
+    liked = np.where([n.partition(".")[0] in owners for n in names], 0.05 * liked, liked)
     order: np.ndarray = qr(free * liked, pivoting=True, mode="r")[-1]
     return tuple(names[k] for k in order[: system.degrees_of_freedom])
+
+
+@filter_jit
+def _find_acceleration(flow: Flow, q: Array, v: Array) -> Array:
+    return flow.accelerate(jnp.zeros(()), q, v)[0]
 
 
 def _is_steady(flow: Flow, view: Plan, q: Array, v: Array, at: list[int], matrix: Array, acceleration: Array) -> Array:
@@ -301,9 +311,13 @@ def _is_steady(flow: Flow, view: Plan, q: Array, v: Array, at: list[int], matrix
 
     size = [jnp.max(jnp.abs(part), initial=0.0) for part in as_lengths(matrix)]
     rest = jnp.max(jnp.abs(own * acceleration[view.known]), initial=0.0)
-    # 1e-6 of what a force of the size of those around would give
-    still = rest <= 1e-6 * (size[0] * length + size[1] * speed + speed**2 / length)
-    if any(isinstance(x, Tracer) for x in (still, speed)) or not (still and speed > 0.0):
+    # What the forces that balance would give, each by itself.
+    push = jnp.max(jnp.abs(forces(flow.dyn, jnp.zeros(()), q, v) / weight), initial=0.0)
+    pull = push / jnp.maximum(jnp.max(jnp.diagonal(flow.dyn.mass) / weight**2), limits(q).tiny)
+    still = rest <= limits(q).balance * (pull + size[0] * length + size[1] * speed + speed**2 / length)
+    # 1e-6 of what is gone in the time of a swing is no motion
+    rate = jnp.sqrt(size[0] + pull / length) + size[1]
+    if any(isinstance(x, Tracer) for x in (still, speed)) or not (still and speed > 1e-6 * length * rate):
         return still
     # after a thousandth of the time in which something moves by the size, by which it is known to 1e-9
     ahead = 1e-3 * length / speed

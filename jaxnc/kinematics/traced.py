@@ -75,7 +75,9 @@ def analyse_traced(
         begin = jnp.where(np.isin(np.arange(len(frozen.home)), view.fixed), frozen.home, begin)
     finite = jnp.all(jnp.isfinite(targets), axis=1)
     reached = lax.cummin(finite.astype(np.int32)) > 0 if method == "continuation" else finite
-    targets = jnp.where(reached[:, None], targets, begin[..., view.known])
+    # What is no number is solved for nowhere, and nothing is differentiated by it.
+    rest = jnp.where(jnp.isfinite(begin), begin, frozen.home)[..., view.known]
+    known, targets = (jnp.where(reached[:, None], x, rest) for x in (known, targets))
     if method != "guess":
         found = solve_traced(view, method, repair or view.large, frozen, begin, targets)
     elif view.large:

@@ -227,11 +227,13 @@ class Robot:
                     "save() writes places and directions; masses, springs or constants of relations of this design are "
                     "not the file's, so change those in the file"
                 )
-        eq = derive(system)
-        moved = np.abs(np.asarray(settle(eq, np.zeros(len(eq.home))).q) - np.asarray(eq.home))
-        farthest = int(np.argmax(moved[: len(system.topology.points) * system.topology.dim]))
+        eq, top = derive(system), system.topology
+        moved = _assembled_elsewhere(system) - _assembled_elsewhere(
+            self.system
+        )  # a file's own loops may be open a little
+        farthest = int(np.argmax(moved[: len(top.points) * top.dim]))
         if moved[farthest] > 1e-7 * float(eq.length):  # 1e-7 of the size: the file has no more digits
-            name = system.topology.coordinates[farthest].partition(".")[0]
+            name = top.coordinates[farthest].partition(".")[0]
             raise InputError(
                 f"{self.mechanism.name!r}: this design assembles elsewhere than it is drawn, {name!r} by "
                 f"{moved[farthest]:.3g}, and a file has the drawing: move what slides on a line that was moved along"
@@ -253,6 +255,12 @@ class Robot:
             lines.append(f"  held: {', '.join(self.held)}")
         lines += [f"  left out: {said}" for said in self.left_out] + [f"  note: {said}" for said in self.notes]
         return "\n".join(lines)
+
+
+def _assembled_elsewhere(system: System) -> np.ndarray:
+    """Return by how much each coordinate of the assembled drawing is off the drawn one."""
+    eq = derive(system)
+    return np.abs(np.asarray(settle(eq, np.zeros(len(eq.home))).q) - np.asarray(eq.home))
 
 
 @in_one_program

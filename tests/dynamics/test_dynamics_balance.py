@@ -302,11 +302,11 @@ def test_a_spinning_top_prints_how_it_moves():
         assert f"± {root:.6g}i rad/s" in str(near)
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.5])
+@pytest.mark.parametrize(("turn", "spin"), [(0.0, 40.0), (0.5, 1.0), (0.5, 3000.0), (1.3, 40.0)])
 @pytest.mark.parametrize("measured", [True, False])
-def test_a_spinning_rotor_is_linearised_in_what_stays_or_turns_steadily(measured, turn):
+def test_a_spinning_rotor_is_linearised_in_what_stays_or_turns_steadily(measured, turn, spin):
     """On four springs it whirls by ``I w'' = -k w ± i G w'``; components of what spins are of an instant only."""
-    spin, across, along, mass, height, stiffness = 40.0, 0.05, 0.08, 2.0, 0.4, 300.0
+    across, along, mass, height, stiffness = 0.05, 0.08, 2.0, 0.4, 300.0
     m = nc.Mechanism("rotor", dim=3)
     m.ground("O", (0, 0, 0))
     m.ground_vector("z", (0, 0, 1))
@@ -326,7 +326,29 @@ def test_a_spinning_rotor_is_linearised_in_what_stays_or_turns_steadily(measured
         inertia = across + mass * height**2
         whirl = np.abs(np.roots([inertia, along * spin, -2.0 * stiffness * height**2]))
         found = np.sort(np.abs(near.eigenvalues))[2:]
-        np.testing.assert_allclose(found, np.sort([*whirl, *whirl]), rtol=1e-9)
+        np.testing.assert_allclose(found, np.sort([*whirl, *whirl]), rtol=1e-7)
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.7, 2.0])
+def test_a_balanced_seesaw_is_in_equilibrium_anywhere(phi):
+    """Its stiffness is rounding, and so is what is left of its weights; a slow turn is a steady motion."""
+    m = nc.Mechanism("seesaw")
+    m.ground("O", (0, 0))
+    m.point("A", (-0.1 * np.cos(phi), -0.1 * np.sin(phi))), m.point("B", (0.3 * np.cos(phi), 0.3 * np.sin(phi)))
+    m.body("beam", ["O", "A", "B"], mass=0.0), m.point_mass("a", "A", 3.0), m.point_mass("b", "B", 1.0)
+    m.angle("phi", at="O", to="B"), setattr(m, "gravity", (0, -9.81))
+    for rates in (None, {"phi": 1e-15}, {"phi": 1e-3}, {"phi": 5.0}):
+        assert nc.linearise(m.compile(), rates=rates).steady, rates
+
+
+def test_a_slow_instability_beside_a_stiff_mode_is_told():
+    m = nc.Mechanism("two")
+    m.ground("O", (0, 0)), m.ground("Q", (3, 0)), m.point("P", (0, 1)), m.point("R", (3, 1))
+    m.body("slow", ["O", "P"], mass=1.0), m.body("stiff", ["Q", "R"], mass=1.0)
+    m.angle("phi", at="O", to="P"), m.angle("psi", at="Q", to="R"), setattr(m, "gravity", (0, -9.81))
+    m.spring("spring", "psi", stiffness=5e12, free=np.pi / 2)
+    near = nc.linearise(m.compile())
+    assert near.steady and not near.stable
 
 
 def test_units_of_forces_go_with_the_unit_of_length():

@@ -524,3 +524,18 @@ def test_a_design_that_assembles_elsewhere_than_it_is_drawn_is_not_saved(tmp_pat
     for values in ([0.0, 0.0, 0.0], [0.2, 0.5, 0.03]):
         one, two = robot.frames(robot.pose(values, both))["b"], again.frames(again.pose(values))["b"]
         np.testing.assert_allclose(one[0], two[0], atol=1e-6)
+
+
+def test_a_robot_whose_loop_is_open_a_little_is_saved(tmp_path):
+    path = tmp_path / "loop.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="a"><joint name="p" axis="0 1 0"/><geom type="capsule" size=".01" '
+        'fromto="0 0 0 0 0 .1"/><body name="b" pos="0 0 .1"><joint name="q" axis="0 1 0"/><geom type="capsule" '
+        'size=".01" fromto="0 0 0 .3 0 .1"/><site name="t" pos=".3 0 .1"/></body></body><body name="c" pos=".25 0 0">'
+        '<joint name="r" axis="0 1 0"/><geom type="capsule" size=".01" fromto="0 0 0 .05 0 .2"/>'
+        '<site name="u" pos=".0501 0 .2"/></body></worldbody><equality><connect site1="t" site2="u"/></equality>'
+        "</mujoco>"
+    )
+    robot = nc.from_mjcf(path)
+    again = nc.from_mjcf(robot.save(tmp_path / "again.xml"))
+    np.testing.assert_allclose(again.positions([0.1]), robot.positions([0.1]), atol=1e-6)

@@ -434,6 +434,15 @@ def test_a_table_has_poses_to_the_last_digit(browser, tmp_path):
 
 
 @driven
+def test_a_table_keeps_the_assemblies_of_the_motion(browser, tmp_path):
+    poses = nc.modes(nc.library.four_bar().compile(), {"phi": 1.0}).poses
+    browser.open(viz.to_html(poses, tmp_path / "a.html"))
+    (tmp_path / "a.csv").write_text(saved(browser, "csv"))
+    assert len(poses.status) == 2
+    np.testing.assert_allclose(nc.io.load_csv(tmp_path / "a.csv")["C"], poses["C"], rtol=0, atol=1e-7)
+
+
+@driven
 def test_poses_that_a_changed_design_does_not_reach_show_its_ground(browser, four_bar):
     browser.open(four_bar[1])
     browser.run("document.getElementById('shape').click()")

@@ -321,7 +321,8 @@ def _call_function(function: Callable[[np.ndarray], Any], x: np.ndarray, what: s
     try:
         found = call_user(function, f"{what}: function", "x", x)
     except (TypeError, ValueError):
-        call_user(function, f"{what}: function", "x", float(x[0]))  # another fault passes through
+        for number in x:  # another fault passes through
+            call_user(function, f"{what}: function", "x", float(number))
         raise InputError(
             f"{what}: function: {function_name(function)} takes one number, and is given an array of them: write it "
             f"with numpy (x**2, np.sin, np.where), or give numpy.vectorize(function)"

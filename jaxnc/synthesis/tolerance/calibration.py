@@ -179,7 +179,7 @@ def calibrate(
         spread = as_floats(1.0 if spread is None else spread, f"calibration: sigma of {name!r} must be numbers")
         if spread.shape == lead != want[-1:]:  # one for each pose, for all components
             spread = spread[..., None]
-        if spread.shape not in ((), (1,), lead, want[-1:], (*lead, 1), want):
+        if spread.shape not in ((), (1,), lead, want[-1:], (1, *want[-1:]), (*lead, 1), want):
             raise InputError(
                 f"calibration: sigma of {name!r} has shape {spread.shape}; give one number, or those of shape "
                 f"{' or '.join(str(s) for s in dict.fromkeys((lead, want[-1:], want)) if s)}"

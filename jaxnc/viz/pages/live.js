@@ -187,11 +187,11 @@ const rated = ["speed", "acceleration"].flatMap((noun, order) => D.points.flatMa
   text: `${noun} of ${p.name}`, unit: D.unit + "/s" + (order ? "²" : ""),
   at: i => { whole(); const v = D.status[i] ? null : rateOf(i, column, order); return v && hypot(...v); },
 }] : []));
-// Poses of the given motion are solved, to the last digit and with rates, once they are asked for.
+// Poses are solved to the last digit, with rates, once asked for, as far as they are on the branch of the first.
 function whole() {
   if (wholly || designed) return;
   wholly = true;
-  for (const by of [1, -1]) { const p = now.q.slice(); for (let pose = L.start; pose < T && D.status[pose] === 0 && S.follow(p, now.c, L.asked[pose]); pose += by) note(pose, poses[pose] = p.slice()); }
+  for (const by of [1, -1]) { const q = now.q.slice(); for (let pose = L.start; pose < T && D.status[pose] === 0 && S.follow(q, now.c, L.asked[pose]) && D.points.every((p, i) => axes.every((axis, j) => abs(placeIn(q, i)[j] - p[axis][pose]) < 1e-5 * L.length)); pose += by) note(pose, poses[pose] = q.slice()); }
 }
 sizes();
 const between = (pose, column) => designed && betweens[pose] ? betweens[pose].map(q => placeIn(q, column)) : [];

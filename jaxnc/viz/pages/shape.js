@@ -1,11 +1,9 @@
-// In the plane joints are dragged. A changed design is drawn as it stands, or if turns count, where no angle has made half
-// a one: a drawing does not tell.
+// A changed design is drawn as it stands, or if turns count, where no angle has made half a one: a drawing does not tell.
 const drawing = () => {
   const q = now.q.slice(), good = to => S.follow(q, now.c, to) && L.counted.every(i => abs(q[i]) < PI - 1e-6);
   return [L.driven.map(i => q[i]), ...[L.home, ...L.asked].map(to => to.map(wrapped))].some(good) && q;
 };
-// A joint gets as near as it can by steps of Levenberg and Marquardt, damped by how far off it is: at full reach all inputs
-// move it the same way, and what they do against each other is not linear.
+// A joint gets as near as it can by steps of Levenberg and Marquardt: at full reach all inputs move it the same way.
 function pull(column, wanted) {
   const off = () => less(wanted, placeIn(now.q, column));
   let good = true;
