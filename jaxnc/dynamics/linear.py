@@ -125,7 +125,8 @@ class Linearisation:
         most = np.max(size, initial=1e-300)
         # rounding leaves 45 times the last digit of the largest square
         values = np.where(size <= np.sqrt(45.0 * np.finfo(self.mass.dtype).eps) * most, 0.0, values)
-        return np.where(np.abs(values.real) <= 0.1 * limits(self.mass).balance * most, 1j * values.imag, values)
+        rounding = np.abs(np.real(values)) <= 0.1 * limits(self.mass).balance * most
+        return np.where(rounding, 1j * np.imag(values), values)
 
     @as_its_system
     def mode(self, number: int, amplitude: float = 0.1, poses: int = 41) -> Motion:
