@@ -125,7 +125,7 @@ def clearance_by_points(motion, box, names):
 
 def test_a_search_goes_round_a_region(problem):
     """The four-bar of a curve runs through it; of what is found with the condition no link does, in 2,000 poses."""
-    result = S.solve(problem, starts=200, refine=24, iterations=24, keep=1, key=jax.random.key(0), progress=False)
+    result = S.solve(problem, starts=100, refine=8, iterations=24, keep=1, key=jax.random.key(0), progress=False)
     assert result.found and "clear of the region" in str(problem)
     least = []
     for system in (problem.system, result.best):
