@@ -55,6 +55,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.rows import Rows
 from jaxnc.status import Status
 from jaxnc.system.precision import widened
+from jaxnc.system.structure import is_own
 from jaxnc.system.system import System
 from jaxnc.types import Inputs, Numbers
 
@@ -223,8 +224,9 @@ def family_of(design: Design, inputs: Sequence[int], seed: int, most: float, pro
     """The family of a design: made once for a structure, of `most` solutions, or read from the user's cache."""
     base, fixed = design.reading, tuple(by_structure(c).tobytes() for c in design.constants)
     known = base.families
-    if (fixed, seed) not in known:
+    if (fixed, seed) not in known or any(is_own(block.kind) for block in base.top.blocks):
         base.check_cases(design.x, design.constants)
+    if (fixed, seed) not in known:
         rng = np.random.default_rng([seed, 33])
         generic = draw_generic(design, rng)
         if base.freedoms(*generic) < sum(not base.top.fixed[c] for c in inputs):

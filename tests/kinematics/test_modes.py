@@ -820,3 +820,22 @@ def test_numbers_of_an_own_kind_are_lengths_as_they_stand(given, size):
     np.testing.assert_allclose(np.sort(np.asarray(found.poses["P"])[:, 0] / size), right, rtol=1e-9)
     lengths = size * np.array([2.5, 3.0, 5.5, 6.0])
     np.testing.assert_array_equal(nc.modes(system, {"L": lengths}).count, [4, 4, 2, 2])
+
+
+def test_a_case_that_another_design_chooses_is_refused_for_each():
+    """The rows of one design are polynomials, those of the next are others: a start set of the first is none of it."""
+
+    def rows(p, v, s, c):
+        return (p[0][1] - jnp.where(c[0] > 0.0, c[0] * p[0][0] * p[0][0], -p[0][0]),)
+
+    choice = nc.constraints.Kind("choice", rows, points=1, constants=("k",), drawn=lambda p, v, s, c: (c[0],))
+
+    def slot(k, place):
+        m = nc.Mechanism("slot")
+        m.ground("A", (0.0, 5.0)), m.point("P", place), m.distance("L", "A", "P")
+        m.constrain("slot", choice, points=["P"], constants={"k": k})
+        return m.compile()
+
+    assert len(nc.modes(slot(1.0, (1.6, 2.56)), {"L": 3.0})) == 4
+    with pytest.raises(nc.InputError, match="change with a case"):
+        nc.modes(slot(-1.0, (1.0, -1.0)), {"L": 6.0})
