@@ -21,12 +21,6 @@ from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search.stock import integer, stock
 from jaxnc.vehicle.suspension import ATTITUDE
 
-_OF_KIND = {
-    "path": ("point", "timing", "start_timing", "ordered", "closed", "offset", "either_sense", "travel"),
-    "function": ("output", "values", "input_offset", "output_offset"),
-    "motion": ("body", "point", "orientations", "timing", "offset", "travel"),
-}
-
 
 def load_problem(path: str | Path) -> tuple[Problem, SearchOptions]:
     """Read a problem file.
@@ -39,11 +33,14 @@ def load_problem(path: str | Path) -> tuple[Problem, SearchOptions]:
     said, source = statement(path)
     folder = source.path.parent
     mechanism = load(folder / said.mechanism)
+    watched = _Watched(said, "mechanism", "search", "kind")
     with source.blamed():
-        return _problem(said, mechanism, folder, source), said.search
+        made = _problem(watched, mechanism, folder, source)
+    watched.refuse_unused(source, f"a problem of kind {said.kind!r}")
+    return made, said.search
 
 
-def _problem(said: ProblemFile, mechanism: Mechanism, folder: Path, source: Source) -> Problem:
+def _problem(said: Any, mechanism: Mechanism, folder: Path, source: Source) -> Problem:
     angle = math.pi / 180.0 if mechanism.model.units.angle == "deg" else 1.0
     names = [*mechanism.model.angles, *mechanism.model.distances]
     likely = [*mechanism.model.run.inputs] or names
@@ -58,14 +55,6 @@ def _problem(said: ProblemFile, mechanism: Mechanism, folder: Path, source: Sour
         "minimax": said.minimax,
         "subject_to": [_condition(c, mechanism, unit, k, source) for k, c in enumerate(said.conditions)],
     }
-    others = {name for names in _OF_KIND.values() for name in names} - {*_OF_KIND[said.kind]}
-    for key in structs.fields(said):
-        if key.name in others and getattr(said, key.name) != key.default:
-            fit = " or ".join(repr(kind) for kind, names in _OF_KIND.items() if key.name in names)
-            raise source.fault(
-                f"{key.name} = … says nothing in a problem of kind {said.kind!r}; leave it out, or give kind = {fit}",
-                (key.name,),
-            )
     target, closed = _target(said, folder, source)
 
     def require(name: str) -> Any:
@@ -89,8 +78,8 @@ def _problem(said: ProblemFile, mechanism: Mechanism, folder: Path, source: Sour
     travel = None if said.travel is None else (said.travel[0] * unit, said.travel[1] * unit)
     timing = None if said.timing is None else np.asarray(said.timing) * unit
     common |= {"travel": travel, "offset": said.offset, "timing": timing}
-    begun = None if said.start_timing is None else np.asarray(said.start_timing) * unit
     if said.kind == "path":
+        begun = None if said.start_timing is None else np.asarray(said.start_timing) * unit
         common |= {"ordered": said.ordered, "start_timing": begun, "either_sense": said.either_sense}
         return PathGeneration(mechanism, require("point"), target, closed=closed, **common)
     turns = _orientations(require("orientations"), mechanism.model.dim, angle, source)
@@ -110,29 +99,27 @@ def _orientations(given: list[Any], dim: int, angle: float, source: Source) -> n
 
 
 class _Watched:
-    """An entry of a file that remembers which of its fields were asked for."""
+    """A record of a file that remembers which of its fields were asked for."""
 
-    def __init__(self, entry: ConditionEntry):
-        self._entry, self._asked = entry, {"type"}
+    def __init__(self, record: ProblemFile | ConditionEntry, *asked: str):
+        self._record, self._asked = record, {*asked}
 
     def __getattr__(self, name: str) -> Any:
         self._asked.add(name)
-        return getattr(self._entry, name)
+        return getattr(self._record, name)
 
-    def unused(self) -> list[str]:
-        """Names of fields that were given, and nobody asked for."""
-        given = {f.name: f.default for f in structs.fields(self._entry) if f.name not in self._asked}
-        return [name for name, default in given.items() if getattr(self._entry, name) not in (default, [])]
+    def refuse_unused(self, source: Source, where: str, *place: str | int) -> None:
+        """Refuse fields that were given, and nobody asked for."""
+        for field in structs.fields(self._record):
+            if field.name not in self._asked and getattr(self._record, field.name) not in (field.default, [], {}):
+                raise source.fault(f"{field.name} = … says nothing in {where}; leave it out", (*place, field.name))
 
 
 def _condition(entry: ConditionEntry, mechanism: Mechanism, driven: float, k: int, source: Source) -> kinds.Condition:
     """Make the condition that an entry means, with nothing in it that says nothing."""
     watched = _Watched(entry)
     made = _make_condition(watched, mechanism, driven, k, source)
-    for name in watched.unused():
-        raise source.fault(
-            f"{name} = … says nothing in a condition {entry.type!r}; leave it out", ("conditions", k, name)
-        )
+    watched.refuse_unused(source, f"a condition {entry.type!r}", "conditions", k)
     return made
 
 

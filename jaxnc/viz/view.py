@@ -43,6 +43,8 @@ class View:
         self.columns = data.every_column
         self.arrow_sets: list[Arrows] = []
         lower, upper = self.scene.box(self.columns[self.shown])
+        if np.array_equal(lower, upper):  # one place, as of unit vectors about a point: any extent will do
+            lower, upper = lower - 0.5, upper + 0.5
         self.lower, self.upper = lower, upper
         self.inner = lower, upper  # extents without what is sized in units
         for column in self.traces:

@@ -451,7 +451,7 @@ stops = { phi = [-360, 90], "C.y" = [0, inf] }
         ("timing = [30, 45, 60, 75, 90]", "timing = [30, 45, 60, 75, 430]", "(400 degrees)"),
         ('point = "P"', 'point = "A"', "'A' is a ground point"),
         ('point = "P"', 'point = "P"\noutput = "psi"', "output = … says nothing in a problem of kind 'path'"),
-        ('point = "P"', 'point = "P"\norientations = [0.0]', "leave it out, or give kind = 'motion'"),
+        ('point = "P"', 'point = "P"\norientations = [0.0]', "orientations = … says nothing in a problem of"),
         (CRANK, 'type = "only circuit"\nstops = { X = [0, 1] }', "no coordinate 'X' with a stop"),
     ):
         assert old in text

@@ -489,3 +489,11 @@ def test_names_of_angles_at_one_point_do_not_lie_on_each_other():
     figure = viz.draw(m)
     texts = [t for t in figure.axes[0].texts if t.get_gid() in ("label", "input")]
     assert len(texts) == 5 and not overlaps(boxes(figure, texts))
+
+
+def test_unit_vectors_about_one_point_have_an_extent():
+    m = nc.Mechanism("pointer", dim=3)
+    m.ground("O", (0, 0, 0)), m.ground_vector("a", (1, 0, 0)), m.vector("u", (0, 0.6, 0.8))
+    m.body("hand", ["O"], vectors=["a", "u"])
+    low, high = m.draw().axes[0].get_xlim()
+    assert 0.1 < high - low < 10.0
