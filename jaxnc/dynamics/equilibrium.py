@@ -62,7 +62,9 @@ class Equilibrium:
         at = top.write_values({n: self[n] for n in self.motion.system.independent or top.scalars[:1]})
         if self.motion.status != 0:
             return f"Equilibrium({name!r}: none was found, given up at {at})"
-        return f"Equilibrium({name!r}: {'stable' if self.stable else 'not stable'}, at {at})"
+        indifferent = np.size(self.stiffness) and np.asarray(self.stiffness)[0] == 0.0
+        said = "stable" if self.stable else "indifferent" if indifferent else "not stable"
+        return f"Equilibrium({name!r}: {said}, at {at})"
 
     @property
     def stable(self) -> Array:
@@ -188,9 +190,12 @@ def _neutral(values: Array) -> Array:
     return jnp.abs(values) < 10.0 * limits(values).nothing
 
 
-def _largest_stiffness(k: Array) -> Array:
-    """Return the largest stiffness, 1 where there is none at all."""
-    size = largest(k)
+def _largest_stiffness(k: Array, f: Array, length: Array) -> Array:
+    """Return the largest stiffness, 1 where there is none at all.
+
+    Forces that balance have one by their size alone: of that size is what cancels in a stiffness that is none.
+    """
+    size = jnp.maximum(largest(k), largest(f) / length)
     return jnp.where(size > 0, size, 1.0)
 
 
@@ -228,12 +233,14 @@ def _change_equilibrium(found: tuple[Array, Array], flow: Flow, ok: Array, chang
     at, wrong, miss = (jnp.where(ok, x, 0.0) for x in jax.jvp(imbalance, (flow,), changes[:1])[1])
     weight = weights(eq)[view.unknown]
     j, k = view.linearise(eq, q)[1] / weight, _stiffness(flow, q, lam)
-    spread = jax.lax.stop_gradient(_largest_stiffness(k))
+    f = forces(flow.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[view.unknown] / weight
+    spread = jax.lax.stop_gradient(_largest_stiffness(k, f, eq.length))
     k, (rows, p) = k / spread, _admissible_motions(j)
     still = _indifferent(*jax.lax.stop_gradient((0.5 * (k + k.T), p)))
     dx = rows(jnp.zeros(len(k)), -miss)[0]
     force = wrong / weight / spread
-    dx = dx - solver(p @ k @ p + jnp.eye(len(k)) - p + still)(p @ (force + k @ dx))
+    # Along a motion that meets no force nothing says where it goes: it stays.
+    dx = dx - solver(p @ k @ p + jnp.eye(len(k)) - p + still)((p - still) @ (force + k @ dx))
     return view.move(at, dx / weight), rows(-force - k @ dx, jnp.zeros_like(miss))[1] * spread
 
 
@@ -289,9 +296,10 @@ def _find(flow: Flow, q: Array, downhill: bool):
         q, at = jax.tree.map(lambda new, old: jnp.where(good, new, old), (new, now), (q, at))
         shift = jnp.where(good, 0.1 * shift, jnp.maximum(10.0 * shift, 1e-4))
         shift = jnp.where(shift < 1e-8, 0.0, shift)
-        stop = (i > 0) & ((largest(at.free) <= least.force * size) | (far < 2.5 * least.floor * length) | (shift > 1e8))
+        balanced = largest(at.free) <= least.force * jnp.maximum(largest(at.f), least.tiny)
+        stop = (i > 0) & (balanced | (far < 2.5 * least.floor * length) | (shift > 1e8))
         k, p = at.k, at.p
-        spread = _largest_stiffness(k)
+        spread = _largest_stiffness(k, at.f, length)
         if downhill:
             # Newton on the admissible motions, every one of them taken as stiff as it is curved: downhill in any case.
             values, vectors = dense.symmetric_eigen(p @ k @ p)
@@ -301,7 +309,8 @@ def _find(flow: Flow, q: Array, downhill: bool):
         else:
             rows = saddle(k / spread + _indifferent(k / spread, p), at.j, True)
             dx, _ = rows(at.free / spread, jnp.zeros(at.j.shape[0]))
-        dx = dx * jnp.minimum(1.0, 0.2 * length / jnp.maximum(largest(dx), least.tiny))
+        # What is balanced stays: where it meets no stiffness, rounding would send it anywhere.
+        dx = jnp.where(balanced, 0.0, dx * jnp.minimum(1.0, 0.2 * length / jnp.maximum(largest(dx), least.tiny)))
         new = flow.project_position(view.move(q, dx / weight), 4)
         return i + 1, q, at, new, largest(dx), shift, stop
 
@@ -311,7 +320,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     f, lam, k, p = at.f, at.lam, at.k, at.p
     left = largest(at.free)
     gap = largest(residual(flow.dyn.eq, q)[view.rows])
-    spread = _largest_stiffness(k)
+    spread = _largest_stiffness(k, f, length)
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
     rounding = jnp.maximum(least.balance * jnp.maximum(largest(f), least.tiny), least.rounding * largest(k) * length)
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))

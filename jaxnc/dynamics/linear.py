@@ -33,6 +33,8 @@ from jaxnc.types import Array, Inputs
 class Linearisation:
     """The motion near a state, in independent coordinates z: ``M δz̈ + C δż + K δz = Rᵀ f``.
 
+    Mapped by `jax.vmap`, all that follows but `mode` is of each state, by the same leading axes.
+
     Attributes:
         motion: the state.
         coordinates: names of the independent coordinates.
@@ -45,6 +47,7 @@ class Linearisation:
         residual: second rates of z at the state itself: zero in an equilibrium or a steady motion, ``(g,)``.
         steady: whether they are, and the matrices stay what they are along the motion: otherwise these are those of an
             instant, and `eigenvalues` say nothing of later. In traced code only the residual is looked at.
+        rounding: the largest frequency that rounding of the forces may leave of one that is zero, rad/s, ``()``.
     """
 
     motion: Motion
@@ -57,17 +60,20 @@ class Linearisation:
     input_matrix: Array
     residual: Array
     steady: Array
+    rounding: Array
 
     @property
     def eigenvalues(self) -> np.ndarray:
         """Eigenvalues of the state matrix, rad/s, complex, in order of their size, ``(2g,)``."""
         outside(self, "eigenvalues (and what follows from them)")
         values = np.linalg.eigvals(np.asarray(self.state_matrix, float)).astype(complex)
-        return values[np.argsort(np.abs(values), kind="stable")]
+        return np.take_along_axis(values, np.argsort(np.abs(values), kind="stable"), axis=-1)
 
     @property
     def _modes(self) -> tuple[Array, Array]:
         """Undamped modes as columns, of unit modal mass, and their frequencies; first derivatives are exact."""
+        if self.mass.ndim > 2:
+            return jax.vmap(lambda each: each._modes)(self)
         twisted = ~_is_symmetric(self.stiffness)
         if isinstance(twisted, Tracer):
             return jax.tree.map(functools.partial(jnp.where, twisted), self._twisted_modes(twisted), self._own_modes())
@@ -111,20 +117,22 @@ class Linearisation:
     @property
     def modes(self) -> Array:
         """Shapes of the undamped modes in all coordinates, ``(g, N)``, in the order of `frequencies`."""
-        return (self.basis @ self._modes[0]).T
+        return jnp.swapaxes(self.basis @ self._modes[0], -1, -2)
 
     @property
-    def stable(self) -> bool:
+    def stable(self) -> bool | np.ndarray:
         """True if no eigenvalue has a positive real part; of a state that is `steady`."""
-        return bool(np.max(np.real(self._rounded), initial=-np.inf) <= 0.0)
+        good = np.max(np.real(self._rounded), axis=-1, initial=-np.inf) <= 0.0
+        return good if good.ndim else bool(good)
 
     @property
     def _rounded(self) -> np.ndarray:
         """The eigenvalues, zero where they are rounding: of two that are zero together, rounding leaves the root."""
         values, size = self.eigenvalues, np.abs(self.eigenvalues)
-        most = np.max(size, initial=1e-300)
+        most = np.max(size, axis=-1, keepdims=True, initial=1e-300)
         # rounding leaves 45 times the last digit of the largest square
-        values = np.where(size <= np.sqrt(45.0 * np.finfo(self.mass.dtype).eps) * most, 0.0, values)
+        least = np.maximum(np.sqrt(45.0 * np.finfo(self.mass.dtype).eps) * most, np.asarray(self.rounding)[..., None])
+        values = np.where(size <= least, 0.0, values)
         rounding = np.abs(np.real(values)) <= 0.1 * limits(self.mass).balance * most
         return np.where(rounding, 1j * np.imag(values), values)
 
@@ -141,6 +149,10 @@ class Linearisation:
             The motion; to first order, so its bars change their length a little where the amplitude is large.
         """
         outside(self, "mode()")
+        if self.mass.ndim > 2:
+            raise InputError(
+                f"mode() shows one state, and this is a batch {self.mass.shape[:-2]}: index it by jax.tree.map"
+            )
         top = self.motion.system.topology
         if not 0 <= number < len(self.coordinates):
             raise InputError(f"mode {number} of {len(self.coordinates)}; they are counted from 0")
@@ -160,6 +172,8 @@ class Linearisation:
         rows = [f"linearised about a state of {self.motion.system.name!r} in {', '.join(self.coordinates)}"]
         if isinstance(self.stiffness, Tracer):
             return f"{rows[0]}, traced"
+        if self.mass.ndim > 2:
+            return f"{rows[0]}, a batch {self.mass.shape[:-2]}"
         if not np.all(self.steady):
             rows.append(
                 "  of an instant: this is no equilibrium, and no steady motion in these coordinates; of a motion give "
@@ -172,7 +186,8 @@ class Linearisation:
                 turns = f" ± {value.imag:.6g}i rad/s, {value.imag / (2 * np.pi):.6g} Hz" if value.imag else " rad/s"
                 rows.append(f"  eigenvalue {value.real:.6g}{turns}{', grows' if value.real > 0.0 else ''}")
             return "\n".join(rows)
-        for k, w in enumerate(np.asarray(self.frequencies)):
+        frequencies = np.asarray(self.frequencies)
+        for k, w in enumerate(np.where(np.abs(frequencies) <= self.rounding, 0.0, frequencies)):
             said = f"{w / (2 * np.pi):.6g} Hz" if w > 0 else "grows" if w < 0 else "neutral"
             rows.append(f"  mode {k}: {abs(w):.6g} rad/s, {said}")
         return "\n".join(rows)
@@ -244,8 +259,9 @@ def linearise(
         None, zero,
     )  # fmt: skip
     shown_places = lower(top, basis.T).T
-    steady = _is_steady(flow, view, q, v, at.tolist(), a, acceleration)
-    return Linearisation(pose, names, mass, c, k, shown_places, a, b, rest, steady)
+    steady, rate = _is_steady(flow, view, q, v, at.tolist(), a, acceleration)
+    rounding = np.sqrt(45.0 * np.finfo(mass.dtype).eps) * jax.lax.stop_gradient(rate)
+    return Linearisation(pose, names, mass, c, k, shown_places, a, b, rest, steady, rounding)
 
 
 @filter_jit
@@ -301,8 +317,13 @@ def _find_acceleration(flow: Flow, q: Array, v: Array) -> Array:
     return flow.accelerate(jnp.zeros(()), q, v)[0]
 
 
-def _is_steady(flow: Flow, view: Plan, q: Array, v: Array, at: list[int], matrix: Array, acceleration: Array) -> Array:
-    """Say whether independent coordinates have no second rates, and a state matrix that is the same a little later."""
+def _is_steady(
+    flow: Flow, view: Plan, q: Array, v: Array, at: list[int], matrix: Array, acceleration: Array
+) -> tuple[Array, Array]:
+    """Say whether independent coordinates have no second rates, and a state matrix that is the same a little later.
+
+    Also returned is the rate, rad/s, of the quickest swing that forces of such a size could make.
+    """
     weight, length, g = weights(flow.dyn.eq), flow.dyn.eq.length, len(view.known)
     own, speed = weight[view.known], jnp.max(jnp.abs(weight * v), initial=0.0)
 
@@ -319,14 +340,14 @@ def _is_steady(flow: Flow, view: Plan, q: Array, v: Array, at: list[int], matrix
     # 1e-6 of what is gone in the time of a swing is no motion
     rate = jnp.sqrt(size[0] + pull / length) + size[1]
     if any(isinstance(x, Tracer) for x in (still, speed)) or not (still and speed > 1e-6 * length * rate):
-        return still
+        return still, rate
     # after a thousandth of the time in which something moves by the size, by which it is known to 1e-9
     ahead = 1e-3 * length / speed
     later = _linearise(flow, view, q + ahead * v + 0.5 * ahead**2 * acceleration, v + ahead * acceleration, at)[4]
     most = size[0] + (speed / length) ** 2, size[1] + speed / length
     pairs = zip(as_lengths(matrix), as_lengths(later), most, strict=True)
     # 1e-5 of its size in so short a time: a hundredth on the way
-    return jnp.all(jnp.array([jnp.max(jnp.abs(b - a), initial=0.0) <= 1e-5 * whole for a, b, whole in pairs]))
+    return jnp.all(jnp.array([jnp.max(jnp.abs(b - a), initial=0.0) <= 1e-5 * whole for a, b, whole in pairs])), rate
 
 
 def _state_changes(flow: Flow, view: Plan, q: Array, v: Array) -> tuple[Array, Array, Array]:

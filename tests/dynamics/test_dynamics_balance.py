@@ -367,3 +367,48 @@ def test_units_of_forces_go_with_the_unit_of_length():
     assert [top.load_unit(what) for what in ("force", "moment", "power")] == ["N", "N mm", "N mm/s"]
     metres = nc.library.four_bar().compile().topology
     assert [metres.load_unit(what) for what in ("moment", "energy", "power")] == ["N m", "J", "W"]
+
+
+def test_an_arm_that_a_spring_balances_anywhere_stays_and_is_neutral():
+    """The spring of a lamp, with no free length, holds the arm at any angle if ``k h a = m g l``."""
+    h, a, length, mass = 0.3, 0.2, 0.4, 2.0
+    for angle in (0.3, 0.7, -0.5):
+        way = np.array([np.cos(angle), np.sin(angle)])
+        m = nc.Mechanism("lamp")
+        m.gravity = (0, -G)
+        for name, place in (("O", (0, 0)), ("H", (0, h))):
+            m.ground(name, place)
+        m.point("Q", a * way)
+        m.point("P", length * way)
+        m.body("arm", ["O", "Q", "P"], mass=mass, com=length * way, inertia=0.01)
+        m.angle("phi", "O", "P")
+        m.spring("spring", "H", "Q", stiffness=mass * G * length / (h * a), free=0.0)
+        system = m.compile()
+        found = nc.equilibrium(system)
+        assert float(found["phi"]) == pytest.approx(angle, abs=1e-12)
+        assert not found.stable and float(found.stiffness[0]) == 0.0 and "indifferent" in str(found)
+        slope = jax.grad(lambda k: nc.equilibrium(system.replace({"spring.stiffness": k}))["phi"])  # noqa: B023
+        assert np.abs(slope(system["spring.stiffness"])) < 1e-6  # nothing says where it goes: it stays
+        about = nc.linearise(system)
+        assert about.stable and "neutral" in str(about)
+
+
+def test_a_batch_of_linearisations_has_the_numbers_of_each():
+    m = nc.Mechanism("arm")
+    m.gravity = (0, -G)
+    m.ground("O", (0, 0))
+    m.point("P", (0.0, 0.4))
+    m.body("arm", ["O", "P"], mass=2.0, com=(0.0, 0.4), inertia=0.01)
+    m.angle("phi", "O", "P")
+    m.spring("spring", "phi", stiffness=5.0)
+    system = m.compile()
+    stiffness = jnp.array([5.0, 7.0, 9.0, 20.0])
+    many = jax.vmap(lambda k: nc.linearise(system.replace({"spring.stiffness": k})))(stiffness)
+    square = (np.asarray(stiffness) - 2.0 * G * 0.4) / (2.0 * 0.4**2 + 0.01)  # of an inverted pendulum
+    exact = np.sign(square) * np.sqrt(np.abs(square))
+    assert np.abs(many.frequencies[:, 0] - exact).max() < 1e-12
+    assert many.stable.tolist() == (square > 0).tolist()
+    assert np.abs(np.abs(many.eigenvalues) - np.abs(exact)[:, None]).max() < 1e-12
+    assert many.modes.shape == (4, 1, len(system.topology.coordinates)) and "(4,)" in str(many)
+    with pytest.raises(nc.InputError, match="batch"):
+        many.mode(0)
