@@ -24,7 +24,7 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.kernel import Kernel, kernel, on_branch, writes_out
 from jaxnc.solvers.newton import attach_lanes
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.solvers.rows import Lanes
+from jaxnc.solvers.rows import TRACED, Lanes
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
@@ -116,13 +116,13 @@ def _measure_margins(view: Plan, motion: Motion) -> FlipMargin:
     distance = jnp.where(there, jnp.sqrt(jnp.where(there, far, 1.0)), jnp.where(good, jnp.inf, 0.0))
     unlimited = jnp.full(good.shape, jnp.inf)
     reach, dead_point = unlimited, unlimited
-    determinants = _determinants(view, core, eq, x, known, good)
+    squares = _squares(view, core, eq, x, known, good)
     most = jnp.pi if view.angles else eq.length
     if len(view.driven) == 1:
-        ahead = _way_to_dead_point(determinants, good, most)
+        ahead = _way_to_dead_point(squares, good, most)
         reach, dead_point = jnp.abs(ahead), known[0] + ahead
     elif len({k in view.angles for k in range(len(view.driven))}) == 1:
-        reach = _way_to_singularity(determinants, len(view.driven), good, most)
+        reach = _way_to_singularity(squares, len(view.driven), good, most)
     reach = jnp.where(good, reach, 0.0)
     several = jnp.stack(other, axis=-1).reshape(*shape, len(other))
     return FlipMargin(distance.reshape(shape), reach.reshape(shape), dead_point.reshape(shape), several)
@@ -266,51 +266,60 @@ def _aim_across(block: Any, eq: Equations, x: Lanes) -> list[Array]:
 # -- the dead point ----------------------------------------------------------------------------------------------------
 
 
-def _determinants(
+def _squares(
     view: Plan, core: Kernel, eq: Equations, x: Lanes, known: tuple[Array, ...], good: Array
 ) -> Callable[..., tuple[Array, ...]]:
-    """The determinants of the blocks that can flip, as a function of steps of the driven coordinates."""
+    """The squares of the determinants of blocks that can flip, but for factors, by steps of the driven coordinates."""
     unknown = tuple(lax.stop_gradient(x[int(c)]) for c in view.unknown)
+    bent = [block.rows.form not in ("affine", "angle") for block in core.blocks]
+    written = all(block.closed or block.rows.form == "angle" for block in core.blocks)
+    signs = lax.stop_gradient(core.signs(eq, x)) if written else ()
 
     def evaluate(*steps: Array) -> tuple[Array, ...]:
         moved = (*(k + step for k, step in zip(known, steps, strict=False)), *known[len(steps) :])
-        at = list(x)
-        new = *attach_lanes(view, unknown, eq, moved, good), *moved
-        for c, v in zip((*view.unknown, *view.known), new, strict=True):
+        at, found = list(x), []
+        for c, v in zip((*view.unknown, *view.known), (*unknown, *moved), strict=True):
             at[int(c)] = v
-        every = zip(core.determinants(eq, at), core.blocks, strict=True)
-        bent = [d for d, block in every if block.rows.form not in ("affine", "angle")]
-        return tuple(jnp.broadcast_to(d, good.shape) for d in bent)
+        if written:  # formulas are differentiated as they stand
+            for block, bends, sign in zip(core.blocks, bent, signs, strict=True):
+                given = block.rows.collect(at, eq)
+                if bends:
+                    found += block.rows.run_square(TRACED)(given)
+                for c, v in zip(block.columns, block.rows.run_solution(TRACED)([*given, sign]), strict=True):
+                    at[c] = v
+        else:
+            for c, v in zip(view.unknown, attach_lanes(view, unknown, eq, moved, good), strict=True):
+                at[int(c)] = v
+            found = [d * d for d, bends in zip(core.determinants(eq, at), bent, strict=True) if bends]
+        return tuple(jnp.broadcast_to(d, good.shape) for d in found)
 
     return evaluate
 
 
-def _way_to_singularity(determinants: Callable[..., tuple[Array, ...]], inputs: int, good: Array, most: Any) -> Array:
+def _way_to_singularity(squares: Callable[..., tuple[Array, ...]], inputs: int, good: Array, most: Any) -> Array:
     """How far several inputs are from a singular position, along the gradient of each determinant."""
     steps = tuple(jnp.zeros(good.shape) for _ in range(inputs))
     every = [tuple(jnp.ones_like(s) if j == k else s for j, s in enumerate(steps)) for k in range(inputs)]
-    slopes = [jax.jvp(determinants, steps, one)[1] for one in every]
+    slopes = [jax.jvp(squares, steps, one)[1] for one in every]
     nearest = jnp.full(good.shape, jnp.inf)
-    for k in range(len(determinants(*steps))):
+    for k in range(len(squares(*steps))):
         square = sum(slope[k] ** 2 for slope in slopes)
         size = jnp.sqrt(jnp.where(square > 0.0, square, 1.0))
         # The gradient here is the normal there but for the margin times a curvature: an error of third order.
-        way = jnp.abs(_ways_to_zero(determinants, tuple(slope[k] / size for slope in slopes), good)[k])
+        way = jnp.abs(_ways_to_zero(squares, tuple(slope[k] / size for slope in slopes), good)[k])
         nearest = jnp.where(way < jnp.minimum(nearest, most), way, nearest)
     return nearest
 
 
-def _way_to_dead_point(determinants: Callable[..., tuple[Array, ...]], good: Array, most: Any) -> Array:
+def _way_to_dead_point(squares: Callable[..., tuple[Array, ...]], good: Array, most: Any) -> Array:
     """How far the only driven input is from the nearest dead point, forwards positive; infinite where there is none."""
     nearest = jnp.full(good.shape, jnp.inf)
-    for way in _ways_to_zero(determinants, (jnp.ones(good.shape),), good):
+    for way in _ways_to_zero(squares, (jnp.ones(good.shape),), good):
         nearest = jnp.where(jnp.abs(way) < jnp.minimum(jnp.abs(nearest), most), way, nearest)
     return nearest
 
 
-def _ways_to_zero(
-    determinants: Callable[..., tuple[Array, ...]], direction: tuple[Array, ...], good: Array
-) -> list[Array]:
+def _ways_to_zero(squares: Callable[..., tuple[Array, ...]], direction: tuple[Array, ...], good: Array) -> list[Array]:
     """How far each determinant is from zero in a direction of the inputs, forwards positive; infinite if it has none.
 
     At a fold the square of a block's determinant is smooth in the inputs and vanishes: it is continued by its first and
@@ -318,15 +327,15 @@ def _ways_to_zero(
     """
 
     def rates(*steps: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        return jax.jvp(determinants, steps, direction)
+        return jax.jvp(squares, steps, direction)
 
     (values, first), (_, second) = jax.jvp(rates, tuple(jnp.zeros_like(s) for s in direction), direction)
     ways = []
-    for d, d1, d2 in zip(values, first, second, strict=True):
-        # D² / D(0)² = 1 + 2 a s + (a² + b) s², whose nearer root is wanted.
-        regular = jnp.where(d == 0.0, 1.0, d)
-        a, b = d1 / regular, d2 / regular
-        real = good & (b < 0.0)
-        down = a + jnp.where(a >= 0.0, 1.0, -1.0) * jnp.sqrt(jnp.where(real, -b, 1.0))
-        ways.append(jnp.where(d == 0.0, 0.0, jnp.where(real, -1.0 / down, jnp.inf)))
+    for square, rise, bend in zip(values, first, second, strict=True):
+        # D² / D(0)² = 1 + 2 a s + b s², whose nearer root is wanted.
+        regular = jnp.where(square > 0.0, square, 1.0)
+        a, b = 0.5 * rise / regular, 0.5 * bend / regular
+        real = good & (a * a > b)
+        down = a + jnp.where(a >= 0.0, 1.0, -1.0) * jnp.sqrt(jnp.where(real, a * a - b, 1.0))
+        ways.append(jnp.where(square > 0.0, jnp.where(real, -1.0 / down, jnp.inf), 0.0))
     return ways

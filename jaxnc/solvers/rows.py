@@ -268,6 +268,16 @@ class Rows(Functions):
         """
         return function(self._solution, xp)
 
+    @with_owner
+    def run_square(self, xp: Numerics) -> Callable[[Sequence], tuple]:
+        """Return the square of the determinant where round rows vanish, but for a factor, as a function of the inputs.
+
+        It is the same wherever the columns are, and negative where the rows vanish nowhere.
+        """
+        b = Builder(self.program.inputs)
+        square = self._write_line(b, *self._write_slopes(b), 1.0)[-1]
+        return function(b.program([_node(b, square)]), xp)
+
     @functools.cached_property
     def _solution(self) -> Program:
         b = Builder(self.program.inputs + 1)
@@ -301,10 +311,21 @@ class Rows(Functions):
         return rows, slopes
 
     def _write_round(self, b: Builder, rows: list[Any], slopes: list[list[Any]], sign: Any) -> list[Any]:
-        """Meet circles, spheres, lines and planes: one round row is kept, what is left of the others is affine.
+        """Meet circles, spheres, lines and planes where the determinant has a sign, by steps of the columns."""
+        foot, along, side, rise, twice, square = self._write_line(b, rows, slopes, sign)
+        root = square.apply("max", 0.0).apply("sqrt")
+        t = (side * root - rise) / twice
+        return [f + t * d for f, d in zip(foot, along, strict=True)]
 
-        They meet in a line through the foot of the perpendicular; on it the round row is a quadratic equation. The
-        derivative along the line is there the determinant, so that its sign chooses the root.
+    def _write_line(self, b: Builder, rows: list[Any], slopes: list[list[Any]], sign: Any) -> tuple:
+        """Write the line in which rows meet, if one round row is kept: what is left of the others is affine.
+
+        On the line through the foot of the perpendicular the round row is a quadratic equation. The derivative along
+        the line is there the determinant, so that its sign chooses the root.
+
+        Returns:
+            The steps to the foot and along the line; the side of the foot, along the line, on which the determinant has
+            the sign; the equation's slope at the foot, its second derivative, and the square of its slope at the roots.
         """
         n, bends = len(rows), self._write_bends(b)
         base = next(r for r in range(n) if bends[r] is not None)
@@ -323,14 +344,12 @@ class Rows(Functions):
             offsets.append(bend * rows[r] - bends[r] * value)
             side = side * bend.apply("sign")
         along = _free_line(flat)
-        square = _scalar_product(along, along)
-        foot = _foot_step(flat, offsets, along, square)
+        length = _scalar_product(along, along)
+        foot = _foot_step(flat, offsets, along, length)
         # value + slope · (foot + t along) + bend/2 |foot + t along|² = 0
-        rise, twice = _scalar_product(slope, along), bend * square
+        rise, twice = _scalar_product(slope, along), bend * length
         rest = value + _scalar_product(slope, foot) + 0.5 * bend * _scalar_product(foot, foot)
-        root = (rise * rise - 2.0 * twice * rest).apply("max", 0.0).apply("sqrt")
-        t = (side * root - rise) / twice
-        return [f + t * d for f, d in zip(foot, along, strict=True)]
+        return foot, along, side, rise, twice, rise * rise - 2.0 * twice * rest
 
     def _write_bends(self, b: Builder) -> list[Any]:
         """Write the second derivatives of the rows by the first column; None of a row that has none."""
