@@ -41,8 +41,9 @@ class FlipMargin:
         distance: how far the farthest of all points moves from the pose to the nearest assembly into which it flips
             with its inputs held, ``(...,)``, a length.
         input: how far the input can go until the nearest dead point, forwards or backwards, ``(...,)``, in radians or
-            lengths; right to third order near a dead point. Of several inputs, all angles or all lengths, the root of
-            the sum of squares of their changes on the shortest way to a singular position.
+            lengths; right to third order near a dead point; where several folds of one block coincide, as in a Sarrus
+            linkage that is drawn out, with an error of the root of what is left. Of several inputs, all angles or all
+            lengths, the root of the sum of squares of their changes on the shortest way to a singular position.
             Infinite where it would be farther than half a turn, or the mechanism's size, where the continuation has no
             zero (which proves nothing: see `jaxnc.travel`), and for inputs of both kinds.
         dead_point: value of the only input there, ``(...,)``; infinite for several.

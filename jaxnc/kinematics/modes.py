@@ -629,13 +629,20 @@ def modes(
             if not _has(here, own, design):
                 return dataclasses.replace(found, lost=found.lost + 1)
             break
+        # Solutions that are not isolated may be lost to rounding of the coefficients: a pose among them is still found.
+        if (
+            at is values
+            and int(own.status) == int(Status.SINGULAR)
+            and not (found.singular or _has(found, own, design))
+        ):
+            return dataclasses.replace(found, singular=1)
     family.checked.add(key)
     return found
 
 
 def _has(found: Modes, own: Motion, design: Design) -> bool:
-    """Tell whether a pose, if it is one and well conditioned, is among the assemblies."""
-    if int(own.status) or own.conditioning is None or float(own.conditioning) < 1e-6:
+    """Tell whether a pose, if it is one, is among the assemblies; an ill conditioned one is not looked for."""
+    if not int(own.status) and (own.conditioning is None or float(own.conditioning) < 1e-6):
         return True
     every = np.asarray(found.poses.q).reshape(-1, len(design.unit))
     off = np.abs((every - np.asarray(own.q)) / design.unit)[:, : design.reading.first]

@@ -839,3 +839,15 @@ def test_a_case_that_another_design_chooses_is_refused_for_each():
     assert len(nc.modes(slot(1.0, (1.6, 2.56)), {"L": 3.0})) == 4
     with pytest.raises(nc.InputError, match="change with a case"):
         nc.modes(slot(-1.0, (1.0, -1.0)), {"L": 6.0})
+
+
+@pytest.mark.parametrize("angle", [0.8, np.arange(0.3, 2.9, 0.1)[21]])  # 2.4: no solution was left of it
+def test_a_kite_that_turns_freely_is_not_called_complete(angle):
+    """Where B is on D the coupler turns about both; rounding of the drawing leaves no, or two, solutions of that."""
+    crank, diagonal = np.array([np.cos(angle), np.sin(angle)]), np.hypot(1.0 - np.cos(angle), np.sin(angle))
+    way = (np.array([1.0, 0.0]) - crank) / diagonal
+    half = 0.5 * diagonal
+    c = crank + half * way + np.sqrt(9.0 - half**2) * np.array([-way[1], way[0]])
+    kite = planar("kite", dict(A=(0, 0), D=(1, 0)), dict(B=crank, C=c), ["AB", "BC", "CD"], "AB").compile()
+    found = nc.modes(kite, {"phi": 0.0})
+    assert not found.complete and found.singular and "held" in found.statement
