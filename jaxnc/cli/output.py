@@ -90,7 +90,7 @@ def _diagnosis(analysis: Analysis, verdict: Verdict) -> list[str]:
         return ["  the first of them is a singular position, and the motion goes on from there: begin beside it"]
     if found is None:
         return ["  the first of them is a dead point, where the input can go no further: stop short of it"]
-    if found.assembles:
+    if found.assembles and not found.never_moves:
         said = "the first of them exists, but the motion did not come to it"
         return [f"  {said}: try --analysis solve_position or --analysis circuit"]
     return [f"  {line}" for line in str(found).splitlines()]

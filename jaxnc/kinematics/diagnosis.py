@@ -113,10 +113,10 @@ class Diagnosis(Reported):
         if self.system is not None:
             write = self.system.topology.write_values
             at, got = write(self.inputs) or at, write(self.reached)
-        if self.assembles and self.reachable:
-            return f"{self.name} assembles at {at}"
         if self.never_moves:
             return f"{self.name}: {NEVER_MOVES.format(', '.join(self.inputs))}"
+        if self.assembles and self.reachable:
+            return f"{self.name} assembles at {at}"
         if self.assembles and self.singular:
             return f"{self.name} assembles at {at}, but {_SINGULAR}"
         if self.assembles:
@@ -185,8 +185,9 @@ def diagnose(
         q, drawn_assembles = np.array(pose.q), assembles
         assembles = reachable = int(pose.status) in (int(Status.CONVERGED), int(Status.SINGULAR))
         singular = int(pose.status) == Status.SINGULAR_START
-        if singular:
+        if singular or int(pose.status) == Status.SINGULAR:
             never = never_moves(system, plan, eq)
+        if singular:
             assembles, q = _assembles_beside(system, asked, hold, q)
         if assembles or drawn_assembles:
             end = q

@@ -31,7 +31,10 @@ from jaxnc.validate import as_array
 METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 """What the usual length units are in metres."""
 
-NEVER_MOVES = "{} as input determines no motion, in the drawing or near it: what never changes drives nothing"
+NEVER_MOVES = (
+    "{} as input determines no motion, in the drawing or near it: what never changes, or "
+    "follows from the other inputs, drives nothing"
+)
 """What is said of inputs that are singular in every pose."""
 
 _MACHINE = (1e-3, 300.0)  # metres: watches to bucket-wheel excavators

@@ -12,7 +12,8 @@ from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, jit, on_device
 from jaxnc.doors import door
 from jaxnc.errors import AssemblyError, InputError, brief, nearest
-from jaxnc.kinematics.inputs import dense_only, meeting_ends, outside
+from jaxnc.kinematics.host_solve import never_moves
+from jaxnc.kinematics.inputs import NEVER_MOVES, dense_only, meeting_ends, outside
 from jaxnc.kinematics.instant import ScrewAxis, as_jax, body_of, relative_state, screw_axis, without_noise
 from jaxnc.kinematics.polynomial import circuits_hint
 from jaxnc.notebooks import Drawn
@@ -378,6 +379,10 @@ class Motion(Drawn):
             got = float(np.asarray(known[name]).reshape(-1)[bad[0]])
             inputs.append(f"{name} = {write(name, value)} (the motion got to {write(name, got)})")
         where = f"; the first is pose {bad[0]}, {', '.join(inputs)}" if inputs else ""
+        if Status.SINGULAR_START in status and not self._designs:
+            view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
+            if never_moves(self.system, view, jax.lax.stop_gradient(derive(self.system))):
+                raise AssemblyError(f"{self.system.name!r}: {NEVER_MOVES.format(', '.join(self.driven))}")
         ended = bool({int(Status.SINGULAR), int(Status.DID_NOT_ASSEMBLE)} & {*status[bad].tolist()})
         hint = circuits_hint(self.system, self.driven) if ended and not self._designs else ""
         zero = ""

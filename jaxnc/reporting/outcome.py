@@ -180,9 +180,12 @@ def stops(motion: Motion, asked: Mapping[str, np.ndarray]) -> bool:
 def why(verdict: Verdict, motion: Motion, asked: Mapping[str, np.ndarray], hold: Sequence[str]) -> Diagnosis | None:
     """Diagnose the first pose that was not found, and enter what would mend it; None at a dead point."""
     first = _first_failure(motion)
-    if stops(motion, asked) or Status.SINGULAR_START in np.asarray(motion.status):
+    begins = Status.SINGULAR_START in np.asarray(motion.status)
+    if stops(motion, asked) and not begins:
         return None
     found = diagnose(motion.system, {name: float(values[first]) for name, values in asked.items()}, tuple(hold))
+    if begins and not found.never_moves:
+        return None
     if not found.assembles:
         if verdict.assembles is None:  # elsewhere it may
             verdict.assembles = diagnose(motion.system).assembles

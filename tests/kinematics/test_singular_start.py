@@ -144,6 +144,31 @@ def test_what_never_changes_is_no_input_and_says_so():
     assert "determines no motion" in str(nc.diagnose(system, {"q": length + 0.1}))
 
 
+def test_inputs_that_follow_from_each_other_are_told():
+    """A differential whose one mesh is outside and the other inside: both side wheels turn as one, by their radii."""
+    m = nc.Mechanism("locked", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.ground_vector("axis", (1, 0, 0))
+    for name, at in {"c": (0, 40, 0), "l": (-20, 0, 30), "r": (20, 0, 30), "p": (0, 30, 20)}.items():
+        m.point(name, at)
+    m.body("carrier", ["O", "c"], vectors=["axis"])
+    m.body("planet", ["O", "c", "p"])
+    for name, point in {"left": "l", "right": "r"}.items():
+        m.body(name, ["O", point], vectors=["axis"])
+        m.angle(f"{name}_on_carrier", start=("O", "c"), to=("O", point), about="axis")
+        m.angle(name, to=("O", point), about="axis")
+    m.angle("carrier_turns", to=("O", "c"), about="axis")
+    m.angle("planet_turns", to=("c", "p"), start="axis", about=("O", "c"))
+    for side in ("left", "right"):
+        m.bevel_gear(f"{side} mesh", f"{side}_on_carrier", "planet_turns", radii=(20, 20))
+    locked = m.compile()
+    motion = nc.sweep(locked, {"left": np.linspace(0.0, 1.0, 3), "right": np.linspace(0.0, 2.0, 3)})
+    with pytest.raises(nc.AssemblyError, match=r"left, right .*follows from the other"):
+        motion.check()
+    assert nc.diagnose(locked, {"left": 0.0, "right": 0.0}).never_moves
+    assert bool(nc.sweep(locked, {"left": np.linspace(0.0, 1.0, 3), "carrier_turns": np.zeros(3)}).converged.all())
+
+
 @pytest.mark.parametrize("run", [510.0, 600.0, 1e4])
 def test_gaps_are_lengths(run):
     """Two bars that are asked to span too much: what both lack, added up, is what is missing."""
