@@ -160,7 +160,9 @@ def worst_rows(system: System, eq: Equations, q: np.ndarray) -> str:
     order = np.array([int(i) for i in np.argsort(-r)[:3] if r[i] > limits(eq.length).close * float(eq.length)], int)
     gaps = row_gaps(to_host(eq), np.asarray(q), order)
     said = ", ".join(f"{system.topology.rows[i]} is off by {gap:.3g}" for i, gap in zip(order, gaps, strict=True))
-    return said or "no constraint is violated, but an angle is off by half a turn"
+    (upright,), (mirrored,) = to_host(eq).guards(np.asarray(q)[:, None])
+    rest = "a body is its mirror image" if mirrored else "the rows depend on each other and are met roughly only"
+    return said or f"no constraint is violated, but {rest if upright or mirrored else 'an angle is off by half a turn'}"
 
 
 def meeting_ends(system: System, q: np.ndarray) -> str:
