@@ -1,6 +1,5 @@
 """Linearisation about an equilibrium or a steady motion: natural frequencies, modes, state-space matrices."""
 
-import functools
 from collections.abc import Sequence
 
 import jax
@@ -9,7 +8,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
-from jaxnc.compiling import filter_jit
+from jaxnc.compiling import filter_jit, jit, on_device
 from jaxnc.dynamics.equilibrium import Equilibrium
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow, evaluate_rows
@@ -74,36 +73,9 @@ class Linearisation:
         """Undamped modes as columns, of unit modal mass, and their frequencies; first derivatives are exact."""
         if self.mass.ndim > 2:
             return jax.vmap(lambda each: each._modes)(self)
-        twisted = ~_is_symmetric(self.stiffness)
-        if isinstance(twisted, Tracer):
-            return jax.tree.map(functools.partial(jnp.where, twisted), self._twisted_modes(twisted), self._own_modes())
-        return self._twisted_modes(twisted) if twisted else self._own_modes()
-
-    def _root(self) -> Array:
-        """A root R of the inverse of M, as ``R Rᵀ``, without a derivative."""
-        values, vectors = dense.symmetric_eigen(jax.lax.stop_gradient(0.5 * (self.mass + self.mass.T)))
-        return vectors / jnp.sqrt(values)
-
-    def _own_modes(self) -> tuple[Array, Array]:
-        k, root = 0.5 * (self.stiffness + self.stiffness.T), self._root()
-        modes = root @ dense.symmetric_eigen(root.T @ jax.lax.stop_gradient(k) @ root)[1]
-        # Rayleigh's quotient of a mode that is kept has the derivative of the eigenvalue.
-        square = jnp.sum(modes * (k @ modes), axis=0) / jnp.sum(modes * (self.mass @ modes), axis=0)
-        return modes, jnp.sign(square) * _safe_root(square)
-
-    def _twisted_modes(self, twisted: Array) -> tuple[Array, Array]:
-        """Modes where a force turns with the mechanism: K is not symmetric, and left and right modes differ."""
-        root = self._root()
-        # Where K is symmetric, whose modes may be of one frequency, other numbers take its place.
-        still = jnp.diag(jnp.arange(1.0, len(root) + 1.0, dtype=root.dtype))
-        whole = jnp.where(twisted, root.T @ jax.lax.stop_gradient(self.stiffness) @ root, still)
-        left, right = (root @ v for v in dense.eigen(whole)[1:])
-        square, weight = (jnp.sum(left.conj() * (x @ right), axis=0) for x in (self.stiffness, self.mass))
-        square = square / weight
-        flutter = jnp.abs(square.imag) > limits(self.mass).balance * jnp.abs(square)
-        found = jnp.where(flutter, -1.0, jnp.sign(square.real)) * _safe_root(square)
-        order = jnp.argsort(found)
-        return right.real[:, order], found[order]
+        if isinstance(self.stiffness, Tracer):
+            return _modes_either_way(self.mass, self.stiffness)
+        return (_own_modes if _is_symmetric(self.stiffness) else _twisted_modes)(self.mass, self.stiffness)
 
     @property
     def frequencies(self) -> Array:
@@ -193,6 +165,45 @@ class Linearisation:
         return "\n".join(rows)
 
 
+def _root_of_inverse(mass: Array) -> Array:
+    """Return a root R of the inverse of M, as ``R Rᵀ``, without a derivative."""
+    values, vectors = dense.symmetric_eigen(jax.lax.stop_gradient(0.5 * (mass + mass.T)))
+    return vectors / jnp.sqrt(values)
+
+
+@jit
+def _own_modes(mass: Array, stiffness: Array) -> tuple[Array, Array]:
+    k, root = 0.5 * (stiffness + stiffness.T), _root_of_inverse(mass)
+    modes = root @ dense.symmetric_eigen(root.T @ jax.lax.stop_gradient(k) @ root)[1]
+    # Rayleigh's quotient of a mode that is kept has the derivative of the eigenvalue.
+    square = jnp.sum(modes * (k @ modes), axis=0) / jnp.sum(modes * (mass @ modes), axis=0)
+    return modes, jnp.sign(square) * _safe_root(square)
+
+
+@jit
+def _twisted_modes(mass: Array, stiffness: Array, twisted: Array | bool = True) -> tuple[Array, Array]:
+    """Modes where a force turns with the mechanism: K is not symmetric, and left and right modes differ."""
+    root = _root_of_inverse(mass)
+    # Where K is symmetric, whose modes may be of one frequency, other numbers take its place.
+    still = jnp.diag(jnp.arange(1.0, len(root) + 1.0, dtype=root.dtype))
+    whole = jnp.where(twisted, root.T @ jax.lax.stop_gradient(stiffness) @ root, still)
+    left, right = (root @ v for v in dense.eigen(whole)[1:])
+    square, weight = (jnp.sum(left.conj() * (x @ right), axis=0) for x in (stiffness, mass))
+    square = square / weight
+    flutter = jnp.abs(square.imag) > limits(mass).balance * jnp.abs(square)
+    found = jnp.where(flutter, -1.0, jnp.sign(square.real)) * _safe_root(square)
+    order = jnp.argsort(found)
+    return right.real[:, order], found[order]
+
+
+@jit
+def _modes_either_way(mass: Array, stiffness: Array) -> tuple[Array, Array]:
+    twisted = ~_is_symmetric(stiffness)
+    pairs = zip(_twisted_modes(mass, stiffness, twisted), _own_modes(mass, stiffness), strict=True)
+    modes, frequencies = (jnp.where(twisted, a, b) for a, b in pairs)
+    return modes, frequencies
+
+
 def _safe_root(square: Array) -> Array:
     """Root of a size, with a finite derivative where it is zero."""
     return jnp.where(square != 0, jnp.sqrt(jnp.abs(jnp.where(square != 0, square, 1.0))), 0.0)
@@ -253,12 +264,10 @@ def linearise(
             f"{top.name!r}: the rest does not follow from {', '.join(names)} at this state, which is singular "
             f"for them; give other coordinates="
         )
-    zero = jnp.zeros(())
-    pose = Motion(
-        system, (), (), lower(top, q), (lower(top, v), lower(top, acceleration)), jnp.zeros(0), zero.astype(int), None,
-        None, zero,
-    )  # fmt: skip
-    shown_places = lower(top, basis.T).T
+    asked, good, time = on_device([np.zeros(0, q.dtype), np.zeros((), int), np.zeros((), q.dtype)])
+    moves = lower(top, v), lower(top, acceleration)
+    pose = Motion(system, (), (), lower(top, q), moves, asked, good, None, None, time)
+    shown_places = basis if top.extended is None else lower(top, basis.T).T
     steady, rate = _is_steady(flow, view, q, v, at.tolist(), a, acceleration)
     rounding = np.sqrt(45.0 * np.finfo(mass.dtype).eps) * jax.lax.stop_gradient(rate)
     return Linearisation(pose, names, mass, c, k, shown_places, a, b, rest, steady, rounding)
@@ -292,8 +301,7 @@ def _choose_independent(system: System, flow: Flow, q: Array, v: Array) -> tuple
     inner, top, view = flow.dyn.topology, system.topology, flow.view
     if any(isinstance(x, Tracer) for x in (q, v, flow.dyn.mass)):
         return system.independent
-    _, j = view.linearise(flow.dyn.eq, q)
-    rows = np.asarray(j) / np.asarray(weights(flow.dyn.eq))[view.unknown]
+    rows, sizes = (np.asarray(x) for x in _look_at_state(flow, q, v, bool(np.any(v))))
     shown_places = [k for k, c in enumerate(view.unknown) if inner.coordinates[c] in top.position]
     free = np.linalg.svd(rows)[2][rows.shape[1] - system.degrees_of_freedom :][:, shown_places]
     from scipy.linalg import qr
@@ -301,9 +309,7 @@ def _choose_independent(system: System, flow: Flow, q: Array, v: Array) -> tuple
     # An angle or a distance is easier to read than a component of a point: preferred where it serves nearly as well.
     names = [inner.coordinates[view.unknown[k]] for k in shown_places]
     # Components of what moves are as a steady motion has them at an instant only, most of all those that change.
-    changes = [v, _find_acceleration(flow, q, v)] if np.any(v) else [v]
-    sizes = [np.abs(np.asarray(weights(flow.dyn.eq) * change)) for change in changes]
-    changing = np.any([size > 1e-9 * size.max(initial=0.0) for size in sizes], axis=0)
+    changing = np.any(sizes > 1e-9 * np.max(sizes, axis=1, keepdims=True, initial=0.0), axis=0)
     moving = {inner.coordinates[k] for k in np.flatnonzero(changing)} - {*top.scalars}
     owners = {name.partition(".")[0] for name in moving}
     liked = np.array([2.0 if n in top.scalars else 0.02 if n in moving else 1.0 for n in names])
@@ -313,8 +319,11 @@ def _choose_independent(system: System, flow: Flow, q: Array, v: Array) -> tuple
 
 
 @filter_jit
-def _find_acceleration(flow: Flow, q: Array, v: Array) -> Array:
-    return flow.accelerate(jnp.zeros(()), q, v)[0]
+def _look_at_state(flow: Flow, q: Array, v: Array, moves: bool) -> tuple[Array, Array]:
+    """Return the derivatives of the rows by the unknowns as lengths, and the sizes of the rates, of all orders."""
+    weight = weights(flow.dyn.eq)
+    changes = [v, flow.accelerate(jnp.zeros(()), q, v)[0]] if moves else [v]
+    return flow.view.linearise(flow.dyn.eq, q)[1] / weight[flow.view.unknown], jnp.abs(weight * jnp.stack(changes))
 
 
 def _is_steady(
@@ -324,30 +333,49 @@ def _is_steady(
 
     Also returned is the rate, rad/s, of the quickest swing that forces of such a size could make.
     """
-    weight, length, g = weights(flow.dyn.eq), flow.dyn.eq.length, len(view.known)
-    own, speed = weight[view.known], jnp.max(jnp.abs(weight * v), initial=0.0)
+    still, rate, speed, length = _compare_with_swings(flow, view, q, v, matrix, acceleration)
+    # 1e-6 of what is gone in the time of a swing is no motion
+    if any(isinstance(x, Tracer) for x in (still, speed)) or not (still and speed > 1e-6 * length * rate):
+        return still, rate
+    # after a thousandth of the time in which something moves by the size, by which it is known to 1e-9
+    ahead = 1e-3 * np.asarray(length / speed)
+    new = [np.asarray(x) for x in (q, v, acceleration)]
+    q, v = (jnp.asarray(x) for x in (new[0] + ahead * new[1] + 0.5 * ahead**2 * new[2], new[1] + ahead * new[2]))
+    return _is_alike(flow, view, matrix, _linearise(flow, view, q, v, at)[4], speed), rate
 
-    def as_lengths(a: Array) -> tuple[Array, Array]:
-        by_state = a[g:] * own[:, None] / jnp.tile(own, 2)
-        return by_state[:, :g], by_state[:, g:]
 
-    size = [jnp.max(jnp.abs(part), initial=0.0) for part in as_lengths(matrix)]
-    rest = jnp.max(jnp.abs(own * acceleration[view.known]), initial=0.0)
+def _as_lengths(flow: Flow, view: Plan, matrix: Array) -> tuple[Array, Array]:
+    """Return how second rates change with the coordinates, and with their rates, all of them as lengths."""
+    own, g = weights(flow.dyn.eq)[view.known], len(view.known)
+    by_state = matrix[g:] * own[:, None] / jnp.tile(own, 2)
+    return by_state[:, :g], by_state[:, g:]
+
+
+@filter_jit
+def _compare_with_swings(
+    flow: Flow, view: Plan, q: Array, v: Array, matrix: Array, acceleration: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Say whether second rates are none beside what the forces could make; return their rate, the speed and size."""
+    weight, length = weights(flow.dyn.eq), flow.dyn.eq.length
+    speed = jnp.max(jnp.abs(weight * v), initial=0.0)
+    size = [jnp.max(jnp.abs(part), initial=0.0) for part in _as_lengths(flow, view, matrix)]
+    rest = jnp.max(jnp.abs((weight * acceleration)[view.known]), initial=0.0)
     # What the forces that balance would give, each by itself.
     push = jnp.max(jnp.abs(forces(flow.dyn, jnp.zeros(()), q, v) / weight), initial=0.0)
     pull = push / jnp.maximum(jnp.max(jnp.diagonal(flow.dyn.mass) / weight**2), limits(q).tiny)
     still = rest <= limits(q).balance * (pull + size[0] * length + size[1] * speed + speed**2 / length)
-    # 1e-6 of what is gone in the time of a swing is no motion
-    rate = jnp.sqrt(size[0] + pull / length) + size[1]
-    if any(isinstance(x, Tracer) for x in (still, speed)) or not (still and speed > 1e-6 * length * rate):
-        return still, rate
-    # after a thousandth of the time in which something moves by the size, by which it is known to 1e-9
-    ahead = 1e-3 * length / speed
-    later = _linearise(flow, view, q + ahead * v + 0.5 * ahead**2 * acceleration, v + ahead * acceleration, at)[4]
-    most = size[0] + (speed / length) ** 2, size[1] + speed / length
-    pairs = zip(as_lengths(matrix), as_lengths(later), most, strict=True)
+    return still, jnp.sqrt(size[0] + pull / length) + size[1], speed, length
+
+
+@filter_jit
+def _is_alike(flow: Flow, view: Plan, matrix: Array, later: Array, speed: Array) -> Array:
+    """Say whether a state matrix is the same a thousandth of a passage by the mechanism's size later."""
+    now, then = (_as_lengths(flow, view, m) for m in (matrix, later))
+    rate = speed / flow.dyn.eq.length
+    most = [jnp.max(jnp.abs(part), initial=0.0) + slow for part, slow in zip(now, (rate**2, rate), strict=True)]
     # 1e-5 of its size in so short a time: a hundredth on the way
-    return jnp.all(jnp.array([jnp.max(jnp.abs(b - a), initial=0.0) <= 1e-5 * whole for a, b, whole in pairs])), rate
+    pairs = zip(now, then, most, strict=True)
+    return jnp.all(jnp.array([jnp.max(jnp.abs(b - a), initial=0.0) <= 1e-5 * whole for a, b, whole in pairs]))
 
 
 def _state_changes(flow: Flow, view: Plan, q: Array, v: Array) -> tuple[Array, Array, Array]:
