@@ -309,6 +309,23 @@ def test_links_keep_clear_of_a_ceiling(small, brief):
         assert least > 0.05 or known == pytest.approx(least, abs=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("hung", "row"),
+    [
+        (Hung("RRP", 0, 1), [1.0, 0.0, 0.0, 0.0, 3.0, 0.0]),
+        (Hung("PRP", 0, 1), [0.0, 2.0, 0.0, 0.0, 0.0, 0.0]),
+        (Hung("PRP", 1, 0), [0.0, 0.0, 0.0, 2.0, 0.0, 0.0]),
+    ],
+)
+def test_a_guide_that_moves_goes_to_what_slides_on_it(hung, row):
+    """On a crank it is a ray from the pivot: how far a spot is that it comes near is the sine of what is left to it."""
+    chain = Chain((hung,), 2 if hung.first else 3)
+    drawn = ChainDesign(chain, np.ones(1), np.array([*row, 0.0, 0.0]), 0j, 1 + 0j, 2.0, 0.5)
+    design = searching.TracedDesign(chain, 0.0, False, np.zeros((2, 2)), False, 1.0, True, drawn)
+    spot = np.array([np.cos(2.8), np.sin(2.8)])
+    assert design.clearance([spot - 1e-6, spot + 1e-6]) == pytest.approx(np.sin(0.3), abs=1e-4)
+
+
 def test_a_search_goes_on_where_it_was_stopped(small, brief, tmp_path, monkeypatch):
     """Interrupted in its second round and gone on with it comes to the designs of a search that never stopped."""
     whole, file = searching._Search.round, tmp_path / "search.npz"
