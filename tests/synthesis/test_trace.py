@@ -273,8 +273,10 @@ def test_a_crank_that_turns_at_a_small_transmission_angle_turns(small, brief):
 
 
 def test_conditions_are_met(small, brief):
+    """Several of a kind count together."""
     box = (2.5, 3.5), (0.3, 1.5)
-    asked = [S.transmission_angle(0.5), S.within("ground", *box)]
+    asked = [S.transmission_angle(0.5), S.transmission_angle(0.2)]
+    asked += [S.within("ground", *box), S.within("ground", x=(0.0, 9.0))]
     result = nc.synthesis.trace(heart(), True, bars=(4,), subject_to=asked, seconds=5, source=small, sliders=False)
     assert result.designs and result.refined > 0
     for design in result.designs:
@@ -455,6 +457,10 @@ def test_an_atlas_is_written_for_others(small, tmp_path):
         ({"only": np.array(["Watt I"]), "bars": (6,)}, "only"),
         ({"source": 3}, "source.*atlas"),
         ({"subject_to": [S.size(3.0)]}, "PathGeneration"),
+        ({"subject_to": [S.crank_turns("double-crank")]}, "'crank turns'.*of any kind and by any margin"),
+        ({"subject_to": [S.crank_turns(margin=0.1)]}, "'crank turns'.*PathGeneration"),
+        ({"subject_to": [S.within("ground", x=(0, 1), z=(0, 1))]}, "'ground within'.*PathGeneration"),
+        ({"subject_to": [S.within("ground", y=(0, 1)), S.within("ground", y=(2, 3))]}, "excludes everything"),
         ({"subject_to": [clear_of([(-9, -9), (9, 9)])]}, "all 200 targets lie inside"),
         ({"subject_to": [clear_of([(8, 8), (9, 9)], links="rocker")]}, "has 'rocker'; known names: crank, link 2"),
     ],

@@ -51,7 +51,7 @@ from jaxnc.synthesis.tracing.fit import (
     start_lanes,
     trace_curves,
 )
-from jaxnc.synthesis.validate import as_floats, as_seed, as_timing, check_limit
+from jaxnc.synthesis.validate import as_floats, as_interval, as_seed, as_timing, check_limit
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -396,29 +396,31 @@ class _Terms(NamedTuple):
 
     @classmethod
     def of(cls, conditions: Sequence[Condition], bars: Sequence[int]) -> "_Terms":
-        least, turning, box = _LEAST, False, np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+        angles, turning, box = [], False, ((-np.inf, np.inf), (-np.inf, np.inf))
         walls = []
         if isinstance(conditions, Condition) or not isinstance(conditions, Sequence):
             raise InputError("trace: subject_to= takes a list of conditions, such as [S.transmission_angle(0.35)]")
         for one in conditions:
             if isinstance(one, TransmissionAngle) and one.joint is None:
-                least = float(one.least)
+                angles.append(float(one.least))
             elif isinstance(one, AnyTransmission):
-                least = 0.0
-            elif isinstance(one, CrankTurns):
+                angles.append(0.0)
+            elif isinstance(one, CrankTurns) and one.kind is None and not one.margin:
                 turning = True
-            elif isinstance(one, Within) and one.point == "ground":
-                box = np.asarray(one.box, float).T
+            elif isinstance(one, Within) and one.point == "ground" and len(one.box) == 2:
+                both = ((max(a[0], b[0]), min(a[1], b[1])) for a, b in zip(box, one.box, strict=True))
+                box = tuple(as_interval(pair, "trace: subject_to: what is within 'ground'") for pair in both)
             elif isinstance(one, ClearOf):
                 walls.append(to_walls(one, bars))
             else:
                 told = one.name if isinstance(one, Condition) else repr(one)
                 raise InputError(
                     f"trace: subject_to has {told!r}; what is known before there is a linkage are "
-                    f"transmission_angle(min), crank_turns(), within('ground', x=…, y=…) and clear_of(region). State "
-                    f"the others in a PathGeneration that begins at a design's mechanism"
+                    f"transmission_angle(min) of all dyads, crank_turns() of any kind and by any margin, "
+                    f"within('ground', x=…, y=…) and clear_of(region). State the others in a PathGeneration that "
+                    f"begins at a design's mechanism"
                 )
-        return cls(least, turning, box, tuple(walls))
+        return cls(max(angles, default=_LEAST), turning, np.array(box).T, tuple(walls))
 
 
 @public
