@@ -1,5 +1,6 @@
 """From a drawn curve to linkages: chains counted, moved, fitted, and written as mechanisms."""
 
+import dataclasses
 import json
 
 import jax
@@ -491,6 +492,12 @@ def test_the_command_reads_files_and_writes_models(small, cache, brief, tmp_path
     assert main([*arguments, "--resume", kept]) == 130 and f"--resume {kept}" in capsys.readouterr().err
     model = nc.load(tmp_path / "out" / "heart-1.toml")
     assert "P" in model.all_points and main(["run", str(tmp_path / "out" / "heart-1.toml"), "--no-cache"]) == 0
+    trace = nc.synthesis.trace
+    monkeypatch.setattr(
+        nc.synthesis, "trace", lambda *a, **k: dataclasses.replace(r := trace(*a, **k), designs=r.designs[:1])
+    )
+    main([*arguments, "--resume", kept, "--out", str(tmp_path / "out")])
+    assert [path.name for path in (tmp_path / "out").glob("*.toml")] == ["heart-1.toml"]
     file.write_text("x,y\n1,2\nthree,4\n")
     assert main(["trace", str(file)]) == 2 and "line 3" in capsys.readouterr().err
     page = tmp_path / "page.html"
