@@ -266,7 +266,7 @@ def _read_path(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
             raise ModelFileError(f"{where}: path data begins with {letter}; it must begin with M")
         base = here if letter.islower() else np.zeros(2)
         if kind == "M":
-            out += [(some, False)] if some else []
+            out += _end_piece(some, start, here)
             some, here = [], base + v
             start = control = here
         elif kind == "Z":
@@ -296,10 +296,16 @@ def _read_path(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
                 some.append(_Segment.through(here, end))
             here = end
         before = kind
-    out += [(some, bool(some) and bool(np.all(here == start)))] if some else []
+    out += _end_piece(some, start, here)
     if not out:
         raise ModelFileError(f"{where}: its path data draws nothing")
     return out
+
+
+def _end_piece(segments: list[_Segment], start: np.ndarray, end: np.ndarray) -> list[tuple[list[_Segment], bool]]:
+    """List a piece, if anything was drawn; it is closed where its ends meet, but for the rounding of added steps."""
+    size = np.max([np.abs(s.at(np.array(0.5)) - start) for s in segments], initial=0.0)
+    return [(segments, bool(np.abs(end - start).max() <= 1e-6 * size))] if segments else []
 
 
 class _Path:
