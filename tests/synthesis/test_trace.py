@@ -312,6 +312,19 @@ def test_links_keep_clear_of_a_ceiling(small, brief):
         assert least > 0.05 or known == pytest.approx(least, abs=2e-3)
 
 
+def test_a_crank_may_keep_clear_of_what_encloses_the_curve(small, brief):
+    """The crank's circle lies beyond the box, which holds the heart and what traces it."""
+    box, how = [(2.5, 0.5), (3.5, 1.5)], {"bars": (4,), "seconds": 1, "source": small, "sliders": False}
+    result = nc.synthesis.trace(heart(), True, subject_to=[clear_of(box, links="crank")], **how)
+    for design in result.designs:
+        pivot, pin = (np.asarray(design.system[p]) for p in design.mechanism.model.bodies["crank"].points[:2])
+        beyond = np.linalg.norm(pivot - np.clip(pivot, *box)) - np.linalg.norm(pin - pivot)
+        assert beyond > 0.0
+    assert result.found
+    with pytest.raises(nc.InputError, match="targets lie inside"):  # the coupler of a four-bar
+        nc.synthesis.trace(heart(), True, subject_to=[clear_of(box, links="link 3")], **how)
+
+
 @pytest.mark.parametrize(
     ("hung", "row"),
     [

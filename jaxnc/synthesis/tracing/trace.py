@@ -477,7 +477,6 @@ def trace(
         "trace", "a positive number; a search that goes on for good needs an end", 1e-9, seconds=seconds
     )
     target, terms = Curve.of(points, closed, timing), _Terms.of(subject_to, wanted)
-    refuse_enclosed("trace", subject_to, None, target.given)
     if limit > _LONGEST:
         raise InputError(f"trace: seconds={seconds!r}; a search needs an end: at most {_LONGEST}")
     seed = as_seed("trace", key)
@@ -485,6 +484,10 @@ def trace(
     if isinstance(keep, bool) or not isinstance(keep, int | np.integer) or keep < 1:
         raise InputError(f"trace: keep={keep!r}: expected a number of designs, at least 1")
     allowed = _allowed(only, sliders, wanted)
+    chains = [chain for b in wanted for chain in dyadic_chains(b) if allowed is None or allowed(chain)]
+    riding = {f"link {chain.tracer}" for chain in chains}  # one of them carries the tracing point
+    about = [c for c in subject_to if isinstance(c, ClearOf) and (c.links is None or riding <= {*c.links})]
+    refuse_enclosed("trace", about, None, target.given)
     known = atlas(_ATLAS, progress=progress) if source is None else source
     if not isinstance(known, Atlas):
         raise InputError(f"trace: source={source!r}: expected an atlas, as nc.synthesis.atlas() returns it")
