@@ -524,11 +524,27 @@ def test_the_command_reads_files_and_writes_models(small, cache, brief, tmp_path
 
 @pytest.mark.parametrize(
     "text",
-    ["0,5;1,5\n2;3\n", "\ufeff0.5,1.5\n2,3\n", "pose,P.x [m],P.y [m]\n0,0.5,1.5\n1,2,3\n", '"0.5"\t"1.5"\n2\t3\n'],
+    [
+        "0,5;1,5\n2;3\n",
+        "\ufeff0.5,1.5\n2,3\n",
+        "pose,P.x [m],P.y [m]\n0,0.5,1.5\n1,2,3\n",
+        '"0.5"\t"1.5"\n2\t3\n',
+        "t x y\n0 0.5 1.5\n1 2 3\n",
+        "The foot\nt [s] P.x [in m] P.y (m)\n0  0.5  1.5\n1  2  3\n",
+        "t,y,x\n[s],[m],[m]\n0,1.5,0.5,,\n,3,2,,\n,,,,\n",
+        "pose 1, pose 2\n0.5 1.5\n2, 3\n",
+    ],
 )
 def test_tables_of_spreadsheets_are_read(text, tmp_path):
     (tmp_path / "curve.csv").write_text(text, encoding="utf-8")
     assert load_curve(tmp_path / "curve.csv")[0].tolist() == [[0.5, 1.5], [2.0, 3.0]]
+
+
+@pytest.mark.parametrize("text", ["0x1,2\n3,4\n5,6\n", "1.000,5;2\n3;4\n5;6\n", "NACA 0012\n1 0\n0 0\n"])
+def test_a_row_with_a_number_is_no_heading(text, tmp_path):
+    (tmp_path / "curve.csv").write_text(text)
+    with pytest.raises(ModelFileError, match=r"line 1: .* is not a row of numbers; a comment begins with #"):
+        load_curve(tmp_path / "curve.csv")
 
 
 def test_columns_of_several_curves_are_refused(tmp_path):
