@@ -458,6 +458,7 @@ def test_an_atlas_is_written_for_others(small, tmp_path):
     [
         ({"points": [[0, 0]]}, "points.*N >= 3"),
         ({"points": [[0, 0], [1, np.nan], [2, 0]]}, r"points\[1\] is NaN"),
+        ({"points": heart() * 1e300}, r"points\[0\] is .* beyond 1e150"),
         ({"points": np.zeros((5, 2))}, "same"),
         ({"bars": (5,)}, "bars.*4, 6 or 8"),
         ({"closed": "yes"}, "closed"),

@@ -113,12 +113,11 @@ class Curve(NamedTuple):
         given = as_floats(points)
         if given.ndim != 2 or given.shape[-1] != 2 or len(given) < 3:
             raise InputError(f"trace: points must be places in the plane, (N, 2) with N >= 3; got shape {given.shape}")
-        if not np.isfinite(given).all():
-            bad = int(np.flatnonzero(~np.isfinite(given).all(axis=1))[0])
-            raise InputError(f"trace: points[{bad}] is NaN or infinite; leave it out")
+        if not (good := (np.abs(given) < 1e150).all(axis=1)).all():  # squares of larger numbers are infinite
+            raise InputError(f"trace: points[{int(np.argmin(good))}] is NaN, infinite or beyond 1e150; leave it out")
         steps = np.linalg.norm(np.diff(given, axis=0), axis=1)
-        if not steps.max() > 0:
-            raise InputError("trace: all points are the same; draw a curve")
+        if not steps.max() > 1e-150:
+            raise InputError("trace: all points are the same to within 1e-150; draw a curve")
         when = None if timing is None else as_timing(timing, len(given), "trace: timing", 2.0 * np.pi, remedy=_ONE_TURN)
         if when is not None and when[-1] < when[0]:
             given, when = given[::-1], when[::-1]
