@@ -346,8 +346,9 @@ def write_designs(
         np.savez(new, x=x, ends=ends, meta=np.array(told), **more)
     target.write(folder / "designs.txt", table.encode())
     models = (folder / f"design_{k}.toml" for k in itertools.count(1))
-    for d in designs if problem.mechanism is not None else ():
-        to_mechanism(problem.mechanism, d.system).save(next(models))
+    if problem.mechanism is not None:
+        for d in designs:
+            to_mechanism(problem.mechanism, d.system).save(next(models))
     if earlier:
         target.remove_rest(models)
     return folder
