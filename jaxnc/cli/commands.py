@@ -15,7 +15,7 @@ from jaxnc.cli.output import Task, list_files, write_files
 from jaxnc.cli.question import Question, report_path
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.io.source import SUFFIXES
-from jaxnc.io.target import folder, stem, write
+from jaxnc.io.target import folder, remove_rest, stem, write
 from jaxnc.progress import step_bar
 from jaxnc.reporting import checked
 from jaxnc.reporting.verdict import Design, Family, Search, Verdict, number
@@ -215,6 +215,9 @@ def do_trace(question: Question, options: argparse.Namespace, importing: float) 
     tasks: list[Task] = [(f"-{k}.toml", f"a model file: {d.name}", d.save) for k, d in enumerate(result.designs[:3], 1)]
     tasks.append(("-linkages.png", "the best linkages", result.plot))
     write_files(options, question.mechanism.name, tasks, "the linkages as model files, and a picture")
+    if options.out is not None:
+        begin = folder(options.out) / stem(question.mechanism.name)
+        remove_rest(begin.with_name(f"{begin.name}-{k}.toml") for k in range(len(designs) + 1, 4))  # of three at most
     return _search_code(result, options)
 
 

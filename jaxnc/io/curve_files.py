@@ -266,7 +266,7 @@ def _read_path(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
             raise ModelFileError(f"{where}: path data begins with {letter}; it must begin with M")
         base = here if letter.islower() else np.zeros(2)
         if kind == "M":
-            out += [(some, False)] if some else []
+            out += _end_piece(some, start, here)
             some, here = [], base + v
             start = control = here
         elif kind == "Z":
@@ -296,10 +296,16 @@ def _read_path(data: str, where: str) -> list[tuple[list[_Segment], bool]]:
                 some.append(_Segment.through(here, end))
             here = end
         before = kind
-    out += [(some, bool(some) and bool(np.all(here == start)))] if some else []
+    out += _end_piece(some, start, here)
     if not out:
         raise ModelFileError(f"{where}: its path data draws nothing")
     return out
+
+
+def _end_piece(segments: list[_Segment], start: np.ndarray, end: np.ndarray) -> list[tuple[list[_Segment], bool]]:
+    """List a piece, if anything was drawn; it is closed where its ends meet, but for the rounding of added steps."""
+    size = np.max([np.abs(s.at(np.array(0.5)) - start) for s in segments], initial=0.0)
+    return [(segments, bool(np.abs(end - start).max() <= 1e-6 * size))] if segments else []
 
 
 class _Path:
@@ -380,7 +386,7 @@ def load_curve(path: str | Path) -> tuple[np.ndarray, bool | None]:
 
 
 def read_numbers(path: Path, first: int | None = None) -> np.ndarray:
-    """Read the numbers of a table, those of a curve or all; lines before the first numbers are headings.
+    """Read the numbers of a table, those of a curve or all; lines before them in which no cell is one are headings.
 
     Columns have commas, semicolons, tabs or spaces between them; where they have semicolons or tabs, a comma is a
     decimal sign.
@@ -397,28 +403,41 @@ def read_numbers(path: Path, first: int | None = None) -> np.ndarray:
     rows: list[list[float]] = []
     chosen = range(first or 0)  # none: all
     for number, line in enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1):
-        if not line.strip() or line.lstrip().startswith("#"):
+        text = line.strip().rstrip(",; \t")
+        if not text or text.startswith("#"):
             continue
-        between = ";" if ";" in line else "\t" if "\t" in line else ","
-        words = [word.strip().strip('"') for word in line.strip().split(between)]
-        numbers = [part for word in words for part in (word if between == "," else word.replace(",", ".")).split()]
+        between = ";" if ";" in text else "\t" if "\t" in text else ","
+        words = [word.strip().strip('"') for word in text.split(between)]
+        words = words if between == "," else [word.replace(",", ".") for word in words]
+        if not rows and not any(map(_is_numeric, words if len(words) > 1 else text.split())):
+            # Names with spaces between them may have units in brackets behind them.
+            names = words if len(words) > 1 else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", text)
+            chosen = _find_columns([name.strip('"') for name in names], first or 0) or chosen
+            continue
+        numbers = [part for word in words for part in word.split() or [""]]
         try:
             rows.append([float(numbers[k]) for k in (chosen or range(len(numbers))) if k < len(numbers)])
         except ValueError:
-            if rows:
-                raise ValueError(f"line {number}: {line.strip()[:40]!r} is not a row of numbers") from None
-            chosen = _find_columns(words, first) if first else chosen
-            continue
+            told = f"{text[:40]!r} is not a row of numbers; a comment begins with #"
+            raise ValueError(f"line {number}: {told}") from None
         if len(rows[-1]) != len(rows[0]) or len(rows[0]) < (first or 1):
             wanted = f"each line needs {first}" if first else "a table has as many in each row"
             raise ValueError(f"line {number}: {counted(len(rows[-1]), 'number')}, and {wanted}")
     return np.array(rows)
 
 
+def _is_numeric(cell: str) -> bool:
+    """Tell whether a cell holds a number, or several with spaces between them, and nothing else."""
+    try:
+        return bool([float(part) for part in cell.split()])
+    except ValueError:
+        return False
+
+
 def _find_columns(heading: list[str], count: int) -> Sequence[int]:
-    """Find the columns that a heading calls x, y and so on; the first ones where it names none."""
+    """Find the columns that a heading calls x, y and so on; none where it does not name them all."""
     names = [re.sub(r"\s*[\[(].*", "", word).lower() for word in heading]
     found = [[k for k, name in enumerate(names) if name == axis or name.endswith(f".{axis}")] for axis in "xyz"[:count]]
     if any(len(places) > 1 for places in found):
         raise ValueError(f"its columns are {', '.join(heading)}; leave x and y of one curve in it")
-    return [places[0] for places in found] if all(found) else range(count)
+    return [places[0] for places in found] if all(found) else []

@@ -6,6 +6,7 @@ npz archives whose arrays lie in them as they are in memory: written array by ar
 import csv
 import errno
 import io
+import itertools
 import json
 import os
 import re
@@ -127,6 +128,15 @@ def folder(path: str | Path) -> Path:
     except OSError as error:
         raise unwritable(path, error) from None
     return path
+
+
+def remove_rest(paths: Iterable[Path]) -> None:
+    """Remove numbered files that an earlier, longer result left, up to the first that is not there."""
+    for path in itertools.takewhile(Path.is_file, paths):
+        try:
+            path.unlink()
+        except OSError as error:
+            raise unwritable(path, error) from None
 
 
 def unwritable(path: Path, error: OSError) -> OutputError:

@@ -1,6 +1,7 @@
 """Results of searches: ranked designs with their practical quality; printed, drawn, saved and read back."""
 
 import dataclasses
+import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -326,7 +327,10 @@ def write_designs(
     meta: Mapping[str, Any],
     arrays: Mapping[str, np.ndarray],
 ) -> Path:
-    """Write a folder of designs: a table, ``result.npz`` with arrays and meta data beside theirs, and model files."""
+    """Write a folder of designs: a table, ``result.npz`` with arrays and meta data beside theirs, and model files.
+
+    Model files of an earlier result in the folder are replaced, or removed where there are fewer now.
+    """
     from jaxnc.io import target
 
     folder = target.folder(folder)
@@ -337,12 +341,16 @@ def write_designs(
         {**meta, "names": problem.names, **{name: [getattr(d, of) for d in designs] for name, of in each.items()}}
     )
     more: Any = arrays
+    earlier = (folder / "result.npz").exists()
     with target.replacing(folder / "result.npz") as new:
         np.savez(new, x=x, ends=ends, meta=np.array(told), **more)
     target.write(folder / "designs.txt", table.encode())
+    models = (folder / f"design_{k}.toml" for k in itertools.count(1))
     if problem.mechanism is not None:
-        for k, d in enumerate(designs):
-            to_mechanism(problem.mechanism, d.system).save(folder / f"design_{k + 1}.toml")
+        for d in designs:
+            to_mechanism(problem.mechanism, d.system).save(next(models))
+    if earlier:
+        target.remove_rest(models)
     return folder
 
 

@@ -27,6 +27,7 @@ def drawn(tmp_path):
         "M 2 0 A 2 2 0 0 1 -2 0 A 2 2 0 0 1 2 0 Z",
         "M2,0a2 2 0 01-4 0 2,2,0,0,1,4,0z",
         "M2 0A1 1 9 1 1-2 0A.1.1 0 0 1 2 0",
+        "m2 0a2 2 0 01-.8 1.6 2 2 0 01-2.8-2.8 2 2 0 013.6 1.2",  # these steps add up to 2e-16
     ],
 )
 def test_circles(drawn, data):
@@ -82,6 +83,7 @@ def test_transformations_and_sizes(drawn):
     np.testing.assert_allclose(turned.points[[0, -1]], [(1, 2), (1, 5)], atol=EXACT)
     two = drawn("M0 0h1M0 2h3")
     assert nc.io.outline(two, 3, piece=1).length == pytest.approx(3.0)
+    assert nc.io.outline(drawn("M0 0h1v1L0 0M5 5h1"), 3, piece=0).closed
 
 
 @pytest.mark.parametrize(

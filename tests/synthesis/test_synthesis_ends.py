@@ -1,5 +1,6 @@
 """The ends of refinements: nothing improves them, they are told apart, and the result says what they are."""
 
+import dataclasses
 import tracemalloc
 
 import jax
@@ -206,6 +207,16 @@ def test_ends_are_kept_with_the_result(arch, tmp_path):
             other.feasibility,
             other.iterations,
         )
+
+
+def test_a_shorter_result_leaves_no_models_of_a_longer_one(arch, tmp_path):
+    (tmp_path / "design_01.toml").write_text("")  # no name that a result has
+    (tmp_path / "design_2.toml").write_text("")
+    one = dataclasses.replace(arch, designs=arch.designs[:1])
+    for result, count in ((one, 2), (dataclasses.replace(arch, designs=arch.designs[:1] * 12), 12), (one, 1)):
+        result.save(tmp_path)
+        names = {f"design_{k + 1}.toml" for k in range(count)} | {"design_01.toml"}
+        assert {path.name for path in tmp_path.glob("*.toml")} == names
 
 
 def test_a_design_that_passes_near_a_dead_point_is_not_given_up():

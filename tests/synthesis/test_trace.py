@@ -1,5 +1,6 @@
 """From a drawn curve to linkages: chains counted, moved, fitted, and written as mechanisms."""
 
+import dataclasses
 import json
 
 import jax
@@ -273,8 +274,10 @@ def test_a_crank_that_turns_at_a_small_transmission_angle_turns(small, brief):
 
 
 def test_conditions_are_met(small, brief):
+    """Several of a kind count together."""
     box = (2.5, 3.5), (0.3, 1.5)
-    asked = [S.transmission_angle(0.5), S.within("ground", *box)]
+    asked = [S.transmission_angle(0.5), S.transmission_angle(0.2)]
+    asked += [S.within("ground", *box), S.within("ground", x=(0.0, 9.0))]
     result = nc.synthesis.trace(heart(), True, bars=(4,), subject_to=asked, seconds=5, source=small, sliders=False)
     assert result.designs and result.refined > 0
     for design in result.designs:
@@ -307,6 +310,36 @@ def test_links_keep_clear_of_a_ceiling(small, brief):
     for least, known in told[True]:
         assert 0.0 <= known <= least + 1e-9
         assert least > 0.05 or known == pytest.approx(least, abs=2e-3)
+
+
+def test_a_crank_may_keep_clear_of_what_encloses_the_curve(small, brief):
+    """The crank's circle lies beyond the box, which holds the heart and what traces it."""
+    box, how = [(2.5, 0.5), (3.5, 1.5)], {"bars": (4,), "seconds": 1, "source": small, "sliders": False}
+    result = nc.synthesis.trace(heart(), True, subject_to=[clear_of(box, links="crank")], **how)
+    for design in result.designs:
+        pivot, pin = (np.asarray(design.system[p]) for p in design.mechanism.model.bodies["crank"].points[:2])
+        beyond = np.linalg.norm(pivot - np.clip(pivot, *box)) - np.linalg.norm(pin - pivot)
+        assert beyond > 0.0
+    assert result.found
+    with pytest.raises(nc.InputError, match="targets lie inside"):  # the coupler of a four-bar
+        nc.synthesis.trace(heart(), True, subject_to=[clear_of(box, links="link 3")], **how)
+
+
+@pytest.mark.parametrize(
+    ("hung", "row"),
+    [
+        (Hung("RRP", 0, 1), [1.0, 0.0, 0.0, 0.0, 3.0, 0.0]),
+        (Hung("PRP", 0, 1), [0.0, 2.0, 0.0, 0.0, 0.0, 0.0]),
+        (Hung("PRP", 1, 0), [0.0, 0.0, 0.0, 2.0, 0.0, 0.0]),
+    ],
+)
+def test_a_guide_that_moves_goes_to_what_slides_on_it(hung, row):
+    """On a crank it is a ray from the pivot: how far a spot is that it comes near is the sine of what is left to it."""
+    chain = Chain((hung,), 2 if hung.first else 3)
+    drawn = ChainDesign(chain, np.ones(1), np.array([*row, 0.0, 0.0]), 0j, 1 + 0j, 2.0, 0.5)
+    design = searching.TracedDesign(chain, 0.0, False, np.zeros((2, 2)), False, 1.0, True, drawn)
+    spot = np.array([np.cos(2.8), np.sin(2.8)])
+    assert design.clearance([spot - 1e-6, spot + 1e-6]) == pytest.approx(np.sin(0.3), abs=1e-4)
 
 
 def test_a_search_goes_on_where_it_was_stopped(small, brief, tmp_path, monkeypatch):
@@ -425,6 +458,7 @@ def test_an_atlas_is_written_for_others(small, tmp_path):
     [
         ({"points": [[0, 0]]}, "points.*N >= 3"),
         ({"points": [[0, 0], [1, np.nan], [2, 0]]}, r"points\[1\] is NaN"),
+        ({"points": heart() * 1e300}, r"points\[0\] is .* beyond 1e150"),
         ({"points": np.zeros((5, 2))}, "same"),
         ({"bars": (5,)}, "bars.*4, 6 or 8"),
         ({"closed": "yes"}, "closed"),
@@ -438,6 +472,10 @@ def test_an_atlas_is_written_for_others(small, tmp_path):
         ({"only": np.array(["Watt I"]), "bars": (6,)}, "only"),
         ({"source": 3}, "source.*atlas"),
         ({"subject_to": [S.size(3.0)]}, "PathGeneration"),
+        ({"subject_to": [S.crank_turns("double-crank")]}, "'crank turns'.*of any kind and by any margin"),
+        ({"subject_to": [S.crank_turns(margin=0.1)]}, "'crank turns'.*PathGeneration"),
+        ({"subject_to": [S.within("ground", x=(0, 1), z=(0, 1))]}, "'ground within'.*PathGeneration"),
+        ({"subject_to": [S.within("ground", y=(0, 1)), S.within("ground", y=(2, 3))]}, "excludes everything"),
         ({"subject_to": [clear_of([(-9, -9), (9, 9)])]}, "all 200 targets lie inside"),
         ({"subject_to": [clear_of([(8, 8), (9, 9)], links="rocker")]}, "has 'rocker'; known names: crank, link 2"),
     ],
@@ -468,6 +506,12 @@ def test_the_command_reads_files_and_writes_models(small, cache, brief, tmp_path
     assert main([*arguments, "--resume", kept]) == 130 and f"--resume {kept}" in capsys.readouterr().err
     model = nc.load(tmp_path / "out" / "heart-1.toml")
     assert "P" in model.all_points and main(["run", str(tmp_path / "out" / "heart-1.toml"), "--no-cache"]) == 0
+    trace = nc.synthesis.trace
+    monkeypatch.setattr(
+        nc.synthesis, "trace", lambda *a, **k: dataclasses.replace(r := trace(*a, **k), designs=r.designs[:1])
+    )
+    main([*arguments, "--resume", kept, "--out", str(tmp_path / "out")])
+    assert [path.name for path in (tmp_path / "out").glob("*.toml")] == ["heart-1.toml"]
     file.write_text("x,y\n1,2\nthree,4\n")
     assert main(["trace", str(file)]) == 2 and "line 3" in capsys.readouterr().err
     page = tmp_path / "page.html"
@@ -481,11 +525,27 @@ def test_the_command_reads_files_and_writes_models(small, cache, brief, tmp_path
 
 @pytest.mark.parametrize(
     "text",
-    ["0,5;1,5\n2;3\n", "\ufeff0.5,1.5\n2,3\n", "pose,P.x [m],P.y [m]\n0,0.5,1.5\n1,2,3\n", '"0.5"\t"1.5"\n2\t3\n'],
+    [
+        "0,5;1,5\n2;3\n",
+        "\ufeff0.5,1.5\n2,3\n",
+        "pose,P.x [m],P.y [m]\n0,0.5,1.5\n1,2,3\n",
+        '"0.5"\t"1.5"\n2\t3\n',
+        "t x y\n0 0.5 1.5\n1 2 3\n",
+        "The foot\nt [s] P.x [in m] P.y (m)\n0  0.5  1.5\n1  2  3\n",
+        "t,y,x\n[s],[m],[m]\n0,1.5,0.5,,\n,3,2,,\n,,,,\n",
+        "pose 1, pose 2\n0.5 1.5\n2, 3\n",
+    ],
 )
 def test_tables_of_spreadsheets_are_read(text, tmp_path):
     (tmp_path / "curve.csv").write_text(text, encoding="utf-8")
     assert load_curve(tmp_path / "curve.csv")[0].tolist() == [[0.5, 1.5], [2.0, 3.0]]
+
+
+@pytest.mark.parametrize("text", ["0x1,2\n3,4\n5,6\n", "1.000,5;2\n3;4\n5;6\n", "NACA 0012\n1 0\n0 0\n"])
+def test_a_row_with_a_number_is_no_heading(text, tmp_path):
+    (tmp_path / "curve.csv").write_text(text)
+    with pytest.raises(ModelFileError, match=r"line 1: .* is not a row of numbers; a comment begins with #"):
+        load_curve(tmp_path / "curve.csv")
 
 
 def test_columns_of_several_curves_are_refused(tmp_path):

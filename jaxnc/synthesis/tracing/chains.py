@@ -68,6 +68,7 @@ class Chain(NamedTuple):
         return f"{ {4: 'four', 6: 'six', 8: 'eight'}[self.bars] }-bar {told}"
 
 
+@functools.cache
 def _recognise(chain: Chain) -> str:
     kinds = [dyad.kind for dyad in chain.dyads]
     if kinds == ["RRR"]:

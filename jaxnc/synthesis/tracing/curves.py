@@ -364,14 +364,11 @@ def _carries(chain: ChainArrays, of: Any) -> Any:
     columns = [of.broadcast_to(of.asarray(body == CRANK), (*chain.tracer.shape, len(body)))]
     for d in range(dyads):
         kind, first, second = (a[..., d, None] for a in (chain.kind, chain.first, chain.second))
-        one, two, rod = (
-            body == 2 + 2 * d,
-            body == 3 + 2 * d,
-            kind == _RPR,
-        )  # what slides through a pivot goes through it
+        one, two, rod = body == 2 + 2 * d, body == 3 + 2 * d, kind == _RPR  # a rod goes through the pivot of its slider
         columns.append((body == first) | (one & (kind <= _RPR)))
-        columns.append((body == second) | (two & (rod | (kind == 0))) | (one & rod))
-        columns.append((one | two) & ~rod)
+        columns.append((body == second) | (two & (rod | (kind == _RRR))) | (one & rod))
+        guides = ((body == first) & (kind == _PRP)) | ((body == second) & ((kind == _RRP) | (kind == _PRP)))
+        columns.append(((one | two) & ~rod) | guides)
     columns.append(body == chain.tracer[..., None])
     return of.stack(columns, axis=-1)
 

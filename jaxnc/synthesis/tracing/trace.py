@@ -51,7 +51,7 @@ from jaxnc.synthesis.tracing.fit import (
     start_lanes,
     trace_curves,
 )
-from jaxnc.synthesis.validate import as_floats, as_seed, as_timing, check_limit
+from jaxnc.synthesis.validate import as_floats, as_interval, as_seed, as_timing, check_limit
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -113,12 +113,11 @@ class Curve(NamedTuple):
         given = as_floats(points)
         if given.ndim != 2 or given.shape[-1] != 2 or len(given) < 3:
             raise InputError(f"trace: points must be places in the plane, (N, 2) with N >= 3; got shape {given.shape}")
-        if not np.isfinite(given).all():
-            bad = int(np.flatnonzero(~np.isfinite(given).all(axis=1))[0])
-            raise InputError(f"trace: points[{bad}] is NaN or infinite; leave it out")
+        if not (good := (np.abs(given) < 1e150).all(axis=1)).all():  # squares of larger numbers are infinite
+            raise InputError(f"trace: points[{int(np.argmin(good))}] is NaN, infinite or beyond 1e150; leave it out")
         steps = np.linalg.norm(np.diff(given, axis=0), axis=1)
-        if not steps.max() > 0:
-            raise InputError("trace: all points are the same; draw a curve")
+        if not steps.max() > 1e-150:
+            raise InputError("trace: all points are the same to within 1e-150; draw a curve")
         when = None if timing is None else as_timing(timing, len(given), "trace: timing", 2.0 * np.pi, remedy=_ONE_TURN)
         if when is not None and when[-1] < when[0]:
             given, when = given[::-1], when[::-1]
@@ -396,29 +395,31 @@ class _Terms(NamedTuple):
 
     @classmethod
     def of(cls, conditions: Sequence[Condition], bars: Sequence[int]) -> "_Terms":
-        least, turning, box = _LEAST, False, np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+        angles, turning, box = [], False, ((-np.inf, np.inf), (-np.inf, np.inf))
         walls = []
         if isinstance(conditions, Condition) or not isinstance(conditions, Sequence):
             raise InputError("trace: subject_to= takes a list of conditions, such as [S.transmission_angle(0.35)]")
         for one in conditions:
             if isinstance(one, TransmissionAngle) and one.joint is None:
-                least = float(one.least)
+                angles.append(float(one.least))
             elif isinstance(one, AnyTransmission):
-                least = 0.0
-            elif isinstance(one, CrankTurns):
+                angles.append(0.0)
+            elif isinstance(one, CrankTurns) and one.kind is None and not one.margin:
                 turning = True
-            elif isinstance(one, Within) and one.point == "ground":
-                box = np.asarray(one.box, float).T
+            elif isinstance(one, Within) and one.point == "ground" and len(one.box) == 2:
+                both = ((max(a[0], b[0]), min(a[1], b[1])) for a, b in zip(box, one.box, strict=True))
+                box = tuple(as_interval(pair, "trace: subject_to: what is within 'ground'") for pair in both)
             elif isinstance(one, ClearOf):
                 walls.append(to_walls(one, bars))
             else:
                 told = one.name if isinstance(one, Condition) else repr(one)
                 raise InputError(
                     f"trace: subject_to has {told!r}; what is known before there is a linkage are "
-                    f"transmission_angle(min), crank_turns(), within('ground', x=…, y=…) and clear_of(region). State "
-                    f"the others in a PathGeneration that begins at a design's mechanism"
+                    f"transmission_angle(min) of all dyads, crank_turns() of any kind and by any margin, "
+                    f"within('ground', x=…, y=…) and clear_of(region). State the others in a PathGeneration that "
+                    f"begins at a design's mechanism"
                 )
-        return cls(least, turning, box, tuple(walls))
+        return cls(max(angles, default=_LEAST), turning, np.array(box).T, tuple(walls))
 
 
 @public
@@ -475,7 +476,6 @@ def trace(
         "trace", "a positive number; a search that goes on for good needs an end", 1e-9, seconds=seconds
     )
     target, terms = Curve.of(points, closed, timing), _Terms.of(subject_to, wanted)
-    refuse_enclosed("trace", subject_to, None, target.given)
     if limit > _LONGEST:
         raise InputError(f"trace: seconds={seconds!r}; a search needs an end: at most {_LONGEST}")
     seed = as_seed("trace", key)
@@ -483,6 +483,10 @@ def trace(
     if isinstance(keep, bool) or not isinstance(keep, int | np.integer) or keep < 1:
         raise InputError(f"trace: keep={keep!r}: expected a number of designs, at least 1")
     allowed = _allowed(only, sliders, wanted)
+    chains = [chain for b in wanted for chain in dyadic_chains(b) if allowed is None or allowed(chain)]
+    riding = {f"link {chain.tracer}" for chain in chains}  # one of them carries the tracing point
+    about = [c for c in subject_to if isinstance(c, ClearOf) and (c.links is None or riding <= {*c.links})]
+    refuse_enclosed("trace", about, None, target.given)
     known = atlas(_ATLAS, progress=progress) if source is None else source
     if not isinstance(known, Atlas):
         raise InputError(f"trace: source={source!r}: expected an atlas, as nc.synthesis.atlas() returns it")
