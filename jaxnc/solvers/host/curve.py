@@ -210,7 +210,8 @@ def _reach_of_curve(view: HostView, q: np.ndarray, t: np.ndarray, h: float, matr
     All of it where the curve crosses another one: then shorter steps fit up to the crossing, and from there on. Where
     two curves only pass each other there is a gap between them, in which no step fits.
     """
-    low, high, least = 0.0, h, 1e-6 * view.eq.length  # a smaller gap is a crossing
+    least = (10.0 * limit * view.eq.length) ** 0.5  # poses within the tolerance lead over a smaller gap
+    low, high = 0.0, h
     while high - low > least:
         parts = np.linspace(low, high, 17)
         found = _try_steps(view, q, t, *parts[1:-1])
