@@ -26,7 +26,7 @@ class Corrected(NamedTuple):
     moved: np.ndarray  # size of the correction, a length, (lanes,)
     matrix: np.ndarray  # bordered matrices there, (lanes, m + 1, n)
 
-    def fits(self, t: np.ndarray, h: np.ndarray, limit: float) -> np.ndarray:
+    def fits(self, t: np.ndarray, h: np.ndarray | float, limit: float) -> np.ndarray:
         """Say which steps from tangents ``(n, lanes)`` are short enough for the curve to be followed, ``(lanes,)``."""
         return (self.size <= limit) & (self.moved <= 0.2 * h) & (np.sum(t * self.t, axis=0) > 0.97)
 
