@@ -406,7 +406,7 @@ def command_parser() -> argparse.ArgumentParser:
     said = "where an input stands (phi=60, phi=1.2rad), instead of where the file begins; may be repeated"
     _add_repeatable(modes, "--input", "NAME=VALUE", said)
     said = "go over a range of this input, and join the assemblies up into branches and circuits (181 values)"
-    modes.add_argument("--map", metavar="NAME=FROM:TO[:VALUES]", help=said)
+    _add_repeatable(modes, "--map", "NAME=FROM:TO[:VALUES]", said)
     _add_repeatable(modes, "--hold", "NAME[,NAME]", "coordinates that stay put")
     _add_repeatable(modes, "--output", "NAME[,NAME]", "points and coordinates to list instead of those of the file")
     modes.add_argument("--seed", type=int, default=0, metavar="N", help="another number takes other ways (0)")

@@ -149,13 +149,15 @@ def read_modes(options: argparse.Namespace) -> Question:
     at = dict(_read_drive(mechanism, text, "--input", form, most=1) for text in options.input)
     if len(at) < len(options.input):
         raise InputError("--input: a coordinate is given twice; give each once")
-    if options.map is not None:
+    if len(options.map) > 1:
+        raise InputError("--map: one input goes over a range; give the others one value each by --input")
+    for text in options.map:
         form = "NAME=FROM:TO or NAME=FROM:TO:VALUES, for instance phi=0:360:181"
-        name, drive = _read_drive(mechanism, options.map, "--map", form, poses=181)
+        name, drive = _read_drive(mechanism, text, "--map", form, poses=181)
         if name in at:
-            raise InputError(f"--map {options.map}: {name!r} is given by --input too; leave one of the two out")
+            raise InputError(f"--map {text}: {name!r} is given by --input too; leave one of the two out")
         if drive.poses < 2 or not drive.start < drive.end:
-            raise InputError(f"--map {options.map}: write {form}, from the smaller to the larger, 2 values at least")
+            raise InputError(f"--map {text}: write {form}, from the smaller to the larger, 2 values at least")
         at[name] = msgspec.structs.replace(drive, rate=None)
     if all(name in own.inputs for name in at):
         at = {name: record.Drive(drive.start, drive.start, 1) for name, drive in own.inputs.items()} | at

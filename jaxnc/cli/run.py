@@ -69,7 +69,7 @@ def do_modes(question: Question, options: argparse.Namespace, importing: float) 
     common = {"hold": run.hold, "unit": "rad", "seed": options.seed, "most": options.most}
     with step_bar(1) as step:
         step("looking for all assemblies")
-        if options.map is None:
+        if not options.map:
             found = nc.modes(system, inputs, **common, prove=options.prove)
             tasks = _list_modes(found, question, options)
         else:

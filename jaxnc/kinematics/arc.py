@@ -24,7 +24,7 @@ from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.notebooks import Reported
 from jaxnc.solvers.assembly import derive, meets
 from jaxnc.solvers.host import HostView
-from jaxnc.solvers.host.curve import LONGEST, TracedCurve, first_tangent, step_along, trace_curve, turning_point
+from jaxnc.solvers.host.curve import LONGEST, TracedCurve, first_tangent, step_along, trace_curve, turns_along
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.system.host import from_jax
@@ -129,7 +129,7 @@ def travel(system: System, name: str, hold: Sequence[str] = (), start: Motion | 
     """Find the dead points and limits of travel of an input.
 
     The drawing's circuit is followed by arc length with nothing driven; where the input turns back, the dead point is
-    solved for (to rounding), not bisected.
+    solved for, to rounding.
 
     Args:
         system: a system of one freedom once `hold` is applied.
@@ -151,27 +151,12 @@ def travel(system: System, name: str, hold: Sequence[str] = (), start: Motion | 
     place = int(np.flatnonzero(view.plan.unknown == index)[0])
     curve = _whole_curve(view, q)
     drawn = curve.s.index(0.0)
-    line: list[tuple[float, str]] = []
-    poses: list[np.ndarray] = []
-    behind = 0  # how many of them lie behind the drawing
-    rates = np.array([t[place] for t in curve.t])
     values = np.array([q[index] for q in curve.q])
     if np.ptp(values) <= 1e-9 * (1.0 if system.topology.mark(system.topology.angles)[index] else view.eq.length):
         raise InputError(f"travel: {name!r} of {system.name!r} stays {values[0]:.6g} along the whole motion")
-    signs = np.sign(rates)
-    for k in np.flatnonzero(signs == 0.0):  # exactly at a dead point: as the input came there
-        before = signs[:k] if not curve.closed else np.roll(signs[:-1], -k)
-        signs[k] = next(iter(before[before != 0.0][::-1]), 0.0)
-    for a in range(len(curve.s) - 1):
-        ta, tb = rates[a : a + 2]
-        if signs[a] * signs[a + 1] >= 0.0:
-            continue
-        near = a if abs(ta) < abs(tb) else a + 1
-        x, left = turning_point(view, place, curve.q[near], curve.t[near])
-        if left <= 1e-8 * view.eq.length:
-            line.append((float(x[index]), "maximum" if signs[a] > 0 else "minimum"))
-            poses.append(x)
-            behind += a < drawn
+    back = turns_along(view, curve, place)
+    line = [(float(x), "maximum" if up else "minimum") for x, up in zip(back.q[index], back.rising, strict=True)]
+    behind = int(np.sum(back.s < 0.0))  # how many of them lie behind the drawing
     turns = not line and curve.closed
     top, least = system.topology, -np.inf
     if name in top.scalars and top.blocks[top.measures[top.scalars.index(name)][0]].kind is DISTANCE_BETWEEN:
@@ -185,7 +170,7 @@ def travel(system: System, name: str, hold: Sequence[str] = (), start: Motion | 
     steady = abs(curve.t[drawn][place]) > 1e-9
     own = next((i for i in intervals if i.drawn), None) if steady or curve.closed else None
     lower, upper = (least, np.inf) if own is None else (own.lower, own.upper)
-    all_poses = _pose(system, (name,), hold, np.array(poses)) if line else None
+    all_poses = _pose(system, (name,), hold, back.q.T) if line else None
     met = [k for k in (*range(behind, len(line)), *range(behind - 1, -1, -1)) if line[k][0] >= least]
     found = [DeadPoint(*line[k], all_poses.pose(k)) for k in met] if all_poses is not None else []
     ends = tuple(value for value, _ in (*begin, *end))

@@ -366,11 +366,17 @@ def _close(range_: _Range, strands: list[_Strand]) -> Iterator[tuple[int, int]]:
             yield number, strand_of[k, mode]
     turned = (values[last] - values[0]) / turn
     if turned > 0.5 and abs(turned - round(turned)) < 1e-9:
-        for strand in strands:
-            at_end = strand.last == last and strand.end is None
-            mode = range_.mode_of(0, range_.places[last].q[:, strand.modes[-1]]) if at_end else None
-            if mode is not None:
-                strand.turns = strands[strand_of[0, mode]].turns = True
+        # A branch over the whole range turns if it goes on, a turn later, as one that turns.
+        next_one: dict[int, int | None] = {}
+        for number, s in enumerate(strands):
+            if s.first == 0 and s.last == last and s.start is None and s.end is None:
+                mode = range_.mode_of(0, range_.places[last].q[:, s.modes[-1]])
+                next_one[number] = None if mode is None else strand_of[0, mode]
+        while ended := [number for number, after in next_one.items() if after not in next_one]:
+            for number in ended:
+                del next_one[number]
+        for number in next_one:
+            strands[number].turns = True
 
 
 def _report(system, range_: _Range, found, motion, name: str, inputs: Inputs, hold, angle: bool) -> Circuits:

@@ -448,6 +448,7 @@ def test_modes_for_machines(capsys):
         (("--input", "phi=0:360"), "--input phi=0:360: write NAME=VALUE"),
         (("--input", "phi=1", "--map", "phi=0:9"), "'phi' is given by --input too"),
         (("--input", "psi=1", "--map", "phi=0:9"), "too many inputs"),
+        (("--map", "phi=0:9", "--map", "psi=0:9"), "--map: one input goes over a range"),
         (("--hold", "ps"), "no coordinate 'ps' to hold"),
         (("--map", "phi=0:360:100000000000"), "at most 1000000 fit"),
     ],

@@ -728,6 +728,13 @@ def open_four_bar() -> nc.System:
     return planar("open", dict(A=(0, 0), D=(3, 0)), dict(B=end, C=c), ["AB", "BC", "CD"], "AB").compile()
 
 
+def test_where_the_input_cannot_stand_everywhere_no_branch_turns():
+    rng, drawn = np.random.default_rng(0), stephenson().compile()
+    system = drawn.replace({v: np.asarray(drawn[v]) + 0.7 * rng.normal(size=2) for v in drawn.design_variables})
+    found = nc.circuits(system, {"phi": np.linspace(-3.0, 2 * np.pi - 3.0, 181)})
+    assert found.count.min() == 0 and not any(b.turns for b in found.branches)
+
+
 @pytest.mark.parametrize("turns", [(-1.0, 1.0), (0.5, 3.5), (-0.1591, 3.1591)])
 def test_ranges_of_several_turns_have_each_assembly_once(turns):
     found = nc.circuits(open_four_bar(), {"phi": 2 * np.pi * np.linspace(*turns, 541)})

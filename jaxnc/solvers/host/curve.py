@@ -1,8 +1,9 @@
 """A motion of one freedom as a curve, on the host: steps of arc length, and where a coordinate turns back.
 
 Nothing is driven here, so that dead points of an input are ordinary points of the curve. Along the curve the tangent t
-solves ``[Φ_q; tᵀ] t = (0, 1)``; a coordinate turns back where its component of t vanishes, and that point is found by
-Newton on Φ = 0 together with this component (a bordered system), not by bisection.
+solves ``[Φ_q; tᵀ] t = (0, 1)``, and the bordered determinant keeps its sign: where two curves pass close by each other,
+it tells them apart. A coordinate turns back where its component of t vanishes. That point is found between two nodes
+where its signs differ, or, from poses nearby, by Newton on Φ = 0 together with this component.
 """
 
 from dataclasses import dataclass, field
@@ -23,6 +24,11 @@ class Corrected(NamedTuple):
     t: np.ndarray  # their unit tangents in weighted unknowns, (n, lanes)
     size: np.ndarray  # largest residual, a length, (lanes,)
     moved: np.ndarray  # size of the correction, a length, (lanes,)
+    matrix: np.ndarray  # bordered matrices there, (lanes, m + 1, n)
+
+    def fits(self, t: np.ndarray, h: np.ndarray | float, limit: float) -> np.ndarray:
+        """Say which steps from tangents ``(n, lanes)`` are short enough for the curve to be followed, ``(lanes,)``."""
+        return (self.size <= limit) & (self.moved <= 0.2 * h) & (np.sum(t * self.t, axis=0) > 0.97)
 
 
 @dataclass
@@ -94,12 +100,12 @@ def step_along(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> C
         x[at] -= np.where(np.isfinite(dx).all(axis=0), dx, 0.0) / w
     tangent = _tangent_of(there).T
     moved = np.sqrt(np.sum((w * (best[at] - guess)) ** 2, axis=0))
-    return Corrected(best, tangent / np.sqrt(np.sum(tangent * tangent, axis=0)), size, moved)
+    return Corrected(best, tangent / np.sqrt(np.sum(tangent * tangent, axis=0)), size, moved, there)
 
 
-def _single_step(view: HostView, q: np.ndarray, t: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, float, float]:
-    found = step_along(view, q[:, None], t[:, None], np.array([h]))
-    return found.q[:, 0], found.t[:, 0], float(found.size[0]), float(found.moved[0])
+def _try_steps(view: HostView, q: np.ndarray, t: np.ndarray, *h: float) -> Corrected:
+    """Try steps of so many lengths from one pose ``(N,)``, each a lane."""
+    return step_along(view, np.repeat(q[:, None], len(h), 1), np.repeat(t[:, None], len(h), 1), np.array(h))
 
 
 def turning_point(view: HostView, place: int, q: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, float]:
@@ -157,16 +163,22 @@ def trace_curve(
     size = view.eq.length
     h, shortest = 0.02 * size, 1e-9 * size
     limit = float(view.tolerance(q[:, None])[0]) * 10
+    begin = _try_steps(view, q, t, 0.0)  # a drawing need not be exact
+    q, matrix = begin.q[:, 0], begin.matrix
     curve = TracedCurve([q], [t], [0.0])
     leaving = False
     for _ in range(20000):  # steps
-        x, new, r, moved = _single_step(view, q, t, h)
-        if not (r <= limit and moved <= 0.2 * h and t @ new > 0.97):
-            h *= 0.5
+        found = _try_steps(view, q, t, h)
+        reach = h if found.fits(t[:, None], h, limit)[0] else 0.5 * h
+        if reach == h and _orientations(found.matrix, matrix)[0] < 0.0:
+            reach = _reach_of_curve(view, q, t, h, matrix, limit)
+        if reach < h:
+            h = reach
             if h < shortest:
                 curve.stuck = (False, True)
                 break
             continue
+        x, new, matrix = found.q[:, 0], found.t[:, 0], found.matrix
         if within is not None:
             u, v, low, high = q[within[0]], x[within[0]], *within[1:]
             if ((v > high + 1e-12 or v < low - 1e-12) and len(curve.s) > 1) or (v < low - 1e-9 or v > high + 1e-9):
@@ -185,6 +197,35 @@ def trace_curve(
     return curve
 
 
+def _orientations(matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return signs of bordered determinants against that of one other, ``(lanes,)``: negative on another curve."""
+    if matrix.shape[1] > matrix.shape[2]:
+        return np.linalg.slogdet(np.swapaxes(other, 1, 2) @ matrix)[0]
+    return np.linalg.slogdet(matrix)[0] * np.linalg.slogdet(other)[0]
+
+
+def _reach_of_curve(view: HostView, q: np.ndarray, t: np.ndarray, h: float, matrix: np.ndarray, limit: float) -> float:
+    """How far to go of a step that ends with the other orientation.
+
+    All of it where the curve crosses another one: then shorter steps fit up to the crossing, and from there on. Where
+    two curves only pass each other there is a gap between them, in which no step fits.
+    """
+    least = (10.0 * limit * view.eq.length) ** 0.5  # poses within the tolerance lead over a smaller gap
+    low, high = 0.0, h
+    while high - low > least:
+        parts = np.linspace(low, high, 17)
+        found = _try_steps(view, q, t, *parts[1:-1])
+        fits, same = found.fits(t[:, None], parts[1:-1], limit), _orientations(found.matrix, matrix) > 0.0
+        fits, same = (np.concatenate([[True], of, [True]]) for of in (fits, same))
+        same[-1] = False
+        first = int(np.argmin(fits & same))  # that is no more on the curve
+        behind = first + int(np.argmax(fits[first:] & ~same[first:]))  # the first that is on the other one
+        low, high = parts[first - 1], parts[behind]
+        if parts[behind - 1] - parts[first] > least:
+            return low or h / 16.0
+    return h
+
+
 def _pose_distance(view: HostView, q: np.ndarray, other: np.ndarray) -> float:
     """How far the places and directions of two poses are from each other, a length; angles count turns, and do not."""
     places = len(q) - len(view.plan.topology.scalars)
@@ -196,27 +237,95 @@ def _land(view: HostView, curve: TracedCurve, index: int, edge: float, values: t
     (u, v), (q, t), shortest = values, (curve.q[-1], curve.t[-1]), 1e-9 * view.eq.length
     reach = (edge - u) / (v - u) * h if v != u else 0.0
     for _ in range(6):  # secant steps
-        at = _single_step(view, q, t, reach)[0][index]
+        at = _try_steps(view, q, t, reach).q[index, 0]
         slope = (at - u) / reach if reach > shortest else 0.0
         reach = reach + (edge - at) / slope if slope else reach
     if reach > shortest:
-        x, new, *_ = _single_step(view, q, t, reach)
-        curve.add(x, new, reach)
+        found = _try_steps(view, q, t, reach)
+        curve.add(found.q[:, 0], found.t[:, 0], reach)
 
 
 def _close_curve(view: HostView, curve: TracedCurve, h: float) -> bool:
     """Land on the beginning of a curve exactly, if it goes through it; whether it does."""
-    top, unknown, size = view.plan.topology, view.plan.unknown, view.eq.length
+    size = view.eq.length
     q, t = curve.q[-1], curve.t[-1]
-    back = (curve.q[0] - q)[unknown] * view.inner
-    turns = top.mark(top.angles)[unknown]
+    back = (curve.q[0] - q)[view.plan.unknown] * view.inner
+    top = view.plan.topology
+    turns = top.mark(top.angles)[view.plan.unknown]
     back[turns] -= 2 * np.pi * size * np.round(back[turns] / (2 * np.pi * size))
     reach = float(back @ t)
     if not 0 <= reach <= 1.2 * h:
         return False
-    y, new, *_ = _single_step(view, q, t, reach)
-    if _pose_distance(view, y, curve.q[0]) >= 1e-3 * size or new @ curve.t[0] <= 0.9:
+    found = _try_steps(view, q, t, reach)
+    if _pose_distance(view, found.q[:, 0], curve.q[0]) >= 1e-6 * size or found.t[:, 0] @ curve.t[0] <= 0.9:
         return False
-    curve.add(y, new, reach)
+    curve.add(found.q[:, 0], curve.t[0], reach)  # to the last digit: at a dead point signs of rounding would differ
     curve.closed = True
     return True
+
+
+class Turns(NamedTuple):
+    """Where a coordinate turns back along a curve, in order."""
+
+    q: np.ndarray  # the poses, (N, turns)
+    rising: np.ndarray  # whether it grows before, (turns,)
+    s: np.ndarray  # arc length from the curve's first pose, (turns,)
+
+
+def turns_along(view: HostView, curve: TracedCurve, place: int) -> Turns:
+    """Find every pose of a curve in which an unknown, given by its place, turns back."""
+    q, t, s = np.array(curve.q).T, np.array(curve.t).T, np.array(curve.s)
+    limit = float(np.max(view.tolerance(q))) * 10
+    at, most = view.plan.unknown, q.shape[1]
+    for _ in range(12):  # nodes are added where the coordinate may turn more than once from one to the next
+        along = np.sum(t[:, :-1] * np.diff(q[at] * view.inner[:, None]), axis=0)
+        a, b = t[place, :-1], t[place, 1:]
+        mean = np.diff(q[at[place]] * view.inner[place]) / along
+        # Rates by the length along a node's tangent, less a straight line: a parabola of the same mean.
+        bump = 1.5 * np.abs(mean - 0.5 * (a + b / np.sum(t[:, :-1] * t[:, 1:], axis=0)))
+        bump = np.maximum(bump, np.maximum(np.append(bump[1:], 0.0), np.append(0.0, bump[:-1])))
+        smaller = np.minimum(np.abs(a), np.abs(b))
+        doubtful = np.where(a * b > 0.0, smaller < 2.0 * bump + 0.25 * np.abs(b - a), np.abs(b - a) < 8.0 * bump)
+        doubtful &= (along > 1e-6 * view.eq.length) & (np.maximum(np.abs(a), np.abs(b)) > 1e-9)
+        which = np.flatnonzero(doubtful)
+        if not 0 < len(which) <= most:
+            break
+        found = step_along(view, q[:, which], t[:, which], 0.5 * along[which])
+        fine = found.fits(t[:, which], 0.5 * along[which], limit)
+        which, middle = which[fine] + 1, 0.5 * (s[which] + s[which + 1])[fine]
+        q, t = (np.insert(old, which, new[:, fine], axis=1) for old, new in ((q, found.q), (t, found.t)))
+        s = np.insert(s, which, middle)
+    signs = np.where(np.abs(t[place]) > 1e-9, np.sign(t[place]), 0.0)  # less is rounding
+    for k in np.flatnonzero(signs == 0.0):  # exactly at a dead point: as the coordinate came there
+        before = signs[:k] if not curve.closed else np.roll(signs[:-1], -k)
+        signs[k] = next(iter(before[before != 0.0][::-1]), 0.0)
+    which = np.flatnonzero(signs[:-1] * signs[1:] < 0.0)
+    return Turns(_turns_between(view, place, q, t, which, limit), signs[which] > 0.0, s[which])
+
+
+def _turns_between(
+    view: HostView, place: int, q: np.ndarray, t: np.ndarray, which: np.ndarray, limit: float
+) -> np.ndarray:
+    """Find the poses ``(N, turns)`` where a component of the tangent vanishes, each from a node to the next.
+
+    By false position: steps go from the earlier end, which moves on.
+    """
+    (qa, ta), (qb, tb) = ((q[:, k], t[:, k]) for k in (which, which + 1))
+    fa, fb = ta[place].copy(), tb[place].copy()
+    part, last = fa / (fa - fb), np.zeros(len(which))
+    for _ in range(60):  # at most: some eight do
+        whole = np.sum(ta * (qb - qa)[view.plan.unknown] * view.inner[:, None], axis=0)
+        found = step_along(view, qa, ta, part * whole)
+        rate = found.t[place]
+        fine = (found.size <= limit) & (np.sum(ta * found.t, axis=0) > 0.9)
+        side = np.where(fine, np.where(rate * fb <= 0.0, 1.0, -1.0), 0.0)  # on which side of the turn
+        on, back = side > 0.0, side < 0.0
+        # An end that stays for the second time counts for half, so that it moves too.
+        fa = np.where(on, rate, np.where(back & (last < 0.0), 0.5 * fa, fa))
+        fb = np.where(back, rate, np.where(on & (last > 0.0), 0.5 * fb, fb))
+        qa, ta = np.where(on, found.q, qa), np.where(on, found.t, ta)
+        qb, tb = np.where(back, found.q, qb), np.where(back, found.t, tb)
+        if np.all((whole <= 1e-13 * view.eq.length) | (np.minimum(np.abs(ta[place]), np.abs(tb[place])) <= 1e-15)):
+            break
+        part, last = np.where(fine, fa / (fa - fb), 0.5 * part), np.where(fine, side, last)
+    return np.where(np.abs(ta[place]) < np.abs(tb[place]), qa, qb)
