@@ -935,6 +935,8 @@ def loaded(dim: int = 2) -> nc.Mechanism:
         m.body("crank", ["A", "B"], vectors=["v"], mass=2.0, com=(0.1, 0.2, 0.1), inertia=(0.1, 0.2, 0.15))
         m.angle("phi", at="A", to="B", about="v")
         m.gravity = (0, 0, -9.81)
+        m.ground("S", (0.0, 0.0, 0.5))
+        m.spring("coil", "S", "B", stiffness=300.0)
         return m
     m.ground("A", (0, 0))
     m.ground("D", (0.1, 0))
