@@ -91,7 +91,7 @@ def list_first(names: Sequence[str], most: int, between: str = ", ") -> str:
 
 def brief(value: Any) -> str:
     """Write a value that was given as messages repeat it: arrays by their shape, the rest as far as it is short."""
-    if hasattr(value, "shape") and hasattr(value, "dtype"):
+    if hasattr(value, "shape") and hasattr(value, "dtype") and not isinstance(value, type):
         return f"an array of shape {tuple(value.shape)}" if value.shape else repr(value)
     if isinstance(value, int) and value.bit_length() > 200:
         return f"a whole number of {round(value.bit_length() * 0.30103)} digits"
