@@ -116,23 +116,23 @@ def extremes_of(
     """
     found, at, way = read(motion), np.arange(float(len(motion.status))), course(motion)
     lost = np.isin(np.asarray(motion.status), (0, Status.SINGULAR), invert=True)  # a motion goes on past change points
-    ends = [[extreme_of(q, way, largest) for largest in (False, True)] for q in found]
+    ends, steady = [[extreme_of(q, way, largest) for largest in (False, True)] for q in found], False
     for _ in range(6):
         pairs = [extreme_of(q, way, largest, True) for q in found for largest in (False, True)]
-        vertices = [np.interp(e.at, np.arange(len(at)), at) for e in pairs if e.refined]
+        vertices = [float(np.interp(e.at, np.arange(len(at)), at)) for e in pairs if e.refined]
         between = np.unique([*vertices, *(zero for q in found if (zero := _zero(q, at, lost, guess=True)) is not None)])
         more = _solve_between(motion, between) if len(between) else None
         beyond = None if more is None else course(more)
         if more is None or way is None or beyond is None:
             break
-        order = np.argsort(np.append(at, between), kind="stable")
+        order, steady = np.argsort(np.append(at, between), kind="stable"), True
         at, way = np.append(at, between)[order], np.append(way, beyond)[order]
         found = [_joined(q, new, order) for q, new in zip(found, read(more), strict=True)]
     if len(at) > len(motion.status):  # of the values of poses
         ends = [[extreme_of(q, None, largest) for largest in (False, True)] for q in found]
         ends = [[replace(e, at=float(at[int(e.at)]), refined=at[int(e.at)] % 1 > 0) for e in pair] for pair in ends]
     for q, pair in zip(found, ends, strict=True):
-        zero = _zero(q, at, lost)
+        zero = _zero(q, at, lost) if steady or not q.rate else None  # a rate may jump where it is driven otherwise
         pair[0] = pair[0] if zero is None else ExtremeValue(0.0, zero, True)
     return [(low, high) for low, high in ends]
 

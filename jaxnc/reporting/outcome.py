@@ -251,7 +251,7 @@ def _asked(motion: Motion, text: str) -> list[Quantity]:
     unit = q.unit.replace("°", "deg")
     if q.values.ndim == 1:
         return [Quantity(text, unit, q.values, 1.0)]
-    return [Quantity(text, unit, np.linalg.norm(q.values, axis=1), 1.0, parts=q.values)]
+    return [Quantity(text, unit, np.linalg.norm(q.values, axis=1), 1.0, rate=True, parts=q.values)]
 
 
 def _decide(motion: Motion, text: str) -> Expectation:

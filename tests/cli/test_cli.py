@@ -500,6 +500,20 @@ def test_a_point_that_reverses_between_two_poses_has_not_stopped(turns):
     assert speed.smallest == pytest.approx(10.0)
 
 
+def test_an_acceleration_that_jumps_over_zero_has_not_been_zero():
+    m = nc.Mechanism("slider")
+    m.ground("A", (0, 0)), m.point("B", (1, 0), fixed="y"), m.distance("s", "A", "B")
+    t = np.linspace(0.0, 2.0, 8)  # driven up to speed, and braked from the middle on
+    drive = (
+        np.where(t < 1, 1 + t**2, 1 + 2 - (2 - t) ** 2),
+        np.where(t < 1, 2 * t, 4 - 2 * t),
+        np.where(t < 1, 2.0, -2.0),
+    )
+    motion = nc.motion(m.compile(), {"s": drive}, t)
+    (size,) = (one for one in nc.report(motion, outputs=["B"]).verdict.extremes if one.quantity == "|a(B)|")
+    assert size.smallest == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize("poses", [13, 361])
 def test_an_extreme_between_poses_is_that_of_a_pose(poses):
     """Crank 12 and coupler 35: however many poses there are, A and C are 23 to 47 apart, and no more."""
