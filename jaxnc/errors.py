@@ -91,7 +91,7 @@ def list_first(names: Sequence[str], most: int, between: str = ", ") -> str:
 
 def brief(value: Any) -> str:
     """Write a value that was given as messages repeat it: arrays by their shape, the rest as far as it is short."""
-    if hasattr(value, "shape") and hasattr(value, "dtype"):
+    if hasattr(value, "shape") and hasattr(value, "dtype") and not isinstance(value, type):
         return f"an array of shape {tuple(value.shape)}" if value.shape else repr(value)
     if isinstance(value, int) and value.bit_length() > 200:
         return f"a whole number of {round(value.bit_length() * 0.30103)} digits"
@@ -103,12 +103,15 @@ def brief(value: Any) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
-def nearest(name: str, names: Iterable[str]) -> str:
-    """Offer the known names closest to an unknown one, such as ``did you mean 'phi'?``, or list them."""
+def nearest(name: str, names: Iterable[str], cutoff: float = 0.51) -> str:
+    """Offer the known names closest to an unknown one, such as ``did you mean 'phi'?``, or list them.
+
+    `cutoff` is how like it they are, from 0 to 1.
+    """
     known = sorted(set(map(str, names)))
     name = str(name)
     close = [k for k in known if len(name) > 2 and name in k][:3]
-    close = close or difflib.get_close_matches(name, known, n=3, cutoff=0.51)
+    close = close or difflib.get_close_matches(name, known, n=3, cutoff=cutoff)
     if close:
         return "did you mean " + " or ".join(repr(c) for c in close) + "?"
     if not known:

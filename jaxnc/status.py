@@ -28,7 +28,9 @@ class Status(IntEnum):
 
 _SENTENCES = {
     Status.CONVERGED: "The pose was found and every constraint is met.",
-    Status.DID_NOT_ASSEMBLE: "The mechanism does not assemble at this input.",
+    Status.DID_NOT_ASSEMBLE: (
+        "No pose was found: the mechanism does not assemble at this input, or not on the branch that it began on."
+    ),
     Status.SINGULAR: (
         "A singular position: the motion stops here (dead point or limit of travel of the input), or goes on through a "
         "change point, where a pose has no derivative."

@@ -193,7 +193,7 @@ def _unknown_kind(noun: str, name: str, kind: str, kinds: "Mapping[str, AnyKind]
     else:
         from jaxnc.constraints import CATALOGUE
     return MechanismError(
-        f"{noun} {name!r}: unknown kind {kind!r}; a kind of your own is given when loading, "
+        f"{noun} {name!r}: unknown kind {kind!r}; a kind of your own is given when loading in Python, "
         f"load(path, kinds={{{kind!r}: …}}), and for those of the catalogue: {nearest(kind, [*CATALOGUE, *kinds])}"
     )
 

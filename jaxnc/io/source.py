@@ -244,14 +244,15 @@ def _explain(message: str, data: Any, record: type) -> tuple[Place, str]:
     name = fault.partition("`")[2].rstrip("`")
     if fault.startswith("Object contains unknown field"):
         noun = "field" if place else "table or field"
-        return (*place, name), f"unknown {noun}; {nearest(name, _field_names(expected, value))}"
+        return (*place, name), f"unknown {noun}; {nearest(name, _field_names(expected, value), cutoff=0.8)}"
     if fault.startswith("Object missing required field"):
         return place, f"{name!r} is missing; it is {describe(_entry_type(expected, name, value))}"
     if place == ("dim",):
         return place, f"mechanisms are planar, dim = 2, or spatial, dim = 3; got {value!r}"
     if fault.startswith("Invalid"):
         choices = [str(v) for t in _alternatives(expected) if isinstance(t, kinds_of.LiteralType) for v in t.values]
-        return place, f"{value!r} is not {describe(expected)}; {nearest(str(value), choices)}"
+        hint = nearest(str(value), choices)  # which lists them, as they are listed already, where none is like it
+        return place, f"{value!r} is not {describe(expected)}" + f"; {hint}" * hint.startswith("did you mean")
     if fault.startswith("Number out of range"):
         return place, "the number is too large"
     return place, f"expected {describe(expected)}, got {_describe_value(value)}"

@@ -321,16 +321,16 @@ def design_components(
     system: System, variables: Sequence[str] | None
 ) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
     """Find the chosen design variables: their names by component, places in `geometry_vector`, and units."""
-    top, names = system.topology, geometry_components(system)
+    names = geometry_components(system)
     chosen = range(len(names))
     if variables is not None:
         variables = [variables] if isinstance(variables, str) else list(variables)
         for name in variables:
             if name not in system.design_variables and name not in [c for _, c, _ in names]:
-                raise InputError(
-                    f"sensitivity: {top.name!r} has no design variable {name!r}; "
-                    f"{nearest(name, system.design_variables)}"
-                )
+                try:
+                    system[name]
+                except InputError as error:
+                    raise InputError(f"sensitivity: {error}") from None
         chosen = [k for k, (name, part, _) in enumerate(names) if name in variables or part in variables]
     at = np.array(list(chosen), dtype=int)
     return tuple(names[k][1] for k in at), at, tuple(names[k][2] for k in at)

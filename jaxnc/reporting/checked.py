@@ -43,7 +43,7 @@ class Quantity:
         values: its values, NaN where a pose failed, ``(T,)``.
         scale: how large such a quantity naturally is in this mechanism: what is far smaller is rounding.
         rate: whether it is a time derivative.
-        size: whether it is the size of a vector, whose square is smooth where it vanishes.
+        parts: of a size the signed numbers that vanish where it does, ``(T, parts)``; its square is smooth there.
     """
 
     label: str
@@ -51,7 +51,7 @@ class Quantity:
     values: np.ndarray
     scale: float
     rate: bool = False
-    size: bool = False
+    parts: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -77,13 +77,13 @@ def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
         if values.ndim > 1:
             axes = "xyz"[: values.shape[-1]]
             found += [Quantity(f"{name}.{axis}", unit, values[:, k], scale) for k, axis in enumerate(axes)]
-            sizes = [(np.linalg.norm(rate, axis=-1), f"|{letter}({name})|") for rate, letter in rates]
+            sizes = [(np.linalg.norm(rate, axis=-1), f"|{letter}({name})|", rate) for rate, letter in rates]
         else:
             found.append(Quantity(name, unit, values * factor, scale))
-            sizes = [(rate * factor, f"{letter}({name})") for rate, letter in rates]
-        for (size, label), per in zip(sizes, ("/s", "/s^2"), strict=False):
+            sizes = [(rate * factor, f"{letter}({name})", None) for rate, letter in rates]
+        for (size, label, parts), per in zip(sizes, ("/s", "/s^2"), strict=False):
             scale *= pace
-            found.append(Quantity(label, unit + per, size, scale, rate=True, size=values.ndim > 1))
+            found.append(Quantity(label, unit + per, size, scale, rate=True, parts=parts))
     return [replace(q, values=np.where(good, q.values, np.nan)) for q in found]
 
 
@@ -111,26 +111,68 @@ def extremes_of(
     """Find the smallest and the largest value of each quantity that is read off a motion, between its poses too.
 
     A pose is solved where the parabola through three poses has its vertex, and again through the nearest poses there
-    are by then. Where a motion is not driven steadily by one input the vertex is all that is known.
+    are by then; and where the parts of a size seem to go through zero. Where a motion is not driven steadily by one
+    input the vertex is all that is known. The least of a size whose parts go through zero between two poses is zero.
     """
     found, at, way = read(motion), np.arange(float(len(motion.status))), course(motion)
-    ends = [[extreme_of(q, way, largest) for largest in (False, True)] for q in found]
+    lost = np.isin(np.asarray(motion.status), (0, Status.SINGULAR), invert=True)  # a motion goes on past change points
+    ends, steady = [[extreme_of(q, way, largest) for largest in (False, True)] for q in found], False
     for _ in range(6):
         pairs = [extreme_of(q, way, largest, True) for q in found for largest in (False, True)]
-        between = np.unique([np.interp(e.at, np.arange(len(at)), at) for e in pairs if e.refined])
+        vertices = [float(np.interp(e.at, np.arange(len(at)), at)) for e in pairs if e.refined]
+        between = np.unique([*vertices, *(zero for q in found if (zero := _zero(q, at, lost, guess=True)) is not None)])
         more = _solve_between(motion, between) if len(between) else None
         beyond = None if more is None else course(more)
         if more is None or way is None or beyond is None:
             break
-        order = np.argsort(np.append(at, between), kind="stable")
+        order, steady = np.argsort(np.append(at, between), kind="stable"), True
         at, way = np.append(at, between)[order], np.append(way, beyond)[order]
-        found = [
-            replace(q, values=np.append(q.values, new.values)[order]) for q, new in zip(found, read(more), strict=True)
-        ]
+        found = [_joined(q, new, order) for q, new in zip(found, read(more), strict=True)]
     if len(at) > len(motion.status):  # of the values of poses
         ends = [[extreme_of(q, None, largest) for largest in (False, True)] for q in found]
         ends = [[replace(e, at=float(at[int(e.at)]), refined=at[int(e.at)] % 1 > 0) for e in pair] for pair in ends]
+    for q, pair in zip(found, ends, strict=True):
+        zero = _zero(q, at, lost) if steady or not q.rate else None  # a rate may jump where it is driven otherwise
+        pair[0] = pair[0] if zero is None else ExtremeValue(0.0, zero, True)
     return [(low, high) for low, high in ends]
+
+
+def _joined(q: Quantity, more: Quantity, order: np.ndarray) -> Quantity:
+    """Add poses to a quantity, in order."""
+    values = np.append(q.values, more.values)[order]
+    both = None if q.parts is None or more.parts is None else np.append(q.parts, more.parts, axis=0)[order]
+    return replace(q, values=values, parts=both)
+
+
+def _zero(q: Quantity, at: np.ndarray, lost: np.ndarray, guess: bool = False) -> float | None:
+    """Find where the parts of a quantity go through zero between two poses, as a number of poses; None if nowhere.
+
+    One part changes its sign. Of several the straight way from one pose to the next leads through zero, beside it.
+
+    Args:
+        q: the quantity.
+        at: its poses, in order; they may lie between those of the motion.
+        lost: whether the motion was lost at a pose of its own: nothing is known of the way past it.
+        guess: find where several parts may go through zero, to look there.
+    """
+    known = np.isfinite(q.values)
+    if q.parts is None or not known.any():
+        return None
+    parts, at = q.parts[known], at[known]
+    largest = np.abs(parts).max(axis=0)
+    parts = parts[:, largest > ZERO * largest.max()]
+    a, step, size = parts[:-1], np.diff(parts, axis=0), np.linalg.norm(parts, axis=1)
+    along = -(a * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), 1e-300)
+    through = (along > 0.0) & (along < 1.0) & (np.diff(np.searchsorted(np.flatnonzero(lost), at)) == 0)
+    near, beside = np.linalg.norm(a + along[:, None] * step, axis=1), np.minimum(size[:-1], size[1:])
+    if guess:
+        through &= (near < 0.1 * beside) & (parts.shape[1] > 1)  # in a direction, to a tenth
+    elif parts.shape[1] > 1:
+        through &= (near <= ZERO * size.max()) & (beside <= 1e-3 * size.max())
+    if not through.any():
+        return None
+    k = int(np.where(through, beside, np.inf).argmin())
+    return float(at[k] + along[k] * (at[k + 1] - at[k]))
 
 
 def _solve_between(motion: Motion, at: np.ndarray) -> Motion | None:
@@ -152,7 +194,7 @@ def _solve_between(motion: Motion, at: np.ndarray) -> Motion | None:
 def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool, beyond: bool = False) -> ExtremeValue:
     """Find the largest or smallest of a quantity's values; that of a size by its square. See `extreme`."""
     along = None if constant(q.values) else along
-    if not q.size:
+    if q.parts is None:
         return extreme(q.values, along, largest, beyond)
     found = extreme(q.values**2, along, largest, beyond)
     return replace(found, value=max(found.value, 0.0) ** 0.5)

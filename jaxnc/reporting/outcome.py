@@ -18,7 +18,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.reporting.checked import ZERO, Quantity, apart, extremes_of, quantities, unit_of
-from jaxnc.reporting.transmission import transmissions
+from jaxnc.reporting.transmission import transmission_quantities
 from jaxnc.reporting.verdict import (
     Expectation,
     Extreme,
@@ -236,43 +236,40 @@ def check_expected(system: System, arguments: SweepArguments, texts: Sequence[st
     except InputError:  # as the analysis itself will say
         return
     for text in texts:
-        _values(motion, text)
+        _asked(motion, text)
 
 
-def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
-    """Find the values that an expectation is about, one for each pose, and their unit."""
+def _asked(motion: Motion, text: str) -> list[Quantity]:
+    """Find the quantity that an expectation is about; after a least one those that it is the least of."""
     name, data = parse_expectation(text)[0], poses(motion)
     if name == "transmission":
-        found = [t.values for t in transmissions(motion)]
+        found = transmission_quantities(motion)
         if not found:
             raise InputError(f"--expect {text!r}: {motion.system.name!r} has no transmission angle that is known")
-        values, unit = np.nanmin(found, axis=0), "deg"
-    else:
-        try:
-            q = quantity(data, name)
-        except InputError as error:
-            raise InputError(f"--expect {text!r}: {str(error).removeprefix('plot: ')}") from None
-        values, unit = (q.values if q.values.ndim == 1 else np.linalg.norm(q.values, axis=1)), q.unit
-        unit = unit.replace("°", "deg")
-    return values, unit
+        return [Quantity(text, "deg", np.min([q.values for q in found], axis=0), 1.0), *found]
+    try:
+        q = quantity(data, name)
+    except InputError as error:
+        raise InputError(f"--expect {text!r}: {str(error).removeprefix('plot: ')}") from None
+    unit = q.unit.replace("°", "deg")
+    if q.values.ndim == 1:
+        return [Quantity(text, unit, q.values, 1.0)]
+    return [Quantity(text, unit, np.linalg.norm(q.values, axis=1), 1.0, rate=True, parts=q.values)]
 
 
 def _decide(motion: Motion, text: str) -> Expectation:
     _, word, sign, limit = parse_expectation(text)
 
-    def tell(motion: Motion) -> list[Quantity]:
-        values, unit = _values(motion, text)
-        return [Quantity(text, unit, values, 1.0)]
-
-    values, unit = _values(motion, text)
-    if not np.isfinite(values).any():
-        return Expectation(text=text, met=False, value=None, unit=unit)
-    ((low, high),) = ((low.value, high.value) for low, high in extremes_of(motion, tell))
+    q = _asked(motion, text)[0]
+    if not np.isfinite(q.values).any():
+        return Expectation(text=text, met=False, value=None, unit=q.unit)
+    found = extremes_of(motion, lambda motion: _asked(motion, text))
+    low, high = min(low.value for low, _ in found), found[0][1].value
     ends = {"smallest": low, "largest": high, "range": high - low}
     decides = float(ends[word or ("largest" if sign[0] == "<" else "smallest")])
     equal = abs(decides - limit) <= ZERO * abs(limit)
     met = sign in ("<=", ">=") if equal else _HOLDS[sign](decides, limit)
-    return Expectation(text=text, met=bool(met), value=number(decides), unit=unit)
+    return Expectation(text=text, met=bool(met), value=number(decides), unit=q.unit)
 
 
 # -- a simulation -----------------------------------------------------------------------------------------------------

@@ -14,9 +14,9 @@ from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError, counted
 from jaxnc.io.files import model_toml
 from jaxnc.kinematics.motion import Motion
-from jaxnc.reporting.checked import ZERO, Quantity, constant, parts, unit_of
+from jaxnc.reporting.checked import ZERO, Quantity, constant, extremes_of, parts, unit_of
 from jaxnc.reporting.outcome import energies, idle, inputs_at, scales_of
-from jaxnc.reporting.transmission import unexplained_bodies
+from jaxnc.reporting.transmission import transmission_quantities, unexplained_bodies
 from jaxnc.reporting.verdict import Finding, Verdict
 from jaxnc.types import ArrayLike
 from jaxnc.viz.pages.content import fill_template
@@ -320,9 +320,8 @@ def _transmission(found: "Report", motion: Motion) -> str:
     if not found.transmissions:
         return _hint(why) if why else ""
     over, out, rows = _abscissa(found), [], [["joint", "between", "least [deg]", "at", "largest [deg]"]]
-    for t in found.transmissions:
-        at = _at(inputs_at(motion, int(np.nanargmin(t.values))))
-        rows.append([t.at, t.between, short(float(np.nanmin(t.values))), at, short(float(np.nanmax(t.values)))])
+    for t, (low, high) in zip(found.transmissions, extremes_of(motion, transmission_quantities), strict=True):
+        rows.append([t.at, t.between, short(low.value), _at(inputs_at(motion, low.at)), short(high.value)])
     for t in found.transmissions:
         if over is not None and np.nanmax(t.values) - np.nanmin(t.values) > 1e-6:
             label = f"{t.at}: {t.between}" if len(t.between) <= 36 else t.at  # the table says the rest

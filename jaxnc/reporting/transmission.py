@@ -10,6 +10,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.constraints import DISTANCE_BETWEEN
 from jaxnc.kinematics.motion import Motion
+from jaxnc.reporting.checked import Quantity
 from jaxnc.system.topology import Topology
 
 
@@ -22,11 +23,13 @@ class Transmission:
         at: the joint.
         between: what meets there.
         values: degrees, ``(T,)``; NaN where a pose was not found.
+        sines: of the angle with its sense, ``(T,)``: it goes through zero where they change their sign.
     """
 
     at: str
     between: str
     values: np.ndarray
+    sines: np.ndarray
 
 
 class _Line(NamedTuple):
@@ -64,9 +67,16 @@ def transmissions(motion: Motion) -> list[Transmission]:
     out = []
     for found in _Chain(top, motion.driven).meetings:
         u, v = _direction(motion, found.one), _direction(motion, found.other)
-        angle = np.arctan2(np.abs(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]), np.abs((u * v).sum(axis=-1)))
-        out.append(Transmission(top.points[found.at], found.between, np.where(bad, np.nan, np.degrees(angle))))
+        angle = np.arctan2(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0], (u * v).sum(axis=-1))
+        values = np.degrees(np.arctan2(np.abs(np.sin(angle)), np.abs(np.cos(angle))))
+        values, sines = (np.where(bad, np.nan, x) for x in (values, np.sin(angle)))
+        out.append(Transmission(top.points[found.at], found.between, values, sines))
     return out
+
+
+def transmission_quantities(motion: Motion) -> list[Quantity]:
+    """List the transmission angles of a planar sweep as quantities; see `transmissions`."""
+    return [Quantity(t.at, "deg", t.values, 1.0, parts=t.sines[:, None]) for t in transmissions(motion)]
 
 
 def unexplained_bodies(motion: Motion) -> list[str]:

@@ -39,7 +39,7 @@ FOLDING = 0.2  # times what determinants say of a fold: so much of it the speed 
 LEFT = 0.5  # of the way to a fold is gone in a step: the tangent then changes by what is aimed at
 FAST = 30.0  # times its usual speed: towards a fold the pose changes as one over a root, at a crossing it does not
 PAGE_TURN = 0.7  # radians of a page's first step: it sees less of a branch than the host does, and tries again
-PAGE_SHORTEST = 1e-8  # of the way: where a page's steps are shorter, the branch ends
+PAGE_SHORTEST = 1e-8  # of the first step: where a page's steps are shorter, the branch ends
 
 
 def parts_of_way(steps: int) -> np.ndarray:

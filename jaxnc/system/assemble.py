@@ -25,7 +25,7 @@ from jaxnc.compiling import on_device
 from jaxnc.constraints import Kind, RateKind
 from jaxnc.constraints.kind import cross
 from jaxnc.doors import door
-from jaxnc.errors import MechanismError
+from jaxnc.errors import InputError, MechanismError, brief
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.checks import PARALLEL
 from jaxnc.system.design import recipe_formula
@@ -46,6 +46,11 @@ _NEARLY = 2e-3  # below which they are suspiciously nearly so, where a vector wa
 
 def compile_mechanism(mechanism: "Mechanism", sparse: bool | None, dtype: str | None) -> System:
     """Turn a description into a system whose freedoms are counted; see `Mechanism.compile`."""
+    if not isinstance(sparse, bool | np.bool_ | None):
+        raise InputError(
+            f"compile(): sparse must be True, False or None, got {brief(sparse)}; a type of numbers goes by name: "
+            "compile(dtype='float32')"
+        )
     wanted = chosen(dtype)
     with numbers(WIDE), at_once():
         system = door("System.degrees_of_freedom")(assemble(mechanism, sparse))

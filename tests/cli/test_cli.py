@@ -473,9 +473,46 @@ def test_an_extreme_between_poses_is_the_vertex_of_a_parabola():
 
 def test_a_speed_that_vanishes_between_poses_is_refined_by_its_square():
     u = np.linspace(0.0, 1.0, 6)
-    q = Quantity("|v(P)|", "m/s", np.abs(u - 0.33), 1.0, rate=True, size=True)
+    q = Quantity("|v(P)|", "m/s", np.abs(u - 0.33), 1.0, rate=True, parts=u[:, None] - 0.33)
     found = extreme_of(q, u, largest=False)
     assert found.value == pytest.approx(0.0, abs=1e-7) and found.at / 5 == pytest.approx(0.33)
+
+
+@pytest.mark.parametrize("poses", [13, 38])
+def test_what_changes_its_sign_between_poses_has_been_zero(poses):
+    """An offset slider stops where crank and coupler are in line; a parallelogram transmits nothing where flat."""
+    m = nc.library.slider_crank(crank=0.3, conrod=0.8, offset=0.05)
+    motion = nc.sweep(m.compile(), {"phi": np.linspace(0, 6, poses)}, rates={"phi": 1.0})
+    (speed,) = (one for one in nc.report(motion, outputs=["C"]).verdict.extremes if one.quantity == "|v(C)|")
+    at = [np.arcsin(0.05 / 1.1), np.pi + np.arcsin(0.05 / 0.5)]
+    assert speed.smallest == 0.0 and min(abs(speed.smallest_at["phi"] - x) for x in at) < 1e-6
+    flat = nc.library.parallelogram(third=None)
+    motion = nc.sweep(flat.compile(), {"phi": np.radians(np.linspace(33, 323, poses))})
+    found = nc.report(motion, expect=["transmission > 0.001", "transmission largest > 80"]).verdict.expectations
+    assert [one.met for one in found] == [False, True] and found[0].value == 0.0
+
+
+@pytest.mark.parametrize("turns", [0.5, 1.0])
+def test_a_point_that_reverses_between_two_poses_has_not_stopped(turns):
+    m = nc.Mechanism("crank")
+    m.ground("A", (0, 0)), m.point("B", (3, 4)), m.body("crank", ["A", "B"]), m.angle("phi", at="A", to="B")
+    motion = nc.sweep(m.compile(), {"phi": 2 * np.pi * turns * np.arange(3)}, rates={"phi": 2.0})
+    (speed,) = (one for one in nc.report(motion, outputs=["B"]).verdict.extremes if one.quantity == "|v(B)|")
+    assert speed.smallest == pytest.approx(10.0)
+
+
+def test_an_acceleration_that_jumps_over_zero_has_not_been_zero():
+    m = nc.Mechanism("slider")
+    m.ground("A", (0, 0)), m.point("B", (1, 0), fixed="y"), m.distance("s", "A", "B")
+    t = np.linspace(0.0, 2.0, 8)  # driven up to speed, and braked from the middle on
+    drive = (
+        np.where(t < 1, 1 + t**2, 1 + 2 - (2 - t) ** 2),
+        np.where(t < 1, 2 * t, 4 - 2 * t),
+        np.where(t < 1, 2.0, -2.0),
+    )
+    motion = nc.motion(m.compile(), {"s": drive}, t)
+    (size,) = (one for one in nc.report(motion, outputs=["B"]).verdict.extremes if one.quantity == "|a(B)|")
+    assert size.smallest == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("poses", [13, 361])

@@ -248,7 +248,13 @@ BROKEN = [
         joint('s = {joint = "slot", point = "X", line = ["A", "D"]}'),
         ["line 26", "slot 's'", "unknown point 'X'", "known names: A, B, C, D"],
     ),
-    ("own kind", JOINTS, "[constraints]\nq = {kind = 'own'}\n[angles]", ["line 26", "'own'", "load(path, kinds="]),
+    (
+        "own kind",
+        JOINTS,
+        "[constraints]\nq = {kind = 'own'}\n[angles]",
+        ["line 26", "'own'", "Python, load(path, kinds="],
+    ),
+    ("word of another", 'to = "B"}', 'from = "D", to = "B"}', ["line 26", "angles.phi.from", "known names: ", "start"]),
     ("input name", "phi = {from", "phii = {from", ["line 29", "'phii'", "did you mean 'phi'"]),
     ("half a pose", "poses = 37", "poses = 3.5", ["line 29", "run.inputs.phi.poses", "whole number", "3.5"]),
     ("no pose", "poses = 37", "poses = 0", ["line 29", "'phi'", "poses = 0", "at least 1"]),
@@ -294,6 +300,12 @@ def test_broken_toml(tmp_path, old, new, says):
     path.write_text(BASE.replace(old, new, 1))
     message = refusal(path)
     assert all(piece in message for piece in says), message
+
+
+def test_choices_are_listed_once(tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text(BASE.replace(JOINTS, joint('s = {joint = "hinge", point = "B"}'), 1))
+    assert "'hinge' is not one of" in refusal(path) and refusal(path).count("revolute") == 1
 
 
 JSON = json.dumps(

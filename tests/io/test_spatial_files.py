@@ -103,7 +103,7 @@ BROKEN = [
     ("axis is a point", '["z", "u"]', '["z", "B"]', ["line 25", "'hinge'", "'B' is a point"]),
     ("no line", 'line = ["A", "z"], ', "", ["line 26", "joints.tube", "'line' is missing"]),
     ("joint type", '"cylindrical"', '"cylinder"', ["line 26", "joints.tube", "did you mean 'cylindrical'"]),
-    ("joint in the plane only", '"cylindrical"', '"planar"', ["line 26", "joints.tube.line", "did you mean 'plane'"]),
+    ("joint in the plane only", '"cylindrical"', '"planar"', ["line 26", "joints.tube.line", "known names", "plane"]),
     (
         "output",
         "[run.inputs]",

@@ -206,6 +206,13 @@ def test_input_out_of_reach():
     )
 
 
+def test_a_pose_of_the_other_branch_is_not_said_to_be_none():
+    """|BD| is from 1.8 to 4.2: phi from 0.794 to 2.402, and the mirror image of it."""
+    system = nc.library.four_bar(crank=2.0, coupler=3.0, rocker=1.2, ground=2.5).compile()
+    assert nc.diagnose(system, {"phi": -1.5}).assembles
+    says(nc.AssemblyError, lambda: nc.solve_position(system, {"phi": -1.5}), "or not on the branch that it began on")
+
+
 def test_contradictory_constraints_are_named():
     m = start()
     m.body("crank", ["A", "B"])

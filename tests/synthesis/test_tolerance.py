@@ -125,6 +125,7 @@ class TestTolerance:
         good = {"system": system, "inputs": {"phi": POSES}, "outputs": "P", "tolerances": WIDTHS}
         for change, says in (
             ({"tolerances": {"crank.A-C": 1.0}}, "tolerance: 'four-bar' has no design variable 'crank.A-C'; did you"),
+            ({"tolerances": {"crank.A-C": 1.0}}, "read off the drawing unless the body gives it with lengths="),
             ({"tolerances": {"D": 1e-4, "D.x": 1e-4}}, "'D.x' has two tolerances"),
             ({"tolerances": {"D": -1.0}}, "tolerance of 'D' must be finite and not negative"),
             ({"distribution": "gauss"}, "distribution='gauss'; use 'normal' or 'uniform'"),

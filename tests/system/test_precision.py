@@ -154,6 +154,9 @@ def test_other_types_are_refused(four_bar):
             four_bar.astype(wrong)
     with pytest.raises(nc.InputError, match="dtype='float16'"):
         drawn_four_bar().compile(dtype="float16")
+    for misplaced in ("float32", np.float32, 2):
+        with pytest.raises(nc.InputError, match=r"sparse must be .*dtype='float32'"):
+            drawn_four_bar().compile(misplaced)  # type: ignore[arg-type]
     with pytest.raises(nc.InputError, match="kept sparse"):
         drawn_four_bar().compile(sparse=True, dtype="float32")
 

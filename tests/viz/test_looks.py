@@ -19,6 +19,7 @@ from jaxnc.viz.annotations import LONGEST, Arrows, arrows, crowding
 from jaxnc.viz.poses import _ease_inputs, _interpolate, poses
 from jaxnc.viz.sketch import sketch_plane
 from jaxnc.viz.spatial.drawing import Projection, SpaceView
+from jaxnc.viz.spatial.scene import SOLIDS, Solid
 from jaxnc.viz.spatial.sketch import sketch_space
 from jaxnc.viz.synthesis import abreast
 
@@ -409,6 +410,7 @@ def test_what_acts_in_space_is_seen(sprung):
     assert sum(item.role == "torque" for item in scene.items) == 2
     case = next(item for item in scene.items if item.role == "block")
     assert case.frame.along.columns == tuple(data.names.index(name) for name in "1S")
+    assert all(SOLIDS[i.role].fill for i in scene.items if isinstance(i, Solid) and i.mesh.polygons.faces)
 
 
 def test_a_centre_of_mass_is_a_ball_of_light_and_dark_octants(sprung):

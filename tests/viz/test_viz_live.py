@@ -935,6 +935,8 @@ def loaded(dim: int = 2) -> nc.Mechanism:
         m.body("crank", ["A", "B"], vectors=["v"], mass=2.0, com=(0.1, 0.2, 0.1), inertia=(0.1, 0.2, 0.15))
         m.angle("phi", at="A", to="B", about="v")
         m.gravity = (0, 0, -9.81)
+        m.ground("S", (0.0, 0.0, 0.5))
+        m.spring("coil", "S", "B", stiffness=300.0)
         return m
     m.ground("A", (0, 0))
     m.ground("D", (0.1, 0))
@@ -1169,3 +1171,35 @@ def test_without_scripts_the_still_is_there(browser, four_bar):
         assert browser.run("getComputedStyle(document.getElementById('controls')).display") == "none"
     finally:
         browser.ask("Emulation.setScriptExecutionDisabled", value=False)
+
+
+@driven
+def test_what_is_typed_far_off_or_is_no_number_says_what_is_so(browser, tmp_path):
+    """The crank stops where coupler and rocker are in line, by the law of cosines, however far it was to go."""
+    m = nc.library.four_bar(4.0, 3.0, 3.5, 3.0)
+    system = m.compile()
+    browser.open(nc.sweep(system, {"phi": np.linspace(0.5, 0.9, 9)}).to_html(tmp_path / "a.html", model=m))
+    limit = np.arccos((4.0**2 + 3.0**2 - 6.5**2) / (2 * 4.0 * 3.0))
+    for value in (1e3, 1e9):
+        enter(browser, "#driving", value)
+        x = dict(zip(system.topology.coordinates, browser.run("window.jaxnc.design().q"), strict=True))
+        assert x["phi"] == pytest.approx(limit, abs=1e-6)
+    assert text(browser, "banner").startswith("Dead point")
+    browser.run("document.querySelector('#driving input[type=number]').select()")
+    for key, typed in (("e", "e"), ("Enter", "\r")):
+        browser.key(key, typed)
+    left = browser.run("document.querySelector('#driving input[type=number]').value")
+    assert float(left) == pytest.approx(limit, rel=1e-5) and text(browser, "banner") == "" and browser.said == []
+
+
+@driven
+def test_symbols_of_masses_stay_away_where_a_page_finds_no_forces(browser, tmp_path):
+    m = nc.library.slider_crank(fixed_guide=True)
+    m.mass("crank", 1.0, com=(0.05, 0.0), inertia=0.01)
+    m.friction("rub", coefficient=0.1, joint="C", speed=1.0)
+    m.gravity = (0, -9.81)
+    motion = nc.sweep(m.compile(), {"phi": np.linspace(0.3, 6.0, 24)}, rates={"phi": 3.0})
+    browser.open(motion.to_html(tmp_path / "a.html", forces=True, model=m), "#5")
+    drag(browser, "B", (20, -10))
+    assert browser.run("document.querySelectorAll('#drawing .mass[visibility=hidden]').length") == 1
+    assert browser.said == []

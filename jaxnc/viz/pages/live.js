@@ -136,7 +136,6 @@ function restore(kept, old) {
   for (const key in old) if (old[key] && typeof old[key] === "object") restore(kept[key], old[key]); else kept[key] = old[key];
   if (Array.isArray(kept)) kept.length = old.length;
 }
-// The places of all points in all poses.
 const everywhere = () => D.points.flatMap(p => p.x.flatMap((x, pose) => D.status[pose] || x == null ? [] : [axes.map(axis => p[axis][pose])]));
 // Lead the inputs to a target; where that is not reached, stay at the last pose and say so.
 // From a dead point itself no way begins: then from the last pose that was at ease.
@@ -160,13 +159,13 @@ const control = (parent, name, unit) => {
   const label = el("label", {}, name + within(unit)), field = el("input", { type: "number", step: "any" }), slide = el("input", { type: "range", step: "any" });
   give(field, { "aria-label": name }); give(slide, { "aria-label": name + ", slider" });
   $(parent).append(el("div", { className: "control" }, label, field, slide));
-  const heard = (go, done) => { on(slide, "input", () => go(+slide.value)); on(field, "change", () => { go(field.value === "" ? NaN : +field.value, true); done(); }); on(slide, "change pointerup blur", done); on(field, "blur", () => { shown(); sizes(); }); };
+  const heard = (go, done) => { on(slide, "input", () => go(+slide.value)); on(field, "change", () => { if (field.value) go(+field.value, true); else { said = ""; field.blur(); show(k); } done(); }); on(slide, "change pointerup blur", done); on(field, "blur", () => { shown(); sizes(); }); };
   return { label, slide, field, heard, fill: (x, shown = x) => { if (idle(slide)) slide.value = x; if (idle(field)) field.value = +shown.toPrecision(6); } };
 };
 const driving = L.names.map((name, i) => {
   const [low, high] = ranges[i], spare = high > low ? 0 : L.angles[i] ? PI : 0.5 * L.length;
   const c = control("driving", symbolOf(name)), factor = () => L.angles[i] && degrees ? 180 / PI : 1;
-  c.heard((entered, typed) => { const value = typed ? entered / factor() : entered; pause(); if (isFinite(value)) { take(); tell(led(L.driven.map((at, j) => j === i ? value + beyond(i) : now.q[at]))); } }, () => fit(0));
+  c.heard((x, typed) => { if (typed) x = x / factor() % (L.periodic[i] ? 99 * turn : 1e99); pause(); take(); tell(led(L.driven.map((at, j) => j === i ? x + beyond(i) : now.q[at]))); }, () => fit(0));
   c.slide.min = low - spare; c.slide.max = high + spare;
   return () => {
     const x = k < T ? L.asked[k][i] : now.q[L.driven[i]] - beyond(i);

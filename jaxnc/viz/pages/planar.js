@@ -78,7 +78,7 @@ function addArrows(set, row) {
   for (const [foot, tip] of set.shafts) {
     const draw = arrow(set.noun, mobile), mass = set.noun === "weight" && make("g", { class: "mass" }, mobile);
     if (mass) { make("circle", { r }, mass); make("path", { d: `M0 ${-r}A${r} ${r} 0 0 1 ${r} 0H${-r}A${r} ${r} 0 0 0 0 ${r}Z` }, mass); }
-    move(() => { const from = at(foot); draw(from, there() ? at(tip) : from); if (mass) { give(mass, { transform: `translate(${from})` }); seen(mass, there()); } });
+    move(() => { const yes = there(), from = at(foot); draw(from, yes ? at(tip) : from); if (mass) { seen(mass, yes); if (yes) give(mass, { transform: `translate(${from})` }); } });
   }
   const draw = arrow(set.noun, plane), text = write(plane, begin - 8, row, set.text, "end");
   give(text, { class: "key", style: `fill:var(--${set.noun})` });

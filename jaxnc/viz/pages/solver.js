@@ -68,7 +68,7 @@ const solver = (F, L) => {
     const turn = max(0, ...way.map((x, k) => L.angles[k] ? abs(x) : 0)), input = length(way.map((x, k) => L.angles[k] ? 0 : x));
     if (!way.some(x => x)) return correct(q, c) >= 0;
     residual(q, c);
-    let here = look(q, c, true, R), done = 0, part = min(1, {{TURN}} / turn, {{FIRST}} * L.length / input);
+    let here = look(q, c, true, R), done = 0, part = min(1, {{TURN}} / turn, {{FIRST}} * L.length / input), least = {{SHORTEST}} * part;
     if (!here) return false;
     while (done < 1) {
       part = min(part, 1 - done);
@@ -86,7 +86,7 @@ const solver = (F, L) => {
       }
       if (there) { q.set(p); here = there; done = to; part *= 2; } else part /= 2;
       // Beside a dead point the first steps away from it are shorter still.
-      if (!there && part < {{SHORTEST}} * (done ? 1 : 1e-4)) return false;
+      if (!there && part < least * (done ? 1 : 1e-4)) return false;
     }
     return true;
   };

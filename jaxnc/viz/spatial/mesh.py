@@ -244,9 +244,9 @@ def two_sided(corners: tuple[Vertex, ...], lined: bool = True) -> Mesh:
     return Mesh((Plain(corners, (around, around[::-1]), strokes),))
 
 
-def line(pieces: int) -> Mesh:
-    """Make a line along the frame's segment, in pieces."""
-    ends: list[Vertex] = [(k / pieces, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(pieces + 1)]
+def line(pieces: int, start: float = 0.0, end: float = 1.0) -> Mesh:
+    """Make a line along the frame's segment, or a share of it, in pieces."""
+    ends: list[Vertex] = [(start + (end - start) * k / pieces, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(pieces + 1)]
     return lines(list(itertools.pairwise(ends)))
 
 

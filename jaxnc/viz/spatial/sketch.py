@@ -116,8 +116,7 @@ def _octants(dark: bool) -> Mesh:
     return join(*parts)
 
 
-_COIL = Mesh((Coil(14, 1.4, 1.6, 1.6),))
-_LONG_SPRING = join(_COIL, _rod(0.0, 0.06, 0.16, 6), _rod(0.94, 1.0, 0.16, 6))
+_LONG_SPRING = join(Mesh((Coil(14, 1.4, 1.6, 1.6),)), line(1, 0.0, 0.06), line(1, 0.94, 1.0))  # strokes: it has no fill
 _CASE, _CASE_ROD = _rod(0.25, 0.62, 0.85, 12), join(_rod(0.0, 0.25, 0.3), _rod(0.62, 1.0, 0.3))
 _PLATES = join(drum(-0.7, -0.3, 1.6, share=0.5), drum(0.3, 0.7, 1.6, share=0.5))
 _BETWEEN: dict[str, tuple[tuple[str, Mesh], ...]] = {
