@@ -246,6 +246,8 @@ def run_marched(
     happens = None if event is None else event_function(flow, event)
     job = Integration(advance, method, leaves, control, t, happens, parameters)
     history, course = integrate(job, start.state(flow), _remember if steps else None, steps)
+    if isinstance(form, WrittenFlow):
+        history = history._replace(state=form.break_off(history.state))
     smooth, status = summarise(top, flow, t, start, history, event, parameters)
     return Run(smooth, {"status": status, "steps": course.made}, start.q, history)
 
@@ -288,6 +290,7 @@ def run_equal(
             x._replace(**{name: jnp.stack(getattr(x, name), axis=-1) for name in ("q", "v", "a")})
             for x in (first, states)
         )
+        first = moving.break_off(first)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, states)
     history = History(states, t, jnp.zeros(len(t)), jnp.zeros(len(t), jnp.int32), kept if keep else None)
     smooth, status = summarise(top, flow, t, start, history, None, ())
@@ -333,7 +336,7 @@ def summarise(
     if event is not None:
         states, end = _follow_event(event_function(flow, event), parameters, history, end)
     first = states.q[0], states.v[0]
-    whole = jnp.isfinite(states.q).all(axis=1) & jnp.isfinite(states.v).all(axis=1)
+    whole = jnp.isfinite(states.q).all(axis=1) & jnp.isfinite(states.v).all(axis=1) & jnp.isfinite(states.gap)
     whole = jnp.cumprod(whole.astype(int)) > 0
     qs, vs = (jnp.where(whole[:, None], x, x0) for x, x0 in ((states.q, first[0]), (states.v, first[1])))
     # 1e-3 of the mechanism's size: a simulation that meets its constraints worse has come apart
