@@ -378,9 +378,10 @@ def check_loads(system: System, what: str, moves: bool = False) -> None:
                 f"{system.name!r}: {inertia.body or loads.physical[inertia.mass]!r} has a mass of {mass:g}; a mass "
                 f"cannot be negative"
             )
-        ends = [s for s in inertia.segments if len(s) == 2 and inertia.home == inertia.drawn]
-        if any(np.array_equal(*np.asarray(system.parameters.points)[list(s)]) for s in ends):
-            raise InputError(f"{system.name!r}: {inertia.body!r} has no length: its points are in one place")
+    if not isinstance(points := system.parameters.points, Tracer) and points.ndim == 2:
+        for inertia in (i for group in loads.inertias for i in group if i.home == i.drawn):
+            if any(np.array_equal(*np.asarray(points)[list(s)]) for s in inertia.segments if len(s) == 2):
+                raise InputError(f"{system.name!r}: {inertia.body!r} has no length: its points are in one place")
     if moves and not loads.any:
         raise InputError(
             f"{system.name!r}: nothing in it has a mass; give bodies mass=, or add point_mass(), before compile()"

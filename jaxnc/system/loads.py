@@ -200,9 +200,10 @@ class LoadAssembler:
         keys = {"box": "abc", "cylinder": ("radius", "length"), "sphere": ("radius",)}.get(spec.shape or "", ())
         size = self.several(me, keys, spec.size)
         singular = not spec.mass or bool(segments and not (spec.inertia or spec.shape))
-        if spec.mass and spec.inertia and a.dim == 2 and len(segments[0]) == 2:
-            span = a.home[segments[0][1]] - a.home[segments[0][0]]
-            singular = spec.inertia < 1e-3 * spec.mass * float(span @ span)  # pyright: ignore[reportOperatorIssue]
+        for segment in segments if a.dim == 2 else ():
+            if len(segment) == 2 and spec.mass and isinstance(spec.inertia, float):
+                span = a.home[segment[1]] - a.home[segment[0]]
+                singular = singular or spec.inertia < 1e-3 * spec.mass * float(span @ span)
         return InertiaIndex(
             name, origin, segments, frame, where({}), where(redrawn), shape, corners, mass, com, inertia, size, singular
         )
