@@ -135,6 +135,7 @@ def equilibrium(
     still, given = jax.lax.stop_gradient((system, check_pose(system, state)))
     begin = lift(system.topology, assemble_pose(still, given, throw is not False))
     q, lam, values, left, gap, status = _find(jax.lax.stop_gradient(flow), begin, method == "minimum")
+    q = jnp.where(jnp.isfinite(q), q, 0.0)
     q, rows = _attach(flow, q, lam, status == 0)
     q = lower(system.topology, q)
     zero, asked, least = on_device(
@@ -230,7 +231,8 @@ def _change_equilibrium(found: tuple[Array, Array], flow: Flow, ok: Array, chang
         at = q.at[view.fixed].set(flow.dyn.eq.home[view.fixed])
         return at, _residual_forces(flow, at, lam), residual(flow.dyn.eq, at)[view.rows]
 
-    at, wrong, miss = (jnp.where(ok, x, 0.0) for x in jax.jvp(imbalance, (flow,), changes[:1])[1])
+    change = jax.tree.map(lambda d: d if d.dtype == jax.dtypes.float0 else jnp.where(ok, d, 0.0), changes[0])
+    at, wrong, miss = (jnp.where(ok, x, 0.0) for x in jax.jvp(imbalance, (flow,), (change,))[1])
     weight = weights(eq)[view.unknown]
     j, k = view.linearise(eq, q)[1] / weight, _stiffness(flow, q, lam)
     f = forces(flow.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[view.unknown] / weight

@@ -8,13 +8,15 @@ The motion of a small mechanism is written out element by element. An element is
 whole is mapped. Coordinates without mass of their own (angles, further points of a body) follow from rows that are
 always regular in them and are eliminated first; on the rest the mass matrix is positive definite, its inverse is made
 once for a design, and ``J M⁻¹ Jᵀ`` is factorised without pivots, which is safe in every pose that is not singular.
+Where a bar carries a point mass or a body none, it may be singular there; then a multiple of JᵀJ is added to it, which
+changes no motion and makes it positive definite, and the sum is factorised in every pose.
 """
 
 import dataclasses
 import functools
 import itertools
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -427,11 +429,19 @@ class WrittenRows:
         return list(values), list(rates), list(bias)
 
     def correct(
-        self, eq: Equations, inverse: Array, x: Elements, miss: Sequence[Array], push: dict[int, Array] | None
+        self,
+        eq: Equations,
+        mass: Array,
+        inverse: Array | None,
+        x: Elements,
+        miss: Sequence[Array],
+        push: dict[int, Array] | None,
     ) -> tuple[dict[int, AnyArray], list[AnyArray]]:
         """Solve ``M δ + Jᵀ λ = push, J δ = -miss`` for changes of the unknowns and multipliers of the `kept` rows.
 
-        The changes take the rows' `miss` away, as the rows change by their derivatives.
+        The changes take the rows' `miss` away, as the rows change by their derivatives. M is the `mass` of the massed
+        coordinates. Without its `inverse` a multiple of ``JᵀJ δ = -Jᵀ miss`` is added to the first equation: M may be
+        singular then.
         """
         slopes = self.rows.slopes(eq, x)
         local = {c: k for k, c in enumerate(self.massed)}
@@ -463,33 +473,46 @@ class WrittenRows:
             follow[c] = {d: back * f for d, f in terms.items()}, back * rest
         rows = [reduce_row(r) for r in self.kept]
         n, m = len(self.massed), len(rows)
-        w = [[inverse[i, k] for k in range(n)] for i in range(n)]
-        pushed = [0.0] * n
+        pushed: list[AnyArray] = [0.0] * n
         if push is not None:
             total = {c: push.get(c, 0.0) for c in self.massed}
             for c, (terms, _) in follow.items():
                 if c in push:
                     for d, f in terms.items():
                         total[d] = total[d] + f * push[c]
-            pushed = [sum(w[i][k] * total[c] for c, k in local.items()) for i in range(n)]
-        spread = [[sum(e * w[local[c]][i] for c, e in terms.items()) for i in range(n)] for terms, _ in rows]
+            pushed = [total[c] for c in self.massed]
+        if inverse is None:
+            size = lax.stop_gradient(functools.reduce(jnp.maximum, [mass[i][i] for i in range(n)]))
+            whole = [[mass[i][k] for k in range(i + 1)] for i in range(n)]
+            for terms, rest in rows:
+                for c, e in terms.items():
+                    i, heavy = local[c], size * e
+                    pushed[i] = pushed[i] - heavy * rest
+                    for d, f in terms.items():
+                        if local[d] <= i:
+                            whole[i][local[d]] = whole[i][local[d]] + heavy * f
+            solve = _factorise(whole)
+        else:
+            solve = functools.partial(_multiply, inverse)
+        free = solve(pushed)
+        spread = [solve([terms.get(c, 0.0) for c in self.massed]) for terms, _ in rows]
         right = []
         for terms, rest in rows:
             for c, e in terms.items():
-                rest = rest + e * pushed[local[c]]
+                rest = rest + e * free[local[c]]
             right.append(rest)
         square = [[sum(e * spread[j][local[c]] for c, e in rows[i][0].items()) for j in range(i + 1)] for i in range(m)]
-        y = _solve(square, right)
-        moved = [pushed[i] - sum(y[j] * spread[j][i] for j in range(m)) for i in range(n)]
+        y = _factorise(square)(right)
+        moved = [free[i] - sum(y[j] * spread[j][i] for j in range(m)) for i in range(n)]
         out: dict[int, AnyArray] = {c: moved[k] for c, k in local.items()}
         for c, (terms, constant) in follow.items():
             out[c] = constant + sum(f * out[d] for d, f in terms.items())
         return out, y
 
 
-def _solve(a: list[list[AnyArray]], b: list[Array]) -> list[Array]:
-    """Solve with a symmetric positive definite matrix given by its lower half: L D Lᵀ."""
-    m = len(b)
+def _factorise(a: list[list[AnyArray]]) -> Callable[[list], list]:
+    """Factorise a symmetric positive definite matrix given by its lower half, L D Lᵀ; return what solves with it."""
+    m = len(a)
     low: list[list[AnyArray]] = [[None] * m for _ in range(m)]
     inverse: list[AnyArray] = []
     scaled: list[list[AnyArray]] = [[None] * m for _ in range(m)]
@@ -504,15 +527,31 @@ def _solve(a: list[list[AnyArray]], b: list[Array]) -> list[Array]:
         for k in range(i):
             d = d - scaled[i][k] * low[i][k]
         inverse.append(1.0 / d)
-    z = list(b)
-    for i in range(m):
-        for k in range(i):
-            z[i] = z[i] - low[i][k] * z[k]
-    z = [v * d for v, d in zip(z, inverse, strict=True)]
-    for i in reversed(range(m)):
-        for k in range(i + 1, m):
-            z[i] = z[i] - low[k][i] * z[k]
-    return z
+
+    def solve(b: list) -> list:
+        z = list(b)
+        for i in range(m):
+            for k in range(i):
+                if not _is_none(z[k]):
+                    z[i] = z[i] - low[i][k] * z[k]
+        z = [v * d for v, d in zip(z, inverse, strict=True)]
+        for i in reversed(range(m)):
+            for k in range(i + 1, m):
+                z[i] = z[i] - low[k][i] * z[k]
+        return z
+
+    return solve
+
+
+def _multiply(matrix: Array, x: list) -> list:
+    """Multiply a symmetric matrix with elements."""
+    n = len(x)
+    return [sum(x[k] * matrix[k][i] for k in range(n) if not _is_none(x[k])) for i in range(n)]
+
+
+def _is_none(x: AnyArray | float) -> bool:
+    """Tell whether an element is zero whatever the numbers are, so that nothing is calculated with it."""
+    return isinstance(x, float) and x == 0.0
 
 
 @with_owner
@@ -579,7 +618,8 @@ class WrittenFlow:
     """The motion of one design in written-out form: a `Flow` that works element by element."""
 
     flow: Flow  # the motion
-    inverse: Array  # inverse of the mass matrix on the massed unknowns
+    mass: Array  # the mass matrix on the massed unknowns
+    inverse: Array | None  # its inverse, which is not needed where it may be singular
     form: WrittenRows = static()  # the rows, and what follows from which
 
     @classmethod
@@ -592,10 +632,24 @@ class WrittenFlow:
         if form is None or not form.massed:
             return None
         at = np.array(form.massed)
-        if not isinstance(flow.dyn.mass, Tracer):
-            return cls(flow, on_device(np.linalg.inv(np.asarray(flow.dyn.mass)[np.ix_(at, at)])), form)
-        solve = dense.solver(flow.dyn.mass[at[:, None], at[None]])
-        return cls(flow, jax.vmap(solve, out_axes=1)(jnp.eye(len(at))), form)
+        mass = flow.dyn.mass[at[:, None], at[None]]
+        if not isinstance(mass, Tracer):
+            known = np.asarray(mass)
+            try:
+                inverse = np.linalg.inv(known)
+            except np.linalg.LinAlgError:
+                return cls(flow, mass, None, form)
+            return cls(flow, mass, on_device(inverse) if _is_regular(known, inverse) else None, form)
+        if any(inertia.singular for group in top.loads.inertias for inertia in group):
+            return cls(flow, mass, None, form)
+        return cls(flow, mass, jax.vmap(dense.solver(mass), out_axes=1)(jnp.eye(len(at))), form)
+
+    def break_off(self, state: Any) -> Any:
+        """Break a motion off whose design has lost mass or inertia since it was compiled, so that M has no inverse."""
+        if self.inverse is None:
+            return state
+        regular = _is_regular(*lax.stop_gradient((self.mass, self.inverse)))
+        return state._replace(gap=jnp.where(regular, state.gap, jnp.inf))
 
     @property
     def redundant(self) -> bool:
@@ -618,7 +672,7 @@ class WrittenFlow:
         """Bring a pose, or its rates, back onto the constraints."""
         form, eq, zero = self.form, self.flow.dyn.eq, jnp.zeros_like(x[0])
         miss = form.rates(eq, x, v)[1] if rates else form.rows.values(eq, x)
-        change, _ = form.correct(eq, self.inverse, x, miss, None)
+        change, _ = form.correct(eq, self.mass, self.inverse, x, miss, None)
         none = jnp.zeros(len(form.view.rows), zero.dtype)
         return StageSolution(tuple(change.get(c, zero) for c in range(len(x))), none, zero, zero)
 
@@ -626,7 +680,7 @@ class WrittenFlow:
         form, dyn, zero = self.form, self.flow.dyn, jnp.zeros_like(x[0])
         values, rates, bias = form.rates(dyn.eq, x, v)
         push = force_elements(dyn, t, x, v, form.place)
-        change, kept = form.correct(dyn.eq, self.inverse, x, bias, push)
+        change, kept = form.correct(dyn.eq, self.mass, self.inverse, x, bias, push)
         lam: dict[int, AnyArray] = dict(zip(form.kept, kept, strict=True))
         slopes = form.rows.slopes(dyn.eq, x)
         for c, r in reversed(form.massless):
@@ -639,6 +693,11 @@ class WrittenFlow:
         gap, slip = (functools.reduce(jnp.maximum, map(jnp.abs, rows), zero) for rows in (values, rates))
         multipliers = jnp.stack([lam[r] for r in range(len(lam))]) if lam else jnp.zeros(0)
         return StageSolution(tuple(change.get(c, zero) for c in range(len(x))), multipliers, gap, slip)
+
+
+def _is_regular(mass: AnyArray, inverse: AnyArray) -> Any:
+    """Tell whether the inverse of a mass matrix is good for something: it errs by the square of what this looks at."""
+    return abs(mass.diagonal() * inverse.diagonal()).max() < float(np.finfo(mass.dtype).eps) ** -0.3
 
 
 def force_elements(dyn: Dynamics, t: Array, x: Elements, v: Elements, wanted: dict[int, int]) -> dict[int, AnyArray]:

@@ -222,7 +222,9 @@ def _body_inertia(dim: int, shape: str, made: np.ndarray, x: dict[str, Array]) -
         return m * eye, m * eye
     com, second = _moments(dim, shape, x)
     if dim == 2:
-        length = jnp.sqrt(jnp.sum(x["spans"][0] ** 2))
+        square = jnp.sum(x["spans"][0] ** 2)
+        # A body of no length is no body: its numbers stay finite, and so do their derivatives.
+        length = jnp.sqrt(jnp.where(square > 0.0, square, 1.0))
         quarter = jnp.array([[0.0, -1.0], [1.0, 0.0]])
         c = com / length
         cross = m * (c[0] * eye + c[1] * quarter)
@@ -376,6 +378,10 @@ def check_loads(system: System, what: str, moves: bool = False) -> None:
                 f"{system.name!r}: {inertia.body or loads.physical[inertia.mass]!r} has a mass of {mass:g}; a mass "
                 f"cannot be negative"
             )
+    if not isinstance(points := system.parameters.points, Tracer) and points.ndim == 2:
+        for inertia in (i for group in loads.inertias for i in group if i.home == i.drawn):
+            if any(np.array_equal(*np.asarray(points)[list(s)]) for s in inertia.segments if len(s) == 2):
+                raise InputError(f"{system.name!r}: {inertia.body!r} has no length: its points are in one place")
     if moves and not loads.any:
         raise InputError(
             f"{system.name!r}: nothing in it has a mass; give bodies mass=, or add point_mass(), before compile()"

@@ -47,6 +47,7 @@ from jaxnc.kinematics.inputs import check_parameters, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.solvers.assembly import evaluate
+from jaxnc.solvers.newton import hold_still
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import coefficients, refuse_rates
 from jaxnc.system.frames import spread, turns
@@ -618,6 +619,8 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
             f"inverse_dynamics(): the motion is one of {motion.system.name!r}, and {system.name!r} has other "
             f"coordinates; give inverse_dynamics(motion.system, motion), or the same mechanism with other masses"
         )
+    # One that failed in all poses, such as a design that does not assemble, passes no derivative on.
+    system, motion = hold_still(jnp.any(motion.status == 0), (system, motion))
     inner = extended(system)
     dyn = dynamics(inner)
     view = plan(inner.topology, motion.driven, motion.held)

@@ -246,6 +246,8 @@ def run_marched(
     happens = None if event is None else event_function(flow, event)
     job = Integration(advance, method, leaves, control, t, happens, parameters)
     history, course = integrate(job, start.state(flow), _remember if steps else None, steps)
+    if isinstance(form, WrittenFlow):
+        history = history._replace(state=form.break_off(history.state))
     smooth, status = summarise(top, flow, t, start, history, event, parameters)
     return Run(smooth, {"status": status, "steps": course.made}, start.q, history)
 
@@ -288,6 +290,7 @@ def run_equal(
             x._replace(**{name: jnp.stack(getattr(x, name), axis=-1) for name in ("q", "v", "a")})
             for x in (first, states)
         )
+        first = moving.break_off(first)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, states)
     history = History(states, t, jnp.zeros(len(t)), jnp.zeros(len(t), jnp.int32), kept if keep else None)
     smooth, status = summarise(top, flow, t, start, history, None, ())
@@ -332,10 +335,15 @@ def summarise(
     end = jnp.where(history.t[-1] == t[-1], t[-1], lax.stop_gradient(history.t[-1]))
     if event is not None:
         states, end = _follow_event(event_function(flow, event), parameters, history, end)
-    first = states.q[0], states.v[0]
-    whole = jnp.isfinite(states.q).all(axis=1) & jnp.isfinite(states.v).all(axis=1)
+    whole = jnp.isfinite(states.q).all(axis=1) & jnp.isfinite(states.v).all(axis=1) & jnp.isfinite(states.gap)
     whole = jnp.cumprod(whole.astype(int)) > 0
-    qs, vs = (jnp.where(whole[:, None], x, x0) for x, x0 in ((states.q, first[0]), (states.v, first[1])))
+    last = jnp.maximum(jnp.sum(whole) - 1, 0)
+
+    def hold(x: Array, begin: Array) -> Array:
+        begin = jnp.where(jnp.isfinite(begin), begin, 0.0)
+        return jnp.where(whole[:, None], x, jnp.where(whole[0], x[last], begin))
+
+    qs, vs = hold(states.q, start.q), hold(states.v, jnp.zeros_like(start.q))
     # 1e-3 of the mechanism's size: a simulation that meets its constraints worse has come apart
     apart = jnp.cumsum(~(whole & (states.gap <= 1e-3 * flow.dyn.eq.length))) > 0
     status = jnp.where((status == 0) & apart, int(Status.CAME_APART), status)
@@ -343,9 +351,9 @@ def summarise(
     reached = jnp.max(jnp.where(apart, t[0], t))
     rows = jax.vmap(flow.place_multipliers)(states.multipliers)
     if start.places is not None:
-        miss = largest(first[1][np.array(start.places, int)] - start.wanted)
+        miss = largest(vs[0][np.array(start.places, int)] - start.wanted)
     else:
-        miss = jnp.zeros(()) if start.v is None else largest(lower(top, first[1] - start.v))
+        miss = jnp.zeros(()) if start.v is None else largest(lower(top, vs[0] - start.v))
     smooth = {
         "poses": lower(top, qs),
         "rates": (lower(top, vs), lower(top, jnp.where(ok[:, None], states.a, 0.0))),
@@ -354,7 +362,7 @@ def summarise(
         "end": jnp.where(apart.any(), jnp.minimum(end, reached), end),
         "multipliers": jnp.where(ok[:, None], rows, 0.0),
         "violation": (jnp.max(jnp.where(ok, states.gap, 0.0)), jnp.max(jnp.where(ok, states.slip, 0.0))),
-        "correction": (largest(lower(top, first[0] - start.q)), miss),
+        "correction": (largest(lower(top, qs[0] - start.q)), miss),
     }
     return smooth, status
 
@@ -1050,7 +1058,13 @@ def _in_its_numbers(rule: Callable) -> Callable:
 
     def inner(question: _Question, x: list, *more: PyTree) -> PyTree:
         with numbers_as(x[0]):  # points of the design
-            return rule(question, x, *more)
+            found = rule(question, x, *more)
+            if rule is _value:
+                return found
+            # A lane that broke off passes on no derivative that is no number.
+            status = more[2][0]
+            failed = jnp.any((status != 0) & (status != int(Status.STOPPED)))
+            return [jnp.where(failed & ~jnp.isfinite(d), 0.0, d) for d in found]
 
     return inner
 

@@ -47,9 +47,9 @@ class Robot:
     """
 
     def __init__(self, file: MjcfFile | UrdfFile, without: Sequence[str] = (), hold: Sequence[str] = ()):
-        names = ((x,) if isinstance(x, str) else tuple(x) for x in (without, hold))
+        self._chosen = tuple((x,) if isinstance(x, str) else tuple(x) for x in (without, hold))
         try:
-            self._description = file.read(*names)
+            self._description = file.read(*self._chosen)
             self._tree = ImportTree(self._description)
         except MechanismError as error:
             raise ModelFileError(f"{file.path}: {error}") from None
@@ -59,6 +59,10 @@ class Robot:
         self.joints = tuple(self._description.joints)
         self.actuated, self.held = self._inputs()
         self.left_out, self.notes = tuple(self._description.left_out), tuple(self._description.notes)
+
+    def __reduce__(self) -> tuple:
+        """Return what reads the file again: MuJoCo's own records of it cannot be pickled."""
+        return _read_again, (type(self._file), self._file.path.resolve(), *self._chosen)
 
     @property
     def coordinates(self) -> dict[str, str]:
@@ -152,7 +156,7 @@ class Robot:
             anchor = self._tree.anchors[joint.name]
             drawn = np.array(rotation_rows("euler parameters", [*joint.quaternion], []))
             ends = self._turn(q, home, anchor.before), self._turn(q, home, anchor.after)
-            balls.append(_ball_values(*ends, drawn, np.asarray(link.turn)))
+            balls.append(_ball_values(*ends, drawn.astype(q.dtype), np.asarray(link.turn, q.dtype)))
         return as_jax(_line_up(q, home, balls, *self._order))
 
     @functools.cached_property
@@ -180,7 +184,7 @@ class Robot:
         """Rotation of a rigid from the drawing ``(..., 3, 3)``; of a rod the one without spin."""
         rigid, numeric, top = self._tree.rigids[number], _array_library(q), self.system.topology
         if not number:
-            return numeric.broadcast_to(numeric.eye(3), (*q.shape[:-1], 3, 3))
+            return numeric.broadcast_to(numeric.eye(3, dtype=q.dtype), (*q.shape[:-1], 3, 3))
         if not self._tree.flat(rigid):
             return turns(top, body_of(top, self._tree.bodies[number]).segments, home, q)
         drawn, place = (x[..., : 3 * len(top.points)].reshape(*x.shape[:-1], len(top.points), 3) for x in (home, q))
@@ -192,9 +196,9 @@ class Robot:
         out, (q, home) = {}, self._coordinates_of(motion)
         for k, link in enumerate(self._description.links[1:], start=1):
             number = self._tree.rigid_of[k]
-            turn = as_jax(self._turn(q, home, number) @ link.turn)
+            turn = as_jax(self._turn(q, home, number) @ np.asarray(link.turn, q.dtype))
             if not number:
-                place = _array_library(q).broadcast_to(np.asarray(link.origin), (*motion.status.shape, 3))
+                place = _array_library(q).broadcast_to(np.asarray(link.origin, q.dtype), (*motion.status.shape, 3))
                 out[link.name] = (as_jax(place), turn)
             elif (k, "") in self._tree.marks:
                 out[link.name] = (motion[self._tree.marks[k, ""]], turn)
@@ -257,6 +261,10 @@ class Robot:
         return "\n".join(lines)
 
 
+def _read_again(sort: type, path: Path, without: tuple[str, ...], hold: tuple[str, ...]) -> Robot:
+    return Robot(sort(path), without, hold)
+
+
 def _assembled_elsewhere(system: System) -> np.ndarray:
     """Return by how much each coordinate of the assembled drawing is off the drawn one."""
     eq = derive(system)
@@ -281,6 +289,7 @@ def _line_up(
 ) -> Any:
     """Numbers of all joints in the order of the file: of hinges and slides, of balls, and of what is held."""
     numeric = _array_library(q)
+    references, held = references.astype(q.dtype), held.astype(q.dtype)
     still = numeric.broadcast_to(held, (*q.shape[:-1], len(held)))
     return numeric.concatenate([q[..., places] - (home[places] - references), *balls, still], axis=-1)[..., order]
 
@@ -307,4 +316,4 @@ def _shortest_turn(a: Numbers, b: Numbers) -> Any:
     zero = numeric.zeros_like(c)
     rows = [zero, -v[..., 2], v[..., 1], v[..., 2], zero, -v[..., 0], -v[..., 1], v[..., 0], zero]
     x = numeric.stack(rows, axis=-1).reshape(*c.shape, 3, 3)
-    return numeric.eye(3) + x + x @ x / (1.0 + c)[..., None, None]
+    return numeric.eye(3, dtype=x.dtype) + x + x @ x / (1.0 + c)[..., None, None]

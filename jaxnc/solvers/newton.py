@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 
 from jaxnc import autodiff
 from jaxnc.compiling import in_chunks, jit
@@ -23,7 +24,7 @@ from jaxnc.solvers.traced import PIECE, Mapped, ask_host, ask_of_equations, in_l
 from jaxnc.system.equations import Equations, weights
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits, numbers
-from jaxnc.types import Array, Coordinates
+from jaxnc.types import Array, Coordinates, PyTree
 
 
 def largest(r: Array) -> Array:
@@ -372,6 +373,13 @@ def is_regular_solution(plan: Plan, eq: Equations, q: Coordinates) -> Array:
         return (found.size <= tolerance(eq, q)) & (found.pivots > limits(q).singular)
     r, jacobian = plan.linearise(eq, q)
     return (largest(r) <= tolerance(eq, q)) & (plan.conditioning(eq, jacobian) > limits(q).singular)
+
+
+def hold_still(ok: Array, tree: PyTree) -> PyTree:
+    """Return a tree whose numbers have no derivatives unless `ok`, also where those behind them are no numbers."""
+    if not isinstance(ok, Tracer) and bool(ok):
+        return tree
+    return jax.tree.map(lambda x: jnp.where(ok, x, lax.stop_gradient(x)) if isinstance(x, Tracer) else x, tree)
 
 
 def masked_pose(eq: Equations, q: Coordinates, ok: Array) -> Coordinates:

@@ -39,6 +39,9 @@ class InertiaIndex:
     com: Index = ()  # those of its centre of mass, or none
     inertia: Index = ()  # those of its inertia, or none
     size: Index = ()  # those of its shape's size
+    singular: bool = (
+        False  # whether, as compiled, its mass matrix is (all but) singular: no mass, or a bar's point mass
+    )
 
     @property
     def form(self) -> tuple:
@@ -143,7 +146,9 @@ class LoadAssembler:
             p = self.a.index[mass.point]
             of = self.a.owning(Thing.MASS, name)
             where = (p, (), ())
-            index = InertiaIndex("", p, (), (), where, where, "point", (p,), self.number(of, "mass", mass.mass))
+            index = InertiaIndex(
+                "", p, (), (), where, where, "point", (p,), self.number(of, "mass", mass.mass), singular=not mass.mass
+            )
             inertias.setdefault(index.form, []).append(index)
         forces, functions = self.forces()
         friction = tuple(self.friction(name, f) for name, f in m.friction.items())
@@ -194,8 +199,13 @@ class LoadAssembler:
             inertia = (self.number(me, "inertia", spec.inertia),)
         keys = {"box": "abc", "cylinder": ("radius", "length"), "sphere": ("radius",)}.get(spec.shape or "", ())
         size = self.several(me, keys, spec.size)
+        singular = not spec.mass or bool(segments and not (spec.inertia or spec.shape))
+        for segment in segments if a.dim == 2 else ():
+            if len(segment) == 2 and spec.mass and isinstance(spec.inertia, float):
+                span = a.home[segment[1]] - a.home[segment[0]]
+                singular = singular or spec.inertia < 1e-3 * spec.mass * float(span @ span)
         return InertiaIndex(
-            name, origin, segments, frame, where({}), where(redrawn), shape, corners, mass, com, inertia, size
+            name, origin, segments, frame, where({}), where(redrawn), shape, corners, mass, com, inertia, size, singular
         )
 
     def frame(self, body: "BodyIndex") -> "tuple[Segment, ...]":

@@ -301,3 +301,56 @@ def test_a_point_between_springs_rests_where_they_balance():
         found = nc.equilibrium(system.replace({"F.y": force}))
         np.testing.assert_allclose(found["C"], [0.0, want], atol=1e-12)
         assert found.stable
+
+
+def test_a_point_mass_on_a_bar_between_massless_bodies():
+    """Its mass matrix is singular, the mechanism's inertia is not: Lagrange's equation in the crank's angle."""
+    r, rod, off, begin, along, across = 0.1, 0.35, 0.02, 0.7, 0.5, 0.07
+
+    def place(phi):
+        b = r * np.array([np.cos(phi), np.sin(phi)])
+        c = np.array([b[0] + np.sqrt(rod**2 - (b[1] - off) ** 2), off])
+        e = (c - b) / rod
+        return b, c, b + rod * along * e + across * np.array([-e[1], e[0]])
+
+    m = nc.Mechanism("point mass on a rod")
+    b, c, com = place(begin)
+    m.ground("A", (0, 0)), m.point("B", b), m.point("C", c, fixed="y")
+    m.body("crank", ["A", "B"]), m.body("rod", ["B", "C"], mass=1.2, com=com, inertia=0.0)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    system = m.compile()
+    h = 1e-3
+    left, here, right = (place(begin + k * h)[2] for k in (-1, 0, 1))
+    slope, bend = (right - left) / (2 * h), (right - 2 * here + left) / h**2
+    wanted = (-9.81 * slope[1] - slope @ bend) / (slope @ slope)
+
+    def run(system, method="rk4"):
+        step = {"step": 1e-3} if method == "rk4" else {}
+        found = nc.simulate(system, [0.0, 0.01], rates={"phi": 1.0}, method=method, throw=False, **step)
+        return found.acceleration("phi")[0], found.status
+
+    for method in ("rk4", "dopri8"):
+        traced = jax.jit(lambda s, method=method: run(s, method))(system)
+        for value, status in (run(system, method), traced):
+            assert not status.any()
+            np.testing.assert_allclose(value, wanted, rtol=1e-4)
+    change = jax.jvp(lambda x: run(system.replace({"rod.mass": x}))[0], (1.2,), (1.0,))[1]
+    np.testing.assert_allclose(change, 0.0, atol=1e-9)  # gravity moves every mass alike
+
+
+def test_a_traced_design_that_has_lost_its_inertia_since_it_was_compiled_breaks_off():
+    """Where the mass matrix of a motion that is written out has lost its inverse, no wrong number stands."""
+    m = nc.Mechanism("bar")
+    m.ground("A", (0, 0)), m.point("B", (0.1, 0.0)), m.point("C", (0.4, 0.0), fixed="y")
+    m.body("crank", ["A", "B"]), m.body("rod", ["B", "C"], mass=1.0, com=(0.2, 0.05), inertia=0.01)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    system = m.compile()
+
+    def status(inertia):
+        found = nc.simulate(system.replace({"rod.inertia": inertia}), [0.0, 0.01], {"phi": 0.7}, method="rk4")
+        return found.status
+
+    found = jax.jit(jax.vmap(status))(np.array([0.01, 0.0]))
+    assert not found[0].any() and (found[1] == int(nc.Status.CAME_APART)).all()

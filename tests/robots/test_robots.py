@@ -1,5 +1,6 @@
 """Robots read from MJCF, loops included: all joints from the actuated ones, as MuJoCo's own constraints want them."""
 
+import pickle
 import re
 from pathlib import Path
 
@@ -242,6 +243,19 @@ def test_designs(gripper, folder):
     assert np.abs(np.asarray(again.positions(values)) - ours[0]).max() < WRITTEN
     assert abs(ours[0, tip] - np.asarray(gripper.positions(values))[tip]) > 1e-3
     assert "shell.stl" in path.read_text() and gripper.save(folder / "same.xml").exists()
+
+
+def test_a_narrow_design_has_narrow_answers(ankle):
+    system = ankle.system.astype("float32")
+    pose = ankle.pose(np.zeros(2, np.float32), system)
+    frames = jax.tree.leaves(ankle.frames(pose))
+    assert {x.dtype.name for x in (ankle.joint_values(pose), *frames)} == {"float32"}
+
+
+def test_a_robot_is_pickled_as_its_file(ankle):
+    again = pickle.loads(pickle.dumps(ankle))
+    assert again.system.topology == ankle.system.topology and again.actuated == ankle.actuated
+    np.testing.assert_array_equal(again.positions([0.1, 0.2]), ankle.positions([0.1, 0.2]))
 
 
 def test_slopes_of_designs(folder):
