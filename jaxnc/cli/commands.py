@@ -214,10 +214,11 @@ def do_trace(question: Question, options: argparse.Namespace, importing: float) 
         return _search_code(result, options)
     tasks: list[Task] = [(f"-{k}.toml", f"a model file: {d.name}", d.save) for k, d in enumerate(result.designs[:3], 1)]
     tasks.append(("-linkages.png", "the best linkages", result.plot))
-    write_files(options, question.mechanism.name, tasks, "the linkages as model files, and a picture")
     if options.out is not None:
         begin = folder(options.out) / stem(question.mechanism.name)
-        remove_rest(begin.with_name(f"{begin.name}-{k}.toml") for k in range(len(designs) + 1, 4))  # of three at most
+        if begin.with_name(f"{begin.name}-linkages.png").exists():  # of an earlier search
+            remove_rest(begin.with_name(f"{begin.name}-{k}.toml") for k in range(1, 4))
+    write_files(options, question.mechanism.name, tasks, "the linkages as model files, and a picture")
     return _search_code(result, options)
 
 

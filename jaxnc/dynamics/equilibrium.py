@@ -135,7 +135,6 @@ def equilibrium(
     still, given = jax.lax.stop_gradient((system, check_pose(system, state)))
     begin = lift(system.topology, assemble_pose(still, given, throw is not False))
     q, lam, values, left, gap, status = _find(jax.lax.stop_gradient(flow), begin, method == "minimum")
-    q = jnp.where(jnp.isfinite(q), q, 0.0)
     q, rows = _attach(flow, q, lam, status == 0)
     q = lower(system.topology, q)
     zero, asked, least = on_device(
@@ -305,7 +304,8 @@ def _find(flow: Flow, q: Array, downhill: bool):
         if downhill:
             # Newton on the admissible motions, every one of them taken as stiff as it is curved: downhill in any case.
             values, vectors = dense.symmetric_eigen(p @ k @ p)
-            stiff = jnp.maximum(jnp.abs(values), 1e-6 * spread) + shift * spread
+            floor = 1e-6 * jnp.where(_neutral(values / spread), spread, largest(k))  # rounding is no stiffness
+            stiff = jnp.maximum(jnp.abs(values), floor) + shift * spread
             dx = vectors @ ((vectors.T @ at.free) / stiff)
             dx = p @ dx
         else:
@@ -328,7 +328,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))
     values, _ = _admissible_stiffness(k / spread, p)
     values = jnp.where(_neutral(values), 0.0, spread * values)  # rounding is no stiffness
-    return q, lam, values, left, gap, status
+    return jnp.where(jnp.isfinite(q), q, 0.0), lam, values, left, gap, status
 
 
 @filter_jit

@@ -546,7 +546,7 @@ def _factorise(a: list[list[AnyArray]]) -> Callable[[list], list]:
 def _multiply(matrix: Array, x: list) -> list:
     """Multiply a symmetric matrix with elements."""
     n = len(x)
-    return [sum(x[k] * matrix[k][i] for k in range(n) if not _is_none(x[k])) for i in range(n)]
+    return [sum((x[k] * matrix[k][i] for k in range(n) if not _is_none(x[k])), 0.0) for i in range(n)]
 
 
 def _is_none(x: AnyArray | float) -> bool:

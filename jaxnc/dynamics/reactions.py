@@ -620,7 +620,8 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
             f"coordinates; give inverse_dynamics(motion.system, motion), or the same mechanism with other masses"
         )
     # One that failed in all poses, such as a design that does not assemble, passes no derivative on.
-    system, motion = hold_still(jnp.any(motion.status == 0), (system, motion))
+    status = motion.status if isinstance(motion.status, Tracer) else np.asarray(motion.status)
+    system, motion = hold_still((status == 0).any(), (system, motion))
     inner = extended(system)
     dyn = dynamics(inner)
     view = plan(inner.topology, motion.driven, motion.held)

@@ -401,7 +401,7 @@ def read_numbers(path: Path, first: int | None = None) -> np.ndarray:
             its message says which.
     """
     rows: list[list[float]] = []
-    chosen = range(first or 0)  # none: all
+    chosen, heading = range(first or 0), list[str]()  # none: all
     for number, line in enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1):
         text = line.strip().rstrip(",; \t")
         if not text or text.startswith("#"):
@@ -410,11 +410,15 @@ def read_numbers(path: Path, first: int | None = None) -> np.ndarray:
         words = [word.strip().strip('"') for word in text.split(between)]
         words = words if between == "," else [word.replace(",", ".") for word in words]
         if not rows and not any(map(_is_numeric, words if len(words) > 1 else text.split())):
-            # Names with spaces between them may have units in brackets behind them.
-            names = words if len(words) > 1 else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", text)
-            chosen = _find_columns([name.strip('"') for name in names], first or 0) or chosen
+            # Names with spaces between them may stand in quotes, and have units in brackets behind them.
+            apart = re.findall(r'"[^"]*"|[^\s\[("]+(?:\s*[\[(][^\])]*[\])])?', text)
+            names = words if len(words) > 1 else [name.strip('"') for name in apart]
+            heading = names if _find_columns(names, first or 0) else heading
             continue
         numbers = [part for word in words for part in word.split() or [""]]
+        # A title is no heading: it has another number of words.
+        if not rows and len(heading) == len(numbers):
+            chosen = _find_columns(heading, first or 0) or chosen
         try:
             rows.append([float(numbers[k]) for k in (chosen or range(len(numbers))) if k < len(numbers)])
         except ValueError:

@@ -472,7 +472,9 @@ class ModesMap(Reported):
         count: number of assemblies of each, ``(...,)``.
         poses: the assemblies, ``(..., most)``, those nearest to the drawing first; where there are fewer than `most`
             the status says so.
-        doubtful: where paths were lost or solutions are not isolated, so that others may be missing, ``(...,)``.
+        doubtful: where paths were lost or solutions are not isolated, so that others may be missing, ``(...,)``. Of
+            solutions that are not isolated, as of a kite that turns freely, rounding may leave none: single inputs tell
+            that, a map does not.
         expected: how many solutions a generic mechanism of this structure has, complex ones included.
         proof: as of `Modes`.
     """
@@ -614,28 +616,24 @@ def modes(
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most, prove)
     member, x = design.at(values[:, None], order)
     found = _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
+    own = solve_position(system, inputs, hold=hold, unit=unit, throw=False)
+    # Solutions that are not isolated may be lost to rounding of the coefficients: a pose among them is still found.
+    if int(own.status) == Status.SINGULAR and not (found.singular or _has(found, own, design)):
+        return dataclasses.replace(found, singular=1)
     # A pose that is found another way has to be among the assemblies, at these inputs or at those of the drawing: once
     # for a design, since all that it can be moved to hangs together.
     key = hash((design.x.tobytes(), *(c.tobytes() for c in design.constants)))
     if key in family.checked:
         return found
-    for at in (values, design.pose[list(order)]):
+    here = found
+    if int(own.status):
+        at = design.pose[list(order)]
         own = solve_position(system, dict(zip(inputs, at, strict=True)), hold=hold, unit="rad", throw=False)
         if not int(own.status):
-            here = found
-            if at is not values:
-                member, x = design.at(at[:, None], order)
-                here = _report(system, view, design, family, x[:, 0], at, solve_all(family, member, seed))
-            if not _has(here, own, design):
-                return dataclasses.replace(found, lost=found.lost + 1)
-            break
-        # Solutions that are not isolated may be lost to rounding of the coefficients: a pose among them is still found.
-        if (
-            at is values
-            and int(own.status) == int(Status.SINGULAR)
-            and not (found.singular or _has(found, own, design))
-        ):
-            return dataclasses.replace(found, singular=1)
+            member, x = design.at(at[:, None], order)
+            here = _report(system, view, design, family, x[:, 0], at, solve_all(family, member, seed))
+    if not int(own.status) and not _has(here, own, design):
+        return dataclasses.replace(found, lost=found.lost + 1)
     family.checked.add(key)
     return found
 

@@ -381,7 +381,7 @@ class Motion(Drawn):
         where = f"; the first is pose {bad[0]}, {', '.join(inputs)}" if inputs else ""
         if Status.SINGULAR_START in status and not self._designs:
             view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
-            if never_moves(self.system, view, jax.lax.stop_gradient(derive(self.system))):
+            if never_moves(known.system, view, derive(known.system)):
                 raise AssemblyError(f"{self.system.name!r}: {NEVER_MOVES.format(', '.join(self.driven))}")
         ended = bool({int(Status.SINGULAR), int(Status.DID_NOT_ASSEMBLE)} & {*status[bad].tolist()})
         hint = circuits_hint(self.system, self.driven) if ended and not self._designs else ""

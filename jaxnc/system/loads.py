@@ -39,9 +39,7 @@ class InertiaIndex:
     com: Index = ()  # those of its centre of mass, or none
     inertia: Index = ()  # those of its inertia, or none
     size: Index = ()  # those of its shape's size
-    singular: bool = (
-        False  # whether, as compiled, its mass matrix is (all but) singular: no mass, or a bar's point mass
-    )
+    singular: bool = False  # whether its mass matrix is, or all but, as compiled: no mass, or a bar's point mass
 
     @property
     def form(self) -> tuple:

@@ -393,6 +393,23 @@ def test_an_arm_that_a_spring_balances_anywhere_stays_and_is_neutral():
         assert about.stable and "neutral" in str(about)
 
 
+def test_a_weak_spring_between_forces_that_balance_is_followed():
+    """A beam that carries a weight at either end turns to where its spring is free, however weak that is."""
+    m = nc.Mechanism("beam")
+    m.ground("O", (0, 0))
+    m.point("P", (0.5, 0.0))
+    m.point("Q", (-0.5, 0.0))
+    m.body("beam", ["O", "P", "Q"], mass=0.001, com=(0, 0), inertia=0.001)
+    m.angle("phi", "O", "P")
+    for end in "PQ":
+        m.force(f"at_{end}", end, (0, -G))
+    m.spring("spring", "phi", stiffness=1.0, free=0.3)
+    system = m.compile()
+    for stiffness, off in ((1.0, 1e-12), (1e-5, 1e-9), (1e-7, 1e-6)):
+        found = nc.equilibrium(system.replace({"spring.stiffness": stiffness}))
+        assert float(found["phi"]) == pytest.approx(0.3, abs=off) and found.stable
+
+
 def test_a_batch_of_linearisations_has_the_numbers_of_each():
     m = nc.Mechanism("arm")
     m.gravity = (0, -G)

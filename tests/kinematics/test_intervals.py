@@ -134,6 +134,19 @@ def test_a_gap_beside_a_change_point_is_not_stepped_over(bars):
     assert found.closed and not np.any(poses.status) and np.ptp(np.asarray(poses["phi"])) <= 2 * end + 1e-9
 
 
+@pytest.mark.parametrize("bars", [(1, 3), (1.5059366220404455, 3.1731993049733456), (0.7, 0.8), (1.9, 2.2)])
+def test_kites_pass_the_pose_in_which_their_other_half_turns_freely(bars):
+    """Crank and ground alike, coupler and rocker too: the crank turns, and crosses a motion with B on D."""
+    short, long = bars
+    found = nc.travel(looped_bars(short, long, long, short), "phi")
+    assert found.turns and found.closed and not found.dead_points
+
+
+@pytest.mark.parametrize("beyond", [-7.038e-11, -6e-11, -8.5e-11])
+def test_gaps_as_wide_as_the_tolerance_end_the_search_for_them(beyond):
+    assert not np.any(nc.circuit(looped_bars(1, 2, 3, 4 + beyond), "phi").status)
+
+
 def test_circuits_that_pass_each_other_are_not_mixed():
     """Grashof's sum is short of a change point by 1e-5: on one circuit C stays on its side of the line B-D."""
     poses = nc.circuit(looped_bars(1, 3, 1.00001, 3), "phi")

@@ -165,6 +165,8 @@ def test_inputs_that_follow_from_each_other_are_told():
     motion = nc.sweep(locked, {"left": np.linspace(0.0, 1.0, 3), "right": np.linspace(0.0, 2.0, 3)})
     with pytest.raises(nc.AssemblyError, match=r"left, right .*follows from the other"):
         motion.check()
+    with pytest.raises(nc.AssemblyError, match="follows from the other"):
+        jax.grad(lambda s: nc.sweep(s, {"left": [0.0, 1.0], "right": [0.0, 2.0]}).check()["l"].sum())(locked)
     assert nc.diagnose(locked, {"left": 0.0, "right": 0.0}).never_moves
     assert bool(nc.sweep(locked, {"left": np.linspace(0.0, 1.0, 3), "carrier_turns": np.zeros(3)}).converged.all())
 

@@ -532,6 +532,8 @@ def test_the_command_reads_files_and_writes_models(small, cache, brief, tmp_path
         '"0.5"\t"1.5"\n2\t3\n',
         "t x y\n0 0.5 1.5\n1 2 3\n",
         "The foot\nt [s] P.x [in m] P.y (m)\n0  0.5  1.5\n1  2  3\n",
+        "x and y in mm\n0.5 1.5 7\n2 3 7\n",
+        '"x pos" "y pos"\n0.5 1.5\n2 3\n',
         "t,y,x\n[s],[m],[m]\n0,1.5,0.5,,\n,3,2,,\n,,,,\n",
         "pose 1, pose 2\n0.5 1.5\n2, 3\n",
     ],

@@ -207,22 +207,23 @@ def _orientations(matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
 def _reach_of_curve(view: HostView, q: np.ndarray, t: np.ndarray, h: float, matrix: np.ndarray, limit: float) -> float:
     """How far to go of a step that ends with the other orientation.
 
-    All of it where the curve crosses another one: then shorter steps fit up to the crossing, and from there on. Where
-    two curves only pass each other there is a gap between them, in which no step fits.
+    All of it where the curve crosses another one: the nearer to the crossing a step begins, the nearer to it, on both
+    sides, steps fit. Where two curves only pass each other there is a gap between them, in which no step fits.
     """
     least = (10.0 * limit * view.eq.length) ** 0.5  # poses within the tolerance lead over a smaller gap
-    low, high = 0.0, h
-    while high - low > least:
-        parts = np.linspace(low, high, 17)
-        found = _try_steps(view, q, t, *parts[1:-1])
-        fits, same = found.fits(t[:, None], parts[1:-1], limit), _orientations(found.matrix, matrix) > 0.0
-        fits, same = (np.concatenate([[True], of, [True]]) for of in (fits, same))
-        same[-1] = False
-        first = int(np.argmin(fits & same))  # that is no more on the curve
-        behind = first + int(np.argmax(fits[first:] & ~same[first:]))  # the first that is on the other one
-        low, high = parts[first - 1], parts[behind]
-        if parts[behind - 1] - parts[first] > least:
-            return low or h / 16.0
+    gone, ahead = 0.0, h
+    while ahead > least:
+        parts = np.linspace(0.0, ahead, 17)
+        found = _try_steps(view, q, t, *parts[1:])
+        fits, same = found.fits(t[:, None], parts[1:], limit), _orientations(found.matrix, matrix) > 0.0
+        on = int(np.argmin(np.append(fits & same, False)))  # so many lie on the curve, one after the other
+        other = np.flatnonzero((fits & ~same)[on:])
+        left = parts[on + other[0] + 1] - parts[on] if len(other) else np.inf
+        if left > 0.9 * ahead:
+            return gone or h / 16.0
+        if on:
+            q, t, gone = found.q[:, on - 1], found.t[:, on - 1], gone + parts[on]
+        ahead = left
     return h
 
 
