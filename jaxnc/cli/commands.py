@@ -216,8 +216,7 @@ def do_trace(question: Question, options: argparse.Namespace, importing: float) 
     tasks.append(("-linkages.png", "the best linkages", result.plot))
     if options.out is not None:
         begin = folder(options.out) / stem(question.mechanism.name)
-        if begin.with_name(f"{begin.name}-linkages.png").exists():  # of an earlier search
-            remove_rest(begin.with_name(f"{begin.name}-{k}.toml") for k in range(1, 4))
+        remove_rest(begin.with_name(f"{begin.name}-{k}.toml") for k in range(1, 4))  # those of an earlier search
     write_files(options, question.mechanism.name, tasks, "the linkages as model files, and a picture")
     return _search_code(result, options)
 

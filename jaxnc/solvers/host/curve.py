@@ -218,11 +218,11 @@ def _reach_of_curve(view: HostView, q: np.ndarray, t: np.ndarray, h: float, matr
         fits, same = found.fits(t[:, None], parts[1:], limit), _orientations(found.matrix, matrix) > 0.0
         on = int(np.argmin(np.append(fits & same, False)))  # so many lie on the curve, one after the other
         other = np.flatnonzero((fits & ~same)[on:])
-        left = parts[on + other[0] + 1] - parts[on] if len(other) else np.inf
+        left = float(parts[on + other[0] + 1] - parts[on]) if len(other) else np.inf
         if left > 0.9 * ahead:
             return gone or h / 16.0
         if on:
-            q, t, gone = found.q[:, on - 1], found.t[:, on - 1], gone + parts[on]
+            q, t, gone = found.q[:, on - 1], found.t[:, on - 1], gone + float(parts[on])
         ahead = left
     return h
 
