@@ -273,15 +273,14 @@ def _squares(
     """The squares of the determinants of blocks that can flip, but for factors, by steps of the driven coordinates."""
     unknown = tuple(lax.stop_gradient(x[int(c)]) for c in view.unknown)
     bent = [block.rows.form not in ("affine", "angle") for block in core.blocks]
-    written = all(block.closed or block.rows.form == "angle" for block in core.blocks)
-    signs = lax.stop_gradient(core.signs(eq, x)) if written else ()
+    signs = lax.stop_gradient(core.signs(eq, x)) if core.by_formulas else ()
 
     def evaluate(*steps: Array) -> tuple[Array, ...]:
         moved = (*(k + step for k, step in zip(known, steps, strict=False)), *known[len(steps) :])
         at, found = list(x), []
         for c, v in zip((*view.unknown, *view.known), (*unknown, *moved), strict=True):
             at[int(c)] = v
-        if written:  # formulas are differentiated as they stand
+        if core.by_formulas:  # they are differentiated as they stand
             for block, bends, sign in zip(core.blocks, bent, signs, strict=True):
                 given = block.rows.collect(at, eq)
                 if bends:

@@ -51,6 +51,7 @@ from jaxnc.notebooks import Reported
 from jaxnc.process import one_thread
 from jaxnc.solvers.assembly import derive, to_host
 from jaxnc.solvers.host import HostView, correct_poses
+from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.rows import Rows
 from jaxnc.status import Status
@@ -616,15 +617,16 @@ def modes(
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most, prove)
     member, x = design.at(values[:, None], order)
     found = _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
+    key = hash((design.x.tobytes(), *(c.tobytes() for c in design.constants)))
+    # Once for a design; of dyads, whose pose takes no time, at all its inputs.
+    if key in family.checked and not (writes_out(view) and kernel(view).by_formulas):
+        return found
     own = solve_position(system, inputs, hold=hold, unit=unit, throw=False)
     # Solutions that are not isolated may be lost to rounding of the coefficients: a pose among them is still found.
     if int(own.status) == Status.SINGULAR and not (found.singular or _has(found, own, design)):
         return dataclasses.replace(found, singular=1)
     # A pose that is found another way has to be among the assemblies, at these inputs or at those of the drawing: once
     # for a design, since all that it can be moved to hangs together.
-    key = hash((design.x.tobytes(), *(c.tobytes() for c in design.constants)))
-    if key in family.checked:
-        return found
     here = found
     if int(own.status):
         at = design.pose[list(order)]

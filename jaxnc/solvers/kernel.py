@@ -304,6 +304,11 @@ class Kernel:
         """True if every block has a closed form, and no row jumps."""
         return not self.jumps and all(b.closed for b in self.blocks)
 
+    @property
+    def by_formulas(self) -> bool:
+        """True if every block is solved by a formula: those of `closed`, and angles, which turn beyond half a turn."""
+        return all(b.closed or b.rows.form == "angle" for b in self.blocks)
+
     def signs(self, eq: Equations, x: Lanes) -> tuple[Array, ...]:
         """Return the orientation of every block at a pose."""
         return tuple(jnp.sign(d) for d in self.determinants(eq, x))
