@@ -493,7 +493,7 @@ class WrittenRows:
                             whole[i][local[d]] = whole[i][local[d]] + heavy * f
             solve = _factorise(whole)
         else:
-            solve = functools.partial(_multiply, inverse)
+            solve = functools.partial(_multiply_elements, inverse)
         free = solve(pushed)
         spread = [solve([terms.get(c, 0.0) for c in self.massed]) for terms, _ in rows]
         right = []
@@ -543,7 +543,7 @@ def _factorise(a: list[list[AnyArray]]) -> Callable[[list], list]:
     return solve
 
 
-def _multiply(matrix: Array, x: list) -> list:
+def _multiply_elements(matrix: Array, x: list) -> list:
     """Multiply a symmetric matrix with elements."""
     n = len(x)
     return [sum((x[k] * matrix[k][i] for k in range(n) if not _is_none(x[k])), 0.0) for i in range(n)]
@@ -639,7 +639,7 @@ class WrittenFlow:
                 inverse = np.linalg.inv(known)
             except np.linalg.LinAlgError:
                 return cls(flow, mass, None, form)
-            return cls(flow, mass, on_device(inverse) if _is_regular(known, inverse) else None, form)
+            return cls(flow, mass, on_device(inverse) if _is_fit_inverse(known, inverse) else None, form)
         if any(inertia.singular for group in top.loads.inertias for inertia in group):
             return cls(flow, mass, None, form)
         return cls(flow, mass, jax.vmap(dense.solver(mass), out_axes=1)(jnp.eye(len(at))), form)
@@ -648,7 +648,7 @@ class WrittenFlow:
         """Break a motion off whose design has lost mass or inertia since it was compiled, so that M has no inverse."""
         if self.inverse is None:
             return state
-        regular = _is_regular(*lax.stop_gradient((self.mass, self.inverse)))
+        regular = _is_fit_inverse(*lax.stop_gradient((self.mass, self.inverse)))
         return state._replace(gap=jnp.where(regular, state.gap, jnp.inf))
 
     @property
@@ -695,7 +695,7 @@ class WrittenFlow:
         return StageSolution(tuple(change.get(c, zero) for c in range(len(x))), multipliers, gap, slip)
 
 
-def _is_regular(mass: AnyArray, inverse: AnyArray) -> Any:
+def _is_fit_inverse(mass: AnyArray, inverse: AnyArray) -> Any:
     """Tell whether the inverse of a mass matrix is good for something: it errs by the square of what this looks at."""
     return abs(mass.diagonal() * inverse.diagonal()).max() < float(np.finfo(mass.dtype).eps) ** -0.3
 

@@ -117,7 +117,7 @@ def _measure_margins(view: Plan, motion: Motion) -> FlipMargin:
     distance = jnp.where(there, jnp.sqrt(jnp.where(there, far, 1.0)), jnp.where(good, jnp.inf, 0.0))
     unlimited = jnp.full(good.shape, jnp.inf)
     reach, dead_point = unlimited, unlimited
-    squares = _squares(view, core, eq, x, known, good)
+    squares = _determinant_squares(view, core, eq, x, known, good)
     most = jnp.pi if view.angles else eq.length
     if len(view.driven) == 1:
         ahead = _way_to_dead_point(squares, good, most)
@@ -267,7 +267,7 @@ def _aim_across(block: Any, eq: Equations, x: Lanes) -> list[Array]:
 # -- the dead point ----------------------------------------------------------------------------------------------------
 
 
-def _squares(
+def _determinant_squares(
     view: Plan, core: Kernel, eq: Equations, x: Lanes, known: tuple[Array, ...], good: Array
 ) -> Callable[..., tuple[Array, ...]]:
     """The squares of the determinants of blocks that can flip, but for factors, by steps of the driven coordinates."""

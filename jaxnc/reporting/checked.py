@@ -120,31 +120,35 @@ def extremes_of(
     for _ in range(6):
         pairs = [extreme_of(q, way, largest, True) for q in found for largest in (False, True)]
         vertices = [float(np.interp(e.at, np.arange(len(at)), at)) for e in pairs if e.refined]
-        between = np.unique([*vertices, *(zero for q in found if (zero := _zero(q, at, lost, guess=True)) is not None)])
+        between = np.unique(
+            [*vertices, *(zero for q in found if (zero := _way_through_zero(q, at, lost, guess=True)) is not None)]
+        )
         more = _solve_between(motion, between) if len(between) else None
         beyond = None if more is None else course(more)
         if more is None or way is None or beyond is None:
             break
         order, steady = np.argsort(np.append(at, between), kind="stable"), True
         at, way = np.append(at, between)[order], np.append(way, beyond)[order]
-        found = [_joined(q, new, order) for q, new in zip(found, read(more), strict=True)]
+        found = [_add_poses(q, new, order) for q, new in zip(found, read(more), strict=True)]
     if len(at) > len(motion.status):  # of the values of poses
         ends = [[extreme_of(q, None, largest) for largest in (False, True)] for q in found]
         ends = [[replace(e, at=float(at[int(e.at)]), refined=at[int(e.at)] % 1 > 0) for e in pair] for pair in ends]
     for q, pair in zip(found, ends, strict=True):
-        zero = _zero(q, at, lost) if steady or not q.rate else None  # a rate may jump where it is driven otherwise
+        zero = (
+            _way_through_zero(q, at, lost) if steady or not q.rate else None
+        )  # a rate may jump where it is driven otherwise
         pair[0] = pair[0] if zero is None else ExtremeValue(0.0, zero, True)
     return [(low, high) for low, high in ends]
 
 
-def _joined(q: Quantity, more: Quantity, order: np.ndarray) -> Quantity:
+def _add_poses(q: Quantity, more: Quantity, order: np.ndarray) -> Quantity:
     """Add poses to a quantity, in order."""
     values = np.append(q.values, more.values)[order]
     both = None if q.parts is None or more.parts is None else np.append(q.parts, more.parts, axis=0)[order]
     return replace(q, values=values, parts=both)
 
 
-def _zero(q: Quantity, at: np.ndarray, lost: np.ndarray, guess: bool = False) -> float | None:
+def _way_through_zero(q: Quantity, at: np.ndarray, lost: np.ndarray, guess: bool = False) -> float | None:
     """Find where the parts of a quantity go through zero between two poses, as a number of poses; None if nowhere.
 
     One part changes its sign. Of several the straight way from one pose to the next leads through zero, beside it.

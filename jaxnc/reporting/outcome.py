@@ -236,10 +236,10 @@ def check_expected(system: System, arguments: SweepArguments, texts: Sequence[st
     except InputError:  # as the analysis itself will say
         return
     for text in texts:
-        _asked(motion, text)
+        _expected_quantities(motion, text)
 
 
-def _asked(motion: Motion, text: str) -> list[Quantity]:
+def _expected_quantities(motion: Motion, text: str) -> list[Quantity]:
     """Find the quantity that an expectation is about; after a least one those that it is the least of."""
     name, data = parse_expectation(text)[0], poses(motion)
     if name == "transmission":
@@ -260,10 +260,10 @@ def _asked(motion: Motion, text: str) -> list[Quantity]:
 def _decide(motion: Motion, text: str) -> Expectation:
     _, word, sign, limit = parse_expectation(text)
 
-    q = _asked(motion, text)[0]
+    q = _expected_quantities(motion, text)[0]
     if not np.isfinite(q.values).any():
         return Expectation(text=text, met=False, value=None, unit=q.unit)
-    found = extremes_of(motion, lambda motion: _asked(motion, text))
+    found = extremes_of(motion, lambda motion: _expected_quantities(motion, text))
     low, high = min(low.value for low, _ in found), found[0][1].value
     ends = {"smallest": low, "largest": high, "range": high - low}
     decides = float(ends[word or ("largest" if sign[0] == "<" else "smallest")])

@@ -170,7 +170,7 @@ def trace_curve(
     for _ in range(20000):  # steps
         found = _try_steps(view, q, t, h)
         reach = h if found.fits(t[:, None], h, limit)[0] else 0.5 * h
-        if reach == h and _orientations(found.matrix, matrix)[0] < 0.0:
+        if reach == h and _determinant_signs(found.matrix, matrix)[0] < 0.0:
             reach = _reach_of_curve(view, q, t, h, matrix, limit)
         if reach < h:
             h = reach
@@ -197,7 +197,7 @@ def trace_curve(
     return curve
 
 
-def _orientations(matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _determinant_signs(matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return signs of bordered determinants against that of one other, ``(lanes,)``: negative on another curve."""
     if matrix.shape[1] > matrix.shape[2]:
         return np.linalg.slogdet(np.swapaxes(other, 1, 2) @ matrix)[0]
@@ -215,7 +215,7 @@ def _reach_of_curve(view: HostView, q: np.ndarray, t: np.ndarray, h: float, matr
     while ahead > least:
         parts = np.linspace(0.0, ahead, 17)
         found = _try_steps(view, q, t, *parts[1:])
-        fits, same = found.fits(t[:, None], parts[1:], limit), _orientations(found.matrix, matrix) > 0.0
+        fits, same = found.fits(t[:, None], parts[1:], limit), _determinant_signs(found.matrix, matrix) > 0.0
         on = int(np.argmin(np.append(fits & same, False)))  # so many lie on the curve, one after the other
         other = np.flatnonzero((fits & ~same)[on:])
         left = float(parts[on + other[0] + 1] - parts[on]) if len(other) else np.inf
