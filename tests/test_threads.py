@@ -8,8 +8,8 @@ import scipy.linalg  # noqa: F401  (loads its BLAS)
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from jaxnc import library, process
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.solvers import dense
+from jaxnc.solvers.saddle import saddle
 from jaxnc.solvers.sparse_matrix import Factoriser
 
 

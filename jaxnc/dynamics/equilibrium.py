@@ -16,7 +16,6 @@ from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import blame_force, check_loads, dynamics, forces, potential
 from jaxnc.dynamics.reactions import Reactions, motion_reactions
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.start import assemble_pose, check_pose
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside
@@ -25,6 +24,7 @@ from jaxnc.records import record
 from jaxnc.solvers import dense
 from jaxnc.solvers.dense import solver
 from jaxnc.solvers.newton import largest
+from jaxnc.solvers.saddle import saddle
 from jaxnc.status import Status
 from jaxnc.system.equations import refuse_rates, residual, weights
 from jaxnc.system.precision import as_its_system, limits, more_digits, numbers

@@ -27,7 +27,6 @@ from jax.core import Tracer
 from jaxnc.compiling import on_device
 from jaxnc.constraints import Kind
 from jaxnc.dynamics.model import Dynamics, force_variables, forces, function_forces, inertia_coordinates, instance_force
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.wrenches import balance_friction, has_friction
 from jaxnc.errors import InputError
 from jaxnc.reading import Builder, function, partials, rate
@@ -36,6 +35,7 @@ from jaxnc.solvers import dense
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.rows import Rows
+from jaxnc.solvers.saddle import saddle
 from jaxnc.system.equations import Equations, coefficients, slips, weights
 from jaxnc.system.structure import curvature, jax_function, pattern, program, quadratic, size
 from jaxnc.system.topology import INDEX, Topology

@@ -13,7 +13,6 @@ from jaxnc.dynamics.equilibrium import Equilibrium
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow, evaluate_rows
 from jaxnc.dynamics.model import check_loads, dynamics, forces
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.start import Rates, assemble_pose, check_start, start_rates
 from jaxnc.errors import InputError, brief, nearest
 from jaxnc.kinematics.inputs import array, finite, outside
@@ -21,6 +20,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.saddle import saddle
 from jaxnc.system.equations import refuse_rates, weights
 from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System

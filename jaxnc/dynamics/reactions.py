@@ -22,7 +22,6 @@ from jaxnc.constraints.kind import dot, norm
 from jaxnc.dynamics.extended import extended, is_concrete, lift_states, shown_places
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, force_variables, forces, inertias
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.wrenches import (
     Ledger,
     Masses,
@@ -49,6 +48,7 @@ from jaxnc.records import record
 from jaxnc.solvers.assembly import evaluate
 from jaxnc.solvers.newton import hold_still
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.saddle import saddle
 from jaxnc.system.equations import coefficients, refuse_rates
 from jaxnc.system.frames import spread, turns
 from jaxnc.system.identity import Owner, Thing, addresses, find

@@ -31,7 +31,6 @@ from jaxnc.dynamics.extended import across_vectors, extended, is_concrete, lift,
 from jaxnc.dynamics.flow import ACCELERATION, Flow, Law, StageSolution, WrittenFlow
 from jaxnc.dynamics.integrate import START, Control, Event, History, Integration, equal_steps, integrate, pull_back
 from jaxnc.dynamics.model import State, drawn_parameters, dynamics, force_constants, group_inertias, sum_inertias
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.simulation import join_fields
 from jaxnc.dynamics.start import (
     Rates,
@@ -50,6 +49,7 @@ from jaxnc.solvers.assembly import free_plan, to_host
 from jaxnc.solvers.host import HostView, start_changes
 from jaxnc.solvers.newton import attach_pose, largest
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.saddle import saddle
 from jaxnc.solvers.traced import PIECE, ask_host, shorten_equations
 from jaxnc.status import Status
 from jaxnc.system.design import Drawn, carry_design, unit_formula

@@ -11,17 +11,17 @@ from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics.extended import is_concrete, lift_rates, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import body_inertia
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.inputs import array, doubt_degrees, finite, finite_array, in_radians, worst_rows
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, rank_of, to_host
 from jaxnc.solvers.newton import attach_start
+from jaxnc.solvers.saddle import saddle
 from jaxnc.status import Status
 from jaxnc.system.equations import coefficients, weights
 from jaxnc.system.precision import limits
-from jaxnc.system.system import System
+from jaxnc.system.system import System, characteristic_length
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Inputs, Numbers, PyTree
 
@@ -146,7 +146,8 @@ def determines_pose(top: Topology, freedom: int, state: Mapping[str, Numbers]) -
 
 def attach_drawing(system: System, q: Array, state: Mapping[str, Array] | None) -> Array:
     """Give an assembled start its derivatives: it follows the drawing, but for what `state` says, as it was put."""
-    return attach_start(free_plan(system.topology), q, derive(system), still_coordinates(system.topology, state))
+    still, size = still_coordinates(system.topology, state), characteristic_length(system.parameters.points)
+    return attach_start(free_plan(system.topology), q, derive(system), size, still)
 
 
 def still_coordinates(top: Topology, state: Mapping[str, Array] | None) -> tuple[int, ...]:
@@ -244,7 +245,7 @@ def _solve_rows(h: np.ndarray, j: np.ndarray, f: np.ndarray, g: np.ndarray) -> n
     m, n = j.shape
     true = np.block([[h, j.T], [j, np.zeros((m, m))]])
     right, z = np.concatenate([f, g]), np.zeros(n + m)
-    # As in `jaxnc.dynamics.saddle`, with as many refinements; always of 64 bits.
+    # As in `jaxnc.solvers.saddle`, with as many refinements; always of 64 bits.
     inverse = np.linalg.inv(true - 1e-9 * np.diag(np.repeat([0.0, 1.0], [n, m])))
     for _ in range(4):
         z = z + inverse @ (right - true @ z)

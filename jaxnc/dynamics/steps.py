@@ -21,9 +21,9 @@ from jax import lax
 from jaxnc.autodiff import attach
 from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, StageSolution
 from jaxnc.dynamics.model import forces
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.records import record
 from jaxnc.solvers import dense
+from jaxnc.solvers.saddle import saddle
 from jaxnc.system.precision import WIDE, active, limits
 from jaxnc.types import AnyArray, Array, ArrayLike, PyTree
 

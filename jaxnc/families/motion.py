@@ -18,7 +18,6 @@ from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.flow import ACCELERATION, StageSolution, select_stage
 from jaxnc.dynamics.integrate import equal_steps
 from jaxnc.dynamics.model import Dynamics, dynamics, forces
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.steps import MotionState, settle, step
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.families.formulation import Formulation, Independent
@@ -28,6 +27,7 @@ from jaxnc.records import record
 from jaxnc.solvers import assembly
 from jaxnc.solvers.assembly import derive, free_plan
 from jaxnc.solvers.newton import largest, tolerance
+from jaxnc.solvers.saddle import saddle
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, residual
 from jaxnc.types import Array, ArrayLike

@@ -44,7 +44,7 @@ from jaxnc.system.design import find_traced
 from jaxnc.system.equations import Equations, guards, measured, rate_constants, slips, weights
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import as_its_system, limits
-from jaxnc.system.system import System
+from jaxnc.system.system import System, characteristic_length
 from jaxnc.system.topology import Topology
 from jaxnc.types import AnyArray, Array, ArrayLike, Float, Inputs, Numbers
 from jaxnc.validate import as_real, call_user
@@ -543,7 +543,8 @@ def _with_slopes_of_held(
     else:
         from jaxnc.solvers.newton import attach_start  # with all that XLA needs, and the host does not
 
-        given = attach_start(free_plan(view.topology), jax.lax.stop_gradient(q0), eq)
+        size = characteristic_length(system.parameters.points)
+        given = attach_start(free_plan(view.topology), jax.lax.stop_gradient(q0), eq, size)
         for name, value in (start or {}).items():
             columns, value = _guess_entry(system.topology, name, value, shape, "start")
             given = jnp.broadcast_to(given, (*shape, given.shape[-1])).at[..., np.array(columns)].set(value)

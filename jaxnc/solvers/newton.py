@@ -19,12 +19,13 @@ from jaxnc.compiling import in_chunks, jit
 from jaxnc.records import with_owner
 from jaxnc.solvers import dense, host
 from jaxnc.solvers.kernel import kernel, writes_out
-from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.plan import LargePlan, Plan
+from jaxnc.solvers.saddle import saddle
 from jaxnc.solvers.traced import PIECE, Mapped, ask_host, ask_of_equations, in_lanes, shorten_equations
-from jaxnc.system.equations import Equations, weights
+from jaxnc.system.equations import Equations, pure_numbers, weights
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits, numbers
-from jaxnc.types import Array, Coordinates, PyTree
+from jaxnc.types import Array, Coordinates, Numbers, PyTree
 
 
 def largest(r: Array) -> Array:
@@ -133,7 +134,7 @@ def _assemble(plan: Plan, eq: Equations, nudge: Array) -> host.Closest:
 
 def _assemble_large(plan: Plan, eq: HostEquations, nudge: np.ndarray) -> np.ndarray:
     with np.errstate(all="ignore"):
-        q, gap, _ = host.closest(host.view_of(plan, eq), (eq.home + nudge)[:, None])
+        q, gap, _ = host.assemble(host.view_of(plan, eq), (eq.home + nudge)[:, None])
     return np.append(q[:, 0], gap)
 
 
@@ -177,7 +178,7 @@ def _assemble_lanes(plan: Plan, eq: Equations, q: np.ndarray, fits: np.ndarray) 
     open_ = np.flatnonzero(~fits)
     view = host.HostView(plan, from_jax(eq)).select(open_)
     with np.errstate(all="ignore"):
-        found = host.closest(view, q[open_].T)
+        found = host.assemble(view, q[open_].T)
     out = _as_drawn(eq, q, fits)
     out[open_] = np.concatenate([found.q, found.gap[None]]).T
     return out
@@ -210,50 +211,51 @@ def _pose_change(plan: Plan, q: Coordinates, args: tuple, changes: tuple) -> Coo
         return implicit(plan, q, eq, known, eq_dot, known_dot, ok)
 
 
-def attach_start(plan: Plan, q: Coordinates, eq: Equations, still: tuple[int, ...] = ()) -> Coordinates:
+def attach_start(plan: Plan, q: Coordinates, eq: Equations, size: Numbers, still: tuple[int, ...] = ()) -> Coordinates:
     """Give the start pose its derivatives: it follows the drawing, moved as little as meets the constraints.
 
-    Exact where the drawing meets them, as one does that its dimensions are read off; otherwise to first order in how
-    far the pose is from it.
+    Of a large system, or where some coordinates are `still`, that is exact where the drawing meets the constraints, as
+    one does that its dimensions are read off, and otherwise to first order in how far the pose is from it. Coordinates
+    that are `still` stay where they are as far as rows allow, and the others follow them.
 
-    Derivatives flow through the equations, not through the pose. Of a large system every coordinate follows its own of
-    the drawing. Coordinates that are `still` stay where they are as far as rows allow, and the others follow them.
+    Derivatives flow through the equations and the mechanism's size, which these have as a number, not through the pose.
     """
-    return autodiff.attach(_start_change, (plan, still), q, eq)
+    return autodiff.attach(_start_change, (plan, still), q, eq, size)
 
 
 def _start_change(static: tuple[Plan, tuple[int, ...]], q: Coordinates, args: tuple, changes: tuple) -> Coordinates:
-    (plan, still), eq, eq_dot = static, *args, *changes
+    (plan, still), (eq, size), (eq_dot, growth) = static, args, changes
     put = np.isin(plan.unknown, still)
     moved = eq_dot.home.at[plan.unknown[put]].set(0.0) if put.any() else eq_dot.home
-    if plan.large or not len(plan.rows):
+    if not len(plan.rows):
         return moved
     with numbers(q):
         at = jnp.where(jnp.all(jnp.isfinite(q)), q, eq.home)
-        inner = weights(eq)[plan.unknown]
-        jacobian = plan.linearise(eq, at)[1] / inner
+        pure, none = pure_numbers(plan.topology)[plan.unknown], jnp.zeros(len(plan.unknown))
+        inner = jnp.where(pure, size, 1.0)
         _, left = jax.jvp(plan.residual, (eq, at), (eq_dot, moved))
-        if put.any():
-            # 1e-8 of the matrix, as some coordinates stay and not every row can be met
-            step = _pseudoinverse(jnp.where(put, 0.0, jacobian), 1e-8, 2) @ left
-            moved, left = plan.move(moved, -step / inner), left - jacobian @ step
-        # 1e-11 of the matrix, whose rows may be redundant
-        return plan.move(moved, -(_pseudoinverse(jacobian, 1e-11, 1) @ left) / inner)
+        if isinstance(plan, LargePlan):
+            return plan.move(moved, -plan.least_norm(eq, at)(left))
+        jacobian = plan.linearise(eq, at)[1] / inner
+        if put.any():  # not every row can be met as some coordinates stay
+            for some in (jnp.where(put, 0.0, jacobian), jacobian):
+                step = saddle(jnp.eye(len(inner)), some, True)(none, left)[0]
+                moved, left = plan.move(moved, -step / inner), left - jacobian @ step
+            return moved
+        # The rows hold the pose where it is closest to the drawing, by forces that turn as it moves.
+        apart = inner * (eq.home - at)[plan.unknown]
+        forces = saddle(jnp.eye(len(inner)), jacobian, True)(apart, jnp.zeros(len(left)))[1]
 
+        def hold(eq, x):
+            q = plan.join(x / inner, at[plan.known], eq.home[plan.fixed])
+            return jax.grad(lambda q: jnp.sum(forces * plan.residual(eq, q)))(q)[plan.unknown] / inner
 
-def _pseudoinverse(jacobian: Array, damping: float, times: int) -> Array:
-    """Return the pseudoinverse ``(n, m)`` of a matrix whose rows may be redundant."""
-    every = jnp.eye(len(jacobian))
-    normal = jacobian @ jacobian.T
-    normal = normal + damping * jnp.trace(normal) / len(normal) * every
-    fixed = lax.stop_gradient(normal)
-    back = jacobian.T @ lax.custom_linear_solve(
-        lambda x: normal @ x, every, lambda _, right: dense.cholesky_solve(fixed, right), symmetric=True
-    )
-    first = back
-    for _ in range(times):  # what damping leaves of a change, little as it is, is taken up once more
-        back = back + first @ (every - jacobian @ back)
-    return back
+        x, x_dot = inner * at[plan.unknown], inner * moved[plan.unknown]
+        bend = jax.jacfwd(hold, 1)(eq, x)
+        _, turn = jax.jvp(hold, (eq, x), (eq_dot, x_dot))
+        # Pure numbers count by the size, which grows with the drawing.
+        pull = 2.0 * growth / size * pure * apart - turn
+        return plan.move(moved, saddle(jnp.eye(len(inner)) + bend, jacobian, True)(pull, -left)[0] / inner)
 
 
 def attach_lanes(

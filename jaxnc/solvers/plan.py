@@ -256,6 +256,23 @@ class LargePlan(Plan):
         signs = self.augmented.evaluate(self.symmetric(jacobian, 0.0, other))[1]
         return (-1.0) ** self.numbers.shape[1] * signs[0]
 
+    def least_norm(self, eq: Equations, q: Coordinates) -> Callable[[Float[Array, " m"]], Float[Array, " n"]]:
+        """Make the changes of the unknowns that move points least of those that change the rows by what is given."""
+        (m, n), inner = self.numbers.shape, weights(eq)[self.unknown]
+        jacobian = self.linearise(eq, q)[1] / inner[self.numbers.columns]
+        damping = 1e-11 * jnp.sum(lax.stop_gradient(jacobian) ** 2) / m
+        fixed = self.symmetric(lax.stop_gradient(jacobian), damping)
+
+        def damped(pair):
+            y, x = pair
+            return y + self.numbers.times(jacobian, x), self.numbers.times_transposed(jacobian, y) - damping * x
+
+        def solve(pair):
+            both = self.augmented.solve(fixed, jnp.concatenate(pair)[:, None])[:, 0]
+            return both[:m], both[m:]
+
+        return lambda b: solve_linear(damped, (b, jnp.zeros(n)), solve)[1] / inner
+
     def solver(self, jacobian: Array, ok: Array) -> Callable[[Float[Array, " m"]], Float[Array, " n"]]:
         """See `Plan.solver`: exact solves with derivatives; one factorisation forward, one transposed in reverse."""
         m, n = self.numbers.shape

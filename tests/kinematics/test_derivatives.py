@@ -4,9 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
 from mechanisms import four_bar, four_bar_joint, reference, slider_crank
 
 import jaxnc as nc
+from jaxnc.system.system import characteristic_length
 
 U = np.linspace(0.2, 5.9, 33)
 RELATIVE = 1e-9
@@ -245,3 +247,66 @@ def test_a_gradient_where_a_pose_is_out_of_reach_tells_how_far_it_goes():
         jax.grad(lambda phi: nc.solve_position(system, {"phi": phi})["C"][0])(3.0)
     with pytest.raises(nc.AssemblyError, match=r"got to 2\.44"):
         jax.grad(lambda k: nc.sweep(system, {"phi": k * np.array([1.0, 2.0, 3.0])}, throw=True)["C"][-1, 0])(1.0)
+
+
+def five_bar(length, **options):
+    m = nc.Mechanism("five-bar")
+    for name, at in {"A": (0.0, 0.0), "E": (1.0, 0.0)}.items():
+        m.ground(name, at)
+    for name, at in {"B": (0.1, 0.5), "C": (0.6, 1.0), "D": (1.2, 0.6)}.items():
+        m.point(name, at)
+    m.body("AB", ["A", "B"])
+    m.body("BC", ["B", "C"], lengths={("B", "C"): length})
+    m.body("CD", ["C", "D"])
+    m.body("DE", ["D", "E"])
+    m.angle("phi", at="A", to="B")
+    m.angle("psi", at="E", to="D")
+    return m.compile(**options)
+
+
+def test_a_drawing_off_its_lengths_is_assembled_where_it_is_closest():
+    """Against SciPy's least distance under the lengths, and differences of first derivatives."""
+    system = five_bar(0.9)
+    drawn = {name: np.asarray(system[name]) for name in "BCD"}
+    start, size = np.concatenate([*drawn.values()]), float(characteristic_length(system.parameters.points))
+
+    def angles(x):
+        b, _, d = x.reshape(3, 2)
+        return np.array([np.arctan2(b[1], b[0]), np.arctan2(d[1], d[0] - 1.0)])
+
+    def lengths(x):
+        b, c, d = x.reshape(3, 2)
+        bars = [b, c - b, d - c, d - np.array([1.0, 0.0])]
+        return np.hypot(*np.array(bars).T) - [np.hypot(0.1, 0.5), 0.9, np.hypot(0.6, 0.4), np.hypot(0.2, 0.6)]
+
+    def distance(x):
+        return np.sum((x - start) ** 2) + size**2 * np.sum((angles(x) - angles(start)) ** 2)
+
+    wanted = scipy.optimize.minimize(
+        distance, start, method="SLSQP", constraints={"type": "eq", "fun": lengths}, options={"ftol": 1e-15}
+    )
+
+    def held(x, length):
+        design = system.replace({"C": x, "BC.B-C": length})
+        return nc.solve_position(design, {"phi": 1.3}, hold=["psi"])["psi"]
+
+    at = jnp.asarray(drawn["C"]), jnp.asarray(0.9)
+    assert float(held(*at)) == pytest.approx(angles(wanted.x)[1], abs=1e-6)  # as near as SLSQP comes
+    h, steps = 1e-5, np.eye(3)
+    ends = [[(at[0] + k * h * e[:2], at[1] + k * h * e[2]) for k in (1, -1)] for e in steps]
+    close(np.hstack(jax.grad(held, (0, 1))(*at)), [(held(*a) - held(*b)) / (2 * h) for a, b in ends], 1e-8)
+    both = nc.jit(lambda *x: (jax.grad(held, (0, 1))(*x), jax.hessian(held)(*x)))
+    gradient, hessian = both(*at)
+    close(np.hstack(gradient), np.hstack(jax.grad(held, (0, 1))(*at)))
+    slopes = [[jax.grad(held)(*a) - jax.grad(held)(*b)] for a, b in ends[:2]]
+    close(hessian, np.concatenate(slopes) / (2 * h), 1e-7)
+
+
+def test_a_sparse_start_follows_lengths():
+    system = five_bar(float(np.hypot(0.5, 0.5)), sparse=True)  # the drawing meets it
+
+    def held(length):
+        return nc.solve_position(system.replace({"BC.B-C": length}), {"phi": 1.3}, hold=["psi"])["C"]
+
+    at, h = jnp.hypot(0.5, 0.5), 1e-6
+    close(jax.jacfwd(held)(at), (held(at + h) - held(at - h)) / (2 * h), 1e-7)

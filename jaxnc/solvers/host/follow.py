@@ -14,9 +14,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxnc.solvers import branch
-from jaxnc.solvers.host.view import HostView, Near, PoseEvaluation, largest_of_lanes
+from jaxnc.solvers.host.view import (
+    HostView,
+    Near,
+    PoseEvaluation,
+    closest_changes,
+    holding_forces,
+    largest_of_lanes,
+)
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.design import Drawn
+from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import farthest
 
@@ -79,6 +87,30 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
         trial = q[:, going]
         trial[plan.unknown] -= np.where(np.isfinite(step).all(axis=1), step.T, 0.0)
     return Closest(q, gap, slope)
+
+
+def assemble(view: HostView, begin: np.ndarray) -> Closest:
+    """Find the poses that meet the constraints and are closest to where they begin, ``(N, lanes)``."""
+    found, length = closest(view, begin), np.broadcast_to(view.eq.length, begin.shape[1])
+    # What has moved by 1e-6 of the size is the closest to 1e-12 already.
+    far = largest_of_lanes(view.weights * (found.q - begin)) > 1e-6 * length
+    which = np.flatnonzero(far & (found.gap <= view.tolerance(found.q)))
+    if not len(which):
+        return found
+    inner, q, before = view.select(which), found.q[:, which], np.full(len(which), np.inf)
+    for _ in range(100):
+        step = inner.approach(q, begin[:, which])
+        size = largest_of_lanes(step * inner.unknown_weights) / length[which]
+        on = (size > view.least.floor) & (size < before)
+        if not on.any():
+            break
+        q[inner.plan.unknown] += np.where(on, step, 0.0)
+        before = np.where(on, size, 0.0)
+    gap = largest_of_lanes(inner.residual(q))
+    better = which[gap <= inner.tolerance(q)]  # others stay where they were found first
+    found.q[:, better], found.gap[better] = q[:, np.isin(which, better)], gap[np.isin(which, better)]
+    found.jacobian[better] = view.select(better).lengths(view.select(better).matrices(found.q[:, better])[0])
+    return found
 
 
 def correct_poses(view: HostView, q: np.ndarray, close: Near | None = None) -> np.ndarray:
@@ -162,19 +194,53 @@ def start_changes(
 
     Nothing is driven in the plan; see `jaxnc.solvers.newton.attach_start`, also for what is `still`.
     """
-    at = drawn.home.copy()
-    at[:, 0], put, weight = q, np.isin(plan.unknown, still), eq.weights[plan.unknown]
+    at, weight = drawn.home.copy(), eq.weights[plan.unknown]
+    at[:, 0], put = q, np.isin(plan.unknown, still)
     at[plan.unknown[put], 1:] = 0.0
     slopes = eq.jacobian(q[:, None])[0][np.ix_(plan.rows, plan.unknown)] / weight
     left = eq.changes(at[:, None], (), drawn.constants)[plan.rows, 0]
     if not (np.isfinite(slopes).all() and np.isfinite(left).all()):
         return None
-    for some in [np.where(put, 0.0, slopes), slopes] if put.any() else [slopes]:
-        # 1e-7 of the largest singular value: rows below are redundant
-        step = np.linalg.pinv(some, rcond=1e-7) @ left
-        at[plan.unknown, 1:] -= step / weight[:, None]
-        left = left - slopes @ step
+    if put.any():
+        for some in (np.where(put, 0.0, slopes), slopes):
+            # 1e-7 of the largest singular value: rows below are redundant
+            step = np.linalg.pinv(some, rcond=1e-7) @ left
+            at[plan.unknown, 1:] -= step / weight[:, None]
+            left = left - slopes @ step
+        return at
+    stiffness, pull = np.eye(len(weight)), np.zeros((len(weight), left.shape[1]))
+    apart = weight * (drawn.home[:, 0] - q)[plan.unknown]
+    if np.max(np.abs(apart), initial=0.0) > 1e-12 * eq.length:  # the rows hold it there, by forces that turn
+        forces = holding_forces(slopes[None], apart[None])[0]
+        bend, turn = np.split(_turns_of_forces(plan, eq, drawn, at, forces), [len(weight)], axis=1)
+        spread = drawn.drawing[: len(plan.topology.points)]
+        spread = spread - spread.mean(axis=0)
+        end = spread[np.argmax(np.sum(spread[..., 0] ** 2, axis=1))]  # half a size from the middle
+        growth = 4.0 * (end[:, 0] @ end[:, 1:]) / eq.length**2
+        pure = pure_numbers(plan.topology)[plan.unknown]  # which count by the size
+        stiffness, pull = stiffness + bend, 2.0 * np.outer(pure * apart, growth) - turn
+    step = closest_changes(slopes[None], stiffness[None], pull[None], left[None])[0]
+    at[plan.unknown, 1:] += step / weight[:, None]
     return at
+
+
+def _turns_of_forces(plan: Plan, eq: HostEquations, drawn: Drawn, at: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Change the rows' forces on the unknowns, lengths all, by each unknown and by a pose's changes, ``(n, n + c)``.
+
+    The pose comes with its changes, ``(N, 1 + c)``.
+    """
+    unknown, n = plan.unknown, len(plan.unknown)
+    weight = eq.weights[unknown]
+    units = np.zeros((len(at), n))
+    units[unknown, range(n)] = 1.0 / weight
+    wide = np.concatenate([at[:, :1], units, at[:, 1:]], axis=1)[:, None]
+    constants = [np.insert(c, [1] * n, 0.0, axis=-1) for c in drawn.constants]
+    out = np.empty((n, wide.shape[2] - 1))
+    for k in range(n):  # along each unknown the rows change with a velocity of one
+        along = np.zeros_like(wide)
+        along[unknown[k], :, 0] = 1.0 / weight[k]
+        out[k] = forces @ eq.changes(wide, [along], constants)[plan.rows, 0]
+    return out
 
 
 def changes(

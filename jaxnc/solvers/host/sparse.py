@@ -147,6 +147,15 @@ class SparseView(HostView):
             out[k] = plan.augmented.solve_by(plan.augmented.factorise(plan.symmetric(data, amount)), right)[m:, 0]
         return out
 
+    def approach(self, q: np.ndarray, begin: np.ndarray) -> np.ndarray:
+        """See `HostView.approach`; steps of Gauss and Newton, which need more of them."""
+        unknown, slope = self.plan.unknown, self.lengths(self.matrices(q)[0])
+        apart = np.zeros_like(q)
+        apart[unknown] = (begin - q)[unknown]
+        rows = self.residual(q) + self.eq.rates(q, [apart])[self.plan.rows]
+        back = self.damped_step(slope, rows, np.full(q.shape[1], self.least.damping))
+        return apart[unknown] - back.T / self.unknown_weights
+
     def _factorise_each(self, matrix: np.ndarray) -> "Iterator[tuple[np.ndarray, SuperLU | None]]":
         """Yield what turns each lane's unknowns into lengths, and factors of its matrix."""
         plan, lengths = self.plan, matrix if self.plan.square else self.lengths(matrix)

@@ -148,6 +148,35 @@ def solve_exactly(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         return out
 
 
+def holding_forces(slope: np.ndarray, pull: np.ndarray) -> np.ndarray:
+    """Find the forces of the rows ``(lanes, m)`` that hold poses against a pull on the unknowns ``(lanes, n)``.
+
+    Slopes are ``(lanes, m, n)``, every coordinate a length. Of redundant rows the forces are the smallest.
+    """
+    return np.einsum("lnm,ln->lm", _pseudoinverse(slope), pull)
+
+
+def closest_changes(slope: np.ndarray, stiffness: np.ndarray, pull: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Find the changes d of the unknowns with ``slope d + rows = 0`` where ``½ d·stiffness d - pull·d`` is stationary.
+
+    Args:
+        slope: derivatives of the rows, every coordinate a length, ``(lanes, m, n)``; rows may be redundant.
+        stiffness: a matrix, ``(lanes, n, n)``, positive on what the rows leave free.
+        pull: ``(lanes, n, c)``.
+        rows: ``(lanes, m, c)``.
+    """
+    back = _pseudoinverse(slope)
+    fixed, down = back @ slope, -back @ rows
+    free = np.eye(slope.shape[2]) - fixed  # the projector on motions
+    stiffness = 0.5 * (stiffness + np.swapaxes(stiffness, 1, 2))
+    return down + solve_exactly(free @ stiffness @ free + fixed, free @ (pull - stiffness @ down))
+
+
+def _pseudoinverse(slope: np.ndarray) -> np.ndarray:
+    # 1e-7 of the largest singular value: rows below are redundant
+    return np.linalg.pinv(slope, rcond=1e-7)
+
+
 # -- rows and unknowns of a plan ---------------------------------------------------------------------------------------
 
 
@@ -399,6 +428,24 @@ class HostView:
         trace = np.trace(normal, axis1=1, axis2=2) / n
         normal[:, range(n), range(n)] += (damping * trace + self.least.tiny)[:, None]
         return least_squares(normal, back @ rows.T[:, :, None])[:, :, 0]
+
+    def approach(self, q: np.ndarray, begin: np.ndarray) -> np.ndarray:
+        """Return steps of Newton to the poses that meet the rows closest to where they begin, ``(n, lanes)``.
+
+        Second derivatives of the rows are differences: a step is off by what these are, where it ends is not.
+        """
+        unknown, (m, n), lanes = self.plan.unknown, self.shape, q.shape[1]
+        slope = self.lengths(self.matrices(q)[0])
+        apart = (self.unknown_weights * (begin - q)[unknown]).T
+        forces = holding_forces(slope, apart)
+        width = 1e-4 * np.broadcast_to(self.eq.length, lanes)
+        near = np.repeat(q[:, :, None], n, axis=2)
+        near[unknown, :, range(n)] += width / self.unknown_weights
+        around = self.select(np.repeat(np.arange(lanes), n))
+        slopes = around.lengths(around.matrices(near.reshape(len(q), -1))[0]).reshape(lanes, n, m, n)
+        bend = np.einsum("lamn,lm->lan", slopes - slope[:, None], forces) / width[:, None, None]
+        step = closest_changes(slope, np.eye(n) + bend, apart[:, :, None], self.residual(q).T[:, :, None])
+        return step[:, :, 0].T / self.unknown_weights
 
     def _orientation(self, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return signs and logarithms of the diagonal blocks' determinants, ``(lanes, blocks)``."""

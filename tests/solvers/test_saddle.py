@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.dynamics.saddle import saddle
+from jaxnc.solvers.saddle import saddle
 
 RNG = np.random.default_rng(0)
 H, J, F = 2 * np.eye(4), RNG.normal(size=(3, 2, 4)), RNG.normal(size=(3, 2, 4))
