@@ -62,7 +62,8 @@ def simulate(
         system: the system; its bodies need masses.
         t: times to be kept, ``(T,)``, s; the first is the start.
         state: the start: a pose (with its rates, if it carries any; the ground is where `system` has it); values of as
-            many coordinates as there are freedoms; places to start near to. The assembled drawing if not given. A
+            many coordinates as there are freedoms; places to start near to (derivatives by the design are then to first
+            order in how far those are from the pose). The assembled drawing if not given. A
             simulation's last pose resumes it.
         rates: rates at the start by name, of coordinates, points or vectors; at rest if not given.
         method: adaptive ``"dopri8"``, ``"kvaerno5"`` (implicit, for stiff forces); of fixed step ``"rk4"``,

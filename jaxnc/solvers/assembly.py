@@ -70,7 +70,7 @@ def _assemble_on_host(eq: Equations, nudge: np.ndarray) -> host.Closest:
     inner, view = to_host(eq), free_plan(eq.topology)
     with np.errstate(all="ignore"):
         begin = (inner.home + nudge).astype(inner.dtype)[:, None]
-        q, gap, jacobian = host.assemble(host.view_of(view, inner), begin)
+        q, gap, jacobian = host.assemble_closest(host.view_of(view, inner), begin)
     return host.Closest(*on_device([np.asarray(x, inner.dtype) for x in (q[:, 0], gap[0], jacobian[0])]))
 
 

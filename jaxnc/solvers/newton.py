@@ -134,7 +134,7 @@ def _assemble(plan: Plan, eq: Equations, nudge: Array) -> host.Closest:
 
 def _assemble_large(plan: Plan, eq: HostEquations, nudge: np.ndarray) -> np.ndarray:
     with np.errstate(all="ignore"):
-        q, gap, _ = host.assemble(host.view_of(plan, eq), (eq.home + nudge)[:, None])
+        q, gap, _ = host.assemble_closest(host.view_of(plan, eq), (eq.home + nudge)[:, None])
     return np.append(q[:, 0], gap)
 
 
@@ -178,7 +178,7 @@ def _assemble_lanes(plan: Plan, eq: Equations, q: np.ndarray, fits: np.ndarray) 
     open_ = np.flatnonzero(~fits)
     view = host.HostView(plan, from_jax(eq)).select(open_)
     with np.errstate(all="ignore"):
-        found = host.assemble(view, q[open_].T)
+        found = host.assemble_closest(view, q[open_].T)
     out = _as_drawn(eq, q, fits)
     out[open_] = np.concatenate([found.q, found.gap[None]]).T
     return out

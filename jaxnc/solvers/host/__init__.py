@@ -1,7 +1,7 @@
 """The solve path on the host: NumPy on lanes, nothing compiled."""
 
 from jaxnc.solvers.host.follow import Closest as Closest
-from jaxnc.solvers.host.follow import assemble as assemble
+from jaxnc.solvers.host.follow import assemble_closest as assemble_closest
 from jaxnc.solvers.host.follow import changes as changes
 from jaxnc.solvers.host.follow import closest as closest
 from jaxnc.solvers.host.follow import correct_poses as correct_poses

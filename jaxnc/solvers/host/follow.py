@@ -89,7 +89,7 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
     return Closest(q, gap, slope)
 
 
-def assemble(view: HostView, begin: np.ndarray) -> Closest:
+def assemble_closest(view: HostView, begin: np.ndarray) -> Closest:
     """Find the poses that meet the constraints and are closest to where they begin, ``(N, lanes)``."""
     found, length = closest(view, begin), np.broadcast_to(view.eq.length, begin.shape[1])
     # What has moved by 1e-6 of the size is the closest to 1e-12 already.
