@@ -196,6 +196,8 @@ def _system(thing: object) -> System:
         raise InputError(f"report() is of a Mechanism, a System or a Motion; got {type(thing).__name__}")
     if np.ndim(system.parameters.points) > 2 or (isinstance(thing, Motion) and thing.status.ndim > 1):
         raise InputError(f"report(): {system.name!r} is a batch; give one design and one sweep of it")
+    if isinstance(thing, Motion) and not thing.status.size:
+        raise InputError(f"report(): this motion of {system.name!r} has no poses")
     return system
 
 

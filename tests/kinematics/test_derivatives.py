@@ -245,3 +245,17 @@ def test_a_gradient_where_a_pose_is_out_of_reach_tells_how_far_it_goes():
         jax.grad(lambda phi: nc.solve_position(system, {"phi": phi})["C"][0])(3.0)
     with pytest.raises(nc.AssemblyError, match=r"got to 2\.44"):
         jax.grad(lambda k: nc.sweep(system, {"phi": k * np.array([1.0, 2.0, 3.0])}, throw=True)["C"][-1, 0])(1.0)
+
+
+def test_sensitivities_of_several_designs_are_asked_for_one_by_one():
+    system = nc.library.four_bar().compile()
+    places = jnp.asarray(system["D"]) + jnp.array([[0.0, 0.0], [1e-2, 0.0]])
+    motion = jax.vmap(lambda x: nc.solve_position(system.replace({"D": x}), {"phi": 1.3}))(places)
+    with pytest.raises(nc.InputError, match="several designs"):
+        nc.sensitivity(motion, "C")
+    found = nc.sensitivity(motion.pose(1), "C", variables=["D.x"])["C"][:, 0]
+    ends = [
+        nc.solve_position(system.replace({"D": places[1] + jnp.array([e, 0.0])}), {"phi": 1.3})["C"]
+        for e in (-1e-6, 1e-6)
+    ]
+    np.testing.assert_allclose(found, (ends[1] - ends[0]) / 2e-6, rtol=1e-6)

@@ -379,6 +379,9 @@ def test_a_name_that_looks_like_a_part_of_the_page_stays_a_name(tmp_path):
 def test_what_cannot_be_reported_is_refused():
     with pytest.raises(InputError, match=r"Mechanism.*System.*Motion.*str"):
         nc.report("four-bar")  # type: ignore[arg-type]
+    system = nc.library.four_bar().compile()
+    with pytest.raises(InputError, match="has no poses"):
+        nc.report(nc.solve_position(system, {"phi": np.zeros(0)}))
 
 
 def test_a_report_in_short_begins_with_the_name_once_and_warns_of_nothing():
