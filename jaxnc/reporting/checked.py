@@ -122,7 +122,7 @@ def extremes_of(
         vertices = [v for q in found for largest in (False, True) for v in _vertices_of(q, way, largest)]
         between = np.unique(
             [
-                *np.interp(vertices, np.arange(len(at)), at),
+                *np.interp(vertices, np.arange(len(at)), at).tolist(),
                 *(zero for q in found if (zero := _way_through_zero(q, at, lost, guess=True)) is not None),
             ]
         )

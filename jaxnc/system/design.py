@@ -333,8 +333,9 @@ def _run_design(
     dtype = like.dtype
     tail = like.shape[1:] if carries else ()
     turns = xp.zeros((len(top.scalars), *tail), dtype)
-    if near is not None:  # it has no changes
-        turns = near if not carries else turns + np.eye(1, tail[-1])[0] * np.reshape(near, (-1, *[1] * len(tail)))
+    if near is not None:
+        alone = np.arange(like.shape[-1]) == 0 if carries else 1.0  # it has no changes
+        turns = turns + alone * xp.asarray(near, dtype).reshape(-1, *[1] * len(tail))
     x = xp.concatenate([xp.zeros((1, *tail), dtype), *given, turns])
 
     def run(step: Step, given: Numbers) -> list[AnyArray]:
