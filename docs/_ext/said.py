@@ -212,7 +212,7 @@ PLOTS = {  # of the pendulum that `tables.plots` builds
     "acceleration B": "second rate",
     "acceleration phi": "second rate of a coordinate",
     "jerk B": "third rate",
-    "orientation bar": "how far a body has turned from the drawing, in the plane",
+    "orientation bar": "the angle of a body's first line from the x axis, in the plane; it goes on beyond a turn",
     "angular velocity bar": "of a body",
     "angular acceleration bar": "of a body",
     "energy": "kinetic and potential energy together",

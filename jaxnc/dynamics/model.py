@@ -419,7 +419,7 @@ def _derive_with_changes(known: System, system: System) -> Dynamics:
         flat = with_unit_changes(np.concatenate([np.ravel(getattr(par, name)) for name in _PARAMETERS]), at)
         points, physical = flat[: par.points.size].reshape(*par.points.shape, -1), flat[-par.physical.size :]
         with np.errstate(all="ignore"):
-            drawn = carry_design(top, flat[: len(flat) - par.physical.size])
+            drawn = carry_design(top, flat[: len(flat) - par.physical.size], par.near)
             carried = group_inertias(top, points, drawn.drawing, drawn.vectors, physical)
             moves = _sums(top, carried, drawn.home, physical)
         slopes = np.concatenate([x[..., 1:].reshape(-1, len(at)) for x in jax.tree.leaves(moves)])

@@ -454,7 +454,8 @@ class DesignChanges:
 
     def _carry(self, top: Topology, vectors: np.ndarray) -> Drawn:
         parts = (self.given["points"], vectors, self.given["markers"], self.given["dimensions"])
-        return carry_design(top, np.concatenate([part.reshape(-1, 1 + self.count) for part in parts]))
+        near = self.system.parameters.near
+        return carry_design(top, np.concatenate([part.reshape(-1, 1 + self.count) for part in parts]), near)
 
     def law(self) -> Law:
         """Return all numbers that accelerations depend on, but parameters that are used as they are given."""

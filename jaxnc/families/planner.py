@@ -613,10 +613,8 @@ def drawn_angle(home: np.ndarray, ends: tuple[int, ...]) -> float:
 
 
 def fit_parameters(parameters: Parameters, topology: Topology) -> Parameters:
-    """The parameters of a mechanism for the system of a family, which may have no markers."""
-    if len(parameters.markers) == len(topology.markers):
-        return parameters
-    return replace(parameters, markers=parameters.markers[:0])
+    """The parameters of a mechanism for the system of a family, which may have no markers, and has its own angles."""
+    return replace(parameters, markers=parameters.markers[: len(topology.markers)], near=None)
 
 
 # -- reference-point coordinates ---------------------------------------------------------------------------------

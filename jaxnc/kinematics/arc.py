@@ -96,6 +96,11 @@ class Travel(Reported):
     system: System | None = field(default=None, repr=False, compare=False)
     ends: tuple[float, ...] = ()
 
+    @property
+    def followed(self) -> bool:
+        """Whether the motion was followed until it came round, or to both of its ends."""
+        return self.closed or len(self.ends) > 1
+
     def _write(self, value: float, digits: int = 12) -> str:
         if self.system is None:
             return f"{value:.{digits}g}"
@@ -116,7 +121,7 @@ class Travel(Reported):
             for k, one in enumerate(self.intervals, 1):
                 drawn = ", the drawing's" if one.drawn else ""
                 lines.append(f"    {k}: {self.name} from {write(one.lower)} to {write(one.upper)}{drawn}")
-        if not self.closed and len(self.ends) < 2:
+        if not self.followed:
             lines.append(f"  the circuit was not followed to its end (it is longer than {LONGEST:g} sizes)")
         if self.system is not None and (hint := circuits_hint(self.system, [self.name])):
             lines.append(f"  {hint}")

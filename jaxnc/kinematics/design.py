@@ -69,6 +69,13 @@ def shift_geometry(system: System, at: np.ndarray | Array, changes: Array) -> Sy
     return with_geometry(system, flat.at[at].add(changes.astype(flat.dtype)))
 
 
+def samples_of(system: System) -> System:
+    """Make a design whose samples measure their angles in the turns in which it has its own; see `Parameters.near`."""
+    top = system.topology
+    near = jax.lax.stop_gradient(derive(system).home[len(top.coordinates) - len(top.scalars) :])
+    return dataclasses.replace(system, parameters=dataclasses.replace(system.parameters, near=near))
+
+
 def geometry_components(system: System) -> list[tuple[str, str, str]]:
     """List variable, component and unit of each number of a design, in the order of `geometry_vector`."""
     top = system.topology
@@ -360,7 +367,7 @@ class DesignDerivatives:
         flat = np.asarray(geometry_vector(motion.system))
         with np.errstate(all="ignore"):
             changes = np.pad(with_unit_changes(flat, at), ((0, 0), (0, inputs)))
-            self.drawn = carry_design(motion.system.topology, changes)
+            self.drawn = carry_design(motion.system.topology, changes, motion.system.parameters.near)
         poses = np.asarray(motion.q)
         self.good = np.flatnonzero(np.asarray(motion.converged).reshape(-1))
         self.q = poses.reshape(-1, poses.shape[-1])[self.good].T

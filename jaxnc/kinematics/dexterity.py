@@ -87,7 +87,8 @@ def dexterity(
         The measures. Of poses that were not found they are NaN.
 
     Raises:
-        InputError: an unknown name, as many actuators as there are not inputs, or a motion of several designs.
+        InputError: an unknown name, as many actuators as there are not inputs, a motion of several designs, or a
+            body of one point without a length.
 
     Source: T. Yoshikawa, Manipulability of robotic mechanisms, Int. J. Robotics Research 4(2) (1985) 3-9; C. Gosselin
     and J. Angeles, Singularity analysis of closed-loop kinematic chains, IEEE Trans. Robotics Automation 6(3) (1990)
@@ -96,8 +97,10 @@ def dexterity(
     outside(motion, "dexterity()")
     top = motion.system.topology
     names = tuple(motion.driven if actuators is None else actuators)
-    if motion._designs or not motion.driven:
-        raise InputError("dexterity() is of poses of one design whose inputs are driven, as sweep() gives them")
+    if motion._designs or not motion.driven or not motion.status.size:
+        raise InputError(
+            "dexterity() is of a pose or more of one design whose inputs are driven, as sweep() gives them"
+        )
     for name in names:
         if name not in top.position:
             raise InputError(f"dexterity(): {top.name!r} has no actuator {name!r}; {nearest(name, top.coordinates)}")
@@ -147,4 +150,6 @@ def _length(motion: Motion, point: str, body: str | None) -> float:
         return float(characteristic_length(drawn))
     places = np.asarray(drawn)[list(body_of(top, body).points)]
     away = places - np.asarray(motion.system[point])
+    if not away.any():
+        raise InputError(f"dexterity(): body {body!r} has no other point than {point!r} to take a length from: length=")
     return math.sqrt(float((away**2).sum(axis=1).mean()))

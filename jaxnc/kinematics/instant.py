@@ -413,6 +413,11 @@ def instant_centre(motion: "Motion", body: str, relative_to: str = GROUND) -> Ar
     return as_jax(_library_of(*found[:2]).where(found.finite[..., None], found.centre, np.inf))
 
 
+def _check_place(motion: "Motion", name: str, what: str) -> None:
+    if motion[name].ndim == motion.status.ndim:
+        raise InputError(f"{what} is of points and markers, and {name!r} is a single number")
+
+
 @public
 def path_curvature(motion: "Motion", point: str, relative_to: str = GROUND) -> PathCurvature:
     """Curvature of a point's path and its centre.
@@ -428,6 +433,7 @@ def path_curvature(motion: "Motion", point: str, relative_to: str = GROUND) -> P
     Raises:
         InputError: unknown name, or a motion without velocities and accelerations.
     """
+    _check_place(motion, point, "path_curvature()")
     motion.acceleration(point)  # says what is missing
     state = state_of(motion, point=point)
     if relative_to != GROUND:
@@ -437,6 +443,7 @@ def path_curvature(motion: "Motion", point: str, relative_to: str = GROUND) -> P
 
 def _lay_in_pose(motion: "Motion", body: str, pose: int, places: AnyArray, *directions: AnyArray) -> list[AnyArray]:
     """Places and directions ``(T, dim)`` that ride on a body, each in its own pose, as they lie in one pose."""
+    motion.pose(pose)  # says which there are
     top = motion.system.topology
     base = body_of(top, body).base
     given = [motion.position(body), places, *directions]
@@ -534,7 +541,12 @@ def transmission_angle(motion: "Motion", start: str, joint: str, end: str) -> Ar
 
     Returns:
         Angle in 0 … π/2, radians, ``(...,)``.
+
+    Raises:
+        InputError: a name that is not of a point or marker.
     """
+    for name in (start, joint, end):
+        _check_place(motion, name, "transmission_angle()")
     places: list[AnyArray] = [motion[start], motion[joint], motion[end]]
     if on_host(motion.poses, places):
         places = [np.asarray(x) for x in places]

@@ -164,7 +164,8 @@ class Motion(Drawn):
     def pose(self, index: int | slice | tuple[int | slice, ...] | ArrayLike) -> "Motion":
         """Take a pose of a sweep, or a part of it: any index of the leading axes."""
         if isinstance(index, int) and not -(count := (*self.status.shape, 0)[0]) <= index < count:
-            raise InputError(f"pose({index}): this motion of {self.system.name!r} has {count or 'no axis of'} poses")
+            count = count if self.status.shape else "no axis of"
+            raise InputError(f"pose({index}): this motion of {self.system.name!r} has {count} poses")
         arrays = (self.rates, self.asked, self.status, self.residual, self.conditioning, self.time)
         try:
             rates, asked, status, residual, conditioning, time = jax.tree.map(lambda x: x[index], arrays)

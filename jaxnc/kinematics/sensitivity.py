@@ -229,13 +229,18 @@ def sensitivity(
         The derivatives; see `Sensitivity`. Poses that were not found are counted, and have zeros.
 
     Raises:
-        InputError: unknown names, outputs that are not numbers.
+        InputError: unknown names, outputs that are not numbers, a motion of several designs.
         AssemblyError: a pose was not found, or a variable's change alone leaves an overconstrained mechanism no way to
             assemble, so that there is no derivative; by `throw`.
     """
     if isinstance(system, Motion):
         if inputs is not None or hold:
             raise InputError("sensitivity: a solved motion has its inputs already; leave inputs= and hold= out")
+        if system._designs:
+            raise InputError(
+                "sensitivity: this motion is of several designs, and derivatives are of one; ask for each design's own "
+                "poses, as nc.sensitivity(motion.pose(k), …)"
+            )
         motion, system = system, system.system
         check_system(system, "sensitivity")
     else:

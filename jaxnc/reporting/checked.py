@@ -110,33 +110,35 @@ def extremes_of(
 ) -> list[tuple[ExtremeValue, ExtremeValue]]:
     """Find the smallest and the largest value of each quantity that is read off a motion, between its poses too.
 
-    A pose is solved where the parabola through three poses has its vertex, and again through the nearest poses there
-    are by then; and where the parts of a size seem to go through zero. Where a motion is not driven steadily by one
-    input the vertex is all that is known. The least of a size whose parts go through zero between two poses is zero.
+    Poses are solved where parabolas through three poses have their vertices, of each valley that may be the deepest,
+    and again through the nearest poses there are by then; and where the parts of a size seem to go through zero. Where
+    a motion is not driven by one input the vertex is all that is known; where it is not driven steadily, rates are
+    those of its own poses. The least of a size whose parts go through zero between two poses is zero.
     """
     found, at, way = read(motion), np.arange(float(len(motion.status))), course(motion)
     lost = np.isin(np.asarray(motion.status), (0, Status.SINGULAR), invert=True)  # a motion goes on past change points
-    ends, steady = [[extreme_of(q, way, largest) for largest in (False, True)] for q in found], False
+    ends = [[extreme_of(q, way, largest) for largest in (False, True)] for q in found]
     for _ in range(6):
-        pairs = [extreme_of(q, way, largest, True) for q in found for largest in (False, True)]
-        vertices = [float(np.interp(e.at, np.arange(len(at)), at)) for e in pairs if e.refined]
+        vertices = [v for q in found for largest in (False, True) for v in _vertices_of(q, way, largest)]
         between = np.unique(
-            [*vertices, *(zero for q in found if (zero := _way_through_zero(q, at, lost, guess=True)) is not None)]
+            [
+                *np.interp(vertices, np.arange(len(at)), at).tolist(),
+                *(zero for q in found if (zero := _way_through_zero(q, at, lost, guess=True)) is not None),
+            ]
         )
         more = _solve_between(motion, between) if len(between) else None
         beyond = None if more is None else course(more)
         if more is None or way is None or beyond is None:
             break
-        order, steady = np.argsort(np.append(at, between), kind="stable"), True
+        order = np.argsort(np.append(at, between), kind="stable")
         at, way = np.append(at, between)[order], np.append(way, beyond)[order]
         found = [_add_poses(q, new, order) for q, new in zip(found, read(more), strict=True)]
     if len(at) > len(motion.status):  # of the values of poses
         ends = [[extreme_of(q, None, largest) for largest in (False, True)] for q in found]
         ends = [[replace(e, at=float(at[int(e.at)]), refined=at[int(e.at)] % 1 > 0) for e in pair] for pair in ends]
-    for q, pair in zip(found, ends, strict=True):
-        zero = (
-            _way_through_zero(q, at, lost) if steady or not q.rate else None
-        )  # a rate may jump where it is driven otherwise
+    steady = len(at) > len(motion.status) and _steady(motion)
+    for q, pair in zip(found, ends, strict=True):  # a rate may jump where it is not driven steadily
+        zero = _way_through_zero(q, at, lost) if steady or not q.rate else None
         pair[0] = pair[0] if zero is None else ExtremeValue(0.0, zero, True)
     return [(low, high) for low, high in ends]
 
@@ -179,56 +181,85 @@ def _way_through_zero(q: Quantity, at: np.ndarray, lost: np.ndarray, guess: bool
     return float(at[k] + along[k] * (at[k + 1] - at[k]))
 
 
+def _steady(motion: Motion) -> bool:
+    """Tell whether the rates of a motion's one input are the same in all poses."""
+    at = motion.system.topology.position[motion.driven[0]]
+    own = [np.asarray(rate)[:, at] for rate in motion.rates]
+    return all(np.ptp(rate) <= 1e-9 * np.max(np.abs(rate)) for rate in own)
+
+
 def _solve_between(motion: Motion, at: np.ndarray) -> Motion | None:
-    """Solve poses between those of a motion, ``(K,)``; None if it is not driven steadily by one input."""
+    """Solve poses between those of a motion, ``(K,)``; None if it is not driven by one input.
+
+    Rates that are not known between them, as they are where it is driven steadily, are NaN.
+    """
     if len(motion.driven) != 1 or np.ndim(motion.status) != 1 or motion.conditioning is None:
         return None  # in a simulation forces move what the input leaves free
-    (name,), poses = motion.driven, np.arange(len(motion.status))
-    rates = [np.asarray(read(name)) for read in (motion.velocity, motion.acceleration)[: len(motion.rates)]]
-    if any(np.ptp(rate) > 1e-9 * np.max(np.abs(rate)) for rate in rates):
-        return None
-    values = np.interp(at, poses, np.asarray(motion[name], float))
-    drive = {"rates": {name: float(rates[0][0])}} if rates else {}
-    start = motion.pose(np.round(at).astype(int))
-    return solve_position(
+    (name,), poses, drive = motion.driven, np.arange(len(motion.status)), {}
+    if motion.rates and _steady(motion):
+        given = zip(("rates", "accelerations"), (motion.velocity, motion.acceleration), motion.rates, strict=False)
+        drive = {order: {name: float(read(name)[0])} for order, read, _ in given}
+    start, values = motion.pose(np.round(at).astype(int)), np.interp(at, poses, np.asarray(motion[name], float))
+    found = solve_position(
         motion.system, {name: values}, start=start, hold=motion.held, throw=False, unit="rad", **drive
     )
+    lacking = [np.full(found.q.shape, np.nan) for _ in motion.rates[len(found.rates) :]]
+    return replace(found, rates=(*found.rates, *lacking))
 
 
-def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool, beyond: bool = False) -> ExtremeValue:
+def _vertices_of(q: Quantity, along: np.ndarray | None, largest: bool) -> list[float]:
+    """Find where a quantity may be larger, or smaller, than in all poses, as numbers of poses.
+
+    That is at the vertex of a parabola through a pose that exceeds its neighbours, or the first or last three poses,
+    if twice as much as it exceeds these would make it the extreme one: parabolas tell that so well.
+    """
+    if along is None or len(along) < 3 or constant(q.values):
+        return []
+    height = (1.0 if largest else -1.0) * (q.values if q.parts is None else q.values**2)
+    y = np.where(np.isfinite(height), height, -np.inf)
+    tops = 1 + np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] >= y[2:]))
+    out, tops = [], tops[np.argsort(-y[tops], kind="stable")][:16]  # of rounding alone there are many
+    for k in {1, len(y) - 2, *tops.tolist()}:
+        found = _vertex(height, along, k, True)
+        if found is not None and 2.0 * found.value - y[k - 1 : k + 2].max() > y.max():
+            out.append(found.at)
+    return out
+
+
+def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool) -> ExtremeValue:
     """Find the largest or smallest of a quantity's values; that of a size by its square. See `extreme`."""
     along = None if constant(q.values) else along
     if q.parts is None:
-        return extreme(q.values, along, largest, beyond)
-    found = extreme(q.values**2, along, largest, beyond)
+        return extreme(q.values, along, largest)
+    found = extreme(q.values**2, along, largest)
     return replace(found, value=max(found.value, 0.0) ** 0.5)
 
 
-def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool, beyond: bool = False) -> ExtremeValue:
+def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> ExtremeValue:
     """Find the largest or smallest of some values.
 
     There is a number for each pose, NaN where it failed; not all of them. It is refined by a parabola over the input,
-    or the time, if that is given as `along`; otherwise it is that of a pose. In the first and last step of a motion it
-    is so only with `beyond`, as a parabola goes on beyond the three poses' middle.
+    or the time, if that is given as `along`; otherwise it is that of a pose.
     """
-    i = int(np.nanargmax(values) if largest else np.nanargmin(values))
-    of_pose = ExtremeValue(float(values[i]), i, False)
-    k = min(max(i, 1), len(values) - 2) if beyond else i
-    if along is None or not 0 < k < len(values) - 1:
-        return of_pose
+    k = int(np.nanargmax(values) if largest else np.nanargmin(values))
+    found = None if along is None or not 0 < k < len(values) - 1 else _vertex(values, along, k, largest)
+    return ExtremeValue(float(values[k]), k, False) if found is None else found
+
+
+def _vertex(values: np.ndarray, along: np.ndarray, k: int, largest: bool) -> ExtremeValue | None:
+    """Find the vertex of the parabola through a pose and its neighbours, if it lies between these, not in a pose."""
     u, y = along[k - 1 : k + 2] - along[k], values[k - 1 : k + 2] - values[k]
     # The parabola y = b u + c u² through the neighbours of a pose that is put at the origin.
     width = u[0] * u[2] * (u[0] - u[2])
     if not (np.isfinite(y).all() and u[0] * u[2] < 0):
-        return of_pose
+        return None
     b = (y[2] * u[0] ** 2 - y[0] * u[2] ** 2) / width
     c = (y[0] * u[2] - y[2] * u[0]) / width
     if not (c < 0.0 if largest else c > 0.0):
-        return of_pose
+        return None
     vertex = -b / (2.0 * c)
-    apart = abs(vertex - u[i - k + 1])
-    if apart < 1e-6 * abs(u[2] - u[0]) or not min(u[0], u[2]) < vertex < max(u[0], u[2]):
-        return of_pose
+    if np.abs(vertex - u).min() < 1e-6 * abs(u[2] - u[0]) or not min(u[0], u[2]) < vertex < max(u[0], u[2]):
+        return None
     at = k + float(vertex / (u[2] if vertex * u[2] > 0 else -u[0]))
     return ExtremeValue(float(values[k] - b * b / (4.0 * c)), at, True)
 
@@ -478,6 +509,7 @@ def reach(system: System, name: str, hold: Sequence[str]) -> Reach:
         upper=None if found.turns else number(found.upper * factor),
         turns=found.turns,
         dead_points=sorted({round(d.value * factor, 12) for d in found.dead_points}),
+        followed=found.followed,
     )
 
 
@@ -514,7 +546,7 @@ def describe_reach(found: Reach) -> list[str]:
         return [f"{found.name} turns fully, without a dead point"]
     if found.lower is None and found.upper is None:
         return []
-    limits = ["no limit" if v is None else f"{v:.10g}" for v in (found.lower, found.upper)]
+    limits = [found.no_limit if v is None else f"{v:.10g}" for v in (found.lower, found.upper)]
     return [f"{found.name} can go from {limits[0]} to {limits[1]} {found.unit}, limits being dead points"]
 
 

@@ -211,7 +211,7 @@ def _ranges(found: "Report") -> str:
             if r.lower is None and r.upper is None:
                 out.append("<div>no dead point was found, either way</div>")
                 continue
-            ends = ["no limit" if x is None else f"{short(x, 10)} {r.unit}" for x in (r.lower, r.upper)]
+            ends = [r.no_limit if x is None else f"{short(x, 10)} {r.unit}" for x in (r.lower, r.upper)]
             out.append(f"<div>can go from {html.escape(ends[0])} to {html.escape(ends[1])}</div>")
             if r.lower is not None and r.upper is not None and r.upper > r.lower:
                 out.append(_strip(r.lower, r.upper, *sorted((drive.first, drive.last))))

@@ -113,10 +113,11 @@ class Report(Reported):
                 f"redundant {len(c.redundant)}"
             )
         for r in v.reach:
-            limits = f"from {_short(r.lower)} to {_short(r.upper)} {r.unit}"
+            lower, upper = (r.no_limit if x is None else f"{x:.6g}" for x in (r.lower, r.upper))
+            limits = f"from {lower} to {upper} {r.unit}"
             limits = "turns fully" if r.turns else "no dead point was found" if r.lower is r.upper is None else limits
             lines.append(f"  {r.name}: {limits}")
-        lines += [f"  {e.quantity}: {_short(e.smallest)} to {_short(e.largest)} {e.unit}".rstrip() for e in v.extremes]
+        lines += [f"  {e.quantity}: {e.smallest:.6g} to {e.largest:.6g} {e.unit}".rstrip() for e in v.extremes]
         lines += [f"  {f.level}: {f.text}" for f in v.findings]
         return "\n".join(lines)
 
@@ -132,10 +133,6 @@ class Report(Reported):
         from jaxnc.reporting.page import write_page
 
         return write_page(self, path)
-
-
-def _short(value: float | None) -> str:
-    return "no limit" if value is None else f"{value:.6g}"
 
 
 @public
@@ -196,6 +193,8 @@ def _system(thing: object) -> System:
         raise InputError(f"report() is of a Mechanism, a System or a Motion; got {type(thing).__name__}")
     if np.ndim(system.parameters.points) > 2 or (isinstance(thing, Motion) and thing.status.ndim > 1):
         raise InputError(f"report(): {system.name!r} is a batch; give one design and one sweep of it")
+    if isinstance(thing, Motion) and not thing.status.size:
+        raise InputError(f"report(): this motion of {system.name!r} has no poses")
     return system
 
 

@@ -119,7 +119,8 @@ class _Chain:
         ]
         self.bodies: set[int] = set()
         self.points, self.meetings = set(self.still), []
-        self._take_driven(driven)
+        self.rest = [name for name in driven if name in top.scalars]  # angles and distances that place nothing yet
+        self._take_driven([name for name in driven if name not in top.scalars])
         while self._follow():
             pass
 
@@ -127,34 +128,40 @@ class _Chain:
         self.bodies.add(body)
         self.points.update(self.top.bodies[body].points)
 
-    def _take_driven(self, names: tuple[str, ...]) -> None:
-        """Take what the inputs place directly: points, bodies that turn about the ground, sliders."""
+    def _take_driven(self, names: list[str]) -> None:
+        """Take what driven places of points place: these, and bodies that they turn about the ground."""
         top, known = self.top, self.fixed.copy()
-        for name in names:
-            if name not in top.scalars:
-                point, _, axis = name.rpartition(".")
-                known[top.points.index(point), "xy".index(axis)] = True
+        for point, _, axis in (name.rpartition(".") for name in names):
+            known[top.points.index(point), "xy".index(axis)] = True
         self.points.update(np.flatnonzero(known.all(axis=1)).tolist())
         moved = {k for k in range(len(known)) if (known[k] & ~self.fixed[k]).any()}
-        ends: dict[str, set[int]] = {}
-        for name in (n for n in names if n in top.scalars):
-            block, instance = top.measures[top.scalars.index(name)]
-            ends[name] = set(top.blocks[block].points[instance])
-        cylinders = [n for n in ends if top.blocks[top.measures[top.scalars.index(n)][0]].kind is DISTANCE_BETWEEN]
-        while pushing := next((n for n in cylinders if n in ends and self._take_pushed(n, ends[n])), None):
-            del ends[pushing]  # one may push what another one stands on
-        for name, measured in ends.items():
-            if not top.angles[top.scalars.index(name)]:
-                moved |= measured - self.still
-                self.points.update(p for p in moved & measured if self._way(p) is not None and measured & self.still)
-                continue
-            turned = [b for b, body in enumerate(top.bodies) if len(measured & set(body.points)) > 1]
-            for b in turned:  # an angle places the bodies that it goes between one after the other
-                if self.points & set(top.bodies[b].points):
-                    self._take(b)
         for b, body in enumerate(top.bodies):
             if moved & set(body.points) and self.still & set(body.points):
                 self._take(b)
+
+    def _take_measured(self, name: str) -> bool:
+        """Take what a driven angle or distance places, if it is measured from what is placed; tells whether it is."""
+        top = self.top
+        block, instance = top.measures[top.scalars.index(name)]
+        kind, ends = top.blocks[block].kind, top.blocks[block].points[instance]
+        if top.angles[top.scalars.index(name)]:
+            lines = ends[:2], ends[2:]  # the second one is none of an angle from the x axis
+            turned = [set(other) for one, other in (lines, lines[::-1]) if other and self.points >= set(one)]
+            hung = (b for b in self._loose() if self._hung(b) is not None)
+            placed = [b for b in hung if any(line <= set(top.bodies[b].points) for line in turned)]
+            for b in placed:
+                self._take(b)
+            return bool(placed)
+        if kind is DISTANCE_BETWEEN and self._take_pushed(name, set(ends)):
+            return True
+        moved = set(ends) - self.points
+        if len(moved) != 1 or (kind is DISTANCE_BETWEEN and not self.still & set(ends)):
+            return False
+        held = [b for b in self._holding(*moved) if self.still & set(top.bodies[b].points)]
+        self.points.update(p for p in moved if self._way(p) is not None)
+        for b in held:
+            self._take(b)
+        return bool(held) or self.points >= moved
 
     def _take_pushed(self, name: str, ends: set[int]) -> bool:
         """Take the body that a driven distance, a cylinder, turns about what is placed; tells whether there is one."""
@@ -194,6 +201,9 @@ class _Chain:
     def _follow(self) -> bool:
         """Find the next that is moved; tells whether there was one."""
         top = self.top
+        if placing := next((name for name in self.rest if self._take_measured(name)), None):
+            self.rest.remove(placing)  # what one places another one may be measured from
+            return True
         for b in self._loose():
             if len(self.points & (held := set(top.bodies[b].points))) >= min(2, len(held)):  # by two of its points
                 self._take(b)
@@ -202,8 +212,9 @@ class _Chain:
             if j.drawn and j.type == "gear":
                 one, other = ([b for b, x in enumerate(top.bodies) if set(s) <= set(x.points)] for s in j.sides[2:4])
                 for a, b in ((one, other), (other, one)):
-                    if self.bodies & set(a) and set(b) - self.bodies:
-                        self._take(next(x for x in b if x not in self.bodies))
+                    hung = [x for x in b if x not in self.bodies and self._hung(x) is not None]
+                    if self.bodies & set(a) and hung:
+                        self._take(hung[0])
                         return True
         meetings = itertools.chain(self._hinge_meetings(), self._slider_meetings(), self._pin_meetings())
         return any(self._meet(*found) is None for found in meetings)

@@ -65,7 +65,10 @@ class Counts(_Record):
 
 
 class Reach(_Record):
-    """How far an input can go from the drawing, in its unit; no limit is null. Limits are its nearest dead points."""
+    """How far an input can go from the drawing, in its unit; no limit is null. Limits are its nearest dead points.
+
+    `followed` tells whether its motion was followed to its end; where not, limits that are null may lie farther on.
+    """
 
     name: str
     unit: str
@@ -73,6 +76,12 @@ class Reach(_Record):
     upper: float | None
     turns: bool
     dead_points: list[float]
+    followed: bool = True
+
+    @property
+    def no_limit(self) -> str:
+        """Words for an end where there is none."""
+        return "no limit" if self.followed else "no limit found"
 
 
 class Drive(_Record):

@@ -307,7 +307,7 @@ def _derive_designs(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:
     every[at, :, 0] = z.T
     if changes:
         every[at, :, 1 + np.arange(n)] = 1.0
-    return carry_design(system.topology, every)
+    return carry_design(system.topology, every, system.parameters.near)
 
 
 def _input_table(problem: Problem, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,12 +1,14 @@
 """The program of a drawing: lengths, frames, constants, angles as drawn, coefficients of markers.
 
-The numbers of a design stand in one row: a zero, then points, vectors, markers and dimensions as they are given. Each
-step of the program gathers numbers of the row, calculates with them for several instances at once, and puts its results
-behind. The readings are NumPy (with changes along the last axis, if wanted), JAX, and the nodes of a larger program.
+The numbers of a design stand in one row: a zero, then points, vectors, markers and dimensions as they are given, and
+angles near which those of the drawing are measured. Each step of the program gathers numbers of the row, calculates
+with them for several instances at once, and puts its results behind. The readings are NumPy (with changes along the
+last axis, if wanted), JAX, and the nodes of a larger program.
 """
 
 import functools
 import itertools
+import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -34,7 +36,7 @@ Places = np.ndarray
 class Step(NamedTuple):
     """A function that is done for several instances."""
 
-    finds: str  # "shape", "unit", "length", "marker", "constants", "measure" or "misfit"
+    finds: str  # "shape", "unit", "length", "marker", "constants", "measure", "turn" or "misfit"
     formula: Formula  # the function
     given: Places  # what it takes of each instance, (numbers, instances)
     at: tuple[int, ...]  # its coordinates, of a "measure": which angles and distances they are
@@ -51,6 +53,7 @@ class Design:
         shapes = (len(top.points), dim), (len(top.vectors), dim), (len(top.markers), dim), (len(top.dimensions),)
         # Points, vectors, markers and dimensions as given.
         self.parameters = self.points, vectors, self.given_markers, self.dimensions = tuple(map(self._new, shapes))
+        near = self._new((len(top.scalars),))
 
         # Points, those of redrawn bodies behind them, (points, dim); unit vectors, (vectors, dim).
         self.drawing: Places = np.concatenate([self.points, *map(self._shape, top.shapes)])
@@ -71,6 +74,10 @@ class Design:
             which, instances = [k for k, _ in at], [i for _, i in at]
             given = [self.home[self.layouts[b].variables[instances]], found[b][0][instances]]
             scalars[which] = self.step("measure", formula(top.blocks[b].kind, "measure", dim), given, 1, which)[:, 0]
+        self.levels.append([])
+        if any(top.angles):
+            at = np.flatnonzero(top.angles)
+            scalars[at] = self.step("turn", _turn_formula(), [scalars[at], near[at]], 1)[:, 0]
         self.home = np.concatenate([*spread, scalars])
         self.levels.append([])
         every = [found[b] if b in found else self._constants(b, lengths) for b in range(len(self.blocks))]
@@ -167,6 +174,13 @@ def design(top: Topology) -> Design:
 def unit_formula(dim: int) -> Formula:
     """A direction divided by its length."""
     return Formula(write(lambda *x: unit(Small(x)), dim))
+
+
+@functools.lru_cache(maxsize=1)
+def _turn_formula() -> Formula:
+    """An angle in the turn that is nearest to another one."""
+    turn = 2.0 * math.pi
+    return Formula(write(lambda angle, near: angle + ((near - angle) / turn).apply("round") * turn, 2))
 
 
 @functools.lru_cache(maxsize=4)
@@ -291,7 +305,7 @@ def _two_distances(a, ra, b, rb, side):
 
 
 def run_steps(
-    found: Design, x: Numbers, run: Callable[[Step, Any], Sequence[Any]], join: Callable, levels: int = 6
+    found: Design, x: Numbers, run: Callable[[Step, Any], Sequence[Any]], join: Callable, levels: int = 7
 ) -> AnyArray:
     """The row of a design's numbers ``(numbers, ...)`` after so many levels, from those that are given.
 
@@ -303,19 +317,26 @@ def run_steps(
     return x
 
 
-def design_numbers(top: Topology, parameters: Parameters, levels: int = 6) -> AnyArray:
+def design_numbers(top: Topology, parameters: Parameters, levels: int = 7) -> AnyArray:
     """The row of a design's numbers: NumPy's of NumPy arrays, otherwise JAX's.
 
     The first level knows points of redrawn bodies and unit vectors.
     """
     par = parameters.points, parameters.vectors, parameters.markers, parameters.dimensions
-    return _run_design(top, par[0], (a.reshape(-1) for a in par), levels)
+    return _run_design(top, par[0], (a.reshape(-1) for a in par), parameters.near, levels)
 
 
-def _run_design(top: Topology, like: Numbers, given: Iterable[Numbers], levels: int, carries: bool = False) -> AnyArray:
+def _run_design(
+    top: Topology, like: Numbers, given: Iterable[Numbers], near: Numbers | None, levels: int, carries: bool = False
+) -> AnyArray:
     xp: Any = np if isinstance(like, np.ndarray) else jnp
     dtype = like.dtype
-    x = xp.concatenate([xp.zeros((1, *(like.shape[1:] if carries else ())), dtype), *given])
+    tail = like.shape[1:] if carries else ()
+    turns = xp.zeros((len(top.scalars), *tail), dtype)
+    if near is not None:
+        alone = np.arange(like.shape[-1]) == 0 if carries else 1.0  # it has no changes
+        turns = turns + alone * xp.asarray(near, dtype).reshape(-1, *[1] * len(tail))
+    x = xp.concatenate([xp.zeros((1, *tail), dtype), *given, turns])
 
     def run(step: Step, given: Numbers) -> list[AnyArray]:
         values = step.formula.reading(given, carries)(list(given))
@@ -359,11 +380,12 @@ class Drawn(NamedTuple):
     markers: np.ndarray  # their coefficients, (markers, dim, 1 + changes)
 
 
-def carry_design(top: Topology, geometry: np.ndarray) -> Drawn:
+def carry_design(top: Topology, geometry: np.ndarray, near: Numbers | None = None) -> Drawn:
     """Derive constants and coordinates from the geometry of designs, which carries changes or none.
 
-    That is points, vectors, markers and dimensions behind each other, ``(numbers, ..., 1 + changes)``.
+    That is points, vectors, markers and dimensions behind each other, ``(numbers, ..., 1 + changes)``. All have the
+    same angles to be `near`, see `Parameters`.
     """
-    found, x = design(top), _run_design(top, geometry, [geometry], 5, carries=True)
+    found, x = design(top), _run_design(top, geometry, [geometry], near, 6, carries=True)
     constants = tuple(x[places] for places in found.constants[: len(top.blocks)])
     return Drawn(x[found.drawing], x[found.vectors], x[found.home], constants, x[found.markers])

@@ -138,7 +138,7 @@ def _attach_slopes(known: System, parameters: Parameters) -> Equations:
     own = known.parameters.in_numpy()
     geometry = np.concatenate([np.ravel(getattr(own, name)) for name in GEOMETRY])
     with np.errstate(all="ignore"):
-        drawn = carry_design(eq.topology, with_unit_changes(geometry, at))
+        drawn = carry_design(eq.topology, with_unit_changes(geometry, at), own.near)
         moved = renumbered(eq, drawn.constants, [np.asarray(x) for x in eq.scales])
     moves = drawn.home, drawn.constants, moved.linear, moved.quadratic, drawn.markers
     slopes = np.concatenate([x[..., 1:].reshape(-1, len(at)) for x in jax.tree.leaves(moves)])

@@ -33,6 +33,8 @@ class Parameters:
         dimensions: explicit dimensions (lengths, radii, factors, constants), ``(dimensions,)``.
         physical: masses, inertias, stiffnesses, gravity, …, ``(physical,)``.
         own: the parameters of the user's own forces, a pytree of float arrays for each.
+        near: of samples of another design its angles as drawn, ``(scalars,)``: their own are measured in the turn that
+            is nearest to these, so that what counts turns does not jump where an angle is drawn at half a turn.
     """
 
     points: Float[Array, "points dim"]
@@ -41,10 +43,12 @@ class Parameters:
     dimensions: Float[Array, " dimensions"]
     physical: Float[Array, " physical"] = dataclasses.field(default_factory=lambda: jnp.zeros(0))
     own: tuple[Any, ...] = ()
+    near: Float[Array, " scalars"] | None = None
 
     def in_numpy(self) -> "Parameters":
         """Make NumPy arrays of the numbers; those of a user's own forces stay as they are."""
-        return dataclasses.replace(self, **{leaf: np.asarray(getattr(self, leaf)) for leaf in _LEAVES})
+        near = None if self.near is None else np.asarray(self.near)
+        return dataclasses.replace(self, **{leaf: np.asarray(getattr(self, leaf)) for leaf in _LEAVES}, near=near)
 
 
 _LEAVES = "points", "vectors", "markers", "dimensions", "physical"
@@ -165,7 +169,8 @@ class System(Drawn):
                 new[(*lead, at)] = np.stack([np.asarray(v, old.dtype) for v in items.values()], axis=len(lead))
                 with numbers(old):
                     leaves[leaf] = on_device(new)
-        return dataclasses.replace(self, parameters=Parameters(**leaves, own=tuple(own)))
+        parameters = dataclasses.replace(self.parameters, **leaves, own=tuple(own))
+        return dataclasses.replace(self, parameters=parameters)
 
     def named(self) -> dict[str, object]:
         """Take all design variables by name: what a recipe of optax or equinox takes by name.

@@ -534,6 +534,34 @@ def test_an_extreme_between_poses_is_that_of_a_pose(poses):
         assert [one.met for one in verdict.expectations] == [met]
 
 
+@pytest.mark.parametrize("poses", [31, 37])
+@pytest.mark.parametrize("faster", [0.0, 40.0])
+def test_the_least_value_may_lie_in_another_valley_than_the_best_pose(poses, faster):
+    system = nc.library.four_bar(coupler_point=(0.06, 0.05)).compile()
+
+    def turn(n):
+        inputs = {"phi": np.linspace(0.3, 6.9, n)}
+        return nc.sweep(system, inputs, rates={"phi": 2.0}, accelerations={"phi": faster})
+
+    wanted = np.linalg.norm(turn(20001).acceleration("P"), axis=1)
+    found = nc.report(turn(poses), expect=["acceleration P smallest > 0", "acceleration P < 0"]).verdict.expectations
+    assert [one.value for one in found] == pytest.approx([wanted.min(), wanted.max()], rel=1e-5)
+
+
+def test_extremes_of_a_motion_in_time_are_of_places_that_it_passes():
+    m = nc.library.four_bar(coupler_point=(0.06, 0.05))
+    m.angle("psi", at="D", to="C")
+    system = m.compile()
+
+    def move(n):
+        return nc.motion(system, {"phi": lambda t: 0.3 + 0.5 * t**2}, np.linspace(0, 3.3, n))
+
+    few, fine = move(9), move(8001)
+    place, rate = nc.report(few, expect=["psi < 0", "velocity psi < 0"]).verdict.expectations
+    assert place.value == pytest.approx(float(fine["psi"].max()), abs=1e-6)
+    assert rate.value == pytest.approx(float(few.velocity("psi").max()))
+
+
 def test_extremes_of_a_simulation_with_an_input_are_read_off_its_times():
     m = nc.Mechanism("a bob on an arm")
     m.ground("O", (0, 0)), m.point("A", (1, 0)), m.point("B", (1, -1))

@@ -310,3 +310,17 @@ def test_a_sparse_start_follows_lengths():
 
     at, h = jnp.hypot(0.5, 0.5), 1e-6
     close(jax.jacfwd(held)(at), (held(at + h) - held(at - h)) / (2 * h), 1e-7)
+
+
+def test_sensitivities_of_several_designs_are_asked_for_one_by_one():
+    system = nc.library.four_bar().compile()
+    places = jnp.asarray(system["D"]) + jnp.array([[0.0, 0.0], [1e-2, 0.0]])
+    motion = jax.vmap(lambda x: nc.solve_position(system.replace({"D": x}), {"phi": 1.3}))(places)
+    with pytest.raises(nc.InputError, match="several designs"):
+        nc.sensitivity(motion, "C")
+    found = nc.sensitivity(motion.pose(1), "C", variables=["D.x"])["C"][:, 0]
+    ends = [
+        nc.solve_position(system.replace({"D": places[1] + jnp.array([e, 0.0])}), {"phi": 1.3})["C"]
+        for e in (-1e-6, 1e-6)
+    ]
+    np.testing.assert_allclose(found, (ends[1] - ends[0]) / 2e-6, rtol=1e-6)

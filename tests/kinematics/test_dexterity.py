@@ -79,3 +79,13 @@ def test_what_is_refused():
     ):
         with pytest.raises(nc.InputError, match=says):
             nc.dexterity(motion, "C", **options)
+    with pytest.raises(nc.InputError, match="a pose or more"):
+        nc.dexterity(nc.solve_position(motion.system, {"phi": np.zeros(0)}), "C")
+    m = nc.Mechanism("arm")
+    m.ground("O", (0, 0))
+    m.point("H", (1, 0))
+    m.body("arm", ["O", "H"])
+    m.body("hand", ["H"], along=("O", "H"))
+    m.angle("a", at="O", to="H")
+    with pytest.raises(nc.InputError, match=r"no other point than 'H' .* length="):
+        nc.dexterity(nc.solve_position(m.compile(), {"a": 0.1}), "H", body="hand")

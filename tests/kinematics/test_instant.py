@@ -237,6 +237,9 @@ def test_bevel_gears_roll_on_cones():
         (lambda m: centrodes(m.pose(0), "coupler"), r"one sequence of poses, \(T,\)"),
         (lambda m: axodes(m, "coupler"), "for spatial mechanisms; in the plane see"),
         (lambda m: path_curvature(nc.sweep(m.system, {"phi": [0.3, 0.4]}), "P"), "no rates, .* pass rates="),
+        (lambda m: centrodes(m, "coupler", pose=999), r"pose\(999\): this motion .* has \d+ poses"),
+        (lambda m: path_curvature(m, "phi"), "of points and markers, and 'phi' is a single number"),
+        (lambda m: nc.transmission_angle(m, "B", "C", "phi"), "of points and markers, and 'phi'"),
     ],
 )
 def test_mistakes_are_named(four_bar, ask, said):

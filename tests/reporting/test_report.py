@@ -306,6 +306,69 @@ def test_transmission_angles_are_of_what_moves_what(name, at, left):
     assert [t.at for t in transmissions(motion)] == at and unexplained_bodies(motion) == left
 
 
+def driven_rocker(*driven: str) -> nc.Mechanism:
+    """Crank A-B, rocker D-C; a rod from C moves S along the ground."""
+    m = nc.Mechanism("rocker")
+    m.ground("A", (0, 0)), m.ground("D", (4, 0))
+    m.point("B", (0, 1)), m.point("C", (3.3, 2.9)), m.point("S", (8, 0), fixed="y")
+    m.body("crank", ["A", "B"]), m.body("rocker", ["C", "D"]), m.body("rod", ["C", "S"])
+    if "s" in driven:
+        m.angle("phi", at="A", to="B"), m.distance("s", "B", "C")
+    else:
+        m.body("coupler", ["B", "C"]), m.angle("rel", at="B", to="C", start="A")
+    return m
+
+
+def test_an_angle_between_two_links_places_neither():
+    system = driven_rocker("rel").compile()
+    drawn = float(nc.system.equations.derived(system).home[system.topology.position["rel"]])
+    motion = nc.sweep(system, {"rel": drawn + np.linspace(0, 0.1, 3)})
+    assert not transmissions(motion) and unexplained_bodies(motion) == ["crank", "rocker", "rod", "coupler"]
+
+
+def test_a_cylinder_on_a_driven_crank_has_its_transmission():
+    values = np.linspace(np.hypot(3.3, 1.9), np.hypot(4, 1) + np.hypot(0.7, 2.9) - 1e-5, 9)
+    motion = nc.sweep(driven_rocker("s").compile(), {"phi": np.pi / 2, "s": values})
+    found = {one.at: one.values for one in transmissions(motion)}
+    # Of the triangle B-C-D two sides are s and the rocker, the third is the way from B to D.
+    rocker, way = np.hypot(0.7, 2.9), np.hypot(4, 1)
+    angle = np.arccos((values**2 + rocker**2 - way**2) / (2 * values * rocker))
+    assert found["C"] == pytest.approx(np.degrees(np.minimum(angle, np.pi - angle)), abs=1e-6)
+    assert {*found} == {"C", "S"} and not unexplained_bodies(motion)
+
+
+@pytest.mark.parametrize("geared", [False, True])
+def test_a_planet_is_moved_after_its_carrier(geared):
+    m = nc.Mechanism("hesitation")
+    m.ground("A", (0, 0)), m.ground("D", (4, 0))
+    m.point("B", (0, 1)), m.point("C1", (3.3, 2.9)), m.point("C2", (4.9, -2.5))
+    m.body("crank", ["A", "B"]), m.angle("phi", at="A", to="B")
+    m.body("coupler1", ["B", "C1"]), m.body("sun", ["D", "C1"])
+    m.body("coupler2", ["B", "C2"]), m.body("carrier", ["D", "C2"])
+    if geared:
+        m.point("P", (4.9, -3.5)), m.body("planet", ["C2", "P"])
+        m.angle("s", at="D", to="C1", start="C2"), m.angle("p", at="C2", to="P", start="D")
+        m.gear("mesh", "s", "p", radii=(1.5, 1.157))
+    motion = nc.sweep(m.compile(), {"phi": np.linspace(1.5, 2.0, 3)})
+    found = {one.at: one.values for one in transmissions(motion)}
+    assert {*found} == {"C1", "C2"} and not unexplained_bodies(motion)
+    angle = np.degrees(np.asarray(nc.transmission_angle(motion, "B", "C2", "D")))
+    assert found["C2"] == pytest.approx(angle, abs=1e-9)
+
+
+def test_a_verdict_says_whether_a_motion_was_followed_to_its_end():
+    m = nc.Mechanism("geared five-bar")  # a dead point is some nine turns away
+    m.ground("A", (0, 0)), m.ground("D", (1.3741038630441873, 0))
+    m.point("B", (-0.41420775730785864, 0.9547253884271694)), m.point("E", (1.7087093779918723, -0.8947672639842976))
+    m.point("C", (1.6510377868325772, 1.0900323771673)), m.body("w1", ["A", "B"]), m.body("w2", ["D", "E"])
+    m.body("l3", ["B", "C"]), m.body("l4", ["C", "E"])
+    m.angle("phi", at="A", to="B"), m.angle("psi", at="D", to="E"), m.gear("g", "phi", "psi", radii=(1.3, 1))
+    found = nc.report(nc.sweep(m.compile(), {"phi": np.linspace(2.0, 2.1, 3)}))
+    assert found.verdict.reach[0].upper is None and not found.verdict.reach[0].followed
+    assert "to no limit found rad" in str(found)
+    assert nc.report(nc.library.four_bar()).verdict.reach[0].followed
+
+
 def test_forces_are_those_of_statics(tmp_path):
     m = nc.Mechanism("lever")
     m.gravity = (0, -9.81)
@@ -379,6 +442,9 @@ def test_a_name_that_looks_like_a_part_of_the_page_stays_a_name(tmp_path):
 def test_what_cannot_be_reported_is_refused():
     with pytest.raises(InputError, match=r"Mechanism.*System.*Motion.*str"):
         nc.report("four-bar")  # type: ignore[arg-type]
+    system = nc.library.four_bar().compile()
+    with pytest.raises(InputError, match="has no poses"):
+        nc.report(nc.solve_position(system, {"phi": np.zeros(0)}))
 
 
 def test_a_report_in_short_begins_with_the_name_once_and_warns_of_nothing():

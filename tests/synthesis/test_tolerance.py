@@ -390,3 +390,53 @@ def test_angles_drawn_near_half_a_turn_keep_their_turn():
     assert np.abs(spread.percentiles - np.pi).max() < 0.02
     worst = nc.synthesis.robust(system, at, "psi", widths, samples=64, statistic="worst")(system)
     assert abs(float(worst) - np.pi) < 0.02
+
+
+def geared_wheels(constant=None):
+    """Two wheels that mesh, or are tied by a relation; the mark of the first is drawn at half a turn."""
+    m = nc.Mechanism("wheels")
+    m.ground("A", (0, 0))
+    m.ground("B", (3, 0))
+    m.point("P", (-1, 0))
+    m.point("Q", (3, 2))
+    m.body("one", ["A", "P"])
+    m.body("other", ["B", "Q"])
+    m.angle("phi", at="A", to="P")
+    m.angle("psi", at="B", to="Q")
+    if constant is None:
+        m.gear("mesh", "phi", "psi", radii=(1.0, 2.0))
+    else:
+        m.relation("tie", {"phi": 0.5, "psi": 1.0}, constant=constant)
+    return m.compile()
+
+
+def mark(p, q, phi):
+    """Where the mark Q goes, drawn at (3, 2) + q, with the mark P drawn at (-1, 0) + p."""
+    drawn = np.pi - np.arctan2(p[1], 1.0 - p[0])
+    psi = np.arctan2(2.0 + q[1], q[0]) - (phi - drawn) / 2.0
+    return np.array([3.0, 0.0]) + np.hypot(q[0], 2.0 + q[1]) * np.stack([np.cos(psi), np.sin(psi)], axis=-1)
+
+
+def test_samples_count_turns_as_the_design_does_where_an_angle_is_drawn_at_half_a_turn():
+    system, phi = geared_wheels(), np.pi + np.linspace(0.0, 2.0, 5)
+    found = nc.tolerance(system, {"phi": phi}, "Q", {"P": 1e-3, "Q": 1e-3}, samples=400)
+    slopes = [
+        (mark(*(e * k), phi) - mark(*(-e * k), phi))[:, 1] / 2e-6 for k in np.eye(4).reshape(4, 2, 2) for e in [1e-6]
+    ]
+    sigma = 1e-3 / 3.0 * np.sqrt(np.square(slopes).sum(axis=0))
+    np.testing.assert_allclose(found["Q.y"].first_order, sigma, rtol=1e-6)
+    np.testing.assert_allclose(found["Q.y"].std, sigma, rtol=0.15)
+    last = syn.robust(system, {"phi": phi}, lambda m: m["psi"][-1], {"P": 1e-3}, samples=64, statistic="std")
+    assert last(system) == pytest.approx(1e-3 / 6.0, rel=0.3)
+    # The relation says that psi does not depend on where P is drawn, on either side of half a turn.
+    tied = nc.tolerance(geared_wheels(np.pi), {"phi": phi}, "psi", {"P": 1e-3}, samples=100)
+    assert tied["psi"].std == pytest.approx(np.zeros(5), abs=1e-12)
+
+
+@pytest.mark.parametrize("up", [1e-3, -1e-3])
+def test_a_calibration_goes_on_past_half_a_turn(up):
+    system, phi = geared_wheels(), np.pi + np.linspace(0.0, 2.0, 9)
+    seen = mark(np.array([0.0, up]), np.array([0.01, 0.0]), phi)
+    fit = syn.calibrate(system, {"phi": phi}, {"Q": seen}, ["P.y", "Q.x"])
+    np.testing.assert_allclose(fit.values, [up, 3.01], atol=1e-9)
+    np.testing.assert_allclose(nc.sweep(fit.system, {"phi": phi})["Q"], seen, atol=1e-9)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
-from jaxnc.kinematics.design import geometry_vector, shift_geometry
+from jaxnc.kinematics.design import geometry_vector, samples_of, shift_geometry
 from jaxnc.synthesis.tolerance.spread import make_question, variable_components
 from jaxnc.synthesis.validate import as_floats, check_name
 from jaxnc.system.precision import on_host
@@ -202,7 +202,7 @@ def calibrate(
         rest, slopes, good = map(np.asarray, _linearise(asked, angular, system, *given))
         return rest, slopes * scales, good
 
-    x = np.zeros(len(at))
+    system, x = samples_of(system), np.zeros(len(at))
     rest, slopes, good = evaluate(x)
     if not good.any():
         raise AssemblyError(

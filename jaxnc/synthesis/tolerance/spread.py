@@ -17,7 +17,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import jit, shapes_of
 from jaxnc.errors import AssemblyError, InputError, counted
-from jaxnc.kinematics.design import OutputSet, name_outputs, shift_geometry
+from jaxnc.kinematics.design import OutputSet, name_outputs, samples_of, shift_geometry
 from jaxnc.kinematics.inputs import positive, whole
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
@@ -185,18 +185,13 @@ def solve_batch(asked: Question, system: System, at: Array, changes: Array, valu
     Angles count their turns as those of the design itself do: one drawn near half a turn is on either side of it in
     changed designs.
     """
-    top = system.topology
-    angles = jnp.asarray(top.mark(top.angles))
-    every = jnp.concatenate([jnp.zeros_like(changes[:1]), changes])
-    motions = jax.vmap(lambda change: asked.move(shift_geometry(system, at, change), values))(every)
-    own = motions.q[0].reshape(-1, len(angles))[0]
+    system = samples_of(system)
 
-    def outputs(motion: Motion) -> tuple[dict[str, Array], Array]:
-        first = motion.q.reshape(-1, len(angles))[0]
-        turns = jnp.where(angles, jnp.round((first - own) / (2.0 * jnp.pi)), 0.0)  # has no slope
-        return asked.read(dataclasses.replace(motion, poses=motion.q - 2.0 * jnp.pi * turns)), motion.converged
+    def outputs(change: Array) -> tuple[dict[str, Array], Array]:
+        motion = asked.move(shift_geometry(system, at, change), values)
+        return asked.read(motion), motion.converged
 
-    return jax.vmap(outputs)(jax.tree.map(lambda x: x[1:], motions))
+    return jax.vmap(outputs)(changes)
 
 
 def sample_outputs(

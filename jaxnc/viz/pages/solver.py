@@ -644,13 +644,9 @@ def page_design(top: Topology) -> PageDesign:
             drawn = [q[spread + k] for k in step.at]
             if from_drawing(block.kind):
                 return [drawn]
-            columns = [
-                [_in_turn(b, value, at) if top.angles[k] else value]
-                for k, (value,), at in zip(step.at, columns, drawn, strict=True)
-            ]
         return [list(row) for row in zip(*columns, strict=True)]
 
-    x = run_steps(found, np.array([b.number(0.0), *q[:spread], *rest]), run, np.concatenate)
+    x = run_steps(found, np.array([b.number(0.0), *q[:spread], *rest, *q[spread:]]), run, np.concatenate)
     at, nodes, first = [], [], 0
     for block, constants in zip(top.blocks, found.constants, strict=False):
         for instance in constants:
@@ -665,13 +661,6 @@ def page_design(top: Topology) -> PageDesign:
         _explicit_dimensions(top, b, x),
     )
     return PageDesign(b.program([node for part in parts for node in part]), tuple(map(len, parts)), tuple(at))
-
-
-def _in_turn(b: Builder, angle: int, drawn: int) -> int:
-    """Write an angle in the turn in which it was drawn."""
-    turn = b.number(2.0 * math.pi)
-    turns = b.op("round", b.op("div", b.op("sub", drawn, angle), turn))
-    return b.op("add", angle, b.op("mul", turns, turn))
 
 
 def _explicit_dimensions(top: Topology, b: Builder, x: np.ndarray) -> list[int]:
