@@ -455,7 +455,7 @@ def _narrow(parts: Parts, edge: SpatialEdge) -> SpatialEdge:
     if edge.how == "universal":
         return edge
     vectors, how, axes = parts.both_hold(edge.first, edge.second), edge.how, edge.axes
-    kept = [] if how in ("spherical", "slot") else [axes[0]]
+    kept = [axes[0]] * {"spherical": 0, "slot": 0, "prismatic": 2}.get(how, 1)
     for line in (((), (v,)) for v in vectors):
         if len(kept) < 2 and not any(parts.parallel(line, known) for known in kept):
             kept.append(line)

@@ -39,7 +39,7 @@ from jaxnc.robots.import_tree import (
     perpendicular,
     rotate_about,
 )
-from jaxnc.solvers.assembly import derive, evaluate
+from jaxnc.solvers.assembly import derive, rank_of, to_host
 from jaxnc.system.frames import marker_along, quaternions
 from jaxnc.system.identity import Thing
 from jaxnc.system.system import System
@@ -488,13 +488,9 @@ def _sum_of_slides(tree: "ExportTree", i: int, point: int, axis: Vec) -> dict[st
 def _add_ties(tree: "ExportTree") -> None:
     """Tie joints by rows in which only coordinates made of joints stand: gears, racks, screws, relations."""
     top, d = tree.system.topology, tree.description
-    _, jacobian = evaluate(derive(tree.system), tree.home.q)
-    rows = np.asarray(jacobian)
-    if not rows.size:
-        return
+    rows = tree.jacobian
     first = len(top.coordinates) - len(top.scalars)
-    for k, owners in enumerate(top.row_owners):
-        (owner, *_) = owners
+    for k, (owner, *_) in enumerate(top.row_owners):
         if owner.thing not in (Thing.JOINT, Thing.RELATION):
             continue
         columns = [int(c) for c in np.flatnonzero(rows[k]) if not top.fixed[c]]
@@ -516,6 +512,82 @@ def _add_ties(tree: "ExportTree") -> None:
             d.ties.append(Tie(tree.name_closure(name), terms))
 
 
+# -- freedoms ---------------------------------------------------------------------------------------------------------
+
+
+def note_lost(tree: "ExportTree") -> None:
+    """Name what the links do not keep of the mechanism: what hinders a motion that they have from the home pose."""
+    top, parts, dim = tree.system.topology, tree.parts, tree.parts.dim
+    twists, null = _motions(tree)
+    lost: list[tuple[Thing, str]] = []
+    rates, known = np.zeros((len(null), len(top.coordinates))), np.zeros(len(top.coordinates), bool)
+
+    def moving(k: int, what: int, vector: bool) -> np.ndarray:
+        x, twist = (tree.home.vectors if vector else tree.home.points)[what], twists[tree.link_of[k]]
+        return np.cross(twist[:, :3], x) + (0.0 if vector else twist[:, 3:])
+
+    for vector, holding in ((False, parts.of_point), (True, parts.of_vector)):
+        small = 1e-6 * (1.0 if vector else tree.size)
+        for item, holders in holding.items():
+            ways = [moving(k, item, vector)[:, :dim] for k in holders if k in tree.link_of]
+            if not ways:  # a vector of no body
+                continue
+            at = dim * (item + vector * len(top.points)) + np.arange(dim)
+            rates[:, at], known[at] = ways[0], True
+            noun, name = (Thing.VECTOR, top.vectors[item]) if vector else (Thing.POINT, top.points[item])
+            apart = any(np.abs(way - ways[0]).max(initial=0.0) > small for way in ways)
+            if apart or np.abs(rates[:, at[np.array(top.fixed)[at]]]).max(initial=0.0) > small:
+                lost.append((noun, name))
+    rows, free = tree.jacobian @ rates.T, tree.jacobian[:, ~known]
+    rows = rows - free @ np.linalg.lstsq(free, rows, rcond=None)[0]
+    scale = np.abs(tree.jacobian).sum(axis=1) * np.abs(rates).max(initial=0.0)
+    for k in np.flatnonzero(np.abs(rows).max(axis=1, initial=0.0) > 1e-6 * scale):
+        (owner, *_) = top.row_owners[k]
+        lost.append((owner.thing, top.called(owner)))
+    left = tree.description.left_out
+    for thing, name in dict.fromkeys(lost):
+        if not any(repr(name) in said for said in left):
+            left.append(f"{thing.noun} {name!r}: the file's joints do not keep it wholly, and move against it")
+
+
+def _motions(tree: "ExportTree") -> tuple[np.ndarray, np.ndarray]:
+    """Return the twists of all links ``(links, motions, 6)`` in the motions that loops leave, and these motions."""
+    column, ways, found = {}, [[]], []
+    for link in tree.links[1:]:
+        start = len(found)
+        for joint in link.joints:
+            column[joint.name] = len(found)
+            for axis in np.eye(3) if joint.kind in ("ball", "free") else [joint.axis]:
+                found += [[*axis, *np.cross(link.origin, axis)]] * (joint.kind != "slide")
+                found += [[0.0, 0.0, 0.0, *axis]] * (joint.kind in ("slide", "free"))
+        ways.append([*ways[link.parent], *range(start, len(found))])
+    screws, d = np.reshape(found, (-1, 6)), tree.description
+
+    def place(k: int, x: Vec) -> np.ndarray:
+        out = np.zeros((3, len(screws)))
+        out[:, ways[k]] = (screws[ways[k], 3:] + np.cross(screws[ways[k], :3], x)).T
+        return out
+
+    rows = [np.zeros((0, len(screws)))]
+    for loop in d.loops:
+        corners = [np.zeros(3), *(tree.size * np.eye(3) if loop.kind == "weld" else ())]
+        rows += [place(loop.first, at + x) - place(loop.second, at + x) for at in loop.at[:1] for x in corners]
+    for tie in d.ties:
+        rows.append(np.zeros((1, len(screws))))
+        rows[-1][0, [column[joint] for joint in tie.terms]] = list(tie.terms.values())
+    site = {name: (k, at) for k, link in enumerate(tree.links) for name, at in link.sites.items()}
+    for points in tree.cables.values():
+        rows.append(np.zeros((1, len(screws))))
+        for (i, p), (j, q) in pairwise(site[name] for name in points):
+            rows[-1][0] += (q - p) / np.linalg.norm(q - p) @ (place(j, q) - place(i, p))
+    null = rank_of(np.concatenate(rows))[1]
+    twists = np.zeros((len(tree.links), len(null), 6))
+    for k, link in enumerate(tree.links[1:], start=1):
+        own = ways[k][len(ways[link.parent]) :]
+        twists[k] = twists[link.parent] + null[:, own] @ screws[own]
+    return twists, null
+
+
 # -- the tree ---------------------------------------------------------------------------------------------------------
 
 
@@ -533,6 +605,7 @@ class ExportTree:
         self.mechanism, self.system = mechanism, system
         self.parts = Parts(mechanism)
         self.home = TreePose(self.parts, q)
+        self.jacobian = to_host(derive(system)).jacobian(self.home.q[:, None])[0]
         self.size = float(np.linalg.norm(np.ptp(self.home.points, axis=0))) or 1.0
         self.links = [Link("ground", -1, np.zeros(3), part=0)]
         self.description = Description(mechanism.name, self.links)
@@ -552,6 +625,7 @@ class ExportTree:
         add_coordinates(self)
         self._add_masses()
         self._leave_out_rest()
+        note_lost(self)
 
     def joint_values(self, q: np.ndarray) -> np.ndarray:
         """Return values of all joints ``(..., nq)`` of poses ``(..., N)``, hinges counted on through whole turns."""
